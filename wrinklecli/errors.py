@@ -1,0 +1,47 @@
+"""What can go wrong and be said in a line: one flat tree, turned into exit codes by the command line alone."""
+
+from collections.abc import Iterable
+
+
+class WrinkleError(Exception):
+    """A fault that the user can mend; prints as `where: message`, a line for each problem.
+
+    Args:
+        message: What was found and what is accepted.
+        where: File, line and path of it, such as `tools.yaml:12: tools[2].strategy` or
+            `hand.glb#/meshes/0/primitives/1`.
+    """
+
+    exit_code = 1
+
+    def __init__(self, message: str, *, where: str = "") -> None:
+        super().__init__(message)
+        self.lines: tuple[str, ...] = (f"{where}: {message}" if where else message,)
+
+    def __str__(self) -> str:
+        return "\n".join(self.lines)
+
+    @classmethod
+    def of_all(cls, problems: Iterable["WrinkleError"]) -> "WrinkleError":
+        """One error that reports all the problems at once, a line each."""
+        error = cls("")
+        error.lines = tuple(line for problem in problems for line in problem.lines)
+        return error
+
+
+class ConfigError(WrinkleError):
+    """The tools file is at fault."""
+
+
+class AssetError(WrinkleError):
+    """The glTF asset is at fault."""
+
+
+class BakeError(WrinkleError):
+    """Tools and asset do not go together, or the result cannot be written."""
+
+
+class RefusedError(BakeError):
+    """Done, but a limit that the user set (`--max-error`, `--strict`) refuses the result."""
+
+    exit_code = 3
