@@ -1,5 +1,6 @@
 """What can go wrong and be said in a line: one flat tree, turned into exit codes by the command line alone."""
 
+import difflib
 from collections.abc import Iterable
 
 
@@ -45,3 +46,14 @@ class RefusedError(BakeError):
     """Done, but a limit that the user set (`--max-error`, `--strict`) refuses the result."""
 
     exit_code = 3
+
+
+def listed(names: Iterable[str]) -> str:
+    """Names for a message: `'bend', 'fist'`, or `none`."""
+    return ", ".join(repr(name) for name in names) or "none"
+
+
+def nearest(name: str, names: Iterable[str]) -> str:
+    """A hint for a message, `; did you mean 'wrist'?`, or nothing where no known name is near."""
+    near = difflib.get_close_matches(name, list(names), 1)
+    return f"; did you mean {near[0]!r}?" if near else ""

@@ -1,0 +1,1 @@
+"""Dynamic wrinkles for animated glTF characters, baked."""

@@ -1,0 +1,788 @@
+"""glTF documents: .gltf and .glb bytes in, the same JSON with patched and appended data out.
+
+The JSON is kept as it was parsed, every key in its order, and only ever patched; objects that we add
+are built with pygltflib's types. (Round-tripping the source through pygltflib would lose unknown keys,
+`Node.weights` and more.)
+
+Source: glTF 2.0 specification, §3.6 (binary data storage), §4 (GLB), §5.1 (accessors).
+"""
+
+import base64
+import binascii
+import copy
+import hashlib
+import json
+import os
+import struct
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, BinaryIO
+from urllib.parse import quote, unquote
+
+import numpy as np
+import pygltflib
+from numpy.typing import NDArray
+
+from wrinklecli.errors import AssetError, BakeError
+
+Json = dict[str, Any]
+Array = NDArray[Any]
+
+TRIANGLES: int = pygltflib.TRIANGLES
+TRIANGLE_STRIP: int = pygltflib.TRIANGLE_STRIP
+TRIANGLE_FAN: int = pygltflib.TRIANGLE_FAN
+VERTEX_DATA: int = pygltflib.ARRAY_BUFFER
+INDEX_DATA: int = pygltflib.ELEMENT_ARRAY_BUFFER
+
+_COMPONENT_DTYPES: dict[Any, np.dtype[Any]] = {
+    pygltflib.BYTE: np.dtype("<i1"),
+    pygltflib.UNSIGNED_BYTE: np.dtype("<u1"),
+    pygltflib.SHORT: np.dtype("<i2"),
+    pygltflib.UNSIGNED_SHORT: np.dtype("<u2"),
+    pygltflib.UNSIGNED_INT: np.dtype("<u4"),
+    pygltflib.FLOAT: np.dtype("<f4"),
+}
+_COMPONENT_TYPES = {dtype: number for number, dtype in _COMPONENT_DTYPES.items()}
+_TYPE_SIZES: dict[Any, int] = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+_SIZE_TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
+
+_GLB_MAGIC = b"glTF"
+_JSON_CHUNK = b"JSON"
+_BIN_CHUNK = b"BIN\0"
+_GLB_LIMIT = 2**32 - 1  # bytes; the header's length is 32 bits
+_ALIGNMENT = 4  # bytes; the largest component is 4 bytes, and GLB chunks are padded to it
+
+# An accessor without data may claim any count; nothing real has more elements than this.
+_COUNT_LIMIT = 2**26
+
+
+@dataclass(frozen=True)
+class Document:
+    """A glTF asset as it was read: JSON as parsed, buffers as stored.
+
+    Attributes:
+        path: The file, as the user typed it; messages begin with it.
+        gltf: The JSON; never written to.
+        buffers: One bytes-like object for each of the JSON's `buffers`.
+        files: Every file that was read, the asset first, as typed or joined to its folder.
+    """
+
+    path: str
+    gltf: Json
+    buffers: tuple[memoryview, ...]
+    files: tuple[str, ...]
+
+    def where(self, *pointer: str | int) -> str:
+        """The place of a JSON value for messages: `hand.glb#/meshes/0`."""
+        return f"{self.path}#/" + "/".join(str(part) for part in pointer)
+
+    def items(self, kind: str) -> list[Json]:
+        """The JSON objects of a top-level array, none where the document has no such array.
+
+        Raises:
+            AssetError: It is not an array of objects.
+        """
+        found = self.gltf.get(kind, [])
+        if not isinstance(found, list) or not all(isinstance(item, dict) for item in found):
+            raise AssetError("must be an array of objects", where=self.where(kind))
+        return found
+
+    def item(self, kind: str, index: object, *, user: str) -> Json:
+        """One object of a top-level array.
+
+        Raises:
+            AssetError: The index, used by `user` (a place from `where`), is out of range or no integer.
+        """
+        found = self.items(kind)
+        if not isinstance(index, int) or isinstance(index, bool) or not 0 <= index < len(found):
+            raise AssetError(f"refers to {kind}[{index}], but there are {len(found)}", where=user)
+        return found[index]
+
+    def accessor(self, index: int, *, user: str | None = None) -> Array:
+        """The elements of an accessor, sparse substitutions applied.
+
+        Args:
+            index: Into `accessors`.
+            user: What refers to it, for messages.
+
+        Returns:
+            (count, components), or (count,) for SCALAR: float64 where the components are floats or
+            normalised integers, otherwise the stored integers.
+
+        Raises:
+            AssetError: The accessor, or a view or buffer behind it, is malformed or out of range.
+
+        Source: glTF 2.0 §3.6.2 and, for normalised integers, §3.11. Differs: MAT2 and MAT3 of one- and
+            two-byte components, whose columns are padded, are refused; no geometry or animation uses them.
+        """
+        key = (index,)
+        if key not in self._decoded:
+            accessor = self.item("accessors", index, user=user or self.where("accessors", index))
+            self._decoded[key] = self._decode(accessor, index)
+        return self._decoded[key]
+
+    @cached_property
+    def _decoded(self) -> dict[tuple[int], Array]:
+        return {}
+
+    def _decode(self, accessor: Json, index: int) -> Array:
+        where = self.where("accessors", index)
+        dtype, size = _element(accessor, where)
+        count = _whole(accessor, "count", where, least=1, most=_COUNT_LIMIT)
+        if "bufferView" in accessor:
+            elements = self._view_elements(accessor, "bufferView", dtype, size, count, where).copy()
+        else:
+            elements = np.zeros((count, size), dtype)
+        if (sparse := accessor.get("sparse")) is not None:
+            if not isinstance(sparse, dict):
+                raise AssetError("sparse must be an object", where=where)
+            self._substitute(elements, sparse, dtype, size, where)
+        elements.flags.writeable = False
+        values: Array = elements
+        if dtype.kind == "f":
+            values = elements.astype(np.float64)
+        elif accessor.get("normalized"):
+            limit = np.iinfo(dtype).max
+            values = np.maximum(elements / limit, -1.0)
+        return values[:, 0] if accessor["type"] == "SCALAR" else values
+
+    def _substitute(self, elements: Array, sparse: Json, dtype: np.dtype[Any], size: int, where: str) -> None:
+        """Overwrite elements by those of a sparse accessor, in place."""
+        count = _whole(sparse, "count", where, least=1, most=len(elements))
+        indices_part, values_part = sparse.get("indices"), sparse.get("values")
+        if not isinstance(indices_part, dict) or not isinstance(values_part, dict):
+            raise AssetError("sparse needs indices and values", where=where)
+        index_dtype = _COMPONENT_DTYPES.get(indices_part.get("componentType"))
+        if index_dtype is None or index_dtype.kind != "u":
+            raise AssetError("sparse indices must be unsigned integers", where=where)
+        indices = self._view_elements(indices_part, "bufferView", index_dtype, 1, count, where)[:, 0]
+        if int(indices.max()) >= len(elements):
+            raise AssetError(f"sparse index {indices.max()}, but the count is {len(elements)}", where=where)
+        elements[indices] = self._view_elements(values_part, "bufferView", dtype, size, count, where)
+
+    def _view_elements(
+        self, source: Json, key: str, dtype: np.dtype[Any], size: int, count: int, where: str
+    ) -> Array:
+        """(count, size) stored elements of a buffer view, not copied."""
+        view_index = source.get(key)
+        view = self.item("bufferViews", view_index, user=where)
+        view_where = self.where("bufferViews", str(view_index))
+        self.item("buffers", view.get("buffer"), user=view_where)
+        data = self.buffers[view["buffer"]]
+        start = _whole(view, "byteOffset", view_where, default=0)
+        length = _whole(view, "byteLength", view_where, least=1)
+        if start + length > len(data):
+            raise AssetError(
+                f"bytes {start} to {start + length} of a buffer of {len(data)}; is the file truncated?",
+                where=view_where,
+            )
+        element = dtype.itemsize * size
+        stride = _whole(view, "byteStride", view_where, default=element, least=element, most=252 + element)
+        offset = _whole(source, "byteOffset", where, default=0)
+        if offset + (count - 1) * stride + element > length:
+            raise AssetError(
+                f"{count} elements of {stride} bytes from byte {offset} do not fit in"
+                f" bufferViews[{view_index}] of {length} bytes",
+                where=where,
+            )
+        return np.ndarray((count, size), dtype, data, start + offset, (stride, dtype.itemsize))
+
+
+def _element(accessor: Json, where: str) -> tuple[np.dtype[Any], int]:
+    """Component dtype and component count of an accessor."""
+    dtype = _COMPONENT_DTYPES.get(accessor.get("componentType", 0))
+    size = _TYPE_SIZES.get(accessor.get("type", ""))
+    if dtype is None or size is None:
+        kind = f"{accessor.get('type')!r} of componentType {accessor.get('componentType')!r}"
+        raise AssetError(f"{kind} is not an accessor type of glTF 2.0", where=where)
+    if accessor["type"] in ("MAT2", "MAT3") and dtype.itemsize < 4:
+        raise AssetError("matrices of small integers are not supported", where=where)
+    return dtype, size
+
+
+def _whole(
+    source: Json, key: str, where: str, *, default: int | None = None, least: int = 0, most: int = 2**53
+) -> int:
+    """A non-negative integer property."""
+    value = source.get(key, default)
+    if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
+        raise AssetError(f"{key} is {value!r}, not an integer of {least} to {most}", where=where)
+    return value
+
+
+def read_document(path: str | os.PathLike[str]) -> Document:
+    """Read a .glb or .gltf file and every buffer of it.
+
+    Args:
+        path: The file; told apart by its first bytes, not its name.
+
+    Raises:
+        AssetError: A file is missing, truncated or malformed, or a buffer lies outside the asset's folder.
+    """
+    name = os.fspath(path)
+    data = _read_file(name)
+    if bytes(data[:4]) == _GLB_MAGIC:
+        json_bytes, binary = _split_glb(data, name)
+    else:
+        json_bytes, binary = data, None
+    gltf = _parse_json(bytes(json_bytes), name)
+    files = [name]
+    document = Document(name, gltf, (), ())
+    _check_asset(document)
+    buffers = []
+    for index, buffer in enumerate(document.items("buffers")):
+        where = document.where("buffers", index)
+        uri = buffer.get("uri")
+        if uri is None and index == 0 and binary is not None:
+            content = binary
+        elif isinstance(uri, str):
+            content, file = _read_uri(uri, name, where)
+            files += [file] if file else []
+        else:
+            raise AssetError("has no data: no uri, and no binary chunk of a .glb", where=where)
+        length = _whole(buffer, "byteLength", where, least=1)
+        if len(content) < length:
+            raise AssetError(f"has {len(content)} bytes of {length}; is the file truncated?", where=where)
+        buffers.append(content[:length])
+    return Document(name, gltf, tuple(buffers), tuple(files))
+
+
+def _check_asset(document: Document) -> None:
+    asset = document.gltf.get("asset")
+    version = asset.get("version") if isinstance(asset, dict) else None
+    if not isinstance(version, str) or not version.startswith("2."):
+        raise AssetError(
+            f"asset.version is {version!r}; glTF 2.0 is read", where=document.where("asset", "version")
+        )
+
+
+def _read_file(path: str, *, where: str = "") -> memoryview:
+    try:
+        return memoryview(Path(path).read_bytes())
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise AssetError(f"cannot be read: {reason or error}", where=where or path) from error
+
+
+def _split_glb(data: memoryview, name: str) -> tuple[memoryview, memoryview | None]:
+    """The JSON and BIN chunks of a GLB container (glTF 2.0 §4.4)."""
+    if len(data) < 12:
+        raise AssetError("truncated: shorter than a .glb header", where=name)
+    version, length = struct.unpack_from("<II", data, 4)
+    if version != 2:
+        raise AssetError(f"is a .glb of version {version}; version 2 is read", where=name)
+    if length > len(data):
+        raise AssetError(f"truncated: {len(data)} bytes of {length}", where=name)
+    chunks: dict[bytes, memoryview] = {}
+    offset = 12
+    while offset + 8 <= length:
+        (size,) = struct.unpack_from("<I", data, offset)
+        kind = bytes(data[offset + 4 : offset + 8])
+        if offset + 8 + size > length:
+            raise AssetError(f"truncated: the chunk at byte {offset} ends after the file", where=name)
+        chunks.setdefault(kind, data[offset + 8 : offset + 8 + size])
+        offset += 8 + size
+    if _JSON_CHUNK not in chunks:
+        raise AssetError("has no JSON chunk", where=name)
+    return chunks[_JSON_CHUNK], chunks.get(_BIN_CHUNK)
+
+
+def _parse_json(data: bytes, name: str) -> Json:
+    def refuse(constant: str) -> float:
+        raise ValueError(f"{constant} is no JSON number")
+
+    try:
+        gltf = json.loads(data.decode("utf-8-sig"), parse_constant=refuse)
+    except RecursionError as error:
+        raise AssetError("the JSON is nested too deeply", where=name) from error
+    except ValueError as error:
+        raise AssetError(f"is neither a .glb nor JSON: {error}", where=name) from error
+    if not isinstance(gltf, dict):
+        raise AssetError("the JSON is no object", where=name)
+    return gltf
+
+
+def _read_uri(uri: str, asset: str, where: str) -> tuple[memoryview, str | None]:
+    """The bytes behind a URI, and the file they came from (none for a data URI)."""
+    if uri.startswith("data:"):
+        head, comma, body = uri.partition(",")
+        try:
+            if not comma or not head.endswith(";base64"):
+                raise ValueError("not base64")
+            return memoryview(base64.b64decode(body, validate=True)), None
+        except (ValueError, binascii.Error) as error:
+            raise AssetError(f"the data URI is malformed: {error}", where=where) from error
+    file = _local_file(uri, asset, where)
+    return _read_file(file, where=where), file
+
+
+def _local_file(uri: str, asset: str, where: str) -> str:
+    """The file that a relative URI names, which must lie below the asset's folder."""
+    folder = os.path.dirname(asset)
+    relative = unquote(uri)
+    file = os.path.join(folder, relative)
+    inside = os.path.realpath(folder or ".")
+    if (
+        ":" in relative.split("/")[0]
+        or "\0" in relative
+        or os.path.commonpath([inside, os.path.realpath(file)]) != inside
+    ):
+        raise AssetError(f"uri {uri[:80]!r} is not a file below the asset's folder", where=where)
+    return file
+
+
+class Draft:
+    """A document being changed: the JSON patched in place, data appended.
+
+    Everything that is not set here stays as it was. An accessor whose last reference is replaced gives its
+    index (and its buffer view's) to the new data, and its bytes leave the file: indices elsewhere keep their
+    meaning, and no dead data is left behind.
+
+    Attributes:
+        source: What was read.
+        gltf: The JSON to patch; a deep copy.
+    """
+
+    def __init__(self, source: Document) -> None:
+        self.source = source
+        self.gltf: Json = copy.deepcopy(source.gltf)
+        self._new_views: dict[int, bytes] = {}
+        self._dead_views: list[int] = []
+        self._free_views: list[int] = []
+        self._accessor_uses = Counter(_accessor_references(self.gltf))
+        self._view_uses = Counter(_view_references(self.gltf))
+        self._shared: dict[tuple[Any, ...], int] = {}
+        # An extension that we do not know may refer to accessors and views; whatever it could mean is kept.
+        foreign = set(_extension_integers(self.gltf))
+        self._accessor_uses.update(foreign)
+        self._view_uses.update(foreign)
+
+    def add(
+        self,
+        values: Array,
+        *,
+        target: int | None = None,
+        normalized: bool = False,
+        bounds: bool = False,
+        replaces: int | None = None,
+    ) -> int:
+        """Add an accessor and give its index.
+
+        Args:
+            values: (count, components) or (count,), in the dtype to store: float32 or an integer.
+            target: VERTEX_DATA or INDEX_DATA; none for animation data and matrices.
+            normalized: The integers stand for [0, 1] or [-1, 1].
+            bounds: Write `min` and `max`.
+            replaces: An accessor to which the caller is about to drop one reference.
+        """
+        values = np.ascontiguousarray(values.astype(values.dtype.newbyteorder("<"), copy=False))
+        stored = values if values.ndim == 2 else values[:, None]
+        accessor = _plain(
+            pygltflib.Accessor(
+                componentType=_COMPONENT_TYPES[values.dtype],
+                count=len(values),
+                type=_SIZE_TYPES[stored.shape[1]],
+            )
+        )
+        if normalized:
+            accessor["normalized"] = True
+        if bounds:
+            accessor["min"] = _json_numbers(stored.min(axis=0))
+            accessor["max"] = _json_numbers(stored.max(axis=0))
+        slot = self._release(replaces)
+        # Elements of vertex attributes begin at multiples of 4 bytes (glTF 2.0 §3.6.2.4).
+        padding = -stored.itemsize * stored.shape[1] % _ALIGNMENT if target == VERTEX_DATA else 0
+        if padding:
+            rows = np.frombuffer(values.tobytes(), np.uint8).reshape(len(values), -1)
+            data = np.pad(rows, ((0, 0), (0, padding))).tobytes()
+            stride = rows.shape[1] + padding
+        else:
+            data, stride = values.tobytes(), None
+        accessor = {"bufferView": self._add_view(data, target=target, stride=stride), **accessor}
+        return self._place(accessor, slot)
+
+    def add_sparse(self, indices: Array, values: Array, *, count: int, bounds: bool = False) -> int:
+        """Add an accessor of float32 vectors that are zero but at some indices.
+
+        Accessors that are zero throughout are shared: one for each count and type.
+
+        Args:
+            indices: (changed,) strictly rising.
+            values: (changed, components) float32.
+            count: Of the whole accessor.
+            bounds: Write `min` and `max`.
+
+        Source: glTF 2.0 §3.6.2.3.
+        """
+        accessor = _plain(
+            pygltflib.Accessor(componentType=pygltflib.FLOAT, count=count, type=_SIZE_TYPES[values.shape[1]])
+        )
+        if bounds:
+            low, high = np.zeros(values.shape[1]), np.zeros(values.shape[1])
+            if len(values):
+                low, high = values.min(axis=0), values.max(axis=0)
+                if len(values) < count:
+                    low, high = np.minimum(low, 0.0), np.maximum(high, 0.0)
+            accessor["min"], accessor["max"] = _json_numbers(low), _json_numbers(high)
+        if not len(indices):
+            key = (count, accessor["type"], bounds)
+            if key not in self._shared:
+                self._shared[key] = self._place(accessor, None)
+            return self._shared[key]
+        index_dtype = index_type(int(indices[-1]) + 1, smallest=np.uint8)
+        accessor["sparse"] = {
+            "count": len(indices),
+            "indices": {
+                "bufferView": self._add_view(indices.astype(index_dtype).tobytes()),
+                "componentType": _COMPONENT_TYPES[index_dtype],
+            },
+            "values": {"bufferView": self._add_view(values.astype("<f4").tobytes())},
+        }
+        return self._place(accessor, None)
+
+    def write(self, path: str | os.PathLike[str]) -> int:
+        """Write .glb or .gltf, as the path's ending says, replacing the file only by a complete one.
+
+        A .glb embeds every buffer. A .gltf keeps embedded and relative buffers as they are and writes one
+        more file, `STEM-<hash>.bin`, before its JSON. Images with relative URIs are copied beside an OUT in
+        another folder (.gltf) or embedded (.glb).
+
+        Returns:
+            The bytes written.
+
+        Raises:
+            BakeError: The disk is full, the folder is missing or read-only, or a .glb passes 4 GiB.
+        """
+        name = os.fspath(path)
+        if name.lower().endswith(".gltf"):
+            return self._write_gltf(name)
+        return self._write_glb(name)
+
+    def _place(self, accessor: Json, slot: int | None) -> int:
+        accessors = self.gltf.setdefault("accessors", [])
+        if slot is None:
+            accessors.append(accessor)
+            return len(accessors) - 1
+        kept = {key: accessors[slot][key] for key in ("name", "extras") if key in accessors[slot]}
+        accessors[slot] = accessor | kept
+        return slot
+
+    def _release(self, accessor_index: int | None) -> int | None:
+        """Drop one reference to an accessor; its index where that was the last."""
+        if accessor_index is None:
+            return None
+        self._accessor_uses[accessor_index] -= 1
+        if self._accessor_uses[accessor_index] > 0:
+            return None
+        for view in _accessor_views(self.gltf["accessors"][accessor_index]):
+            self._view_uses[view] -= 1
+            if self._view_uses[view] == 0:
+                self._dead_views.append(view)
+                self._free_views.append(view)
+        return accessor_index
+
+    def _add_view(self, data: bytes, *, target: int | None = None, stride: int | None = None) -> int:
+        view = _plain(pygltflib.BufferView(buffer=0, byteLength=len(data), byteStride=stride, target=target))
+        views = self.gltf.setdefault("bufferViews", [])
+        if self._free_views:
+            slot = self._free_views.pop(0)
+            views[slot] = view
+        else:
+            slot = len(views)
+            views.append(view)
+        self._new_views[slot] = data
+        return slot
+
+    def _kept_parts(self, buffer: int) -> Iterator[tuple[int, int]]:
+        """The spans of a source buffer to keep: all but dead views that no other view overlaps."""
+        views = self.source.items("bufferViews")
+        spans = {i: _view_span(view) for i, view in enumerate(views) if view.get("buffer") == buffer}
+        dead = {i: spans.pop(i) for i in self._dead_views if i in spans}
+        start, length = 0, len(self.source.buffers[buffer])
+        for low, high in sorted(dead.values()):
+            # What follows stays aligned: a span leaves the file in whole units of alignment.
+            low = max(start, -(-low // _ALIGNMENT) * _ALIGNMENT)
+            high -= (high - low) % _ALIGNMENT
+            if high > low and not any(other < high and end > low for other, end in spans.values()):
+                yield start, low
+                start = high
+        if start < length:
+            yield start, length
+
+    def _compacted(self, buffer: int) -> tuple[list[memoryview], Callable[[int], int]]:
+        """What is kept of a source buffer, and where an old offset is in it."""
+        parts = list(self._kept_parts(buffer))
+        data = self.source.buffers[buffer]
+        starts = np.cumsum([0] + [high - low for low, high in parts])
+
+        def moved(offset: int) -> int:
+            for (low, high), start in zip(parts, starts[:-1], strict=True):
+                if low <= offset < high:
+                    return int(start) + offset - low
+            return 0
+
+        return [data[low:high] for low, high in parts], moved
+
+    def _write_glb(self, name: str) -> int:
+        chunks: list[memoryview | bytes] = []
+        size = 0
+
+        def append(data: memoryview | bytes) -> int:
+            nonlocal size
+            padding = -size % _ALIGNMENT
+            chunks.extend([bytes(padding), data] if padding else [data])
+            size += padding + len(data)
+            return size - len(data)
+
+        gltf = copy.copy(self.gltf)
+        views: list[Json] = [dict(view) for view in gltf.get("bufferViews", [])]
+        old_views = self.source.items("bufferViews")
+        for buffer in range(len(self.source.buffers)):
+            parts, moved = self._compacted(buffer)
+            base = -(-size // _ALIGNMENT) * _ALIGNMENT
+            for part in parts:
+                if size < base:
+                    append(part)
+                else:
+                    chunks.append(part)
+                    size += len(part)
+            for i, old in enumerate(old_views):
+                if i not in self._new_views and old.get("buffer") == buffer:
+                    _set_offset(views[i], base + moved(old.get("byteOffset", 0)))
+                    views[i]["buffer"] = 0
+        for i, data in sorted(self._new_views.items()):
+            _set_offset(views[i], append(data))
+        images = self._embed_images(name, views, append)
+        if images is not None:
+            gltf["images"] = images
+        if views:
+            gltf["bufferViews"] = views
+        if size:
+            old_buffers = self.gltf.get("buffers", [])
+            kept = (
+                {key: value for key, value in old_buffers[0].items() if key != "uri"} if old_buffers else {}
+            )
+            gltf["buffers"] = [kept | {"byteLength": size}]
+        text = _dump(gltf).encode()
+        text += b" " * (-len(text) % _ALIGNMENT)
+        tail = bytes(-size % _ALIGNMENT)
+        total = 12 + 8 + len(text) + (8 + size + len(tail) if size else 0)
+        if total > _GLB_LIMIT:
+            raise BakeError(
+                f"would be {total} bytes; a .glb holds 4 GiB: use --frames-dir or .gltf", where=name
+            )
+
+        def write(file: BinaryIO) -> None:
+            file.write(struct.pack("<4sII", _GLB_MAGIC, 2, total))
+            file.write(struct.pack("<I4s", len(text), _JSON_CHUNK) + text)
+            if size:
+                file.write(struct.pack("<I4s", size + len(tail), _BIN_CHUNK))
+                file.writelines([*chunks, tail])
+
+        replace_file(name, write)
+        return total
+
+    def _embed_images(
+        self, name: str, views: list[Json], append: Callable[[memoryview | bytes], int]
+    ) -> list[Json] | None:
+        """Images with the files of another folder put into the binary chunk; None where there are none."""
+        images: list[Json] = [dict(image) for image in self.gltf.get("images", [])]
+        changed = False
+        for index, image in enumerate(images):
+            uri = image.get("uri")
+            if not isinstance(uri, str) or uri.startswith("data:") or self._beside(name):
+                continue
+            data, _ = _read_uri(uri, self.source.path, self.source.where("images", index))
+            del image["uri"]
+            image["bufferView"] = len(views)
+            image.setdefault("mimeType", "image/png" if bytes(data[:4]) == b"\x89PNG" else "image/jpeg")
+            views.append({"buffer": 0, "byteOffset": append(data), "byteLength": len(data)})
+            changed = True
+        return images if changed else None
+
+    def _beside(self, name: str) -> bool:
+        """Whether OUT lies in the source's folder, so that relative URIs still work."""
+        return os.path.realpath(os.path.dirname(name)) == os.path.realpath(os.path.dirname(self.source.path))
+
+    def _write_gltf(self, name: str) -> int:
+        written = 0
+        gltf = copy.copy(self.gltf)
+        buffers: list[Json] = [dict(buffer) for buffer in gltf.get("buffers", [])]
+        views: list[Json] = [dict(view) for view in gltf.get("bufferViews", [])]
+        stem = os.path.splitext(os.path.basename(name))[0]
+        added = bytearray()
+        for i, data in sorted(self._new_views.items()):
+            added += bytes(-len(added) % _ALIGNMENT)
+            views[i]["buffer"] = len(buffers)
+            _set_offset(views[i], len(added))
+            added += data
+        contents: list[tuple[Json, bytes]] = []
+        old_views = self.source.items("bufferViews")
+        for index, buffer in enumerate(buffers):
+            parts, moved = self._compacted(index)
+            length = sum(len(part) for part in parts)
+            uri = buffer.get("uri", "")
+            changed = length != len(self.source.buffers[index])
+            if changed:
+                for i, old in enumerate(old_views):
+                    if i not in self._new_views and old.get("buffer") == index:
+                        _set_offset(views[i], moved(old.get("byteOffset", 0)))
+            if changed or not (uri.startswith("data:") or (uri and self._beside(name))):
+                contents.append((buffer, b"".join(parts)))
+        if added:
+            buffers.append({"byteLength": len(added)})
+            contents.append((buffers[-1], bytes(added)))
+        for buffer, content in contents:
+            content = content or bytes(
+                _ALIGNMENT
+            )  # a buffer may not be empty, even if all of it was replaced
+            buffer["byteLength"] = len(content)
+            digest = hashlib.sha256(content).hexdigest()[:12]
+            file_name = f"{stem}-{digest}.bin"
+            buffer["uri"] = quote(file_name)
+            written += replace_bytes(os.path.join(os.path.dirname(name), file_name), content)
+        self._copy_images(name)
+        if buffers:
+            gltf["buffers"] = buffers
+        if views:
+            gltf["bufferViews"] = views
+        text = _dump(gltf, indent=2).encode() + b"\n"
+        return written + replace_bytes(name, text)
+
+    def _copy_images(self, name: str) -> None:
+        """Put images with relative URIs beside an OUT in another folder."""
+        if self._beside(name):
+            return
+        for index, image in enumerate(self.gltf.get("images", [])):
+            uri = image.get("uri")
+            if isinstance(uri, str) and not uri.startswith("data:"):
+                data, _ = _read_uri(uri, self.source.path, self.source.where("images", index))
+                copy_path = os.path.join(os.path.dirname(name), unquote(uri))
+                os.makedirs(os.path.dirname(copy_path) or ".", exist_ok=True)
+                replace_bytes(copy_path, data)
+
+    def image_files(self, out: str | os.PathLike[str]) -> list[str]:
+        """The image files that writing to `out` reads."""
+        if self._beside(os.fspath(out)):
+            return []
+        return [
+            os.path.join(os.path.dirname(self.source.path), unquote(image["uri"]))
+            for image in self.gltf.get("images", [])
+            if isinstance(image.get("uri"), str) and not image["uri"].startswith("data:")
+        ]
+
+
+def replace_file(path: str, write: Callable[[BinaryIO], object]) -> int:
+    """Write a file completely beside `path`, then put it in its place; its size in bytes.
+
+    Raises:
+        BakeError: It cannot be written; the old file is as it was, and no other is left.
+    """
+    target = os.path.realpath(path)
+    temporary: str | None = None
+    try:
+        descriptor, temporary = tempfile.mkstemp(prefix=".wrinkle-", dir=os.path.dirname(target))
+        with os.fdopen(descriptor, "wb") as file:
+            write(file)
+            file.flush()
+            os.fsync(file.fileno())
+            size = file.tell()
+        mask = os.umask(0)
+        os.umask(mask)
+        os.chmod(temporary, 0o666 & ~mask)
+        os.replace(temporary, target)
+        temporary = None
+    except OSError as error:
+        raise BakeError(f"cannot be written: {error.strerror or error}", where=path) from error
+    finally:
+        if temporary is not None:
+            os.unlink(temporary)
+    return size
+
+
+def replace_bytes(path: str, data: bytes | memoryview) -> int:
+    """Put a file with this content in place of `path`, as `replace_file` does."""
+    return replace_file(path, lambda file: file.write(data))
+
+
+def index_type(count: int, *, smallest: type = np.uint16) -> np.dtype[Any]:
+    """The smallest dtype for indices into `count` vertices.
+
+    The greatest value is left out: it means primitive restart (glTF 2.0 §3.7.2.1).
+    """
+    for name in ("<u1", "<u2", "<u4"):
+        dtype = np.dtype(name)
+        if dtype.itemsize >= np.dtype(smallest).itemsize and count < 256**dtype.itemsize:
+            return dtype
+    raise BakeError(f"{count} vertices are more than glTF's 32-bit indices can count")
+
+
+def _plain(built: Any) -> Json:
+    """The JSON of an object built with pygltflib's types, without what is left at its default."""
+    return {key: value for key, value in built.to_dict().items() if value or key == "buffer"}
+
+
+def _json_numbers(values: Array) -> list[float]:
+    """Numbers that JSON readers turn into exactly the stored values."""
+    return [value.item() for value in values]
+
+
+def _dump(gltf: Json, *, indent: int | None = None) -> str:
+    separators = (",", ":") if indent is None else (",", ": ")
+    return json.dumps(gltf, ensure_ascii=False, allow_nan=False, indent=indent, separators=separators)
+
+
+def _set_offset(view: Json, offset: int) -> None:
+    if offset or "byteOffset" in view:
+        view["byteOffset"] = offset
+
+
+def _view_span(view: Json) -> tuple[int, int]:
+    start = view.get("byteOffset", 0)
+    return start, start + view.get("byteLength", 0)
+
+
+def _accessor_references(gltf: Json) -> Iterator[int]:
+    for mesh in gltf.get("meshes", []):
+        for primitive in mesh.get("primitives", []):
+            yield from primitive.get("attributes", {}).values()
+            for targets in primitive.get("targets", []):
+                yield from targets.values()
+            if "indices" in primitive:
+                yield primitive["indices"]
+    for skin in gltf.get("skins", []):
+        if "inverseBindMatrices" in skin:
+            yield skin["inverseBindMatrices"]
+    for animation in gltf.get("animations", []):
+        for sampler in animation.get("samplers", []):
+            yield from (sampler[key] for key in ("input", "output") if key in sampler)
+
+
+def _accessor_views(accessor: Json) -> Iterator[int]:
+    sparse = accessor.get("sparse", {})
+    for source in (accessor, sparse.get("indices", {}), sparse.get("values", {})):
+        if "bufferView" in source:
+            yield source["bufferView"]
+
+
+def _view_references(gltf: Json) -> Iterator[int]:
+    for accessor in gltf.get("accessors", []):
+        yield from _accessor_views(accessor)
+    yield from (image["bufferView"] for image in gltf.get("images", []) if "bufferView" in image)
+
+
+def _extension_integers(value: Any, *, inside: bool = False) -> Iterator[int]:
+    """Every integer below any `extensions` object: a possible reference."""
+    if isinstance(value, dict):
+        for key, child in value.items():
+            if key != "extras":
+                yield from _extension_integers(child, inside=inside or key == "extensions")
+    elif isinstance(value, list):
+        for child in value:
+            yield from _extension_integers(child, inside=inside)
+    elif inside and isinstance(value, int) and not isinstance(value, bool):
+        yield value

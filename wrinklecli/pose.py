@@ -1,0 +1,403 @@
+"""Poses of a mesh over time: node hierarchy, clips, joint matrices, morph weights, linear blend skinning.
+
+An unskinned mesh is treated as skinned to its own node with weight 1, so that all later stages know one case.
+
+Source: glTF 2.0 specification, §3.5 (nodes), §3.7.3 (skins), §3.11 and appendix C (animation).
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrinklecli.document import Document, Json
+from wrinklecli.errors import AssetError
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
+
+_DEFAULTS = {"translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scale": (1.0, 1.0, 1.0)}
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """One animated property.
+
+    Attributes:
+        index: Of the channel in its animation.
+        node: The animated node.
+        path: translation, rotation, scale or weights.
+        times: (keys,) seconds, strictly rising.
+        values: (keys, components), or (keys, 3, components) for CUBICSPLINE: in-tangent, value, out-tangent.
+        interpolation: LINEAR, STEP or CUBICSPLINE.
+    """
+
+    index: int
+    node: int
+    path: str
+    times: Floats
+    values: Floats
+    interpolation: str
+
+
+@dataclass(frozen=True, slots=True)
+class Clip:
+    """An animation: the channels that move nodes and morph weights.
+
+    Attributes:
+        index: Of the animation in the document.
+        name: Its name; `animation_0` by index where it has none.
+        channels: Those with a node and a core path.
+        start: Time of the first key, seconds.
+        end: Time of the last key, seconds.
+    """
+
+    index: int
+    name: str
+    channels: tuple[Channel, ...]
+    start: float
+    end: float
+
+    def key_times(self) -> Floats:
+        """(keys,) the rising, distinct key times of all channels, seconds."""
+        return np.unique(np.concatenate([channel.times for channel in self.channels]))
+
+    def channel(self, node: int, path: str) -> Channel | None:
+        """The channel of a node's property."""
+        return next((c for c in self.channels if c.node == node and c.path == path), None)
+
+
+@dataclass(frozen=True, slots=True)
+class Rig:
+    """What moves the mesh of one node.
+
+    Attributes:
+        node: The node that carries the mesh.
+        mesh: Its mesh.
+        skinned: Whether the node has a skin.
+        joints: (joints,) nodes; the mesh's own node where there is no skin.
+        inverse_binds: (joints, 4, 4) bind space to joint space.
+        parents: (nodes,) each node's parent, -1 for roots.
+        locals: Per node: stored translation, rotation (x, y, z, w) and scale, or the stored 4×4 matrix.
+        names: Per node.
+        morph_names: Per morph target, from the mesh's `extras.targetNames`.
+        morph_weights: (morph targets,) stored weights, those of the node before those of the mesh.
+    """
+
+    node: int
+    mesh: int
+    skinned: bool
+    joints: Ints
+    inverse_binds: Floats
+    parents: Ints
+    locals: tuple[dict[str, Floats], ...]
+    names: tuple[str, ...]
+    morph_names: tuple[str, ...]
+    morph_weights: Floats
+
+
+def read_clips(document: Document) -> tuple[Clip, ...]:
+    """The document's animations, those without any readable channel left out.
+
+    Two animations of one name are told apart by `#` and their index.
+
+    Raises:
+        AssetError: A sampler is malformed.
+    """
+    clips: list[Clip] = []
+    for index, animation in enumerate(document.items("animations")):
+        where = document.where("animations", index)
+        channels = tuple(_read_channels(document, animation, index, where))
+        if not channels:
+            continue
+        name = animation.get("name")
+        name = name if isinstance(name, str) and name else f"animation_{index}"
+        if any(clip.name == name for clip in clips):
+            name = f"{name}#{index}"
+        start = min(float(channel.times[0]) for channel in channels)
+        end = max(float(channel.times[-1]) for channel in channels)
+        clips.append(Clip(index, name, channels, start, end))
+    return tuple(clips)
+
+
+def _read_channels(document: Document, animation: Json, index: int, where: str) -> Iterable[Channel]:
+    samplers = animation.get("samplers", [])
+    for number, channel in enumerate(animation.get("channels", [])):
+        target = channel.get("target", {}) if isinstance(channel, dict) else {}
+        node, path = target.get("node"), target.get("path")
+        if node is None or path not in (*_DEFAULTS, "weights"):
+            continue
+        document.item("nodes", node, user=where)
+        at = document.where("animations", index, "channels", number)
+        try:
+            sampler = samplers[channel["sampler"]]
+            times, values = (document.accessor(sampler[key], user=at) for key in ("input", "output"))
+            interpolation = sampler.get("interpolation", "LINEAR")
+        except (KeyError, IndexError, TypeError) as error:
+            raise AssetError("has no sampler with input and output", where=at) from error
+        if interpolation not in ("LINEAR", "STEP", "CUBICSPLINE"):
+            raise AssetError(f"interpolation {interpolation!r} is not of glTF 2.0", where=at)
+        groups = 3 if interpolation == "CUBICSPLINE" else 1
+        if times.ndim != 1 or not np.isfinite(times).all() or (np.diff(times) <= 0).any():
+            raise AssetError("key times must rise", where=at)
+        if values.size == 0 or values.size % (len(times) * groups):
+            raise AssetError(f"{len(times)} key times do not fit {values.size} values", where=at)
+        if not np.isfinite(values).all():
+            raise AssetError("a key value is not a finite number", where=at)
+        shape = (len(times), 3, -1) if groups == 3 else (len(times), -1)
+        values = values.reshape(shape)
+        if path != "weights" and values.shape[-1] != len(_DEFAULTS[path]):
+            raise AssetError(f"a key of {path} has {values.shape[-1]} numbers", where=at)
+        yield Channel(number, node, path, times, values.astype(np.float64), interpolation)
+
+
+def read_rig(document: Document, node: int) -> Rig:
+    """The joints, hierarchy and stored pose that move the mesh of a node.
+
+    Raises:
+        AssetError: The hierarchy has a cycle, or skin or nodes are malformed.
+    """
+    nodes = document.items("nodes")
+    parents = np.full(len(nodes), -1, np.intp)
+    for index, each in enumerate(nodes):
+        for child in each.get("children", []):
+            document.item("nodes", child, user=document.where("nodes", index, "children"))
+            parents[child] = index
+    _refuse_cycles(parents, document)
+    carrier = nodes[node]
+    mesh = document.item("meshes", carrier.get("mesh"), user=document.where("nodes", node))
+    joints, inverse_binds = np.array([node], np.intp), np.eye(4)[None]
+    if "skin" in carrier:
+        joints, inverse_binds = _read_skin(document, carrier["skin"], document.where("nodes", node))
+    primitives = mesh.get("primitives") or [{}]
+    count = len(primitives[0].get("targets", []))
+    weights = np.zeros(count)
+    stored = carrier.get("weights", mesh.get("weights", []))
+    try:
+        weights[: len(stored)] = np.array(stored, np.float64)[:count]
+        locals_ = tuple(_stored_local(each) for each in nodes)
+    except (TypeError, ValueError) as error:
+        raise AssetError(
+            "a node's transform or weights are not numbers", where=document.where("nodes")
+        ) from error
+    names = tuple(str(each.get("name", f"node_{index}")) for index, each in enumerate(nodes))
+    return Rig(
+        node=node,
+        mesh=carrier["mesh"],
+        skinned="skin" in carrier,
+        joints=joints,
+        inverse_binds=inverse_binds,
+        parents=parents,
+        locals=locals_,
+        names=names,
+        morph_names=tuple(morph_target_names(mesh)),
+        morph_weights=weights,
+    )
+
+
+def morph_target_names(mesh: Json) -> list[str]:
+    """A name for each morph target of a mesh: that of `extras.targetNames`, else `target_0` by index."""
+    extras = mesh.get("extras")
+    names = extras.get("targetNames") if isinstance(extras, dict) else None
+    names = names if isinstance(names, list) else []
+    count = len((mesh.get("primitives") or [{}])[0].get("targets", []))
+    return [str(names[k]) if k < len(names) else f"target_{k}" for k in range(count)]
+
+
+def _refuse_cycles(parents: Ints, document: Document) -> None:
+    above = parents.copy()
+    for _ in range(len(parents)):
+        if (above < 0).all():
+            return
+        above = np.where(above >= 0, parents[above], -1)
+    if (above >= 0).any():
+        raise AssetError("is its own ancestor", where=document.where("nodes", int(above.argmax())))
+
+
+def _read_skin(document: Document, index: object, user: str) -> tuple[Ints, Floats]:
+    skin = document.item("skins", index, user=user)
+    where = document.where("skins", str(index))
+    joints = skin.get("joints", [])
+    for joint in joints:
+        document.item("nodes", joint, user=where)
+    if not joints:
+        raise AssetError("has no joints", where=where)
+    if "inverseBindMatrices" not in skin:
+        return np.array(joints, np.intp), np.tile(np.eye(4), (len(joints), 1, 1))
+    stored = document.accessor(skin["inverseBindMatrices"], user=where)
+    if stored.shape[1:] != (16,) or len(stored) < len(joints):
+        raise AssetError(f"needs {len(joints)} inverse bind matrices, has {len(stored)}", where=where)
+    # glTF stores matrices column by column.
+    return np.array(joints, np.intp), stored[: len(joints)].reshape(-1, 4, 4).transpose(0, 2, 1)
+
+
+def _stored_local(node: Json) -> dict[str, Floats]:
+    if "matrix" in node:
+        return {"matrix": np.array(node["matrix"], np.float64).reshape(4, 4).T}
+    local = {}
+    for path, default in _DEFAULTS.items():
+        value = np.array(node.get(path, default), np.float64)
+        if value.shape != (len(default),) or not np.isfinite(value).all():
+            raise ValueError(path)
+        local[path] = value
+    return local
+
+
+def joint_matrices(rig: Rig, clip: Clip | None, times: Floats, joints: Ints | None = None) -> Floats:
+    """Matrices that take bind positions to world space.
+
+    Args:
+        rig: Of the mesh.
+        clip: The animation; none for the stored pose.
+        times: (frames,) seconds; before the first and after the last key a channel holds.
+        joints: Which of the rig's joints; all where left out.
+
+    Returns:
+        (frames, joints, 4, 4).
+
+    Source: glTF 2.0 §3.7.3.1; a skinned node's own transform is ignored (§3.7.3.3).
+    """
+    chosen = np.arange(len(rig.joints)) if joints is None else joints
+    globals_ = node_matrices(rig, clip, times, [int(rig.joints[joint]) for joint in chosen])
+    return np.einsum("fjab,jbc->fjac", globals_, rig.inverse_binds[chosen])
+
+
+def node_matrices(rig: Rig, clip: Clip | None, times: Floats, nodes: Iterable[int]) -> Floats:
+    """(frames, nodes, 4, 4) world matrices of nodes; only their ancestors are evaluated."""
+    known: dict[int, Floats] = {}
+
+    def world(node: int) -> Floats:
+        chain = []
+        while node >= 0 and node not in known:
+            chain.append(node)
+            node = int(rig.parents[node])
+        matrix = known.get(node)
+        for each in reversed(chain):
+            local = _local_matrices(rig, clip, times, each)
+            matrix = local if matrix is None else np.einsum("...ab,...bc->...ac", matrix, local)
+            known[each] = matrix
+        assert matrix is not None
+        return matrix
+
+    return np.stack([np.broadcast_to(world(node), (len(times), 4, 4)) for node in nodes], axis=1)
+
+
+def _local_matrices(rig: Rig, clip: Clip | None, times: Floats, node: int) -> Floats:
+    """(frames, 4, 4), or (4, 4) where the clip does not move the node."""
+    stored = rig.locals[node]
+    if "matrix" in stored:
+        return stored["matrix"]
+    parts = dict(stored)
+    for channel in clip.channels if clip else ():
+        if channel.node == node and channel.path in parts:
+            parts[channel.path] = sample(channel, times)
+    x, y, z, w = np.moveaxis(_normalised(parts["rotation"]), -1, 0)
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+        (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
+        (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
+    )
+    rotation = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    frames = max((len(part) for part in parts.values() if part.ndim == 2), default=0)
+    matrices = np.zeros((frames, 4, 4) if frames else (4, 4))
+    matrices[..., :3, :3] = rotation * parts["scale"][..., None, :]
+    matrices[..., :3, 3] = parts["translation"]
+    matrices[..., 3, 3] = 1.0
+    return matrices
+
+
+def morph_weights(rig: Rig, clip: Clip | None, times: Floats) -> Floats:
+    """(frames, morph targets) weights: those of the clip's channel, else the stored ones."""
+    channel = clip.channel(rig.node, "weights") if clip else None
+    if channel is None:
+        return np.tile(rig.morph_weights, (len(times), 1))
+    weights = sample(channel, times)
+    if weights.shape[1] != len(rig.morph_weights):
+        raise AssetError(
+            f"animates {weights.shape[1]} morph weights of node {rig.names[rig.node]!r}, whose mesh has"
+            f" {len(rig.morph_weights)} targets"
+        )
+    return weights
+
+
+def sample(channel: Channel, times: Floats) -> Floats:
+    """(frames, components) of a channel at times in seconds, held before the first and after the last key.
+
+    Source: glTF 2.0, appendix C (LINEAR, with slerp for rotations; STEP; CUBICSPLINE).
+    """
+    keys, values = channel.times, channel.values
+    points = values[:, 1] if channel.interpolation == "CUBICSPLINE" else values
+    if len(keys) == 1:
+        return np.tile(points, (len(times), 1))
+    before = np.clip(np.searchsorted(keys, times, side="right") - 1, 0, len(keys) - 2)
+    span = keys[before + 1] - keys[before]
+    t = np.clip((times - keys[before]) / span, 0.0, 1.0)[:, None]
+    start, stop = points[before], points[before + 1]
+    if channel.interpolation == "STEP":
+        return np.where(t >= 1.0, stop, start)
+    if channel.interpolation == "CUBICSPLINE":
+        leaving, arriving = values[before, 2] * span[:, None], values[before + 1, 0] * span[:, None]
+        cubed, squared = t**3, t**2
+        blended = (
+            (2 * cubed - 3 * squared + 1) * start
+            + (cubed - 2 * squared + t) * leaving
+            + (3 * squared - 2 * cubed) * stop
+            + (cubed - squared) * arriving
+        )
+        return _normalised(blended) if channel.path == "rotation" else blended
+    if channel.path == "rotation":
+        return _slerp(_normalised(start), _normalised(stop), t)
+    return start + (stop - start) * t
+
+
+def _slerp(start: Floats, stop: Floats, t: Floats) -> Floats:
+    cosine = np.sum(start * stop, axis=1, keepdims=True)
+    stop = np.where(cosine < 0, -stop, stop)
+    angle = np.arccos(np.clip(np.abs(cosine), 0.0, 1.0))
+    sine = np.sin(angle)
+    # Below this angle the division loses more digits than a straight line does.
+    near = sine < 1e-6
+    sine = np.where(near, 1.0, sine)
+    first = np.where(near, 1.0 - t, np.sin((1.0 - t) * angle) / sine)
+    second = np.where(near, t, np.sin(t * angle) / sine)
+    return _normalised(first * start + second * stop)
+
+
+def _normalised(quaternions: Floats) -> Floats:
+    lengths = np.sqrt(np.sum(quaternions * quaternions, axis=-1, keepdims=True))
+    safe = np.where(lengths > 0, lengths, 1.0)
+    return np.where(lengths > 0, quaternions / safe, np.array([0.0, 0.0, 0.0, 1.0]))
+
+
+def blend(weights: Floats, matrices: Floats) -> Floats:
+    """Blended matrices of linear blend skinning.
+
+    Args:
+        weights: (vertices, joints), rows summing to 1.
+        matrices: (frames, joints, 4, 4) bind to world.
+
+    Returns:
+        (frames, vertices, 3, 4).
+    """
+    frames, joints = matrices.shape[:2]
+    rows = matrices[:, :, :3, :].reshape(frames, joints, 12)
+    return np.matmul(weights, rows).reshape(frames, len(weights), 3, 4)
+
+
+def transform(blended: Floats, positions: Floats) -> Floats:
+    """Move bind positions by blended matrices.
+
+    Args:
+        blended: (frames, vertices, 3, 4).
+        positions: (vertices, 3), or (frames, vertices, 3) where morph targets act, bind space.
+
+    Returns:
+        (frames, vertices, 3) world space, scene units.
+    """
+    turned: Floats = (
+        np.einsum("fvab,...vb->fva", blended[..., :3], positions)
+        if positions.ndim == 2
+        else (np.einsum("fvab,fvb->fva", blended[..., :3], positions))
+    )
+    return turned + blended[..., 3]

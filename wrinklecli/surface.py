@@ -1,0 +1,242 @@
+"""A mesh's primitives as one welded surface in bind space.
+
+glTF splits vertices at UV and normal seams. Topology, normals and displacement work on welded vertices, so
+that what was one point of the artist's mesh moves as one.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrinklecli.document import TRIANGLE_FAN, TRIANGLE_STRIP, TRIANGLES, Document, Json
+from wrinklecli.errors import AssetError
+from wrinklecli.pose import Rig
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
+Bools = NDArray[np.bool_]
+
+# Largest difference of two influences or, over the box's diagonal, of two morph deltas of one point.
+_WELD_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Surface:
+    """The triangles of a mesh over welded vertices, bind space.
+
+    Attributes:
+        positions: (vertices, 3) stored positions.
+        morph_deltas: (morph targets, vertices, 3).
+        joints: (vertices, influences) into the rig's joints.
+        weights: (vertices, influences), rows summing to 1; 0 where a vertex has fewer.
+        triangles: (triangles, 3) welded vertices.
+        corners: (triangles, 3) the glTF vertices of the same corners.
+        primitives: (triangles,) the primitive that each triangle came from.
+        weld: (glTF vertices,) the welded vertex of each; primitives follow one another.
+        vertex_starts: (primitives + 1,) the first glTF vertex of each primitive.
+        twins: (vertices,) another welded vertex lies at the same place, moving differently.
+    """
+
+    positions: Floats
+    morph_deltas: Floats
+    joints: Ints
+    weights: Floats
+    triangles: Ints
+    corners: Ints
+    primitives: Ints
+    weld: Ints
+    vertex_starts: Ints
+    twins: Bools
+
+    @property
+    def size(self) -> float:
+        """Diagonal of the bounding box, bind units."""
+        return float(np.linalg.norm(np.ptp(self.positions, axis=0)))
+
+    def dense_weights(self, vertices: Ints, joint_count: int) -> Floats:
+        """(vertices, joints) skin weights of some vertices."""
+        dense = np.zeros((len(vertices), joint_count))
+        for joints, weights in zip(self.joints[vertices].T, self.weights[vertices].T, strict=True):
+            dense[np.arange(len(vertices)), joints] += weights
+        return dense
+
+
+def read_surface(document: Document, rig: Rig) -> Surface:
+    """Weld the primitives of a rig's mesh.
+
+    Two glTF vertices are one where their bind positions are equal to the bit and their skin influences and
+    morph deltas to 1e-6. (Position alone would glue touching lips.)
+
+    Raises:
+        AssetError: An attribute is missing, malformed or not finite, or there is no triangle.
+    """
+    primitives = document.items("meshes")[rig.mesh].get("primitives", [])
+    where = document.where("meshes", rig.mesh)
+    parts = [
+        _read_primitive(document, each, rig, f"{where}/primitives/{i}") for i, each in enumerate(primitives)
+    ]
+    starts = np.cumsum([0] + [len(part[0]) for part in parts])
+    positions = np.concatenate([part[0] for part in parts])
+    deltas = np.concatenate([part[1] for part in parts], axis=1)
+    most = max(part[2].shape[1] for part in parts)
+    joints, weights = (
+        np.concatenate([np.pad(part[k], ((0, 0), (0, most - part[k].shape[1]))) for part in parts])
+        for k in (2, 3)
+    )
+    corners = np.concatenate([part[4] + start for part, start in zip(parts, starts, strict=False)])
+    if not len(corners):
+        raise AssetError("has no triangles", where=where)
+    weld, firsts, twins = _weld(positions, joints, weights, deltas)
+    return Surface(
+        positions=positions[firsts],
+        morph_deltas=deltas[:, firsts],
+        joints=joints[firsts],
+        weights=weights[firsts],
+        triangles=weld[corners],
+        corners=corners,
+        primitives=np.repeat(np.arange(len(parts)), [len(part[4]) for part in parts]),
+        weld=weld,
+        vertex_starts=starts,
+        twins=twins,
+    )
+
+
+def _read_primitive(document: Document, primitive: Json, rig: Rig, where: str) -> tuple[Any, ...]:
+    """Positions, morph deltas, joints, weights and triangles of a primitive."""
+    attributes = primitive.get("attributes", {})
+    if "POSITION" not in attributes:
+        raise AssetError("has no POSITION", where=where)
+    positions = document.accessor(attributes["POSITION"], user=where)
+    if positions.ndim != 2 or positions.shape[1] != 3 or not np.isfinite(positions).all():
+        raise AssetError("POSITION must be three finite numbers for each vertex", where=where)
+    count = len(positions)
+    targets = primitive.get("targets", [])
+    if len(targets) != len(rig.morph_weights):
+        raise AssetError(
+            f"has {len(targets)} morph targets, others have {len(rig.morph_weights)}", where=where
+        )
+    deltas = np.zeros((len(targets), count, 3))
+    for index, target in enumerate(targets):
+        if "POSITION" in target:
+            deltas[index] = _attribute(document, target["POSITION"], count, 3, where)
+    joints, weights = np.zeros((count, 1), np.intp), np.ones((count, 1))
+    if rig.skinned:
+        joints, weights = _read_influences(document, attributes, count, len(rig.joints), where)
+    # The sum with 0 makes -0 and 0 one value, as they are one place.
+    return positions + 0.0, deltas, joints, weights, read_triangles(document, primitive, count, where)
+
+
+def _attribute(document: Document, index: int, count: int, size: int, where: str) -> Any:
+    values = document.accessor(index, user=where)
+    if values.shape != (count, size) or not np.isfinite(values).all():
+        raise AssetError(
+            f"accessor {index} must hold {size} finite numbers for {count} vertices", where=where
+        )
+    return values
+
+
+def _read_influences(
+    document: Document, attributes: Json, count: int, joint_count: int, where: str
+) -> tuple[Ints, Floats]:
+    """(vertices, influences) joints and normalised weights, each joint once, in rising order, padded by 0.
+
+    A vertex without weight follows its first joint, as three.js has it.
+    """
+    sets = 0
+    while f"JOINTS_{sets}" in attributes and f"WEIGHTS_{sets}" in attributes:
+        sets += 1
+    if not sets:
+        raise AssetError("belongs to a skinned node but has no JOINTS_0 and WEIGHTS_0", where=where)
+    joints, weights = (
+        np.concatenate(
+            [_attribute(document, attributes[f"{kind}_{k}"], count, 4, where) for k in range(sets)], axis=1
+        )
+        for kind in ("JOINTS", "WEIGHTS")
+    )
+    joints, weights = joints.astype(np.intp), np.maximum(weights.astype(np.float64), 0.0)
+    if (joints[weights > 0] >= joint_count).any():
+        raise AssetError(f"JOINTS refer to joint {joints[weights > 0].max()} of {joint_count}", where=where)
+    weights[:, 0] = np.where(weights.sum(axis=1) > 0, weights[:, 0], 1.0)
+    joints = np.minimum(joints, joint_count - 1)
+    for k in range(1, 4 * sets):
+        for earlier in range(k):
+            same = (joints[:, earlier] == joints[:, k]) & (weights[:, earlier] > 0)
+            weights[same, earlier] += weights[same, k]
+            weights[same, k] = 0.0
+    joints = np.where(weights > 0, joints, joint_count)
+    order = np.argsort(joints, axis=1, kind="stable")
+    joints, weights = np.take_along_axis(joints, order, 1), np.take_along_axis(weights, order, 1)
+    weights /= weights.sum(axis=1, keepdims=True)
+    return np.where(joints == joint_count, 0, joints), weights
+
+
+def read_triangles(document: Document, primitive: Json, count: int, where: str) -> Ints:
+    """(triangles, 3) vertices of a primitive; none for points and lines. Strips and fans become triangles."""
+    mode = primitive.get("mode", TRIANGLES)
+    if mode not in (TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN):
+        return np.zeros((0, 3), np.intp)
+    if "indices" in primitive:
+        stored = document.accessor(primitive["indices"], user=where)
+        if stored.ndim != 1 or stored.dtype.kind != "u" or int(stored.max(initial=0)) >= count:
+            raise AssetError(f"indices must be whole numbers below {count}", where=where)
+        indices = stored.astype(np.intp)
+    else:
+        indices = np.arange(count)
+    if mode == TRIANGLES:
+        return indices[: len(indices) // 3 * 3].reshape(-1, 3)
+    if len(indices) < 3:
+        return np.zeros((0, 3), np.intp)
+    first, second, third = indices[:-2], indices[1:-1], indices[2:]
+    if mode == TRIANGLE_FAN:
+        return np.stack([second, third, np.broadcast_to(indices[0], second.shape)], axis=1)
+    odd = np.arange(len(first)) % 2 == 1
+    return np.stack([first, np.where(odd, third, second), np.where(odd, second, third)], axis=1)
+
+
+def _weld(positions: Floats, joints: Ints, weights: Floats, deltas: Floats) -> tuple[Ints, Ints, Bools]:
+    """Welded vertex of each vertex, the first vertex of each welded one, and which welded ones have twins."""
+    order = np.lexsort(positions.T[::-1])
+    fresh = np.ones(len(order), bool)
+    fresh[1:] = (positions[order[1:]] != positions[order[:-1]]).any(axis=1)
+    place = np.zeros(len(order), np.intp)
+    place[order] = np.cumsum(fresh) - 1
+    tolerance = _WELD_TOLERANCE * max(float(np.linalg.norm(np.ptp(positions, axis=0))), 1e-30)
+    leader = np.full(len(positions), -1, np.intp)
+    pending = np.arange(len(positions))
+    while len(pending):
+        first_here = np.full(int(place.max()) + 1, len(positions), np.intp)
+        np.minimum.at(first_here, place[pending], pending)
+        first = first_here[place[pending]]
+        same = (
+            (joints[pending] == joints[first]).all(axis=1)
+            & (np.abs(weights[pending] - weights[first]) <= _WELD_TOLERANCE).all(axis=1)
+            & (np.abs(deltas[:, pending] - deltas[:, first]) <= tolerance).all(axis=(0, 2))
+        )
+        leader[pending[same]] = first[same]
+        pending = pending[~same]
+    firsts, weld = np.unique(leader, return_inverse=True)
+    twins = np.bincount(place[firsts])[place[firsts]] > 1
+    return weld.astype(np.intp), firsts.astype(np.intp), twins
+
+
+def face_normals(positions: Floats, triangles: Ints) -> Floats:
+    """(triangles, 3) normals of twice the triangles' area in length."""
+    a, b, c = (positions[triangles[:, k]] for k in range(3))
+    return np.cross(b - a, c - a)
+
+
+def vertex_normals(positions: Floats, triangles: Ints) -> Floats:
+    """(vertices, 3) area-weighted unit normals; 0 where a vertex has no area around it."""
+    faces = face_normals(positions, triangles)
+    sums = np.stack(
+        [np.bincount(triangles.ravel(), np.repeat(faces[:, k], 3), len(positions)) for k in range(3)], axis=1
+    )
+    return unit(sums)
+
+
+def unit(vectors: Floats) -> Floats:
+    """Vectors (…, 3) divided by their length; 0 stays 0."""
+    lengths = np.sqrt(np.sum(vectors * vectors, axis=-1, keepdims=True))
+    return np.where(lengths > 0, vectors / np.where(lengths > 0, lengths, 1.0), 0.0)
