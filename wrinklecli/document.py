@@ -13,6 +13,7 @@ import copy
 import hashlib
 import json
 import os
+import shutil
 import struct
 import tempfile
 from collections import Counter
@@ -20,7 +21,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import IO, Any
 from urllib.parse import quote, unquote
 
 import numpy as np
@@ -54,6 +55,7 @@ _GLB_MAGIC = b"glTF"
 _JSON_CHUNK = b"JSON"
 _BIN_CHUNK = b"BIN\0"
 _GLB_LIMIT = 2**32 - 1  # bytes; the header's length is 32 bits
+_SPOOL_BYTES = 2**26
 _ALIGNMENT = 4  # bytes; the largest component is 4 bytes, and GLB chunks are padded to it
 
 # An accessor without data may claim any count; nothing real has more elements than this.
@@ -128,6 +130,10 @@ class Document:
     @cached_property
     def _decoded(self) -> dict[tuple[int], Array]:
         return {}
+
+    def stored_dtype(self, index: int) -> np.dtype[Any]:
+        """The component type that an accessor is stored in."""
+        return _element(self.items("accessors")[index], self.where("accessors", index))[0]
 
     def _decode(self, accessor: Json, index: int) -> Array:
         where = self.where("accessors", index)
@@ -350,7 +356,10 @@ class Draft:
     def __init__(self, source: Document) -> None:
         self.source = source
         self.gltf: Json = copy.deepcopy(source.gltf)
-        self._new_views: dict[int, bytes] = {}
+        # New data goes to disk when it outgrows memory: per-frame geometry may be gigabytes.
+        self._data: IO[bytes] = tempfile.SpooledTemporaryFile(max_size=_SPOOL_BYTES)
+        self._data_size = 0
+        self._new_views: set[int] = set()
         self._dead_views: list[int] = []
         self._free_views: list[int] = []
         self._accessor_uses = Counter(_accessor_references(self.gltf))
@@ -405,7 +414,16 @@ class Draft:
         accessor = {"bufferView": self._add_view(data, target=target, stride=stride), **accessor}
         return self._place(accessor, slot)
 
-    def add_sparse(self, indices: Array, values: Array, *, count: int, bounds: bool = False) -> int:
+    def add_sparse(
+        self,
+        indices: Array,
+        values: Array,
+        *,
+        count: int,
+        bounds: bool = False,
+        stored: bool = False,
+        replaces: int | None = None,
+    ) -> int:
         """Add an accessor of float32 vectors that are zero but at some indices.
 
         Accessors that are zero throughout are shared: one for each count and type.
@@ -415,6 +433,8 @@ class Draft:
             values: (changed, components) float32.
             count: Of the whole accessor.
             bounds: Write `min` and `max`.
+            stored: Store an accessor that is zero throughout, for readers that need its bytes.
+            replaces: An accessor to which the caller is about to drop one reference.
 
         Source: glTF 2.0 §3.6.2.3.
         """
@@ -431,8 +451,14 @@ class Draft:
         if not len(indices):
             key = (count, accessor["type"], bounds)
             if key not in self._shared:
-                self._shared[key] = self._place(accessor, None)
+                zeros = np.zeros((count, values.shape[1]), np.float32)
+                self._shared[key] = (
+                    self.add(zeros, target=VERTEX_DATA, bounds=bounds)
+                    if stored
+                    else self._place(accessor, None)
+                )
             return self._shared[key]
+        slot = self._release(replaces)
         index_dtype = index_type(int(indices[-1]) + 1, smallest=np.uint8)
         accessor["sparse"] = {
             "count": len(indices),
@@ -442,7 +468,21 @@ class Draft:
             },
             "values": {"bufferView": self._add_view(values.astype("<f4").tobytes())},
         }
-        return self._place(accessor, None)
+        return self._place(accessor, slot)
+
+    def clone_mesh(self, mesh: int) -> int:
+        """Append a copy of a mesh, which shares its accessors, and give its index."""
+        copied = copy.deepcopy(self.gltf["meshes"][mesh])
+        self._accessor_uses.update(_accessor_references({"meshes": [copied]}))
+        self.gltf["meshes"].append(copied)
+        return len(self.gltf["meshes"]) - 1
+
+    def document(self) -> Document:
+        """The draft as a reader will see it, in memory: the source's buffers and one of new data."""
+        buffers = [*self.source.items("buffers"), {"byteLength": self._data_size}]
+        self._data.seek(0)
+        data = memoryview(self._data.read())
+        return Document(self.source.path, self.gltf | {"buffers": buffers}, (*self.source.buffers, data), ())
 
     def write(self, path: str | os.PathLike[str]) -> int:
         """Write .glb or .gltf, as the path's ending says, replacing the file only by a complete one.
@@ -486,7 +526,19 @@ class Draft:
         return accessor_index
 
     def _add_view(self, data: bytes, *, target: int | None = None, stride: int | None = None) -> int:
-        view = _plain(pygltflib.BufferView(buffer=0, byteLength=len(data), byteStride=stride, target=target))
+        """Append data; its view's offset is that in the new data until the file is laid out."""
+        padding = -self._data_size % _ALIGNMENT
+        self._data.write(bytes(padding) + data)
+        view = _plain(
+            pygltflib.BufferView(
+                buffer=len(self.source.buffers),
+                byteOffset=self._data_size + padding,
+                byteLength=len(data),
+                byteStride=stride,
+                target=target,
+            )
+        )
+        self._data_size += padding + len(data)
         views = self.gltf.setdefault("bufferViews", [])
         if self._free_views:
             slot = self._free_views.pop(0)
@@ -494,7 +546,7 @@ class Draft:
         else:
             slot = len(views)
             views.append(view)
-        self._new_views[slot] = data
+        self._new_views.add(slot)
         return slot
 
     def _kept_parts(self, buffer: int) -> Iterator[tuple[int, int]]:
@@ -531,64 +583,67 @@ class Draft:
         chunks: list[memoryview | bytes] = []
         size = 0
 
-        def append(data: memoryview | bytes) -> int:
+        def append(*parts: memoryview | bytes) -> int:
             nonlocal size
-            padding = -size % _ALIGNMENT
-            chunks.extend([bytes(padding), data] if padding else [data])
-            size += padding + len(data)
-            return size - len(data)
+            start = size + -size % _ALIGNMENT
+            chunks.extend([bytes(start - size), *parts])
+            size = start + sum(len(part) for part in parts)
+            return start
 
         gltf = copy.copy(self.gltf)
         views: list[Json] = [dict(view) for view in gltf.get("bufferViews", [])]
-        old_views = self.source.items("bufferViews")
         for buffer in range(len(self.source.buffers)):
             parts, moved = self._compacted(buffer)
-            base = -(-size // _ALIGNMENT) * _ALIGNMENT
-            for part in parts:
-                if size < base:
-                    append(part)
-                else:
-                    chunks.append(part)
-                    size += len(part)
-            for i, old in enumerate(old_views):
-                if i not in self._new_views and old.get("buffer") == buffer:
-                    _set_offset(views[i], base + moved(old.get("byteOffset", 0)))
-                    views[i]["buffer"] = 0
-        for i, data in sorted(self._new_views.items()):
-            _set_offset(views[i], append(data))
+            base = append(*parts)
+            for view in self._old_views(views, buffer):
+                _set_offset(view, base + moved(view.get("byteOffset", 0)))
+                view["buffer"] = 0
         images = self._embed_images(name, views, append)
         if images is not None:
             gltf["images"] = images
+        append(b"")
+        for slot in self._new_views:
+            views[slot]["buffer"] = 0
+            _set_offset(views[slot], size + views[slot].get("byteOffset", 0))
+        total_data = size + self._data_size
         if views:
             gltf["bufferViews"] = views
-        if size:
+        if total_data:
             old_buffers = self.gltf.get("buffers", [])
             kept = (
                 {key: value for key, value in old_buffers[0].items() if key != "uri"} if old_buffers else {}
             )
-            gltf["buffers"] = [kept | {"byteLength": size}]
+            gltf["buffers"] = [kept | {"byteLength": total_data}]
         text = _dump(gltf).encode()
         text += b" " * (-len(text) % _ALIGNMENT)
-        tail = bytes(-size % _ALIGNMENT)
-        total = 12 + 8 + len(text) + (8 + size + len(tail) if size else 0)
+        tail = bytes(-total_data % _ALIGNMENT)
+        total = 12 + 8 + len(text) + (8 + total_data + len(tail) if total_data else 0)
         if total > _GLB_LIMIT:
-            raise BakeError(
-                f"would be {total} bytes; a .glb holds 4 GiB: use --frames-dir or .gltf", where=name
-            )
+            raise BakeError(f"would be {total} bytes; a .glb holds 4 GiB: use --frames-dir", where=name)
 
-        def write(file: BinaryIO) -> None:
+        def write(file: IO[bytes]) -> None:
             file.write(struct.pack("<4sII", _GLB_MAGIC, 2, total))
             file.write(struct.pack("<I4s", len(text), _JSON_CHUNK) + text)
-            if size:
-                file.write(struct.pack("<I4s", size + len(tail), _BIN_CHUNK))
-                file.writelines([*chunks, tail])
+            if total_data:
+                file.write(struct.pack("<I4s", total_data + len(tail), _BIN_CHUNK))
+                file.writelines(chunks)
+                self._copy_data(file)
+                file.write(tail)
 
         replace_file(name, write)
         return total
 
-    def _embed_images(
-        self, name: str, views: list[Json], append: Callable[[memoryview | bytes], int]
-    ) -> list[Json] | None:
+    def _old_views(self, views: list[Json], buffer: int) -> Iterator[Json]:
+        """The views that still show data of a source buffer."""
+        for slot, old in enumerate(self.source.items("bufferViews")):
+            if slot not in self._new_views and old.get("buffer") == buffer:
+                yield views[slot]
+
+    def _copy_data(self, file: IO[bytes]) -> None:
+        self._data.seek(0)
+        shutil.copyfileobj(self._data, file)
+
+    def _embed_images(self, name: str, views: list[Json], append: Callable[..., int]) -> list[Json] | None:
         """Images with the files of another folder put into the binary chunk; None where there are none."""
         images: list[Json] = [dict(image) for image in self.gltf.get("images", [])]
         changed = False
@@ -610,41 +665,29 @@ class Draft:
 
     def _write_gltf(self, name: str) -> int:
         written = 0
+        folder, stem = os.path.dirname(name), os.path.splitext(os.path.basename(name))[0]
         gltf = copy.copy(self.gltf)
         buffers: list[Json] = [dict(buffer) for buffer in gltf.get("buffers", [])]
         views: list[Json] = [dict(view) for view in gltf.get("bufferViews", [])]
-        stem = os.path.splitext(os.path.basename(name))[0]
-        added = bytearray()
-        for i, data in sorted(self._new_views.items()):
-            added += bytes(-len(added) % _ALIGNMENT)
-            views[i]["buffer"] = len(buffers)
-            _set_offset(views[i], len(added))
-            added += data
-        contents: list[tuple[Json, bytes]] = []
-        old_views = self.source.items("bufferViews")
         for index, buffer in enumerate(buffers):
             parts, moved = self._compacted(index)
-            length = sum(len(part) for part in parts)
             uri = buffer.get("uri", "")
-            changed = length != len(self.source.buffers[index])
-            if changed:
-                for i, old in enumerate(old_views):
-                    if i not in self._new_views and old.get("buffer") == index:
-                        _set_offset(views[i], moved(old.get("byteOffset", 0)))
-            if changed or not (uri.startswith("data:") or (uri and self._beside(name))):
-                contents.append((buffer, b"".join(parts)))
-        if added:
-            buffers.append({"byteLength": len(added)})
-            contents.append((buffers[-1], bytes(added)))
-        for buffer, content in contents:
-            content = content or bytes(
-                _ALIGNMENT
-            )  # a buffer may not be empty, even if all of it was replaced
+            unchanged = sum(len(part) for part in parts) == len(self.source.buffers[index])
+            if unchanged and (uri.startswith("data:") or (uri and self._beside(name))):
+                continue
+            for view in self._old_views(views, index):
+                _set_offset(view, moved(view.get("byteOffset", 0)))
+            content = b"".join(parts) or bytes(_ALIGNMENT)  # a buffer may not be empty
             buffer["byteLength"] = len(content)
-            digest = hashlib.sha256(content).hexdigest()[:12]
-            file_name = f"{stem}-{digest}.bin"
+            file_name = f"{stem}-{hashlib.sha256(content).hexdigest()[:12]}.bin"
             buffer["uri"] = quote(file_name)
-            written += replace_bytes(os.path.join(os.path.dirname(name), file_name), content)
+            written += replace_bytes(os.path.join(folder, file_name), content)
+        if self._data_size:
+            self._data.seek(0)
+            digest = hashlib.file_digest(self._data, "sha256").hexdigest()[:12]  # type: ignore[arg-type]
+            file_name = f"{stem}-{digest}.bin"
+            buffers.append({"uri": quote(file_name), "byteLength": self._data_size})
+            written += replace_file(os.path.join(folder, file_name), self._copy_data)
         self._copy_images(name)
         if buffers:
             gltf["buffers"] = buffers
@@ -676,7 +719,7 @@ class Draft:
         ]
 
 
-def replace_file(path: str, write: Callable[[BinaryIO], object]) -> int:
+def replace_file(path: str, write: Callable[[IO[bytes]], object]) -> int:
     """Write a file completely beside `path`, then put it in its place; its size in bytes.
 
     Raises:

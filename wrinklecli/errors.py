@@ -1,4 +1,4 @@
-"""What can go wrong and be said in a line: one flat tree, turned into exit codes by the command line alone."""
+"""What can go wrong and be said in a line: one flat tree, turned into exit codes by the command line."""
 
 import difflib
 from collections.abc import Iterable

@@ -70,6 +70,8 @@ class Anchor:
         joints: (influences,) into the rig's joints.
         points: (1 + morph targets, influences, 4) homogeneous bind points times their weight; the fourth
             number is the weight itself, 0 in morph deltas.
+        vertices: (corners,) the welded vertices around it: three, two on an edge, one at a vertex.
+        barycentrics: (corners,) their shares, summing to 1.
         triangles: The coarse triangles that the anchor lies on.
         position: (3,) at rest, world space.
         normal: (3,) of the surface there.
@@ -78,6 +80,8 @@ class Anchor:
 
     joints: Ints
     points: Floats
+    vertices: Ints
+    barycentrics: Floats
     triangles: Ints
     position: Floats
     normal: Floats
@@ -135,6 +139,12 @@ class Patch:
     def shape_strength(self) -> float:
         """The strength built into the shapes: the tool's own, or that of its strongest clip where it is 0."""
         return self.tool.strength or max(self.tool.clips.values(), key=abs, default=0.0)
+
+    @property
+    def keyed_clips(self) -> frozenset[str]:
+        """Names of the clips that key the rest length."""
+        wanted = self.tool.rest_length
+        return frozenset(wanted.keys if isinstance(wanted, RestLengthKeys) else ())
 
     def clip_strength(self, clip: Clip | None) -> float:
         """Factor on the shapes in a clip."""
@@ -328,7 +338,8 @@ def _anchor(
         if np.linalg.norm(found - np.array(turned)) <= _ANCHOR_REACH * segment:
             hint = f"; with `up: {other}` it would lie on it"
         raise BakeError(
-            f"{key} is {distance:.4g} from the mesh, more than a quarter of its segment of {segment:.4g}{hint}",
+            f"{key} is {distance:.4g} from the mesh, more than a quarter of its segment of"
+            f" {segment:.4g}{hint}",
             where=f"{tool.where}.{key}",
         )
     if singular(rest.blended[vertices]).any():
@@ -344,7 +355,16 @@ def _anchor(
         np.add.at(points[m], inverse.reshape(shares.shape), shares[..., None] * homogeneous[each])
     keep = points[0, :, 3] > 0
     normal = unit(barycentrics @ rest.normals[vertices])
-    return Anchor(joints[keep], points[:, keep], np.flatnonzero(on_all), place, normal, distance)
+    return Anchor(
+        joints=joints[keep],
+        points=points[:, keep],
+        vertices=vertices,
+        barycentrics=barycentrics,
+        triangles=np.flatnonzero(on_all),
+        position=place,
+        normal=normal,
+        distance=distance,
+    )
 
 
 def closest_point(positions: Floats, triangles: Ints, point: Floats) -> tuple[int, Floats, Floats]:

@@ -299,8 +299,7 @@ def _local_matrices(rig: Rig, clip: Clip | None, times: Floats, node: int) -> Fl
         (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
     )
     rotation = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-    frames = max((len(part) for part in parts.values() if part.ndim == 2), default=0)
-    matrices = np.zeros((frames, 4, 4) if frames else (4, 4))
+    matrices = np.zeros((*np.broadcast_shapes(*(part.shape[:-1] for part in parts.values())), 4, 4))
     matrices[..., :3, :3] = rotation * parts["scale"][..., None, :]
     matrices[..., :3, 3] = parts["translation"]
     matrices[..., 3, 3] = 1.0

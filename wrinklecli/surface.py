@@ -17,6 +17,7 @@ from wrinklecli.pose import Rig
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
 Bools = NDArray[np.bool_]
+Array = NDArray[Any]
 
 # Largest difference of two influences or, over the box's diagonal, of two morph deltas of one point.
 _WELD_TOLERANCE = 1e-6
@@ -72,60 +73,122 @@ def read_surface(document: Document, rig: Rig) -> Surface:
     Raises:
         AssetError: An attribute is missing, malformed or not finite, or there is no triangle.
     """
-    primitives = document.items("meshes")[rig.mesh].get("primitives", [])
+    vertices = read_vertices(document, rig)
+    primitives = document.items("meshes")[rig.mesh]["primitives"]
+    counts = np.diff(vertices.starts)
     where = document.where("meshes", rig.mesh)
     parts = [
-        _read_primitive(document, each, rig, f"{where}/primitives/{i}") for i, each in enumerate(primitives)
+        read_triangles(document, primitive, int(count), f"{where}/primitives/{index}") + start
+        for index, (primitive, count, start) in enumerate(
+            zip(primitives, counts, vertices.starts[:-1], strict=True)
+        )
     ]
-    starts = np.cumsum([0] + [len(part[0]) for part in parts])
-    positions = np.concatenate([part[0] for part in parts])
-    deltas = np.concatenate([part[1] for part in parts], axis=1)
-    most = max(part[2].shape[1] for part in parts)
-    joints, weights = (
-        np.concatenate([np.pad(part[k], ((0, 0), (0, most - part[k].shape[1]))) for part in parts])
-        for k in (2, 3)
-    )
-    corners = np.concatenate([part[4] + start for part, start in zip(parts, starts, strict=False)])
+    corners = np.concatenate(parts)
     if not len(corners):
         raise AssetError("has no triangles", where=where)
-    weld, firsts, twins = _weld(positions, joints, weights, deltas)
+    weld, firsts, twins = _weld(vertices)
     return Surface(
-        positions=positions[firsts],
-        morph_deltas=deltas[:, firsts],
-        joints=joints[firsts],
-        weights=weights[firsts],
+        positions=vertices.positions[firsts],
+        morph_deltas=vertices.morph_deltas[:, firsts],
+        joints=vertices.joints[firsts],
+        weights=vertices.weights[firsts],
         triangles=weld[corners],
         corners=corners,
-        primitives=np.repeat(np.arange(len(parts)), [len(part[4]) for part in parts]),
+        primitives=np.repeat(np.arange(len(parts)), [len(part) for part in parts]),
         weld=weld,
-        vertex_starts=starts,
+        vertex_starts=vertices.starts,
         twins=twins,
     )
 
 
-def _read_primitive(document: Document, primitive: Json, rig: Rig, where: str) -> tuple[Any, ...]:
-    """Positions, morph deltas, joints, weights and triangles of a primitive."""
+@dataclass(frozen=True, slots=True)
+class Vertices:
+    """The glTF vertices of a mesh, primitive after primitive, bind space.
+
+    Attributes:
+        starts: (primitives + 1,) the first vertex of each primitive.
+        positions: (vertices, 3).
+        morph_deltas: (morph targets, vertices, 3).
+        joints: (vertices, influences) into the rig's joints, each once, in rising order.
+        weights: (vertices, influences), rows summing to 1.
+        normals: (vertices, 3); None where a primitive has none.
+        normal_deltas: (morph targets, vertices, 3); None as above.
+    """
+
+    starts: Ints
+    positions: Floats
+    morph_deltas: Floats
+    joints: Ints
+    weights: Floats
+    normals: Floats | None
+    normal_deltas: Floats | None
+
+
+def read_vertices(document: Document, rig: Rig) -> Vertices:
+    """Read the vertices of a rig's mesh.
+
+    Raises:
+        AssetError: An attribute is missing, malformed or not finite.
+    """
+    primitives = document.items("meshes")[rig.mesh].get("primitives", [])
+    where = document.where("meshes", rig.mesh)
+    if not primitives:
+        raise AssetError("has no primitives", where=where)
+    parts = [
+        _read_primitive(document, each, rig, f"{where}/primitives/{i}") for i, each in enumerate(primitives)
+    ]
+    most = max(part.joints.shape[1] for part in parts)
+
+    def padded(rows: Array) -> Array:
+        return np.pad(rows, ((0, 0), (0, most - rows.shape[1])))
+
+    normals = [part.normals for part in parts if part.normals is not None]
+    deltas = [part.normal_deltas for part in parts if part.normal_deltas is not None]
+    complete = len(normals) == len(parts)
+    return Vertices(
+        starts=np.cumsum([0] + [len(part.positions) for part in parts]),
+        positions=np.concatenate([part.positions for part in parts]),
+        morph_deltas=np.concatenate([part.morph_deltas for part in parts], axis=1),
+        joints=np.concatenate([padded(part.joints) for part in parts]),
+        weights=np.concatenate([padded(part.weights) for part in parts]),
+        normals=np.concatenate(normals) if complete else None,
+        normal_deltas=np.concatenate(deltas, axis=1) if complete else None,
+    )
+
+
+def _read_primitive(document: Document, primitive: Json, rig: Rig, where: str) -> Vertices:
     attributes = primitive.get("attributes", {})
     if "POSITION" not in attributes:
         raise AssetError("has no POSITION", where=where)
-    positions = document.accessor(attributes["POSITION"], user=where)
-    if positions.ndim != 2 or positions.shape[1] != 3 or not np.isfinite(positions).all():
-        raise AssetError("POSITION must be three finite numbers for each vertex", where=where)
-    count = len(positions)
+    count = len(document.accessor(attributes["POSITION"], user=where))
+    positions = _attribute(document, attributes["POSITION"], count, 3, where)
     targets = primitive.get("targets", [])
     if len(targets) != len(rig.morph_weights):
         raise AssetError(
             f"has {len(targets)} morph targets, others have {len(rig.morph_weights)}", where=where
         )
-    deltas = np.zeros((len(targets), count, 3))
-    for index, target in enumerate(targets):
-        if "POSITION" in target:
-            deltas[index] = _attribute(document, target["POSITION"], count, 3, where)
+
+    def deltas_of(name: str) -> Floats:
+        deltas = np.zeros((len(targets), count, 3))
+        for index, target in enumerate(targets):
+            if name in target:
+                deltas[index] = _attribute(document, target[name], count, 3, where)
+        return deltas
+
     joints, weights = np.zeros((count, 1), np.intp), np.ones((count, 1))
     if rig.skinned:
         joints, weights = _read_influences(document, attributes, count, len(rig.joints), where)
-    # The sum with 0 makes -0 and 0 one value, as they are one place.
-    return positions + 0.0, deltas, joints, weights, read_triangles(document, primitive, count, where)
+    has_normals = "NORMAL" in attributes
+    return Vertices(
+        starts=np.array([0, count]),
+        # The sum with 0 makes -0 and 0 one value, as they are one place.
+        positions=positions + 0.0,
+        morph_deltas=deltas_of("POSITION"),
+        joints=joints,
+        weights=weights,
+        normals=_attribute(document, attributes["NORMAL"], count, 3, where) if has_normals else None,
+        normal_deltas=deltas_of("NORMAL") if has_normals else None,
+    )
 
 
 def _attribute(document: Document, index: int, count: int, size: int, where: str) -> Any:
@@ -195,8 +258,10 @@ def read_triangles(document: Document, primitive: Json, count: int, where: str) 
     return np.stack([first, np.where(odd, third, second), np.where(odd, second, third)], axis=1)
 
 
-def _weld(positions: Floats, joints: Ints, weights: Floats, deltas: Floats) -> tuple[Ints, Ints, Bools]:
+def _weld(vertices: Vertices) -> tuple[Ints, Ints, Bools]:
     """Welded vertex of each vertex, the first vertex of each welded one, and which welded ones have twins."""
+    positions, deltas = vertices.positions, vertices.morph_deltas
+    joints, weights = vertices.joints, vertices.weights
     order = np.lexsort(positions.T[::-1])
     fresh = np.ones(len(order), bool)
     fresh[1:] = (positions[order[1:]] != positions[order[:-1]]).any(axis=1)

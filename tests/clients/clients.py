@@ -1,0 +1,203 @@
+"""Other people's glTF software for the tests: the Khronos validator and three.js, both in node.
+
+They come by `npm ci` from the lock file beside this one, on first use. Without node a test that needs them is
+skipped with the reason; where `CI` is set it fails instead.
+"""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+HERE = Path(__file__).resolve().parent
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What the Khronos validator says of a file.
+
+    Attributes:
+        path: The file.
+        errors: Number of errors.
+        warnings: Number of warnings.
+        messages: Every issue, infos and hints too: `code`, `message`, `severity` (0 error to 3 hint) and
+            mostly `pointer`.
+    """
+
+    path: Path
+    errors: int
+    warnings: int
+    messages: tuple[dict[str, Any], ...]
+
+    def lines(self, *, severity: int = 1) -> list[str]:
+        """The issues down to a severity, as text for an assertion's message."""
+        return [
+            f"{self.path.name}#{message.get('pointer', '')}: {message['code']}: {message['message']}"
+            for message in self.messages
+            if message["severity"] <= severity
+        ]
+
+
+def _give_up(reason: str) -> NoReturn:
+    if os.environ.get("CI", "").lower() in ("1", "true"):
+        pytest.fail(reason, pytrace=False)
+    pytest.skip(reason)
+
+
+@cache
+def _node() -> tuple[str, str]:
+    """The node to run, or the reason why there is none: one of both is empty."""
+    places = os.pathsep.join((os.environ.get("PATH", ""), str(Path(sys.executable).parent)))
+    node, npm = shutil.which("node", path=places), shutil.which("npm", path=places)
+    if node is None or npm is None:
+        return "", f"{'node' if node is None else 'npm'} is not installed: no Khronos validator, no three.js"
+    pins: dict[str, str] = json.loads((HERE / "package.json").read_text())["dependencies"]
+    manifests = {HERE / "node_modules" / name / "package.json": pin for name, pin in pins.items()}
+    if not all(
+        path.is_file() and json.loads(path.read_text())["version"] == pin for path, pin in manifests.items()
+    ):
+        command = [npm, "ci", "--ignore-scripts", "--no-audit", "--no-fund"]
+        installed = subprocess.run(command, cwd=HERE, capture_output=True, text=True, check=False)
+        if installed.returncode != 0:
+            return "", f"npm ci failed in {HERE}: {installed.stderr.strip()[-600:]}"
+    return node, ""
+
+
+def require_node() -> str:
+    """The path of node, its packages installed.
+
+    Skips the test without node, npm or a network to install from; fails it where `CI` is set.
+    """
+    node, reason = _node()
+    if not node:
+        _give_up(reason)
+    return node
+
+
+def _run(script: str, *arguments: str, stdin: str = "") -> str:
+    command = [require_node(), str(HERE / script), *arguments]
+    done = subprocess.run(command, input=stdin, capture_output=True, text=True, encoding="utf-8", check=False)
+    assert done.returncode == 0, f"{script}: {done.stderr.strip()[-2000:]}"
+    return done.stdout
+
+
+def validate(paths: Sequence[Path]) -> list[Report]:
+    """Run the Khronos validator over .glb and .gltf files, external buffers and images included."""
+    answers = map(json.loads, _run("validate.mjs", *map(str, paths)).splitlines())
+    return [
+        Report(path, answer["numErrors"], answer["numWarnings"], tuple(answer["messages"]))
+        for path, answer in zip(paths, answers, strict=True)
+    ]
+
+
+def assert_valid(*paths: Path) -> None:
+    """The Khronos validator finds no error in any of the files."""
+    found = [line for report in validate(paths) for line in report.lines(severity=0)]
+    assert not found, "\n".join(found)
+
+
+def pose_with_normals(
+    file: Path,
+    *,
+    node: str | int,
+    clip: str | int | None,
+    times: Sequence[float],
+    vertices: Sequence[int] | None = None,
+) -> tuple[Floats, Floats]:
+    """Pose a node's mesh with three.js, positions and normals as its shaders would leave them.
+
+    Args:
+        file: .glb or .gltf with a NORMAL for each primitive.
+        node: Name or index of a node with a mesh.
+        clip: Name or index of an animation; None for the pose as stored.
+        times: Seconds, held at both ends of the clip.
+        vertices: These alone; default all, the primitives one after another in file order.
+
+    Returns:
+        (times, vertices, 3) world-space positions in scene units, and unit normals; float32's precision.
+    """
+    positions, normals = _posed(file, node, clip, times, vertices, ("output", "normals"))
+    return positions, normals
+
+
+def pose(
+    file: Path,
+    *,
+    node: str | int,
+    clip: str | int | None,
+    times: Sequence[float],
+    vertices: Sequence[int] | None = None,
+) -> Floats:
+    """Pose a node's mesh with three.js: the positions alone of `pose_with_normals`, NORMAL not needed."""
+    (positions,) = _posed(file, node, clip, times, vertices, ("output",))
+    return positions
+
+
+def _posed(
+    file: Path,
+    node: str | int,
+    clip: str | int | None,
+    times: Sequence[float],
+    vertices: Sequence[int] | None,
+    wanted: tuple[str, ...],
+) -> list[Floats]:
+    with tempfile.TemporaryDirectory() as folder:
+        outputs = {key: str(Path(folder, f"{key}.f32")) for key in wanted}
+        request = {
+            "file": str(file),
+            "node": node,
+            "clip": clip,
+            "times": [float(time) for time in times],
+            "vertices": None if vertices is None else [int(vertex) for vertex in vertices],
+            **outputs,
+        }
+        (answer,) = json.loads(_run("pose.mjs", stdin=json.dumps([request])))
+        shape = (len(times), answer["vertices"], 3)
+        return [np.fromfile(path, np.float32).reshape(shape).astype(np.float64) for path in outputs.values()]
+
+
+def compare_with_three(
+    path: Path,
+    node: str | int,
+    clip: str | int | None,
+    times: Sequence[float],
+    expected: Floats,
+    *,
+    tolerance: float = 2e-6,
+) -> float:
+    """Assert that three.js poses a file as expected.
+
+    Args:
+        path: .glb or .gltf.
+        node: Name or index of a node with a mesh.
+        clip: Name or index of an animation; None for the pose as stored.
+        times: Seconds.
+        expected: (times, vertices, 3) world-space positions, the primitives one after another.
+        tolerance: Relative to the greatest coordinate; the default is some steps of float32.
+
+    Returns:
+        The greatest difference of a coordinate, scene units.
+    """
+    found = pose(path, node=node, clip=clip, times=times)
+    assert found.shape == expected.shape
+    differences = np.abs(found - expected)
+    worst = np.unravel_index(differences.argmax(), differences.shape)
+    limit = tolerance * max(1e-6, float(np.abs(expected).max()))
+    assert differences[worst] <= limit, (
+        f"{path.name}: {differences[worst]:.3g} > {limit:.3g} at time {times[worst[0]]:g}, vertex {worst[1]}:"
+        f" three.js {found[worst[:2]]}, expected {expected[worst[:2]]}"
+    )
+    return float(differences[worst])

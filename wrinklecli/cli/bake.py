@@ -1,0 +1,186 @@
+"""`wrinkle bake`."""
+
+import json
+import signal
+import sys
+from typing import Any
+
+import click
+
+
+def _length(_context: click.Context, parameter: click.Parameter, value: str | None) -> Any:
+    """A length in scene units, or per cent of the tallest wrinkle."""
+    if value is None:
+        return None
+    from wrinklecli.config import Length
+
+    percent = value.endswith("%")
+    try:
+        number = float(value.removesuffix("%"))
+    except ValueError:
+        number = -1.0
+    if not 0 < number < float("inf"):
+        raise click.BadParameter(
+            f"{value!r} is neither a length above 0 nor a percentage such as 1%", param=parameter
+        )
+    return Length(number, percent=percent)
+
+
+@click.command(
+    epilog="Example: wrinkle bake samples/trousers.glb configs/trousers.yaml -o out.glb",
+)
+@click.argument("asset")
+@click.argument("tools")
+@click.option("-o", "--output", metavar="OUT", help="The .glb or .gltf to write.")
+@click.option(
+    "--mode",
+    type=click.Choice(["morph", "frames"]),
+    default="morph",
+    show_default=True,
+    help="morph: keep the skin, add morph targets and their weights. frames: a posed mesh for each frame.",
+)
+@click.option("--clip", "clips", metavar="NAME", multiple=True, help="Bake only this clip; may be repeated.")
+@click.option("--tool", "only", metavar="NAME", multiple=True, help="Bake only this tool; may be repeated.")
+@click.option(
+    "--fps", type=click.FloatRange(0.1, 1000), help="Frames per second; overrides sampling.fps (30)."
+)
+@click.option(
+    "--max-error",
+    metavar="LENGTH",
+    default="1%",
+    show_default=True,
+    callback=_length,
+    help="Refuse a file that is off by more: scene units, or per cent of the tallest wrinkle.",
+)
+@click.option(
+    "--max-levels", type=click.IntRange(0, 8), help="Overrides refinement.max_levels; 0 does not refine."
+)
+@click.option(
+    "--accessors",
+    type=click.Choice(["sparse", "dense"]),
+    default="sparse",
+    show_default=True,
+    help="dense: for readers without sparse accessors, such as VTK and f3d.",
+)
+@click.option(
+    "--tracks",
+    type=click.Choice(["all", "none"]),
+    default="all",
+    show_default=True,
+    help="none: write targets and extras, but no weight tracks.",
+)
+@click.option("--frames-dir", metavar="DIR", help="Also write a file for each frame into DIR.")
+@click.option(
+    "--frames-format",
+    type=click.Choice(["obj", "ply", "glb"]),
+    default="obj",
+    show_default=True,
+    help="Of the files in DIR.",
+)
+@click.option("--report", metavar="FILE.json", help="Write what was made and how exact it is.")
+@click.option("--depfile", metavar="FILE.d", help="Write the files that OUT depends on, for Make and Ninja.")
+@click.option("--strict", is_flag=True, help="Treat warnings as refusals (exit code 3).")
+@click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
+@click.option("-v", "--verbose", is_flag=True, help="Print a line for each tool.")
+def bake(
+    asset: str,
+    tools: str,
+    output: str | None,
+    report: str | None,
+    depfile: str | None,
+    quiet: bool,
+    verbose: bool,
+    **options: Any,
+) -> None:
+    """Bake the wrinkling tools of TOOLS (YAML) into the animations of ASSET (glTF).
+
+    OUT is replaced only by a complete file.
+
+    Exit codes: 0 done; 1 the input is at fault, nothing written; 2 wrong usage; 3 refused (--max-error,
+    --strict), nothing written; 70 a bug.
+    """
+    if output is None and options["frames_dir"] is None:
+        raise click.UsageError("Missing option '-o' (or '--frames-dir').")
+    if output is None and depfile is not None:
+        raise click.UsageError("'--depfile' needs '-o'.")
+    if output is not None and not output.lower().endswith((".glb", ".gltf")):
+        raise click.BadParameter(f"{output!r} ends neither in .glb nor .gltf", param_hint="-o")
+    # Killed softly, the bake unwinds and removes its temporary file.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+
+    from wrinklecli import bake as run
+    from wrinklecli.cli import printable
+    from wrinklecli.document import replace_bytes
+    from wrinklecli.pipeline import refuse_overwriting
+
+    extra = [path for path in (report, depfile) if path is not None]
+    refuse_overwriting([asset, tools, *([output] if output else [])], extra)
+    with _Progress(shown=not quiet and sys.stderr.isatty()) as progress:
+        made = run(asset, tools, output, details=report is not None, progress=progress.show, **options)
+    if report is not None:
+        replace_bytes(report, json.dumps(made.data, indent=1, allow_nan=False).encode() + b"\n")
+    if depfile is not None and output is not None:
+        replace_bytes(depfile, dependencies(output, made.inputs).encode())
+    if quiet:
+        return
+    for warning in made.warnings:
+        click.echo(f"warning: {printable(warning)}", err=True)
+    if verbose:
+        for tool in made.data["tools"]:
+            click.echo(
+                printable(
+                    f"{tool['name']} on {tool['node']}: {tool['moved_vertices']} vertices,"
+                    f" targets {', '.join(tool['targets']) or 'none'}"
+                ),
+                err=True,
+            )
+    click.echo(printable(f"{output or options['frames_dir']}: {made.summary}"), err=True)
+
+
+def dependencies(target: str, inputs: list[str]) -> str:
+    """A Make rule that rebuilds the target when an input changes, and an empty rule for each input.
+
+    The empty rules keep Make going when an input is renamed.
+    """
+    escaped = [_escape(path) for path in dict.fromkeys(inputs)]
+    return f"{_escape(target)}: {' '.join(escaped)}\n" + "".join(f"\n{path}:\n" for path in escaped)
+
+
+def _escape(path: str) -> str:
+    """A path in a Make rule: a space, # and the backslashes before them escaped, $ doubled."""
+    escaped = []
+    for c in path:
+        if c in " #\t":
+            backslashes = len(escaped)
+            while backslashes and escaped[backslashes - 1] == "\\":
+                backslashes -= 1
+            escaped += ["\\"] * (len(escaped) - backslashes) + ["\\", c]
+        else:
+            escaped.append("$$" if c == "$" else c)
+    return "".join(escaped)
+
+
+class _Progress:
+    """A bar on a terminal, nothing in a pipe."""
+
+    def __init__(self, *, shown: bool) -> None:
+        self._shown = shown
+        self._drawn = False
+
+    def __enter__(self) -> "_Progress":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._drawn:
+            click.echo("\r\x1b[K", nl=False, err=True)
+
+    def show(self, stage: str, done: int, total: int) -> None:
+        if self._shown:
+            width = 30
+            filled = width * done // max(total, 1)
+            click.echo(
+                f"\r\x1b[K{stage:>8} {'#' * filled}{'.' * (width - filled)} {done}/{total}",
+                nl=False,
+                err=True,
+            )
+            self._drawn = True

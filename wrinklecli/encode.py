@@ -1,0 +1,359 @@
+"""Refined meshes, shapes and weights into a draft document, as sparse morph targets and weight tracks.
+
+Source: glTF 2.0 §3.7.2.2 (morph targets), §3.6.2.3 (sparse accessors), §3.11 (animation).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrinklecli.curve import ControlCurve
+from wrinklecli.deform import Shape, turn_to, weight_table
+from wrinklecli.document import INDEX_DATA, VERTEX_DATA, Document, Draft, Json, index_type
+from wrinklecli.errors import AssetError
+from wrinklecli.patch import Anchor, Patch
+from wrinklecli.pose import Clip, Rig, morph_target_names
+from wrinklecli.refine import Refinement
+from wrinklecli.surface import unit
+from wrinklecli.tracks import Track
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
+Array = NDArray[Any]
+
+# Raised only when the geometry that the same asset and tools give changes.
+METHOD = 1
+
+# Decimal digits of numbers in extras: float32's own.
+_DIGITS = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A morph target to write: its name and shape."""
+
+    name: str
+    shape: Shape
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """The vertices of one primitive after refinement.
+
+    Attributes:
+        index: Of the primitive.
+        old: (old vertices,) glTF vertices of the surface, in file order.
+        new: (new vertices,) into the refinement's new glTF vertices.
+        sources: (new vertices, 3) vertices of this primitive that each is mixed from.
+        shares: (new vertices, 3).
+        weld: (vertices,) fine welded vertex of each, old ones first.
+        triangles: (triangles, 3) of this primitive, local vertices.
+        changed: Whether any triangle was split.
+    """
+
+    index: int
+    old: Ints
+    new: Ints
+    sources: Ints
+    shares: Floats
+    weld: Ints
+    triangles: Ints
+    changed: bool
+
+    def mix(self, values: Floats) -> Floats:
+        """(new vertices, …) of (old vertices, …) values."""
+        mixed: Floats = np.einsum("vk,vk...->v...", self.shares, values[self.sources])
+        return mixed
+
+    def heaviest(self) -> Ints:
+        """(new vertices,) the old vertex that each is nearest to; the first among equals."""
+        return self.sources[np.arange(len(self.sources)), np.argmax(self.shares, axis=1)]
+
+
+def parts_of(fine: Refinement) -> list[_Part]:
+    """The vertices of each primitive after refinement."""
+    starts = fine.surface.vertex_starts
+    old_count = int(starts[-1])
+    parts = []
+    for index in range(len(starts) - 1):
+        old = np.arange(starts[index], starts[index + 1])
+        new = np.flatnonzero(fine.primitives == index)
+        local = np.zeros(old_count + len(fine.primitives), np.intp)
+        local[old] = np.arange(len(old))
+        local[old_count + new] = len(old) + np.arange(len(new))
+        faces = fine.triangle_primitives == index
+        parts.append(
+            _Part(
+                index=index,
+                old=old,
+                new=new,
+                sources=local[fine.sources[new]],
+                shares=fine.shares[new],
+                weld=np.concatenate([fine.weld[old], fine.weld[old_count + new]]),
+                triangles=local[fine.corners[faces]],
+                changed=int(faces.sum()) != int((fine.surface.primitives == index).sum()),
+            )
+        )
+    return parts
+
+
+def encode_mesh(
+    draft: Draft, rig: Rig, fine: Refinement, targets: Sequence[Target], *, sparse: bool, stored: Floats
+) -> None:
+    """Write the refined primitives and the new morph targets of a node's mesh.
+
+    Only this node changes: a mesh that others show too is cloned. Every primitive gets every target; those
+    that it leaves alone share one accessor of zeros. A base without NORMAL gets no NORMAL targets: glTF
+    prescribes flat normals there. Old targets without NORMAL get one of zeros, which means the same, as
+    three.js otherwise adds the base normal in its place.
+
+    Args:
+        draft: The document.
+        rig: Of the node.
+        fine: Its refined surface.
+        targets: The new morph targets.
+        sparse: Write targets as sparse accessors.
+        stored: (targets,) weights in the stored pose.
+    """
+    node = draft.gltf["nodes"][rig.node]
+    mesh = own_mesh(draft, node, rig.mesh)
+    names = morph_target_names(mesh) + [target.name for target in targets]
+    source = draft.source
+    for part in parts_of(fine):
+        primitive = mesh["primitives"][part.index]
+        where = source.where("meshes", rig.mesh, "primitives", part.index)
+        old_targets = primitive.get("targets", [])
+        base = base_normals(source, primitive, part)
+        if part.changed:
+            _refine_primitive(draft, primitive, part, fine, where)
+        if not targets:
+            continue
+        primitive["targets"] = [
+            _with_zero_normal(draft, each, len(part.weld), base is not None, sparse)
+            for each in old_targets
+        ] + [_encode_target(draft, each.shape, part, fine, base, sparse) for each in targets]
+    if not targets:
+        return
+    if isinstance(mesh.setdefault("extras", {}), dict):
+        mesh["extras"]["targetNames"] = names
+    old_count = len(names) - len(targets)
+    if "weights" in mesh:
+        mesh["weights"] = mesh["weights"][:old_count] + [0.0] * len(targets)
+    if "weights" in node or stored.any():
+        node["weights"] = [float(each) for each in rig.morph_weights] + [
+            float(np.float32(each)) for each in stored
+        ]
+
+
+def own_mesh(draft: Draft, node: Json, mesh: int) -> Json:
+    """The mesh of a node, cloned first if other nodes show it too."""
+    meshes = draft.gltf["meshes"]
+    if sum(each.get("mesh") == mesh for each in draft.gltf["nodes"]) > 1:
+        node["mesh"] = draft.clone_mesh(mesh)
+    found: Json = meshes[node["mesh"]]
+    return found
+
+
+def base_normals(source: Document, primitive: Json, part: _Part) -> Floats | None:
+    """(vertices, 3) unit NORMALs of a primitive, those of new vertices mixed; None where it has none."""
+    if "NORMAL" not in primitive.get("attributes", {}):
+        return None
+    old = unit(source.accessor(primitive["attributes"]["NORMAL"]))
+    return np.concatenate([old, unit(part.mix(old))])
+
+
+def _refine_primitive(draft: Draft, primitive: Json, part: _Part, fine: Refinement, where: str) -> None:
+    """Replace a primitive's attributes, old targets and indices by refined ones."""
+    attributes = primitive["attributes"]
+    for name, index in attributes.items():
+        values, normalized = _refined_attribute(draft, name, index, part, fine, where)
+        attributes[name] = draft.add(
+            values, target=VERTEX_DATA, normalized=normalized, bounds=name == "POSITION", replaces=index
+        )
+    for number, target in enumerate(primitive.get("targets", [])):
+        for name, index in target.items():
+            old = draft.source.accessor(index, user=where)
+            new = (
+                fine.morph_deltas[number, part.weld[len(part.old) :]] if name == "POSITION" else part.mix(old)
+            )
+            values = np.concatenate([old, new]).astype(np.float32)
+            bounds = name == "POSITION"
+            if "sparse" in draft.source.items("accessors")[index]:
+                changed = np.flatnonzero(values.any(axis=1))
+                target[name] = draft.add_sparse(
+                    changed, values[changed], count=len(values), bounds=bounds, replaces=index
+                )
+            else:
+                target[name] = draft.add(values, target=VERTEX_DATA, bounds=bounds, replaces=index)
+    primitive.pop("mode", None)
+    indices = part.triangles.reshape(-1).astype(index_type(len(part.weld)))
+    primitive["indices"] = draft.add(indices, target=INDEX_DATA, replaces=primitive.get("indices"))
+
+
+def _refined_attribute(
+    draft: Draft, name: str, index: int, part: _Part, fine: Refinement, where: str
+) -> tuple[Array, bool]:
+    """Stored values of an attribute with those of new vertices appended, and whether they are normalised."""
+    source = draft.source
+    accessor = source.items("accessors")[index]
+    old = source.accessor(index, user=where)
+    if len(old) != len(part.old):
+        raise AssetError(f"{name} has {len(old)} elements for {len(part.old)} vertices", where=where)
+    new_vertices = part.weld[len(part.old) :]
+    if name == "POSITION":
+        return np.concatenate([old, fine.positions[new_vertices]]).astype(np.float32), False
+    if name == "NORMAL":
+        return np.concatenate([old, unit(part.mix(old))]).astype(np.float32), False
+    if name == "TANGENT":
+        # The fourth number is a handedness, -1 or 1: it cannot be mixed.
+        turned = np.concatenate([unit(part.mix(old[:, :3])), old[part.heaviest(), 3:]], axis=1)
+        return np.concatenate([old, turned]).astype(np.float32), False
+    kind, _, number = name.partition("_")
+    if kind in ("JOINTS", "WEIGHTS") and number.isdigit():
+        rows = new_vertices - len(fine.surface.positions)
+        columns = slice(4 * int(number), 4 * int(number) + 4)
+        if kind == "JOINTS":
+            new = fine.joints_pruned[rows, columns]
+            return np.concatenate([old, new]).astype(_smallest_joint_type(old, new)), False
+        return np.concatenate([old, fine.weights_pruned[rows, columns]]).astype(np.float32), False
+    stored = source.stored_dtype(index)
+    if stored.kind == "f":
+        return np.concatenate([old, part.mix(old)]).astype(np.float32), False
+    if accessor.get("normalized"):
+        limit = np.iinfo(stored).max
+        return np.rint(np.concatenate([old, part.mix(old)]) * limit).astype(stored), True
+    # Plain integers are names of something (feature ids): nothing lies between two of them.
+    return np.concatenate([old, old[part.heaviest()]]).astype(stored), False
+
+
+def _smallest_joint_type(old: Array, new: Ints) -> np.dtype[Any]:
+    most = max(int(old.max(initial=0)), int(new.max(initial=0)))
+    return np.dtype("<u1") if most < 256 and old.dtype.itemsize == 1 else np.dtype("<u2")
+
+
+def _with_zero_normal(draft: Draft, target: Json, count: int, has_normals: bool, sparse: bool) -> Json:
+    if not has_normals or "NORMAL" in target:
+        return target
+    return target | {"NORMAL": _zeros(draft, count, sparse=sparse, bounds=False)}
+
+
+def _zeros(draft: Draft, count: int, *, sparse: bool, bounds: bool) -> int:
+    nothing = np.zeros((0, 3), np.float32)
+    return draft.add_sparse(np.zeros(0, np.intp), nothing, count=count, bounds=bounds, stored=not sparse)
+
+
+def _encode_target(
+    draft: Draft, shape: Shape, part: _Part, fine: Refinement, base: Floats | None, sparse: bool
+) -> Json:
+    """One morph target on one primitive."""
+    target: Json = {}
+    rows = _rows(shape.vertices, len(fine.positions))[part.weld]
+    moved = np.flatnonzero(rows >= 0)
+    target["POSITION"] = _add_vectors(draft, moved, shape.deltas[rows[moved]], len(rows), sparse, bounds=True)
+    if base is not None:
+        rows = _rows(shape.normal_vertices, len(fine.positions))[part.weld]
+        turned = np.flatnonzero(rows >= 0)
+        smooth = fine.normals[part.weld[turned]]
+        deltas = turn_to(smooth, base[turned], shape.normal_deltas[rows[turned]])
+        target["NORMAL"] = _add_vectors(draft, turned, deltas, len(rows), sparse, bounds=False)
+    return target
+
+
+def _rows(vertices: Ints, count: int) -> Ints:
+    """(count,) where each vertex is in a list of them, -1 where it is not."""
+    rows = np.full(count, -1, np.intp)
+    rows[vertices] = np.arange(len(vertices))
+    return rows
+
+
+def _add_vectors(
+    draft: Draft, indices: Ints, values: Floats, count: int, sparse: bool, *, bounds: bool
+) -> int:
+    stored = values.astype(np.float32)
+    if sparse or not len(indices):
+        return draft.add_sparse(indices, stored, count=count, bounds=bounds, stored=not sparse)
+    dense = np.zeros((count, 3), np.float32)
+    dense[indices] = stored
+    return draft.add(dense, target=VERTEX_DATA, bounds=bounds)
+
+
+def encode_track(draft: Draft, clip: Clip, node: int, track: Track) -> None:
+    """Write a weights channel into a clip, in place of the one that the node had there."""
+    animation = draft.gltf["animations"][clip.index]
+    channel = clip.channel(node, "weights")
+    old_sampler = None
+    if channel is not None:
+        entry = animation["channels"][channel.index]
+        users = sum(each.get("sampler") == entry["sampler"] for each in animation["channels"])
+        old_sampler = entry["sampler"] if users == 1 else None
+    sampler = animation["samplers"][old_sampler] if old_sampler is not None else {}
+    times = track.times.astype(np.float32)
+    sampler = dict(sampler)
+    sampler["input"] = draft.add(times, bounds=True, replaces=sampler.get("input"))
+    sampler["interpolation"] = track.interpolation
+    sampler["output"] = draft.add(track.values.astype(np.float32).reshape(-1), replaces=sampler.get("output"))
+    if old_sampler is not None:
+        animation["samplers"][old_sampler] = sampler
+        return
+    animation["samplers"].append(sampler)
+    number = len(animation["samplers"]) - 1
+    if channel is not None:
+        animation["channels"][channel.index]["sampler"] = number
+    else:
+        animation["channels"].append({"sampler": number, "target": {"node": node, "path": "weights"}})
+
+
+def encode_extras(draft: Draft, rig: Rig, tools: Sequence[tuple[Patch, Sequence[str | None]]]) -> None:
+    """Write the tools into the node's extras, enough to play wrinkles for a clip that was never baked.
+
+    An engine poses both anchors (the sum over joints of weight · matrix · position, where the matrix takes
+    bind to world space), takes d = rest_length - distance and finds the targets' weights in the table's rows,
+    uniform in the square root of d / rest_length from 0 to 1.
+    """
+    node = draft.gltf["nodes"][rig.node]
+    if not isinstance(node.setdefault("extras", {}), dict):
+        return
+    node["extras"]["wrinkle"] = {
+        "method": METHOD,
+        "tools": [
+            {
+                "name": patch.tool.name,
+                "origin": _anchor_json(patch.origin, rig),
+                "target": _anchor_json(patch.target, rig),
+                "rest_length": _digits(patch.rest_length),
+                "targets": [name for name in names if name is not None],
+                "weights": _table_json(patch.curve, names),
+            }
+            for patch, names in tools
+        ],
+    }
+
+
+def _table_json(curve: ControlCurve, names: Sequence[str | None]) -> list[list[float]]:
+    table = weight_table(curve)
+    written = [index for index, name in enumerate(names) if name is not None]
+    rows = table.reshape(len(table), -1)
+    return [[_digits(value) for value in row] for row in rows[:, written]]
+
+
+def _anchor_json(anchor: Anchor, rig: Rig) -> Json:
+    weights = anchor.points[0, :, 3]
+    anchored: Json = {
+        "joints": [rig.names[int(rig.joints[joint])] for joint in anchor.joints],
+        "weights": [_digits(weight) for weight in weights],
+        "positions": [[_digits(x) for x in point] for point in anchor.points[0, :, :3] / weights[:, None]],
+    }
+    if anchor.points[1:].any():
+        anchored["morphs"] = {
+            name: [[_digits(x) for x in point] for point in points[:, :3] / weights[:, None]]
+            for name, points in zip(rig.morph_names, anchor.points[1:], strict=True)
+            if points.any()
+        }
+    return anchored
+
+
+def _digits(value: float) -> float:
+    return float(f"{value:.{_DIGITS}g}")

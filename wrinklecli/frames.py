@@ -1,0 +1,318 @@
+"""Per-frame geometry: posed, unskinned meshes, as nodes that a clip shows one after another, or as files.
+
+Source: glTF 2.0 §3.7.3.3 (skinning) and §3.11 (STEP). A skinned node must not be hidden by scale, so the
+frames are unskinned and their nodes roots.
+"""
+
+import os
+import re
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrinklecli.deform import turn_to
+from wrinklecli.document import VERTEX_DATA, Document, Draft, Json
+from wrinklecli.encode import Target, base_normals, encode_mesh, parts_of
+from wrinklecli.errors import BakeError
+from wrinklecli.patch import inverses
+from wrinklecli.pose import Clip, Rig, blend, joint_matrices, morph_weights, transform
+from wrinklecli.refine import Refinement
+from wrinklecli.surface import unit
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
+Progress = Callable[[str, int, int], None]
+
+# Frames posed at once: bounds the memory.
+_CHUNK = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """One clip, sampled.
+
+    Attributes:
+        clip: The animation.
+        times: (frames,) seconds.
+        weights: (frames, targets) of the wrinkles.
+    """
+
+    clip: Clip
+    times: Floats
+    weights: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Frames:
+    """What the posed frames of one node's mesh are made from."""
+
+    rig: Rig
+    fine: Refinement
+    targets: tuple[Target, ...]
+    motions: tuple[Motion, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Posed:
+    """One frame of all glTF vertices, primitive after primitive, world space."""
+
+    positions: Floats
+    normals: Floats | None
+    tangents: Floats | None
+
+
+def _pose_frames(document: Document, frames: Frames, motion: Motion) -> Iterator[_Posed]:
+    """Pose every frame of a clip by unpruned skin weights, wrinkles included."""
+    rig, fine = frames.rig, frames.fine
+    parts = parts_of(fine)
+    primitives = document.items("meshes")[rig.mesh]["primitives"]
+    welds = np.concatenate([part.weld for part in parts])
+    bases = [base_normals(document, each, part) for each, part in zip(primitives, parts, strict=True)]
+    base = np.concatenate([each for each in bases if each is not None]) if None not in bases else None
+    tangents = _tangents(document, primitives, frames)
+    weights = fine.dense_weights(np.arange(len(fine.positions)), len(rig.joints))
+    turned = [_turned_normals(target, fine, welds, base) for target in frames.targets if base is not None]
+    for start in range(0, len(motion.times), _CHUNK):
+        times = motion.times[start : start + _CHUNK]
+        blended = blend(weights, joint_matrices(rig, motion.clip, times))
+        morphs = morph_weights(rig, motion.clip, times)
+        for frame in range(len(times)):
+            played = motion.weights[start + frame]
+            bind = fine.positions + np.tensordot(morphs[frame], fine.morph_deltas, axes=1)
+            for weight, target in zip(played, frames.targets, strict=True):
+                bind[target.shape.vertices] += weight * target.shape.deltas
+            posed = transform(blended[frame : frame + 1], bind)[0]
+            normals = None
+            if base is not None:
+                bent = base.copy()
+                for weight, (vertices, deltas) in zip(played, turned, strict=True):
+                    bent[vertices] += weight * deltas
+                normals = unit(np.einsum("vji,vj->vi", inverses(blended[frame])[welds], bent))
+            moved = None
+            if tangents is not None:
+                along = np.einsum("vij,vj->vi", blended[frame][welds, :, :3], tangents[:, :3])
+                moved = np.concatenate([unit(along), tangents[:, 3:]], axis=1)
+            yield _Posed(posed[welds], normals, moved)
+
+
+def _tangents(document: Document, primitives: Sequence[Json], frames: Frames) -> Floats | None:
+    if not all("TANGENT" in each["attributes"] for each in primitives):
+        return None
+    tangents = []
+    for each, part in zip(primitives, parts_of(frames.fine), strict=True):
+        old = document.accessor(each["attributes"]["TANGENT"])
+        mixed = np.concatenate([unit(part.mix(old[:, :3])), old[part.heaviest(), 3:]], axis=1)
+        tangents.append(np.concatenate([old, mixed]))
+    return np.concatenate(tangents)
+
+
+def _turned_normals(target: Target, fine: Refinement, welds: Ints, base: Floats) -> tuple[Ints, Floats]:
+    """The glTF vertices whose normal a target changes, and by how much at weight 1."""
+    rows = np.full(len(fine.positions), -1, np.intp)
+    rows[target.shape.normal_vertices] = np.arange(len(target.shape.normal_vertices))
+    here = np.flatnonzero(rows[welds] >= 0)
+    deltas = target.shape.normal_deltas[rows[welds[here]]]
+    return here, turn_to(fine.normals[welds[here]], base[here], deltas)
+
+
+def encode_frames(draft: Draft, every: Sequence[Frames], progress: Progress) -> None:
+    """Replace the node of each mesh by one unskinned node for each frame, shown in turn by STEP scale tracks.
+
+    The first frame of the first clip is shown at rest. A clip that was not baked shows that frame throughout.
+
+    Args:
+        draft: The document.
+        every: The meshes.
+        progress: Called with a stage's name, frames done and frames in all.
+    """
+    for frames in every:
+        _encode_node(draft, frames, progress)
+
+
+def _encode_node(draft: Draft, frames: Frames, progress: Progress) -> None:
+    rig = frames.rig
+    encode_mesh(draft, rig, frames.fine, (), sparse=True, stored=np.zeros(0))
+    node = draft.gltf["nodes"][rig.node]
+    template = draft.gltf["meshes"][node["mesh"]]
+    for key in ("mesh", "skin", "weights"):
+        node.pop(key, None)
+    _drop_weight_channels(draft, rig.node)
+    parts = parts_of(frames.fine)
+    bounds = np.cumsum([0] + [len(part.weld) for part in parts])
+    nodes, meshes = draft.gltf["nodes"], draft.gltf["meshes"]
+    group = {"name": f"{rig.names[rig.node]}_frames", "children": []}
+    nodes.append(group)
+    _add_root(draft, rig, len(nodes) - 1)
+    total = sum(len(motion.times) for motion in frames.motions)
+    first, done = len(nodes), 0
+    for motion in frames.motions:
+        start = len(nodes)
+        for posed in _pose_frames(draft.source, frames, motion):
+            meshes.append(_frame_mesh(draft, template, posed, bounds))
+            name = f"{rig.names[rig.node]}_{motion.clip.name}_{len(nodes) - start:04d}"
+            hidden = {} if len(nodes) == first else {"scale": [0.0, 0.0, 0.0]}
+            group["children"].append(len(nodes))
+            nodes.append({"name": name, "mesh": len(meshes) - 1, **hidden})
+            done += 1
+            progress("frames", done, total)
+        _show_in_turn(draft, motion, start, first)
+    baked = {motion.clip.index for motion in frames.motions}
+    for index, animation in enumerate(draft.gltf.get("animations", [])):
+        if index not in baked:
+            _add_scale(draft, animation, first, np.zeros(1), [1.0])
+
+
+def _frame_mesh(draft: Draft, template: Json, posed: _Posed, bounds: Ints) -> Json:
+    primitives = []
+    for index, primitive in enumerate(template["primitives"]):
+        span = slice(bounds[index], bounds[index + 1])
+        attributes = {
+            name: accessor
+            for name, accessor in primitive["attributes"].items()
+            if name not in ("POSITION", "NORMAL", "TANGENT") and not name.startswith(("JOINTS_", "WEIGHTS_"))
+        }
+        for name, values in (
+            ("POSITION", posed.positions),
+            ("NORMAL", posed.normals),
+            ("TANGENT", posed.tangents),
+        ):
+            if values is not None:
+                stored = values[span].astype(np.float32)
+                attributes[name] = draft.add(stored, target=VERTEX_DATA, bounds=name == "POSITION")
+        kept = {key: value for key, value in primitive.items() if key not in ("attributes", "targets")}
+        primitives.append({"attributes": attributes, **kept})
+    return {"primitives": primitives}
+
+
+def _drop_weight_channels(draft: Draft, node: int) -> None:
+    """Take out the channels that drove the morph targets of a mesh that is gone, with their samplers."""
+    for animation in draft.gltf.get("animations", []):
+        gone = [
+            channel
+            for channel in animation["channels"]
+            if channel.get("target", {}).get("node") == node and channel["target"].get("path") == "weights"
+        ]
+        animation["channels"] = [channel for channel in animation["channels"] if channel not in gone]
+        used = sorted({channel["sampler"] for channel in animation["channels"]})
+        dropped = {channel["sampler"] for channel in gone} - set(used)
+        kept = [index for index in range(len(animation["samplers"])) if index not in dropped]
+        animation["samplers"] = [animation["samplers"][index] for index in kept]
+        for channel in animation["channels"]:
+            channel["sampler"] = kept.index(channel["sampler"])
+
+
+def _add_root(draft: Draft, rig: Rig, node: int) -> None:
+    """Put a node at the root of every scene that shows the rig's node: frames are in world space."""
+    root = rig.node
+    while rig.parents[root] >= 0:
+        root = int(rig.parents[root])
+    for scene in draft.gltf.get("scenes", []):
+        if root in scene.get("nodes", []):
+            scene["nodes"].append(node)
+
+
+def _show_in_turn(draft: Draft, motion: Motion, start: int, shown: int) -> None:
+    """Scale tracks that show each frame's node from its time to the next frame's."""
+    animation = draft.gltf["animations"][motion.clip.index]
+    times = motion.times
+    for frame in range(len(times)):
+        keys, scales = [], []
+        if frame:
+            keys, scales = [times[0]], [0.0]
+        keys, scales = [*keys, times[frame]], [*scales, 1.0]
+        if frame + 1 < len(times):
+            keys, scales = [*keys, times[frame + 1]], [*scales, 0.0]
+        _add_scale(draft, animation, start + frame, np.array(keys), scales)
+    if start != shown:
+        _add_scale(draft, animation, shown, times[:1], [0.0])
+
+
+def _add_scale(draft: Draft, animation: Json, node: int, times: Floats, scales: Sequence[float]) -> None:
+    output = np.repeat(np.array(scales, np.float32)[:, None], 3, axis=1)
+    sampler = {
+        "input": draft.add(times.astype(np.float32), bounds=True),
+        "interpolation": "STEP",
+        "output": draft.add(output),
+    }
+    animation["samplers"].append(sampler)
+    number = len(animation["samplers"]) - 1
+    animation["channels"].append({"sampler": number, "target": {"node": node, "path": "scale"}})
+
+
+def export_frames(
+    document: Document, every: Sequence[Frames], folder: str | os.PathLike[str], kind: str, progress: Progress
+) -> list[str]:
+    """Write a file for each frame of each clip, `CLIP_0001.obj`, with positions, normals and UVs, world space.
+
+    The files appear in the folder only when all are written.
+
+    Args:
+        document: The source.
+        every: The meshes; their frames are put together.
+        folder: Made where it is not there.
+        kind: obj, ply or glb.
+        progress: Called with a stage's name, frames done and frames in all.
+
+    Returns:
+        The paths written.
+
+    Raises:
+        BakeError: The folder cannot be written to.
+    """
+    import trimesh
+
+    target = Path(folder)
+    written: list[str] = []
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=".wrinkle-", dir=target) as temporary:
+            for motions in zip(*(frames.motions for frames in every), strict=True):
+                stem = re.sub(r"[^A-Za-z0-9_.-]", "_", motions[0].clip.name)
+                posed = zip(
+                    *(
+                        _pose_frames(document, frames, motion)
+                        for frames, motion in zip(every, motions, strict=True)
+                    ),
+                    strict=True,
+                )
+                for number, meshes in enumerate(posed):
+                    scene = trimesh.Scene()
+                    for frames, mesh in zip(every, meshes, strict=True):
+                        name = frames.rig.names[frames.rig.node]
+                        scene.add_geometry(_trimesh(document, frames, mesh), geom_name=name, node_name=name)
+                    file_name = f"{stem}_{number:04d}.{kind}"
+                    exported = scene if kind == "glb" else scene.to_geometry()
+                    data = exported.export(file_type=kind)
+                    data = data.encode() if isinstance(data, str) else data
+                    (Path(temporary) / file_name).write_bytes(data)
+                    written.append(file_name)
+                    progress("files", number + 1, len(motions[0].times))
+            for file_name in written:
+                os.replace(Path(temporary) / file_name, target / file_name)
+    except OSError as error:
+        raise BakeError(f"cannot be written: {error.strerror or error}", where=os.fspath(folder)) from error
+    return [os.fspath(target / file_name) for file_name in written]
+
+
+def _trimesh(document: Document, frames: Frames, posed: _Posed) -> object:
+    import trimesh
+
+    parts = parts_of(frames.fine)
+    starts = np.cumsum([0] + [len(part.weld) for part in parts])
+    triangles = np.concatenate([part.triangles + start for part, start in zip(parts, starts, strict=False)])
+    primitives = document.items("meshes")[frames.rig.mesh]["primitives"]
+    visual = None
+    if all("TEXCOORD_0" in each["attributes"] for each in primitives):
+        coordinates = []
+        for each, part in zip(primitives, parts, strict=True):
+            old = document.accessor(each["attributes"]["TEXCOORD_0"])
+            coordinates.append(np.concatenate([old, part.mix(old)]))
+        # glTF counts v from the top of the image, the other formats from the bottom.
+        visual = trimesh.visual.TextureVisuals(uv=np.concatenate(coordinates) * [1.0, -1.0] + [0.0, 1.0])
+    return trimesh.Trimesh(
+        posed.positions, triangles, vertex_normals=posed.normals, visual=visual, process=False, validate=False
+    )

@@ -1,0 +1,227 @@
+"""The written file, evaluated again as an engine would, against the method's own result."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrinklecli.deform import Carrier, activity, displaced_normals, displacements, turn_to
+from wrinklecli.document import Document
+from wrinklecli.encode import parts_of
+from wrinklecli.frames import Motion
+from wrinklecli.patch import Rest
+from wrinklecli.pose import Clip, Rig, blend, joint_matrices, morph_weights, read_clips, read_rig, transform
+from wrinklecli.refine import Refinement
+from wrinklecli.surface import read_vertices, unit
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
+
+# Frames of a clip at which whole members are compared, besides its tallest and most folded.
+_FRAMES = 64
+# Frames posed at once: bounds the memory.
+_CHUNK = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Residual:
+    """How far the file is from the method in one clip.
+
+    Attributes:
+        position: Largest distance of a vertex, scene units.
+        time: When that is, seconds.
+        weights: Largest error of a tool's height, at and between all keys, scene units.
+        normal: 99th percentile of the angle between the file's and the true normals, degrees; None where
+            the mesh has none.
+    """
+
+    position: float
+    time: float
+    weights: float
+    normal: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Proof:
+    """The file's side of the comparison: what an engine loads for one mesh, at the vertices to compare.
+
+    Attributes:
+        rig: Of the written node.
+        clips: Of the written file.
+        vertices: (vertices,) fine welded vertex of each.
+        positions: (vertices, 3) as stored.
+        deltas: (targets, vertices, 3) as stored.
+        weights: (vertices, joints) as stored, normalised.
+        normals: (vertices, 3) and NORMAL deltas (targets, vertices, 3) as stored; None without NORMAL.
+    """
+
+    rig: Rig
+    clips: tuple[Clip, ...]
+    vertices: Ints
+    positions: Floats
+    deltas: Floats
+    weights: Floats
+    normals: tuple[Floats, Floats] | None
+
+
+def read_back(written: Document, node: int, fine: Refinement, carriers: Sequence[Carrier]) -> Proof:
+    """Load what the file says of the vertices that wrinkles or refinement touch."""
+    rig = read_rig(written, node)
+    stored = read_vertices(written, rig)
+    welds = np.concatenate([part.weld for part in parts_of(fine)])
+    touched = np.zeros(len(fine.positions), bool)
+    touched[len(fine.surface.positions) :] = True
+    for carrier in carriers:
+        touched[carrier.vertices] = True
+    chosen = np.flatnonzero(touched[welds])
+    dense = np.zeros((len(chosen), len(rig.joints)))
+    for joints, weights in zip(stored.joints[chosen].T, stored.weights[chosen].T, strict=True):
+        dense[np.arange(len(chosen)), joints] += weights
+    normals = None
+    if stored.normals is not None and stored.normal_deltas is not None:
+        normals = stored.normals[chosen], stored.normal_deltas[:, chosen]
+    return Proof(
+        rig,
+        read_clips(written),
+        welds[chosen],
+        stored.positions[chosen],
+        stored.morph_deltas[:, chosen],
+        dense,
+        normals,
+    )
+
+
+def compare(
+    proof: Proof,
+    motion: Motion,
+    fine: Refinement,
+    carriers: Sequence[Carrier],
+    rig: Rig,
+    rest: Rest,
+    *,
+    with_normals: bool,
+) -> Residual:
+    """Compare one clip at and between its keys.
+
+    Args:
+        proof: The file's side.
+        motion: The clip as it was in the source, and the times at which it was sampled.
+        fine: The refined surface; its skin weights are not pruned.
+        carriers: Of all tools.
+        rig: Of the source.
+        rest: The rest pose.
+        with_normals: Also compare normals, which takes several times as long.
+    """
+    clip = motion.clip
+    written = next(each for each in proof.clips if each.index == clip.index)
+    every = _all_times(motion.times)
+    chosen = _chosen_times(clip, every, carriers, rig, rest)
+    weights = fine.dense_weights(proof.vertices, len(rig.joints))
+    worst, worst_time, angles = 0.0, float(chosen[0]), []
+    for start in range(0, len(chosen), _CHUNK):
+        now = chosen[start : start + _CHUNK]
+        moved = _method_displacements(proof, fine, carriers, rig, rest, clip, now)
+        morphs = morph_weights(rig, clip, now)
+        bind = fine.positions[proof.vertices] + np.tensordot(
+            morphs, fine.morph_deltas[:, proof.vertices], axes=1
+        )
+        wanted = transform(blend(weights, joint_matrices(rig, clip, now)), bind + moved)
+        played = morph_weights(proof.rig, written, now)
+        got_bind = proof.positions + np.tensordot(played, proof.deltas, axes=1)
+        got = transform(blend(proof.weights, joint_matrices(proof.rig, written, now)), got_bind)
+        distances = np.sqrt(np.sum((got - wanted) ** 2, axis=2))
+        frame = int(distances.max(axis=1, initial=0.0).argmax())
+        if distances[frame].max(initial=0.0) > worst:
+            worst, worst_time = float(distances[frame].max()), float(now[frame])
+        if with_normals and proof.normals is not None:
+            angles.append(_normal_angles(proof, fine, moved, played))
+    normal = float(np.percentile(np.concatenate(angles), 99)) if angles else None
+    return Residual(
+        worst, worst_time, _height_error(proof, written, clip, every, carriers, rig, rest), normal
+    )
+
+
+def _all_times(times: Floats) -> Floats:
+    """(times,) every key and two points between each two, seconds."""
+    between = (times[:-1, None] + np.array([0.25, 0.5]) * np.diff(times)[:, None]).reshape(-1)
+    return np.union1d(times, between)
+
+
+def _height_error(
+    proof: Proof,
+    written: Clip,
+    clip: Clip,
+    times: Floats,
+    carriers: Sequence[Carrier],
+    rig: Rig,
+    rest: Rest,
+) -> float:
+    """Largest error of an amplitude that the played weights stand for, scene units; skin-attached tools only."""
+    played = morph_weights(proof.rig, written, times)
+    column = {name: index for index, name in enumerate(proof.rig.morph_names)}
+    worst = 0.0
+    for carrier in carriers:
+        patch = carrier.patch
+        if patch.tool.attachment != "skin":
+            continue
+        greatest = patch.curve.greatest_amplitudes.reshape(-1)
+        names = [name for name in column if name.startswith(f"wrinkle_{patch.tool.identifier}_")]
+        amplitudes = patch.clip_strength(clip) * activity(patch, rig, rest, clip, times).amplitudes
+        wanted = amplitudes.reshape(len(times), -1)[:, greatest != 0]
+        if len(names) == wanted.shape[1]:
+            got = played[:, [column[name] for name in names]] * greatest[greatest != 0]
+            error = np.abs(got - wanted).max(initial=0.0) * abs(patch.shape_strength)
+            worst = max(worst, float(error))
+    return worst
+
+
+def _chosen_times(clip: Clip, every: Floats, carriers: Sequence[Carrier], rig: Rig, rest: Rest) -> Floats:
+    """Times to compare at: an even choice, each tool's tallest and shortest, and where tracks bend."""
+    picked = set(np.linspace(0, len(every) - 1, min(_FRAMES, len(every))).astype(int).tolist())
+    for carrier in carriers:
+        seen = activity(carrier.patch, rig, rest, clip, every)
+        picked.add(int(np.argmax(np.abs(seen.amplitudes).max(axis=(1, 2)))))
+        picked.add(int(np.argmax(seen.shortenings)))
+        # The straight line through the neighbours misses most here.
+        tall = np.abs(seen.amplitudes).sum(axis=(1, 2))
+        bend = np.abs(tall[2:] - 2 * tall[1:-1] + tall[:-2])
+        picked.update((1 + np.argsort(-bend, kind="stable")[:4]).tolist())
+    return every[sorted(picked)]
+
+
+def _method_displacements(
+    proof: Proof,
+    fine: Refinement,
+    carriers: Sequence[Carrier],
+    rig: Rig,
+    rest: Rest,
+    clip: Clip,
+    times: Floats,
+) -> Floats:
+    """(frames, vertices, 3) sum of all tools, at the vertices compared, bind space."""
+    total = np.zeros((len(times), len(proof.vertices), 3))
+    for carrier in carriers:
+        rows = np.searchsorted(carrier.vertices, proof.vertices)
+        rows = np.minimum(rows, len(carrier.vertices) - 1)
+        here = carrier.vertices[rows] == proof.vertices
+        moved = displacements(carrier, fine, rig, rest, clip, times)
+        total[:, here] += moved[:, rows[here]]
+    return total
+
+
+def _normal_angles(proof: Proof, fine: Refinement, moved: Floats, played: Floats) -> Floats:
+    """(frames · vertices,) degrees between the file's normals and true ones, bind space, where they change."""
+    assert proof.normals is not None
+    base, deltas = proof.normals
+    vertices, first = np.unique(proof.vertices, return_index=True)
+    touched, true = displaced_normals(fine, vertices, moved[:, first])
+    rows = np.searchsorted(touched, proof.vertices)
+    angles = []
+    for frame in range(len(moved)):
+        wanted = turn_to(fine.normals[proof.vertices], unit(base), true[frame, rows])
+        got = unit(base + np.tensordot(played[frame], deltas, axes=1))
+        changed = moved[frame].any(axis=1)
+        cosine = np.clip(np.sum(wanted * got, axis=1)[changed], -1.0, 1.0)
+        angles.append(np.degrees(np.arccos(cosine)))
+    return np.concatenate(angles)

@@ -1,0 +1,136 @@
+"""What a bake did: warnings for people, numbers for machines."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrinklecli.deform import Activity
+from wrinklecli.patch import Patch
+from wrinklecli.pose import Clip
+from wrinklecli.proof import Residual
+
+Floats = NDArray[np.float64]
+Json = dict[str, Any]
+
+VERSION = 1
+
+# A shortening below this part of the rest length is as good as none.
+_VISIBLE = 1e-3
+# Decimal digits of measured numbers.
+_DIGITS = 7
+
+
+@dataclass(slots=True)
+class Report:
+    """What a bake did.
+
+    Attributes:
+        data: For `--report`: JSON values only.
+        warnings: A line each; with `--strict` any of them refuses the result.
+        inputs: Every file that was read.
+        bytes_written: Size of OUT with the files beside it.
+    """
+
+    data: Json
+    warnings: list[str] = field(default_factory=list)
+    inputs: list[str] = field(default_factory=list)
+    bytes_written: int = 0
+
+    @property
+    def summary(self) -> str:
+        """One line: what was made."""
+        meshes = self.data["meshes"]
+        targets = sum(len(tool["targets"]) for tool in self.data["tools"])
+        added = sum(mesh["vertices"] - mesh["coarse_vertices"] for mesh in meshes)
+        parts = [
+            _counted(len(self.data["tools"]), "tool"),
+            _counted(targets, "morph target") if self.data["mode"] == "morph" else "per-frame geometry",
+            _counted(added, "new vertex", "new vertices"),
+            _counted(len(self.data["clips"]), "clip"),
+        ]
+        proven = [clip["residual"] for clip in self.data["clips"] if clip.get("residual")]
+        if proven and self.data["tallest_wrinkle"]:
+            worst = max(each["position"] for each in proven)
+            share = 100 * worst / self.data["tallest_wrinkle"]
+            parts.append(f"within {worst:.2g} ({share:.2g} % of the tallest wrinkle)")
+        return ", ".join(parts)
+
+
+def _counted(count: int, one: str, many: str = "") -> str:
+    return f"{count} {one if count == 1 else many or one + 's'}"
+
+
+def describe_clip(clip: Clip, times: Floats) -> Json:
+    """The head of a clip's entry."""
+    return {
+        "name": clip.name,
+        "start": _round(clip.start),
+        "end": _round(clip.end),
+        "times": _list(times),
+        "tools": [],
+    }
+
+
+def describe_activity(patch: Patch, seen: Activity, strength: float) -> Json:
+    """What one tool does in one clip, frame by frame; lengths in scene units."""
+    curve = patch.curve
+    tallest = float(np.abs(curve.heights(seen.amplitudes)).max(initial=0.0))
+    finite = np.where(np.isfinite(seen.distances), seen.distances, seen.rest_lengths)
+    # A taut curve is as long as its ends are apart; below that it keeps its length, less what is unabsorbed.
+    wanted = np.maximum(finite, finite + seen.shortenings) - seen.unabsorbed
+    error = np.abs(curve.lengths(seen.amplitudes, finite) - wanted)
+    return {
+        "name": patch.tool.name,
+        "strength": strength,
+        "distance": [None if np.isinf(each) else _round(each) for each in seen.distances],
+        "rest_length": _list(seen.rest_lengths),
+        "shortening": _list(seen.shortenings),
+        "unabsorbed": _list(seen.unabsorbed),
+        "heights": [_list(frame) for frame in curve.heights(seen.amplitudes)],
+        "curve_length_error": [float(f"{each:.2e}") for each in error],
+        "tallest": _round(tallest),
+    }
+
+
+def describe_residual(residual: Residual) -> Json:
+    """How far the written file is from the method in one clip."""
+    return {
+        "position": float(f"{residual.position:.3e}"),
+        "time": _round(residual.time),
+        "weights": float(f"{residual.weights:.3e}"),
+        "normal_degrees_99": None if residual.normal is None else round(residual.normal, 3),
+    }
+
+
+def warnings_of(patch: Patch, clips: Sequence[tuple[Clip, Floats, Activity]]) -> list[str]:
+    """What a user should know of one tool, over all clips baked."""
+    where = patch.tool.name
+    warnings = []
+    if patch.clip_strength(None) * patch.shape_strength not in (1.0, -1.0):
+        warnings.append(f"{where}: strength {patch.tool.strength:g} does not keep the length of the surface")
+    if not clips:
+        return warnings
+    if max(float((seen.shortenings / seen.rest_lengths).max()) for _, _, seen in clips) < _VISIBLE:
+        warnings.append(
+            f"{where}: never shortens in {', '.join(clip.name for clip, _, _ in clips)}: no wrinkle"
+        )
+    clip, times, seen = max(clips, key=lambda each: float((each[2].unabsorbed / each[2].rest_lengths).max()))
+    share = seen.unabsorbed / seen.rest_lengths
+    if share.max() > _VISIBLE:
+        frame = int(share.argmax())
+        warnings.append(
+            f"{where}: {100 * share[frame]:.0f} % of its length is not absorbed in {clip.name} at"
+            f" {times[frame]:.3g} s: the bumps reach max_height"
+        )
+    return warnings
+
+
+def _round(value: float) -> float:
+    return float(f"{float(value):.{_DIGITS}g}")
+
+
+def _list(values: Floats) -> list[float]:
+    return [_round(value) for value in values]
