@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from _shapes import Floats, Ints, Mesh, triangulate, vertex_normals
 from numpy.typing import NDArray
+
+from _shapes import Floats, Ints, Mesh, triangulate, vertex_normals
 
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
 UNSIGNED_BYTE, UNSIGNED_SHORT, FLOAT = 5121, 5123, 5126
@@ -180,9 +181,7 @@ def to_glb(character: Character) -> bytes:
         primitive["targets"] = [
             {
                 "POSITION": vertices(offsets.astype(np.float32), bounds=True),
-                "NORMAL": vertices(
-                    (vertex_normals(positions + offsets, triangles) - normals).astype(np.float32)
-                ),
+                "NORMAL": vertices((vertex_normals(positions + offsets, triangles) - normals).astype(np.float32)),
             }
             for offsets in character.morphs.values()
         ]
@@ -192,15 +191,12 @@ def to_glb(character: Character) -> bytes:
     numbers = {joint.name: number for number, joint in enumerate(character.joints, start=1)}
     places = {joint.name: np.array(joint.position) for joint in character.joints}
     offsets_at_rest = {
-        joint.name: places[joint.name] - (places[joint.parent] if joint.parent else 0.0)
-        for joint in character.joints
+        joint.name: places[joint.name] - (places[joint.parent] if joint.parent else 0.0) for joint in character.joints
     }
     for joint in character.joints:
         children = [numbers[other.name] for other in character.joints if other.parent == joint.name]
         translation = [round(value, 9) for value in offsets_at_rest[joint.name].tolist()]
-        nodes.append(
-            {"name": joint.name, "translation": translation} | ({"children": children} if children else {})
-        )
+        nodes.append({"name": joint.name, "translation": translation} | ({"children": children} if children else {}))
     inverse_binds = np.tile(np.eye(4), (len(character.joints), 1, 1))
     # glTF keeps matrices by columns, so the translation is the last row here.
     inverse_binds[:, 3, :3] = [-places[joint.name] for joint in character.joints]

@@ -199,9 +199,7 @@ def neighbour_weights(mesh: Mesh) -> tuple[Ints, Floats]:
     Returns:
         Indices and weights, both (vertices, largest valence).
     """
-    ends = np.concatenate(
-        [np.stack([mesh.quads[:, i], mesh.quads[:, (i + 1) % 4]], axis=1) for i in range(4)]
-    )
+    ends = np.concatenate([np.stack([mesh.quads[:, i], mesh.quads[:, (i + 1) % 4]], axis=1) for i in range(4)])
     ends = ends[ends[:, 0] != ends[:, 1]]
     ends = np.unique(np.concatenate([ends, ends[:, ::-1]]), axis=0)
     ends = ends[~mesh.border[ends[:, 0]] | mesh.border[ends[:, 1]]]
@@ -254,9 +252,7 @@ def triangulate(mesh: Mesh) -> tuple[Ints, Floats]:
     # Half a micrometre of preference, lest rounding decide between diagonals of one length.
     other = norm(b - d) < norm(a - c) - 5e-7
     single = mesh.quads[:, 2] == mesh.quads[:, 3]
-    corners = np.where(
-        other[:, None, None], np.array([[0, 1, 3], [1, 2, 3]]), np.array([[0, 1, 2], [0, 2, 3]])
-    )
+    corners = np.where(other[:, None, None], np.array([[0, 1, 3], [1, 2, 3]]), np.array([[0, 1, 2], [0, 2, 3]]))
     corners[single] = np.array([[0, 1, 2], [0, 2, 3]])
     keep = np.ones((len(corners), 2), dtype=bool)
     keep[single, 1] = False

@@ -13,6 +13,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+
 from _gltf import Character, Clip, Joint, to_glb
 from _shapes import (
     Builder,
@@ -169,9 +170,7 @@ def fingertips(points: Floats) -> Floats:
     """Density of the hand's vertices: the round ends of the fingers need more."""
     density = np.ones(len(points))
     for _, tip, _, radius in FINGERS:
-        density = density + 0.9 * smoothstep(
-            2.2 * radius, 0.8 * radius, norm(points - tip - [0.7 * radius, 0.0, 0.0])
-        )
+        density = density + 0.9 * smoothstep(2.2 * radius, 0.8 * radius, norm(points - tip - [0.7 * radius, 0.0, 0.0]))
     return density
 
 
@@ -184,9 +183,7 @@ def make_wrist() -> Character:
     xs = np.concatenate([np.linspace(-0.22, -0.05, 14), np.linspace(-0.05, 0.088, 18)[1:]])
     sizes = [(0.042, 0.036) if x < 0.0 else (0.045, 0.02) for x in xs.tolist()]
     ids = builder.add(
-        np.array(
-            [ring * [0.0, high, wide] + [x, 0.0, 0.0] for x, (wide, high) in zip(xs, sizes, strict=True)]
-        )
+        np.array([ring * [0.0, high, wide] + [x, 0.0, 0.0] for x, (wide, high) in zip(xs, sizes, strict=True)])
     )
     r, c = 22, 12
     skip = np.zeros((rows, columns), dtype=bool)
@@ -295,8 +292,7 @@ def trousers_field(points: Floats) -> Floats:
     deep = spline(heights, [0.068, 0.073, 0.077, 0.094, 0.106], y)
     # The other leg as well: the crotch is a saddle, not a slit.
     left, right = (
-        (np.sqrt((offset / wide) ** 2 + (leg_z / deep) ** 2) - 1.0) * wide
-        for offset in (x - leg_x, x + leg_x)
+        (np.sqrt((offset / wide) ** 2 + (leg_z / deep) ** 2) - 1.0) * wide for offset in (x - leg_x, x + leg_x)
     )
     leg = -union(-union(left, right, 0.035), 0.90 - y, 0.08)
     heights = [0.74, 0.82, 0.88, 0.96, 1.04]
@@ -453,9 +449,7 @@ def head_field(points: Floats, *, growth: float = 1.0, brows: float = 0.0) -> Fl
     ridge = capsule(points, [0.0, h - 0.002, z_ridge], [0.030, h + 0.002, z_ridge - 0.0070], 0.0075, 0.0075)
     ridge = union(
         ridge,
-        capsule(
-            points, [0.030, h + 0.002, z_ridge - 0.0070], [0.054, h - 0.010, z_ridge - 0.0320], 0.0075, 0.0060
-        ),
+        capsule(points, [0.030, h + 0.002, z_ridge - 0.0070], [0.054, h - 0.010, z_ridge - 0.0320], 0.0075, 0.0060),
         0.008,
     )
     shape = union(shape, ridge, 0.018)
@@ -472,9 +466,7 @@ def head_field(points: Floats, *, growth: float = 1.0, brows: float = 0.0) -> Fl
     upper = capsule(points, [0.004, 0.1545, 0.0855], [0.024, 0.1490, 0.0690], 0.0062, 0.0050)
     lower = capsule(points, [0.004, 0.1420, 0.0825], [0.020, 0.1470, 0.0690], 0.0070, 0.0050)
     shape = union(union(shape, upper, 0.010), lower, 0.012)
-    shape = cut(
-        shape, capsule(points, [0.004, 0.1486, 0.0948], [0.021, 0.1482, 0.0865], 0.0032, 0.0026), 0.010
-    )
+    shape = cut(shape, capsule(points, [0.004, 0.1486, 0.0948], [0.021, 0.1482, 0.0865], 0.0032, 0.0026), 0.010)
     side = points + np.array([0.025 * (1.0 - growth), 0.0, 0.0])
     ear = ellipsoid(side, [0.0765, 0.205, -0.016], [0.0095, 0.030, 0.018])
     ear = cut(ear, ellipsoid(side, [0.088, 0.208, -0.012], [0.0085, 0.018, 0.010]), 0.008)

@@ -109,9 +109,7 @@ def _primitives(
         weights = morph_weights(rig, clip, times)[0]
         for primitive in document.items("meshes")[rig.mesh]["primitives"]:
             positions = _morphed(document, primitive, "POSITION", weights)
-            triangles = read_triangles(
-                document, primitive, len(positions), document.where("meshes", rig.mesh)
-            )
+            triangles = read_triangles(document, primitive, len(positions), document.where("meshes", rig.mesh))
             if rig.skinned:
                 blended = _blended(document, primitive, matrices)
             else:
@@ -151,9 +149,7 @@ def pose(document: Document, clip: Clip | None = None, time: float = 0.0) -> Fra
         colours.append(np.repeat(colour[None], len(triangles), axis=0))
         vertices.append(positions)
     if not sum(map(len, corners)):
-        raise AssetError(
-            "nothing to see: no triangles in the scene, or all are scaled to 0", where=document.path
-        )
+        raise AssetError("nothing to see: no triangles in the scene, or all are scaled to 0", where=document.path)
     return Frame(*(np.concatenate(parts) for parts in (corners, normals, colours, vertices)))
 
 
@@ -247,9 +243,7 @@ AMBIENT_RAYS = 8  # per sub-pixel: 32 a pixel, 128 after the filter
 SHADOW_RAYS = 2
 KEY = np.array([-0.62, 0.62, 0.48])  # towards the lights, in the camera's axes; raking, so that relief shows
 FILL = np.array([0.75, 0.05, 0.65])
-COLOURS = np.array(
-    [(0.78, 0.75, 0.72), (0.126, 0.133, 0.14), (0.228, 0.235, 0.24)], np.float32
-)  # and of the sky
+COLOURS = np.array([(0.78, 0.75, 0.72), (0.126, 0.133, 0.14), (0.228, 0.235, 0.24)], np.float32)  # and of the sky
 SOFTNESS = 0.12  # radius of the key light at unit distance
 PAPER = np.array([0.93, 0.94, 0.95])  # background, sRGB
 _LEVELS = np.linspace(0, 1, 1 << 14, dtype=np.float32)  # sRGB by table: a power for each pixel takes 0.2 s
@@ -265,9 +259,7 @@ def _hits(scene: EmbreeScene, camera: Camera, size: tuple[int, int]) -> tuple[In
     grid = np.ones((height, width, 3), np.float32)
     grid[..., 0], grid[..., 1], grid[..., 2] = xs[None], ys[:, None], -1
     directions = unit(grid.reshape(-1, 3) @ camera.axes.astype(np.float32))
-    found = scene.run(
-        np.broadcast_to(camera.eye.astype(np.float32), directions.shape).copy(), directions, output=True
-    )
+    found = scene.run(np.broadcast_to(camera.eye.astype(np.float32), directions.shape).copy(), directions, output=True)
     pixels = np.flatnonzero(found["primID"] >= 0)
     u, v = found["u"][pixels], found["v"][pixels]
     return pixels, directions[pixels], found["primID"][pixels], np.stack([1 - u - v, u, v], axis=1)
@@ -346,9 +338,7 @@ def _edges(frame: Frame, camera: Camera, size: tuple[int, int], pixels: Ints, fo
         starts = projected[:, i]
         along = unit(projected[:, (i + 1) % 3] - starts)
         offsets = places - starts[found]
-        nearest = np.minimum(
-            nearest, np.abs(offsets[:, 0] * along[found, 1] - offsets[:, 1] * along[found, 0])
-        )
+        nearest = np.minimum(nearest, np.abs(offsets[:, 0] * along[found, 1] - offsets[:, 1] * along[found, 0]))
     return np.clip(1.4 - nearest, 0, 1)
 
 
@@ -438,9 +428,7 @@ def sheet(rows: Sequence[Sequence[tuple[str, NDArray[np.uint8]]]], *, gutter: in
     height, width, _ = rows[0][0][1].shape
     font = ImageFont.load_default(max(12, height // 36))
     columns = max(map(len, rows))
-    whole = Image.new(
-        "RGB", (columns * (width + gutter) - gutter, len(rows) * (height + gutter) - gutter), "white"
-    )
+    whole = Image.new("RGB", (columns * (width + gutter) - gutter, len(rows) * (height + gutter) - gutter), "white")
     for j, row in enumerate(rows):
         for i, (label, picture) in enumerate(row):
             cell = Image.fromarray(picture)
@@ -469,14 +457,10 @@ def _tied(words: Sequence[str]) -> list[str]:
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
-    parser.add_argument(
-        "assets", nargs="+", metavar="ASSET", help="one, or several to compare (before, after)"
-    )
+    parser.add_argument("assets", nargs="+", metavar="ASSET", help="one, or several to compare (before, after)")
     parser.add_argument("--clip", help="default: the first; `--rest` for the pose as stored")
     parser.add_argument("--rest", action="store_true", help="the pose as stored, no clip")
-    parser.add_argument(
-        "--times", type=_numbers, help="seconds, comma-separated; default: start, middle and end"
-    )
+    parser.add_argument("--times", type=_numbers, help="seconds, comma-separated; default: start, middle and end")
     parser.add_argument(
         "--views",
         default="oblique",
@@ -533,9 +517,7 @@ def _pictures(options: argparse.Namespace) -> Iterator[list[tuple[str, NDArray[n
     if options.follow:
         nearest = np.linalg.norm(pose(documents[0]).vertices - options.focus, axis=1).argmin()
         # Of the first asset at the same time, so that before and after are seen from the same place.
-        focuses = np.repeat(
-            [frame.vertices[nearest] for frame in frames[:: len(documents)]], len(documents), axis=0
-        )
+        focuses = np.repeat([frame.vertices[nearest] for frame in frames[:: len(documents)]], len(documents), axis=0)
     for view in options.views.split(","):
         azimuth, elevation = VIEWS.get(view) or (float(part) for part in view.split(":"))
         row = []
@@ -545,9 +527,7 @@ def _pictures(options: argparse.Namespace) -> Iterator[list[tuple[str, NDArray[n
                     focus, options.radius, azimuth=azimuth, elevation=elevation, aspect=width / height
                 )
             else:
-                camera = Camera.framing(
-                    everything, azimuth=azimuth, elevation=elevation, aspect=width / height
-                )
+                camera = Camera.framing(everything, azimuth=azimuth, elevation=elevation, aspect=width / height)
             picture = render(
                 frame,
                 camera,

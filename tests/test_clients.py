@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from clients import assert_valid, compare_with_three, pose, pose_with_normals, validate
 
 # A strip of two triangles, twice as tall as wide. Joint 0 stands at the foot, joint 1 half-way up.
@@ -49,9 +50,7 @@ def tiny_glb(path: Path, *, offsets: tuple[float, ...] = (0.0,), top_joint: int 
         joints[2:, 0] = top_joint
         weights = np.tile(np.float32([1, 0, 0, 0]), (4, 1))
         attributes = {
-            "POSITION": accessor(
-                positions, "VEC3", 5126, min=positions.min(0).tolist(), max=positions.max(0).tolist()
-            ),
+            "POSITION": accessor(positions, "VEC3", 5126, min=positions.min(0).tolist(), max=positions.max(0).tolist()),
             "NORMAL": accessor(np.tile(np.float32([0, 0, 1]), (4, 1)), "VEC3", 5126),
             "JOINTS_0": accessor(joints, "VEC4", 5121),
             "WEIGHTS_0": accessor(weights, "VEC4", 5126),
@@ -144,9 +143,7 @@ def test_validator_passes_a_sound_file(tmp_path: Path, name: str) -> None:
 
 
 def test_validator_reports_each_file_on_its_own(tmp_path: Path) -> None:
-    sound, broken = validate(
-        [tiny_glb(tmp_path / "sound.glb"), tiny_glb(tmp_path / "broken.glb", top_joint=7)]
-    )
+    sound, broken = validate([tiny_glb(tmp_path / "sound.glb"), tiny_glb(tmp_path / "broken.glb", top_joint=7)])
     assert sound.errors == 0
     assert broken.errors > 0
     assert all(line.startswith("broken.glb#/") for line in broken.lines())

@@ -164,9 +164,7 @@ def test_the_defaults_of_the_contract():
 
 def test_models_and_records_agree_on_keys_and_defaults():
     record = {entry.name: entry for entry in fields(WrinkleTool)}
-    assert [key for key in ToolModel.model_fields if key != "mirror"] == [
-        key for key in record if key != "where"
-    ]
+    assert [key for key in ToolModel.model_fields if key != "mirror"] == [key for key in record if key != "where"]
     plain = WrinkleTool(name="a", origin=(0, 0, 0), target=(1, 0, 0), width=Length(1))
     for key, info in ToolModel.model_fields.items():
         if key != "mirror" and not info.is_required():
@@ -239,12 +237,8 @@ def test_strength_in_a_clip():
 
 def test_only_enabled_tools_are_kept_but_all_are_checked():
     more = "  - {name: b, origin: [0, 0, 0], target: [1, 0, 0], width: 1}\n"
-    assert [found.name for found in parse_tools(f"{HEAD}    width: 1\n    enabled: no\n{more}").tools] == [
-        "b"
-    ]
-    assert tool_lines("enabled: false\nwidth: 0") == [
-        f"t.yaml:7: tools[0].width: found 0, expected {LENGTHS}"
-    ]
+    assert [found.name for found in parse_tools(f"{HEAD}    width: 1\n    enabled: no\n{more}").tools] == ["b"]
+    assert tool_lines("enabled: false\nwidth: 0") == [f"t.yaml:7: tools[0].width: found 0, expected {LENGTHS}"]
 
 
 def test_records_are_frozen_and_hash():
@@ -268,9 +262,7 @@ def test_z_up_positions_become_y_up():
 @given(st.tuples(*[st.floats(-1e9, 1e9)] * 3))
 def test_the_turn_to_y_up_keeps_length_and_turns_back(position):
     x, y, z = position
-    text = (
-        f"version: 1\nup: z\ntools: [{{name: a, origin: [{x}, {y}, {z}], target: {{marker: m}}, width: 1}}]"
-    )
+    text = f"version: 1\nup: z\ntools: [{{name: a, origin: [{x}, {y}, {z}], target: {{marker: m}}, width: 1}}]"
     u, v, w = parse_tools(text).tools[0].origin
     assert (u, -w, v) == position
     assert str(w) != "-0.0"
@@ -298,9 +290,7 @@ def test_the_turn_to_y_up_keeps_length_and_turns_back(position):
     ],
 )
 def test_mirror_exchanges_sides(name, other):
-    text = (
-        f"version: 1\ntools: [{{name: '{name}', mirror: x, origin: [1, 2, 3], target: [2, 2, 3], width: 1}}]"
-    )
+    text = f"version: 1\ntools: [{{name: '{name}', mirror: x, origin: [1, 2, 3], target: [2, 2, 3], width: 1}}]"
     assert [found.name for found in parse_tools(text).tools] == [name, other]
 
 
@@ -308,8 +298,7 @@ def test_mirror_exchanges_sides(name, other):
 def test_a_name_without_a_side_cannot_be_mirrored(name):
     text = HEAD.replace("brow.L", name) + "    width: 1\n    mirror: x\n"
     assert lines_of(text) == [
-        f"t.yaml:3: tools[0].name: found {name}, expected a side to exchange for mirror, "
-        "such as brow.L or left_brow"
+        f"t.yaml:3: tools[0].name: found {name}, expected a side to exchange for mirror, such as brow.L or left_brow"
     ]
 
 
@@ -374,9 +363,7 @@ def test_mirror_collisions():
 
 def test_a_missing_end_does_not_lie_on_itself():
     text = HEAD.replace("[1, ", "[0, ").replace("    target: [0, 4, 3]\n", "")
-    assert lines_of(f"{text}    width: 1\n    mirror: x\n") == [
-        "t.yaml:3: tools[0].target: required, but missing"
-    ]
+    assert lines_of(f"{text}    width: 1\n    mirror: x\n") == ["t.yaml:3: tools[0].target: required, but missing"]
 
 
 # --- what a file must not say ---
@@ -417,8 +404,7 @@ BAD_TOOL_KEYS = [  # one more key on line 6 of HEAD (width on line 7), the line'
     ("mirror: w", "tools[0].mirror: found w, expected x, y, z or none"),
     (
         "strategy: Both ends",
-        "tools[0].strategy: found Both ends, expected everywhere, origin or both_ends; "
-        "did you mean both_ends?",
+        "tools[0].strategy: found Both ends, expected everywhere, origin or both_ends; did you mean both_ends?",
     ),
     ("node: no", f"tools[0].node: found no, expected {TEXT}"),
     ("node: 5", f"tools[0].node: found 5, expected {TEXT}"),
@@ -441,8 +427,7 @@ BAD_TOOL_KEYS = [  # one more key on line 6 of HEAD (width on line 7), the line'
     ("rest_length: {morp: a, full: 1}", "tools[0].rest_length.morp: unknown key, did you mean morph?"),
     (
         "rest_length: {keys: {}}",
-        "tools[0].rest_length.keys: found a mapping, "
-        "expected a mapping of clip names to lists of [seconds, length]",
+        "tools[0].rest_length.keys: found a mapping, expected a mapping of clip names to lists of [seconds, length]",
     ),
     (
         "rest_length: {keys: {a: []}}",
@@ -450,8 +435,7 @@ BAD_TOOL_KEYS = [  # one more key on line 6 of HEAD (width on line 7), the line'
     ),
     (
         "rest_length: {keys: {a: [[1, 1], [1, 2]]}}",
-        "tools[0].rest_length.keys.a: found a list of 2, "
-        "expected times that rise from key to key, not 1 and then 1",
+        "tools[0].rest_length.keys.a: found a list of 2, expected times that rise from key to key, not 1 and then 1",
     ),
     (
         "rest_length: {keys: {a: [[1, 1], [2]]}}",
@@ -591,8 +575,7 @@ def test_bad_lists_of_tools(tools, expected):
 def test_names_must_differ_once_they_are_sanitised():
     other = "  - {name: brow_L, origin: [0, 0, 0], target: [1, 0, 0], width: 1}\n"
     assert lines_of(f"{HEAD}    width: 1\n{other}") == [
-        "t.yaml:7: tools[1].name: found brow_L, but tools[0] has that name: "
-        "they must differ in letters, digits or _"
+        "t.yaml:7: tools[1].name: found brow_L, but tools[0] has that name: they must differ in letters, digits or _"
     ]
     assert tool().identifier == "brow_L"
 
@@ -614,23 +597,17 @@ def test_everything_wrong_is_reported_at_once_in_the_order_of_lines():
         "t.yaml:3: defaults.bumps: found 0, expected a whole number from 1 to 64",
         "t.yaml:5: tools[0].target: required, but missing",
         "t.yaml:5: tools[0].width: required, but missing",
-        "t.yaml:5: tools[0].name: found a, expected a side to exchange for mirror, "
-        "such as brow.L or left_brow",
+        "t.yaml:5: tools[0].name: found a, expected a side to exchange for mirror, such as brow.L or left_brow",
         "t.yaml:6: tools[0].origin[2]: found x, expected a number from -1e9 to 1e9",
         "t.yaml:8: tools[1].origin: required, but missing",
-        "t.yaml:8: tools[1].name: found a, but tools[0] has that name: "
-        "they must differ in letters, digits or _",
+        "t.yaml:8: tools[1].name: found a, but tools[0] has that name: they must differ in letters, digits or _",
         "t.yaml:9: tools[1].widht: unknown key, did you mean width?",
     ]
 
 
 def test_a_misspelt_default_is_reported_once_and_not_for_each_tool():
-    assert lines_of(f"defaults: {{widht: 1}}\n{HEAD}") == [
-        "t.yaml:1: defaults.widht: unknown key, did you mean width?"
-    ]
-    assert lines_of(f"defaults: {{width: no}}\n{HEAD}") == [
-        f"t.yaml:1: defaults.width: found no, expected {LENGTHS}"
-    ]
+    assert lines_of(f"defaults: {{widht: 1}}\n{HEAD}") == ["t.yaml:1: defaults.widht: unknown key, did you mean width?"]
+    assert lines_of(f"defaults: {{width: no}}\n{HEAD}") == [f"t.yaml:1: defaults.width: found no, expected {LENGTHS}"]
 
 
 def test_alias_bombs_are_refused():
@@ -832,9 +809,9 @@ OPTIONS = {
         st.just("auto"),
         LENGTH,
         st.fixed_dictionaries({"morph": NAMES, "full": LENGTH}),
-        st.dictionaries(
-            NAMES, TIMES.map(lambda times: [[time, "90%"] for time in times]), min_size=1, max_size=2
-        ).map(lambda keys: {"keys": keys}),
+        st.dictionaries(NAMES, TIMES.map(lambda times: [[time, "90%"] for time in times]), min_size=1, max_size=2).map(
+            lambda keys: {"keys": keys}
+        ),
     ),
     "optional": st.booleans(),
 }
@@ -851,10 +828,7 @@ def as_written(value):
             return {"morph": morph, "full": as_written(full)}
         case RestLengthKeys(keys):
             return {
-                "keys": {
-                    clip: [[time, as_written(length)] for time, length in track]
-                    for clip, track in keys.items()
-                }
+                "keys": {clip: [[time, as_written(length)] for time, length in track] for clip, track in keys.items()}
             }
         case tuple():
             return list(value)
@@ -869,9 +843,7 @@ def test_what_is_written_is_read(written):
     text = yaml.safe_dump({"version": 1, "tools": [written]}, allow_unicode=True)
     (read,) = parse_tools(text).tools
     again = {
-        entry.name: as_written(getattr(read, entry.name))
-        for entry in fields(WrinkleTool)
-        if entry.name != "where"
+        entry.name: as_written(getattr(read, entry.name)) for entry in fields(WrinkleTool) if entry.name != "where"
     }
     (once_more,) = parse_tools(yaml.safe_dump({"version": 1, "tools": [again]})).tools
     assert {**again, "where": 0} == {
@@ -912,9 +884,7 @@ def readme_tables() -> dict[str, dict[str, str]]:
 
 def documented(model) -> dict[str, object]:
     fields_of = model.model_fields if hasattr(model, "model_fields") else model.__pydantic_fields__
-    return {
-        key: "required" if info.is_required() else as_written(info.default) for key, info in fields_of.items()
-    }
+    return {key: "required" if info.is_required() else as_written(info.default) for key, info in fields_of.items()}
 
 
 @pytest.mark.parametrize(

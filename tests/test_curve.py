@@ -42,9 +42,7 @@ def curves(draw, profiles=("smooth", "polyline")) -> ControlCurve:
     bumps, gap = draw(st.integers(1, 8)), draw(st.integers(0, 3))
     length = draw(st.sampled_from([1e-3, 0.06, 1.0, 37.0, 1e4]))
     auto = 0.25 * 2 * length / (2 * bumps + gap * (bumps - 1))
-    limits = st.one_of(
-        st.just(math.inf), st.just(auto), st.floats(0.001, 1.0).map(lambda part: part * length)
-    )
+    limits = st.one_of(st.just(math.inf), st.just(auto), st.floats(0.001, 1.0).map(lambda part: part * length))
     return plan(
         bumps=bumps,
         gap=gap,
@@ -80,9 +78,7 @@ def exact_heights(curve: ControlCurve, shortenings: Floats, rest: Floats) -> Flo
         return curve.heights(curve.amplitudes(shares, rest, unabsorbed))
     us, heights = curve.knots(shares, rest, unabsorbed)
     tol = 1e-9
-    inside = [
-        (us >= start - tol) & (us <= start + 2 / curve.interval_count + tol) for start in curve.bump_starts
-    ]
+    inside = [(us >= start - tol) & (us <= start + 2 / curve.interval_count + tol) for start in curve.bump_starts]
     return np.stack([heights[:, mask].max(axis=1) for mask in inside], axis=1)
 
 
@@ -299,9 +295,7 @@ def test_a_polyline_bump_rises_as_in_the_paper():
     rest = np.ones(6)
     shares, unabsorbed = curve.absorb(shortenings, rest)
     x, D = (TAUT - shortenings) / 8, shortenings / 3
-    np.testing.assert_allclose(
-        curve.amplitudes(shares, rest)[..., 0, 0], np.sqrt(D * x + D**2 / 4), rtol=1e-12
-    )
+    np.testing.assert_allclose(curve.amplitudes(shares, rest)[..., 0, 0], np.sqrt(D * x + D**2 / 4), rtol=1e-12)
     assert not unabsorbed.any()
 
 

@@ -145,18 +145,14 @@ def in_pieces():
 def moebius():
     i = np.arange(9)
     following, over = i + 1, i + 10
-    triangles = np.concatenate(
-        [np.stack([i, following, over], axis=1), np.stack([following, over + 1, over], axis=1)]
-    )
+    triangles = np.concatenate([np.stack([i, following, over], axis=1), np.stack([following, over + 1, over], axis=1)])
     glue = np.arange(20)
     glue[[9, 19]] = [10, 0]
     keep = np.delete(np.arange(20), [9, 19])
     triangles = np.searchsorted(keep, glue[triangles])
     angles, sides = np.tile(np.arange(9) * 2 * np.pi / 9, 2), np.repeat([-0.5, 0.5], 9)
     radii = 2 + sides * np.cos(angles / 2)
-    return np.stack(
-        [radii * np.cos(angles), radii * np.sin(angles), sides * np.sin(angles / 2)], 1
-    ), triangles
+    return np.stack([radii * np.cos(angles), radii * np.sin(angles), sides * np.sin(angles / 2)], 1), triangles
 
 
 CLOSED = {
@@ -233,9 +229,7 @@ def assert_conforming(triangles, vertex_count, fine):
         coarse_faces.values(), default=0
     )
 
-    assert np.array_equal(
-        weights[fine.triangles], fine.barycentrics @ np.eye(vertex_count)[triangles][fine.parents]
-    )
+    assert np.array_equal(weights[fine.triangles], fine.barycentrics @ np.eye(vertex_count)[triangles][fine.parents])
     assert np.all(np.diff(fine.parents) >= 0)
     assert np.array_equal(np.unique(fine.parents), np.arange(len(triangles)))
     # Children fill their parent, wound as it is: signed areas in its barycentrics sum to 1.
@@ -271,9 +265,7 @@ def outer_rule(ring, vertex, points):
     elif K == 4:
         s = [3 / 8, 0, -1 / 8, 0]
     else:
-        s = [
-            (0.25 + math.cos(2 * math.pi * j / K) + 0.5 * math.cos(4 * math.pi * j / K)) / K for j in range(K)
-        ]
+        s = [(0.25 + math.cos(2 * math.pi * j / K) + 0.5 * math.cos(4 * math.pi * j / K)) / K for j in range(K)]
     return 3 / 4 * points[vertex] + sum(w * points[r] for w, r in zip(s, ring, strict=True))
 
 
@@ -281,8 +273,7 @@ def butterfly_point(a, b, faces_at, around, points):
     p, q = points[a], points[b]
     with_both = around[a, b]
     border_neighbours = {
-        v: [w for t in faces_at[v] for w in t if w != v and len(around[tuple(sorted((v, w)))]) == 1]
-        for v in (a, b)
+        v: [w for t in faces_at[v] for w in t if w != v and len(around[tuple(sorted((v, w)))]) == 1] for v in (a, b)
     }
     if len(with_both) == 1:
         if all(len(n) == 2 for n in border_neighbours.values()):
@@ -319,9 +310,7 @@ def subdivide_by_the_book(points, triangles):
     return fine, children
 
 
-@pytest.mark.parametrize(
-    "name", [n for n in ALL if n not in ("double_sided", "degenerates", "pillow", "none")]
-)
+@pytest.mark.parametrize("name", [n for n in ALL if n not in ("double_sided", "degenerates", "pillow", "none")])
 def test_refining_everything_is_the_modified_butterfly(name):
     points, triangles = ALL[name]()
     points = points + np.random.default_rng(1).normal(size=points.shape) * 0.1
@@ -418,9 +407,7 @@ meshes = st.sampled_from(sorted(ALL))
 seeds = st.integers(0, 10**6)
 
 
-@given(
-    meshes, seeds, st.sampled_from([0.02, 0.1, 0.3, 0.7]), st.integers(0, 3), st.sampled_from([0, 0.1, 0.5])
-)
+@given(meshes, seeds, st.sampled_from([0.02, 0.1, 0.3, 0.7]), st.integers(0, 3), st.sampled_from([0, 0.1, 0.5]))
 def test_any_choice_of_edges_gives_a_conforming_mesh(name, seed, probability, max_levels, forbidden):
     points, triangles = ALL[name]()
     forbids = chance(seed + 1, forbidden, len(points))
@@ -490,9 +477,7 @@ def test_a_plane_keeps_its_area(seed, name):
         a, b, c = np.moveaxis(positions[faces], 1, 0)
         return np.cross(b - a, c - a)[:, 2] / 2
 
-    fine = subdivide(
-        triangles, len(points), wants=chance(seed, 0.1, len(points)), max_levels=3, scheme="midpoint"
-    )
+    fine = subdivide(triangles, len(points), wants=chance(seed, 0.1, len(points)), max_levels=3, scheme="midpoint")
     found = areas(fine.positions(points), fine.triangles)
     assert found.min() > 0
     np.testing.assert_allclose(found.sum(), areas(points, triangles).sum())

@@ -199,9 +199,7 @@ Flag: TypeAlias = Annotated[bool, Strict(), _expects("true or false")]
 _Seconds: TypeAlias = Annotated[float, _Between(0, 1e6, "seconds")]
 _Strength: TypeAlias = Annotated[float, _Between(-100, 100)]
 _Coordinate: TypeAlias = Annotated[float, _Between(-1e9, 1e9)]
-_PlainLength: TypeAlias = Annotated[
-    Length, PlainValidator(_length), WithJsonSchema({"anyOf": _LENGTH_SCHEMA})
-]
+_PlainLength: TypeAlias = Annotated[Length, PlainValidator(_length), WithJsonSchema({"anyOf": _LENGTH_SCHEMA})]
 _Key: TypeAlias = Annotated[tuple[_Seconds, _PlainLength], _a((list, tuple), "[seconds, length]", 2, 2)]
 _Keys: TypeAlias = Annotated[
     tuple[_Key, ...],
@@ -270,9 +268,7 @@ class RefinementSettings:
     scheme: Annotated[
         Literal["butterfly", "midpoint"],
         _expects("butterfly or midpoint"),
-        Field(
-            description="butterfly rounds the surface, midpoint keeps the coarse shape. Default butterfly."
-        ),
+        Field(description="butterfly rounds the surface, midpoint keeps the coarse shape. Default butterfly."),
     ] = "butterfly"
 
 
@@ -324,11 +320,7 @@ _Anchor: TypeAlias = Annotated[
     | Annotated[Marker, Tag("<marker>")],
     _pick(
         lambda value: (
-            "<xyz>"
-            if isinstance(value, list | tuple)
-            else "<marker>"
-            if isinstance(value, dict | Marker)
-            else None
+            "<xyz>" if isinstance(value, list | tuple) else "<marker>" if isinstance(value, dict | Marker) else None
         ),
         "[x, y, z] or {marker: NODE}",
     ),
@@ -342,9 +334,7 @@ class ToolModel(BaseModel):
 
     model_config = ConfigDict(extra="forbid", validate_assignment=True, title="Tool")
 
-    name: Annotated[
-        Text, Field(description="Unique name; also when all but letters, digits and _ is replaced by _.")
-    ]
+    name: Annotated[Text, Field(description="Unique name; also when all but letters, digits and _ is replaced by _.")]
     node: Annotated[
         Text | None,
         _expects("text, in quotes where YAML would read a number, true, false or null"),
@@ -378,14 +368,9 @@ class ToolModel(BaseModel):
     strategy: Annotated[
         Literal["everywhere", "origin", "both_ends"],
         _expects("everywhere, origin or both_ends"),
-        Field(
-            description="Which bumps rise first: all alike, from the origin, from both ends. "
-            "Default everywhere."
-        ),
+        Field(description="Which bumps rise first: all alike, from the origin, from both ends. Default everywhere."),
     ] = "everywhere"
-    bumps: Annotated[
-        int, _WholeBetween(1, 64), Field(description="Wrinkles along the segment. Default 4.")
-    ] = 4
+    bumps: Annotated[int, _WholeBetween(1, 64), Field(description="Wrinkles along the segment. Default 4.")] = 4
     gap: Annotated[
         int,
         _WholeBetween(0, 64),
@@ -405,9 +390,7 @@ class ToolModel(BaseModel):
         Field(max_length=MAX_DETAILS),
         _a((list, tuple), f"a list of up to {MAX_DETAILS} shares", 0, MAX_DETAILS),
         AfterValidator(_shares),
-        Field(
-            description="Shares of the shortening that go into ever finer wrinkles on the bumps. Default []."
-        ),
+        Field(description="Shares of the shortening that go into ever finer wrinkles on the bumps. Default []."),
     ] = ()
     profile: Annotated[
         Literal["smooth", "polyline"],
@@ -449,9 +432,7 @@ class ToolModel(BaseModel):
         ),
     ] = "auto"
     enabled: Annotated[Flag, Field(description="false: checked but not baked. Default true.")] = True
-    optional: Annotated[
-        Flag, Field(description="true: an absent node is a note, not an error. Default false.")
-    ] = False
+    optional: Annotated[Flag, Field(description="true: an absent node is a note, not an error. Default false.")] = False
 
 
 _OWN_KEYS = ("name", "origin", "target")
@@ -660,9 +641,7 @@ for _kind, _pattern, _first in (
     ("null", re.compile(r"^(?:~|null|Null|NULL|)$"), ["~", "n", "N", ""]),
     (
         "bool",
-        re.compile(
-            f"^(?:{'|'.join(form for word in _BOOLS for form in (word, word.title(), word.upper()))})$"
-        ),
+        re.compile(f"^(?:{'|'.join(form for word in _BOOLS for form in (word, word.title(), word.upper()))})$"),
         list("tTfFyYnNoO"),
     ),
     ("int", re.compile(f"^(?:{_NUMBER.pattern})$"), list("-+0123456789")),
@@ -1006,9 +985,7 @@ def _tools(
             owner = owners.setdefault(_identifier(values["name"]), path)
             if owner != path:
                 name = child.children["name"]
-                message = (
-                    f"found {name.shown}, but {owner} has that name: they must differ in letters, digits or _"
-                )
+                message = f"found {name.shown}, but {owner} has that name: they must differ in letters, digits or _"
                 problems.append(_Problem(name.line, f"{path}.name", message))
         if "origin" in values and values["origin"] == values.get("target"):
             line = child.children["target"].line

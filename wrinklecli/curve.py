@@ -110,9 +110,7 @@ class ControlCurve:
             rest = np.where(full, np.maximum(rest - len(group) * capacities, 0.0), 0.0)
         return shares, rest
 
-    def amplitudes(
-        self, bump_shortenings: Floats, rest_lengths: Floats, unabsorbed: Floats | float = 0.0
-    ) -> Floats:
+    def amplitudes(self, bump_shortenings: Floats, rest_lengths: Floats, unabsorbed: Floats | float = 0.0) -> Floats:
         """Amplitudes of each group's modes.
 
         Args:
@@ -506,9 +504,7 @@ def _reachable(
     intervals = distances / interval_count
     # A tool that never rises still needs a shape.
     limit = max_height if max_height > 0 else math.inf
-    greatest_shares = np.minimum(
-        (greatest - distances) / sharing, _polyline_capacity(details, intervals, limit)
-    )
+    greatest_shares = np.minimum((greatest - distances) / sharing, _polyline_capacity(details, intervals, limit))
     shares = greatest_shares[:, None] * np.linspace(0.0, 1.0, 34)[1:] ** 2
     heights = _polyline_heights(details, shares, intervals[:, None])
     return heights.reshape(-1, heights.shape[-1])

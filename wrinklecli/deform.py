@@ -98,9 +98,7 @@ def carry(patch: Patch, fine: Refinement, pinned: Bools) -> Carrier:
     regular = ~singular(fine.blended[members])
     moving = np.abs(magnitudes) > _LEAST_SHARE * abs(patch.shape_strength)
     if not (regular & moving).any():
-        raise BakeError(
-            "moves no vertex: the mesh faces away or lies beside the patch", where=patch.tool.where
-        )
+        raise BakeError("moves no vertex: the mesh faces away or lies beside the patch", where=patch.tool.where)
     # Projected anew each frame, any member may come to lie on the patch.
     chosen = regular & (moving if patch.tool.attachment == "skin" else True)
     vertices = members[chosen]
@@ -116,9 +114,7 @@ def carry(patch: Patch, fine: Refinement, pinned: Bools) -> Carrier:
     )
 
 
-def displacements(
-    carrier: Carrier, fine: Refinement, rig: Rig, rest: Rest, clip: Clip | None, times: Floats
-) -> Floats:
+def displacements(carrier: Carrier, fine: Refinement, rig: Rig, rest: Rest, clip: Clip | None, times: Floats) -> Floats:
     """(frames, vertices, 3) what the method displaces a carrier's vertices by, bind space."""
     patch = carrier.patch
     amplitudes = patch.clip_strength(clip) * activity(patch, rig, rest, clip, times).amplitudes
@@ -359,8 +355,7 @@ def _posed_patch(patch: Patch, vertices: Ints, posed: Floats, normals: Floats) -
     if np.linalg.norm(mean) < 1e-6:
         return None
     origin, target = (
-        replace(anchor, position=place)
-        for anchor, (place, _) in zip((patch.origin, patch.target), ends, strict=True)
+        replace(anchor, position=place) for anchor, (place, _) in zip((patch.origin, patch.target), ends, strict=True)
     )
     return replace(patch, origin=origin, target=target, span=span, along=along, normal=unit(mean))
 

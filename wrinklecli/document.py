@@ -170,9 +170,7 @@ class Document:
             raise AssetError(f"sparse index {indices.max()}, but the count is {len(elements)}", where=where)
         elements[indices] = self._view_elements(values_part, "bufferView", dtype, size, count, where)
 
-    def _view_elements(
-        self, source: Json, key: str, dtype: np.dtype[Any], size: int, count: int, where: str
-    ) -> Array:
+    def _view_elements(self, source: Json, key: str, dtype: np.dtype[Any], size: int, count: int, where: str) -> Array:
         """(count, size) stored elements of a buffer view, not copied."""
         view_index = source.get(key)
         view = self.item("bufferViews", view_index, user=where)
@@ -210,9 +208,7 @@ def _element(accessor: Json, where: str) -> tuple[np.dtype[Any], int]:
     return dtype, size
 
 
-def _whole(
-    source: Json, key: str, where: str, *, default: int | None = None, least: int = 0, most: int = 2**53
-) -> int:
+def _whole(source: Json, key: str, where: str, *, default: int | None = None, least: int = 0, most: int = 2**53) -> int:
     """A non-negative integer property."""
     value = source.get(key, default)
     if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
@@ -261,9 +257,7 @@ def _check_asset(document: Document) -> None:
     asset = document.gltf.get("asset")
     version = asset.get("version") if isinstance(asset, dict) else None
     if not isinstance(version, str) or not version.startswith("2."):
-        raise AssetError(
-            f"asset.version is {version!r}; glTF 2.0 is read", where=document.where("asset", "version")
-        )
+        raise AssetError(f"asset.version is {version!r}; glTF 2.0 is read", where=document.where("asset", "version"))
 
 
 def _read_file(path: str, *, where: str = "") -> memoryview:
@@ -357,7 +351,7 @@ class Draft:
         self.source = source
         self.gltf: Json = copy.deepcopy(source.gltf)
         # New data goes to disk when it outgrows memory: per-frame geometry may be gigabytes.
-        self._data: IO[bytes] = tempfile.SpooledTemporaryFile(max_size=_SPOOL_BYTES)
+        self._data: IO[bytes] = tempfile.SpooledTemporaryFile(max_size=_SPOOL_BYTES)  # noqa: SIM115
         self._data_size = 0
         self._new_views: set[int] = set()
         self._dead_views: list[int] = []
@@ -453,9 +447,7 @@ class Draft:
             if key not in self._shared:
                 zeros = np.zeros((count, values.shape[1]), np.float32)
                 self._shared[key] = (
-                    self.add(zeros, target=VERTEX_DATA, bounds=bounds)
-                    if stored
-                    else self._place(accessor, None)
+                    self.add(zeros, target=VERTEX_DATA, bounds=bounds) if stored else self._place(accessor, None)
                 )
             return self._shared[key]
         slot = self._release(replaces)
@@ -610,9 +602,7 @@ class Draft:
             gltf["bufferViews"] = views
         if total_data:
             old_buffers = self.gltf.get("buffers", [])
-            kept = (
-                {key: value for key, value in old_buffers[0].items() if key != "uri"} if old_buffers else {}
-            )
+            kept = {key: value for key, value in old_buffers[0].items() if key != "uri"} if old_buffers else {}
             gltf["buffers"] = [kept | {"byteLength": total_data}]
         text = _dump(gltf).encode()
         text += b" " * (-len(text) % _ALIGNMENT)

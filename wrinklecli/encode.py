@@ -70,7 +70,8 @@ class _Part:
 
     def heaviest(self) -> Ints:
         """(new vertices,) the old vertex that each is nearest to; the first among equals."""
-        return self.sources[np.arange(len(self.sources)), np.argmax(self.shares, axis=1)]
+        nearest: Ints = self.sources[np.arange(len(self.sources)), np.argmax(self.shares, axis=1)]
+        return nearest
 
 
 def parts_of(fine: Refinement) -> list[_Part]:
@@ -132,8 +133,7 @@ def encode_mesh(
         if not targets:
             continue
         primitive["targets"] = [
-            _with_zero_normal(draft, each, len(part.weld), base is not None, sparse)
-            for each in old_targets
+            _with_zero_normal(draft, each, len(part.weld), base is not None, sparse) for each in old_targets
         ] + [_encode_target(draft, each.shape, part, fine, base, sparse) for each in targets]
     if not targets:
         return
@@ -143,9 +143,7 @@ def encode_mesh(
     if "weights" in mesh:
         mesh["weights"] = mesh["weights"][:old_count] + [0.0] * len(targets)
     if "weights" in node or stored.any():
-        node["weights"] = [float(each) for each in rig.morph_weights] + [
-            float(np.float32(each)) for each in stored
-        ]
+        node["weights"] = [float(each) for each in rig.morph_weights] + [float(np.float32(each)) for each in stored]
 
 
 def own_mesh(draft: Draft, node: Json, mesh: int) -> Json:
@@ -176,9 +174,7 @@ def _refine_primitive(draft: Draft, primitive: Json, part: _Part, fine: Refineme
     for number, target in enumerate(primitive.get("targets", [])):
         for name, index in target.items():
             old = draft.source.accessor(index, user=where)
-            new = (
-                fine.morph_deltas[number, part.weld[len(part.old) :]] if name == "POSITION" else part.mix(old)
-            )
+            new = fine.morph_deltas[number, part.weld[len(part.old) :]] if name == "POSITION" else part.mix(old)
             values = np.concatenate([old, new]).astype(np.float32)
             bounds = name == "POSITION"
             if "sparse" in draft.source.items("accessors")[index]:
@@ -269,9 +265,7 @@ def _rows(vertices: Ints, count: int) -> Ints:
     return rows
 
 
-def _add_vectors(
-    draft: Draft, indices: Ints, values: Floats, count: int, sparse: bool, *, bounds: bool
-) -> int:
+def _add_vectors(draft: Draft, indices: Ints, values: Floats, count: int, sparse: bool, *, bounds: bool) -> int:
     stored = values.astype(np.float32)
     if sparse or not len(indices):
         return draft.add_sparse(indices, stored, count=count, bounds=bounds, stored=not sparse)

@@ -10,6 +10,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,7 +145,7 @@ def _encode_node(draft: Draft, frames: Frames, progress: Progress) -> None:
     parts = parts_of(frames.fine)
     bounds = np.cumsum([0] + [len(part.weld) for part in parts])
     nodes, meshes = draft.gltf["nodes"], draft.gltf["meshes"]
-    group = {"name": f"{rig.names[rig.node]}_frames", "children": []}
+    group: Json = {"name": f"{rig.names[rig.node]}_frames", "children": []}
     nodes.append(group)
     _add_root(draft, rig, len(nodes) - 1)
     total = sum(len(motion.times) for motion in frames.motions)
@@ -273,10 +274,7 @@ def export_frames(
             for motions in zip(*(frames.motions for frames in every), strict=True):
                 stem = re.sub(r"[^A-Za-z0-9_.-]", "_", motions[0].clip.name)
                 posed = zip(
-                    *(
-                        _pose_frames(document, frames, motion)
-                        for frames, motion in zip(every, motions, strict=True)
-                    ),
+                    *(_pose_frames(document, frames, motion) for frames, motion in zip(every, motions, strict=True)),
                     strict=True,
                 )
                 for number, meshes in enumerate(posed):
@@ -285,7 +283,7 @@ def export_frames(
                         name = frames.rig.names[frames.rig.node]
                         scene.add_geometry(_trimesh(document, frames, mesh), geom_name=name, node_name=name)
                     file_name = f"{stem}_{number:04d}.{kind}"
-                    exported = scene if kind == "glb" else scene.to_geometry()
+                    exported: Any = scene if kind == "glb" else scene.to_geometry()
                     data = exported.export(file_type=kind)
                     data = data.encode() if isinstance(data, str) else data
                     (Path(temporary) / file_name).write_bytes(data)
@@ -298,21 +296,21 @@ def export_frames(
     return [os.fspath(target / file_name) for file_name in written]
 
 
-def _trimesh(document: Document, frames: Frames, posed: _Posed) -> object:
+def _trimesh(document: Document, frames: Frames, posed: _Posed) -> Any:
     import trimesh
 
     parts = parts_of(frames.fine)
     starts = np.cumsum([0] + [len(part.weld) for part in parts])
     triangles = np.concatenate([part.triangles + start for part, start in zip(parts, starts, strict=False)])
     primitives = document.items("meshes")[frames.rig.mesh]["primitives"]
-    visual = None
+    visual, textured = None, cast(Any, trimesh.visual.TextureVisuals)
     if all("TEXCOORD_0" in each["attributes"] for each in primitives):
         coordinates = []
         for each, part in zip(primitives, parts, strict=True):
             old = document.accessor(each["attributes"]["TEXCOORD_0"])
             coordinates.append(np.concatenate([old, part.mix(old)]))
         # glTF counts v from the top of the image, the other formats from the bottom.
-        visual = trimesh.visual.TextureVisuals(uv=np.concatenate(coordinates) * [1.0, -1.0] + [0.0, 1.0])
+        visual = textured(uv=np.concatenate(coordinates) * [1.0, -1.0] + [0.0, 1.0])
     return trimesh.Trimesh(
         posed.positions, triangles, vertex_normals=posed.normals, visual=visual, process=False, validate=False
     )

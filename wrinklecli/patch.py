@@ -180,9 +180,7 @@ def rest_pose(
     return Rest(matrices, weights, bind, blended, transform(blended[None], bind)[0], normals)
 
 
-def _bind_matrices(
-    surface: Surface, rig: Rig, stored: Floats, weights: Floats, tools: list[WrinkleTool]
-) -> Floats:
+def _bind_matrices(surface: Surface, rig: Rig, stored: Floats, weights: Floats, tools: list[WrinkleTool]) -> Floats:
     """(joints, 4, 4) the stored matrix of the first anchor's main joint, for every joint."""
     bind = surface.positions + np.tensordot(weights, surface.morph_deltas, axes=1)
     point = tools[0].origin
@@ -190,9 +188,7 @@ def _bind_matrices(
     # The anchor's joint depends on where the mesh lies, which depends on the joint: once more settles it.
     for _ in range(2):
         posed = bind @ stored[main, :3, :3].T + stored[main, :3, 3]
-        place = (
-            _marker_position(rig, None, np.zeros(1), point, tools[0]) if isinstance(point, Marker) else point
-        )
+        place = _marker_position(rig, None, np.zeros(1), point, tools[0]) if isinstance(point, Marker) else point
         vertex = int(np.argmin(np.sum((posed - np.asarray(place)) ** 2, axis=1)))
         main = int(surface.joints[vertex, np.argmax(surface.weights[vertex])])
     return np.tile(stored[main], (len(stored), 1, 1))
@@ -304,9 +300,7 @@ def _marker_position(rig: Rig, clip: Clip | None, time: Floats, marker: Marker, 
     found = [index for index, name in enumerate(rig.names) if name == marker.marker]
     if len(found) != 1:
         state = "is not a node of the asset" if not found else f"is the name of {len(found)} nodes"
-        raise BakeError(
-            f"marker {marker.marker!r} {state}{nearest(marker.marker, rig.names)}", where=tool.where
-        )
+        raise BakeError(f"marker {marker.marker!r} {state}{nearest(marker.marker, rig.names)}", where=tool.where)
     place: Floats = node_matrices(rig, clip, time, found)[0, 0, :3, 3]
     return place
 
@@ -338,8 +332,7 @@ def _anchor(
         if np.linalg.norm(found - np.array(turned)) <= _ANCHOR_REACH * segment:
             hint = f"; with `up: {other}` it would lie on it"
         raise BakeError(
-            f"{key} is {distance:.4g} from the mesh, more than a quarter of its segment of"
-            f" {segment:.4g}{hint}",
+            f"{key} is {distance:.4g} from the mesh, more than a quarter of its segment of {segment:.4g}{hint}",
             where=f"{tool.where}.{key}",
         )
     if singular(rest.blended[vertices]).any():
@@ -404,7 +397,7 @@ def _on_edge(point: Floats, start: Floats, stop: Floats) -> Floats:
     edge = stop - start
     squared = np.sum(edge * edge, axis=1)
     share = np.sum((point - start) * edge, axis=1) / np.where(squared > 0, squared, 1.0)
-    return np.clip(share, 0.0, 1.0)
+    return np.asarray(np.clip(share, 0.0, 1.0))
 
 
 def _rest_lengths(tool: WrinkleTool, span: float) -> tuple[float, float]:
@@ -460,9 +453,7 @@ def _with_members(patch: Patch, surface: Surface, rest: Rest) -> Patch:
     return replace(patch, members=reached)
 
 
-def lengths_over_time(
-    patch: Patch, rig: Rig, rest: Rest, clip: Clip | None, times: Floats
-) -> tuple[Floats, Floats]:
+def lengths_over_time(patch: Patch, rig: Rig, rest: Rest, clip: Clip | None, times: Floats) -> tuple[Floats, Floats]:
     """What a clip does to a tool's segment.
 
     Args:
@@ -494,9 +485,7 @@ def lengths_over_time(
     return np.where(hidden, np.inf, distances), _rest_lengths_over_time(patch, rig, clip, times, weights)
 
 
-def _rest_lengths_over_time(
-    patch: Patch, rig: Rig, clip: Clip | None, times: Floats, weights: Floats
-) -> Floats:
+def _rest_lengths_over_time(patch: Patch, rig: Rig, clip: Clip | None, times: Floats, weights: Floats) -> Floats:
     wanted = patch.tool.rest_length
     if isinstance(wanted, RestLengthKeys) and clip is not None and clip.name in wanted.keys:
         keys = wanted.keys[clip.name]

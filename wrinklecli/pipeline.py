@@ -27,7 +27,7 @@ from wrinklecli.encode import METHOD, Target, encode_extras, encode_mesh, encode
 from wrinklecli.errors import AssetError, BakeError, ConfigError, RefusedError, listed, nearest
 from wrinklecli.frames import Frames, Motion, Progress, encode_frames, export_frames
 from wrinklecli.patch import Rest, attach_tools, rest_pose
-from wrinklecli.pose import Clip, Rig, morph_target_names, read_clips, read_rig
+from wrinklecli.pose import Clip, Rig, joint_matrices, morph_target_names, read_clips, read_rig
 from wrinklecli.proof import Residual, compare, read_back
 from wrinklecli.refine import Refinement, contacts_of, influence_count, refine
 from wrinklecli.report import (
@@ -48,6 +48,8 @@ Mode = Literal["morph", "frames"]
 _DEFAULT_MAX_ERROR = Length(1.0, percent=True)
 # Products of skinning round a few times; below this many units in the last place float32 sets the limit.
 _FLOAT32_STEPS = 8
+# Poses of a clip at which pruned skin weights are judged before the proof.
+_POSES = 33
 # Quarter points of an interval and the rest of the chain share the error bound.
 _SAMPLING_SHARE = 0.5
 
@@ -204,9 +206,7 @@ class Baked:
         return Frames(self.plan.rig, self.plan.fine, targets, tuple(self.motions))
 
 
-def _settings(
-    settings: ToolsFile, only: Sequence[str], fps: float | None, max_levels: int | None
-) -> ToolsFile:
+def _settings(settings: ToolsFile, only: Sequence[str], fps: float | None, max_levels: int | None) -> ToolsFile:
     """The tools file with the command line's overrides."""
     names = [tool.name for tool in settings.tools]
     for name in only:
@@ -226,9 +226,7 @@ def _settings(
     return replace(settings, tools=tools, sampling=sampling, refinement=refinement)
 
 
-def _chosen_clips(
-    clips: tuple[Clip, ...], settings: ToolsFile, asked: Sequence[str], document: Document
-) -> list[Clip]:
+def _chosen_clips(clips: tuple[Clip, ...], settings: ToolsFile, asked: Sequence[str], document: Document) -> list[Clip]:
     """The clips to bake: those asked for, else those of the tools file, else all."""
     wanted: Sequence[str] = asked
     if not asked and settings.sampling.clips != "all":
@@ -255,14 +253,13 @@ def _by_node(document: Document, settings: ToolsFile, notes: list[str]) -> dict[
             matches = deforming
             fault = "no mesh of the asset deforms: it has neither a skin nor morph targets"
             if len(deforming) > 1:
-                options = listed(str(names[index]) for index in deforming)
-                fault = f"several meshes deform; name one by `node`: {options}"
+                several = listed(str(names[index]) for index in deforming)
+                fault = f"several meshes deform; name one by `node`: {several}"
         else:
             matches = [index for index in carriers if names[index] == tool.node]
             options = [str(names[index]) for index in carriers]
             fault = (
-                f"node {tool.node!r} is no node with a mesh{nearest(tool.node, options)};"
-                f" there are {listed(options)}"
+                f"node {tool.node!r} is no node with a mesh{nearest(tool.node, options)}; there are {listed(options)}"
             )
             if len(matches) > 1:
                 fault = f"{len(matches)} nodes with a mesh are named {tool.node!r}"
@@ -309,6 +306,13 @@ def plan_mesh(
     rest = rest_pose(surface, rig, settings, clips, tools)
     patches = attach_tools(tools, surface, rest, rig, settings, clips)
     contacts = contacts_of(document, rig, surface, rest, patches)
+    tallest = max(
+        abs(patch.shape_strength) * float(patch.curve.heights(patch.curve.greatest_amplitudes[None]).max(initial=0.0))
+        for patch in patches
+    )
+    largest = float(np.abs(rest.positions).max())
+    floor = _FLOAT32_STEPS * float(np.spacing(np.float32(largest)))
+    bound = max(max_error.resolve(tallest), floor)
     fine = refine(
         surface,
         rest,
@@ -317,16 +321,17 @@ def plan_mesh(
         settings=settings.refinement,
         contacts=contacts,
         influences=influence_count(document, rig),
+        poses=_poses(rig, clips),
+        tolerance=_SAMPLING_SHARE * bound,
     )
     carriers = tuple(carry(patch, fine, contacts) for patch in patches)
-    tallest = max(
-        abs(patch.shape_strength)
-        * float(patch.curve.heights(patch.curve.greatest_amplitudes[None]).max(initial=0.0))
-        for patch in patches
-    )
-    largest = float(np.abs(rest.positions).max())
-    floor = _FLOAT32_STEPS * float(np.spacing(np.float32(largest)))
-    return Plan(rig, rest, fine, carriers, tallest, max(max_error.resolve(tallest), floor))
+    return Plan(rig, rest, fine, carriers, tallest, bound)
+
+
+def _poses(rig: Rig, clips: Sequence[Clip]) -> Floats:
+    """(poses, joints, 4, 4) a few poses of every clip of the asset, whichever are baked."""
+    poses = [joint_matrices(rig, clip, np.linspace(clip.start, clip.end, _POSES)) for clip in clips]
+    return np.concatenate([joint_matrices(rig, None, np.zeros(1)), *poses])
 
 
 def sample_clips(
@@ -368,13 +373,8 @@ def sample_clips(
             shapes = shapes_of(carrier, fine, with_normals=with_normals)
             weights = [_skin_weights(plan, carrier, clip, at) for clip, at in zip(chosen, times, strict=True)]
         else:
-            series = [
-                displacements(carrier, fine, rig, rest, clip, at)
-                for clip, at in zip(chosen, times, strict=True)
-            ]
-            shapes, weights = _compressed(
-                carrier, fine, series, plan.max_error / 4 / scale, scale, with_normals
-            )
+            series = [displacements(carrier, fine, rig, rest, clip, at) for clip, at in zip(chosen, times, strict=True)]
+            shapes, weights = _compressed(carrier, fine, series, plan.max_error / 4 / scale, scale, with_normals)
         bases.append(Basis(carrier, tuple(_named(carrier, shapes)), tuple(weights)))
     motions = []
     for index, (clip, at) in enumerate(zip(chosen, times, strict=True)):
@@ -419,9 +419,7 @@ def _compressed(
         return [], []
     together, deltas = compress(np.concatenate(series), tolerance)
     weights = np.split(together, np.cumsum([len(each) for each in series])[:-1])
-    rows = np.unique(
-        np.concatenate([np.linspace(0, len(together) - 1, 16).astype(int), np.argmax(together, axis=0)])
-    )
+    rows = np.unique(np.concatenate([np.linspace(0, len(together) - 1, 16).astype(int), np.argmax(together, axis=0)]))
     shapes = make_shapes(
         fine,
         carrier.vertices,
@@ -453,13 +451,15 @@ def _encode(draft: Draft, plan: Plan, bases: list[Basis], motions: Sequence[Moti
     encode_extras(
         draft,
         rig,
-        [(each.carrier.patch, [t and t.name for t in each.targets]) for each in bases if each.from_skin],
+        [
+            (each.carrier.patch, [None if target is None else target.name for target in each.targets])
+            for each in bases
+            if each.from_skin
+        ],
     )
     for motion in motions:
         channel = motion.clip.channel(rig.node, "weights")
-        encode_track(
-            draft, motion.clip, rig.node, widen(channel, rig, motion.clip, motion.times, motion.weights)
-        )
+        encode_track(draft, motion.clip, rig.node, widen(channel, rig, motion.clip, motion.times, motion.weights))
 
 
 def _prove(
@@ -494,9 +494,7 @@ def _prove(
 
 
 def _has_normals(document: Document, mesh: int) -> bool:
-    return any(
-        "NORMAL" in each.get("attributes", {}) for each in document.items("meshes")[mesh]["primitives"]
-    )
+    return any("NORMAL" in each.get("attributes", {}) for each in document.items("meshes")[mesh]["primitives"])
 
 
 def refuse_overwriting(inputs: Sequence[str], outputs: Sequence[str | os.PathLike[str]]) -> None:
@@ -562,9 +560,7 @@ def _report(
             ]
             warnings += warnings_of(patch, seen)
             if basis.carrier.stuck:
-                warnings.append(
-                    f"{patch.tool.name}: {basis.carrier.stuck} vertices stay put: singular at rest"
-                )
+                warnings.append(f"{patch.tool.name}: {basis.carrier.stuck} vertices stay put: singular at rest")
             tools.append(
                 {
                     "name": patch.tool.name,

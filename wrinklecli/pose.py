@@ -173,14 +173,12 @@ def read_rig(document: Document, node: int) -> Rig:
     primitives = mesh.get("primitives") or [{}]
     count = len(primitives[0].get("targets", []))
     weights = np.zeros(count)
-    stored = carrier.get("weights", mesh.get("weights", []))
     try:
-        weights[: len(stored)] = np.array(stored, np.float64)[:count]
+        stored = np.array(carrier.get("weights", mesh.get("weights", [])), np.float64).reshape(-1)[:count]
+        weights[: len(stored)] = stored
         locals_ = tuple(_stored_local(each) for each in nodes)
     except (TypeError, ValueError) as error:
-        raise AssetError(
-            "a node's transform or weights are not numbers", where=document.where("nodes")
-        ) from error
+        raise AssetError("a node's transform or weights are not numbers", where=document.where("nodes")) from error
     names = tuple(str(each.get("name", f"node_{index}")) for index, each in enumerate(nodes))
     return Rig(
         node=node,
@@ -260,7 +258,8 @@ def joint_matrices(rig: Rig, clip: Clip | None, times: Floats, joints: Ints | No
     """
     chosen = np.arange(len(rig.joints)) if joints is None else joints
     globals_ = node_matrices(rig, clip, times, [int(rig.joints[joint]) for joint in chosen])
-    return np.einsum("fjab,jbc->fjac", globals_, rig.inverse_binds[chosen])
+    matrices: Floats = np.einsum("fjab,jbc->fjac", globals_, rig.inverse_binds[chosen])
+    return matrices
 
 
 def node_matrices(rig: Rig, clip: Clip | None, times: Floats, nodes: Iterable[int]) -> Floats:
@@ -381,7 +380,8 @@ def blend(weights: Floats, matrices: Floats) -> Floats:
     """
     frames, joints = matrices.shape[:2]
     rows = matrices[:, :, :3, :].reshape(frames, joints, 12)
-    return np.matmul(weights, rows).reshape(frames, len(weights), 3, 4)
+    blended: Floats = np.matmul(weights, rows)
+    return blended.reshape(frames, len(weights), 3, 4)
 
 
 def transform(blended: Floats, positions: Floats) -> Floats:

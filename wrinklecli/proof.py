@@ -123,9 +123,7 @@ def compare(
         now = chosen[start : start + _CHUNK]
         moved = _method_displacements(proof, fine, carriers, rig, rest, clip, now)
         morphs = morph_weights(rig, clip, now)
-        bind = fine.positions[proof.vertices] + np.tensordot(
-            morphs, fine.morph_deltas[:, proof.vertices], axes=1
-        )
+        bind = fine.positions[proof.vertices] + np.tensordot(morphs, fine.morph_deltas[:, proof.vertices], axes=1)
         wanted = transform(blend(weights, joint_matrices(rig, clip, now)), bind + moved)
         played = morph_weights(proof.rig, written, now)
         got_bind = proof.positions + np.tensordot(played, proof.deltas, axes=1)
@@ -136,10 +134,11 @@ def compare(
             worst, worst_time = float(distances[frame].max()), float(now[frame])
         if with_normals and proof.normals is not None:
             angles.append(_normal_angles(proof, fine, moved, played))
-    normal = float(np.percentile(np.concatenate(angles), 99)) if angles else None
-    return Residual(
-        worst, worst_time, _height_error(proof, written, clip, every, carriers, rig, rest), normal
-    )
+    normal = None
+    if angles:
+        together = np.concatenate(angles)
+        normal = float(np.percentile(together, 99)) if len(together) else 0.0
+    return Residual(worst, worst_time, _height_error(proof, written, clip, every, carriers, rig, rest), normal)
 
 
 def _all_times(times: Floats) -> Floats:

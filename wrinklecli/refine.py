@@ -7,16 +7,20 @@ survives; edges are compared with half an interval of the control curve, where t
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wrinklecli.config import RefinementSettings
-from wrinklecli.patch import Patch, Rest, carried_normals
 from wrinklecli.document import Document
+from wrinklecli.patch import Patch, Rest, carried_normals
 from wrinklecli.pose import Rig, blend, joint_matrices, read_rig, transform
 from wrinklecli.subdivide import Level, Subdivision, subdivide
 from wrinklecli.surface import Surface, read_vertices, vertex_normals
+
+if TYPE_CHECKING:
+    from wrinklecli.subdivide import Matrix
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -24,6 +28,8 @@ Bools = NDArray[np.bool_]
 
 # Meshes touch where vertices are this near, over the box's diagonal.
 _CONTACT = 1e-6
+# Length of a bone that bends under a tool, where others count 1.
+_BEND = 1000.0
 # Vertices of another mesh compared at once: bounds the memory.
 _CHUNK = 256
 
@@ -99,6 +105,8 @@ def refine(
     settings: RefinementSettings,
     contacts: Bools,
     influences: int,
+    poses: Floats,
+    tolerance: float,
 ) -> Refinement:
     """Split the triangles under the patches until the control curves show.
 
@@ -112,6 +120,9 @@ def refine(
         settings: `refinement` of the tools file.
         contacts: (vertices,) those that touch another mesh: an edge between two of them is not split.
         influences: How many joints a vertex of the file can have.
+        poses: (poses, joints, 4, 4) of the asset's clips, bind to world space.
+        tolerance: Scene units. An edge is not split where the midpoint's skin weights, pruned to `influences`,
+            would move it further off in any pose.
     """
 
     def wants(level: Level) -> Bools:
@@ -128,45 +139,94 @@ def refine(
             wanted[edges] |= np.abs(u[ends[:, 1]] - u[ends[:, 0]]) > _greatest_step(patch, settings)
         return wanted
 
+    distances = joint_distances(rig, patches)
+    members = np.any([patch.members for patch in patches], axis=0)
+    near = np.isin(surface.triangles, surface.triangles[members]).any(axis=1)
+    dense = surface.dense_weights(np.arange(len(surface.positions)), len(rig.joints))
+
     def forbids(level: Level) -> Bools:
-        touching = np.zeros(int(level.edges.max()) + 1, bool)
-        touching[: len(contacts)] = contacts[: len(touching)]
-        return touching[level.edges].all(axis=1)
+        """Mark edges along another mesh, and those near a patch whose midpoint has too many joints."""
+        last = int(level.edges.max(initial=0))
+        touching = np.zeros(max(last + 1, len(contacts)), bool)
+        touching[: len(contacts)] = contacts
+        forbidden = np.asarray(touching[level.edges].all(axis=1))
+        edges = np.unique(level.triangle_edges[near[level.parents]])
+        weights = _rows(level.linear, level.edges[edges, 0], dense) + _rows(level.linear, level.edges[edges, 1], dense)
+        many = (weights > 0).sum(axis=1) > influences
+        edges, weights = edges[many], weights[many] / 2.0
+        positions = (
+            _rows(level.matrix, level.edges[edges, 0], rest.bind_positions)
+            + _rows(level.matrix, level.edges[edges, 1], rest.bind_positions)
+        ) / 2.0
+        forbidden[edges] |= pruning_errors(weights, positions, distances, influences, poses) > tolerance
+        return forbidden
 
     subdivision = subdivide(
         surface.triangles,
         len(surface.positions),
         wants=wants,
-        forbids=forbids if contacts.any() else None,
+        forbids=forbids,
         max_levels=settings.max_levels,
         scheme=settings.scheme,
     )
-    return _refined(surface, rest, rig, subdivision, influences)
+    return _refined(surface, rest, dense, subdivision, distances, influences)
 
 
 def _greatest_step(patch: Patch, settings: RefinementSettings) -> float:
     """The largest |Δu| of an edge that shows the patch's control curve."""
-    return 1.0 / (patch.curve.interval_count * 2 ** len(patch.tool.details) * settings.edges_per_interval)
+    intervals = patch.curve.interval_count * 2.0 ** len(patch.tool.details)
+    return 1.0 / (intervals * settings.edges_per_interval)
 
 
 def _rest_positions(level: Level, vertices: Ints, rest: Rest) -> Floats:
     """(vertices, 3) world positions at rest of some vertices of a level."""
-    if level.matrix is None or level.linear is None:
-        return rest.positions[vertices]
-    blended = np.asarray(level.linear[vertices] @ rest.blended.reshape(-1, 12)).reshape(1, -1, 3, 4)
-    return transform(blended, np.asarray(level.matrix[vertices] @ rest.bind_positions))[0]
+    blended = _rows(level.linear, vertices, rest.blended.reshape(-1, 12)).reshape(1, -1, 3, 4)
+    positions: Floats = transform(blended, _rows(level.matrix, vertices, rest.bind_positions))[0]
+    return positions
 
 
-def _refined(surface: Surface, rest: Rest, rig: Rig, subdivision: Subdivision, influences: int) -> Refinement:
+def _rows(matrix: "Matrix | None", vertices: Ints, coarse: Floats) -> Floats:
+    """Some rows of a level's matrix (None: identity) times (coarse vertices, …) values."""
+    return coarse[vertices] if matrix is None else np.asarray(matrix[vertices] @ coarse)
+
+
+def pruning_errors(weights: Floats, positions: Floats, distances: Floats, influences: int, poses: Floats) -> Floats:
+    """(vertices,) how far pruned skin weights move vertices off, at the most.
+
+    Args:
+        weights: (vertices, joints) skin weights before pruning.
+        positions: (vertices, 3) bind space.
+        distances: (joints, joints) in the skeleton.
+        influences: How many joints are kept.
+        poses: (poses, joints, 4, 4) bind to world space.
+    """
+    joints, kept = prune(weights, distances, influences)
+    change = weights.copy()
+    for column in range(influences):
+        change[np.arange(len(change)), joints[:, column]] -= kept[:, column]
+    errors = np.zeros(len(weights))
+    for pose in poses:
+        moved = transform(blend(change, pose[None]), positions)[0]
+        errors = np.maximum(errors, np.sqrt(np.sum(moved**2, axis=1)))
+    return errors
+
+
+def _refined(
+    surface: Surface,
+    rest: Rest,
+    dense: Floats,
+    subdivision: Subdivision,
+    distances: Floats,
+    influences: int,
+) -> Refinement:
     fresh = slice(len(surface.positions), None)
     positions = subdivision.positions(surface.positions)
     deltas = subdivision.positions(surface.morph_deltas)
     bind = positions + np.tensordot(rest.morph_weights, deltas, axes=1)
     normals = vertex_normals(bind, subdivision.triangles)
     blended = subdivision.interpolate(rest.blended.reshape(-1, 12)).reshape(-1, 3, 4)
-    every = np.arange(len(surface.positions))
-    weights = subdivision.interpolate(surface.dense_weights(every, len(rig.joints)))[fresh]
-    joints_pruned, weights_pruned = prune(weights, joint_distances(rig), influences)
+    weights = subdivision.interpolate(dense)[fresh]
+    joints_pruned, weights_pruned = prune(weights, distances, influences)
     corners, sources, shares, primitives, weld = _split_corners(surface, subdivision)
     return Refinement(
         surface=surface,
@@ -221,59 +281,85 @@ def _split_corners(surface: Surface, subdivision: Subdivision) -> tuple[Ints, In
     )
 
 
-def joint_distances(rig: Rig) -> Ints:
-    """(joints, joints) how many bones lie between two joints; joints of separate trees are furthest."""
+def joint_distances(rig: Rig, patches: Sequence[Patch]) -> Floats:
+    """(joints, joints) how far joints are apart in the skeleton.
+
+    A bone counts 1, and a bone between a tool's two anchors, which bends when the tool wrinkles, far more: there
+    weights must not be mixed. Joints of separate trees are furthest.
+    """
+    depths = np.zeros(len(rig.parents))
     chains = []
+    bending = _bending_nodes(rig, patches)
     for joint in rig.joints:
-        chain = []
-        node = int(joint)
-        while node >= 0:
-            chain.append(node)
-            node = int(rig.parents[node])
+        chain = _chain(rig, int(joint))
+        for node, parent in zip(chain[-2::-1], chain[:0:-1], strict=True):
+            depths[node] = depths[parent] + (_BEND if node in bending else 1.0)
         chains.append(chain)
-    depths = [{node: depth for depth, node in enumerate(chain)} for chain in chains]
-    far = len(rig.parents) * 2
-    distances = np.full((len(chains), len(chains)), far, np.intp)
+    distances = np.full((len(chains), len(chains)), _BEND * len(rig.parents))
     for a, chain in enumerate(chains):
-        for b, depth in enumerate(depths):
-            distances[a, b] = next((i + depth[node] for i, node in enumerate(chain) if node in depth), far)
+        for b, other in enumerate(chains):
+            common = next((node for node in chain if node in set(other)), None)
+            if common is not None:
+                distances[a, b] = depths[chain[0]] + depths[other[0]] - 2 * depths[common]
     return distances
 
 
-def prune(weights: Floats, distances: Ints, influences: int) -> tuple[Ints, Floats]:
-    """Keep the heaviest influences of each vertex.
+def _chain(rig: Rig, node: int) -> list[int]:
+    """A node, its parent, and so on to the root."""
+    chain = []
+    while node >= 0:
+        chain.append(node)
+        node = int(rig.parents[node])
+    return chain
 
-    A dropped one goes to the kept joint nearest in the skeleton, among equally near ones to the heaviest.
+
+def _bending_nodes(rig: Rig, patches: Sequence[Patch]) -> frozenset[int]:
+    """The nodes that move one anchor of a tool and not the other: below where their main joints part."""
+    nodes: set[int] = set()
+    for patch in patches:
+        difference = np.zeros(len(rig.joints))
+        difference[patch.target.joints] += patch.target.points[0, :, 3]
+        difference[patch.origin.joints] -= patch.origin.points[0, :, 3]
+        ends = (int(rig.joints[np.argmax(difference)]), int(rig.joints[np.argmin(difference)]))
+        nodes |= set(_chain(rig, ends[0])) ^ set(_chain(rig, ends[1]))
+    return frozenset(nodes)
+
+
+def prune(weights: Floats, distances: Floats, influences: int) -> tuple[Ints, Floats]:
+    """Leave each vertex as many joints as the file can store.
+
+    Step by step the influence goes that costs least, weight times distance to the nearest one kept, and its
+    weight to that one, among equally near ones to the heaviest.
 
     Args:
         weights: (vertices, joints), rows summing to 1.
-        distances: (joints, joints) bones between joints.
+        distances: (joints, joints) in the skeleton.
         influences: How many to keep.
 
     Returns:
         (vertices, influences) joints and weights, heaviest first.
     """
-    kept_count = min(influences, weights.shape[1])
-    order = np.argsort(-weights, axis=1, kind="stable")
-    joints = order[:, :kept_count]
+    most = max(influences, int((weights > 0).sum(axis=1).max(initial=0)))
+    joints = np.argsort(-weights, axis=1, kind="stable")[:, :most]
     kept = np.take_along_axis(weights, joints, 1)
-    rows = np.arange(len(weights))
-    heaviest = kept.copy()
-    for dropped in order[:, kept_count:].T:
-        share = weights[rows, dropped]
-        if not share.any():
-            break
-        reach = np.where(heaviest > 0, distances[dropped[:, None], joints], np.iinfo(np.intp).max)
-        # Stable: the first of the nearest is the heaviest.
-        kept[rows, np.argmin(reach, axis=1)] += share
-    joints = np.where(kept > 0, joints, 0)
-    pad = ((0, 0), (0, influences - kept_count))
+    for _ in range(most - influences):
+        rows = np.flatnonzero((kept > 0).sum(axis=1) > influences)
+        used = kept[rows] > 0
+        apart = distances[joints[rows][:, :, None], joints[rows][:, None, :]]
+        apart = np.where(used[:, None, :] & ~np.eye(joints.shape[1], dtype=bool), apart, np.inf)
+        cost = np.where(used, kept[rows] * apart.min(axis=2), np.inf)
+        dropped = np.argmin(cost, axis=1)
+        every = np.arange(len(rows))
+        kept[rows, np.argmin(apart[every, dropped], axis=1)] += kept[rows, dropped]
+        kept[rows, dropped] = 0.0
+    order = np.argsort(-kept, axis=1, kind="stable")[:, :influences]
+    kept = np.take_along_axis(kept, order, 1)
+    joints = np.where(kept > 0, np.take_along_axis(joints, order, 1), 0)
+    pad = ((0, 0), (0, influences - kept.shape[1]))
     return np.pad(joints, pad), np.pad(kept, pad)
 
 
-def contacts_of(
-    document: Document, rig: Rig, surface: Surface, rest: Rest, patches: Sequence[Patch]
-) -> Bools:
+def contacts_of(document: Document, rig: Rig, surface: Surface, rest: Rest, patches: Sequence[Patch]) -> Bools:
     """Mark the vertices that must stay where they are, or a gap would open.
 
     Args:
@@ -311,4 +397,4 @@ def influence_count(document: Document, rig: Rig) -> int:
     if not rig.skinned:
         return 1
     primitives = document.items("meshes")[rig.mesh]["primitives"]
-    return 4 * min(sum(name.startswith("JOINTS_") for name in each["attributes"]) for each in primitives)
+    return 4 * min(sum(str(name).startswith("JOINTS_") for name in each["attributes"]) for each in primitives)

@@ -114,9 +114,7 @@ def warnings_of(patch: Patch, clips: Sequence[tuple[Clip, Floats, Activity]]) ->
     if not clips:
         return warnings
     if max(float((seen.shortenings / seen.rest_lengths).max()) for _, _, seen in clips) < _VISIBLE:
-        warnings.append(
-            f"{where}: never shortens in {', '.join(clip.name for clip, _, _ in clips)}: no wrinkle"
-        )
+        warnings.append(f"{where}: never shortens in {', '.join(clip.name for clip, _, _ in clips)}: no wrinkle")
     clip, times, seen = max(clips, key=lambda each: float((each[2].unabsorbed / each[2].rest_lengths).max()))
     share = seen.unabsorbed / seen.rest_lengths
     if share.max() > _VISIBLE:

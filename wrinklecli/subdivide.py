@@ -311,9 +311,7 @@ def _promoted(stage: _Stage) -> _Stage:
     following = stage.level.triangle_edges
     while True:
         a, b, c = split[following].T
-        thirds = np.concatenate(
-            [following[b & c & ~a, 0], following[c & a & ~b, 1], following[a & b & ~c, 2]]
-        )
+        thirds = np.concatenate([following[b & c & ~a, 0], following[c & a & ~b, 1], following[a & b & ~c, 2]])
         denied[thirds[stage.forbidden[thirds]]] = True
         thirds = thirds[~denied[thirds]]
         if not thirds.size:
@@ -498,9 +496,7 @@ def _butterfly(triangles: Ints, ends: Ints, vertex_count: int) -> Matrix:
         rows.append(np.repeat(edge, valence + 1))
         columns.append(np.concatenate([ends[edge, end][:, None], ring], axis=1).reshape(-1))
         weights.append(stencil.reshape(-1))
-    return _matrix(
-        np.concatenate(rows), np.concatenate(columns), np.concatenate(weights), (len(ends), vertex_count)
-    )
+    return _matrix(np.concatenate(rows), np.concatenate(columns), np.concatenate(weights), (len(ends), vertex_count))
 
 
 def _ring_weights(valence: int) -> tuple[float, tuple[float, ...]]:

@@ -79,9 +79,7 @@ def read_surface(document: Document, rig: Rig) -> Surface:
     where = document.where("meshes", rig.mesh)
     parts = [
         read_triangles(document, primitive, int(count), f"{where}/primitives/{index}") + start
-        for index, (primitive, count, start) in enumerate(
-            zip(primitives, counts, vertices.starts[:-1], strict=True)
-        )
+        for index, (primitive, count, start) in enumerate(zip(primitives, counts, vertices.starts[:-1], strict=True))
     ]
     corners = np.concatenate(parts)
     if not len(corners):
@@ -134,9 +132,7 @@ def read_vertices(document: Document, rig: Rig) -> Vertices:
     where = document.where("meshes", rig.mesh)
     if not primitives:
         raise AssetError("has no primitives", where=where)
-    parts = [
-        _read_primitive(document, each, rig, f"{where}/primitives/{i}") for i, each in enumerate(primitives)
-    ]
+    parts = [_read_primitive(document, each, rig, f"{where}/primitives/{i}") for i, each in enumerate(primitives)]
     most = max(part.joints.shape[1] for part in parts)
 
     def padded(rows: Array) -> Array:
@@ -164,9 +160,7 @@ def _read_primitive(document: Document, primitive: Json, rig: Rig, where: str) -
     positions = _attribute(document, attributes["POSITION"], count, 3, where)
     targets = primitive.get("targets", [])
     if len(targets) != len(rig.morph_weights):
-        raise AssetError(
-            f"has {len(targets)} morph targets, others have {len(rig.morph_weights)}", where=where
-        )
+        raise AssetError(f"has {len(targets)} morph targets, others have {len(rig.morph_weights)}", where=where)
 
     def deltas_of(name: str) -> Floats:
         deltas = np.zeros((len(targets), count, 3))
@@ -194,9 +188,7 @@ def _read_primitive(document: Document, primitive: Json, rig: Rig, where: str) -
 def _attribute(document: Document, index: int, count: int, size: int, where: str) -> Any:
     values = document.accessor(index, user=where)
     if values.shape != (count, size) or not np.isfinite(values).all():
-        raise AssetError(
-            f"accessor {index} must hold {size} finite numbers for {count} vertices", where=where
-        )
+        raise AssetError(f"accessor {index} must hold {size} finite numbers for {count} vertices", where=where)
     return values
 
 
@@ -213,9 +205,7 @@ def _read_influences(
     if not sets:
         raise AssetError("belongs to a skinned node but has no JOINTS_0 and WEIGHTS_0", where=where)
     joints, weights = (
-        np.concatenate(
-            [_attribute(document, attributes[f"{kind}_{k}"], count, 4, where) for k in range(sets)], axis=1
-        )
+        np.concatenate([_attribute(document, attributes[f"{kind}_{k}"], count, 4, where) for k in range(sets)], axis=1)
         for kind in ("JOINTS", "WEIGHTS")
     )
     joints, weights = joints.astype(np.intp), np.maximum(weights.astype(np.float64), 0.0)
@@ -298,7 +288,7 @@ def vertex_normals(positions: Floats, triangles: Ints) -> Floats:
     sums = np.stack(
         [np.bincount(triangles.ravel(), np.repeat(faces[:, k], 3), len(positions)) for k in range(3)], axis=1
     )
-    return unit(sums)
+    return unit(np.asarray(sums, np.float64))
 
 
 def unit(vectors: Floats) -> Floats:

@@ -21,9 +21,7 @@ _BISECTIONS = 10
 _QUARTERS = np.array([0.25, 0.5, 0.75])
 
 
-def sample_times(
-    clip: Clip, rig: Rig, signal: Callable[[Floats], Floats], *, fps: float, tolerance: float
-) -> Floats:
+def sample_times(clip: Clip, rig: Rig, signal: Callable[[Floats], Floats], *, fps: float, tolerance: float) -> Floats:
     """Times of a clip so close that straight lines between them are right.
 
     Args:
@@ -61,7 +59,7 @@ def sample_times(
 def clip_grid(clip: Clip, rig: Rig | None, *, fps: float) -> Floats:
     """(frames,) seconds, float32 values: a grid over the clip with its end, and the keys that move a rig."""
     count = int(np.floor((clip.end - clip.start) * fps * (1.0 + 1e-9)))
-    grid = [clip.start + np.arange(count + 1) / fps, [clip.end]]
+    grid: list[Floats] = [clip.start + np.arange(count + 1) / fps, np.array([clip.end])]
     if rig is not None:
         moving = moving_nodes(rig)
         grid += [channel.times for channel in clip.channels if channel.node in moving]
@@ -138,15 +136,11 @@ def _widen_spline(channel: Channel, times: Floats, weights: Floats) -> Track:
     values = sample(channel, union)
     into, out = _spline_slopes(channel, union)
     fresh = _interpolated(union, times, weights)
-    slopes = (
-        np.diff(fresh, axis=0) / np.diff(union)[:, None] if len(union) > 1 else np.zeros((0, fresh.shape[1]))
-    )
+    slopes = np.diff(fresh, axis=0) / np.diff(union)[:, None] if len(union) > 1 else np.zeros((0, fresh.shape[1]))
     edge = np.zeros((1, fresh.shape[1]))
     # With the secants of both sides as tangents a Hermite piece is its own straight line.
     fresh_into, fresh_out = np.concatenate([edge, slopes]), np.concatenate([slopes, edge])
-    stacked = [
-        np.concatenate(pair, axis=1) for pair in ((into, fresh_into), (values, fresh), (out, fresh_out))
-    ]
+    stacked = [np.concatenate(pair, axis=1) for pair in ((into, fresh_into), (values, fresh), (out, fresh_out))]
     return Track(union, np.stack(stacked, axis=1), "CUBICSPLINE")
 
 

@@ -66,9 +66,7 @@ def _node() -> tuple[str, str]:
         return "", f"{'node' if node is None else 'npm'} is not installed: no Khronos validator, no three.js"
     pins: dict[str, str] = json.loads((HERE / "package.json").read_text())["dependencies"]
     manifests = {HERE / "node_modules" / name / "package.json": pin for name, pin in pins.items()}
-    if not all(
-        path.is_file() and json.loads(path.read_text())["version"] == pin for path, pin in manifests.items()
-    ):
+    if not all(path.is_file() and json.loads(path.read_text())["version"] == pin for path, pin in manifests.items()):
         command = [npm, "ci", "--ignore-scripts", "--no-audit", "--no-fund"]
         installed = subprocess.run(command, cwd=HERE, capture_output=True, text=True, check=False)
         if installed.returncode != 0:

@@ -20,9 +20,7 @@ def _length(_context: click.Context, parameter: click.Parameter, value: str | No
     except ValueError:
         number = -1.0
     if not 0 < number < float("inf"):
-        raise click.BadParameter(
-            f"{value!r} is neither a length above 0 nor a percentage such as 1%", param=parameter
-        )
+        raise click.BadParameter(f"{value!r} is neither a length above 0 nor a percentage such as 1%", param=parameter)
     return Length(number, percent=percent)
 
 
@@ -41,9 +39,7 @@ def _length(_context: click.Context, parameter: click.Parameter, value: str | No
 )
 @click.option("--clip", "clips", metavar="NAME", multiple=True, help="Bake only this clip; may be repeated.")
 @click.option("--tool", "only", metavar="NAME", multiple=True, help="Bake only this tool; may be repeated.")
-@click.option(
-    "--fps", type=click.FloatRange(0.1, 1000), help="Frames per second; overrides sampling.fps (30)."
-)
+@click.option("--fps", type=click.FloatRange(0.1, 1000), help="Frames per second; overrides sampling.fps (30).")
 @click.option(
     "--max-error",
     metavar="LENGTH",
@@ -52,9 +48,7 @@ def _length(_context: click.Context, parameter: click.Parameter, value: str | No
     callback=_length,
     help="Refuse a file that is off by more: scene units, or per cent of the tallest wrinkle.",
 )
-@click.option(
-    "--max-levels", type=click.IntRange(0, 8), help="Overrides refinement.max_levels; 0 does not refine."
-)
+@click.option("--max-levels", type=click.IntRange(0, 8), help="Overrides refinement.max_levels; 0 does not refine.")
 @click.option(
     "--accessors",
     type=click.Choice(["sparse", "dense"]),
@@ -148,7 +142,7 @@ def dependencies(target: str, inputs: list[str]) -> str:
 
 def _escape(path: str) -> str:
     """A path in a Make rule: a space, # and the backslashes before them escaped, $ doubled."""
-    escaped = []
+    escaped: list[str] = []
     for c in path:
         if c in " #\t":
             backslashes = len(escaped)
