@@ -40,7 +40,7 @@ class Target:
 
 
 @dataclass(frozen=True, slots=True)
-class _Part:
+class Part:
     """The vertices of one primitive after refinement.
 
     Attributes:
@@ -68,13 +68,17 @@ class _Part:
         mixed: Floats = np.einsum("vk,vk...->v...", self.shares, values[self.sources])
         return mixed
 
+    def mix_tangents(self, tangents: Floats) -> Floats:
+        """(new vertices, 4) of (old vertices, 4): the fourth number is a handedness, which cannot be mixed."""
+        return np.concatenate([unit(self.mix(tangents[:, :3])), tangents[self.heaviest(), 3:]], axis=1)
+
     def heaviest(self) -> Ints:
         """(new vertices,) the old vertex that each is nearest to; the first among equals."""
         nearest: Ints = self.sources[np.arange(len(self.sources)), np.argmax(self.shares, axis=1)]
         return nearest
 
 
-def parts_of(fine: Refinement) -> list[_Part]:
+def parts_of(fine: Refinement) -> list[Part]:
     """The vertices of each primitive after refinement."""
     starts = fine.surface.vertex_starts
     old_count = int(starts[-1])
@@ -87,7 +91,7 @@ def parts_of(fine: Refinement) -> list[_Part]:
         local[old_count + new] = len(old) + np.arange(len(new))
         faces = fine.triangle_primitives == index
         parts.append(
-            _Part(
+            Part(
                 index=index,
                 old=old,
                 new=new,
@@ -155,7 +159,7 @@ def own_mesh(draft: Draft, node: Json, mesh: int) -> Json:
     return found
 
 
-def base_normals(source: Document, primitive: Json, part: _Part) -> Floats | None:
+def base_normals(source: Document, primitive: Json, part: Part) -> Floats | None:
     """(vertices, 3) unit NORMALs of a primitive, those of new vertices mixed; None where it has none."""
     if "NORMAL" not in primitive.get("attributes", {}):
         return None
@@ -163,7 +167,7 @@ def base_normals(source: Document, primitive: Json, part: _Part) -> Floats | Non
     return np.concatenate([old, unit(part.mix(old))])
 
 
-def _refine_primitive(draft: Draft, primitive: Json, part: _Part, fine: Refinement, where: str) -> None:
+def _refine_primitive(draft: Draft, primitive: Json, part: Part, fine: Refinement, where: str) -> None:
     """Replace a primitive's attributes, old targets and indices by refined ones."""
     attributes = primitive["attributes"]
     for name, index in attributes.items():
@@ -190,7 +194,7 @@ def _refine_primitive(draft: Draft, primitive: Json, part: _Part, fine: Refineme
 
 
 def _refined_attribute(
-    draft: Draft, name: str, index: int, part: _Part, fine: Refinement, where: str
+    draft: Draft, name: str, index: int, part: Part, fine: Refinement, where: str
 ) -> tuple[Array, bool]:
     """Stored values of an attribute with those of new vertices appended, and whether they are normalised."""
     source = draft.source
@@ -204,9 +208,7 @@ def _refined_attribute(
     if name == "NORMAL":
         return np.concatenate([old, unit(part.mix(old))]).astype(np.float32), False
     if name == "TANGENT":
-        # The fourth number is a handedness, -1 or 1: it cannot be mixed.
-        turned = np.concatenate([unit(part.mix(old[:, :3])), old[part.heaviest(), 3:]], axis=1)
-        return np.concatenate([old, turned]).astype(np.float32), False
+        return np.concatenate([old, part.mix_tangents(old)]).astype(np.float32), False
     kind, _, number = name.partition("_")
     if kind in ("JOINTS", "WEIGHTS") and number.isdigit():
         rows = new_vertices - len(fine.surface.positions)
@@ -241,9 +243,7 @@ def _zeros(draft: Draft, count: int, *, sparse: bool, bounds: bool) -> int:
     return draft.add_sparse(np.zeros(0, np.intp), nothing, count=count, bounds=bounds, stored=not sparse)
 
 
-def _encode_target(
-    draft: Draft, shape: Shape, part: _Part, fine: Refinement, base: Floats | None, sparse: bool
-) -> Json:
+def _encode_target(draft: Draft, shape: Shape, part: Part, fine: Refinement, base: Floats | None, sparse: bool) -> Json:
     """One morph target on one primitive."""
     target: Json = {}
     rows = _rows(shape.vertices, len(fine.positions))[part.weld]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from wrinklecli.deform import turn_to
 from wrinklecli.document import VERTEX_DATA, Document, Draft, Json
-from wrinklecli.encode import Target, base_normals, encode_mesh, parts_of
+from wrinklecli.encode import Part, Target, base_normals, encode_mesh, parts_of
 from wrinklecli.errors import BakeError
 from wrinklecli.patch import inverses
 from wrinklecli.pose import Clip, Rig, blend, joint_matrices, morph_weights, transform
@@ -59,7 +59,10 @@ class Frames:
 
 @dataclass(frozen=True, slots=True)
 class _Posed:
-    """One frame of all glTF vertices, primitive after primitive, world space."""
+    """One frame of all glTF vertices, primitive after primitive, world space.
+
+    Normals and tangents are None where no primitive has any, and 0 where a primitive has none.
+    """
 
     positions: Floats
     normals: Floats | None
@@ -73,8 +76,8 @@ def _pose_frames(document: Document, frames: Frames, motion: Motion) -> Iterator
     primitives = document.items("meshes")[rig.mesh]["primitives"]
     welds = np.concatenate([part.weld for part in parts])
     bases = [base_normals(document, each, part) for each, part in zip(primitives, parts, strict=True)]
-    base = np.concatenate([each for each in bases if each is not None]) if None not in bases else None
-    tangents = _tangents(document, primitives, frames)
+    base = _joined(bases, parts)
+    tangents = _joined([_tangents(document, each, part) for each, part in zip(primitives, parts, strict=True)], parts)
     weights = fine.dense_weights(np.arange(len(fine.positions)), len(rig.joints))
     turned = [_turned_normals(target, fine, welds, base) for target in frames.targets if base is not None]
     for start in range(0, len(motion.times), _CHUNK):
@@ -100,15 +103,25 @@ def _pose_frames(document: Document, frames: Frames, motion: Motion) -> Iterator
             yield _Posed(posed[welds], normals, moved)
 
 
-def _tangents(document: Document, primitives: Sequence[Json], frames: Frames) -> Floats | None:
-    if not all("TANGENT" in each["attributes"] for each in primitives):
+def _tangents(document: Document, primitive: Json, part: Part) -> Floats | None:
+    """(vertices, 4) TANGENTs of a primitive, those of new vertices mixed; None where it has none."""
+    if "TANGENT" not in primitive["attributes"]:
         return None
-    tangents = []
-    for each, part in zip(primitives, parts_of(frames.fine), strict=True):
-        old = document.accessor(each["attributes"]["TANGENT"])
-        mixed = np.concatenate([unit(part.mix(old[:, :3])), old[part.heaviest(), 3:]], axis=1)
-        tangents.append(np.concatenate([old, mixed]))
-    return np.concatenate(tangents)
+    old = document.accessor(primitive["attributes"]["TANGENT"])
+    return np.concatenate([old, part.mix_tangents(old)])
+
+
+def _joined(attributes: Sequence[Floats | None], parts: Sequence[Part]) -> Floats | None:
+    """An attribute of all primitives, 0 where one lacks it; None where all do."""
+    size = max((each.shape[1] for each in attributes if each is not None), default=0)
+    if not size:
+        return None
+    return np.concatenate(
+        [
+            np.zeros((len(part.weld), size)) if each is None else each
+            for each, part in zip(attributes, parts, strict=True)
+        ]
+    )
 
 
 def _turned_normals(target: Target, fine: Refinement, welds: Ints, base: Floats) -> tuple[Ints, Floats]:
@@ -174,14 +187,11 @@ def _frame_mesh(draft: Draft, template: Json, posed: _Posed, bounds: Ints) -> Js
         attributes = {
             name: accessor
             for name, accessor in primitive["attributes"].items()
-            if name not in ("POSITION", "NORMAL", "TANGENT") and not name.startswith(("JOINTS_", "WEIGHTS_"))
+            if not name.startswith(("JOINTS_", "WEIGHTS_"))
         }
-        for name, values in (
-            ("POSITION", posed.positions),
-            ("NORMAL", posed.normals),
-            ("TANGENT", posed.tangents),
-        ):
-            if values is not None:
+        computed = {"POSITION": posed.positions, "NORMAL": posed.normals, "TANGENT": posed.tangents}
+        for name, values in computed.items():
+            if values is not None and name in primitive["attributes"]:
                 stored = values[span].astype(np.float32)
                 attributes[name] = draft.add(stored, target=VERTEX_DATA, bounds=name == "POSITION")
         kept = {key: value for key, value in primitive.items() if key not in ("attributes", "targets")}

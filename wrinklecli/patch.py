@@ -331,12 +331,14 @@ def _anchor(
         found = closest_point(rest.positions, surface.triangles, np.array(turned))[2]
         if np.linalg.norm(found - np.array(turned)) <= _ANCHOR_REACH * segment:
             hint = f"; with `up: {other}` it would lie on it"
+        at = ", ".join(f"{x:.4g}" for x in (place if settings.up == "y" else (place[0], -place[2], place[1])))
         raise BakeError(
-            f"{key} is {distance:.4g} from the mesh, more than a quarter of its segment of {segment:.4g}{hint}",
+            f"is {distance:.4g} from the mesh, more than a quarter of its segment of {segment:.4g};"
+            f" the nearest point is [{at}]{hint}",
             where=f"{tool.where}.{key}",
         )
     if singular(rest.blended[vertices]).any():
-        raise BakeError(f"the joints at {key} are singular at rest", where=f"{tool.where}.{key}")
+        raise BakeError("the joints here are singular at rest", where=f"{tool.where}.{key}")
     on_all = np.isin(surface.triangles, vertices).sum(axis=1) >= len(np.unique(vertices))
     joints, inverse = np.unique(surface.joints[vertices], return_inverse=True)
     shares = barycentrics[:, None] * surface.weights[vertices]

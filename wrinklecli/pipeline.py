@@ -52,6 +52,7 @@ _FLOAT32_STEPS = 8
 _POSES = 33
 # Quarter points of an interval and the rest of the chain share the error bound.
 _SAMPLING_SHARE = 0.5
+_COMPRESSION_SHARE = 0.25
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +66,8 @@ class Plan:
         carriers: Of each tool.
         tallest: Height of the tallest wrinkle that the tools can make, scene units.
         max_error: Scene units.
+        scale: World over bind units, at rest.
+        has_normals: Whether the mesh has NORMALs, so that shapes need them too.
     """
 
     rig: Rig
@@ -73,6 +76,8 @@ class Plan:
     carriers: tuple[Carrier, ...]
     tallest: float
     max_error: float
+    scale: float
+    has_normals: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,20 +163,19 @@ def bake(
         chosen = _chosen_clips(every_clip, settings, clips, document)
         warnings: list[str] = []
         draft = Draft(document)
-        baked = []
+        fps_wanted = settings.sampling.fps
+        baked: list[Baked] = []
+        frames: list[Frames] = []
         for node, its_tools in _by_node(document, settings, warnings).items():
             plan = plan_mesh(document, node, its_tools, settings, every_clip, max_error)
-            with_normals = _has_normals(document, plan.rig.mesh)
-            bases, motions = sample_clips(
-                plan,
-                chosen,
-                fps=settings.sampling.fps,
-                mode=mode,
-                with_normals=with_normals,
-                progress=progress,
-            )
+            motions: list[Motion] = []
+            bases: list[Basis] = []
             residuals: dict[str, Residual] = {}
-            if mode == "morph":
+            if frames_dir is not None or mode == "frames":
+                bases, motions = sample_clips(plan, chosen, fps=fps_wanted, mode="frames", progress=progress)
+                frames.append(Frames(plan.rig, plan.fine, _targets(bases), tuple(motions)))
+            if mode == "morph" and out is not None:
+                bases, motions = sample_clips(plan, chosen, fps=fps_wanted, mode="morph", progress=progress)
                 _encode(draft, plan, bases, motions if tracks == "all" else (), sparse=accessors == "sparse")
                 if tracks == "all":
                     residuals = _prove(draft, plan, bases, motions, details=details, progress=progress)
@@ -180,7 +184,6 @@ def bake(
         report.inputs = [*inputs, *(draft.image_files(out) if out is not None else [])]
         if strict and report.warnings:
             raise RefusedError.of_all(RefusedError(line) for line in report.warnings)
-        frames = [each.frames for each in baked]
         if frames_dir is not None:
             export_frames(document, frames, frames_dir, frames_format, progress)
         if out is not None:
@@ -198,12 +201,6 @@ class Baked:
     bases: list[Basis]
     motions: list[Motion]
     residuals: dict[str, Residual]
-
-    @property
-    def frames(self) -> Frames:
-        """What its posed frames are made from."""
-        targets = tuple(target for basis in self.bases for target in basis.targets if target is not None)
-        return Frames(self.plan.rig, self.plan.fine, targets, tuple(self.motions))
 
 
 def _settings(settings: ToolsFile, only: Sequence[str], fps: float | None, max_levels: int | None) -> ToolsFile:
@@ -325,7 +322,8 @@ def plan_mesh(
         tolerance=_SAMPLING_SHARE * bound,
     )
     carriers = tuple(carry(patch, fine, contacts) for patch in patches)
-    return Plan(rig, rest, fine, carriers, tallest, bound)
+    scale = float(np.median(np.cbrt(np.abs(np.linalg.det(rest.blended[:, :, :3])))))
+    return Plan(rig, rest, fine, carriers, tallest, bound, scale, _has_normals(document, rig.mesh))
 
 
 def _poses(rig: Rig, clips: Sequence[Clip]) -> Floats:
@@ -335,7 +333,7 @@ def _poses(rig: Rig, clips: Sequence[Clip]) -> Floats:
 
 
 def sample_clips(
-    plan: Plan, clips: Sequence[Clip], *, fps: float, mode: Mode, with_normals: bool, progress: Progress
+    plan: Plan, clips: Sequence[Clip], *, fps: float, mode: Mode, progress: Progress
 ) -> tuple[list[Basis], list[Motion]]:
     """Run the tools over the clips that move their mesh.
 
@@ -344,7 +342,6 @@ def sample_clips(
         clips: To sample.
         fps: Of the grid.
         mode: `frames` takes the grid alone, `morph` what straight lines between keys need.
-        with_normals: Whether shapes get NORMAL deltas.
         progress: Called with a stage's name, clips done and clips in all.
 
     Returns:
@@ -352,14 +349,13 @@ def sample_clips(
     """
     rig, rest, fine = plan.rig, plan.rest, plan.fine
     moving = moving_nodes(rig)
-    scale = float(np.median(np.cbrt(np.abs(np.linalg.det(rest.blended[:, :, :3])))))
     driven = {name for each in plan.carriers for name in each.patch.keyed_clips}
     chosen = [clip for clip in clips if clip.name in driven or any(c.node in moving for c in clip.channels)]
     times = []
     for number, clip in enumerate(chosen):
 
         def signal(at: Floats, clip: Clip = clip) -> Floats:
-            return np.concatenate([_signal(plan, each, clip, at, scale) for each in plan.carriers], axis=1)
+            return np.concatenate([_signal(plan, each, clip, at) for each in plan.carriers], axis=1)
 
         if mode == "frames":
             times.append(clip_grid(clip, None, fps=fps))
@@ -370,11 +366,11 @@ def sample_clips(
     bases: list[Basis] = []
     for carrier in plan.carriers:
         if carrier.patch.tool.attachment == "skin":
-            shapes = shapes_of(carrier, fine, with_normals=with_normals)
+            shapes = shapes_of(carrier, fine, with_normals=plan.has_normals)
             weights = [_skin_weights(plan, carrier, clip, at) for clip, at in zip(chosen, times, strict=True)]
         else:
             series = [displacements(carrier, fine, rig, rest, clip, at) for clip, at in zip(chosen, times, strict=True)]
-            shapes, weights = _compressed(carrier, fine, series, plan.max_error / 4 / scale, scale, with_normals)
+            shapes, weights = _compressed(plan, carrier, series)
         bases.append(Basis(carrier, tuple(_named(carrier, shapes)), tuple(weights)))
     motions = []
     for index, (clip, at) in enumerate(zip(chosen, times, strict=True)):
@@ -389,12 +385,12 @@ def _overlaps(plan: Plan) -> int:
     return int(np.bincount(moved).max())
 
 
-def _signal(plan: Plan, carrier: Carrier, clip: Clip, times: Floats, scale: float) -> Floats:
+def _signal(plan: Plan, carrier: Carrier, clip: Clip, times: Floats) -> Floats:
     """(frames, values) what must be right between keys, scene units."""
     patch = carrier.patch
     if patch.tool.attachment == "patch":
         moved = displacements(carrier, plan.fine, plan.rig, plan.rest, clip, times)
-        return scale * moved.reshape(len(times), -1)
+        return plan.scale * moved.reshape(len(times), -1)
     seen = activity(patch, plan.rig, plan.rest, clip, times)
     strength = patch.clip_strength(clip) * patch.shape_strength
     return strength * seen.amplitudes.reshape(len(times), -1)
@@ -406,28 +402,26 @@ def _skin_weights(plan: Plan, carrier: Carrier, clip: Clip | None, times: Floats
     return carrier.patch.clip_strength(clip) * weights.reshape(len(times), -1)
 
 
-def _compressed(
-    carrier: Carrier,
-    fine: Refinement,
-    series: list[Floats],
-    tolerance: float,
-    scale: float,
-    with_normals: bool,
-) -> tuple[list[Shape | None], list[Floats]]:
+def _compressed(plan: Plan, carrier: Carrier, series: list[Floats]) -> tuple[list[Shape | None], list[Floats]]:
     """Shapes and weights of displacements that are new in each frame, all clips together."""
     if not series:
         return [], []
-    together, deltas = compress(np.concatenate(series), tolerance)
+    together, deltas = compress(np.concatenate(series), _COMPRESSION_SHARE * plan.max_error / plan.scale)
     weights = np.split(together, np.cumsum([len(each) for each in series])[:-1])
     rows = np.unique(np.concatenate([np.linspace(0, len(together) - 1, 16).astype(int), np.argmax(together, axis=0)]))
     shapes = make_shapes(
-        fine,
+        plan.fine,
         carrier.vertices,
         deltas,
-        tallest=scale * np.sqrt(np.sum(deltas**2, axis=2)).max(axis=1, initial=0.0),
-        samples=together[rows] if with_normals else None,
+        tallest=plan.scale * np.sqrt(np.sum(deltas**2, axis=2)).max(axis=1, initial=0.0),
+        samples=together[rows] if plan.has_normals else None,
     )
     return shapes, weights
+
+
+def _targets(bases: Iterable[Basis]) -> tuple[Target, ...]:
+    """The morph targets of all tools, in order."""
+    return tuple(target for basis in bases for target in basis.targets if target is not None)
 
 
 def _named(carrier: Carrier, shapes: Iterable[Shape | None]) -> Iterable[Target | None]:
@@ -441,7 +435,7 @@ def _named(carrier: Carrier, shapes: Iterable[Shape | None]) -> Iterable[Target 
 def _encode(draft: Draft, plan: Plan, bases: list[Basis], motions: Sequence[Motion], *, sparse: bool) -> None:
     """Put meshes, targets, tracks and extras into the draft."""
     rig = plan.rig
-    targets = [target for basis in bases for target in basis.targets if target is not None]
+    targets = _targets(bases)
     # In the stored pose nothing is wrinkled, unless the tools file names another pose as rest.
     known = np.zeros(len(targets))
     if all(each.from_skin for each in bases):

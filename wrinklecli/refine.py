@@ -141,7 +141,7 @@ def refine(
 
     distances = joint_distances(rig, patches)
     members = np.any([patch.members for patch in patches], axis=0)
-    near = np.isin(surface.triangles, surface.triangles[members]).any(axis=1)
+    near = np.asarray(np.isin(surface.triangles, surface.triangles[members]).any(axis=1))
     dense = surface.dense_weights(np.arange(len(surface.positions)), len(rig.joints))
 
     def forbids(level: Level) -> Bools:
@@ -149,7 +149,7 @@ def refine(
         last = int(level.edges.max(initial=0))
         touching = np.zeros(max(last + 1, len(contacts)), bool)
         touching[: len(contacts)] = contacts
-        forbidden = np.asarray(touching[level.edges].all(axis=1))
+        forbidden = touching[level.edges[:, 0]] & touching[level.edges[:, 1]]
         edges = np.unique(level.triangle_edges[near[level.parents]])
         weights = _rows(level.linear, level.edges[edges, 0], dense) + _rows(level.linear, level.edges[edges, 1], dense)
         many = (weights > 0).sum(axis=1) > influences
