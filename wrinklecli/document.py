@@ -336,7 +336,7 @@ def _local_file(uri: str, asset: str, where: str) -> str:
 
 
 class Draft:
-    """A document being changed: the JSON patched in place, data appended.
+    """A document being changed: the JSON patched in place, data appended. A context manager.
 
     Everything that is not set here stays as it was. An accessor whose last reference is replaced gives its
     index (and its buffer view's) to the new data, and its bytes leave the file: indices elsewhere keep their
@@ -363,6 +363,12 @@ class Draft:
         foreign = set(_extension_integers(self.gltf))
         self._accessor_uses.update(foreign)
         self._view_uses.update(foreign)
+
+    def __enter__(self) -> "Draft":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._data.close()
 
     def add(
         self,

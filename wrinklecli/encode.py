@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wrinklecli.config import RestLengthKeys, RestLengthMorph
 from wrinklecli.curve import ControlCurve
 from wrinklecli.deform import Shape, turn_to, weight_table
-from wrinklecli.document import INDEX_DATA, VERTEX_DATA, Document, Draft, Json, index_type
+from wrinklecli.document import INDEX_DATA, TRIANGLES, VERTEX_DATA, Document, Draft, Json, index_type
 from wrinklecli.errors import AssetError
 from wrinklecli.patch import Anchor, Patch
 from wrinklecli.pose import Clip, Rig, morph_target_names
@@ -188,7 +189,8 @@ def _refine_primitive(draft: Draft, primitive: Json, part: Part, fine: Refinemen
                 )
             else:
                 target[name] = draft.add(values, target=VERTEX_DATA, bounds=bounds, replaces=index)
-    primitive.pop("mode", None)
+    if primitive.get("mode", TRIANGLES) != TRIANGLES:
+        del primitive["mode"]
     indices = part.triangles.reshape(-1).astype(index_type(len(part.weld)))
     primitive["indices"] = draft.add(indices, target=INDEX_DATA, replaces=primitive.get("indices"))
 
@@ -318,12 +320,27 @@ def encode_extras(draft: Draft, rig: Rig, tools: Sequence[tuple[Patch, Sequence[
                 "origin": _anchor_json(patch.origin, rig),
                 "target": _anchor_json(patch.target, rig),
                 "rest_length": _digits(patch.rest_length),
+                **_driven_json(patch),
                 "targets": [name for name in names if name is not None],
                 "weights": _table_json(patch.curve, names),
             }
             for patch, names in tools
         ],
     }
+
+
+def _driven_json(patch: Patch) -> Json:
+    """What drives the rest length, where it is not constant; lengths in scene units, times in seconds."""
+    wanted = patch.tool.rest_length
+    if isinstance(wanted, RestLengthMorph):
+        return {"rest_length_morph": {"name": wanted.morph, "full": _digits(wanted.full.resolve(patch.span))}}
+    if isinstance(wanted, RestLengthKeys):
+        keys = {
+            clip: [[_digits(time), _digits(length.resolve(patch.span))] for time, length in keys]
+            for clip, keys in wanted.keys.items()
+        }
+        return {"rest_length_keys": keys}
+    return {}
 
 
 def _table_json(curve: ControlCurve, names: Sequence[str | None]) -> list[list[float]]:

@@ -57,13 +57,25 @@ def sample_times(clip: Clip, rig: Rig, signal: Callable[[Floats], Floats], *, fp
 
 
 def clip_grid(clip: Clip, rig: Rig | None, *, fps: float) -> Floats:
-    """(frames,) seconds, float32 values: a grid over the clip with its end, and the keys that move a rig."""
+    """(frames,) seconds, float32 values: a grid over the clip with its end, and the keys that move a rig.
+
+    Jumps of STEP channels count twice, with the last float32 time before each.
+    """
     count = int(np.floor((clip.end - clip.start) * fps * (1.0 + 1e-9)))
     grid: list[Floats] = [clip.start + np.arange(count + 1) / fps, np.array([clip.end])]
     if rig is not None:
         moving = moving_nodes(rig)
-        grid += [channel.times for channel in clip.channels if channel.node in moving]
+        for channel in clip.channels:
+            if channel.node in moving:
+                grid.append(channel.times)
+                if channel.interpolation == "STEP":
+                    grid.append(_just_before(channel.times[1:]))
     return np.unique(_stored(np.concatenate(grid)))
+
+
+def _just_before(times: Floats) -> Floats:
+    """The last float32 times before some, when a STEP channel has not jumped yet."""
+    return np.nextafter(times.astype(np.float32), np.float32(-np.inf)).astype(np.float64)
 
 
 def moving_nodes(rig: Rig) -> frozenset[int]:
@@ -118,8 +130,7 @@ def widen(channel: Channel | None, rig: Rig, clip: Clip, times: Floats, weights:
         return _widen_spline(channel, times, weights)
     union = np.union1d(times, channel.times)
     if channel.interpolation == "STEP":
-        jumps = channel.times[1:]
-        before = np.nextafter(jumps.astype(np.float32), np.float32(-np.inf)).astype(np.float64)
+        before = _just_before(channel.times[1:])
         union = np.union1d(union, before[before > channel.times[:-1]])
     old = morph_weights(rig, clip, union)
     return Track(union, np.concatenate([old, _interpolated(union, times, weights)], axis=1), "LINEAR")
