@@ -173,6 +173,8 @@ def bake(
             residuals: dict[str, Residual] = {}
             if frames_dir is not None or mode == "frames":
                 bases, motions = sample_clips(plan, chosen, fps=fps_wanted, mode="frames", progress=progress)
+                if not motions:
+                    raise BakeError("no clip moves the mesh: there is no frame to write", where=document.path)
                 frames.append(Frames(plan.rig, plan.fine, _targets(bases), tuple(motions)))
             if mode == "morph" and out is not None:
                 bases, motions = sample_clips(plan, chosen, fps=fps_wanted, mode="morph", progress=progress)
@@ -272,6 +274,15 @@ def _by_node(document: Document, settings: ToolsFile, notes: list[str]) -> dict[
             problems.append(BakeError(fault, where=f"{tool.where}.node" if tool.node else document.path))
             continue
         found.setdefault(matches[0], []).append(tool)
+    for index in found:
+        extras = nodes[index].get("extras")
+        if isinstance(extras, dict) and "wrinkle" in extras:
+            problems.append(
+                BakeError(
+                    "already carries wrinkles of an earlier bake; bake from the original asset",
+                    where=document.where("nodes", index, "extras", "wrinkle"),
+                )
+            )
     if problems:
         raise BakeError.of_all(problems)
     if not found:
@@ -528,6 +539,7 @@ def _report(
                 "levels": split.levels,
                 "edges_at_max_levels": split.limited,
                 "edges_blocked": split.blocked,
+                "vertices_pruned": plan.fine.pruned_count,
                 "max_error": plan.max_error,
                 "tallest_wrinkle": plan.tallest,
             }

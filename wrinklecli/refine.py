@@ -77,6 +77,11 @@ class Refinement:
     weld: Ints
 
     @property
+    def pruned_count(self) -> int:
+        """How many new welded vertices have fewer joints in the file than their place on the surface asks for."""
+        return int(((self.weights > 0).sum(axis=1) > self.weights_pruned.shape[1]).sum())
+
+    @property
     def triangles(self) -> Ints:
         """(triangles, 3) welded vertices."""
         return self.subdivision.triangles
