@@ -12,10 +12,12 @@ import binascii
 import copy
 import hashlib
 import json
+import math
 import os
 import shutil
 import struct
 import tempfile
+import weakref
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -55,6 +57,8 @@ _GLB_MAGIC = b"glTF"
 _JSON_CHUNK = b"JSON"
 _BIN_CHUNK = b"BIN\0"
 _GLB_LIMIT = 2**32 - 1  # bytes; the header's length is 32 bits
+_DEPTH_LIMIT = 200  # levels of JSON; copying and writing recurse
+_SHOWN = 40  # characters of a found value that a message repeats
 _SPOOL_BYTES = 2**26
 _ALIGNMENT = 4  # bytes; the largest component is 4 bytes, and GLB chunks are padded to it
 
@@ -147,13 +151,13 @@ class Document:
             if not isinstance(sparse, dict):
                 raise AssetError("sparse must be an object", where=where)
             self._substitute(elements, sparse, dtype, size, where)
-        elements.flags.writeable = False
         values: Array = elements
         if dtype.kind == "f":
             values = elements.astype(np.float64)
         elif accessor.get("normalized"):
             limit = np.iinfo(dtype).max
             values = np.maximum(elements / limit, -1.0)
+        values.flags.writeable = False
         return values[:, 0] if accessor["type"] == "SCALAR" else values
 
     def _substitute(self, elements: Array, sparse: Json, dtype: np.dtype[Any], size: int, where: str) -> None:
@@ -295,15 +299,27 @@ def _parse_json(data: bytes, name: str) -> Json:
     def refuse(constant: str) -> float:
         raise ValueError(f"{constant} is no JSON number")
 
+    def finite(digits: str) -> float:
+        value = float(digits)
+        if math.isinf(value):
+            raise ValueError(f"{digits[:_SHOWN]} is too large a number")
+        return value
+
     try:
-        gltf = json.loads(data.decode("utf-8-sig"), parse_constant=refuse)
+        gltf = json.loads(data.decode("utf-8-sig"), parse_constant=refuse, parse_float=finite)
     except RecursionError as error:
         raise AssetError("the JSON is nested too deeply", where=name) from error
     except ValueError as error:
         raise AssetError(f"is neither a .glb nor JSON: {error}", where=name) from error
     if not isinstance(gltf, dict):
         raise AssetError("the JSON is no object", where=name)
-    return gltf
+    level: list[Any] = [gltf]
+    for _ in range(_DEPTH_LIMIT):
+        inside = (each.values() if isinstance(each, dict) else each for each in level)
+        level = [child for children in inside for child in children if isinstance(child, dict | list)]
+        if not level:
+            return gltf
+    raise AssetError(f"the JSON is nested more than {_DEPTH_LIMIT} levels deep", where=name)
 
 
 def _read_uri(uri: str, asset: str, where: str) -> tuple[memoryview, str | None]:
@@ -336,7 +352,7 @@ def _local_file(uri: str, asset: str, where: str) -> str:
 
 
 class Draft:
-    """A document being changed: the JSON patched in place, data appended. A context manager.
+    """A document being changed: the JSON patched in place, data appended.
 
     Everything that is not set here stays as it was. An accessor whose last reference is replaced gives its
     index (and its buffer view's) to the new data, and its bytes leave the file: indices elsewhere keep their
@@ -352,6 +368,7 @@ class Draft:
         self.gltf: Json = copy.deepcopy(source.gltf)
         # New data goes to disk when it outgrows memory: per-frame geometry may be gigabytes.
         self._data: IO[bytes] = tempfile.SpooledTemporaryFile(max_size=_SPOOL_BYTES)  # noqa: SIM115
+        weakref.finalize(self, self._data.close)
         self._data_size = 0
         self._new_views: set[int] = set()
         self._dead_views: list[int] = []
@@ -363,12 +380,6 @@ class Draft:
         foreign = set(_extension_integers(self.gltf))
         self._accessor_uses.update(foreign)
         self._view_uses.update(foreign)
-
-    def __enter__(self) -> "Draft":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._data.close()
 
     def add(
         self,
@@ -589,7 +600,7 @@ class Draft:
             return start
 
         gltf = copy.copy(self.gltf)
-        views: list[Json] = [dict(view) for view in gltf.get("bufferViews", [])]
+        views = self._used_views()
         for buffer in range(len(self.source.buffers)):
             parts, moved = self._compacted(buffer)
             base = append(*parts)
@@ -610,7 +621,7 @@ class Draft:
             old_buffers = self.gltf.get("buffers", [])
             kept = {key: value for key, value in old_buffers[0].items() if key != "uri"} if old_buffers else {}
             gltf["buffers"] = [kept | {"byteLength": total_data}]
-        text = _dump(gltf).encode()
+        text = _dump(gltf)
         text += b" " * (-len(text) % _ALIGNMENT)
         tail = bytes(-total_data % _ALIGNMENT)
         total = 12 + 8 + len(text) + (8 + total_data + len(tail) if total_data else 0)
@@ -629,10 +640,21 @@ class Draft:
         replace_file(name, write)
         return total
 
+    def _used_views(self) -> list[Json]:
+        """Copies of all views; a free one in between, whose data is gone, shows one byte and keeps its place."""
+        views: list[Json] = [dict(view) for view in self.gltf.get("bufferViews", [])]
+        while views and len(views) - 1 in self._free_views:
+            views.pop()
+            self._free_views.remove(len(views))
+        for slot in self._free_views:
+            views[slot] = {"buffer": 0, "byteLength": 1}
+        return views
+
     def _old_views(self, views: list[Json], buffer: int) -> Iterator[Json]:
         """The views that still show data of a source buffer."""
         for slot, old in enumerate(self.source.items("bufferViews")):
-            if slot not in self._new_views and old.get("buffer") == buffer:
+            changed = slot in self._new_views or slot in self._free_views or slot >= len(views)
+            if not changed and old.get("buffer") == buffer:
                 yield views[slot]
 
     def _copy_data(self, file: IO[bytes]) -> None:
@@ -689,7 +711,7 @@ class Draft:
             gltf["buffers"] = buffers
         if views:
             gltf["bufferViews"] = views
-        text = _dump(gltf, indent=2).encode() + b"\n"
+        text = _dump(gltf, indent=2) + b"\n"
         return written + replace_bytes(name, text)
 
     def _copy_images(self, name: str) -> None:
@@ -770,9 +792,13 @@ def _json_numbers(values: Array) -> list[float]:
     return [value.item() for value in values]
 
 
-def _dump(gltf: Json, *, indent: int | None = None) -> str:
+def _dump(gltf: Json, *, indent: int | None = None) -> bytes:
     separators = (",", ":") if indent is None else (",", ": ")
-    return json.dumps(gltf, ensure_ascii=False, allow_nan=False, indent=indent, separators=separators)
+    text = json.dumps(gltf, ensure_ascii=False, allow_nan=False, indent=indent, separators=separators)
+    try:
+        return text.encode()
+    except UnicodeEncodeError:  # half a surrogate pair, which some exporters cut from a name: only escapes can say it
+        return json.dumps(gltf, allow_nan=False, indent=indent, separators=separators).encode()
 
 
 def _set_offset(view: Json, offset: int) -> None:

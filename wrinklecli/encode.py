@@ -30,6 +30,8 @@ METHOD = 1
 
 # Decimal digits of numbers in extras: float32's own.
 _DIGITS = 8
+# Decimal digits of tabulated weights, whose rows are right to about three.
+_TABLE_DIGITS = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -305,9 +307,9 @@ def encode_track(draft: Draft, clip: Clip, node: int, track: Track) -> None:
 def encode_extras(draft: Draft, rig: Rig, tools: Sequence[tuple[Patch, Sequence[str | None]]]) -> None:
     """Write the tools into the node's extras, enough to play wrinkles for a clip that was never baked.
 
-    An engine poses both anchors (the sum over joints of weight · matrix · position, where the matrix takes
-    bind to world space), takes d = rest_length - distance and finds the targets' weights in the table's rows,
-    uniform in the square root of d / rest_length from 0 to 1.
+    An engine poses both anchors (the sum over joints of weight · matrix · position, where the matrix takes bind
+    to world space), and finds the targets' `weights` at 1 - distance / rest_length, straight between the rows
+    of `shortenings`.
     """
     node = draft.gltf["nodes"][rig.node]
     if not isinstance(node.setdefault("extras", {}), dict):
@@ -322,7 +324,7 @@ def encode_extras(draft: Draft, rig: Rig, tools: Sequence[tuple[Patch, Sequence[
                 "rest_length": _digits(patch.rest_length),
                 **_driven_json(patch),
                 "targets": [name for name in names if name is not None],
-                "weights": _table_json(patch.curve, names),
+                **_table_json(patch.curve, names),
             }
             for patch, names in tools
         ],
@@ -343,11 +345,14 @@ def _driven_json(patch: Patch) -> Json:
     return {}
 
 
-def _table_json(curve: ControlCurve, names: Sequence[str | None]) -> list[list[float]]:
-    table = weight_table(curve)
+def _table_json(curve: ControlCurve, names: Sequence[str | None]) -> Json:
+    shortenings, table = weight_table(curve)
     written = [index for index, name in enumerate(names) if name is not None]
-    rows = table.reshape(len(table), -1)
-    return [[_digits(value) for value in row] for row in rows[:, written]]
+    rows = table.reshape(len(table), -1)[:, written]
+    return {
+        "shortenings": [_digits(value) for value in shortenings],
+        "weights": [[_digits(value, _TABLE_DIGITS) for value in row] for row in rows],
+    }
 
 
 def _anchor_json(anchor: Anchor, rig: Rig) -> Json:
@@ -366,5 +371,5 @@ def _anchor_json(anchor: Anchor, rig: Rig) -> Json:
     return anchored
 
 
-def _digits(value: float) -> float:
-    return float(f"{value:.{_DIGITS}g}")
+def _digits(value: float, digits: int = _DIGITS) -> float:
+    return float(f"{value:.{digits}g}")

@@ -162,7 +162,7 @@ def bake(
         every_clip = read_clips(document)
         chosen = _chosen_clips(every_clip, settings, clips, document)
         warnings: list[str] = []
-        draft = stack.enter_context(Draft(document))
+        draft = Draft(document)
         fps_wanted = settings.sampling.fps
         baked: list[Baked] = []
         frames: list[Frames] = []
