@@ -34,6 +34,7 @@ _LEAST_SHARE = 1e-6
 _FIT_HEIGHTS = np.array([0.25, 0.5, 0.75, 1.0])
 # Rows of the table of weights for each group of bumps. Between the first two, a square root is off by most: 1/256.
 _TABLE_ROWS = 65
+_FULL_ROWS = 8
 # Halvings that find where a group of bumps starts to the last bits of a float.
 _HALVINGS = 50
 # Cosine of true and base normal below which the fit does not follow: NORMAL deltas cannot turn a normal over.
@@ -159,8 +160,10 @@ def weight_table(curve: ControlCurve) -> tuple[Floats, Floats]:
         in between are right to 1/256 of the greatest height.
     """
     steps = np.linspace(0.0, 1.0, _TABLE_ROWS) ** 2
-    starts = [*_group_starts(curve), 1.0]
-    rows = np.unique(np.concatenate([[0.0], *(low + (high - low) * steps for low, high in pairwise(starts))]))
+    starts = _group_starts(curve)
+    rising = [low + (high - low) * steps for low, high in pairwise(starts)]
+    # Behind the last only the lower knots of a polyline with details still move, and slowly.
+    rows = np.unique(np.concatenate([[0.0], *rising, np.linspace(starts[-1], 1.0, _FULL_ROWS)]))
     lengths = np.full(len(rows), curve.rest_length)
     amplitudes, _ = curve.follow((1.0 - rows) * lengths, lengths)
     return rows, weights_of(curve, amplitudes)

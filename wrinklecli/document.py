@@ -53,11 +53,63 @@ _COMPONENT_TYPES = {dtype: number for number, dtype in _COMPONENT_DTYPES.items()
 _TYPE_SIZES: dict[Any, int] = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 _SIZE_TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 
+# What is read of a document: objects by key (`*`: any), arrays by their items, indices and counts as int.
+_SHAPE: Json = {
+    "asset": {"version": str},
+    "scenes": [{"nodes": [int]}],
+    "nodes": [
+        {
+            "name": str,
+            "children": [int],
+            "mesh": int,
+            "skin": int,
+            "matrix": [float],
+            "translation": [float],
+            "rotation": [float],
+            "scale": [float],
+            "weights": [float],
+        }
+    ],
+    "meshes": [
+        {
+            "primitives": [{"attributes": {"*": int}, "indices": int, "mode": int, "targets": [{"*": int}]}],
+            "weights": [float],
+        }
+    ],
+    "skins": [{"joints": [int], "inverseBindMatrices": int}],
+    "animations": [
+        {
+            "name": str,
+            "channels": [{"sampler": int, "target": {"node": int, "path": str}}],
+            "samplers": [{"input": int, "output": int, "interpolation": str}],
+        }
+    ],
+    "accessors": [
+        {
+            "bufferView": int,
+            "byteOffset": int,
+            "componentType": int,
+            "count": int,
+            "type": str,
+            "normalized": bool,
+            "sparse": {
+                "count": int,
+                "indices": {"bufferView": int, "byteOffset": int, "componentType": int},
+                "values": {"bufferView": int, "byteOffset": int},
+            },
+        }
+    ],
+    "bufferViews": [{"buffer": int, "byteOffset": int, "byteLength": int, "byteStride": int}],
+    "buffers": [{"uri": str, "byteLength": int}],
+    "images": [{"uri": str, "bufferView": int, "mimeType": str}],
+}
+_KINDS = {int: "a whole number of 0 or more", float: "a number", str: "text", bool: "true or false"}
+
 _GLB_MAGIC = b"glTF"
 _JSON_CHUNK = b"JSON"
 _BIN_CHUNK = b"BIN\0"
 _GLB_LIMIT = 2**32 - 1  # bytes; the header's length is 32 bits
-_DEPTH_LIMIT = 200  # levels of JSON; copying and writing recurse
+_DEPTH_LIMIT = 256  # levels of JSON; copying and writing recurse
 _SHOWN = 40  # characters of a found value that a message repeats
 _SPOOL_BYTES = 2**26
 _ALIGNMENT = 4  # bytes; the largest component is 4 bytes, and GLB chunks are padded to it
@@ -87,14 +139,8 @@ class Document:
         return f"{self.path}#/" + "/".join(str(part) for part in pointer)
 
     def items(self, kind: str) -> list[Json]:
-        """The JSON objects of a top-level array, none where the document has no such array.
-
-        Raises:
-            AssetError: It is not an array of objects.
-        """
-        found = self.gltf.get(kind, [])
-        if not isinstance(found, list) or not all(isinstance(item, dict) for item in found):
-            raise AssetError("must be an array of objects", where=self.where(kind))
+        """The JSON objects of a top-level array, none where the document has no such array."""
+        found: list[Json] = self.gltf.get(kind, [])
         return found
 
     def item(self, kind: str, index: object, *, user: str) -> Json:
@@ -104,7 +150,7 @@ class Document:
             AssetError: The index, used by `user` (a place from `where`), is out of range or no integer.
         """
         found = self.items(kind)
-        if not isinstance(index, int) or isinstance(index, bool) or not 0 <= index < len(found):
+        if not isinstance(index, int) or not 0 <= index < len(found):
             raise AssetError(f"refers to {kind}[{index}], but there are {len(found)}", where=user)
         return found[index]
 
@@ -258,10 +304,31 @@ def read_document(path: str | os.PathLike[str]) -> Document:
 
 
 def _check_asset(document: Document) -> None:
-    asset = document.gltf.get("asset")
-    version = asset.get("version") if isinstance(asset, dict) else None
+    _check_shape(document, document.gltf, _SHAPE, ())
+    version = document.gltf.get("asset", {}).get("version")
     if not isinstance(version, str) or not version.startswith("2."):
         raise AssetError(f"asset.version is {version!r}; glTF 2.0 is read", where=document.where("asset", "version"))
+
+
+def _check_shape(document: Document, value: Any, shape: Any, pointer: tuple[str | int, ...]) -> None:
+    """Check that the JSON that we read has the types of the specification; what we do not read may be anything."""
+    if isinstance(shape, dict):
+        fits = isinstance(value, dict)
+        children = [(key, child, shape.get(key, shape.get("*"))) for key, child in value.items()] if fits else []
+    elif isinstance(shape, list):
+        fits = isinstance(value, list)
+        children = [(index, child, shape[0]) for index, child in enumerate(value)] if fits else []
+    else:
+        accepted = (int, float) if shape is float else shape
+        fits = isinstance(value, accepted) and isinstance(value, bool) == (shape is bool)
+        fits = fits and not (shape is int and value < 0)
+        children = []
+    if not fits:
+        kind = "an object" if isinstance(shape, dict) else "an array" if isinstance(shape, list) else _KINDS[shape]
+        raise AssetError(f"is {repr(value)[:_SHOWN]}, not {kind}", where=document.where(*pointer))
+    for key, child, inner in children:
+        if inner is not None:
+            _check_shape(document, child, inner, (*pointer, key))
 
 
 def _read_file(path: str, *, where: str = "") -> memoryview:
@@ -615,7 +682,7 @@ class Draft:
             views[slot]["buffer"] = 0
             _set_offset(views[slot], size + views[slot].get("byteOffset", 0))
         total_data = size + self._data_size
-        if views:
+        if "bufferViews" in gltf or views:
             gltf["bufferViews"] = views
         if total_data:
             old_buffers = self.gltf.get("buffers", [])
@@ -686,7 +753,7 @@ class Draft:
         folder, stem = os.path.dirname(name), os.path.splitext(os.path.basename(name))[0]
         gltf = copy.copy(self.gltf)
         buffers: list[Json] = [dict(buffer) for buffer in gltf.get("buffers", [])]
-        views: list[Json] = [dict(view) for view in gltf.get("bufferViews", [])]
+        views = self._used_views()
         for index, buffer in enumerate(buffers):
             parts, moved = self._compacted(index)
             uri = buffer.get("uri", "")
@@ -709,7 +776,7 @@ class Draft:
         self._copy_images(name)
         if buffers:
             gltf["buffers"] = buffers
-        if views:
+        if "bufferViews" in gltf or views:
             gltf["bufferViews"] = views
         text = _dump(gltf, indent=2) + b"\n"
         return written + replace_bytes(name, text)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from wrinklecli.config import Length, ToolsFile, WrinkleTool, load_tools
+from wrinklecli.config import Length, RestLengthKeys, ToolsFile, WrinkleTool, load_tools
 from wrinklecli.deform import (
     Carrier,
     Shape,
@@ -39,7 +39,7 @@ from wrinklecli.report import (
     warnings_of,
 )
 from wrinklecli.surface import read_surface
-from wrinklecli.tracks import clip_grid, moving_nodes, sample_times, widen
+from wrinklecli.tracks import clip_grid, moving_nodes, pad, sample_times, widen
 
 Floats = NDArray[np.float64]
 Json = dict[str, Any]
@@ -161,7 +161,7 @@ def bake(
         refuse_overwriting(inputs, [out] if out is not None else [])
         every_clip = read_clips(document)
         chosen = _chosen_clips(every_clip, settings, clips, document)
-        warnings: list[str] = []
+        warnings = _vain_clips(settings, every_clip)
         draft = Draft(document)
         fps_wanted = settings.sampling.fps
         baked: list[Baked] = []
@@ -237,6 +237,20 @@ def _chosen_clips(clips: tuple[Clip, ...], settings: ToolsFile, asked: Sequence[
                 f"has no clip {name!r}{nearest(name, names)}; there are {listed(names)}", where=document.path
             )
     return [clip for clip in clips if not wanted or clip.name in wanted]
+
+
+def _vain_clips(settings: ToolsFile, clips: tuple[Clip, ...]) -> list[str]:
+    """A warning for each clip that a tool names and the asset lacks."""
+    names = [clip.name for clip in clips]
+    warnings = []
+    for tool in settings.tools:
+        keyed = tool.rest_length.keys if isinstance(tool.rest_length, RestLengthKeys) else {}
+        warnings += [
+            f"{tool.name}: the asset has no clip {name!r}{nearest(name, names)}; there are {listed(names)}"
+            for name in dict.fromkeys([*tool.clips, *keyed])
+            if name not in names
+        ]
+    return warnings
 
 
 def _by_node(document: Document, settings: ToolsFile, notes: list[str]) -> dict[int, list[WrinkleTool]]:
@@ -462,6 +476,12 @@ def _encode(draft: Draft, plan: Plan, bases: list[Basis], motions: Sequence[Moti
             if each.from_skin
         ],
     )
+    baked = {motion.clip.index for motion in motions}
+    for clip in read_clips(draft.source):
+        channel = clip.channel(rig.node, "weights")
+        if channel is not None and clip.index not in baked:
+            # A channel drives all targets of its mesh, so a clip that is not baked is widened too.
+            encode_track(draft, clip, rig.node, pad(channel, known))
     for motion in motions:
         channel = motion.clip.channel(rig.node, "weights")
         encode_track(draft, motion.clip, rig.node, widen(channel, rig, motion.clip, motion.times, motion.weights))

@@ -147,9 +147,18 @@ def _read_channels(document: Document, animation: Json, index: int, where: str) 
             raise AssetError("a key value is not a finite number", where=at)
         shape = (len(times), 3, -1) if groups == 3 else (len(times), -1)
         values = values.reshape(shape)
-        if path != "weights" and values.shape[-1] != len(_DEFAULTS[path]):
-            raise AssetError(f"a key of {path} has {values.shape[-1]} numbers", where=at)
+        wanted = len(_DEFAULTS[path]) if path != "weights" else _target_count(document, node)
+        if values.shape[-1] != wanted:
+            raise AssetError(f"a key of {path} has {values.shape[-1]} numbers, not {wanted}", where=at)
         yield Channel(number, node, path, times, values.astype(np.float64), interpolation)
+
+
+def _target_count(document: Document, node: int) -> int:
+    carrier = document.items("nodes")[node]
+    if "mesh" not in carrier:
+        return 0
+    mesh = document.item("meshes", carrier["mesh"], user=document.where("nodes", node))
+    return len(morph_target_names(mesh))
 
 
 def read_rig(document: Document, node: int) -> Rig:
@@ -310,13 +319,7 @@ def morph_weights(rig: Rig, clip: Clip | None, times: Floats) -> Floats:
     channel = clip.channel(rig.node, "weights") if clip else None
     if channel is None:
         return np.tile(rig.morph_weights, (len(times), 1))
-    weights = sample(channel, times)
-    if weights.shape[1] != len(rig.morph_weights):
-        raise AssetError(
-            f"animates {weights.shape[1]} morph weights of node {rig.names[rig.node]!r}, whose mesh has"
-            f" {len(rig.morph_weights)} targets"
-        )
-    return weights
+    return sample(channel, times)
 
 
 def sample(channel: Channel, times: Floats) -> Floats:

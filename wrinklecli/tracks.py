@@ -100,7 +100,7 @@ class Track:
     Attributes:
         times: (keys,) seconds, float32 values.
         values: (keys, targets), or (keys, 3, targets) for CUBICSPLINE.
-        interpolation: LINEAR or CUBICSPLINE.
+        interpolation: LINEAR, STEP or CUBICSPLINE.
     """
 
     times: Floats
@@ -134,6 +134,15 @@ def widen(channel: Channel | None, rig: Rig, clip: Clip, times: Floats, weights:
         union = np.union1d(union, before[before > channel.times[:-1]])
     old = morph_weights(rig, clip, union)
     return Track(union, np.concatenate([old, _interpolated(union, times, weights)], axis=1), "LINEAR")
+
+
+def pad(channel: Channel, added: Floats) -> Track:
+    """A clip's weights channel with constant weights for new targets, (new targets,) each; its keys are kept."""
+    values = channel.values
+    constant = np.broadcast_to(added, (*values.shape[:-1], len(added))).copy()
+    if channel.interpolation == "CUBICSPLINE":
+        constant[:, [0, 2]] = 0.0
+    return Track(channel.times, np.concatenate([values, constant], axis=-1), channel.interpolation)
 
 
 def _interpolated(at: Floats, times: Floats, weights: Floats) -> Floats:
