@@ -8,6 +8,7 @@ import os
 import re
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -254,73 +255,92 @@ def _add_scale(draft: Draft, animation: Json, node: int, times: Floats, scales: 
     animation["channels"].append({"sampler": number, "target": {"node": node, "path": "scale"}})
 
 
-def export_frames(
+@contextmanager
+def exported_frames(
     document: Document, every: Sequence[Frames], folder: str | os.PathLike[str], kind: str, progress: Progress
-) -> list[str]:
+) -> Iterator[Callable[[], None]]:
     """Write a file for each frame of each clip, `CLIP_0001.obj`, with positions, normals and UVs, world space.
-
-    The files appear in the folder only when all are written.
 
     Args:
         document: The source.
-        every: The meshes; their frames are put together.
+        every: The meshes, all with the same clips; a file holds one frame of them all.
         folder: Made where it is not there.
         kind: obj, ply or glb.
         progress: Called with a stage's name, frames done and frames in all.
 
-    Returns:
-        The paths written.
+    Yields:
+        What puts the files into the folder; uncalled, nothing is left there.
 
     Raises:
         BakeError: The folder cannot be written to.
     """
-    import trimesh
-
     target = Path(folder)
-    written: list[str] = []
     try:
         target.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=".wrinkle-", dir=target) as temporary:
-            for motions in zip(*(frames.motions for frames in every), strict=True):
-                stem = re.sub(r"[^A-Za-z0-9_.-]", "_", motions[0].clip.name)
-                posed = zip(
-                    *(_pose_frames(document, frames, motion) for frames, motion in zip(every, motions, strict=True)),
-                    strict=True,
-                )
-                for number, meshes in enumerate(posed):
-                    scene = trimesh.Scene()
-                    for frames, mesh in zip(every, meshes, strict=True):
-                        name = frames.rig.names[frames.rig.node]
-                        scene.add_geometry(_trimesh(document, frames, mesh), geom_name=name, node_name=name)
-                    file_name = f"{stem}_{number:04d}.{kind}"
-                    exported: Any = scene if kind == "glb" else scene.to_geometry()
-                    data = exported.export(file_type=kind)
-                    data = data.encode() if isinstance(data, str) else data
-                    (Path(temporary) / file_name).write_bytes(data)
-                    written.append(file_name)
-                    progress("files", number + 1, len(motions[0].times))
-            for file_name in written:
-                os.replace(Path(temporary) / file_name, target / file_name)
+            names = _export(document, every, Path(temporary), kind, progress)
+
+            def put() -> None:
+                for name in names:
+                    os.replace(Path(temporary) / name, target / name)
+
+            yield put
     except OSError as error:
         raise BakeError(f"cannot be written: {error.strerror or error}", where=os.fspath(folder)) from error
-    return [os.fspath(target / file_name) for file_name in written]
 
 
-def _trimesh(document: Document, frames: Frames, posed: _Posed) -> Any:
+def _export(document: Document, every: Sequence[Frames], folder: Path, kind: str, progress: Progress) -> list[str]:
+    """Write the frames' files; their names."""
+    triangles, uvs = _joined_topology(document, every)
+    names: list[str] = []
+    stems: set[str] = set()
+    for motions in zip(*(frames.motions for frames in every), strict=True):
+        stem = re.sub(r"[^A-Za-z0-9_.-]", "_", motions[0].clip.name)
+        stem = stem if stem not in stems else f"{stem}_{motions[0].clip.index}"
+        stems.add(stem)
+        posed = [_pose_frames(document, frames, motion) for frames, motion in zip(every, motions, strict=True)]
+        for number, meshes in enumerate(zip(*posed, strict=True)):
+            names.append(f"{stem}_{number:04d}.{kind}")
+            (folder / names[-1]).write_bytes(_file_of(meshes, triangles, uvs, kind))
+            progress("files", number + 1, len(motions[0].times))
+    return names
+
+
+def _joined_topology(document: Document, every: Sequence[Frames]) -> tuple[Ints, Floats | None]:
+    """(triangles, 3) vertices of all meshes one after another, and (vertices, 2) UVs where every primitive has them."""
+    triangles, uvs, start = [], [], 0
+    for frames in every:
+        primitives = document.items("meshes")[frames.rig.mesh]["primitives"]
+        for primitive, part in zip(primitives, parts_of(frames.fine), strict=True):
+            triangles.append(part.triangles + start)
+            start += len(part.weld)
+            if "TEXCOORD_0" in primitive["attributes"]:
+                old = document.accessor(primitive["attributes"]["TEXCOORD_0"])
+                uvs.append(np.concatenate([old, part.mix(old)]))
+    complete = sum(len(each) for each in uvs) == start
+    # glTF counts v from the top of the image, the other formats from the bottom.
+    return np.concatenate(triangles), np.concatenate(uvs) * [1.0, -1.0] + [0.0, 1.0] if complete else None
+
+
+def _file_of(meshes: Sequence[_Posed], triangles: Ints, uvs: Floats | None, kind: str) -> bytes:
+    """One frame in a file format of trimesh's."""
     import trimesh
 
-    parts = parts_of(frames.fine)
-    starts = np.cumsum([0] + [len(part.weld) for part in parts])
-    triangles = np.concatenate([part.triangles + start for part, start in zip(parts, starts, strict=False)])
-    primitives = document.items("meshes")[frames.rig.mesh]["primitives"]
-    visual, textured = None, cast(Any, trimesh.visual.TextureVisuals)
-    if all("TEXCOORD_0" in each["attributes"] for each in primitives):
-        coordinates = []
-        for each, part in zip(primitives, parts, strict=True):
-            old = document.accessor(each["attributes"]["TEXCOORD_0"])
-            coordinates.append(np.concatenate([old, part.mix(old)]))
-        # glTF counts v from the top of the image, the other formats from the bottom.
-        visual = textured(uv=np.concatenate(coordinates) * [1.0, -1.0] + [0.0, 1.0])
-    return trimesh.Trimesh(
-        posed.positions, triangles, vertex_normals=posed.normals, visual=visual, process=False, validate=False
+    normals = [mesh.normals for mesh in meshes if mesh.normals is not None]
+    mesh: Any = trimesh.Trimesh(
+        np.concatenate([mesh.positions for mesh in meshes]),
+        triangles,
+        vertex_normals=np.concatenate(normals) if len(normals) == len(meshes) else None,
+        visual=None if uvs is None else cast(Any, trimesh.visual.TextureVisuals)(uv=uvs),
+        process=False,
+        validate=False,
     )
+    with_normals = len(normals) == len(meshes)
+    if kind == "ply":
+        return bytes(mesh.export(file_type=kind, vertex_normal=with_normals))
+    data = mesh.export(file_type=kind, include_normals=with_normals)
+    if kind == "glb":
+        return bytes(data)
+    # trimesh names a material file that it does not write here.
+    lines = (line for line in data.splitlines() if not line.startswith(("mtllib ", "usemtl ")))
+    return "\n".join(lines).encode() + b"\n"

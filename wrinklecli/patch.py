@@ -213,7 +213,7 @@ def inverses(blended: Floats) -> Floats:
 def singular(blended: Floats) -> Bools:
     """(vertices,) whether the smallest singular value is below 1/1000 of the largest."""
     values = np.linalg.svd(blended[:, :, :3], compute_uv=False)
-    return values[:, 2] < _SINGULAR * values[:, 0]
+    return values[:, 2] <= _SINGULAR * values[:, 0]
 
 
 def attach_tools(

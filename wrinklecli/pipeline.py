@@ -25,7 +25,7 @@ from wrinklecli.deform import (
 from wrinklecli.document import Document, Draft, read_document
 from wrinklecli.encode import METHOD, Target, encode_extras, encode_mesh, encode_track
 from wrinklecli.errors import AssetError, BakeError, ConfigError, RefusedError, listed, nearest
-from wrinklecli.frames import Frames, Motion, Progress, encode_frames, export_frames
+from wrinklecli.frames import Frames, Motion, Progress, encode_frames, exported_frames
 from wrinklecli.patch import Rest, attach_tools, rest_pose
 from wrinklecli.pose import Clip, Rig, joint_matrices, morph_target_names, read_clips, read_rig
 from wrinklecli.proof import Residual, compare, read_back
@@ -174,7 +174,7 @@ def bake(
             if frames_dir is not None or mode == "frames":
                 bases, motions = sample_clips(plan, chosen, fps=fps_wanted, mode="frames", progress=progress)
                 if not motions:
-                    raise BakeError("no clip moves the mesh: there is no frame to write", where=document.path)
+                    raise BakeError("has no clip: there is no frame to write", where=document.path)
                 frames.append(Frames(plan.rig, plan.fine, _targets(bases), tuple(motions)))
             if mode == "morph" and out is not None:
                 bases, motions = sample_clips(plan, chosen, fps=fps_wanted, mode="morph", progress=progress)
@@ -186,12 +186,15 @@ def bake(
         report.inputs = [*inputs, *(draft.image_files(out) if out is not None else [])]
         if strict and report.warnings:
             raise RefusedError.of_all(RefusedError(line) for line in report.warnings)
+        put_files = None
         if frames_dir is not None:
-            export_frames(document, frames, frames_dir, frames_format, progress)
+            put_files = stack.enter_context(exported_frames(document, frames, frames_dir, frames_format, progress))
         if out is not None:
             if mode == "frames":
                 encode_frames(draft, frames, progress)
             report.bytes_written = draft.write(out)
+        if put_files is not None:
+            put_files()
         return report
 
 
@@ -364,7 +367,7 @@ def sample_clips(
 
     Args:
         plan: The tools.
-        clips: To sample.
+        clips: To sample; `morph` leaves out those that do not move the mesh.
         fps: Of the grid.
         mode: `frames` takes the grid alone, `morph` what straight lines between keys need.
         progress: Called with a stage's name, clips done and clips in all.
@@ -375,7 +378,11 @@ def sample_clips(
     rig, rest, fine = plan.rig, plan.rest, plan.fine
     moving = moving_nodes(rig)
     driven = {name for each in plan.carriers for name in each.patch.keyed_clips}
-    chosen = [clip for clip in clips if clip.name in driven or any(c.node in moving for c in clip.channels)]
+    chosen = [
+        clip
+        for clip in clips
+        if mode == "frames" or clip.name in driven or any(c.node in moving for c in clip.channels)
+    ]
     times = []
     for number, clip in enumerate(chosen):
 

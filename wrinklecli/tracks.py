@@ -18,7 +18,7 @@ Ints = NDArray[np.intp]
 # How often an interval between two keys may be halved for the heights to be right between them. Where a wrinkle
 # starts, each halving takes only a factor of 1.4 from the error; five times left 1.2 % of the tallest wrinkle.
 _BISECTIONS = 10
-_QUARTERS = np.array([0.25, 0.5, 0.75])
+_INNER = np.arange(1, 8) / 8.0
 
 
 def sample_times(clip: Clip, rig: Rig, signal: Callable[[Floats], Floats], *, fps: float, tolerance: float) -> Floats:
@@ -30,7 +30,7 @@ def sample_times(clip: Clip, rig: Rig, signal: Callable[[Floats], Floats], *, fp
         signal: (frames,) seconds to (frames, values), in scene units.
         fps: Frames per second of the grid.
         tolerance: Greatest error of a value between two times, scene units. Heights start like a square root,
-            so an interval is halved, up to ten times, until its quarter points are that good.
+            so an interval is halved, up to ten times, until seven points inside it are that good.
 
     Returns:
         (frames,) seconds, rising, each a float32 value.
@@ -40,10 +40,10 @@ def sample_times(clip: Clip, rig: Rig, signal: Callable[[Floats], Floats], *, fp
     starts = np.arange(len(times) - 1)
     for _ in range(_BISECTIONS):
         low, high = times[starts], times[starts + 1]
-        inner = low[:, None] + _QUARTERS * (high - low)[:, None]
-        wanted = signal(inner.reshape(-1)).reshape(len(starts), 3, -1)
+        inner = low[:, None] + _INNER * (high - low)[:, None]
+        wanted = signal(inner.reshape(-1)).reshape(len(starts), len(_INNER), -1)
         first, last = values[starts, None], values[starts + 1, None]
-        error = np.abs(first + _QUARTERS[:, None] * (last - first) - wanted).max(axis=(1, 2), initial=0.0)
+        error = np.abs(first + _INNER[:, None] * (last - first) - wanted).max(axis=(1, 2), initial=0.0)
         middles = _stored((low + high) / 2.0)
         fresh = middles[(error > tolerance) & (middles > low) & (middles < high)]
         if not len(fresh):
