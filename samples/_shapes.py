@@ -24,18 +24,20 @@ DIFFERENCE_STEP = 2e-5  # metres; the fields are smooth at this scale, and float
 def norm(vectors: Floats) -> Floats:
     """Lengths (n,) of the vectors (n, 3), in a fixed order of summation."""
     x, y, z = vectors.T
-    return np.sqrt(x * x + y * y + z * z)
+    lengths: Floats = np.sqrt(x * x + y * y + z * z)
+    return lengths
 
 
 def smoothstep(low: float, high: float, values: Floats) -> Floats:
     """Rise from 0 at `low` to 1 at `high` (which may be the smaller), flat at both ends (C²)."""
     t = np.clip((values - low) / (high - low), 0.0, 1.0)
-    return t * t * t * (t * (t * 6.0 - 15.0) + 10.0)
+    risen: Floats = t * t * t * (t * (t * 6.0 - 15.0) + 10.0)
+    return risen
 
 
 def spline(knots: list[float], values: list[float], at: Floats) -> Floats:
     """Cubic Hermite curve through `values` with finite-difference tangents, constant beyond its ends."""
-    xs, ys = np.array(knots), np.array(values)
+    xs, ys = np.array(knots, np.float64), np.array(values, np.float64)
     slopes = np.diff(ys) / np.diff(xs)
     tangents = np.concatenate([slopes[:1], (slopes[1:] + slopes[:-1]) / 2.0, slopes[-1:]])
     at = np.clip(at, xs[0], xs[-1])
@@ -43,9 +45,9 @@ def spline(knots: list[float], values: list[float], at: Floats) -> Floats:
     span = xs[i + 1] - xs[i]
     t = (at - xs[i]) / span
     s = 1.0 - t
-    return s * s * ((1.0 + 2.0 * t) * ys[i] + t * span * tangents[i]) + t * t * (
-        (1.0 + 2.0 * s) * ys[i + 1] - s * span * tangents[i + 1]
-    )
+    near: Floats = s * s * ((1.0 + 2.0 * t) * ys[i] + t * span * tangents[i])
+    far: Floats = t * t * ((1.0 + 2.0 * s) * ys[i + 1] - s * span * tangents[i + 1])
+    return near + far
 
 
 def ellipsoid(points: Floats, centre: list[float], radii: list[float]) -> Floats:
@@ -57,12 +59,13 @@ def ellipsoid(points: Floats, centre: list[float], radii: list[float]) -> Floats
 
 def capsule(points: Floats, start: list[float], end: list[float], radius: float, end_radius: float) -> Floats:
     """Signed distance (n,) to a bone whose radius goes evenly from `radius` to `end_radius`."""
-    a, ab = np.array(start), np.array(end) - np.array(start)
+    a, b = np.array(start, np.float64), np.array(end, np.float64)
+    ab = b - a
     offsets = points - a
     along = (offsets[:, 0] * ab[0] + offsets[:, 1] * ab[1] + offsets[:, 2] * ab[2]) / float(
         ab[0] * ab[0] + ab[1] * ab[1] + ab[2] * ab[2]
     )
-    t = np.clip(along, 0.0, 1.0)
+    t: Floats = np.clip(along, 0.0, 1.0)
     return norm(offsets - t[:, None] * ab) - (radius + t * (end_radius - radius))
 
 
@@ -275,5 +278,6 @@ def vertex_normals(positions: Floats, triangles: Ints) -> Floats:
     sums = np.stack(
         [np.bincount(triangles.ravel(), np.repeat(faces[:, axis], 3), len(positions)) for axis in range(3)],
         axis=1,
+        dtype=np.float64,
     )
     return sums / norm(sums)[:, None]

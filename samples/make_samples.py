@@ -274,7 +274,8 @@ def make_wrist() -> Character:
 
 
 def _direction(start: tuple[float, ...], end: tuple[float, ...]) -> Floats:
-    return (np.array(end) - np.array(start)) / math.dist(start, end)
+    offset: Floats = np.array(end) - np.array(start)
+    return offset / math.dist(start, end)
 
 
 # The trousers, standing at y = 0 and facing +z. Their left half (x >= 0) is modelled, the right one mirrored.
@@ -555,6 +556,7 @@ def make_head() -> Character:
                     "neck": turn((0.0, 1.0, 0.0), 9.0 * turned),
                     "head": turn((-0.36, 0.80, -0.48), 26.0 * turned),
                 },
+                weights=np.zeros((len(long_times), 2)),
             ),
         ),
         colour=SKIN,

@@ -28,10 +28,8 @@ from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.pose import Clip, joint_matrices, morph_weights, node_matrices, read_clips, read_rig
 from wrinklecli.surface import read_triangles, unit
 
-Floats = NDArray[np.floating[Any]]
+Floats = NDArray[Any]  # float64 for posing, float32 for the rays
 Ints = NDArray[np.integer[Any]]
-
-# ---------------------------------------------------------------- posing
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,12 +151,9 @@ def pose(document: Document, clip: Clip | None = None, time: float = 0.0) -> Fra
     return Frame(*(np.concatenate(parts) for parts in (corners, normals, colours, vertices)))
 
 
-# ---------------------------------------------------------------- camera
-
 VIEWS = {
     "front": (0.0, 0.0),
     "right": (90.0, 0.0),
-    "side": (90.0, 0.0),
     "back": (180.0, 0.0),
     "left": (-90.0, 0.0),
     "top": (0.0, 89.9),
@@ -235,8 +230,6 @@ def _axes(azimuth: float, elevation: float) -> Floats:
     return np.array([right, np.cross(back, right), back])
 
 
-# ---------------------------------------------------------------- rendering
-
 SAMPLES = 2  # per pixel and axis: primary rays
 PATTERN = 4  # sub-pixels per axis that share a set of light rays; a box filter of this size joins them again
 AMBIENT_RAYS = 8  # per sub-pixel: 32 a pixel, 128 after the filter
@@ -256,7 +249,7 @@ def _hits(scene: EmbreeScene, camera: Camera, size: tuple[int, int]) -> tuple[In
     width, height = size[0] * SAMPLES, size[1] * SAMPLES
     xs = ((np.arange(width) + 0.5) * 2 / width - 1) * TANGENT * size[0] / size[1]
     ys = (1 - (np.arange(height) + 0.5) * 2 / height) * TANGENT
-    grid = np.ones((height, width, 3), np.float32)
+    grid: Floats = np.ones((height, width, 3), np.float32)
     grid[..., 0], grid[..., 1], grid[..., 2] = xs[None], ys[:, None], -1
     directions = unit(grid.reshape(-1, 3) @ camera.axes.astype(np.float32))
     found = scene.run(np.broadcast_to(camera.eye.astype(np.float32), directions.shape).copy(), directions, output=True)
@@ -316,7 +309,7 @@ def _light(
         x, y, radius = disc[rows].T[..., None]
         directions = x * tangents + y * bitangents + np.sqrt(1 - radius) * normals
         distances = scene.run(points, directions, query="DISTANCE")
-        openness -= np.maximum(1 - distances / far, 0) / AMBIENT_RAYS
+        openness -= (1 - np.minimum(distances, far) / far) / AMBIENT_RAYS
     lit = np.zeros(len(points), np.float32)
     across = np.concatenate(_basis(key[None]))
     for disc in _discs(SHADOW_RAYS):
@@ -397,14 +390,14 @@ def render(
     openness, lit = _light(scene, starts, normals, camera, rows, key)
     openness, lit = _smooth(openness, pixels, shape), _smooth(lit, pixels, shape)
 
-    halfway = unit(key - directions)
+    halfways: Floats = key - directions
     amounts = (
         lit * np.maximum(normals @ key, 0),
         openness * np.maximum(normals @ fill, 0),
         openness * (0.8 + 0.2 * (normals @ camera.axes[1].astype(np.float32))),
     )
     light = np.stack(amounts, axis=1) @ COLOURS
-    shine = 0.10 * lit * np.maximum(np.einsum("pi,pi->p", normals, halfway), 0) ** 24
+    shine = 0.10 * lit * np.maximum(np.einsum("pi,pi->p", normals, unit(halfways)), 0) ** 24
     base = (np.full_like(frame.colours, 0.62) if clay else 0.9 * frame.colours).astype(np.float32)[found]
     if backfaces:
         base[behind] = (0.9, 0.03, 0.02)
@@ -417,10 +410,8 @@ def render(
     picture = np.tile(PAPER.astype(np.float32), (shape[0] * shape[1], 1))
     picture[pixels] = colours
     picture = picture.reshape(size[1], SAMPLES, size[0], SAMPLES, 3).mean(axis=(1, 3))
-    return (255 * picture + 0.5).astype(np.uint8)
-
-
-# ---------------------------------------------------------------- contact sheet
+    shown: NDArray[np.uint8] = (255 * picture + 0.5).astype(np.uint8)
+    return shown
 
 
 def sheet(rows: Sequence[Sequence[tuple[str, NDArray[np.uint8]]]], *, gutter: int = 4) -> Image.Image:
@@ -473,16 +464,19 @@ def _options() -> argparse.Namespace:
         action="store_true",
         help="the focus is a point of the stored pose; the camera moves with the skin there",
     )
+    parser.add_argument("--labels", type=lambda text: text.split(","), metavar="A,B", help="one for each asset")
     parser.add_argument("--size", default="800x600", help="of each picture, pixels")
     parser.add_argument("--wire", action="store_true", help="draw the triangles' edges")
     parser.add_argument("--clay", action="store_true", help="grey, whatever the materials say")
-    parser.add_argument("--backfaces", choices=["red"], help="paint triangles seen from behind")
+    parser.add_argument("--backfaces", action="store_true", help="paint triangles seen from behind red")
     parser.add_argument("-o", "--output", required=True, metavar="SHEET.png")
     options = parser.parse_args(_tied(sys.argv[1:]))
     if (options.focus is None) != (options.radius is None):
         parser.error("--focus and --radius go together")
     if options.follow and options.focus is None:
         parser.error("--follow needs --focus")
+    if options.labels and len(options.labels) != len(options.assets):
+        parser.error("--labels needs one for each asset")
     return options
 
 
@@ -533,12 +527,13 @@ def _pictures(options: argparse.Namespace) -> Iterator[list[tuple[str, NDArray[n
                 camera,
                 size=(width, height),
                 wire=options.wire,
-                backfaces=options.backfaces is not None,
+                backfaces=options.backfaces,
                 clay=options.clay,
             )
             clip = clips[i]
             when = f"{clip.name} {time:.4g} s" if clip else "as stored"
-            row.append((f"{Path(options.assets[i]).stem}   {when}   {view}", picture))
+            label = options.labels[i] if options.labels else f"{Path(options.assets[i]).stem}   {when}   {view}"
+            row.append((label, picture))
         yield row
 
 
@@ -546,7 +541,7 @@ def main() -> int:
     """Command line: see the module's text."""
     options = _options()
     try:
-        sheet(list(_pictures(options))).save(options.output)
+        sheet(list(_pictures(options))).save(options.output, optimize=True)
     except WrinkleError as error:
         print(error, file=sys.stderr)
         return error.exit_code

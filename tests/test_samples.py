@@ -1,9 +1,12 @@
 """The bundled samples: made anew byte for byte, and as well built as their page says."""
 
 import json
+import os
+import shutil
 import struct
 import subprocess
 import sys
+import time
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -199,3 +202,48 @@ def test_anchors_of_the_tools_files_lie_on_the_skin(config: Path) -> None:
                 inside &= across >= -1e-4 * np.linalg.norm(q - p, axis=1)
             heights = np.abs(np.einsum("fi,fi->f", point - a, normals))[inside]
             assert heights.min() < 0.001, f"{tool['name']}: {end} is {heights.min():.4f} m off"
+
+
+def build(samples: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    environment = os.environ | {"WRINKLE": str(Path(sys.executable).with_name("wrinkle")), "PYTHON": sys.executable}
+    return subprocess.run(
+        ["make", "-C", str(samples), *arguments], env=environment, check=True, capture_output=True, text=True
+    )
+
+
+def outputs(samples: Path) -> dict[str, int]:
+    """Name and time of each baked file."""
+    return {path.name: path.stat().st_mtime_ns for path in (samples / "out").glob("*.glb")}
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="needs make")
+def test_make_bakes_all_without_a_warning_and_again_only_what_changed(tmp_path: Path) -> None:
+    samples, configs = tmp_path / "samples", tmp_path / "configs"
+    shutil.copytree(SAMPLES, samples, ignore=shutil.ignore_patterns("out", "pictures", "__pycache__"))
+    shutil.copytree(ROOT / "configs", configs)
+    names = {f"{path.stem}.glb" for path in configs.glob("*.yaml")}
+
+    first = build(samples, "-j4")
+    assert outputs(samples).keys() == names
+    assert "warning" not in first.stderr
+
+    # A minute into the past, so that what is touched or baked now is newer on any file system.
+    minute_ago = time.time() - 60
+    for path in [*configs.iterdir(), *samples.glob("*.glb"), *(samples / "out").iterdir()]:
+        os.utime(path, (minute_ago, minute_ago))
+    before = outputs(samples)
+    build(samples, "-q")
+    build(samples)
+    assert outputs(samples) == before
+
+    (configs / "head_keyed.yaml").touch()
+    build(samples)
+    after = outputs(samples)
+    assert {name for name in names if after[name] != before[name]} == {"head_keyed.glb"}
+
+    (samples / "head.glb").touch()
+    build(samples)
+    assert {name for name, when in outputs(samples).items() if when != after[name]} == {"head.glb", "head_keyed.glb"}
+
+    build(samples, "clean")
+    assert not (samples / "out").exists()

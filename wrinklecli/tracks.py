@@ -16,8 +16,10 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
 # How often an interval between two keys may be halved for the heights to be right between them. Where a wrinkle
-# starts, each halving takes only a factor of 1.4 from the error; five times left 1.2 % of the tallest wrinkle.
-_BISECTIONS = 10
+# starts, each halving takes only a factor of 1.4 from the error: five times left 1.2 % of the tallest wrinkle, ten
+# times, on a grid of 10 frames per second, 1.1 %.
+_BISECTIONS = 16
+# Where an interval is looked into, as shares of it.
 _INNER = np.arange(1, 8) / 8.0
 
 
@@ -30,7 +32,7 @@ def sample_times(clip: Clip, rig: Rig, signal: Callable[[Floats], Floats], *, fp
         signal: (frames,) seconds to (frames, values), in scene units.
         fps: Frames per second of the grid.
         tolerance: Greatest error of a value between two times, scene units. Heights start like a square root,
-            so an interval is halved, up to ten times, until seven points inside it are that good.
+            so an interval is halved, up to 16 times, until seven points inside it are that good.
 
     Returns:
         (frames,) seconds, rising, each a float32 value.
