@@ -309,7 +309,7 @@ def encode_extras(draft: Draft, rig: Rig, tools: Sequence[tuple[Patch, Sequence[
 
     An engine poses both anchors (the sum over joints of weight · matrix · position, where the matrix takes bind
     to world space), and finds the targets' `weights` at 1 - distance / rest_length, straight between the rows
-    of `shortenings`.
+    of `shortenings`, times the clip's factor in `strengths`, if it is there.
     """
     node = draft.gltf["nodes"][rig.node]
     if not isinstance(node.setdefault("extras", {}), dict):
@@ -323,6 +323,7 @@ def encode_extras(draft: Draft, rig: Rig, tools: Sequence[tuple[Patch, Sequence[
                 "target": _anchor_json(patch.target, rig),
                 "rest_length": _digits(patch.rest_length),
                 **_driven_json(patch),
+                **_strengths_json(patch),
                 "targets": [name for name in names if name is not None],
                 **_table_json(patch.curve, names),
             }
@@ -343,6 +344,12 @@ def _driven_json(patch: Patch) -> Json:
         }
         return {"rest_length_keys": keys}
     return {}
+
+
+def _strengths_json(patch: Patch) -> Json:
+    """Factors on the weights in the clips where the tool has a strength of its own."""
+    factors = {name: _digits(strength / patch.shape_strength) for name, strength in patch.tool.clips.items()}
+    return {"strengths": factors} if factors else {}
 
 
 def _table_json(curve: ControlCurve, names: Sequence[str | None]) -> Json:

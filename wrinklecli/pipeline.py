@@ -53,6 +53,8 @@ _POSES = 33
 # Quarter points of an interval and the rest of the chain share the error bound.
 _SAMPLING_SHARE = 0.5
 _COMPRESSION_SHARE = 0.25
+# A vector whose three coordinates are each off by 1 is off by this.
+_PER_COORDINATE = 3.0**0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -422,7 +424,7 @@ def _signal(plan: Plan, carrier: Carrier, clip: Clip, times: Floats) -> Floats:
     patch = carrier.patch
     if patch.tool.attachment == "patch":
         moved = displacements(carrier, plan.fine, plan.rig, plan.rest, clip, times)
-        return plan.scale * moved.reshape(len(times), -1)
+        return _PER_COORDINATE * plan.scale * moved.reshape(len(times), -1)
     seen = activity(patch, plan.rig, plan.rest, clip, times)
     strength = patch.clip_strength(clip) * patch.shape_strength
     return strength * seen.amplitudes.reshape(len(times), -1)
@@ -438,7 +440,9 @@ def _compressed(plan: Plan, carrier: Carrier, series: list[Floats]) -> tuple[lis
     """Shapes and weights of displacements that are new in each frame, all clips together."""
     if not series:
         return [], []
-    together, deltas = compress(np.concatenate(series), _COMPRESSION_SHARE * plan.max_error / plan.scale)
+    together, deltas = compress(
+        np.concatenate(series), _COMPRESSION_SHARE * plan.max_error / plan.scale / _PER_COORDINATE
+    )
     weights = np.split(together, np.cumsum([len(each) for each in series])[:-1])
     rows = np.unique(np.concatenate([np.linspace(0, len(together) - 1, 16).astype(int), np.argmax(together, axis=0)]))
     shapes = make_shapes(

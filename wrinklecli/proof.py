@@ -74,7 +74,9 @@ def read_back(written: Document, node: int, fine: Refinement, carriers: Sequence
     touched[len(fine.surface.positions) :] = True
     for carrier in carriers:
         touched[carrier.vertices] = True
-    chosen = np.flatnonzero(touched[welds])
+    # A vertex that a new target moves is compared even if no tool asked for it.
+    added = stored.morph_deltas[len(fine.morph_deltas) :].any(axis=(0, 2))
+    chosen = np.flatnonzero(touched[welds] | added)
     dense = np.zeros((len(chosen), len(rig.joints)))
     for joints, weights in zip(stored.joints[chosen].T, stored.weights[chosen].T, strict=True):
         dense[np.arange(len(chosen)), joints] += weights

@@ -19,8 +19,8 @@ VERSION = 1
 
 # A shortening below this part of the rest length is as good as none.
 _VISIBLE = 1e-3
-# Decimal digits of measured numbers.
-_DIGITS = 7
+# Decimal digits of measured numbers: those that tell any two float32 values apart.
+_DIGITS = 9
 
 
 @dataclass(slots=True)
