@@ -1,6 +1,8 @@
 """`wrinkle bake`."""
 
 import json
+import math
+import os
 import signal
 import sys
 from typing import Any
@@ -24,6 +26,13 @@ def _length(_context: click.Context, parameter: click.Parameter, value: str | No
     return Length(number, percent=percent)
 
 
+def _number(_context: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
+    """A number: `nan` is in no range and outside none."""
+    if value is not None and math.isnan(value):
+        raise click.BadParameter("'nan' is not a number", param=parameter)
+    return value
+
+
 @click.command(
     epilog="Example: wrinkle bake samples/trousers.glb configs/trousers.yaml -o out.glb",
 )
@@ -39,7 +48,12 @@ def _length(_context: click.Context, parameter: click.Parameter, value: str | No
 )
 @click.option("--clip", "clips", metavar="NAME", multiple=True, help="Bake only this clip; may be repeated.")
 @click.option("--tool", "only", metavar="NAME", multiple=True, help="Bake only this tool; may be repeated.")
-@click.option("--fps", type=click.FloatRange(0.1, 1000), help="Frames per second; overrides sampling.fps (30).")
+@click.option(
+    "--fps",
+    type=click.FloatRange(0.1, 1000),
+    callback=_number,
+    help="Frames per second; overrides sampling.fps (30).",
+)
 @click.option(
     "--max-error",
     metavar="LENGTH",
@@ -105,10 +119,15 @@ def bake(
     from wrinklecli import bake as run
     from wrinklecli.cli import printable
     from wrinklecli.document import replace_bytes
+    from wrinklecli.errors import BakeError
     from wrinklecli.pipeline import refuse_overwriting
 
     extra = [path for path in (report, depfile) if path is not None]
     refuse_overwriting([asset, tools, *([output] if output else [])], extra)
+    for path in extra:
+        # Found out afterwards, OUT would be new already.
+        if not os.access(os.path.dirname(path) or ".", os.W_OK):
+            raise BakeError("cannot be written: its folder is missing or read-only", where=path)
     with _Progress(shown=not quiet and sys.stderr.isatty()) as progress:
         made = run(asset, tools, output, details=report is not None, progress=progress.show, **options)
     if report is not None:
