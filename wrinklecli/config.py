@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Annotated, Any, Literal, TypeAlias, get_type_hints
 
-import yaml
 from annotated_types import Ge, GroupedMetadata, Le
 from pydantic import (
     AfterValidator,
@@ -37,13 +36,10 @@ from pydantic.dataclasses import dataclass as model_dataclass
 from pydantic_core import PydanticCustomError
 
 from wrinklecli.errors import ConfigError
+from wrinklecli.yamltree import MAX_BYTES, MAX_NODES, MAX_SHOWN, Node, Problem, path_to, printable, read_tree
 
-MAX_BYTES = 4_000_000  # a thousand tools take about 500 kB
-MAX_NODES = 100_000  # values, counted again for each alias: ten aliases of ten aliases of … are a bomb
-MAX_DEPTH = 32  # levels of nesting; the contract needs 8
 MAX_TOOLS = 1_000
 MAX_DETAILS = 4  # levels; a fifth is a 32nd of a bump, finer than any mesh here
-MAX_SHOWN = 40  # characters of a found value or key that a message repeats
 MIN_LENGTH, MAX_LENGTH = 1e-9, 1e9  # scene units: a nanometre in metres, a metre in nanometres
 MIN_PERCENT, MAX_PERCENT = 0.01, 10_000.0
 
@@ -578,225 +574,6 @@ class ToolsFile:
     tools: tuple[WrinkleTool, ...]
 
 
-# --- YAML to a tree that knows its lines ---
-
-_TAG = "tag:yaml.org,2002:"
-_BOOLS = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
-_NUMBER = re.compile(r"[-+]?(?:0|[1-9][0-9]*)")
-_DECIMAL = re.compile(
-    r"[-+]?(?:(?:[0-9]+\.[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?|[0-9]+[eE][-+]?[0-9]+)|"
-    r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)"
-)
-
-
-@dataclass(frozen=True, slots=True)
-class _Node:
-    """A YAML value: plain Python, the 1-based line of its key, how a message shows it, its parts."""
-
-    value: Any
-    line: int
-    shown: str
-    children: Mapping[str | int, "_Node"]
-
-
-@dataclass(frozen=True, slots=True)
-class _Problem:
-    line: int
-    path: str
-    message: str
-
-
-class _TooMuchError(yaml.MarkedYAMLError):
-    """A limit of this module, met while composing."""
-
-
-class _Composer(yaml.SafeLoader):
-    """SafeLoader's nodes, within limits; plain scalars are numbers only where YAML 1.1 and 1.2 agree.
-
-    Differs from SafeLoader: 010, 1:30, 0x10, 1_000 and 2020-01-01 stay text, 1e-3 is a number.
-    """
-
-    yaml_implicit_resolvers = {}  # noqa: RUF012 - as the base class declares it
-
-    def __init__(self, text: str) -> None:
-        super().__init__(text)
-        self.depth = 0
-        self.count = 0
-
-    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        self.depth += 1
-        self.count += 1
-        mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]
-        if self.depth > MAX_DEPTH:
-            raise _TooMuchError(problem=f"nested more than {MAX_DEPTH} levels deep", problem_mark=mark)
-        if self.count > MAX_NODES:
-            raise _TooMuchError(problem=f"more than {MAX_NODES:,} values", problem_mark=mark)
-        node = super().compose_node(parent, index)
-        self.depth -= 1
-        return node
-
-
-for _kind, _pattern, _first in (
-    ("merge", re.compile(r"^<<$"), ["<"]),
-    ("null", re.compile(r"^(?:~|null|Null|NULL|)$"), ["~", "n", "N", ""]),
-    (
-        "bool",
-        re.compile(f"^(?:{'|'.join(form for word in _BOOLS for form in (word, word.title(), word.upper()))})$"),
-        list("tTfFyYnNoO"),
-    ),
-    ("int", re.compile(f"^(?:{_NUMBER.pattern})$"), list("-+0123456789")),
-    ("float", re.compile(f"^(?:{_DECIMAL.pattern})$"), list("-+0123456789.")),
-):
-    _Composer.add_implicit_resolver(_TAG + _kind, _pattern, _first)
-
-
-def _printable(text: str, limit: int = MAX_SHOWN) -> str:
-    """Text that is safe in a line of a terminal: cut, and control characters as escapes."""
-    cut = text if len(text) <= limit else text[: limit - 1] + "…"
-    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in cut)
-
-
-def _step(path: str, key: str | int) -> str:
-    if isinstance(key, int):
-        return f"{path}[{key}]"
-    if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]*", key) is None:
-        return f"{path}['{_printable(key)}']"
-    return f"{path}.{_printable(key)}" if path else _printable(key)
-
-
-class _TreeBuilder:
-    """Composed YAML nodes to `_Node`s; collects what is wrong with the YAML itself."""
-
-    def __init__(self) -> None:
-        self.problems: list[_Problem] = []
-        self.count = 0
-
-    def build(self, node: yaml.Node, line: int, path: str, depth: int = 1) -> _Node:
-        """One value and all below it.
-
-        Raises:
-            _TooMuchError: Aliases make it too large, or endless.
-        """
-        self._spend(node, depth)
-        children: dict[str | int, _Node]
-        kind = node.tag.removeprefix(_TAG)
-        if isinstance(node, yaml.MappingNode):
-            self._check_tag(kind, ("map",), line, path)
-            children = {
-                key: self.build(value, key_line, _step(path, key), depth + 1)
-                for key, (key_line, value) in self._members(node, path, depth, report=True).items()
-            }
-            return _Node({key: child.value for key, child in children.items()}, line, "a mapping", children)
-        if isinstance(node, yaml.SequenceNode):
-            self._check_tag(kind, ("seq",), line, path)
-            children = {
-                i: self.build(item, item.start_mark.line + 1, _step(path, i), depth + 1)
-                for i, item in enumerate(node.value)
-            }
-            shown = f"a list of {len(children)}"
-            return _Node([child.value for child in children.values()], line, shown, children)
-        shown = _printable(node.value)
-        if isinstance(node, yaml.ScalarNode) and node.style is not None:
-            shown = f"'{shown}'"
-        return _Node(self._scalar(node.value, kind, line, path), line, shown or "nothing", {})
-
-    def _scalar(self, text: str, kind: str, line: int, path: str) -> Any:
-        if any("\ud800" <= c <= "\udfff" for c in text):
-            self.problems.append(_Problem(line, path, f"found '{_printable(text)}', expected valid Unicode"))
-            return _printable(text)
-        match kind:
-            case "str" | "merge":
-                return text
-            case "null" if text in ("", "~") or text.lower() == "null":
-                return None
-            case "bool" if text.lower() in _BOOLS:
-                return _BOOLS[text.lower()]
-            case "int" if _NUMBER.fullmatch(text):
-                # Longer ones are out of every range; int() refuses some thousand digits.
-                return int(text) if len(text) <= 18 else float(text)
-            case "int" | "float" if _NUMBER.fullmatch(text) or _DECIMAL.fullmatch(text):
-                return float(re.sub(r"\.(?=inf|nan)", "", text.lower()))
-        self._check_tag(kind, (), line, path)
-        return text
-
-    def _check_tag(self, kind: str, accepted: Collection[str], line: int, path: str) -> None:
-        if kind not in accepted:
-            message = f"found the tag {_printable(kind)}, expected a value without it"
-            self.problems.append(_Problem(line, path, message))
-
-    def _members(
-        self, node: yaml.MappingNode, path: str, depth: int, *, report: bool
-    ) -> dict[str, tuple[int, yaml.Node]]:
-        """Line and value by key, `<<` merged; keys are as written, so that a clip may be called on, or 1."""
-        own: dict[str, tuple[int, yaml.Node]] = {}
-        merged: dict[str, tuple[int, yaml.Node]] = {}
-        problems: list[_Problem] = []
-        first_lines: dict[str, int] = {}
-        for key_node, value in node.value:
-            line = key_node.start_mark.line + 1
-            if not isinstance(key_node, yaml.ScalarNode):
-                problems.append(_Problem(line, path, "found a key that is no text, expected a name"))
-                continue
-            key = key_node.value
-            if any("\ud800" <= c <= "\udfff" for c in key):
-                problems.append(_Problem(line, _step(path, key), "not valid Unicode"))
-            elif key in first_lines:
-                message = f"duplicate key, first on line {first_lines[key]}"
-                problems.append(_Problem(line, _step(path, key), message))
-            elif key_node.tag == _TAG + "merge":
-                first_lines[key] = line
-                for source in value.value if isinstance(value, yaml.SequenceNode) else [value]:
-                    self._spend(source, depth + 1)
-                    if isinstance(source, yaml.MappingNode):
-                        inherited = self._members(source, path, depth + 1, report=False)
-                        self.count += len(inherited)
-                        merged = {**inherited, **merged}
-                    else:
-                        problems.append(_Problem(line, _step(path, key), "expected a mapping to merge"))
-            else:
-                first_lines[key] = line
-                own[key] = (line, value)
-        if report:  # a merged mapping's own problems are reported where it stands
-            self.problems += problems
-        return {**merged, **own}
-
-    def _spend(self, node: yaml.Node, depth: int) -> None:
-        self.count += 1
-        if depth > MAX_DEPTH:
-            problem = f"nested more than {MAX_DEPTH} levels deep: an alias stands within its own anchor"
-        elif self.count > MAX_NODES:
-            problem = f"more than {MAX_NODES:,} values once the aliases are expanded"
-        else:
-            return
-        raise _TooMuchError(problem=problem, problem_mark=node.start_mark)
-
-
-def _read_yaml(text: str) -> tuple[_Node | None, list[_Problem]]:
-    """The tree, None for an empty file or YAML that cannot be read, and the problems of the YAML itself."""
-    if len(text) > MAX_BYTES:
-        return None, [_Problem(1, "", f"found {len(text):,} characters, expected at most {MAX_BYTES:,}")]
-    builder = _TreeBuilder()
-    line = 1
-    try:
-        composer = _Composer(text)
-        try:
-            root = composer.get_single_node()
-        except (ValueError, OverflowError) as error:  # escapes and versions that PyYAML does not check
-            return None, [_Problem(composer.line + 1, "", f"YAML: {_printable(str(error), 80)}")]
-        if root is None:
-            return None, [_Problem(1, "", "the file is empty, expected a mapping with version and tools")]
-        return builder.build(root, root.start_mark.line + 1, ""), builder.problems
-    except yaml.MarkedYAMLError as error:
-        if error.problem_mark is not None:
-            line = error.problem_mark.line + 1
-        parts = [part for part in (error.problem, error.context) if part]
-        return None, [_Problem(line, "", _printable("YAML: " + ", ".join(parts), 200))]
-    except yaml.reader.ReaderError as error:
-        line += text.count("\n", 0, error.position)
-        code = error.character if isinstance(error.character, int) else ord(error.character)
-        return None, [_Problem(line, "", f"YAML: character U+{code:04X} is not allowed")]
-
-
 # --- The tree to models, key by key ---
 
 
@@ -827,13 +604,13 @@ def _unknown_key(key: str, known: tuple[str, ...]) -> str:
     return f"unknown key, did you mean {near}?" if near else f"unknown key, expected {', '.join(known)}"
 
 
-def _value_problem(node: _Node, accepted: str) -> str:
+def _value_problem(node: Node, accepted: str) -> str:
     words = [word for word in re.split(r", | or ", accepted) if re.fullmatch("[a-z_]+", word)]
     near = _nearest(node.value, words) if isinstance(node.value, str) else None
     return f"found {node.shown}, expected {accepted}" + (f"; did you mean {near}?" if near else "")
 
 
-def _pydantic_problems(error: ValidationError, parent: _Node, path: str) -> Iterator[_Problem]:
+def _pydantic_problems(error: ValidationError, parent: Node, path: str) -> Iterator[Problem]:
     """One problem for each of pydantic's below `parent`, whose path is `path`."""
     details = error.errors(include_url=False, include_input=False)
     # A missing key is not reported beside the misspelt one that was meant to be it.
@@ -847,30 +624,30 @@ def _pydantic_problems(error: ValidationError, parent: _Node, path: str) -> Iter
         node, where, key = parent, path, str(loc[-1])
         for step in loc:  # a step that is no key of the file is the tag of a union's branch
             if step in node.children:
-                node, where = node.children[step], _step(where, step)
+                node, where = node.children[step], path_to(where, step)
         known = _KEYS_BELOW.get(str(loc[0]), ())
         if kind == "unexpected_keyword_argument":
-            yield _Problem(node.line, where, _unknown_key(key, known))
+            yield Problem(node.line, where, _unknown_key(key, known))
         elif kind == "missing":
             if (loc[:-1], key) not in meant:
-                yield _Problem(node.line, _step(where, key), "required, but missing")
+                yield Problem(node.line, path_to(where, key), "required, but missing")
         elif kind == "expected":
-            yield _Problem(node.line, where, _value_problem(node, str(detail["ctx"]["accepted"])))
+            yield Problem(node.line, where, _value_problem(node, str(detail["ctx"]["accepted"])))
         elif kind == "dataclass_type":
-            yield _Problem(node.line, where, _value_problem(node, f"a mapping of {', '.join(known)}"))
+            yield Problem(node.line, where, _value_problem(node, f"a mapping of {', '.join(known)}"))
         else:
-            yield _Problem(node.line, where, f"found {node.shown}: {detail['msg']}")
+            yield Problem(node.line, where, f"found {node.shown}: {detail['msg']}")
 
 
 def _fill(
     model: type[BaseModel],
-    node: _Node,
+    node: Node,
     path: str,
     *,
     apart: Collection[str] = (),
     inherited: Collection[str] = (),
     partial: bool = False,
-) -> tuple[dict[str, Any], list[_Problem]]:
+) -> tuple[dict[str, Any], list[Problem]]:
     """The valid keys of a mapping and the problems of the others.
 
     Keys are set one at a time: a model validated as a whole is nothing at all after its first error.
@@ -886,9 +663,9 @@ def _fill(
     fields = model.model_fields
     if not isinstance(node.value, dict):
         accepted = f"a mapping of {', '.join(fields)}"
-        return {}, [_Problem(node.line, path, f"found {node.shown}, expected {accepted}")]
+        return {}, [Problem(node.line, path, f"found {node.shown}, expected {accepted}")]
     values = model.model_construct()
-    problems: list[_Problem] = []
+    problems: list[Problem] = []
     meant: set[str | None] = set()
     for key, child in node.children.items():
         name = str(key)
@@ -900,14 +677,14 @@ def _fill(
             except ValidationError as error:
                 problems += _pydantic_problems(error, node, path)
         elif partial and name in _OWN_KEYS:
-            problems.append(_Problem(child.line, _step(path, name), "not inherited, each tool needs its own"))
+            problems.append(Problem(child.line, path_to(path, name), "not inherited, each tool needs its own"))
         else:
             meant.add(_nearest(name, fields))
-            problems.append(_Problem(child.line, _step(path, name), _unknown_key(name, tuple(fields))))
+            problems.append(Problem(child.line, path_to(path, name), _unknown_key(name, tuple(fields))))
     for name, info in fields.items():
         absent = info.is_required() and name not in node.children
         if absent and not partial and name not in inherited and name not in meant:
-            problems.append(_Problem(node.line, _step(path, name), "required, but missing"))
+            problems.append(Problem(node.line, path_to(path, name), "required, but missing"))
     return {name: getattr(values, name) for name in values.model_fields_set}, problems
 
 
@@ -963,20 +740,20 @@ def _y_up(anchor: Position | Marker, up: str) -> Position | Marker:
 
 
 def _tools(
-    root: _Node, defaults: Mapping[str, Any], inherited: Collection[str]
-) -> tuple[list[tuple[dict[str, Any], str, int]], list[_Problem]]:
+    root: Node, defaults: Mapping[str, Any], inherited: Collection[str]
+) -> tuple[list[tuple[dict[str, Any], str, int]], list[Problem]]:
     """All tools in the file's axes, mirrored ones too: keys that the file gives, path and line of each."""
     node = root.children.get("tools")
     if node is None:
         return [], []
     if not isinstance(node.value, list) or not 1 <= len(node.value) <= MAX_TOOLS:
         message = f"found {node.shown}, expected a list of 1 to {MAX_TOOLS:,} tools"
-        return [], [_Problem(node.line, "tools", message)]
-    problems: list[_Problem] = []
-    tools: list[tuple[dict[str, Any], str, _Node]] = []
+        return [], [Problem(node.line, "tools", message)]
+    problems: list[Problem] = []
+    tools: list[tuple[dict[str, Any], str, Node]] = []
     owners: dict[str, str] = {}  # who has an identifier
     for i, child in node.children.items():
-        path = _step("tools", i)
+        path = path_to("tools", i)
         values, found = _fill(ToolModel, child, path, inherited=inherited)
         problems += found
         values = {**defaults, **values}
@@ -986,10 +763,10 @@ def _tools(
             if owner != path:
                 name = child.children["name"]
                 message = f"found {name.shown}, but {owner} has that name: they must differ in letters, digits or _"
-                problems.append(_Problem(name.line, f"{path}.name", message))
+                problems.append(Problem(name.line, f"{path}.name", message))
         if "origin" in values and values["origin"] == values.get("target"):
             line = child.children["target"].line
-            problems.append(_Problem(line, f"{path}.target", "same as origin, expected another point"))
+            problems.append(Problem(line, f"{path}.target", "same as origin, expected another point"))
     result: list[tuple[dict[str, Any], str, int]] = []
     for values, path, child in tools:
         axis = values.pop("mirror", None)
@@ -1005,9 +782,9 @@ def _tools(
         elif {"origin", "target"} <= set(values) and _ends(other) == _ends(values):
             message = f"found {shown}, but its mirrored tool would lie on itself: remove mirror"
         if message:
-            problems.append(_Problem(child.children["name"].line, f"{path}.name", message))
+            problems.append(Problem(child.children["name"].line, f"{path}.name", message))
         owners.setdefault(_identifier(other["name"]), f"the tool mirrored from {path}")
-        note = f"{path} (mirrored as {_printable(other['name'])})"
+        note = f"{path} (mirrored as {printable(other['name'])})"
         result.append((other, note, child.line))
     return result, problems
 
@@ -1022,8 +799,8 @@ def parse_tools(text: str, *, name: str = "<tools>") -> ToolsFile:
     Raises:
         ConfigError: All problems of the text, a line each, in the order of its lines.
     """
-    shown_name = _printable(name, len(name))
-    root, problems = _read_yaml(text)
+    shown_name = printable(name, len(name))
+    root, problems = read_tree(text)
     header: dict[str, Any] = {}
     tools: list[tuple[dict[str, Any], str, int]] = []
     if root is not None:
@@ -1064,7 +841,7 @@ def load_tools(path: str | os.PathLike[str]) -> ToolsFile:
         ConfigError: The file cannot be read, or all of its problems, a line each, in the order of its lines.
     """
     name = os.fspath(path)
-    shown_name = _printable(name, len(name))
+    shown_name = printable(name, len(name))
     try:
         with open(path, "rb") as file:
             data = file.read(MAX_BYTES + 1)

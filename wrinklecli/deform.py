@@ -114,7 +114,8 @@ def carry(patch: Patch, fine: Refinement, pinned: Bools) -> Carrier:
         magnitudes=magnitudes[chosen],
         directions=carried * magnitudes[chosen, None],
         free=~pinned[np.minimum(vertices, len(pinned) - 1)] | (vertices >= len(pinned)),
-        stuck=int((moving & ~regular).sum()),
+        # Where the blend is singular there is no normal either, and no magnitude.
+        stuck=int(((u >= 0) & (u <= 1) & (np.abs(v) <= 1) & ~regular).sum()),
     )
 
 

@@ -739,7 +739,7 @@ class Draft:
             data, _ = _read_uri(uri, self.source.path, self.source.where("images", index))
             del image["uri"]
             image["bufferView"] = len(views)
-            image.setdefault("mimeType", "image/png" if bytes(data[:4]) == b"\x89PNG" else "image/jpeg")
+            image.setdefault("mimeType", _image_type(bytes(data[:16])))
             views.append({"buffer": 0, "byteOffset": append(data), "byteLength": len(data)})
             changed = True
         return images if changed else None
@@ -847,6 +847,15 @@ def index_type(count: int, *, smallest: type = np.uint16) -> np.dtype[Any]:
         if dtype.itemsize >= np.dtype(smallest).itemsize and count < 256**dtype.itemsize:
             return dtype
     raise BakeError(f"{count} vertices are more than glTF's 32-bit indices can count")
+
+
+def _image_type(head: bytes) -> str:
+    """The MIME type of an image by its first bytes: those of glTF 2.0 and of its texture extensions."""
+    if head.startswith(b"\x89PNG"):
+        return "image/png"
+    if head[:4] == b"RIFF" and head[8:12] == b"WEBP":
+        return "image/webp"
+    return "image/ktx2" if head[1:4] == b"KTX" else "image/jpeg"
 
 
 def _plain(built: Any) -> Json:

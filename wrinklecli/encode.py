@@ -16,10 +16,11 @@ from wrinklecli.deform import Shape, turn_to, weight_table
 from wrinklecli.document import INDEX_DATA, TRIANGLES, VERTEX_DATA, Document, Draft, Json, index_type
 from wrinklecli.errors import AssetError
 from wrinklecli.patch import Anchor, Patch
-from wrinklecli.pose import Clip, Rig, morph_target_names
+from wrinklecli.plan import Basis, Motion, Plan, Target, skin_weights, targets_of
+from wrinklecli.pose import Clip, Rig, morph_target_names, read_clips
 from wrinklecli.refine import Refinement
 from wrinklecli.surface import unit
-from wrinklecli.tracks import Track
+from wrinklecli.tracks import Track, pad, widen
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -32,14 +33,6 @@ METHOD = 1
 _DIGITS = 8
 # Decimal digits of tabulated weights, whose rows are right to about three.
 _TABLE_DIGITS = 5
-
-
-@dataclass(frozen=True, slots=True)
-class Target:
-    """A morph target to write: its name and shape."""
-
-    name: str
-    shape: Shape
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +99,36 @@ def parts_of(fine: Refinement) -> list[Part]:
             )
         )
     return parts
+
+
+def encode_morphs(draft: Draft, plan: Plan, bases: list[Basis], motions: Sequence[Motion], *, sparse: bool) -> None:
+    """Put meshes, targets, tracks and extras into the draft."""
+    rig = plan.rig
+    targets = targets_of(bases)
+    # In the stored pose nothing is wrinkled, unless the tools file names another pose as rest.
+    known = np.zeros(len(targets))
+    if all(each.from_skin for each in bases):
+        stored = [each.written(skin_weights(plan, each.carrier, None, np.zeros(1))) for each in bases]
+        known = np.concatenate(stored, axis=1)[0]
+    encode_mesh(draft, rig, plan.fine, targets, sparse=sparse, stored=known)
+    encode_extras(
+        draft,
+        rig,
+        [
+            (each.carrier.patch, [None if target is None else target.name for target in each.targets])
+            for each in bases
+            if each.from_skin
+        ],
+    )
+    baked = {motion.clip.index for motion in motions}
+    for clip in read_clips(draft.source):
+        channel = clip.channel(rig.node, "weights")
+        if channel is not None and clip.index not in baked:
+            # A channel drives all targets of its mesh, so a clip that is not baked is widened too.
+            encode_track(draft, clip, rig.node, pad(channel, known))
+    for motion in motions:
+        channel = motion.clip.channel(rig.node, "weights")
+        encode_track(draft, motion.clip, rig.node, widen(channel, rig, motion.clip, motion.times, motion.weights))
 
 
 def encode_mesh(

@@ -18,34 +18,19 @@ from numpy.typing import NDArray
 
 from wrinklecli.deform import turn_to
 from wrinklecli.document import VERTEX_DATA, Document, Draft, Json
-from wrinklecli.encode import Part, Target, base_normals, encode_mesh, parts_of
+from wrinklecli.encode import Part, base_normals, encode_mesh, parts_of
 from wrinklecli.errors import BakeError
 from wrinklecli.patch import inverses
-from wrinklecli.pose import Clip, Rig, blend, joint_matrices, morph_weights, transform
+from wrinklecli.plan import Motion, Progress, Target
+from wrinklecli.pose import Rig, blend, joint_matrices, morph_weights, transform
 from wrinklecli.refine import Refinement
 from wrinklecli.surface import unit
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
-Progress = Callable[[str, int, int], None]
 
 # Frames posed at once: bounds the memory.
 _CHUNK = 8
-
-
-@dataclass(frozen=True, slots=True)
-class Motion:
-    """One clip, sampled.
-
-    Attributes:
-        clip: The animation.
-        times: (frames,) seconds.
-        weights: (frames, targets) of the wrinkles.
-    """
-
-    clip: Clip
-    times: Floats
-    weights: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +63,9 @@ def _pose_frames(document: Document, frames: Frames, motion: Motion) -> Iterator
     welds = np.concatenate([part.weld for part in parts])
     bases = [base_normals(document, each, part) for each, part in zip(primitives, parts, strict=True)]
     base = _joined(bases, parts)
+    old_deltas = np.concatenate(
+        [_normal_deltas(document, each, part) for each, part in zip(primitives, parts, strict=True)], axis=1
+    )
     tangents = _joined([_tangents(document, each, part) for each, part in zip(primitives, parts, strict=True)], parts)
     weights = fine.dense_weights(np.arange(len(fine.positions)), len(rig.joints))
     turned = [_turned_normals(target, fine, welds, base) for target in frames.targets if base is not None]
@@ -93,7 +81,7 @@ def _pose_frames(document: Document, frames: Frames, motion: Motion) -> Iterator
             posed = transform(blended[frame : frame + 1], bind)[0]
             normals = None
             if base is not None:
-                bent = base.copy()
+                bent = base + np.tensordot(morphs[frame], old_deltas, axes=1)
                 for weight, (vertices, deltas) in zip(played, turned, strict=True):
                     bent[vertices] += weight * deltas
                 normals = unit(np.einsum("vji,vj->vi", inverses(blended[frame])[welds], bent))
@@ -102,6 +90,17 @@ def _pose_frames(document: Document, frames: Frames, motion: Motion) -> Iterator
                 along = np.einsum("vij,vj->vi", blended[frame][welds, :, :3], tangents[:, :3])
                 moved = np.concatenate([unit(along), tangents[:, 3:]], axis=1)
             yield _Posed(posed[welds], normals, moved)
+
+
+def _normal_deltas(document: Document, primitive: Json, part: Part) -> Floats:
+    """(morph targets, vertices, 3) NORMAL deltas that the source has, those of new vertices mixed."""
+    targets = primitive.get("targets", [])
+    deltas = np.zeros((len(targets), len(part.weld), 3))
+    for row, target in zip(deltas, targets, strict=True):
+        if "NORMAL" in target:
+            old = document.accessor(target["NORMAL"])
+            row[:] = np.concatenate([old, part.mix(old)])
+    return deltas
 
 
 def _tangents(document: Document, primitive: Json, part: Part) -> Floats | None:
@@ -275,6 +274,7 @@ def exported_frames(
         BakeError: The folder cannot be written to.
     """
     target = Path(folder)
+    made = not target.exists()
     try:
         target.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=".wrinkle-", dir=target) as temporary:
@@ -287,6 +287,9 @@ def exported_frames(
             yield put
     except OSError as error:
         raise BakeError(f"cannot be written: {error.strerror or error}", where=os.fspath(folder)) from error
+    finally:
+        if made and target.is_dir() and not any(target.iterdir()):
+            target.rmdir()
 
 
 def _export(document: Document, every: Sequence[Frames], folder: Path, kind: str, progress: Progress) -> list[str]:

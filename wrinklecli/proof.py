@@ -7,10 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrinklecli.deform import Carrier, activity, displaced_normals, displacements, turn_to
-from wrinklecli.document import Document
+from wrinklecli.document import Document, Draft
 from wrinklecli.encode import parts_of
-from wrinklecli.frames import Motion
+from wrinklecli.errors import RefusedError
 from wrinklecli.patch import Rest
+from wrinklecli.plan import Basis, Motion, Plan, Progress
 from wrinklecli.pose import Clip, Rig, blend, joint_matrices, morph_weights, read_clips, read_rig, transform
 from wrinklecli.refine import Refinement
 from wrinklecli.surface import read_vertices, unit
@@ -63,6 +64,37 @@ class Proof:
     deltas: Floats
     weights: Floats
     normals: tuple[Floats, Floats] | None
+
+
+def prove(
+    draft: Draft,
+    plan: Plan,
+    bases: list[Basis],
+    motions: Sequence[Motion],
+    *,
+    details: bool,
+    progress: Progress,
+) -> dict[str, Residual]:
+    """Play the draft as an engine would and compare it with the method, clip by clip.
+
+    Raises:
+        RefusedError: A vertex is further off than the plan's bound.
+    """
+    carriers = [basis.carrier for basis in bases]
+    proof = read_back(draft.document(), plan.rig.node, plan.fine, carriers)
+    residuals = {}
+    for number, motion in enumerate(motions):
+        residual = compare(proof, motion, plan.fine, carriers, plan.rig, plan.rest, with_normals=details)
+        if residual.position > plan.max_error:
+            share = 100 * residual.position / plan.tallest
+            raise RefusedError(
+                f"the file would be off by {residual.position:.3g} ({share:.2g} % of the tallest wrinkle) at"
+                f" {residual.time:.3g} s; --max-error allows {plan.max_error:.3g}",
+                where=motion.clip.name,
+            )
+        residuals[motion.clip.name] = residual
+        progress("proof", number + 1, len(motions))
+    return residuals
 
 
 def read_back(written: Document, node: int, fine: Refinement, carriers: Sequence[Carrier]) -> Proof:

@@ -28,6 +28,8 @@ Bools = NDArray[np.bool_]
 
 # Meshes touch where vertices are this near, over the box's diagonal.
 _CONTACT = 1e-6
+# Skin weights of two anchors further apart than this differ by more than rounding.
+_SAME_SHARES = 1e-6
 # Length of a bone that bends under a tool, where others count 1.
 _BEND = 1000.0
 # Vertices of another mesh compared at once: bounds the memory.
@@ -325,6 +327,8 @@ def _bending_nodes(rig: Rig, patches: Sequence[Patch]) -> frozenset[int]:
         difference = np.zeros(len(rig.joints))
         difference[patch.target.joints] += patch.target.points[0, :, 3]
         difference[patch.origin.joints] -= patch.origin.points[0, :, 3]
+        if np.ptp(difference) < _SAME_SHARES:
+            continue  # both anchors hang on the same joints: nothing bends between them
         ends = (int(rig.joints[np.argmax(difference)]), int(rig.joints[np.argmin(difference)]))
         nodes |= set(_chain(rig, ends[0])) ^ set(_chain(rig, ends[1]))
     return frozenset(nodes)

@@ -7,8 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrinklecli.deform import Activity
+from wrinklecli.config import ToolsFile
+from wrinklecli.deform import Activity, activity
+from wrinklecli.document import Document
+from wrinklecli.encode import METHOD
 from wrinklecli.patch import Patch
+from wrinklecli.plan import Basis, Mode, Motion, Plan
 from wrinklecli.pose import Clip
 from wrinklecli.proof import Residual
 
@@ -59,6 +63,101 @@ class Report:
         return ", ".join(parts)
 
 
+@dataclass(frozen=True, slots=True)
+class Baked:
+    """All that was made of one node's mesh; residuals by clip."""
+
+    plan: Plan
+    bases: list[Basis]
+    motions: list[Motion]
+    residuals: dict[str, Residual]
+
+
+def make_report(
+    document: Document,
+    settings: ToolsFile,
+    mode: Mode,
+    baked: Sequence[Baked],
+    warnings: list[str],
+    *,
+    details: bool,
+) -> Report:
+    """Gather what was made; frame by frame only with `details`."""
+    clips: dict[str, Json] = {}
+    meshes, tools = [], []
+    for each in baked:
+        plan, rig = each.plan, each.plan.rig
+        split = plan.fine.subdivision
+        meshes.append(
+            {
+                "node": rig.names[rig.node],
+                "coarse_vertices": len(plan.fine.surface.weld),
+                "vertices": len(plan.fine.weld),
+                "coarse_triangles": len(plan.fine.surface.triangles),
+                "triangles": len(plan.fine.triangles),
+                "levels": split.levels,
+                "edges_at_max_levels": split.limited,
+                "edges_blocked": split.blocked,
+                "vertices_pruned": plan.fine.pruned_count,
+                "max_error": plan.max_error,
+                "tallest_wrinkle": plan.tallest,
+            }
+        )
+        if split.limited:
+            warnings.append(
+                f"{rig.names[rig.node]}: {split.limited} edges are still too long for the wrinkles at max_levels"
+                f" {settings.refinement.max_levels}"
+            )
+        for motion in each.motions:
+            if rig.morph_names and motion.clip.channel(rig.node, "weights") is None and mode == "morph":
+                warnings.append(
+                    f"{rig.names[rig.node]}: {motion.clip.name} gets a weights channel, which will hold the morph"
+                    " targets that were free there; --tracks none avoids it"
+                )
+            entry = clips.setdefault(motion.clip.name, describe_clip(motion.clip, motion.times))
+            if motion.clip.name in each.residuals:
+                entry["residual"] = describe_residual(each.residuals[motion.clip.name])
+        for basis in each.bases:
+            patch = basis.carrier.patch
+            seen = [
+                (motion.clip, motion.times, activity(patch, rig, plan.rest, motion.clip, motion.times))
+                for motion in each.motions
+            ]
+            warnings += warnings_of(patch, seen)
+            if basis.carrier.stuck:
+                warnings.append(f"{patch.tool.name}: {basis.carrier.stuck} vertices stay put: singular at rest")
+            tools.append(
+                {
+                    "name": patch.tool.name,
+                    "node": rig.names[rig.node],
+                    "rest_length": patch.rest_length,
+                    "anchor_distances": [patch.origin.distance, patch.target.distance],
+                    "moved_vertices": len(basis.carrier.vertices),
+                    "stuck_vertices": basis.carrier.stuck,
+                    "targets": [target.name for target in basis.targets if target is not None],
+                }
+            )
+            if details:
+                for clip, _, what in seen:
+                    strength = patch.tool.clips.get(clip.name, patch.tool.strength)
+                    clips[clip.name]["tools"].append(describe_activity(patch, what, strength))
+    return Report(
+        data={
+            "report": VERSION,
+            "method": METHOD,
+            "asset": document.path,
+            "tools_file": settings.path,
+            "mode": mode,
+            "tallest_wrinkle": max(each.plan.tallest for each in baked),
+            "meshes": meshes,
+            "tools": tools,
+            "clips": list(clips.values()),
+            "warnings": warnings,
+        },
+        warnings=warnings,
+    )
+
+
 def _counted(count: int, one: str, many: str = "") -> str:
     return f"{count} {one if count == 1 else many or one + 's'}"
 
@@ -75,9 +174,9 @@ def describe_clip(clip: Clip, times: Floats) -> Json:
 
 
 def describe_activity(patch: Patch, seen: Activity, strength: float) -> Json:
-    """What one tool does in one clip, frame by frame; lengths in scene units."""
+    """What one tool does in one clip, frame by frame, scene units; `heights` are those of strength 1."""
     curve = patch.curve
-    tallest = float(np.abs(curve.heights(seen.amplitudes)).max(initial=0.0))
+    tallest = abs(strength) * float(np.abs(curve.heights(seen.amplitudes)).max(initial=0.0))
     finite = np.where(np.isfinite(seen.distances), seen.distances, seen.rest_lengths)
     # A taut curve is as long as its ends are apart; below that it keeps its length, less what is unabsorbed.
     wanted = np.maximum(finite, finite + seen.shortenings) - seen.unabsorbed

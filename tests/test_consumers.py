@@ -1,0 +1,213 @@
+"""What other people's software makes of baked files: the Khronos validator and three.js.
+
+Samples always; real assets where the folder `shared/assets` lies beside the repository.
+"""
+
+from collections import Counter
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from test_encode import ROOT, Floats, Gltf, Json, sample
+
+import wrinklecli
+from clients import compare_with_three, pose, validate
+from wrinklecli.config import Length, load_tools
+from wrinklecli.deform import displacements
+from wrinklecli.document import read_document
+from wrinklecli.plan import Plan, plan_mesh
+from wrinklecli.pose import blend, joint_matrices, morph_weights, read_clips, transform
+
+ASSETS = ROOT.parent / "shared" / "assets"
+SAMPLES = {"wrist": "wrist", "head": "head", "head_keyed": "head", "trousers": "trousers"}
+# Places where the mesh folds, rest pose, scene units.
+TOOLS: dict[str, list[Json]] = {
+    "hand": [
+        {"name": "wrist", "origin": [-0.4622, 0.2576, 0.1750], "target": [-0.4838, 0.2355, 0.2126], "width": "100%"}
+    ],
+    "head_male": [
+        {
+            "name": "brow.L",
+            "mirror": "x",
+            "origin": [0.035, 0.845, 0.150],
+            "target": [0.035, 0.905, 0.125],
+            "width": 0.05,
+            "strategy": "both_ends",
+            "bumps": 5,
+        }
+    ],
+    "trousers": [
+        {
+            "name": "knee.L",
+            "mirror": "x",
+            "origin": [0.095, -0.258, -0.026],
+            "target": [0.101, -0.364, -0.020],
+            "width": "120%",
+            "bumps": 3,
+        }
+    ],
+    # The fox is a hundred units long; behind its left hind leg, and behind the man's left knee.
+    "fox": [{"name": "knee", "origin": [6.8, 26, -27], "target": [6.9, 17, -34], "width": 12, "bumps": 3}],
+    "cesium_man": [
+        {"name": "knee", "origin": [0.079, 0.40, -0.013], "target": [0.080, 0.28, -0.035], "width": 0.12, "bumps": 3}
+    ],
+    "simple_skin": [{"name": "bend", "origin": [-0.4, 0.6, 0.0], "target": [-0.4, 1.4, 0.0], "width": 0.8, "bumps": 2}],
+}
+
+
+@dataclass(frozen=True)
+class Case:
+    """An asset with tools on its one deforming mesh."""
+
+    asset: Path
+    tools: Path
+    node: int
+
+    @property
+    def clips(self) -> list[int]:
+        return list(range(len(Gltf(self.asset).json["animations"])))
+
+
+def deforming(file: Gltf) -> int:
+    (node,) = (k for k, each in enumerate(file.json["nodes"]) if "skin" in each and "mesh" in each)
+    return node
+
+
+def case(name: str, folder: Path) -> Case:
+    """A sample by its tools file, or a real asset; skips where the assets are not there."""
+    if name in SAMPLES:
+        asset = sample(SAMPLES[name])
+        return Case(asset, ROOT / "configs" / f"{name}.yaml", deforming(Gltf(asset)))
+    name = name.removeprefix("shared/")
+    asset = next((ASSETS / f"{name}{end}" for end in (".glb", ".gltf") if (ASSETS / f"{name}{end}").exists()), None)
+    if asset is None:
+        pytest.skip(f"no {name} in {ASSETS}: real assets are not part of the repository")
+    file = Gltf(asset)
+    path = folder / f"{name}.yaml"
+    path.write_text(yaml.safe_dump({"version": 1, "tools": TOOLS[name]}))
+    return Case(asset, path, deforming(file))
+
+
+@cache
+def baked(name: str, mode: str, accessors: str, folder: Path) -> tuple[Case, Path]:
+    found = case(name, folder)
+    out = folder / f"{name.replace('/', '_')}_{mode}_{accessors}.glb"
+    options: Any = {"mode": mode, "accessors": accessors}
+    wrinklecli.bake(found.asset, found.tools, out, **options, **({"fps": 3} if mode == "frames" else {}))
+    return found, out
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("consumers")
+
+
+ALL = [*SAMPLES, *(f"shared/{name}" for name in TOOLS)]
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_no_errors_and_no_new_kinds_of_warnings(name: str, folder: Path) -> None:
+    kinds = [("morph", "sparse"), ("morph", "dense"), ("frames", "sparse")]
+    # The keyed head differs from the other in its tracks alone.
+    outputs = [baked(name, *kind, folder)[1] for kind in (kinds[:1] if name == "head_keyed" else kinds)]
+    source, *reports = validate([case(name, folder).asset, *outputs])
+    assert not source.lines(severity=0), "the input is invalid itself"
+    known = {message["code"] for message in source.messages}
+    for report in reports:
+        fresh = Counter(m["code"] for m in report.messages if m["severity"] <= 1 and m["code"] not in known)
+        assert not fresh, "\n".join(report.lines())
+        # Nor does an infringement of a known kind appear in what was valid.
+        assert report.errors == 0, "\n".join(report.lines(severity=0))
+
+
+def planned(found: Case) -> Plan:
+    document, settings = read_document(found.asset), load_tools(found.tools)
+    (clips, one) = (read_clips(document), Length(1.0, percent=True))
+    return plan_mesh(document, found.node, list(settings.tools), settings, clips, one)
+
+
+def method(plan: Plan, asset: Path, clip: int, times: Floats) -> Floats:
+    """(times, glTF vertices, 3) what the method itself makes of a clip: no pruning, no targets, no tracks."""
+    rig, fine = plan.rig, plan.fine
+    (found,) = (each for each in read_clips(read_document(asset)) if each.index == clip)
+    bind = fine.positions + np.tensordot(morph_weights(rig, found, times), fine.morph_deltas, axes=1)
+    for carrier in plan.carriers:
+        bind[:, carrier.vertices] += displacements(carrier, fine, rig, plan.rest, found, times)
+    weights = fine.dense_weights(np.arange(len(fine.positions)), len(rig.joints))
+    moved = transform(blend(weights, joint_matrices(rig, found, times)), bind)
+    starts, old = fine.surface.vertex_starts, len(fine.surface.weld)
+    order: list[int] = []
+    for primitive in range(len(starts) - 1):
+        order += range(starts[primitive], starts[primitive + 1])
+        order += (old + np.flatnonzero(fine.primitives == primitive)).tolist()
+    return moved[:, fine.weld[order]]
+
+
+def clip_times(file: Gltf, node: int, clip: int) -> Floats:
+    """Keys of the weights, and times between them where heights bend most."""
+    sampler = file.sampler(clip, node, "weights")
+    assert sampler is not None
+    keys, values = file.keys(clip, node)
+    steps = np.abs(np.diff(values, axis=0)).max(axis=1)
+    steep = np.argsort(-steps, kind="stable")[:6]
+    between = np.concatenate([keys[steep] + part * np.diff(keys)[steep] for part in (0.13, 0.5, 0.8)])
+    tallest = keys[np.argsort(-values.max(axis=1), kind="stable")[:3]]
+    return np.unique(
+        np.concatenate([np.linspace(keys[0], keys[-1], 17), keys[:: 1 + len(keys) // 12], between, tallest])
+    )
+
+
+@pytest.mark.parametrize("name", [name for name in ALL if name != "shared/simple_skin"])
+def test_three_js_puts_every_vertex_within_max_error(name: str, folder: Path) -> None:
+    """simple_skin is left out: its quaternions are not of unit length, and three.js does not normalise them."""
+    found, out = baked(name, "morph", "sparse", folder)
+    plan, file, acting = planned(found), Gltf(out), 0.0
+    for clip in found.clips:
+        if file.sampler(clip, found.node, "weights") is None:
+            continue
+        times = clip_times(file, found.node, clip)
+        expected = method(plan, found.asset, clip, times)
+        shown = pose(out, node=found.node, clip=clip, times=times.tolist())
+        gaps = np.linalg.norm(shown - expected, axis=2)
+        worst = np.unravel_index(gaps.argmax(), gaps.shape)
+        # three.js plays clips in float32, which counts where a keyframe's part of an interval is small.
+        size = float(np.abs(expected).max())
+        assert gaps[worst] < plan.max_error + 4e-7 * size, (clip, times[worst[0]], worst[1], plan.max_error)
+        names = file.mesh(found.node)["extras"]["targetNames"]
+        wrinkles = [k for k, each in enumerate(names) if each.startswith("wrinkle_")]
+        acting = max(acting, float(np.abs(file.weights(found.node, clip, times)[:, wrinkles]).max()))
+    assert acting > 0.1, "no tool acts in any clip: this compares nothing"
+
+
+@pytest.mark.parametrize("name", ["wrist", "head", "shared/hand", "shared/fox"])
+def test_three_js_reads_dense_and_sparse_alike(name: str, folder: Path) -> None:
+    found, sparse = baked(name, "morph", "sparse", folder)
+    _, dense = baked(name, "morph", "dense", folder)
+    times = clip_times(Gltf(sparse), found.node, 0)[::5].tolist()
+    one, other = (pose(out, node=found.node, clip=0, times=times) for out in (sparse, dense))
+    assert np.array_equal(one, other)
+
+
+@pytest.mark.parametrize("name", ["wrist", "head", "trousers", "shared/cesium_man"])
+def test_the_players_of_these_tests_agree_with_three_js(name: str, folder: Path) -> None:
+    found, out = baked(name, "morph", "sparse", folder)
+    file = Gltf(out)
+    times = clip_times(file, found.node, 0)[::4]
+    compare_with_three(out, found.node, 0, times.tolist(), file.pose(found.node, 0, times), tolerance=4e-6)
+
+
+def test_three_js_shows_the_frames_in_turn(folder: Path) -> None:
+    """At a time between two keys: the frame that is due, and not those before and after it, nor the first."""
+    found, out = baked("wrist", "frames", "sparse", folder)
+    file = Gltf(out)
+    names = [each.get("name", "") for each in file.json["nodes"]]
+    group = file.json["nodes"][names.index(f"{names[found.node]}_frames")]["children"]
+    times = [1.02, 1.9]
+    for k, wanted in ((0, [False, False]), (2, [False, False]), (3, [True, False]), (4, [False, False])):
+        shown = pose(out, node=group[k], clip="flex", times=times, vertices=[0, 50, 100, 150])
+        assert (np.ptp(shown, axis=1).max(axis=1) > 0).tolist() == wanted
+    assert names[group[3]] == "wrist_flex_0003"

@@ -1,0 +1,275 @@
+"""The tools on one mesh: attached, refined, sampled. What encode, frames and proof read.
+
+`plan_mesh` depends on mesh and tools only; `sample_clips` adds time.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrinklecli.config import Length, ToolsFile, WrinkleTool
+from wrinklecli.deform import (
+    Carrier,
+    Shape,
+    activity,
+    carry,
+    compress,
+    displacements,
+    make_shapes,
+    shapes_of,
+    weights_of,
+)
+from wrinklecli.document import Document
+from wrinklecli.patch import Rest, attach_tools, rest_pose
+from wrinklecli.pose import Clip, Rig, joint_matrices, read_rig
+from wrinklecli.refine import Refinement, contacts_of, influence_count, refine
+from wrinklecli.surface import read_surface
+from wrinklecli.tracks import clip_grid, moving_nodes, sample_times
+
+Floats = NDArray[np.float64]
+Mode = Literal["morph", "frames"]
+# Called with a stage's name, steps done and steps in all.
+Progress = Callable[[str, int, int], None]
+
+# Products of skinning round a few times; below this many units in the last place float32 sets the limit.
+_FLOAT32_STEPS = 8
+# Poses of a clip at which pruned skin weights are judged before the proof.
+_POSES = 33
+# Quarter points of an interval and the rest of the chain share the error bound.
+_SAMPLING_SHARE = 0.5
+_COMPRESSION_SHARE = 0.25
+# A vector whose three coordinates are each off by 1 is off by this.
+_PER_COORDINATE = 3.0**0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """The tools on one node's mesh, attached and refined: everything but time.
+
+    Attributes:
+        rig: Of the node.
+        rest: The rest pose.
+        fine: The refined surface.
+        carriers: Of each tool.
+        tallest: Height of the tallest wrinkle that the tools can make, scene units.
+        max_error: Scene units.
+        scale: World over bind units, at rest.
+        has_normals: Whether the mesh has NORMALs, so that shapes need them too.
+    """
+
+    rig: Rig
+    rest: Rest
+    fine: Refinement
+    carriers: tuple[Carrier, ...]
+    tallest: float
+    max_error: float
+    scale: float
+    has_normals: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A morph target to write: its name and shape."""
+
+    name: str
+    shape: Shape
+
+
+@dataclass(frozen=True, slots=True)
+class Basis:
+    """One tool's morph targets.
+
+    Attributes:
+        carrier: The tool.
+        targets: One for each shape; None for a shape that never shows, which is not written.
+        weights: For each sampled clip, (frames, shapes).
+    """
+
+    carrier: Carrier
+    targets: tuple[Target | None, ...]
+    weights: tuple[Floats, ...]
+
+    @property
+    def from_skin(self) -> bool:
+        """Whether weights follow from the anchors' distance alone."""
+        return self.carrier.patch.tool.attachment == "skin"
+
+    def written(self, weights: Floats) -> Floats:
+        """The columns of (frames, shapes) weights that have a target."""
+        return weights[:, [index for index, target in enumerate(self.targets) if target is not None]]
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """One clip, sampled.
+
+    Attributes:
+        clip: The animation.
+        times: (frames,) seconds.
+        weights: (frames, targets) of the wrinkles.
+    """
+
+    clip: Clip
+    times: Floats
+    weights: Floats
+
+
+def plan_mesh(
+    document: Document,
+    node: int,
+    tools: list[WrinkleTool],
+    settings: ToolsFile,
+    clips: tuple[Clip, ...],
+    max_error: Length,
+) -> Plan:
+    """Attach tools to the mesh of a node and refine it: what depends on mesh and tools only.
+
+    Raises:
+        WrinkleError: Of all tools that do not fit, a line each.
+    """
+    rig = read_rig(document, node)
+    surface = read_surface(document, rig)
+    rest = rest_pose(surface, rig, settings, clips, tools)
+    patches = attach_tools(tools, surface, rest, rig, settings, clips)
+    contacts = contacts_of(document, rig, surface, rest, patches)
+    tallest = max(
+        abs(patch.shape_strength) * float(patch.curve.heights(patch.curve.greatest_amplitudes[None]).max(initial=0.0))
+        for patch in patches
+    )
+    largest = float(np.abs(rest.positions).max())
+    floor = _FLOAT32_STEPS * float(np.spacing(np.float32(largest)))
+    bound = max(max_error.resolve(tallest), floor)
+    fine = refine(
+        surface,
+        rest,
+        patches,
+        rig,
+        settings=settings.refinement,
+        contacts=contacts,
+        influences=influence_count(document, rig),
+        poses=_poses(rig, clips),
+        tolerance=_SAMPLING_SHARE * bound,
+    )
+    carriers = tuple(carry(patch, fine, contacts) for patch in patches)
+    scale = float(np.median(np.cbrt(np.abs(np.linalg.det(rest.blended[:, :, :3])))))
+    return Plan(rig, rest, fine, carriers, tallest, bound, scale, _has_normals(document, rig.mesh))
+
+
+def _poses(rig: Rig, clips: Sequence[Clip]) -> Floats:
+    """(poses, joints, 4, 4) a few poses of every clip of the asset, whichever are baked."""
+    poses = [joint_matrices(rig, clip, np.linspace(clip.start, clip.end, _POSES)) for clip in clips]
+    return np.concatenate([joint_matrices(rig, None, np.zeros(1)), *poses])
+
+
+def sample_clips(
+    plan: Plan, clips: Sequence[Clip], *, fps: float, mode: Mode, progress: Progress
+) -> tuple[list[Basis], list[Motion]]:
+    """Run the tools over the clips that move their mesh.
+
+    Args:
+        plan: The tools.
+        clips: To sample; `morph` leaves out those that do not move the mesh.
+        fps: Of the grid.
+        mode: `frames` takes the grid alone, `morph` what straight lines between keys need.
+        progress: Called with a stage's name, clips done and clips in all.
+
+    Returns:
+        Each tool's shapes, and each clip's weights over all of them.
+    """
+    rig, rest, fine = plan.rig, plan.rest, plan.fine
+    moving = moving_nodes(rig)
+    driven = {name for each in plan.carriers for name in each.patch.keyed_clips}
+    chosen = [
+        clip
+        for clip in clips
+        if mode == "frames" or clip.name in driven or any(c.node in moving for c in clip.channels)
+    ]
+    times = []
+    for number, clip in enumerate(chosen):
+
+        def signal(at: Floats, clip: Clip = clip) -> Floats:
+            return np.concatenate([_signal(plan, each, clip, at) for each in plan.carriers], axis=1)
+
+        if mode == "frames":
+            times.append(clip_grid(clip, None, fps=fps))
+        else:
+            tolerance = _SAMPLING_SHARE * plan.max_error / _overlaps(plan)
+            times.append(sample_times(clip, rig, signal, fps=fps, tolerance=tolerance))
+        progress("sampling", number + 1, len(chosen))
+    bases: list[Basis] = []
+    for carrier in plan.carriers:
+        if carrier.patch.tool.attachment == "skin":
+            shapes = shapes_of(carrier, fine, with_normals=plan.has_normals)
+            weights = [skin_weights(plan, carrier, clip, at) for clip, at in zip(chosen, times, strict=True)]
+        else:
+            series = [displacements(carrier, fine, rig, rest, clip, at) for clip, at in zip(chosen, times, strict=True)]
+            shapes, weights = _compressed(plan, carrier, series)
+        bases.append(Basis(carrier, tuple(_named(carrier, shapes)), tuple(weights)))
+    motions = []
+    for index, (clip, at) in enumerate(zip(chosen, times, strict=True)):
+        columns = [basis.written(basis.weights[index]) for basis in bases]
+        motions.append(Motion(clip, at, np.concatenate(columns, axis=1)))
+    return bases, motions
+
+
+def _overlaps(plan: Plan) -> int:
+    """How many tools move one vertex at the most: there, their errors add up."""
+    moved = np.concatenate([carrier.vertices for carrier in plan.carriers])
+    return int(np.bincount(moved).max())
+
+
+def _signal(plan: Plan, carrier: Carrier, clip: Clip, times: Floats) -> Floats:
+    """(frames, values) what must be right between keys, scene units."""
+    patch = carrier.patch
+    if patch.tool.attachment == "patch":
+        moved = displacements(carrier, plan.fine, plan.rig, plan.rest, clip, times)
+        return _PER_COORDINATE * plan.scale * moved.reshape(len(times), -1)
+    seen = activity(patch, plan.rig, plan.rest, clip, times)
+    strength = patch.clip_strength(clip) * patch.shape_strength
+    return strength * seen.amplitudes.reshape(len(times), -1)
+
+
+def skin_weights(plan: Plan, carrier: Carrier, clip: Clip | None, times: Floats) -> Floats:
+    """(frames, shapes) morph weights of a skin-attached tool in a clip; none for the stored pose."""
+    seen = activity(carrier.patch, plan.rig, plan.rest, clip, times)
+    weights = weights_of(carrier.patch.curve, seen.amplitudes)
+    return carrier.patch.clip_strength(clip) * weights.reshape(len(times), -1)
+
+
+def _compressed(plan: Plan, carrier: Carrier, series: list[Floats]) -> tuple[list[Shape | None], list[Floats]]:
+    """Shapes and weights of displacements that are new in each frame, all clips together."""
+    if not series:
+        return [], []
+    together, deltas = compress(
+        np.concatenate(series), _COMPRESSION_SHARE * plan.max_error / plan.scale / _PER_COORDINATE
+    )
+    weights = np.split(together, np.cumsum([len(each) for each in series])[:-1])
+    rows = np.unique(np.concatenate([np.linspace(0, len(together) - 1, 16).astype(int), np.argmax(together, axis=0)]))
+    shapes = make_shapes(
+        plan.fine,
+        carrier.vertices,
+        deltas,
+        tallest=plan.scale * np.sqrt(np.sum(deltas**2, axis=2)).max(axis=1, initial=0.0),
+        samples=together[rows] if plan.has_normals else None,
+    )
+    return shapes, weights
+
+
+def targets_of(bases: Iterable[Basis]) -> tuple[Target, ...]:
+    """The morph targets of all tools, in order."""
+    return tuple(target for basis in bases for target in basis.targets if target is not None)
+
+
+def _named(carrier: Carrier, shapes: Iterable[Shape | None]) -> Iterable[Target | None]:
+    """Targets `wrinkle_TOOL_1`, `wrinkle_TOOL_2` … for the shapes that there are."""
+    number = 0
+    for shape in shapes:
+        number += shape is not None
+        yield None if shape is None else Target(f"wrinkle_{carrier.patch.tool.identifier}_{number}", shape)
+
+
+def _has_normals(document: Document, mesh: int) -> bool:
+    return any("NORMAL" in each.get("attributes", {}) for each in document.items("meshes")[mesh]["primitives"])

@@ -1,0 +1,235 @@
+"""YAML text to a tree that knows its lines, within limits; what is wrong with the YAML itself is collected.
+
+Source: YAML 1.1 as PyYAML's SafeLoader reads it. Differs: see `_Composer`.
+"""
+
+import re
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import yaml
+
+MAX_BYTES = 4_000_000  # a thousand tools take about 500 kB
+MAX_NODES = 100_000  # values, counted again for each alias: ten aliases of ten aliases of … are a bomb
+MAX_DEPTH = 32  # levels of nesting; the contract needs 8
+MAX_SHOWN = 40  # characters of a found value or key that a message repeats
+
+_TAG = "tag:yaml.org,2002:"
+_BOOLS = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
+_NUMBER = re.compile(r"[-+]?(?:0|[1-9][0-9]*)")
+_DECIMAL = re.compile(
+    r"[-+]?(?:(?:[0-9]+\.[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?|[0-9]+[eE][-+]?[0-9]+)|"
+    r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """A YAML value: plain Python, the 1-based line of its key, how a message shows it, its parts."""
+
+    value: Any
+    line: int
+    shown: str
+    children: Mapping[str | int, "Node"]
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """Something wrong at a line and path of the file, such as `tools[0].width`."""
+
+    line: int
+    path: str
+    message: str
+
+
+class _TooMuchError(yaml.MarkedYAMLError):
+    """A limit of this module, met while composing."""
+
+
+class _Composer(yaml.SafeLoader):
+    """SafeLoader's nodes, within limits; plain scalars are numbers only where YAML 1.1 and 1.2 agree.
+
+    Differs from SafeLoader: 010, 1:30, 0x10, 1_000 and 2020-01-01 stay text, 1e-3 is a number.
+    """
+
+    yaml_implicit_resolvers = {}  # noqa: RUF012 - as the base class declares it
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self.depth = 0
+        self.count = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        self.depth += 1
+        self.count += 1
+        mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]
+        if self.depth > MAX_DEPTH:
+            raise _TooMuchError(problem=f"nested more than {MAX_DEPTH} levels deep", problem_mark=mark)
+        if self.count > MAX_NODES:
+            raise _TooMuchError(problem=f"more than {MAX_NODES:,} values", problem_mark=mark)
+        node = super().compose_node(parent, index)
+        self.depth -= 1
+        return node
+
+
+for _kind, _pattern, _first in (
+    ("merge", re.compile(r"^<<$"), ["<"]),
+    ("null", re.compile(r"^(?:~|null|Null|NULL|)$"), ["~", "n", "N", ""]),
+    (
+        "bool",
+        re.compile(f"^(?:{'|'.join(form for word in _BOOLS for form in (word, word.title(), word.upper()))})$"),
+        list("tTfFyYnNoO"),
+    ),
+    ("int", re.compile(f"^(?:{_NUMBER.pattern})$"), list("-+0123456789")),
+    ("float", re.compile(f"^(?:{_DECIMAL.pattern})$"), list("-+0123456789.")),
+):
+    _Composer.add_implicit_resolver(_TAG + _kind, _pattern, _first)
+
+
+def printable(text: str, limit: int = MAX_SHOWN) -> str:
+    """Text that is safe in a line of a terminal: cut, and control characters as escapes."""
+    cut = text if len(text) <= limit else text[: limit - 1] + "…"
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in cut)
+
+
+def path_to(path: str, key: str | int) -> str:
+    """The path of a part: `tools[0]`, `tools[0].width`, `tools[0].clips['my walk']`."""
+    if isinstance(key, int):
+        return f"{path}[{key}]"
+    if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]*", key) is None:
+        return f"{path}['{printable(key)}']"
+    return f"{path}.{printable(key)}" if path else printable(key)
+
+
+class _TreeBuilder:
+    """Composed YAML nodes to `Node`s; collects what is wrong with the YAML itself."""
+
+    def __init__(self) -> None:
+        self.problems: list[Problem] = []
+        self.count = 0
+
+    def build(self, node: yaml.Node, line: int, path: str, depth: int = 1) -> Node:
+        """One value and all below it.
+
+        Raises:
+            _TooMuchError: Aliases make it too large, or endless.
+        """
+        self._spend(node, depth)
+        children: dict[str | int, Node]
+        kind = node.tag.removeprefix(_TAG)
+        if isinstance(node, yaml.MappingNode):
+            self._check_tag(kind, ("map",), line, path)
+            children = {
+                key: self.build(value, key_line, path_to(path, key), depth + 1)
+                for key, (key_line, value) in self._members(node, path, depth, report=True).items()
+            }
+            return Node({key: child.value for key, child in children.items()}, line, "a mapping", children)
+        if isinstance(node, yaml.SequenceNode):
+            self._check_tag(kind, ("seq",), line, path)
+            children = {
+                i: self.build(item, item.start_mark.line + 1, path_to(path, i), depth + 1)
+                for i, item in enumerate(node.value)
+            }
+            shown = f"a list of {len(children)}"
+            return Node([child.value for child in children.values()], line, shown, children)
+        shown = printable(node.value)
+        if isinstance(node, yaml.ScalarNode) and node.style is not None:
+            shown = f"'{shown}'"
+        return Node(self._scalar(node.value, kind, line, path), line, shown or "nothing", {})
+
+    def _scalar(self, text: str, kind: str, line: int, path: str) -> Any:
+        if any("\ud800" <= c <= "\udfff" for c in text):
+            self.problems.append(Problem(line, path, f"found '{printable(text)}', expected valid Unicode"))
+            return printable(text)
+        match kind:
+            case "str" | "merge":
+                return text
+            case "null" if text in ("", "~") or text.lower() == "null":
+                return None
+            case "bool" if text.lower() in _BOOLS:
+                return _BOOLS[text.lower()]
+            case "int" if _NUMBER.fullmatch(text):
+                # Longer ones are out of every range; int() refuses some thousand digits.
+                return int(text) if len(text) <= 18 else float(text)
+            case "int" | "float" if _NUMBER.fullmatch(text) or _DECIMAL.fullmatch(text):
+                return float(re.sub(r"\.(?=inf|nan)", "", text.lower()))
+        self._check_tag(kind, (), line, path)
+        return text
+
+    def _check_tag(self, kind: str, accepted: Collection[str], line: int, path: str) -> None:
+        if kind not in accepted:
+            message = f"found the tag {printable(kind)}, expected a value without it"
+            self.problems.append(Problem(line, path, message))
+
+    def _members(
+        self, node: yaml.MappingNode, path: str, depth: int, *, report: bool
+    ) -> dict[str, tuple[int, yaml.Node]]:
+        """Line and value by key, `<<` merged; keys are as written, so that a clip may be called on, or 1."""
+        own: dict[str, tuple[int, yaml.Node]] = {}
+        merged: dict[str, tuple[int, yaml.Node]] = {}
+        problems: list[Problem] = []
+        first_lines: dict[str, int] = {}
+        for key_node, value in node.value:
+            line = key_node.start_mark.line + 1
+            if not isinstance(key_node, yaml.ScalarNode):
+                problems.append(Problem(line, path, "found a key that is no text, expected a name"))
+                continue
+            key = key_node.value
+            if any("\ud800" <= c <= "\udfff" for c in key):
+                problems.append(Problem(line, path_to(path, key), "not valid Unicode"))
+            elif key in first_lines:
+                message = f"duplicate key, first on line {first_lines[key]}"
+                problems.append(Problem(line, path_to(path, key), message))
+            elif key_node.tag == _TAG + "merge":
+                first_lines[key] = line
+                for source in value.value if isinstance(value, yaml.SequenceNode) else [value]:
+                    self._spend(source, depth + 1)
+                    if isinstance(source, yaml.MappingNode):
+                        inherited = self._members(source, path, depth + 1, report=False)
+                        self.count += len(inherited)
+                        merged = {**inherited, **merged}
+                    else:
+                        problems.append(Problem(line, path_to(path, key), "expected a mapping to merge"))
+            else:
+                first_lines[key] = line
+                own[key] = (line, value)
+        if report:  # a merged mapping's own problems are reported where it stands
+            self.problems += problems
+        return {**merged, **own}
+
+    def _spend(self, node: yaml.Node, depth: int) -> None:
+        self.count += 1
+        if depth > MAX_DEPTH:
+            problem = f"nested more than {MAX_DEPTH} levels deep: an alias stands within its own anchor"
+        elif self.count > MAX_NODES:
+            problem = f"more than {MAX_NODES:,} values once the aliases are expanded"
+        else:
+            return
+        raise _TooMuchError(problem=problem, problem_mark=node.start_mark)
+
+
+def read_tree(text: str) -> tuple[Node | None, list[Problem]]:
+    """The tree, None for an empty file or YAML that cannot be read, and the problems of the YAML itself."""
+    if len(text) > MAX_BYTES:
+        return None, [Problem(1, "", f"found {len(text):,} characters, expected at most {MAX_BYTES:,}")]
+    builder = _TreeBuilder()
+    line = 1
+    try:
+        composer = _Composer(text)
+        try:
+            root = composer.get_single_node()
+        except (ValueError, OverflowError) as error:  # escapes and versions that PyYAML does not check
+            return None, [Problem(composer.line + 1, "", f"YAML: {printable(str(error), 80)}")]
+        if root is None:
+            return None, [Problem(1, "", "the file is empty, expected a mapping with version and tools")]
+        return builder.build(root, root.start_mark.line + 1, ""), builder.problems
+    except yaml.MarkedYAMLError as error:
+        if error.problem_mark is not None:
+            line = error.problem_mark.line + 1
+        parts = [part for part in (error.problem, error.context) if part]
+        return None, [Problem(line, "", printable("YAML: " + ", ".join(parts), 200))]
+    except yaml.reader.ReaderError as error:
+        line += text.count("\n", 0, error.position)
+        code = error.character if isinstance(error.character, int) else ord(error.character)
+        return None, [Problem(line, "", f"YAML: character U+{code:04X} is not allowed")]
