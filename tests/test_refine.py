@@ -215,10 +215,18 @@ def test_bones_between_the_anchors_are_long() -> None:
     assert np.array_equal(distances, np.abs(ends[:, None] - ends))
 
 
+@pytest.mark.parametrize("start", np.linspace(-0.99, -0.85, 8).tolist())
+def test_no_bone_bends_between_anchors_on_one_joint(start: float) -> None:
+    """Whatever their shares of it sum to: 1, or a rounding more or less."""
+    ends = {"origin": [start, RADIUS, 0.01], "target": [start + 0.09, RADIUS, -0.02]}
+    prepared = prepare(limb_asset(rings=9, sides=8, joints=3), tool(**ends, width=0.1))
+    assert np.diagonal(joint_distances(prepared.rig, prepared.patches), 1).tolist() == [1.0, 1.0]
+
+
 def test_joints_of_separate_trees_are_furthest() -> None:
     asset = limb_asset(rings=9, sides=8, joints=3)
     asset.gltf["nodes"][2]["children"] = []
-    prepared = prepare(asset, tool(origin=[-0.9, RADIUS, 0], target=[-0.7, RADIUS, 0], width=0.1))
+    prepared = prepare(asset, tool(origin=[-0.97, RADIUS, 0], target=[-0.8, RADIUS, 0], width=0.1))
     distances = joint_distances(prepared.rig, prepared.patches)
     assert distances[0, 1] == 1.0
     assert distances[0, 2] == distances[2, 1] > 100

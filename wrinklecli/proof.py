@@ -244,16 +244,20 @@ def _method_displacements(
 
 
 def _normal_angles(proof: Proof, fine: Refinement, moved: Floats, played: Floats) -> Floats:
-    """(frames · vertices,) degrees between the file's normals and true ones, bind space, where they change."""
+    """(frames · vertices,) degrees between the file's normals and true ones, bind space, where they change.
+
+    Those of the wrinkles alone: what the source's own morph targets do to normals is theirs.
+    """
     assert proof.normals is not None
     base, deltas = proof.normals
+    old = len(fine.morph_deltas)
     vertices, first = np.unique(proof.vertices, return_index=True)
     touched, true = displaced_normals(fine, vertices, moved[:, first])
     rows = np.searchsorted(touched, proof.vertices)
     angles = []
     for frame in range(len(moved)):
         wanted = turn_to(fine.normals[proof.vertices], unit(base), true[frame, rows])
-        got = unit(base + np.tensordot(played[frame], deltas, axes=1))
+        got = unit(base + np.tensordot(played[frame, old:], deltas[old:], axes=1))
         changed = moved[frame].any(axis=1)
         cosine = np.clip(np.sum(wanted * got, axis=1)[changed], -1.0, 1.0)
         angles.append(np.degrees(np.arccos(cosine)))
