@@ -749,6 +749,7 @@ class Draft:
         return os.path.realpath(os.path.dirname(name)) == os.path.realpath(os.path.dirname(self.source.path))
 
     def _write_gltf(self, name: str) -> int:
+        self._copy_images(name)
         written = 0
         folder, stem = os.path.dirname(name), os.path.splitext(os.path.basename(name))[0]
         gltf = copy.copy(self.gltf)
@@ -773,7 +774,6 @@ class Draft:
             file_name = f"{stem}-{digest}.bin"
             buffers.append({"uri": quote(file_name), "byteLength": self._data_size})
             written += replace_file(os.path.join(folder, file_name), self._copy_data)
-        self._copy_images(name)
         if buffers:
             gltf["buffers"] = buffers
         if "bufferViews" in gltf or views:
@@ -790,6 +790,10 @@ class Draft:
             if isinstance(uri, str) and not uri.startswith("data:"):
                 data, _ = _read_uri(uri, self.source.path, self.source.where("images", index))
                 copy_path = os.path.join(os.path.dirname(name), unquote(uri))
+                if os.path.exists(copy_path):
+                    if Path(copy_path).read_bytes() != data:
+                        raise BakeError("is there already and is another image; choose another folder", where=copy_path)
+                    continue
                 os.makedirs(os.path.dirname(copy_path) or ".", exist_ok=True)
                 replace_bytes(copy_path, data)
 

@@ -329,7 +329,8 @@ def _anchor(
         x, y, z = point
         other, turned = ("y", (x, -z, y)) if settings.up == "z" else ("z", (x, z, -y))
         found = closest_point(rest.positions, surface.triangles, np.array(turned))[2]
-        if np.linalg.norm(found - np.array(turned)) <= _ANCHOR_REACH * segment:
+        near = np.linalg.norm(found - np.array(turned)) <= _ANCHOR_REACH * segment
+        if near and not isinstance(getattr(tool, key), Marker):
             hint = f"; with `up: {other}` it would lie on it"
         at = ", ".join(f"{x:.4g}" for x in (place if settings.up == "y" else (place[0], -place[2], place[1])))
         raise BakeError(
