@@ -48,7 +48,7 @@ def geometry(file: Gltf, node: str) -> list[tuple[str, bytes]]:
 # Morph targets
 
 
-@pytest.mark.parametrize("details", [[], [0.2], [0.15, 0.2]])
+@pytest.mark.parametrize("details", [[], [0.15, 0.2]])
 @pytest.mark.parametrize(("strategy", "count"), STRATEGIES.items())
 def test_targets_of_five_bumps(strategy: str, count: int, details: list[float]) -> None:
     tool = {**PALM, "bumps": 5, "strategy": strategy, "details": details, "max_height": "4%"}
@@ -77,7 +77,7 @@ def test_bumps_rise_in_the_order_of_their_strategy() -> None:
             assert (first[second > 0.02] > 0.98).all()
 
 
-@pytest.mark.parametrize(("asset", "config"), [("wrist", "wrist"), ("head", "head"), ("trousers", "trousers")])
+@pytest.mark.parametrize(("asset", "config"), [("wrist", "wrist"), ("head", "head")])
 def test_geometry_does_not_depend_on_clips(asset: str, config: str) -> None:
     whole = bake_config(asset, config)
     clips = [animation["name"] for animation in whole.json["animations"]]

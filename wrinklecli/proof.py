@@ -85,11 +85,13 @@ def prove(
     residuals = {}
     for number, motion in enumerate(motions):
         residual = compare(proof, motion, plan.fine, carriers, plan.rig, plan.rest, with_normals=details)
-        if residual.position > plan.max_error:
-            share = 100 * residual.position / plan.tallest
+        worst = max(residual.position, residual.weights)
+        if worst > plan.max_error:
+            share = 100 * worst / plan.tallest
+            when = f" at {residual.time:.3g} s" if worst == residual.position else ""
             raise RefusedError(
-                f"the file would be off by {residual.position:.3g} ({share:.2g} % of the tallest wrinkle) at"
-                f" {residual.time:.3g} s; --max-error allows {plan.max_error:.3g}",
+                f"the file would be off by {worst:.3g} ({share:.2g} % of the tallest wrinkle){when};"
+                f" --max-error allows {plan.max_error:.3g}",
                 where=motion.clip.name,
             )
         residuals[motion.clip.name] = residual
