@@ -172,6 +172,9 @@ def _by_node(document: Document, settings: ToolsFile, notes: list[str]) -> dict[
     found: dict[int, list[WrinkleTool]] = {}
     problems = []
     for tool in settings.tools:
+        if not tool.strength and not any(tool.clips.values()):
+            notes.append(f"{tool.name}: left out, as its strength is 0 in every clip")
+            continue
         if tool.node is None:
             matches = deforming
             fault = "no mesh of the asset deforms: it has neither a skin nor morph targets"
@@ -210,7 +213,7 @@ def _by_node(document: Document, settings: ToolsFile, notes: list[str]) -> dict[
     if problems:
         raise BakeError.of_all(problems)
     if not found:
-        raise BakeError("no tool is left: all of them are optional and absent", where=settings.path)
+        raise BakeError("no tool is left: those that there are, are absent or of strength 0", where=settings.path)
     return dict(sorted(found.items()))
 
 
