@@ -1,4 +1,4 @@
-"""What other people's software makes of baked files: the Khronos validator and three.js.
+"""What other people's software makes of baked files: the Khronos validator, three.js and glTF-Transform.
 
 Samples always; real assets where the folder `shared/assets` lies beside the repository.
 """
@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from scipy.spatial import cKDTree
 from test_encode import ROOT, Floats, Gltf, Json, sample
 
 import wrinklecli
-from clients import compare_with_three, pose, validate
+from clients import compare_with_three, optimize, pose, validate
 from wrinklecli.config import Length, load_tools
 from wrinklecli.deform import displacements
 from wrinklecli.document import read_document
@@ -211,3 +212,66 @@ def test_three_js_shows_the_frames_in_turn(folder: Path) -> None:
         shown = pose(out, node=group[k], clip="flex", times=times, vertices=[0, 50, 100, 150])
         assert (np.ptp(shown, axis=1).max(axis=1) > 0).tolist() == wanted
     assert names[group[3]] == "wrist_flex_0003"
+
+
+def quantization(file: Gltf, node: int, clip: int, times: Floats) -> float:
+    """How far glTF-Transform's defaults may move a vertex, scene units: 14-bit positions and deltas, 8-bit weights."""
+    positions, deltas = file.attribute(node, "POSITION"), file.deltas(node)
+    step = max(float(np.ptp(each.reshape(-1, 3), axis=0).max()) for each in (positions, deltas)) / 2**14
+    acting = float(np.abs(file.weights(node, clip, times)).sum(axis=1).max())
+    skin = file.json["skins"][file.json["nodes"][node]["skin"]]
+    inverse = file.array(skin["inverseBindMatrices"]).reshape(-1, 4, 4).transpose(0, 2, 1)
+    palette = file.matrices(clip, times)[:, skin["joints"]] @ inverse
+    joints, weights = (file.attribute(node, f"{kind}_0") for kind in ("JOINTS", "WEIGHTS"))
+    # Where each of a vertex's joints would take it: a share of 1/255 goes from one to another.
+    places = np.stack(
+        [
+            np.einsum("tvab,vb->tva", palette[:, joint, :3, :3], positions) + palette[:, joint][..., :3, 3]
+            for joint in joints.astype(int).T
+        ]
+    )
+    places = np.where((weights > 0).T[:, None, :, None], places, places[:1])
+    spread = float(np.linalg.norm(np.ptp(places, axis=0), axis=2).max())
+    # Resampled keys: each number may be off by 1e-4, rotations at an arm's length of the mesh's size.
+    size = float(np.linalg.norm(np.ptp(positions, axis=0)))
+    resampled = 1e-4 * (size * len(skin["joints"]) + acting * float(np.abs(deltas).max()))
+    return 3**0.5 * step * (1 + acting) / 2 + spread / 255 * joints.shape[1] / 2 + resampled
+
+
+@pytest.mark.parametrize("name", ["wrist", "head", "trousers", "shared/cesium_man"])
+def test_gltf_transform_reads_and_optimizes_a_bake(name: str, folder: Path, tmp_path: Path) -> None:
+    """Merged, reordered, quantised and compressed, each vertex still goes where some vertex of the bake goes."""
+    found, out = baked(name, "morph", "sparse", folder)
+    file, small = Gltf(out), tmp_path / "small.glb"
+    report = optimize(out, small)
+    (mesh,) = (
+        each
+        for each in report["meshes"]["properties"]
+        if each["vertices"] == len(file.attribute(found.node, "POSITION"))
+    )
+    assert mesh["glPrimitives"] == len(file.triangles(found.node))
+    assert [each["channels"] for each in report["animations"]["properties"]] == [
+        len(each["channels"]) for each in file.json["animations"]
+    ]
+    document = read_document(small)
+    (node,) = (k for k, each in enumerate(document.items("nodes")) if "skin" in each and "mesh" in each)
+    after, before = document.items("nodes")[node], file.json["nodes"][found.node]
+    assert after["extras"] == before["extras"]
+    mesh_after = document.items("meshes")[after["mesh"]]
+    assert mesh_after["extras"]["targetNames"] == file.mesh(found.node)["extras"]["targetNames"]
+    assert len(mesh_after["primitives"][0]["targets"]) == len(mesh_after["extras"]["targetNames"])
+    assert small.stat().st_size < out.stat().st_size
+    assert not validate([small])[0].lines(severity=0)
+    for clip in found.clips:
+        if file.sampler(clip, found.node, "weights") is None:
+            continue
+        times = clip_times(file, found.node, clip)[::3]
+        tolerance = quantization(file, found.node, clip, times)
+        assert tolerance < planned(found).tallest, "wrinkles could be lost without notice"
+        wanted = pose(out, node=found.node, clip=clip, times=times.tolist())
+        shown = pose(small, node=node, clip=clip, times=times.tolist())
+        flat = [each.transpose(1, 0, 2).reshape(each.shape[1], -1) for each in (wanted, shown)]
+        for one, other in (flat, flat[::-1]):
+            _, nearest = cKDTree(other).query(one)
+            gaps = np.linalg.norm((one - other[nearest]).reshape(len(one), -1, 3), axis=2)
+            assert gaps.max() < tolerance, (clip, gaps.max(), tolerance)

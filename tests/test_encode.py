@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 import pytest
@@ -59,7 +60,8 @@ class Gltf:
             uri = buffer.get("uri")
             data = chunk if uri is None else b""
             if uri is not None:
-                data = b64decode(uri.partition(",")[2]) if uri.startswith("data:") else (path.parent / uri).read_bytes()
+                embedded = uri.startswith("data:")
+                data = b64decode(uri.partition(",")[2]) if embedded else (path.parent / unquote(uri)).read_bytes()
             self.buffers.append(data)
 
     def view_bytes(self, index: int) -> bytes:
@@ -215,6 +217,9 @@ class Gltf:
             joints = self.attribute(index, f"JOINTS_{number}").astype(int)
             for column, weights in zip(joints.T, self.attribute(index, f"WEIGHTS_{number}").T, strict=True):
                 dense[np.arange(count), column] += weights
+        # A vertex without weight follows its first joint, as in three.js.
+        weightless = np.flatnonzero(dense.sum(axis=1) == 0)
+        dense[weightless, self.attribute(index, "JOINTS_0").astype(int)[weightless, 0]] = 1.0
         dense /= dense.sum(axis=1, keepdims=True)
         return np.einsum("vj,tjab->tvab", dense, palette)
 
@@ -358,11 +363,7 @@ def wrinkle_columns(file: Gltf, node: str | int) -> list[int]:
 def anchor_places(file: Gltf, anchor: Json, node: str | int, clip: str | int | None, times: Floats) -> Floats:
     """(times, 3) of an anchor in a node's extras, by what the extras say alone."""
     names = [each.get("name") for each in file.json["nodes"]]
-    mesh_node = file.json["nodes"][file.node(node)]
     world = file.matrices(clip, times)
-    joint_names = [names[joint] for joint in file.json["skins"][mesh_node["skin"]]["joints"]]
-    inverse = file.array(file.json["skins"][mesh_node["skin"]]["inverseBindMatrices"]).reshape(-1, 4, 4)
-    inverse = inverse.transpose(0, 2, 1)
     morph_weights = file.weights(node, clip, times)
     targets = file.mesh(node)["extras"]["targetNames"]
     place = np.zeros((len(times), 3))
@@ -370,8 +371,7 @@ def anchor_places(file: Gltf, anchor: Json, node: str | int, clip: str | int | N
         points = np.tile(np.array(anchor["positions"][number]), (len(times), 1))
         for name, moves in anchor.get("morphs", {}).items():
             points = points + morph_weights[:, [targets.index(name)]] * np.array(moves[number])
-        k = joint_names.index(joint)
-        matrices = world[:, file.json["skins"][mesh_node["skin"]]["joints"][k]] @ inverse[k]
+        matrices = world[:, names.index(joint)]
         place += weight * (np.einsum("tab,tb->ta", matrices[:, :3, :3], points) + matrices[:, :3, 3])
     return place
 
@@ -676,6 +676,97 @@ def test_a_base_without_normals_stays_so() -> None:
     with_normals = bake_once("wrist", PALM)
     assert np.array_equal(after.deltas("wrist"), with_normals.deltas("wrist"))
     assert_valid(after.path)
+
+
+def with_tangents(editor: Editor) -> None:
+    """Tangents along the limb, of either handedness."""
+    for primitive in editor.json["meshes"][0]["primitives"]:
+        accessor = editor.json["accessors"][primitive["attributes"]["NORMAL"]]
+        view = editor.json["bufferViews"][accessor["bufferView"]]
+        start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
+        normals = np.frombuffer(bytes(editor.data), "<f4", 3 * accessor["count"], start).reshape(-1, 3).astype(float)
+        axis = np.where(np.abs(normals[:, :1]) < 0.9, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+        along = axis - np.sum(axis * normals, axis=1, keepdims=True) * normals
+        along /= np.linalg.norm(along, axis=1, keepdims=True)
+        hands = np.where(normals[:, 1:2] > 0, 1.0, -1.0)
+        primitive["attributes"]["TANGENT"] = editor.accessor(np.hstack([along, hands]).astype(np.float32))
+
+
+TANGENTIAL: Json = {**PALM, "strategy": "both_ends", "bumps": 5}
+
+
+def test_tangent_targets_keep_tangents_in_the_surface() -> None:
+    """Across the bent normals, and where the triangles' own edges carry them, at several weights of all tools."""
+    after = bake_once(edited("wrist", with_tangents), TANGENTIAL, BACK, morph_tangents=True)
+    tangents, normals = after.attribute("wrist", "TANGENT"), after.attribute("wrist", "NORMAL")
+    base, faces = after.attribute("wrist", "POSITION"), after.triangles("wrist")
+    deltas = {name: after.deltas("wrist", name) for name in ("POSITION", "NORMAL", "TANGENT")}
+    for weights in (np.full(len(deltas["NORMAL"]), 1.0), np.linspace(1.0, 0.0, len(deltas["NORMAL"]))):
+        bent = {name: np.tensordot(weights, deltas[name], axes=1) for name in deltas}
+        along, outward = tangents[:, :3] + bent["TANGENT"], normals + bent["NORMAL"]
+        # New tangents are mixed, and as far from a right angle as before.
+        before = np.sum(tangents[:, :3] * normals, axis=1)
+        assert np.abs(np.sum(along * outward, axis=1) - before).max() < 1e-5
+        along /= np.linalg.norm(along, axis=1, keepdims=True)
+        turned = np.linalg.norm(bent["TANGENT"], axis=1) > 0.05
+        true = np.zeros_like(along)
+        for corners in faces:
+            edges, carried = (at[corners[1:]] - at[corners[0]] for at in (base, base + bent["POSITION"]))
+            shares = np.linalg.lstsq(edges.T, tangents[corners, :3].T, rcond=None)[0]
+            np.add.at(true, corners, (carried.T @ shares).T)
+        true /= np.maximum(np.linalg.norm(true, axis=1, keepdims=True), 1e-12)
+        angles, unbent = (
+            np.degrees(np.arccos(np.clip(np.sum(true * each, axis=1)[turned], -1, 1)))
+            for each in (along, tangents[:, :3])
+        )
+        assert np.median(angles) < 1 < 8 < np.median(unbent)
+        assert np.percentile(angles, 99) < 7
+    assert_valid(after.path)
+
+
+def test_tangent_targets_come_on_request_and_where_the_base_has_them() -> None:
+    plain = bake_once(edited("wrist", with_tangents), TANGENTIAL)
+    asked = bake_once(edited("wrist", with_tangents), TANGENTIAL, morph_tangents=True)
+    bare = bake_once("wrist", TANGENTIAL, morph_tangents=True)
+    for file, kinds in ((plain, {"POSITION", "NORMAL"}), (asked, {"POSITION", "NORMAL", "TANGENT"})):
+        targets = [target for primitive in file.mesh("wrist")["primitives"] for target in primitive["targets"]]
+        assert all(set(target) == kinds for target in targets)
+    assert bare.path.read_bytes() == bake_once("wrist", TANGENTIAL).path.read_bytes()
+    for name in ("POSITION", "NORMAL"):
+        assert np.array_equal(plain.deltas("wrist", name), asked.deltas("wrist", name))
+    for target in asked.mesh("wrist")["primitives"][0]["targets"]:
+        accessor = asked.json["accessors"][target["TANGENT"]]
+        assert accessor["type"] == "VEC3"
+        assert 0 < accessor["sparse"]["count"] < 0.7 * accessor["count"]
+
+
+def unnamed_targets(editor: Editor) -> None:
+    del editor.json["meshes"][0]["extras"]["targetNames"]
+
+
+def half_named_targets(editor: Editor) -> None:
+    del editor.json["meshes"][0]["extras"]["targetNames"][1:]
+
+
+@pytest.mark.parametrize("change", [unnamed_targets, half_named_targets])
+def test_old_targets_without_names_are_numbered(change: Callable[[Editor], None]) -> None:
+    """Names are all or nothing: readers take them by position."""
+    after = bake_once(edited("head", change), BROW)
+    names = after.mesh("head")["extras"]["targetNames"]
+    assert names[1] == "target_1"
+    assert names[0] == (
+        "target_0" if change is unnamed_targets else Gltf(sample("head")).mesh("head")["extras"]["targetNames"][0]
+    )
+    assert all(each.startswith("wrinkle_brow_") for each in names[2:])
+    assert len(names) == len(after.deltas("head"))
+    assert_valid(after.path)
+
+
+@pytest.mark.parametrize(("name", "config"), [("wrist", "wrist"), ("head", "head"), ("trousers", "trousers")])
+def test_no_target_moves_nothing(name: str, config: str) -> None:
+    after = bake_config(name, config)
+    for column in wrinkle_columns(after, name):
+        assert after.deltas(name)[column].any()
 
 
 def test_normals_follow_the_wrinkles() -> None:

@@ -23,6 +23,7 @@ from test_encode import (
     two_meshes,
     without_animations,
     without_normals,
+    wrinkle_columns,
     write_tools,
 )
 
@@ -94,11 +95,17 @@ def test_frames_are_what_morph_targets_show(asset: str, config: str) -> None:
     for clip, (first, times) in clip_times(file, asset, nodes).items():
         posed, normals = morphed.pose(asset, clip, times), morphed.normals(asset, clip, times)
         size = np.ptp(posed.reshape(-1, 3), axis=0).max()
+        # Between their keys, tracks take a quarter of --max-error, 1 % of the tallest wrinkle.
+        between = 0.005 * np.linalg.norm(morphed.deltas(asset)[wrinkle_columns(morphed, asset)], axis=2).max()
+        keyed = np.isin(np.float32(times), np.float32(morphed.keys(clip, asset)[0]))
+        assert keyed.sum() >= 4
         for k in range(len(times)):
             node = nodes[first + k]
-            assert np.abs(file.attribute(node, "POSITION") - posed[k]).max() < 1e-6 * size
+            apart = np.abs(file.attribute(node, "POSITION") - posed[k]).max()
+            assert apart < 1e-6 * size + (0.0 if keyed[k] else between)
             # Two unit vectors as float32; angles in radians.
-            assert np.abs(file.attribute(node, "NORMAL") - normals[k]).max() < 2e-4
+            turned = np.abs(file.attribute(node, "NORMAL") - normals[k]).max()
+            assert turned < 2e-4 + (0.0 if keyed[k] else 0.02)
             assert np.array_equal(file.triangles(node), morphed.triangles(asset))
     coordinates = file.attribute(nodes[0], "TEXCOORD_0")
     assert np.array_equal(coordinates, morphed.attribute(asset, "TEXCOORD_0"))

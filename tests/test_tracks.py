@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from wrinklecli import tracks
 from wrinklecli.pose import Channel, Clip, Rig, read_clips, read_rig, sample
-from wrinklecli.tracks import Track, clip_grid, moving_nodes, pad, sample_times, widen
+from wrinklecli.tracks import Track, clip_grid, moving_nodes, pad, sample_times, thin_times, widen
 
 Floats = NDArray[np.float64]
 
@@ -75,6 +75,70 @@ def test_endless_bisection_ends() -> None:
     assert (np.diff(times) > 0).all()
     # A tenth of a second halved as often as allowed; float32 times there are 6e-8 apart.
     assert np.diff(near).min() == pytest.approx(0.1 / 2**tracks._BISECTIONS, abs=1.2e-7)
+
+
+def worst_between(times: Floats, signal: Any) -> Floats:
+    """(intervals,) greatest error of straight lines at seven points inside each."""
+    values, errors = signal(times), []
+    for share in np.arange(1, 8) / 8:
+        inner = times[:-1] + share * np.diff(times)
+        errors.append(np.abs((1 - share) * values[:-1] + share * values[1:] - signal(inner)).max(axis=1, initial=0.0))
+    return np.max(errors, axis=0)
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(1e-3, 0.3), st.integers(1, 5))
+def test_dropped_keys_leave_lines_that_are_right(seed: int, tolerance: float, columns: int) -> None:
+    """Waves and square roots of any start; all but neighbours that were too far apart already."""
+    rng = np.random.default_rng(seed)
+    speeds, starts = rng.uniform(0, 12, columns), rng.uniform(-0.5, 2.5, columns)
+
+    def signal(times: Floats) -> Floats:
+        after = np.maximum(times[:, None] - starts, 0.0)
+        return 0.5 * np.sin(speeds * times[:, None]) + np.sqrt(after)
+
+    rig, clip = limb()
+    times = sample_times(clip, rig, signal, fps=30, tolerance=tolerance)
+    keys = thin_times(times, signal, tolerance=tolerance)
+    assert keys[0] == 0
+    assert keys[-1] == len(times) - 1
+    assert (np.diff(keys) > 0).all()
+    wrong = worst_between(times[keys], signal) > tolerance
+    assert (np.diff(keys)[wrong] == 1).all()
+    assert np.array_equal(keys, thin_times(times, signal, tolerance=tolerance))
+
+
+def test_straight_lines_keep_their_corners_alone() -> None:
+    rig, clip = limb()
+
+    def signal(times: Floats) -> Floats:
+        return np.stack([np.abs(times - 1.0), np.maximum(times - 1.5, 0.0)], axis=1)
+
+    times = sample_times(clip, rig, signal, fps=20, tolerance=1e-6)
+    keys = thin_times(times, signal, tolerance=1e-6)
+    assert times[keys].tolist() == [0.0, 1.0, 1.5, 2.0]
+
+
+def test_smooth_heights_need_few_keys() -> None:
+    """Over a line of length h a parabola of curvature c is off by c h²/8: here h may be 0.28."""
+    rig, clip = limb()
+    times = sample_times(clip, rig, lambda t: t[:, None] ** 2, fps=100, tolerance=0.02)
+    keys = thin_times(times, lambda t: t[:, None] ** 2, tolerance=0.02)
+    assert len(times) == 201
+    assert len(keys) == 1 + np.ceil(2 / 0.28)
+
+
+def test_jumps_keep_both_their_keys() -> None:
+    rig, clip = limb(interpolation="STEP")
+    times = clip_grid(clip, rig, fps=30)
+    keys = thin_times(times, lambda t: np.floor(t)[:, None], tolerance=0.01)
+    before = np.nextafter(np.float32([1, 2]), np.float32(0)).astype(np.float64)
+    assert times[keys].tolist() == [0.0, before[0], 1.0, before[1], 2.0]
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_the_ends_are_never_dropped(count: int) -> None:
+    times = np.arange(count) / 2
+    assert thin_times(times, lambda t: np.zeros((len(t), 3)), tolerance=1.0).tolist() == list(range(count))
 
 
 @pytest.mark.parametrize("fps", [0.1, 1.0, 24.0, 29.97, 1000.0])

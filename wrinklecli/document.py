@@ -4,7 +4,8 @@ The JSON is kept as it was parsed, every key in its order, and only ever patched
 are built with pygltflib's types. (Round-tripping the source through pygltflib would lose unknown keys,
 `Node.weights` and more.)
 
-Source: glTF 2.0 specification, §3.6 (binary data storage), §4 (GLB), §5.1 (accessors).
+Source: glTF 2.0 specification, §3.6 (binary data storage), §4 (GLB), §5.1 (accessors);
+    EXT_meshopt_compression, KHR_meshopt_compression and KHR_draco_mesh_compression.
 """
 
 import base64
@@ -14,12 +15,15 @@ import hashlib
 import json
 import math
 import os
+import re
 import shutil
 import struct
+import sys
 import tempfile
 import weakref
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -30,7 +34,8 @@ import numpy as np
 import pygltflib
 from numpy.typing import NDArray
 
-from wrinklecli.errors import AssetError, BakeError
+from wrinklecli import draco, meshopt
+from wrinklecli.errors import AssetError, BakeError, listed
 
 Json = dict[str, Any]
 Array = NDArray[Any]
@@ -56,6 +61,8 @@ _SIZE_TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 # What is read of a document: objects by key (`*`: any), arrays by their items, indices and counts as int.
 _SHAPE: Json = {
     "asset": {"version": str},
+    "extensionsUsed": [str],
+    "extensionsRequired": [str],
     "scenes": [{"nodes": [int]}],
     "nodes": [
         {
@@ -103,7 +110,29 @@ _SHAPE: Json = {
     "buffers": [{"uri": str, "byteLength": int}],
     "images": [{"uri": str, "bufferView": int, "mimeType": str}],
 }
+_MESHOPT_SHAPE: Json = {
+    "buffer": int,
+    "byteOffset": int,
+    "byteLength": int,
+    "byteStride": int,
+    "count": int,
+    "mode": str,
+    "filter": str,
+}
+_DRACO_SHAPE: Json = {"bufferView": int, "attributes": {"*": int}}
+_SHAPE["bufferViews"][0]["extensions"] = dict.fromkeys(meshopt.EXTENSIONS, _MESHOPT_SHAPE)
+_SHAPE["buffers"][0]["extensions"] = {name: {"fallback": bool} for name in meshopt.EXTENSIONS}
+_SHAPE["meshes"][0]["primitives"][0]["extensions"] = {draco.EXTENSION: _DRACO_SHAPE}
 _KINDS = {int: "a whole number of 0 or more", float: "a number", str: "text", bool: "true or false"}
+
+# Compressions that are decoded where needed; with the next, all extensions of geometry that we understand.
+_COMPRESSIONS = (draco.EXTENSION, *meshopt.EXTENSIONS)
+_GEOMETRY_EXTENSIONS = (*_COMPRESSIONS, "KHR_mesh_quantization", "EXT_mesh_features")
+# What names of extensions that change geometry, or how it is stored, have in them, and what those of others have.
+_GEOMETRY_WORDS = re.compile(
+    "mesh|primitive|geometry|vertex|skin|morph|subdiv|splat|curve|compress|accessor|buffer", re.IGNORECASE
+)
+_APPEARANCE_WORDS = re.compile("texture|material|image|light", re.IGNORECASE)
 
 _GLB_MAGIC = b"glTF"
 _JSON_CHUNK = b"JSON"
@@ -114,8 +143,13 @@ _SHOWN = 40  # characters of a found value that a message repeats
 _SPOOL_BYTES = 2**26
 _ALIGNMENT = 4  # bytes; the largest component is 4 bytes, and GLB chunks are padded to it
 
-# An accessor without data may claim any count; nothing real has more elements than this.
+# An accessor may claim any count; nothing real has more elements than this.
 _COUNT_LIMIT = 2**26
+# Numbers of 8 bytes that a file may ask for without storing them (zeros, morph deltas, skin weights of all joints):
+# any file so many, and more for each byte of its buffers. Nothing real comes near; 200 bytes cannot ask for gigabytes.
+_FREE_NUMBERS = 2**22
+_NUMBERS_PER_BYTE = 256
+_NUMBERS_LIMIT = 2**28
 
 
 @dataclass(frozen=True)
@@ -125,14 +159,17 @@ class Document:
     Attributes:
         path: The file, as the user typed it; messages begin with it.
         gltf: The JSON; never written to.
-        buffers: One bytes-like object for each of the JSON's `buffers`.
+        buffers: One bytes-like object for each of the JSON's `buffers`; an empty one for a placeholder, whose views
+            are all compressed into other buffers.
         files: Every file that was read, the asset first, as typed or joined to its folder.
+        allow_external: Whether buffers and images may lie outside the asset's folder.
     """
 
     path: str
     gltf: Json
     buffers: tuple[memoryview, ...]
     files: tuple[str, ...]
+    allow_external: bool = False
 
     def where(self, *pointer: str | int) -> str:
         """The place of a JSON value for messages: `hand.glb#/meshes/0`."""
@@ -181,30 +218,115 @@ class Document:
     def _decoded(self) -> dict[tuple[int], Array]:
         return {}
 
+    def refuse_excess(self, numbers: int, what: str, *, where: str) -> None:
+        """Check that the file is large enough to ask for memory, before it is taken.
+
+        Args:
+            numbers: That `what` takes, in all.
+            what: For the message.
+            where: In the document.
+
+        Raises:
+            AssetError: It is not.
+        """
+        stored = sum(len(each) for each in self.buffers)
+        most = min(_NUMBERS_LIMIT, max(_FREE_NUMBERS, _NUMBERS_PER_BYTE * stored))
+        if numbers > most:
+            raise AssetError(
+                f"{what} are {numbers} numbers; a file of {stored} bytes of data may have {most}", where=where
+            )
+
+    def stored(self, index: int) -> Array:
+        """(count, components) elements of an accessor as they are stored, sparse substitutions applied.
+
+        Raises:
+            AssetError: The accessor, or a view or buffer behind it, is malformed or out of range.
+        """
+        return self._stored(self.items("accessors")[index], index)
+
     def stored_dtype(self, index: int) -> np.dtype[Any]:
         """The component type that an accessor is stored in."""
         return _element(self.items("accessors")[index], self.where("accessors", index))[0]
 
+    def is_draco(self, index: int) -> bool:
+        """Whether an accessor's data is in a Draco stream."""
+        return index in self._draco_sources and "bufferView" not in self.items("accessors")[index]
+
+    @cached_property
+    def _draco_sources(self) -> dict[int, tuple[Json, str | None]]:
+        """Accessors of primitives that Draco compressed: the extension, and the attribute's name (indices: None)."""
+        sources: dict[int, tuple[Json, str | None]] = {}
+        count = len(self.items("accessors"))
+        for primitive in _draco_primitives(self.gltf):
+            extension = primitive["extensions"][draco.EXTENSION]
+            for name, index in primitive.get("attributes", {}).items():
+                if name in extension.get("attributes", {}) and index < count:
+                    sources.setdefault(index, (extension, name))
+            if primitive.get("indices", count) < count:
+                sources.setdefault(primitive["indices"], (extension, None))
+        return sources
+
+    @cached_property
+    def _draco_meshes(self) -> dict[int, draco.DracoMesh]:
+        return {}
+
+    @cached_property
+    def _decompressed(self) -> dict[int, memoryview]:
+        return {}
+
+    def _draco_elements(self, index: int, dtype: np.dtype[Any], size: int, where: str) -> Array:
+        """(count, size) elements of an accessor of a primitive that Draco compressed."""
+        extension, name = self._draco_sources[index]
+        view = extension.get("bufferView", -1)
+        if view not in self._draco_meshes:
+            self._draco_meshes[view] = draco.decode(
+                self.view(view, user=where), where=self.where("bufferViews", str(view))
+            )
+        mesh = self._draco_meshes[view]
+        values = mesh.indices[:, None] if name is None else mesh.attributes.get(extension["attributes"][name])
+        if values is None or values.shape[1] != size or not len(values):
+            raise AssetError(f"the Draco stream has no {name or 'indices'} of {size} components", where=where)
+        if name is not None and name.startswith("WEIGHTS_") and dtype.kind == "f":
+            # Rounded one by one, they add up to 1 no longer, as glTF 2.0 §3.7.3.3 asks.
+            keys = [key for each, key in extension["attributes"].items() if each.startswith("WEIGHTS_")]
+            sets = [mesh.attributes[key] for key in keys if key in mesh.attributes]
+            sums = np.sum([weights.sum(axis=1, dtype=np.float64) for weights in sets], axis=0)
+            values = (values / np.where(sums > 0, sums, 1.0)[:, None]).astype(values.dtype)
+        if values.dtype.kind in "iu" and dtype.kind in "iu":
+            limits = np.iinfo(dtype)
+            if values.min() < limits.min or values.max() > limits.max:
+                raise AssetError(f"the Draco stream holds numbers that do not fit {dtype.name}", where=where)
+        elif values.dtype != dtype:
+            raise AssetError(f"the Draco stream holds {values.dtype.name}, not {dtype.name}", where=where)
+        return values.astype(dtype)
+
     def _decode(self, accessor: Json, index: int) -> Array:
+        elements = self._stored(accessor, index)
+        values: Array = elements
+        if elements.dtype.kind == "f":
+            values = elements.astype(np.float64)
+        elif accessor.get("normalized"):
+            limit = np.iinfo(elements.dtype).max
+            values = np.maximum(elements / limit, -1.0)
+        values.flags.writeable = False
+        return values[:, 0] if accessor["type"] == "SCALAR" else values
+
+    def _stored(self, accessor: Json, index: int) -> Array:
         where = self.where("accessors", index)
         dtype, size = _element(accessor, where)
         count = _whole(accessor, "count", where, least=1, most=_COUNT_LIMIT)
         if "bufferView" in accessor:
             elements = self._view_elements(accessor, "bufferView", dtype, size, count, where).copy()
+        elif index in self._draco_sources:
+            elements = self._draco_elements(index, dtype, size, where)
         else:
+            self.refuse_excess(count * size, f"{count} elements that are not stored", where=where)
             elements = np.zeros((count, size), dtype)
         if (sparse := accessor.get("sparse")) is not None:
             if not isinstance(sparse, dict):
                 raise AssetError("sparse must be an object", where=where)
             self._substitute(elements, sparse, dtype, size, where)
-        values: Array = elements
-        if dtype.kind == "f":
-            values = elements.astype(np.float64)
-        elif accessor.get("normalized"):
-            limit = np.iinfo(dtype).max
-            values = np.maximum(elements / limit, -1.0)
-        values.flags.writeable = False
-        return values[:, 0] if accessor["type"] == "SCALAR" else values
+        return elements
 
     def _substitute(self, elements: Array, sparse: Json, dtype: np.dtype[Any], size: int, where: str) -> None:
         """Overwrite elements by those of a sparse accessor, in place."""
@@ -223,27 +345,57 @@ class Document:
     def _view_elements(self, source: Json, key: str, dtype: np.dtype[Any], size: int, count: int, where: str) -> Array:
         """(count, size) stored elements of a buffer view, not copied."""
         view_index = source.get(key)
-        view = self.item("bufferViews", view_index, user=where)
-        view_where = self.where("bufferViews", str(view_index))
-        self.item("buffers", view.get("buffer"), user=view_where)
-        data = self.buffers[view["buffer"]]
-        start = _whole(view, "byteOffset", view_where, default=0)
-        length = _whole(view, "byteLength", view_where, least=1)
-        if start + length > len(data):
-            raise AssetError(
-                f"bytes {start} to {start + length} of a buffer of {len(data)}; is the file truncated?",
-                where=view_where,
-            )
+        data = self.view(view_index, user=where)
+        view, view_where = self.items("bufferViews")[source[key]], self.where("bufferViews", str(view_index))
         element = dtype.itemsize * size
         stride = _whole(view, "byteStride", view_where, default=element, least=element, most=252 + element)
         offset = _whole(source, "byteOffset", where, default=0)
-        if offset + (count - 1) * stride + element > length:
+        if offset + (count - 1) * stride + element > len(data):
             raise AssetError(
                 f"{count} elements of {stride} bytes from byte {offset} do not fit in"
-                f" bufferViews[{view_index}] of {length} bytes",
+                f" bufferViews[{view_index}] of {len(data)} bytes",
                 where=where,
             )
-        return np.ndarray((count, size), dtype, data, start + offset, (stride, dtype.itemsize))
+        return np.ndarray((count, size), dtype, data, offset, (stride, dtype.itemsize))
+
+    def view(self, index: Any, *, user: str | None = None) -> memoryview:
+        """The bytes of a buffer view, decompressed.
+
+        Raises:
+            AssetError: The view is malformed, or `user` (a place from `where`) refers to none.
+        """
+        where = self.where("bufferViews", str(index))
+        view = self.item("bufferViews", index, user=user or where)
+        length = _whole(view, "byteLength", where, least=1)
+        found = next((each for each in _view_parts(view) if each is not view), None)
+        if found is None:
+            return self._span(view, where)
+        if index not in self._decompressed:
+            count, stride = (_whole(found, key, where, least=1, most=_COUNT_LIMIT) for key in ("count", "byteStride"))
+            if count * stride != length:
+                raise AssetError(f"byteLength is {length}, but {count} · {stride} bytes are compressed", where=where)
+            decoded = meshopt.decode(
+                self._span(found, where),
+                count=count,
+                stride=stride,
+                mode=found.get("mode", ""),
+                filter_name=found.get("filter", "NONE"),
+                where=where,
+            )
+            self._decompressed[index] = memoryview(decoded)
+        return self._decompressed[index]
+
+    def _span(self, source: Json, where: str) -> memoryview:
+        """The bytes of a buffer that a view, or the extension that compresses it, shows."""
+        self.item("buffers", source.get("buffer"), user=where)
+        data = self.buffers[source["buffer"]]
+        start = _whole(source, "byteOffset", where, default=0)
+        length = _whole(source, "byteLength", where, least=1)
+        if start + length > len(data):
+            raise AssetError(
+                f"bytes {start} to {start + length} of a buffer of {len(data)}; is the file truncated?", where=where
+            )
+        return data[start : start + length]
 
 
 def _element(accessor: Json, where: str) -> tuple[np.dtype[Any], int]:
@@ -266,14 +418,17 @@ def _whole(source: Json, key: str, where: str, *, default: int | None = None, le
     return value
 
 
-def read_document(path: str | os.PathLike[str]) -> Document:
+def read_document(path: str | os.PathLike[str], *, allow_external: bool = False) -> Document:
     """Read a .glb or .gltf file and every buffer of it.
 
     Args:
         path: The file; told apart by its first bytes, not its name.
+        allow_external: Let buffers and images lie outside the asset's folder, where an asset from elsewhere could
+            name any file of this machine.
 
     Raises:
-        AssetError: A file is missing, truncated or malformed, or a buffer lies outside the asset's folder.
+        AssetError: A file is missing, truncated or malformed, or lies outside the asset's folder, itself or where a
+            link leads to.
     """
     name = os.fspath(path)
     data = _read_file(name)
@@ -292,15 +447,18 @@ def read_document(path: str | os.PathLike[str]) -> Document:
         if uri is None and index == 0 and binary is not None:
             content = binary
         elif isinstance(uri, str):
-            content, file = _read_uri(uri, name, where)
+            content, file = _read_uri(uri, name, where, allow_external=allow_external)
             files += [file] if file else []
+        elif uri is None and _is_placeholder(document, index):
+            buffers.append(memoryview(b""))
+            continue
         else:
             raise AssetError("has no data: no uri, and no binary chunk of a .glb", where=where)
         length = _whole(buffer, "byteLength", where, least=1)
         if len(content) < length:
             raise AssetError(f"has {len(content)} bytes of {length}; is the file truncated?", where=where)
         buffers.append(content[:length])
-    return Document(name, gltf, tuple(buffers), tuple(files))
+    return Document(name, gltf, tuple(buffers), tuple(files), allow_external)
 
 
 def _check_asset(document: Document) -> None:
@@ -308,6 +466,21 @@ def _check_asset(document: Document) -> None:
     version = document.gltf.get("asset", {}).get("version")
     if not isinstance(version, str) or not version.startswith("2."):
         raise AssetError(f"asset.version is {version!r}; glTF 2.0 is read", where=document.where("asset", "version"))
+    for index, name in enumerate(document.gltf.get("extensionsRequired", [])):
+        about_geometry = _GEOMETRY_WORDS.search(name) and not _APPEARANCE_WORDS.search(name)
+        if about_geometry and name not in _GEOMETRY_EXTENSIONS:
+            raise AssetError(
+                f"{name} changes geometry, but is not understood; understood are {listed(_GEOMETRY_EXTENSIONS)}",
+                where=document.where("extensionsRequired", index),
+            )
+
+
+def _is_placeholder(document: Document, buffer: int) -> bool:
+    """Whether a buffer may go without data: all views that show it are compressed into other buffers."""
+    views = [(view, list(_view_parts(view))) for view in document.items("bufferViews")]
+    shown = [parts for view, parts in views if view.get("buffer") == buffer]
+    read = any(part.get("buffer") == buffer for _, parts in views for part in parts[1:])
+    return not read and bool(shown) and all(len(parts) > 1 for parts in shown)
 
 
 def _check_shape(document: Document, value: Any, shape: Any, pointer: tuple[str | int, ...]) -> None:
@@ -320,7 +493,9 @@ def _check_shape(document: Document, value: Any, shape: Any, pointer: tuple[str 
         children = [(index, child, shape[0]) for index, child in enumerate(value)] if fits else []
     else:
         accepted = (int, float) if shape is float else shape
-        fits = isinstance(value, accepted) and isinstance(value, bool) == (shape is bool)
+        # An integer of JSON may be too large for a float.
+        fits = not (shape is float and isinstance(value, int) and abs(value) > sys.float_info.max)
+        fits = fits and isinstance(value, accepted) and isinstance(value, bool) == (shape is bool)
         fits = fits and not (shape is int and value < 0)
         children = []
     if not fits:
@@ -389,7 +564,7 @@ def _parse_json(data: bytes, name: str) -> Json:
     raise AssetError(f"the JSON is nested more than {_DEPTH_LIMIT} levels deep", where=name)
 
 
-def _read_uri(uri: str, asset: str, where: str) -> tuple[memoryview, str | None]:
+def _read_uri(uri: str, asset: str, where: str, *, allow_external: bool) -> tuple[memoryview, str | None]:
     """The bytes behind a URI, and the file they came from (none for a data URI)."""
     if uri.startswith("data:"):
         head, comma, body = uri.partition(",")
@@ -399,23 +574,30 @@ def _read_uri(uri: str, asset: str, where: str) -> tuple[memoryview, str | None]
             return memoryview(base64.b64decode(body, validate=True)), None
         except (ValueError, binascii.Error) as error:
             raise AssetError(f"the data URI is malformed: {error}", where=where) from error
-    file = _local_file(uri, asset, where)
+    file = _local_file(uri, asset, where, allow_external=allow_external)
+    if os.path.exists(file) and not (os.path.isfile(file) or os.path.isdir(file)):  # a pipe would be waited for
+        raise AssetError("cannot be read: not a regular file", where=where)
     return _read_file(file, where=where), file
 
 
-def _local_file(uri: str, asset: str, where: str) -> str:
-    """The file that a relative URI names, which must lie below the asset's folder."""
+def _local_file(uri: str, asset: str, where: str, *, allow_external: bool) -> str:
+    """The file that a URI without a scheme names; below the asset's folder, unless others are allowed."""
     folder = os.path.dirname(asset)
     relative = unquote(uri)
     file = os.path.join(folder, relative)
     inside = os.path.realpath(folder or ".")
-    if (
-        ":" in relative.split("/")[0]
-        or "\0" in relative
-        or os.path.commonpath([inside, os.path.realpath(file)]) != inside
-    ):
+    if ":" in relative.split("/")[0] or "\0" in relative:
         raise AssetError(f"uri {uri[:80]!r} is not a file below the asset's folder", where=where)
+    if (_leaves(uri) or os.path.commonpath([inside, os.path.realpath(file)]) != inside) and not allow_external:
+        hint = "others are read with --allow-external"
+        raise AssetError(f"uri {uri[:80]!r} is not a file below the asset's folder; {hint}", where=where)
     return file
+
+
+def _leaves(uri: str) -> bool:
+    """Whether a URI's path leaves the folder that it is relative to."""
+    relative = unquote(uri)
+    return os.path.isabs(relative) or os.path.normpath(relative).split(os.sep)[0] == os.pardir
 
 
 class Draft:
@@ -550,8 +732,33 @@ class Draft:
         """Append a copy of a mesh, which shares its accessors, and give its index."""
         copied = copy.deepcopy(self.gltf["meshes"][mesh])
         self._accessor_uses.update(_accessor_references({"meshes": [copied]}))
+        self._view_uses.update(_draco_views({"meshes": [copied]}))
         self.gltf["meshes"].append(copied)
         return len(self.gltf["meshes"]) - 1
+
+    def unpack(self, primitive: Json) -> None:
+        """Give a primitive of the draft that Draco compressed plain accessors, where it has not got them yet."""
+        extension = primitive.get("extensions", {}).pop(draco.EXTENSION, None)
+        if extension is None:
+            return
+        if not primitive["extensions"]:
+            del primitive["extensions"]
+        attributes = primitive["attributes"]
+        users = [(attributes, name, VERTEX_DATA) for name in attributes]
+        users += [(primitive, "indices", INDEX_DATA)] if "indices" in primitive else []
+        for owner, key, target in users:
+            index = owner[key]
+            accessor = self.gltf["accessors"][index]
+            if "bufferView" not in accessor and self.source.is_draco(index):
+                owner[key] = self.add(
+                    self.source.stored(index),
+                    target=target,
+                    normalized=accessor.get("normalized", False),
+                    bounds="min" in accessor,
+                    replaces=index,
+                )
+        if extension.get("bufferView", len(self.gltf["bufferViews"])) < len(self.gltf["bufferViews"]):
+            self._release_view(extension["bufferView"])
 
     def document(self) -> Document:
         """The draft as a reader will see it, in memory: the source's buffers and one of new data."""
@@ -574,9 +781,17 @@ class Draft:
             BakeError: The disk is full, the folder is missing or read-only, or a .glb passes 4 GiB.
         """
         name = os.fspath(path)
-        if name.lower().endswith(".gltf"):
-            return self._write_gltf(name)
-        return self._write_glb(name)
+        if not name.lower().endswith(".gltf"):
+            return self._write_glb(name)
+        made: list[str] = []
+        try:
+            return self._write_gltf(name, made)
+        except BaseException:
+            # What lies beside an OUT that is not to be would be rubbish.
+            for other in reversed(made):
+                with suppress(OSError):
+                    os.rmdir(other) if os.path.isdir(other) else os.unlink(other)
+            raise
 
     def _place(self, accessor: Json, slot: int | None) -> int:
         accessors = self.gltf.setdefault("accessors", [])
@@ -595,16 +810,22 @@ class Draft:
         if self._accessor_uses[accessor_index] > 0:
             return None
         for view in _accessor_views(self.gltf["accessors"][accessor_index]):
-            self._view_uses[view] -= 1
-            if self._view_uses[view] == 0:
-                self._dead_views.append(view)
-                self._free_views.append(view)
+            self._release_view(view)
         return accessor_index
+
+    def _release_view(self, view: int) -> None:
+        self._view_uses[view] -= 1
+        if self._view_uses[view] == 0:
+            self._dead_views.append(view)
+            self._free_views.append(view)
 
     def _add_view(self, data: bytes, *, target: int | None = None, stride: int | None = None) -> int:
         """Append data; its view's offset is that in the new data until the file is laid out."""
         padding = -self._data_size % _ALIGNMENT
-        self._data.write(bytes(padding) + data)
+        try:
+            self._data.write(bytes(padding) + data)
+        except OSError as error:
+            raise BakeError(f"cannot be written: {error.strerror or error}", where=tempfile.gettempdir()) from error
         view = _plain(
             pygltflib.BufferView(
                 buffer=len(self.source.buffers),
@@ -627,15 +848,17 @@ class Draft:
 
     def _kept_parts(self, buffer: int) -> Iterator[tuple[int, int]]:
         """The spans of a source buffer to keep: all but dead views that no other view overlaps."""
-        views = self.source.items("bufferViews")
-        spans = {i: _view_span(view) for i, view in enumerate(views) if view.get("buffer") == buffer}
-        dead = {i: spans.pop(i) for i in self._dead_views if i in spans}
+        kept: list[tuple[int, int]] = []
+        dead: list[tuple[int, int]] = []
+        for slot, view in enumerate(self.source.items("bufferViews")):
+            spans = [_view_span(part) for part in _view_parts(view) if part.get("buffer") == buffer]
+            (dead if slot in self._dead_views else kept).extend(spans)
         start, length = 0, len(self.source.buffers[buffer])
-        for low, high in sorted(dead.values()):
+        for low, high in sorted(dead):
             # What follows stays aligned: a span leaves the file in whole units of alignment.
             low = max(start, -(-low // _ALIGNMENT) * _ALIGNMENT)
             high -= (high - low) % _ALIGNMENT
-            if high > low and not any(other < high and end > low for other, end in spans.values()):
+            if high > low and not any(other < high and end > low for other, end in kept):
                 yield start, low
                 start = high
         if start < length:
@@ -667,13 +890,20 @@ class Draft:
             return start
 
         gltf = copy.copy(self.gltf)
-        views = self._used_views()
-        for buffer in range(len(self.source.buffers)):
+        views = self._used_views(0)
+        placeholders: list[Json] = []
+        for buffer, data in enumerate(self.source.buffers):
+            shown = list(self._old_parts(views, buffer))
+            if not len(data):
+                placeholders += [self.gltf["buffers"][buffer]] if shown else []
+                for part in shown:
+                    part["buffer"] = len(placeholders)
+                continue
             parts, moved = self._compacted(buffer)
             base = append(*parts)
-            for view in self._old_views(views, buffer):
-                _set_offset(view, base + moved(view.get("byteOffset", 0)))
-                view["buffer"] = 0
+            for part in shown:
+                _set_offset(part, base + moved(part.get("byteOffset", 0)))
+                part["buffer"] = 0
         images = self._embed_images(name, views, append)
         if images is not None:
             gltf["images"] = images
@@ -687,7 +917,10 @@ class Draft:
         if total_data:
             old_buffers = self.gltf.get("buffers", [])
             kept = {key: value for key, value in old_buffers[0].items() if key != "uri"} if old_buffers else {}
-            gltf["buffers"] = [kept | {"byteLength": total_data}]
+            if any(name in kept.get("extensions", {}) for name in meshopt.EXTENSIONS):
+                del kept["extensions"]  # a fallback, which the binary chunk is not any more
+            gltf["buffers"] = [kept | {"byteLength": total_data}, *placeholders]
+        self._drop_compressions(gltf, views)
         text = _dump(gltf)
         text += b" " * (-len(text) % _ALIGNMENT)
         tail = bytes(-total_data % _ALIGNMENT)
@@ -707,22 +940,32 @@ class Draft:
         replace_file(name, write)
         return total
 
-    def _used_views(self) -> list[Json]:
-        """Copies of all views; a free one in between, whose data is gone, shows one byte and keeps its place."""
-        views: list[Json] = [dict(view) for view in self.gltf.get("bufferViews", [])]
+    def _used_views(self, buffer: int) -> list[Json]:
+        """Copies of all views; a free one in between, whose data is gone, shows one byte of a buffer for its place."""
+        views: list[Json] = copy.deepcopy(self.gltf.get("bufferViews", []))
         while views and len(views) - 1 in self._free_views:
             views.pop()
             self._free_views.remove(len(views))
         for slot in self._free_views:
-            views[slot] = {"buffer": 0, "byteLength": 1}
+            views[slot] = {"buffer": buffer, "byteLength": 1}
         return views
 
-    def _old_views(self, views: list[Json], buffer: int) -> Iterator[Json]:
-        """The views that still show data of a source buffer."""
+    def _old_parts(self, views: list[Json], buffer: int) -> Iterator[Json]:
+        """What still shows data of a source buffer: views, or the extensions that compress them."""
         for slot, old in enumerate(self.source.items("bufferViews")):
-            changed = slot in self._new_views or slot in self._free_views or slot >= len(views)
-            if not changed and old.get("buffer") == buffer:
-                yield views[slot]
+            if slot not in self._new_views and slot not in self._free_views and slot < len(views):
+                for old_part, part in zip(_view_parts(old), _view_parts(views[slot]), strict=True):
+                    if old_part.get("buffer") == buffer:
+                        yield part
+
+    def _drop_compressions(self, gltf: Json, views: list[Json]) -> None:
+        """Take compressions that nothing uses any more out of the lists of extensions; `gltf` is a shallow copy."""
+        gone = _compressions(self.source.gltf) - _compressions(gltf | {"bufferViews": views})
+        for key in ("extensionsUsed", "extensionsRequired"):
+            if gone.intersection(gltf.get(key, [])):
+                gltf[key] = [name for name in gltf[key] if name not in gone]
+                if not gltf[key]:
+                    del gltf[key]
 
     def _copy_data(self, file: IO[bytes]) -> None:
         self._data.seek(0)
@@ -736,7 +979,7 @@ class Draft:
             uri = image.get("uri")
             if not isinstance(uri, str) or uri.startswith("data:") or self._beside(name):
                 continue
-            data, _ = _read_uri(uri, self.source.path, self.source.where("images", index))
+            data = self._read_image(uri, index)
             del image["uri"]
             image["bufferView"] = len(views)
             image.setdefault("mimeType", _image_type(bytes(data[:16])))
@@ -748,54 +991,77 @@ class Draft:
         """Whether OUT lies in the source's folder, so that relative URIs still work."""
         return os.path.realpath(os.path.dirname(name)) == os.path.realpath(os.path.dirname(self.source.path))
 
-    def _write_gltf(self, name: str) -> int:
-        self._copy_images(name)
+    def _write_gltf(self, name: str, made: list[str]) -> int:
+        """Write OUT and the files beside it; those, and folders, that were not there go on the list `made`."""
+        images = self._copy_images(name, made)
         written = 0
         folder, stem = os.path.dirname(name), os.path.splitext(os.path.basename(name))[0]
         gltf = copy.copy(self.gltf)
         buffers: list[Json] = [dict(buffer) for buffer in gltf.get("buffers", [])]
-        views = self._used_views()
-        for index, buffer in enumerate(buffers):
+        stored = [index for index, data in enumerate(self.source.buffers) if len(data)]
+        views = self._used_views(stored[0] if stored else 0)
+        for index in stored:
+            buffer = buffers[index]
             parts, moved = self._compacted(index)
             uri = buffer.get("uri", "")
             unchanged = sum(len(part) for part in parts) == len(self.source.buffers[index])
             if unchanged and (uri.startswith("data:") or (uri and self._beside(name))):
                 continue
-            for view in self._old_views(views, index):
-                _set_offset(view, moved(view.get("byteOffset", 0)))
+            for part in self._old_parts(views, index):
+                _set_offset(part, moved(part.get("byteOffset", 0)))
             content = b"".join(parts) or bytes(_ALIGNMENT)  # a buffer may not be empty
             buffer["byteLength"] = len(content)
             file_name = f"{stem}-{hashlib.sha256(content).hexdigest()[:12]}.bin"
             buffer["uri"] = quote(file_name)
+            _note_new(os.path.join(folder, file_name), made)
             written += replace_bytes(os.path.join(folder, file_name), content)
         if self._data_size:
             self._data.seek(0)
             digest = hashlib.file_digest(self._data, "sha256").hexdigest()[:12]  # type: ignore[arg-type]
             file_name = f"{stem}-{digest}.bin"
             buffers.append({"uri": quote(file_name), "byteLength": self._data_size})
+            _note_new(os.path.join(folder, file_name), made)
             written += replace_file(os.path.join(folder, file_name), self._copy_data)
+        shown = {part.get("buffer") for view in views for part in _view_parts(view)}
+        lasting = [index for index in range(len(buffers)) if index in shown or "uri" in buffers[index]]
+        for part in (part for view in views for part in _view_parts(view) if "buffer" in part):
+            part["buffer"] = lasting.index(part["buffer"]) if part["buffer"] in lasting else part["buffer"]
+        if images:
+            gltf["images"] = images
         if buffers:
-            gltf["buffers"] = buffers
+            gltf["buffers"] = [buffers[index] for index in lasting]
         if "bufferViews" in gltf or views:
             gltf["bufferViews"] = views
+        self._drop_compressions(gltf, views)
         text = _dump(gltf, indent=2) + b"\n"
         return written + replace_bytes(name, text)
 
-    def _copy_images(self, name: str) -> None:
-        """Put images with relative URIs beside an OUT in another folder."""
+    def _read_image(self, uri: str, index: int) -> memoryview:
+        where, allowed = self.source.where("images", index), self.source.allow_external
+        return _read_uri(uri, self.source.path, where, allow_external=allowed)[0]
+
+    def _copy_images(self, name: str, made: list[str]) -> list[Json]:
+        """Put images with relative URIs beside an OUT in another folder; those from outside get new names there."""
+        images: list[Json] = [dict(image) for image in self.gltf.get("images", [])]
         if self._beside(name):
-            return
-        for index, image in enumerate(self.gltf.get("images", [])):
+            return images
+        folder, stem = os.path.dirname(name), os.path.splitext(os.path.basename(name))[0]
+        for index, image in enumerate(images):
             uri = image.get("uri")
             if isinstance(uri, str) and not uri.startswith("data:"):
-                data, _ = _read_uri(uri, self.source.path, self.source.where("images", index))
-                copy_path = os.path.join(os.path.dirname(name), unquote(uri))
+                data = self._read_image(uri, index)
+                if _leaves(uri):
+                    digest = hashlib.sha256(data).hexdigest()[:12]
+                    uri = image["uri"] = quote(f"{stem}-{digest}{os.path.splitext(unquote(uri))[1]}")
+                copy_path = os.path.join(folder, unquote(uri))
                 if os.path.exists(copy_path):
-                    if Path(copy_path).read_bytes() != data:
+                    if _read_file(copy_path) != data:
                         raise BakeError("is there already and is another image; choose another folder", where=copy_path)
                     continue
-                os.makedirs(os.path.dirname(copy_path) or ".", exist_ok=True)
+                _make_folders(os.path.dirname(copy_path), made)
+                _note_new(copy_path, made)
                 replace_bytes(copy_path, data)
+        return images
 
     def image_files(self, out: str | os.PathLike[str]) -> list[str]:
         """The image files that writing to `out` reads."""
@@ -806,6 +1072,24 @@ class Draft:
             for image in self.gltf.get("images", [])
             if isinstance(image.get("uri"), str) and not image["uri"].startswith("data:")
         ]
+
+
+def _note_new(path: str, made: list[str]) -> None:
+    """Put a file that is about to be written on the list, unless it is there already."""
+    if not os.path.lexists(path):
+        made.append(path)
+
+
+def _make_folders(path: str, made: list[str]) -> None:
+    """Make a folder and those above it; they go on the list."""
+    if not path or os.path.isdir(path):
+        return
+    _make_folders(os.path.dirname(path), made)
+    try:
+        os.mkdir(path)
+    except OSError as error:
+        raise BakeError(f"cannot be made: {error.strerror or error}", where=path) from error
+    made.append(path)
 
 
 def replace_file(path: str, write: Callable[[IO[bytes]], object]) -> int:
@@ -891,6 +1175,32 @@ def _view_span(view: Json) -> tuple[int, int]:
     return start, start + view.get("byteLength", 0)
 
 
+def _view_parts(view: Json) -> Iterator[Json]:
+    """What of a view refers to bytes of a buffer: itself, and the extension that compresses it."""
+    yield view
+    extensions = view.get("extensions", {})
+    yield from (extensions[name] for name in meshopt.EXTENSIONS if name in extensions)
+
+
+def _draco_primitives(gltf: Json) -> Iterator[Json]:
+    for mesh in gltf.get("meshes", []):
+        for primitive in mesh.get("primitives", []):
+            if draco.EXTENSION in primitive.get("extensions", {}):
+                yield primitive
+
+
+def _draco_views(gltf: Json) -> Iterator[int]:
+    for primitive in _draco_primitives(gltf):
+        if "bufferView" in primitive["extensions"][draco.EXTENSION]:
+            yield primitive["extensions"][draco.EXTENSION]["bufferView"]
+
+
+def _compressions(gltf: Json) -> set[str]:
+    """The compressions that a document's objects use."""
+    users = [*gltf.get("bufferViews", []), *gltf.get("buffers", []), *_draco_primitives(gltf)]
+    return {name for user in users for name in user.get("extensions", {}) if name in _COMPRESSIONS}
+
+
 def _accessor_references(gltf: Json) -> Iterator[int]:
     for mesh in gltf.get("meshes", []):
         for primitive in mesh.get("primitives", []):
@@ -917,14 +1227,15 @@ def _accessor_views(accessor: Json) -> Iterator[int]:
 def _view_references(gltf: Json) -> Iterator[int]:
     for accessor in gltf.get("accessors", []):
         yield from _accessor_views(accessor)
+    yield from _draco_views(gltf)
     yield from (image["bufferView"] for image in gltf.get("images", []) if "bufferView" in image)
 
 
 def _extension_integers(value: Any, *, inside: bool = False) -> Iterator[int]:
-    """Every integer below any `extensions` object: a possible reference."""
+    """Every integer below any `extensions` object, but those that we understand: a possible reference."""
     if isinstance(value, dict):
         for key, child in value.items():
-            if key != "extras":
+            if key != "extras" and not (inside and key in _COMPRESSIONS):
                 yield from _extension_integers(child, inside=inside or key == "extensions")
     elif isinstance(value, list):
         for child in value:

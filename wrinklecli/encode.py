@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrinklecli.config import RestLengthKeys, RestLengthMorph
-from wrinklecli.curve import ControlCurve
 from wrinklecli.deform import Shape, turn_to, weight_table
 from wrinklecli.document import INDEX_DATA, TRIANGLES, VERTEX_DATA, Document, Draft, Json, index_type
 from wrinklecli.errors import AssetError
@@ -31,6 +30,7 @@ METHOD = 1
 
 # Decimal digits of numbers in extras: float32's own.
 _DIGITS = 8
+_VECTORS = ("POSITION", "NORMAL", "TANGENT")
 # Decimal digits of tabulated weights, whose rows are right to about three.
 _TABLE_DIGITS = 5
 
@@ -101,45 +101,51 @@ def parts_of(fine: Refinement) -> list[Part]:
     return parts
 
 
-def encode_morphs(draft: Draft, plan: Plan, bases: list[Basis], motions: Sequence[Motion], *, sparse: bool) -> None:
+def encode_morphs(
+    draft: Draft, plan: Plan, bases: list[Basis], motions: Sequence[Motion], *, sparse: bool, tangents: bool = False
+) -> None:
     """Put meshes, targets, tracks and extras into the draft."""
     rig = plan.rig
     targets = targets_of(bases)
     # In the stored pose nothing is wrinkled, unless the tools file names another pose as rest.
     known = np.zeros(len(targets))
     if all(each.from_skin for each in bases):
-        stored = [each.written(skin_weights(plan, each.carrier, None, np.zeros(1))) for each in bases]
+        stored = [each.written(each.of_curve(skin_weights(plan, each.carrier, None, np.zeros(1)))) for each in bases]
         known = np.concatenate(stored, axis=1)[0]
-    encode_mesh(draft, rig, plan.fine, targets, sparse=sparse, stored=known)
-    encode_extras(
-        draft,
-        rig,
-        [
-            (each.carrier.patch, [None if target is None else target.name for target in each.targets])
-            for each in bases
-            if each.from_skin
-        ],
-    )
+    encode_mesh(draft, rig, plan.fine, targets, sparse=sparse, stored=known, tangents=tangents)
+    encode_extras(draft, plan, bases)
     baked = {motion.clip.index for motion in motions}
     for clip in read_clips(draft.source):
         channel = clip.channel(rig.node, "weights")
         if channel is not None and clip.index not in baked:
             # A channel drives all targets of its mesh, so a clip that is not baked is widened too.
             encode_track(draft, clip, rig.node, pad(channel, known))
-    for motion in motions:
+    # Without a target, as where no vertex lies under a bump, a track would have no values.
+    for motion in motions if targets else ():
         channel = motion.clip.channel(rig.node, "weights")
-        encode_track(draft, motion.clip, rig.node, widen(channel, rig, motion.clip, motion.times, motion.weights))
+        times, weights = motion.times[motion.keys], motion.weights[motion.keys]
+        encode_track(draft, motion.clip, rig.node, widen(channel, rig, motion.clip, times, weights))
+        if channel is None and rig.morph_names:
+            # Nothing else would tell it from a channel that the clip had: see `restore`.
+            draft.gltf["animations"][motion.clip.index]["channels"][-1]["extras"] = {"wrinkle": "added"}
 
 
 def encode_mesh(
-    draft: Draft, rig: Rig, fine: Refinement, targets: Sequence[Target], *, sparse: bool, stored: Floats
+    draft: Draft,
+    rig: Rig,
+    fine: Refinement,
+    targets: Sequence[Target],
+    *,
+    sparse: bool,
+    stored: Floats,
+    tangents: bool = False,
 ) -> None:
     """Write the refined primitives and the new morph targets of a node's mesh.
 
     Only this node changes: a mesh that others show too is cloned. Every primitive gets every target; those
     that it leaves alone share one accessor of zeros. A base without NORMAL gets no NORMAL targets: glTF
-    prescribes flat normals there. Old targets without NORMAL get one of zeros, which means the same, as
-    three.js otherwise adds the base normal in its place.
+    prescribes flat normals there, and ignores tangents. Old targets without NORMAL get one of zeros, which
+    means the same, as three.js otherwise adds the base normal in its place; so do those without TANGENT.
 
     Args:
         draft: The document.
@@ -148,6 +154,7 @@ def encode_mesh(
         targets: The new morph targets.
         sparse: Write targets as sparse accessors.
         stored: (targets,) weights in the stored pose.
+        tangents: Write TANGENT targets where the base has TANGENT.
     """
     node = draft.gltf["nodes"][rig.node]
     mesh = own_mesh(draft, node, rig.mesh)
@@ -158,13 +165,16 @@ def encode_mesh(
         where = source.where("meshes", rig.mesh, "primitives", part.index)
         old_targets = primitive.get("targets", [])
         base = base_normals(source, primitive, part)
+        along = base_tangents(source, primitive, part) if tangents and base is not None else None
+        turned = [name for name, has in (("NORMAL", base), ("TANGENT", along)) if has is not None]
         if part.changed:
             _refine_primitive(draft, primitive, part, fine, where)
+        draft.unpack(primitive)
         if not targets:
             continue
-        primitive["targets"] = [
-            _with_zero_normal(draft, each, len(part.weld), base is not None, sparse) for each in old_targets
-        ] + [_encode_target(draft, each.shape, part, fine, base, sparse) for each in targets]
+        primitive["targets"] = [_with_zeros(draft, each, len(part.weld), turned, sparse) for each in old_targets] + [
+            _encode_target(draft, each.shape, part, fine, base, along, sparse) for each in targets
+        ]
     if not targets:
         return
     if isinstance(mesh.setdefault("extras", {}), dict):
@@ -193,6 +203,33 @@ def base_normals(source: Document, primitive: Json, part: Part) -> Floats | None
     return np.concatenate([old, unit(part.mix(old))])
 
 
+def base_tangents(source: Document, primitive: Json, part: Part) -> Floats | None:
+    """(vertices, 3) TANGENTs of a primitive without their handedness; None where it has none."""
+    if "TANGENT" not in primitive.get("attributes", {}):
+        return None
+    old = source.accessor(primitive["attributes"]["TANGENT"])
+    return np.concatenate([old, part.mix_tangents(old)])[:, :3]
+
+
+def tangent_deltas(tangents: Floats, normals: Floats, normal_deltas: Floats) -> Floats:
+    """What to add to tangents at weight 1 for them to stay in a surface whose normals turn.
+
+    Where a surface rises by h along its normal N, its tangent T becomes T + (∂h/∂T) N, and NORMAL deltas, which
+    lie across N, are -∇h: so ΔT = -(T · ΔN) N. With T across N, T + Σ wΔT lies across N + Σ wΔN exactly, at
+    all weights of all tools, and points to where the texture goes.
+
+    Args:
+        tangents: (vertices, 3) unit.
+        normals: (vertices, 3) unit.
+        normal_deltas: (vertices, 3) at weight 1.
+
+    Returns:
+        (vertices, 3). Source: glTF 2.0 §3.7.2.2: TANGENT displacements are VEC3, handedness stays.
+    """
+    deltas: Floats = -np.sum(tangents * normal_deltas, axis=1, keepdims=True) * normals
+    return deltas
+
+
 def _refine_primitive(draft: Draft, primitive: Json, part: Part, fine: Refinement, where: str) -> None:
     """Replace a primitive's attributes, old targets and indices by refined ones."""
     attributes = primitive["attributes"]
@@ -203,7 +240,7 @@ def _refine_primitive(draft: Draft, primitive: Json, part: Part, fine: Refinemen
         )
     for number, target in enumerate(primitive.get("targets", [])):
         for name, index in target.items():
-            old = draft.source.accessor(index, user=where)
+            old = old_values(draft.source, name, index, part, where, sizes=dict.fromkeys(_VECTORS, 3))
             new = fine.morph_deltas[number, part.weld[len(part.old) :]] if name == "POSITION" else part.mix(old)
             values = np.concatenate([old, new]).astype(np.float32)
             bounds = name == "POSITION"
@@ -220,15 +257,27 @@ def _refine_primitive(draft: Draft, primitive: Json, part: Part, fine: Refinemen
     primitive["indices"] = draft.add(indices, target=INDEX_DATA, replaces=primitive.get("indices"))
 
 
+def old_values(source: Document, name: str, index: int, part: Part, where: str, *, sizes: dict[str, int]) -> Array:
+    """The stored values of an attribute or a morph target, one for each old vertex.
+
+    Raises:
+        AssetError: There are more or fewer, or they have not the components that `sizes` says.
+    """
+    old = source.accessor(index, user=where)
+    if len(old) != len(part.old):
+        raise AssetError(f"{name} has {len(old)} elements for {len(part.old)} vertices", where=where)
+    if name in sizes and old.shape[1:] != (sizes[name],):
+        raise AssetError(f"{name} must have {sizes[name]} numbers for each vertex", where=where)
+    return old
+
+
 def _refined_attribute(
     draft: Draft, name: str, index: int, part: Part, fine: Refinement, where: str
 ) -> tuple[Array, bool]:
     """Stored values of an attribute with those of new vertices appended, and whether they are normalised."""
     source = draft.source
+    old = old_values(source, name, index, part, where, sizes={"POSITION": 3, "NORMAL": 3, "TANGENT": 4})
     accessor = source.items("accessors")[index]
-    old = source.accessor(index, user=where)
-    if len(old) != len(part.old):
-        raise AssetError(f"{name} has {len(old)} elements for {len(part.old)} vertices", where=where)
     new_vertices = part.weld[len(part.old) :]
     if name == "POSITION":
         return np.concatenate([old, fine.positions[new_vertices]]).astype(np.float32), False
@@ -237,32 +286,33 @@ def _refined_attribute(
     if name == "TANGENT":
         return np.concatenate([old, part.mix_tangents(old)]).astype(np.float32), False
     kind, _, number = name.partition("_")
-    if kind in ("JOINTS", "WEIGHTS") and number.isdigit():
+    if kind in ("JOINTS", "WEIGHTS") and number.isdecimal() and len(number) < 4 and old.shape[1:] == (4,):
         rows = new_vertices - len(fine.surface.positions)
-        columns = slice(4 * int(number), 4 * int(number) + 4)
-        if kind == "JOINTS":
-            new = fine.joints_pruned[rows, columns]
-            return np.concatenate([old, new]).astype(_smallest_joint_type(old, new)), False
-        return np.concatenate([old, fine.weights_pruned[rows, columns]]).astype(np.float32), False
+        pruned = fine.joints_pruned if kind == "JOINTS" else fine.weights_pruned
+        new = pruned[rows, 4 * int(number) : 4 * int(number) + 4]
+        # Of sets that other primitives lack, new vertices use none.
+        values = np.concatenate([old, np.pad(new, ((0, 0), (0, 4 - new.shape[1])))])
+        return values.astype(_smallest_joint_type(old, values) if kind == "JOINTS" else np.float32), False
     stored = source.stored_dtype(index)
     if stored.kind == "f":
         return np.concatenate([old, part.mix(old)]).astype(np.float32), False
     if accessor.get("normalized"):
         limit = np.iinfo(stored).max
         return np.rint(np.concatenate([old, part.mix(old)]) * limit).astype(stored), True
+    if kind == "TEXCOORD":  # KHR_mesh_quantization
+        return np.rint(np.concatenate([old, part.mix(old)])).astype(stored), False
     # Plain integers are names of something (feature ids): nothing lies between two of them.
     return np.concatenate([old, old[part.heaviest()]]).astype(stored), False
 
 
-def _smallest_joint_type(old: Array, new: Ints) -> np.dtype[Any]:
+def _smallest_joint_type(old: Array, new: Array) -> np.dtype[Any]:
     most = max(int(old.max(initial=0)), int(new.max(initial=0)))
     return np.dtype("<u1") if most < 256 and old.dtype.itemsize == 1 else np.dtype("<u2")
 
 
-def _with_zero_normal(draft: Draft, target: Json, count: int, has_normals: bool, sparse: bool) -> Json:
-    if not has_normals or "NORMAL" in target:
-        return target
-    return target | {"NORMAL": _zeros(draft, count, sparse=sparse, bounds=False)}
+def _with_zeros(draft: Draft, target: Json, count: int, names: Sequence[str], sparse: bool) -> Json:
+    lacking = [name for name in names if name not in target]
+    return target | {name: _zeros(draft, count, sparse=sparse, bounds=False) for name in lacking}
 
 
 def _zeros(draft: Draft, count: int, *, sparse: bool, bounds: bool) -> int:
@@ -270,8 +320,16 @@ def _zeros(draft: Draft, count: int, *, sparse: bool, bounds: bool) -> int:
     return draft.add_sparse(np.zeros(0, np.intp), nothing, count=count, bounds=bounds, stored=not sparse)
 
 
-def _encode_target(draft: Draft, shape: Shape, part: Part, fine: Refinement, base: Floats | None, sparse: bool) -> Json:
-    """One morph target on one primitive."""
+def _encode_target(
+    draft: Draft,
+    shape: Shape,
+    part: Part,
+    fine: Refinement,
+    base: Floats | None,
+    along: Floats | None,
+    sparse: bool,
+) -> Json:
+    """One morph target on one primitive, with what normals `base` and tangents `along` change by."""
     target: Json = {}
     rows = _rows(shape.vertices, len(fine.positions))[part.weld]
     moved = np.flatnonzero(rows >= 0)
@@ -282,6 +340,9 @@ def _encode_target(draft: Draft, shape: Shape, part: Part, fine: Refinement, bas
         smooth = fine.normals[part.weld[turned]]
         deltas = turn_to(smooth, base[turned], shape.normal_deltas[rows[turned]])
         target["NORMAL"] = _add_vectors(draft, turned, deltas, len(rows), sparse, bounds=False)
+        if along is not None:
+            deltas = tangent_deltas(along[turned], base[turned], deltas)
+            target["TANGENT"] = _add_vectors(draft, turned, deltas, len(rows), sparse, bounds=False)
     return target
 
 
@@ -327,31 +388,41 @@ def encode_track(draft: Draft, clip: Clip, node: int, track: Track) -> None:
         animation["channels"].append({"sampler": number, "target": {"node": node, "path": "weights"}})
 
 
-def encode_extras(draft: Draft, rig: Rig, tools: Sequence[tuple[Patch, Sequence[str | None]]]) -> None:
+def encode_extras(draft: Draft, plan: Plan, bases: Sequence[Basis]) -> None:
     """Write the tools into the node's extras, enough to play wrinkles for a clip that was never baked.
 
-    An engine poses both anchors (the sum over joints of weight · matrix · position, where the matrix takes bind
-    to world space), and finds the targets' `weights` at 1 - distance / rest_length, straight between the rows
-    of `shortenings`, times the clip's factor in `strengths`, if it is there.
+    An engine poses both anchors (the sum over joints of weight · matrix · position, where the matrix is the joint's
+    own, to world space: optimisers that quantise positions change bind space and inverse bind matrices, but not
+    the joints), takes the animated scale out (divides by the mean over anchors of the sum over joints of weight ·
+    cbrt(det matrix) / scale), and finds the targets' `weights` at 1 - distance / rest_length, straight between
+    the rows of `shortenings`, times the clip's factor in `strengths`, if it is there. `vertices` counts those of
+    each primitive before refinement; new ones follow them. `undriven` are targets of tools that anchors alone do not
+    drive.
     """
+    rig = plan.rig
     node = draft.gltf["nodes"][rig.node]
     if not isinstance(node.setdefault("extras", {}), dict):
         return
+    undriven = [target.name for target in targets_of(basis for basis in bases if not basis.from_skin)]
     node["extras"]["wrinkle"] = {
         "method": METHOD,
+        "vertices": [int(count) for count in np.diff(plan.fine.surface.vertex_starts)],
         "tools": [
             {
                 "name": patch.tool.name,
-                "origin": _anchor_json(patch.origin, rig),
-                "target": _anchor_json(patch.target, rig),
+                "origin": _anchor_json(patch.origin, plan),
+                "target": _anchor_json(patch.target, plan),
                 "rest_length": _digits(patch.rest_length),
                 **_driven_json(patch),
                 **_strengths_json(patch),
-                "targets": [name for name in names if name is not None],
-                **_table_json(patch.curve, names),
+                "targets": [target.name for target in targets_of([basis])],
+                **_table_json(basis),
             }
-            for patch, names in tools
+            for basis in bases
+            if basis.from_skin
+            for patch in (basis.carrier.patch,)
         ],
+        **({"undriven": undriven} if undriven else {}),
     }
 
 
@@ -375,28 +446,34 @@ def _strengths_json(patch: Patch) -> Json:
     return {"strengths": factors} if factors else {}
 
 
-def _table_json(curve: ControlCurve, names: Sequence[str | None]) -> Json:
-    shortenings, table = weight_table(curve)
-    written = [index for index, name in enumerate(names) if name is not None]
-    rows = table.reshape(len(table), -1)[:, written]
+def _table_json(basis: Basis) -> Json:
+    shortenings, table = weight_table(basis.carrier.patch.curve)
+    rows = basis.written(basis.of_curve(table))
     return {
         "shortenings": [_digits(value) for value in shortenings],
         "weights": [[_digits(value, _TABLE_DIGITS) for value in row] for row in rows],
     }
 
 
-def _anchor_json(anchor: Anchor, rig: Rig) -> Json:
+def _anchor_json(anchor: Anchor, plan: Plan) -> Json:
+    """An anchor in the spaces of its joints; `scales` are those of the joints at rest."""
+    rig = plan.rig
     weights = anchor.points[0, :, 3]
+    points = np.einsum("kab,mkb->mka", rig.inverse_binds[anchor.joints], anchor.points)[..., :3] / weights[:, None]
+    binds, rest = rig.inverse_binds[anchor.joints, :3, :3], plan.rest.matrices[anchor.joints, :3, :3]
+    before, bound = np.abs(np.linalg.det(rest)), np.abs(np.linalg.det(binds))
+    scales = np.cbrt(np.where((before > 0) & (bound > 0), before, 1.0) / np.where(bound > 0, bound, 1.0))
     anchored: Json = {
         "joints": [rig.names[int(rig.joints[joint])] for joint in anchor.joints],
         "weights": [_digits(weight) for weight in weights],
-        "positions": [[_digits(x) for x in point] for point in anchor.points[0, :, :3] / weights[:, None]],
+        "positions": [[_digits(x) for x in point] for point in points[0]],
+        "scales": [_digits(scale) for scale in scales],
     }
-    if anchor.points[1:].any():
+    if points[1:].any():
         anchored["morphs"] = {
-            name: [[_digits(x) for x in point] for point in points[:, :3] / weights[:, None]]
-            for name, points in zip(rig.morph_names, anchor.points[1:], strict=True)
-            if points.any()
+            name: [[_digits(x) for x in point] for point in deltas]
+            for name, deltas in zip(rig.morph_names, points[1:], strict=True)
+            if deltas.any()
         }
     return anchored
 

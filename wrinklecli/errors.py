@@ -3,6 +3,11 @@
 import difflib
 from collections.abc import Iterable
 
+_LONGEST = 600  # characters of a message, and of its place
+# Names that a hint is looked for among, and how long: of those that people type.
+_MOST_NAMES = 1000
+_LONGEST_NAME = 100
+
 
 class WrinkleError(Exception):
     """A fault that the user can mend; prints as `where: message`, a line for each problem.
@@ -17,7 +22,7 @@ class WrinkleError(Exception):
 
     def __init__(self, message: str, *, where: str = "") -> None:
         super().__init__(message)
-        self.lines: tuple[str, ...] = (f"{where}: {message}" if where else message,)
+        self.lines: tuple[str, ...] = (f"{_cut(where)}: {_cut(message)}" if where else _cut(message),)
 
     def __str__(self) -> str:
         return "\n".join(self.lines)
@@ -48,6 +53,12 @@ class RefusedError(BakeError):
     exit_code = 3
 
 
+def _cut(text: str) -> str:
+    """Text without its middle where names or values of a file make it longer than anyone reads."""
+    half = _LONGEST // 2
+    return text if len(text) <= _LONGEST else f"{text[:half]} … {text[-half:]}"
+
+
 def listed(names: Iterable[str]) -> str:
     """Names for a message: `'bend', 'fist'`, or `none`."""
     return ", ".join(repr(name) for name in names) or "none"
@@ -55,5 +66,7 @@ def listed(names: Iterable[str]) -> str:
 
 def nearest(name: str, names: Iterable[str]) -> str:
     """A hint for a message, `; did you mean 'wrist'?`, or nothing where no known name is near."""
-    near = difflib.get_close_matches(name, list(names), 1)
+    # Comparing takes the square of the length.
+    short = [each for each in names if len(each) <= _LONGEST_NAME][:_MOST_NAMES]
+    near = difflib.get_close_matches(name[:_LONGEST_NAME], short, 1)
     return f"; did you mean {near[0]!r}?" if near else ""

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from wrinklecli.deform import turn_to
 from wrinklecli.document import VERTEX_DATA, Document, Draft, Json
-from wrinklecli.encode import Part, base_normals, encode_mesh, parts_of
+from wrinklecli.encode import Part, base_normals, encode_mesh, old_values, parts_of
 from wrinklecli.errors import BakeError
 from wrinklecli.patch import inverses
 from wrinklecli.plan import Motion, Progress, Target
@@ -98,7 +98,7 @@ def _normal_deltas(document: Document, primitive: Json, part: Part) -> Floats:
     deltas = np.zeros((len(targets), len(part.weld), 3))
     for row, target in zip(deltas, targets, strict=True):
         if "NORMAL" in target:
-            old = document.accessor(target["NORMAL"])
+            old = _old(document, target, "NORMAL", part, 3)
             row[:] = np.concatenate([old, part.mix(old)])
     return deltas
 
@@ -107,8 +107,14 @@ def _tangents(document: Document, primitive: Json, part: Part) -> Floats | None:
     """(vertices, 4) TANGENTs of a primitive, those of new vertices mixed; None where it has none."""
     if "TANGENT" not in primitive["attributes"]:
         return None
-    old = document.accessor(primitive["attributes"]["TANGENT"])
+    old = _old(document, primitive["attributes"], "TANGENT", part, 4)
     return np.concatenate([old, part.mix_tangents(old)])
+
+
+def _old(document: Document, attributes: Json, name: str, part: Part, size: int) -> Floats:
+    """(old vertices, size) of an attribute or a morph target."""
+    index = attributes[name]
+    return old_values(document, name, index, part, document.where("accessors", index), sizes={name: size})
 
 
 def _joined(attributes: Sequence[Floats | None], parts: Sequence[Part]) -> Floats | None:
@@ -318,7 +324,7 @@ def _joined_topology(document: Document, every: Sequence[Frames]) -> tuple[Ints,
             triangles.append(part.triangles + start)
             start += len(part.weld)
             if "TEXCOORD_0" in primitive["attributes"]:
-                old = document.accessor(primitive["attributes"]["TEXCOORD_0"])
+                old = _old(document, primitive["attributes"], "TEXCOORD_0", part, 2)
                 uvs.append(np.concatenate([old, part.mix(old)]))
     complete = sum(len(each) for each in uvs) == start
     # glTF counts v from the top of the image, the other formats from the bottom.

@@ -443,17 +443,23 @@ def _with_members(patch: Patch, surface: Surface, rest: Rest) -> Patch:
     _, edge = np.unique(sides[:, 0] * len(rest.positions) + sides[:, 1], return_inverse=True)
     edge = edge.reshape(-1, 3)
     inside = reached[chosen]
-    while True:
-        touched = np.zeros(int(edge.max(initial=0)) + 1, bool)
-        touched[edge[inside]] = True
-        grown = inside | touched[edge].any(axis=1)
-        if (grown == inside).all():
-            break
-        inside = grown
-    reached[chosen[inside]] = True
+    if inside.any():
+        piece = _pieces(edge)
+        reached[chosen[np.isin(piece, piece[inside])]] = True
     if not reached.any():
         raise BakeError("no triangle at its ends faces the patch", where=patch.tool.where)
     return replace(patch, members=reached)
+
+
+def _pieces(triangle_edges: Ints) -> Ints:
+    """(triangles,) the same number for triangles that hang together by edges, (triangles, 3)."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    count, edge_count = len(triangle_edges), int(triangle_edges.max(initial=0)) + 1
+    rows = np.repeat(np.arange(count), 3)
+    links = coo_array((np.ones(rows.size), (rows, count + triangle_edges.ravel())), shape=(count + edge_count,) * 2)
+    return np.asarray(connected_components(links, directed=False)[1][:count], np.intp)
 
 
 def lengths_over_time(patch: Patch, rig: Rig, rest: Rest, clip: Clip | None, times: Floats) -> tuple[Floats, Floats]:

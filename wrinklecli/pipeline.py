@@ -1,15 +1,17 @@
 """The whole bake: read, attach, refine, sample, encode, prove, write."""
 
 import os
-from collections.abc import Sequence
-from contextlib import ExitStack
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, replace
 from typing import Literal
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
+from wrinklecli.budget import BUDGETS, Engine, fit_budget
 from wrinklecli.config import Length, RestLengthKeys, ToolsFile, WrinkleTool, load_tools
-from wrinklecli.document import Document, Draft, read_document
+from wrinklecli.document import Document, Draft, Json, read_document
 from wrinklecli.encode import encode_morphs
 from wrinklecli.errors import AssetError, BakeError, ConfigError, RefusedError, listed, nearest
 from wrinklecli.frames import Frames, encode_frames, exported_frames
@@ -17,6 +19,7 @@ from wrinklecli.plan import Basis, Mode, Motion, Progress, plan_mesh, sample_cli
 from wrinklecli.pose import Clip, morph_target_names, read_clips
 from wrinklecli.proof import Residual, prove
 from wrinklecli.report import Baked, Report, make_report
+from wrinklecli.restore import without_wrinkles
 
 _DEFAULT_MAX_ERROR = Length(1.0, percent=True)
 
@@ -36,7 +39,11 @@ def bake(
     tracks: Literal["all", "none"] = "all",
     frames_dir: str | os.PathLike[str] | None = None,
     frames_format: Literal["obj", "ply", "glb"] = "obj",
+    allow_external: bool = False,
+    morph_tangents: bool = False,
+    engine: Engine | None = None,
     strict: bool = False,
+    replace: bool = False,
     details: bool = False,
     progress: Progress = lambda _stage, _done, _total: None,
 ) -> Report:
@@ -56,7 +63,11 @@ def bake(
         tracks: `none` writes targets and extras without weight tracks.
         frames_dir: Also write a file for each frame into this folder.
         frames_format: Of those files.
+        allow_external: Read buffers and images outside the asset's folder too.
+        morph_tangents: Also write TANGENT targets, where the base has TANGENT.
+        engine: Hold morph targets to what this one plays: three, unity, or spec8 (eight at a time).
         strict: Refuse to write where there are warnings.
+        replace: Take out what an earlier bake added first; see `restore.without_wrinkles` for what this can do.
         details: Measure residuals of normals and curve lengths for the report, which takes longer.
         progress: Called with a stage's name, steps done and steps in all.
 
@@ -67,14 +78,18 @@ def bake(
         ConfigError: The tools file is at fault.
         AssetError: The asset is.
         BakeError: They do not go together, or OUT cannot be written.
-        RefusedError: The error exceeds `max_error`, or `strict` and there are warnings. Nothing is written.
+        RefusedError: The error exceeds `max_error`, a limit of the engine cannot be held, or `strict` and there
+            are warnings. Nothing is written.
     """
     with ExitStack() as stack:
+        stack.enter_context(faults_reported(os.fspath(asset)))
         # With several BLAS threads sums change their last bits, and so would the file.
         stack.enter_context(threadpool_limits(limits=1, user_api="blas"))
         settings = _settings(load_tools(tools), only, fps, max_levels)
-        document = read_document(asset)
+        document = read_document(asset, allow_external=allow_external)
         inputs = [document.files[0], settings.path, *document.files[1:]]
+        if replace:
+            document = without_wrinkles(document)
         refuse_overwriting(inputs, [out] if out is not None else [])
         every_clip = read_clips(document)
         chosen = _chosen_clips(every_clip, settings, clips, document)
@@ -83,8 +98,10 @@ def bake(
         fps_wanted = settings.sampling.fps
         baked: list[Baked] = []
         frames: list[Frames] = []
+        budgets: list[Json] = []
+        influences = BUDGETS[engine].influences if engine is not None else None
         for node, its_tools in _by_node(document, settings, warnings).items():
-            plan = plan_mesh(document, node, its_tools, settings, every_clip, max_error)
+            plan = plan_mesh(document, node, its_tools, settings, every_clip, max_error, influences=influences)
             motions: list[Motion] = []
             bases: list[Basis] = []
             residuals: dict[str, Residual] = {}
@@ -95,11 +112,17 @@ def bake(
                 frames.append(Frames(plan.rig, plan.fine, targets_of(bases), tuple(motions)))
             if mode == "morph" and out is not None:
                 bases, motions = sample_clips(plan, chosen, fps=fps_wanted, mode="morph", progress=progress)
-                encode_morphs(draft, plan, bases, motions if tracks == "all" else (), sparse=accessors == "sparse")
+                if engine is not None:
+                    bases, motions, budget = fit_budget(document, plan, bases, motions, every_clip, engine)
+                    budgets.append(budget)
+                tracked = motions if tracks == "all" else ()
+                encode_morphs(draft, plan, bases, tracked, sparse=accessors == "sparse", tangents=morph_tangents)
                 if tracks == "all":
                     residuals = prove(draft, plan, bases, motions, details=details, progress=progress)
             baked.append(Baked(plan, bases, motions, residuals))
         report = make_report(document, settings, mode, baked, warnings, details=details)
+        if engine is not None:
+            report.data["engine"] = {"name": engine, "limits": asdict(BUDGETS[engine]), "meshes": budgets}
         report.inputs = [*inputs, *(draft.image_files(out) if out is not None else [])]
         if strict and report.warnings:
             raise RefusedError.of_all(RefusedError(line) for line in report.warnings)
@@ -113,6 +136,24 @@ def bake(
         if put_files is not None:
             put_files()
         return report
+
+
+@contextmanager
+def faults_reported(asset: str) -> Iterator[None]:
+    """Stop where numbers leave the range of floats or memory ends, and say so: NaN would go unseen into the file.
+
+    Raises:
+        AssetError: A number overflowed or has no value.
+        BakeError: There is too little memory.
+    """
+    try:
+        with np.errstate(all="raise", under="ignore"):
+            yield
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        message = f"holds numbers, or the tools file does, that are too large or too small to compute with ({error})"
+        raise AssetError(message, where=asset) from error
+    except MemoryError as error:
+        raise BakeError("takes more memory than there is", where=asset) from error
 
 
 def _settings(settings: ToolsFile, only: Sequence[str], fps: float | None, max_levels: int | None) -> ToolsFile:
@@ -206,7 +247,7 @@ def _by_node(document: Document, settings: ToolsFile, notes: list[str]) -> dict[
         if isinstance(extras, dict) and "wrinkle" in extras:
             problems.append(
                 BakeError(
-                    "already carries wrinkles of an earlier bake; bake from the original asset",
+                    "already carries wrinkles of an earlier bake; bake from the original asset, or use --replace",
                     where=document.where("nodes", index, "extras", "wrinkle"),
                 )
             )

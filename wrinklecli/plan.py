@@ -3,6 +3,7 @@
 `plan_mesh` depends on mesh and tools only; `sample_clips` adds time.
 """
 
+import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -23,13 +24,15 @@ from wrinklecli.deform import (
     weights_of,
 )
 from wrinklecli.document import Document
+from wrinklecli.errors import AssetError, BakeError
 from wrinklecli.patch import Rest, attach_tools, rest_pose
 from wrinklecli.pose import Clip, Rig, joint_matrices, read_rig
 from wrinklecli.refine import Refinement, contacts_of, influence_count, refine
 from wrinklecli.surface import read_surface
-from wrinklecli.tracks import clip_grid, moving_nodes, sample_times
+from wrinklecli.tracks import clip_grid, moving_nodes, sample_times, thin_times
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
 Mode = Literal["morph", "frames"]
 # Called with a stage's name, steps done and steps in all.
 Progress = Callable[[str, int, int], None]
@@ -38,9 +41,15 @@ Progress = Callable[[str, int, int], None]
 _FLOAT32_STEPS = 8
 # Poses of a clip at which pruned skin weights are judged before the proof.
 _POSES = 33
+# Fewer where these matrices of all clips and joints would take more than half a gigabyte.
+_MOST_MATRICES = 2**22
+# Of all clips that are baked at once: nine hours at 30 a second.
+_MOST_FRAMES = 1_000_000
 # Quarter points of an interval and the rest of the chain share the error bound.
 _SAMPLING_SHARE = 0.5
 _COMPRESSION_SHARE = 0.25
+# Dropped keys: their errors are everywhere along a track, those of the samples only where a wrinkle starts.
+_KEYS_SHARE = 0.25
 # A vector whose three coordinates are each off by 1 is off by this.
 _PER_COORDINATE = 3.0**0.5
 
@@ -86,16 +95,32 @@ class Basis:
         carrier: The tool.
         targets: One for each shape; None for a shape that never shows, which is not written.
         weights: For each sampled clip, (frames, shapes).
+        mix: (the curve's shapes, shapes) where an engine's budget asks for other shapes than the curve's.
+        split: Columns of that product whose negative weights drive shapes of their own, which follow.
     """
 
     carrier: Carrier
     targets: tuple[Target | None, ...]
     weights: tuple[Floats, ...]
+    mix: Floats | None = None
+    split: tuple[int, ...] = ()
 
     @property
     def from_skin(self) -> bool:
         """Whether weights follow from the anchors' distance alone."""
         return self.carrier.patch.tool.attachment == "skin"
+
+    def of_curve(self, weights: Floats) -> Floats:
+        """(frames, shapes) weights of the targets from (frames, …) weights of the curve's amplitudes."""
+        flat = weights.reshape(len(weights), -1)
+        return flat if self.mix is None else self.parted(flat @ self.mix)
+
+    def parted(self, weights: Floats) -> Floats:
+        """(frames, shapes) weights with the negative ones of `split` columns moved to columns of their own."""
+        columns = list(self.split)
+        kept = weights.copy()
+        kept[:, columns] = np.maximum(kept[:, columns], 0.0)
+        return np.concatenate([kept, np.maximum(-weights[:, columns], 0.0)], axis=1)
 
     def written(self, weights: Floats) -> Floats:
         """The columns of (frames, shapes) weights that have a target."""
@@ -110,11 +135,13 @@ class Motion:
         clip: The animation.
         times: (frames,) seconds.
         weights: (frames, targets) of the wrinkles.
+        keys: (keys,) the frames that a track needs, straight between them.
     """
 
     clip: Clip
     times: Floats
     weights: Floats
+    keys: Ints
 
 
 def plan_mesh(
@@ -124,8 +151,12 @@ def plan_mesh(
     settings: ToolsFile,
     clips: tuple[Clip, ...],
     max_error: Length,
+    *,
+    influences: int | None = None,
 ) -> Plan:
     """Attach tools to the mesh of a node and refine it: what depends on mesh and tools only.
+
+    New vertices have at most as many joints as the asset's sets of them can hold, or `influences`.
 
     Raises:
         WrinkleError: Of all tools that do not fit, a line each.
@@ -134,7 +165,7 @@ def plan_mesh(
     surface = read_surface(document, rig)
     rest = rest_pose(surface, rig, settings, clips, tools)
     patches = attach_tools(tools, surface, rest, rig, settings, clips)
-    contacts = contacts_of(document, rig, surface, rest, patches)
+    contacts = contacts_of(document, rig, surface, rest)
     tallest = max(
         abs(patch.shape_strength) * float(patch.curve.heights(patch.curve.greatest_amplitudes[None]).max(initial=0.0))
         for patch in patches
@@ -149,8 +180,8 @@ def plan_mesh(
         rig,
         settings=settings.refinement,
         contacts=contacts,
-        influences=influence_count(document, rig),
-        poses=_poses(rig, clips),
+        influences=min(influence_count(document, rig), influences or sys.maxsize),
+        poses=poses_of(rig, clips),
         tolerance=_SAMPLING_SHARE * bound,
     )
     carriers = tuple(carry(patch, fine, contacts) for patch in patches)
@@ -158,9 +189,13 @@ def plan_mesh(
     return Plan(rig, rest, fine, carriers, tallest, bound, scale, _has_normals(document, rig.mesh))
 
 
-def _poses(rig: Rig, clips: Sequence[Clip]) -> Floats:
+def poses_of(rig: Rig, clips: Sequence[Clip]) -> Floats:
     """(poses, joints, 4, 4) a few poses of every clip of the asset, whichever are baked."""
-    poses = [joint_matrices(rig, clip, np.linspace(clip.start, clip.end, _POSES)) for clip in clips]
+    count = min(_POSES, _MOST_MATRICES // max(len(clips) * len(rig.joints), 1))
+    if not count:
+        message = f"has {len(clips)} clips of {len(rig.joints)} joints; the product may be {_MOST_MATRICES:,}"
+        raise AssetError(message, where=rig.names[rig.node])
+    poses = [joint_matrices(rig, clip, np.linspace(clip.start, clip.end, count)) for clip in clips]
     return np.concatenate([joint_matrices(rig, None, np.zeros(1)), *poses])
 
 
@@ -187,7 +222,13 @@ def sample_clips(
         for clip in clips
         if mode == "frames" or clip.name in driven or any(c.node in moving for c in clip.channels)
     ]
-    times = []
+    frames = sum((clip.end - clip.start) * fps for clip in chosen)
+    if frames > _MOST_FRAMES:
+        raise BakeError(
+            f"{len(chosen)} clips have {frames:.6g} frames at {fps:.6g} per second; at once {_MOST_FRAMES:,} may be",
+            where=rig.names[rig.node],
+        )
+    times, keys = [], []
     for number, clip in enumerate(chosen):
 
         def signal(at: Floats, clip: Clip = clip) -> Floats:
@@ -195,9 +236,11 @@ def sample_clips(
 
         if mode == "frames":
             times.append(clip_grid(clip, None, fps=fps))
+            keys.append(np.arange(len(times[-1])))
         else:
-            tolerance = _SAMPLING_SHARE * plan.max_error / _overlaps(plan)
-            times.append(sample_times(clip, rig, signal, fps=fps, tolerance=tolerance))
+            bound = plan.max_error / _overlaps(plan)
+            times.append(sample_times(clip, rig, signal, fps=fps, tolerance=_SAMPLING_SHARE * bound))
+            keys.append(thin_times(times[-1], signal, tolerance=_KEYS_SHARE * bound))
         progress("sampling", number + 1, len(chosen))
     bases: list[Basis] = []
     for carrier in plan.carriers:
@@ -209,9 +252,9 @@ def sample_clips(
             shapes, weights = _compressed(plan, carrier, series)
         bases.append(Basis(carrier, tuple(_named(carrier, shapes)), tuple(weights)))
     motions = []
-    for index, (clip, at) in enumerate(zip(chosen, times, strict=True)):
+    for index, (clip, at, kept) in enumerate(zip(chosen, times, keys, strict=True)):
         columns = [basis.written(basis.weights[index]) for basis in bases]
-        motions.append(Motion(clip, at, np.concatenate(columns, axis=1)))
+        motions.append(Motion(clip, at, np.concatenate(columns, axis=1), kept))
     return bases, motions
 
 

@@ -17,6 +17,10 @@ from wrinklecli.errors import AssetError
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
+# Of nodes, one below the other, and of joints in a skin: time and memory grow with them, and nothing real has as many.
+_MOST_LEVELS = 4096
+_MOST_JOINTS = 4096
+
 _DEFAULTS = {"translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scale": (1.0, 1.0, 1.0)}
 
 
@@ -213,13 +217,18 @@ def morph_target_names(mesh: Json) -> list[str]:
 
 
 def _refuse_cycles(parents: Ints, document: Document) -> None:
-    above = parents.copy()
-    for _ in range(len(parents)):
-        if (above < 0).all():
-            return
-        above = np.where(above >= 0, parents[above], -1)
+    above, depths = parents.copy(), (parents >= 0).astype(np.intp)
+    # Each round doubles the generations that are looked up: a chain of 100,000 nodes takes 17.
+    for _ in range(len(parents).bit_length()):
+        depths = depths + np.where(above >= 0, depths[above], 0)
+        above = np.where(above >= 0, above[above], -1)
     if (above >= 0).any():
         raise AssetError("is its own ancestor", where=document.where("nodes", int(above.argmax())))
+    if depths.max(initial=0) >= _MOST_LEVELS:
+        raise AssetError(
+            f"lies {depths.max()} levels deep; at most {_MOST_LEVELS} are read",
+            where=document.where("nodes", int(depths.argmax())),
+        )
 
 
 def _read_skin(document: Document, index: object, user: str) -> tuple[Ints, Floats]:
@@ -230,6 +239,8 @@ def _read_skin(document: Document, index: object, user: str) -> tuple[Ints, Floa
         document.item("nodes", joint, user=where)
     if not joints:
         raise AssetError("has no joints", where=where)
+    if len(joints) > _MOST_JOINTS:
+        raise AssetError(f"has {len(joints)} joints; at most {_MOST_JOINTS} are read", where=where)
     if "inverseBindMatrices" not in skin:
         return np.array(joints, np.intp), np.tile(np.eye(4), (len(joints), 1, 1))
     stored = document.accessor(skin["inverseBindMatrices"], user=where)
@@ -274,6 +285,7 @@ def joint_matrices(rig: Rig, clip: Clip | None, times: Floats, joints: Ints | No
 def node_matrices(rig: Rig, clip: Clip | None, times: Floats, nodes: Iterable[int]) -> Floats:
     """(frames, nodes, 4, 4) world matrices of nodes; only their ancestors are evaluated."""
     known: dict[int, Floats] = {}
+    channels = {(channel.node, channel.path): channel for channel in (clip.channels if clip else ())}
 
     def world(node: int) -> Floats:
         chain = []
@@ -282,7 +294,7 @@ def node_matrices(rig: Rig, clip: Clip | None, times: Floats, nodes: Iterable[in
             node = int(rig.parents[node])
         matrix = known.get(node)
         for each in reversed(chain):
-            local = _local_matrices(rig, clip, times, each)
+            local = _local_matrices(rig, channels, times, each)
             matrix = local if matrix is None else np.einsum("...ab,...bc->...ac", matrix, local)
             known[each] = matrix
         assert matrix is not None
@@ -291,15 +303,15 @@ def node_matrices(rig: Rig, clip: Clip | None, times: Floats, nodes: Iterable[in
     return np.stack([np.broadcast_to(world(node), (len(times), 4, 4)) for node in nodes], axis=1)
 
 
-def _local_matrices(rig: Rig, clip: Clip | None, times: Floats, node: int) -> Floats:
-    """(frames, 4, 4), or (4, 4) where the clip does not move the node."""
+def _local_matrices(rig: Rig, channels: dict[tuple[int, str], Channel], times: Floats, node: int) -> Floats:
+    """(frames, 4, 4), or (4, 4) where no channel, by node and path, moves the node."""
     stored = rig.locals[node]
     if "matrix" in stored:
         return stored["matrix"]
     parts = dict(stored)
-    for channel in clip.channels if clip else ():
-        if channel.node == node and channel.path in parts:
-            parts[channel.path] = sample(channel, times)
+    for path in _DEFAULTS:
+        if (node, path) in channels:
+            parts[path] = sample(channels[node, path], times)
     x, y, z, w = np.moveaxis(_normalised(parts["rotation"]), -1, 0)
     rows = (
         (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),

@@ -1,6 +1,6 @@
 """The written file, evaluated again as an engine would, against the method's own result."""
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass
 
 import numpy as np
@@ -81,10 +81,11 @@ def prove(
         RefusedError: A vertex is further off than the plan's bound.
     """
     carriers = [basis.carrier for basis in bases]
+    mixed = {basis.carrier.patch.tool.name for basis in bases if basis.mix is not None}
     proof = read_back(draft.document(), plan.rig.node, plan.fine, carriers)
     residuals = {}
     for number, motion in enumerate(motions):
-        residual = compare(proof, motion, plan.fine, carriers, plan.rig, plan.rest, with_normals=details)
+        residual = compare(proof, motion, plan.fine, carriers, plan.rig, plan.rest, with_normals=details, mixed=mixed)
         worst = max(residual.position, residual.weights)
         if worst > plan.max_error:
             share = 100 * worst / plan.tallest
@@ -137,6 +138,7 @@ def compare(
     rest: Rest,
     *,
     with_normals: bool,
+    mixed: Set[str] = frozenset(),
 ) -> Residual:
     """Compare one clip at and between its keys.
 
@@ -148,6 +150,7 @@ def compare(
         rig: Of the source.
         rest: The rest pose.
         with_normals: Also compare normals, which takes several times as long.
+        mixed: Tools whose weights stand for no amplitude of their own: only their positions are compared.
     """
     clip = motion.clip
     written = next(each for each in proof.clips if each.index == clip.index)
@@ -174,7 +177,8 @@ def compare(
     if angles:
         together = np.concatenate(angles)
         normal = float(np.percentile(together, 99)) if len(together) else 0.0
-    return Residual(worst, worst_time, _height_error(proof, written, clip, every, carriers, rig, rest), normal)
+    plain = [carrier for carrier in carriers if carrier.patch.tool.name not in mixed]
+    return Residual(worst, worst_time, _height_error(proof, written, clip, every, plain, rig, rest), normal)
 
 
 def _all_times(times: Floats) -> Floats:

@@ -7,6 +7,7 @@ survives; edges are compared with half an interval of the control curve, where t
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +18,7 @@ from wrinklecli.document import Document
 from wrinklecli.patch import Patch, Rest, carried_normals
 from wrinklecli.pose import Rig, blend, joint_matrices, read_rig, transform
 from wrinklecli.subdivide import Level, Subdivision, subdivide
-from wrinklecli.surface import Surface, read_vertices, vertex_normals
+from wrinklecli.surface import Surface, influence_sets, read_vertices, vertex_normals
 
 if TYPE_CHECKING:
     from wrinklecli.subdivide import Matrix
@@ -32,8 +33,6 @@ _CONTACT = 1e-6
 _SAME_SHARES = 1e-6
 # Length of a bone that bends under a tool, where others count 1.
 _BEND = 1000.0
-# Vertices of another mesh compared at once: bounds the memory.
-_CHUNK = 256
 
 
 @dataclass(frozen=True, slots=True)
@@ -294,20 +293,30 @@ def joint_distances(rig: Rig, patches: Sequence[Patch]) -> Floats:
     A bone counts 1, and a bone between a tool's two anchors, which bends when the tool wrinkles, far more: there
     weights must not be mixed. Joints of separate trees are furthest.
     """
-    depths = np.zeros(len(rig.parents))
-    chains = []
-    bending = _bending_nodes(rig, patches)
-    for joint in rig.joints:
-        chain = _chain(rig, int(joint))
-        for node, parent in zip(chain[-2::-1], chain[:0:-1], strict=True):
-            depths[node] = depths[parent] + (_BEND if node in bending else 1.0)
-        chains.append(chain)
-    distances = np.full((len(chains), len(chains)), _BEND * len(rig.parents))
-    for a, chain in enumerate(chains):
-        for b, other in enumerate(chains):
-            common = next((node for node in chain if node in set(other)), None)
-            if common is not None:
-                distances[a, b] = depths[chain[0]] + depths[other[0]] - 2 * depths[common]
+    count = len(rig.parents)
+    lengths = np.ones(count + 1)
+    lengths[sorted(_bending_nodes(rig, patches))] = _BEND
+    # The parent of all roots, and of itself, is one more node. above[k] holds ancestors of 2^k generations.
+    nowhere = count
+    above = [np.append(np.where(rig.parents >= 0, rig.parents, nowhere), nowhere)]
+    lengths[np.append(above[0][:-1] == nowhere, True)] = 0.0
+    hops = (np.arange(count + 1) != nowhere).astype(np.intp)
+    for _ in range(count.bit_length()):
+        step = above[-1]
+        lengths, hops = lengths + lengths[step], hops + hops[step]
+        above.append(step[step])
+    distances = np.zeros((len(rig.joints), len(rig.joints)))
+    for row, joint in enumerate(rig.joints):
+        a, b = np.full(len(rig.joints), joint), rig.joints
+        lower, higher = np.where(hops[a] >= hops[b], a, b), np.where(hops[a] >= hops[b], b, a)
+        for k, step in reversed(list(enumerate(above))):
+            lower = np.where(hops[lower] - hops[higher] >= 2**k, step[lower], lower)
+        for step in reversed(above):
+            apart = step[lower] != step[higher]
+            lower, higher = np.where(apart, step[lower], lower), np.where(apart, step[higher], higher)
+        common = np.where(lower == higher, lower, above[0][lower])
+        apart = lengths[a] + lengths[b] - 2 * lengths[common]
+        distances[row] = np.where(common == nowhere, _BEND * count, apart)
     return distances
 
 
@@ -368,25 +377,26 @@ def prune(weights: Floats, distances: Floats, influences: int) -> tuple[Ints, Fl
     return np.pad(joints, pad), np.pad(kept, pad)
 
 
-def contacts_of(document: Document, rig: Rig, surface: Surface, rest: Rest, patches: Sequence[Patch]) -> Bools:
+def contacts_of(document: Document, rig: Rig, surface: Surface, rest: Rest) -> Bools:
     """Mark the vertices that must stay where they are, or a gap would open.
+
+    All vertices are compared, not those of the patches alone: to keep the mesh conforming, refinement goes on beside
+    them, and an edge along another mesh that is split there leaves it too.
 
     Args:
         document: With the other meshes.
         rig: Of this mesh.
         surface: Welded; vertices with an unwelded twin are marked.
         rest: Its rest pose.
-        patches: Only vertices of their members are compared with other meshes.
 
     Returns:
         (vertices,) whether a vertex has a twin or touches a vertex of another mesh at rest.
     """
     contacts = surface.twins.copy()
     others = [i for i, node in enumerate(document.items("nodes")) if "mesh" in node and i != rig.node]
-    members = np.unique(surface.triangles[np.any([patch.members for patch in patches], axis=0)])
-    reach = _CONTACT * surface.size
-    low, high = rest.positions[members].min(axis=0) - reach, rest.positions[members].max(axis=0) + reach
-    for node in others:
+    # The size in the world: bind space may be of quantised units.
+    reach = _CONTACT * float(np.linalg.norm(np.ptp(rest.positions, axis=0)))
+    for node in others if reach > 0 else []:
         other_rig = read_rig(document, node)
         vertices = read_vertices(document, other_rig)
         weights = np.zeros((len(vertices.positions), len(other_rig.joints)))
@@ -394,11 +404,35 @@ def contacts_of(document: Document, rig: Rig, surface: Surface, rest: Rest, patc
             weights[np.arange(len(weights)), joints] += shares
         morphed = vertices.positions + np.tensordot(other_rig.morph_weights, vertices.morph_deltas, axes=1)
         posed = transform(blend(weights, joint_matrices(other_rig, None, np.zeros(1))), morphed)[0]
-        near = posed[((posed >= low) & (posed <= high)).all(axis=1)]
-        for start in range(0, len(near), _CHUNK):
-            distances = np.abs(rest.positions[members, None] - near[None, start : start + _CHUNK]).max(axis=2)
-            contacts[members[(distances <= reach).any(axis=1)]] = True
+        contacts |= _touching(rest.positions, posed, reach)
     return contacts
+
+
+def _touching(positions: Floats, others: Floats, reach: float) -> Bools:
+    """(vertices,) whether one of (others, 3) lies within `reach` along each axis; up to twice as far it may count too.
+
+    Args:
+        positions: (vertices, 3), of 2^20 times `reach` in extent at the most.
+        others: (others, 3).
+        reach: Side of the cells that both are sorted into.
+    """
+    low, high = positions.min(axis=0) - reach, positions.max(axis=0) + reach
+    others = others[((others >= low) & (others <= high)).all(axis=1)]
+    touching = np.zeros(len(positions), bool)
+    if not len(others):
+        return touching
+    inside = ((positions >= others.min(axis=0) - reach) & (positions <= others.max(axis=0) + reach)).all(axis=1)
+    mine = np.floor((positions[inside] - low) / reach).astype(np.int64)
+    taken = np.unique(_cell_numbers(np.floor((others - low) / reach).astype(np.int64)))
+    touching[inside] = np.any(
+        [np.isin(_cell_numbers(mine + offset), taken) for offset in product((-1, 0, 1), repeat=3)], axis=0
+    )
+    return touching
+
+
+def _cell_numbers(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(cells,) one number for each (x, y, z), of 20 bits and a sign each."""
+    return cells[:, 0] << 42 | (cells[:, 1] & 0x1FFFFF) << 21 | (cells[:, 2] & 0x1FFFFF)
 
 
 def influence_count(document: Document, rig: Rig) -> int:
@@ -406,4 +440,4 @@ def influence_count(document: Document, rig: Rig) -> int:
     if not rig.skinned:
         return 1
     primitives = document.items("meshes")[rig.mesh]["primitives"]
-    return 4 * min(sum(str(name).startswith("JOINTS_") for name in each["attributes"]) for each in primitives)
+    return 4 * min(influence_sets(each["attributes"]) for each in primitives)

@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wrinklecli.budget import texture_bytes
 from wrinklecli.config import ToolsFile
 from wrinklecli.deform import Activity, activity
 from wrinklecli.document import Document
 from wrinklecli.encode import METHOD
 from wrinklecli.patch import Patch
-from wrinklecli.plan import Basis, Mode, Motion, Plan
+from wrinklecli.plan import Basis, Mode, Motion, Plan, targets_of
 from wrinklecli.pose import Clip
 from wrinklecli.proof import Residual
 
@@ -55,6 +56,8 @@ class Report:
             _counted(added, "new vertex", "new vertices"),
             _counted(len(self.data["clips"]), "clip"),
         ]
+        if self.data["mode"] == "morph":
+            parts.append(f"{sum(mesh['gpu_bytes'] for mesh in meshes) / 1e6:.1f} MB of targets on a GPU")
         proven = [clip["residual"] for clip in self.data["clips"] if clip.get("residual")]
         if proven and self.data["tallest_wrinkle"]:
             worst = max(each["position"] for each in proven)
@@ -101,6 +104,7 @@ def make_report(
                 "vertices_pruned": plan.fine.pruned_count,
                 "max_error": plan.max_error,
                 "tallest_wrinkle": plan.tallest,
+                **({"gpu_bytes": _gpu_bytes(each)} if mode == "morph" else {}),
             }
         )
         if split.limited:
@@ -115,6 +119,7 @@ def make_report(
                     " targets that were free there; --tracks none avoids it"
                 )
             entry = clips.setdefault(motion.clip.name, describe_clip(motion.clip, motion.times))
+            entry["keys"] = entry.get("keys", 0) + len(motion.keys)
             if motion.clip.name in each.residuals:
                 entry["residual"] = describe_residual(each.residuals[motion.clip.name])
         for basis in each.bases:
@@ -156,6 +161,11 @@ def make_report(
         },
         warnings=warnings,
     )
+
+
+def _gpu_bytes(baked: Baked) -> int:
+    """What all morph targets of a mesh take on the GPU, those of the asset among them."""
+    return texture_bytes(baked.plan, len(baked.plan.rig.morph_names) + len(targets_of(baked.bases)))
 
 
 def _counted(count: int, one: str, many: str = "") -> str:

@@ -40,6 +40,9 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
 Bools = NDArray[np.bool_]
 
+# Edges at a vertex beyond which it counts as irregular: the stencils of its edges take the square of them.
+_MOST_VALENCE = 256
+
 # Corners 0, 1, 2 of a face and the midpoints 3, 4, 5 of the edges that follow them.
 _RED = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
 _BISECTED = np.array([[0, 3, 2], [3, 1, 2]])  # edge 0 is split
@@ -461,6 +464,8 @@ def _six(stage: _Stage, faces: Bools) -> tuple[Ints, Floats]:
 def _butterfly(triangles: Ints, ends: Ints, vertex_count: int) -> Matrix:
     """The modified butterfly's stencils.
 
+    Differs: a vertex of more than 256 edges has none.
+
     Args:
         triangles: (F, 3) vertices; all faces round the ends are among them.
         ends: (n, 2) vertices of the edges to split.
@@ -471,6 +476,7 @@ def _butterfly(triangles: Ints, ends: Ints, vertex_count: int) -> Matrix:
     """
     fans = _fans(triangles, _flags(ends, vertex_count))
     valences = fans.valences[ends]
+    valences = np.where(valences > _MOST_VALENCE, 0, valences)
     peculiar = (valences != 0) & (valences != 6)
     peculiar_count = peculiar.sum(axis=1)
     # Each end has a share in the edge's stencil, and spreads it over itself and its ring.

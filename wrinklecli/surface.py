@@ -19,8 +19,13 @@ Ints = NDArray[np.intp]
 Bools = NDArray[np.bool_]
 Array = NDArray[Any]
 
-# Largest difference of two influences or, over the box's diagonal, of two morph deltas of one point.
+# Largest difference of two influences or, over the box's diagonal, of two morph deltas of one point; after Draco, which
+# rounds each primitive on its own, of two positions too.
 _WELD_TOLERANCE = 1e-6
+# Welded vertices at one place that others are compared with, one after another; what is none of them stays alone.
+_MOST_TWINS = 1000
+# Sets of four joints of a vertex; comparing each with each takes the square.
+_MOST_SETS = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +89,7 @@ def read_surface(document: Document, rig: Rig) -> Surface:
     corners = np.concatenate(parts)
     if not len(corners):
         raise AssetError("has no triangles", where=where)
-    weld, firsts, twins = _weld(vertices)
+    weld, firsts, twins = _weld(vertices, _places(document, primitives, vertices.positions))
     return Surface(
         positions=vertices.positions[firsts],
         morph_deltas=vertices.morph_deltas[:, firsts],
@@ -161,6 +166,10 @@ def _read_primitive(document: Document, primitive: Json, rig: Rig, where: str) -
     targets = primitive.get("targets", [])
     if len(targets) != len(rig.morph_weights):
         raise AssetError(f"has {len(targets)} morph targets, others have {len(rig.morph_weights)}", where=where)
+    document.refuse_excess(len(targets) * count * 3, f"{len(targets)} morph targets of {count} vertices", where=where)
+    document.refuse_excess(
+        len(rig.joints) * count, f"{count} vertices' weights of {len(rig.joints)} joints", where=where
+    )
 
     def deltas_of(name: str) -> Floats:
         deltas = np.zeros((len(targets), count, 3))
@@ -192,6 +201,14 @@ def _attribute(document: Document, index: int, count: int, size: int, where: str
     return values
 
 
+def influence_sets(attributes: Json) -> int:
+    """How many sets of four joints and weights a primitive has, JOINTS_0 and so on."""
+    sets = 0
+    while f"JOINTS_{sets}" in attributes and f"WEIGHTS_{sets}" in attributes:
+        sets += 1
+    return sets
+
+
 def _read_influences(
     document: Document, attributes: Json, count: int, joint_count: int, where: str
 ) -> tuple[Ints, Floats]:
@@ -199,9 +216,9 @@ def _read_influences(
 
     A vertex without weight follows its first joint, as three.js has it.
     """
-    sets = 0
-    while f"JOINTS_{sets}" in attributes and f"WEIGHTS_{sets}" in attributes:
-        sets += 1
+    sets = influence_sets(attributes)
+    if sets > _MOST_SETS:
+        raise AssetError(f"has {sets} sets of joints; at most {_MOST_SETS} are read", where=where)
     if not sets:
         raise AssetError("belongs to a skinned node but has no JOINTS_0 and WEIGHTS_0", where=where)
     joints, weights = (
@@ -248,9 +265,27 @@ def read_triangles(document: Document, primitive: Json, count: int, where: str) 
     return np.stack([first, np.where(odd, third, second), np.where(odd, second, third)], axis=1)
 
 
-def _weld(vertices: Vertices) -> tuple[Ints, Ints, Bools]:
+def _places(document: Document, primitives: list[Json], positions: Floats) -> Floats:
+    """(vertices, 3) positions to weld by: after Draco, those within the tolerance are those of the first among them."""
+    if not any(document.is_draco(primitive["attributes"]["POSITION"]) for primitive in primitives):
+        return positions
+    # Imported here, as it takes longer than most bakes' welding and few files need it.
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    places, which = np.unique(positions, axis=0, return_inverse=True)
+    tolerance = _WELD_TOLERANCE * float(np.linalg.norm(np.ptp(positions, axis=0)))
+    near = cKDTree(places).query_pairs(tolerance, output_type="ndarray")
+    links = coo_array((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(len(places), len(places)))
+    _, groups = connected_components(links, directed=False)
+    _, firsts = np.unique(groups, return_index=True)
+    return places[firsts[groups[which.reshape(-1)]]]
+
+
+def _weld(vertices: Vertices, positions: Floats) -> tuple[Ints, Ints, Bools]:
     """Welded vertex of each vertex, the first vertex of each welded one, and which welded ones have twins."""
-    positions, deltas = vertices.positions, vertices.morph_deltas
+    deltas = vertices.morph_deltas
     joints, weights = vertices.joints, vertices.weights
     order = np.lexsort(positions.T[::-1])
     fresh = np.ones(len(order), bool)
@@ -260,7 +295,9 @@ def _weld(vertices: Vertices) -> tuple[Ints, Ints, Bools]:
     tolerance = _WELD_TOLERANCE * max(float(np.linalg.norm(np.ptp(positions, axis=0))), 1e-30)
     leader = np.full(len(positions), -1, np.intp)
     pending = np.arange(len(positions))
-    while len(pending):
+    for _ in range(_MOST_TWINS):
+        if not len(pending):
+            break
         first_here = np.full(int(place.max()) + 1, len(positions), np.intp)
         np.minimum.at(first_here, place[pending], pending)
         first = first_here[place[pending]]
@@ -271,6 +308,7 @@ def _weld(vertices: Vertices) -> tuple[Ints, Ints, Bools]:
         )
         leader[pending[same]] = first[same]
         pending = pending[~same]
+    leader[pending] = pending
     firsts, weld = np.unique(leader, return_inverse=True)
     twins = np.bincount(place[firsts])[place[firsts]] > 1
     return weld.astype(np.intp), firsts.astype(np.intp), twins

@@ -1,4 +1,4 @@
-"""Other people's glTF software for the tests: the Khronos validator and three.js, both in node.
+"""Other people's glTF software for the tests: the Khronos validator, three.js and glTF-Transform, all in node.
 
 They come by `npm ci` from the lock file beside this one, on first use. Without node a test that needs them is
 skipped with the reason; where `CI` is set it fails instead.
@@ -101,6 +101,12 @@ def validate(paths: Sequence[Path]) -> list[Report]:
     ]
 
 
+def optimize(path: Path, out: Path) -> dict[str, Any]:
+    """Run a file through glTF-Transform, as its `optimize --compress meshopt` does; what its `inspect` says of it."""
+    report: dict[str, Any] = json.loads(_run("optimize.mjs", str(path), str(out)))
+    return report
+
+
 def assert_valid(*paths: Path) -> None:
     """The Khronos validator finds no error in any of the files."""
     found = [line for report in validate(paths) for line in report.lines(severity=0)]
@@ -165,6 +171,29 @@ def _posed(
         (answer,) = json.loads(_run("pose.mjs", stdin=json.dumps([request])))
         shape = (len(times), answer["vertices"], 3)
         return [np.fromfile(path, np.float32).reshape(shape).astype(np.float64) for path in outputs.values()]
+
+
+def drive(
+    file: Path, *, node: str, clip: str | None, times: Sequence[float], anim: Path | None = None, driver: bool = False
+) -> dict[str, Floats]:
+    """Morph weights of a node's mesh while three.js plays a clip.
+
+    Args:
+        file: The body, .glb or .gltf.
+        node: Name of the node with the mesh.
+        clip: Name of an animation; None for the pose as stored.
+        times: Seconds.
+        anim: The file with the clip, where it is not the body's.
+        driver: Let the page in `samples/driver` set the weights each frame.
+
+    Returns:
+        By target, (times, parts of the mesh) weights.
+    """
+    request = {"file": str(file), "node": node, "clip": clip, "times": [float(time) for time in times], "drive": driver}
+    request |= {} if anim is None else {"anim": str(anim)}
+    (answer,) = json.loads(_run("drive.mjs", stdin=json.dumps([request])))
+    weights = np.array(answer["weights"], np.float64)
+    return {name: weights[:, :, k] for k, name in enumerate(answer["targets"])}
 
 
 def compare_with_three(

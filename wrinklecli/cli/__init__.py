@@ -5,6 +5,7 @@ import sys
 import click
 
 from wrinklecli.cli.bake import bake
+from wrinklecli.cli.track import track
 from wrinklecli.errors import WrinkleError
 
 _BUG = 70  # EX_SOFTWARE of sysexits.h
@@ -17,6 +18,7 @@ def cli() -> None:
 
 
 cli.add_command(bake)
+cli.add_command(track)
 
 
 def main() -> None:

@@ -77,6 +77,13 @@ def _number(_context: click.Context, parameter: click.Parameter, value: float | 
     show_default=True,
     help="none: write targets and extras, but no weight tracks.",
 )
+@click.option("--morph-tangents", is_flag=True, help="Add TANGENT to targets where the mesh has tangents.")
+@click.option(
+    "--engine",
+    type=click.Choice(["three", "unity", "spec8"]),
+    help="Hold targets to what it plays, or refuse. three: 256 targets, 4 joints a vertex; unity: weights from 0 to 1;"
+    " spec8: 8 targets at a time.",
+)
 @click.option("--frames-dir", metavar="DIR", help="Also write a file for each frame into DIR.")
 @click.option(
     "--frames-format",
@@ -87,6 +94,8 @@ def _number(_context: click.Context, parameter: click.Parameter, value: float | 
 )
 @click.option("--report", metavar="FILE.json", help="Write what was made and how exact it is.")
 @click.option("--depfile", metavar="FILE.d", help="Write the files that OUT depends on, for Make and Ninja.")
+@click.option("--allow-external", is_flag=True, help="Read buffers and images outside the asset's folder too.")
+@click.option("--replace", is_flag=True, help="Take out the wrinkles of an earlier bake (--max-levels 0) first.")
 @click.option("--strict", is_flag=True, help="Treat warnings as refusals (exit code 3).")
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
 @click.option("-v", "--verbose", is_flag=True, help="Print a line for each tool.")
@@ -105,7 +114,7 @@ def bake(
     OUT is replaced only by a complete file.
 
     Exit codes: 0 done; 1 the input is at fault, nothing written; 2 wrong usage; 3 refused (--max-error,
-    --strict), nothing written; 70 a bug.
+    --engine, --strict), nothing written; 70 a bug.
     """
     if output is None and options["frames_dir"] is None:
         raise click.UsageError("Missing option '-o' (or '--frames-dir').")

@@ -1,0 +1,94 @@
+// Wrinkles in clips that were never baked: what `wrinkle bake` leaves in a node's extras is enough.
+// `wrinkleWeights` needs neither a browser nor three.js; `WrinkleDriver` is how three.js uses it.
+
+/** A point times a 4×4 matrix, stored by columns. */
+const moved = (m, [x, y, z]) => [0, 1, 2].map((i) => m[i] * x + m[i + 4] * y + m[i + 8] * z + m[i + 12]);
+
+const determinant = (m) =>
+  m[0] * (m[5] * m[10] - m[6] * m[9]) + m[4] * (m[2] * m[9] - m[1] * m[10]) + m[8] * (m[1] * m[6] - m[2] * m[5]);
+
+/** A value between the points of a polyline, held before the first and after the last. */
+function between(xs, ys, x) {
+  const k = xs.findIndex((each) => each > x);
+  if (k === 0) return ys[0];
+  if (k < 0) return ys[ys.length - 1];
+  return ys[k - 1] + ((ys[k] - ys[k - 1]) * (x - xs[k - 1])) / (xs[k] - xs[k - 1]);
+}
+
+/** An anchor's place in the world, and its joints' scale against rest. */
+function anchor({ joints, weights, positions, scales, morphs = {} }, jointMatrixOf, morphWeightOf) {
+  const place = [0, 0, 0];
+  let scale = 0;
+  joints.forEach((joint, k) => {
+    const matrix = jointMatrixOf(joint);
+    const point = [...positions[k]];
+    for (const [name, moves] of Object.entries(morphs))
+      moves[k].forEach((move, i) => (point[i] += morphWeightOf(name) * move));
+    moved(matrix, point).forEach((x, i) => (place[i] += weights[k] * x));
+    scale += (weights[k] * Math.cbrt(Math.abs(determinant(matrix)))) / scales[k];
+  });
+  return { place, scale };
+}
+
+/**
+ * The weights of one tool's morph targets, in the order of `toolExtras.targets`.
+ *
+ * toolExtras     one of `extras.wrinkle.tools`
+ * jointMatrixOf  a joint's name to its matrix to world space: 16 numbers, by columns
+ * morphWeightOf  the weight of another morph target by name, where faces move the anchors
+ * clip, time     name and seconds, for tools with a strength or rest length of their own in a clip
+ */
+export function wrinkleWeights(toolExtras, jointMatrixOf, { morphWeightOf = () => 0, clip, time = 0 } = {}) {
+  const { rest_length: nominal, rest_length_morph: morph, shortenings, weights, targets } = toolExtras;
+  const [origin, target] = [toolExtras.origin, toolExtras.target].map((end) => anchor(end, jointMatrixOf, morphWeightOf));
+  const scale = (origin.scale + target.scale) / 2;
+  if (scale < 1e-6) return targets.map(() => 0);
+  let length = nominal;
+  if (morph) length += Math.min(Math.max(morphWeightOf(morph.name), 0), 1) * (morph.full - nominal);
+  const keys = toolExtras.rest_length_keys?.[clip];
+  if (keys) length = between(keys.map(([t]) => t), keys.map(([, l]) => l), time);
+  const distance = Math.hypot(...origin.place.map((x, i) => x - target.place[i])) / scale;
+  const shortening = 1 - distance / length;
+  const factor = toolExtras.strengths?.[clip] ?? 1;
+  // A longer curve has higher bumps, up to the same greatest height.
+  const ratio = length / nominal;
+  const limited = (weight) => (ratio === 1 ? weight : Math.max(-1, Math.min(1, ratio * weight)));
+  return targets.map((_, k) => factor * limited(between(shortenings, weights.map((row) => row[k]), shortening)));
+}
+
+/** Drives every body below a three.js object. Call `update` each frame, after the mixer and before rendering. */
+export class WrinkleDriver {
+  constructor(root) {
+    this.root = root;
+    this.objects = {};
+    this.bodies = [];
+    root.traverse((object) => {
+      // GLTFLoader changes names that it finds hard to bind; the file's own is kept beside. A body may be named
+      // like one of its joints.
+      const name = object.userData.name ?? object.name;
+      if (object.isBone || !(name in this.objects)) this.objects[name] = object;
+      if (!object.userData.wrinkle) return;
+      const meshes = [];
+      object.traverse((each) => each.morphTargetDictionary && meshes.push(each));
+      this.bodies.push({ tools: object.userData.wrinkle.tools, meshes });
+    });
+    const isThere = ({ joints }) => joints.every((joint) => joint in this.objects);
+    for (const body of this.bodies) body.tools = body.tools.filter(({ origin, target }) => [origin, target].every(isThere));
+  }
+
+  update(clip, time) {
+    this.root.updateMatrixWorld();
+    const jointMatrixOf = (name) => this.objects[name].matrixWorld.elements;
+    for (const { tools, meshes } of this.bodies) {
+      if (!meshes.length) continue;
+      const { morphTargetDictionary: numbers, morphTargetInfluences: influences } = meshes[0];
+      const morphWeightOf = (name) => influences[numbers[name]] ?? 0;
+      for (const tool of tools) {
+        const found = wrinkleWeights(tool, jointMatrixOf, { morphWeightOf, clip, time });
+        tool.targets.forEach((name, k) => {
+          for (const mesh of meshes) mesh.morphTargetInfluences[mesh.morphTargetDictionary[name]] = found[k];
+        });
+      }
+    }
+  }
+}

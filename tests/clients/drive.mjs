@@ -1,0 +1,43 @@
+// Morph weights as three.js has them while a clip plays: node drive.mjs < requests.json
+//
+// Standard input is a JSON list of requests:
+//   file    .glb or .gltf with the body
+//   anim    the file with the clip; the body's where left out
+//   clip    name of the animation; null is the pose as stored
+//   times   seconds
+//   node    name of the node with the mesh
+//   drive   whether the page's driver sets the weights each frame
+// Standard output is a JSON list of {weights: for each time and part of the mesh those of the targets, targets: names}.
+
+import { AnimationMixer } from 'three';
+import { WrinkleDriver } from '../../samples/driver/driver.js';
+import { load } from './load.mjs';
+
+async function drive({ file, anim, clip, times, node, drive: driven }) {
+  const body = await load(file);
+  const clips = (anim ? await load(anim) : body).gltf.animations;
+  const found = clips.find(({ name }) => name === clip);
+  if (clip !== null && !found) throw new Error(`no clip ${clip}`);
+  const root = body.gltf.scene;
+  const mixer = new AnimationMixer(root);
+  const action = found && mixer.clipAction(found).play();
+  const driver = driven ? new WrinkleDriver(root) : null;
+  const parts = [];
+  root.traverse((object) => {
+    if (object.userData.name !== node && object.userData.wrinkle === undefined) return;
+    object.traverse((each) => each.morphTargetInfluences && parts.push(each));
+  });
+  const weights = times.map((time) => {
+    if (action) action.time = time;
+    mixer.update(0);
+    driver?.update(clip, time);
+    return parts.map((part) => [...part.morphTargetInfluences]);
+  });
+  return { weights, targets: Object.keys(parts[0].morphTargetDictionary) };
+}
+
+let text = '';
+for await (const part of process.stdin) text += part;
+const answers = [];
+for (const request of JSON.parse(text)) answers.push(await drive(request));
+console.log(JSON.stringify(answers));

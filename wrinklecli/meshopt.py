@@ -1,0 +1,385 @@
+"""Buffer views that meshoptimizer compressed, decoded in numpy.
+
+Source: EXT_meshopt_compression and KHR_meshopt_compression, appendices A (bitstream) and B (filters). Differs: what
+    KHR adds (version 1 of the attribute stream, the filter COLOR) is read under either name; filters are computed in
+    float64, and a 16-bit result is one unit from a float32 decoder's in places, as appendix B allows.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrinklecli.errors import AssetError, listed
+
+Array = NDArray[Any]
+Bytes = NDArray[np.uint8]
+Floats = NDArray[np.float64]
+
+EXTENSIONS = ("EXT_meshopt_compression", "KHR_meshopt_compression")
+
+_GROUP = 16  # elements that share an encoding
+_BLOCK_ELEMENTS = 256  # at most, and
+_BLOCK_BYTES = 8192
+_WORD = 4  # bytes; channels of attributes are this wide
+_FIFO = 16  # edges and vertices that triangles may refer back to
+
+# Bits of a delta in a group by the header's two bits, for each version and control mode; 0 stores nothing.
+_BITS_VERSION_0 = (0, 2, 4, 8)
+_BITS_CONTROL = ((0, 1, 2, 4), (1, 2, 4, 8))
+_CONTROL_ZERO, _CONTROL_LITERAL = 2, 3
+
+# Smallest size of the tail, by version; longer elements make it longer.
+_TAIL_BYTES = (32, 24)
+_INDEX_TAIL_BYTES = 4
+_TABLE_BYTES = 16
+_VARINT_BYTES = 5
+_MASK = 0xFFFFFFFF  # indices wrap at 32 bits
+
+# Exponents that appendix B allows end at 100; outside of them the result is unspecified, here it stays a float32.
+_EXPONENTS = (-126, 100)
+
+
+class _MalformedError(ValueError):
+    """What is wrong with a stream; `decode` says where."""
+
+
+def decode(data: memoryview, *, count: int, stride: int, mode: str, filter_name: str = "NONE", where: str) -> bytes:
+    """Decode one compressed view.
+
+    Args:
+        data: The compressed stream, all of it.
+        count: Elements.
+        stride: Bytes of an element.
+        mode: ATTRIBUTES, TRIANGLES or INDICES.
+        filter_name: NONE, OCTAHEDRAL, QUATERNION, EXPONENTIAL or COLOR.
+        where: The view, for messages.
+
+    Returns:
+        count · stride bytes.
+
+    Raises:
+        AssetError: The stream is malformed, or its parameters do not go together.
+    """
+    decoders: dict[str, Callable[[Bytes, int, int], Array]] = {
+        "ATTRIBUTES": _attributes,
+        "TRIANGLES": _triangles,
+        "INDICES": _indices,
+    }
+    strides: dict[str, tuple[Callable[[Bytes], Array], tuple[int, ...]]] = {
+        "OCTAHEDRAL": (_octahedral, (4, 8)),
+        "QUATERNION": (_quaternion, (8,)),
+        "EXPONENTIAL": (_exponential, tuple(range(_WORD, 257, _WORD))),
+        "COLOR": (_color, (4, 8)),
+    }
+    if mode not in decoders:
+        raise AssetError(f"mode is {mode!r}; meshopt has {listed(decoders)}", where=where)
+    if filter_name not in ("NONE", *strides):
+        raise AssetError(f"filter is {filter_name!r}; meshopt has {listed(('NONE', *strides))}", where=where)
+    accepted = range(_WORD, 257, _WORD) if mode == "ATTRIBUTES" else (2, 4)
+    if stride not in accepted or (
+        filter_name != "NONE" and (mode != "ATTRIBUTES" or stride not in strides[filter_name][1])
+    ):
+        raise AssetError(f"byteStride {stride} does not go with mode {mode} and filter {filter_name}", where=where)
+    if count < 1:
+        raise AssetError(f"count is {count}, not 1 or more", where=where)
+    if mode == "TRIANGLES" and count % 3:
+        raise AssetError(f"count is {count}, not three for each triangle", where=where)
+    try:
+        elements = decoders[mode](np.frombuffer(data, np.uint8), count, stride)
+    except _MalformedError as error:
+        raise AssetError(f"the meshopt stream is malformed: {error}", where=where) from error
+    if filter_name != "NONE":
+        elements = strides[filter_name][0](elements)
+    return elements.tobytes()
+
+
+def _attributes(data: Bytes, count: int, stride: int) -> Array:
+    """(count, stride) bytes of mode 0."""
+    if len(data) < 1 or data[0] not in (0xA0, 0xA1):
+        raise _MalformedError("no attributes of version 0 or 1")
+    version = int(data[0] & 1)
+    tail = stride + version * (stride // _WORD)
+    end = len(data) - max(tail, _TAIL_BYTES[version])
+    per_block = min(_BLOCK_BYTES // stride & -_GROUP, _BLOCK_ELEMENTS)
+    blocks = -(-count // per_block)
+    if end - 1 < blocks * stride // _WORD:  # the least a block takes; a short stream must not claim gigabytes
+        raise _MalformedError(f"{len(data)} bytes are too few for {count} elements")
+    deltas = _deltas(data[:end], version, count, stride, per_block)
+    baseline = data[len(data) - tail :][:stride]
+    channels = data[len(data) - stride // _WORD :] if version else np.zeros(stride // _WORD, np.uint8)
+    elements = np.zeros((count, stride), np.uint8)
+    for channel, kind in enumerate(channels.tolist()):
+        columns = slice(channel * _WORD, (channel + 1) * _WORD)
+        elements[:, columns] = _undelta(deltas[:, columns], baseline[columns], kind)
+    return elements
+
+
+def _undelta(deltas: Bytes, baseline: Bytes, kind: int) -> Bytes:
+    """(count, 4) bytes of a channel from their differences to the element before."""
+    if kind in (0, 1):
+        dtype = np.dtype(("<u1", "<u2")[kind])
+        codes = np.ascontiguousarray(deltas).view(dtype)
+        steps = (codes >> 1) ^ (0 - (codes & 1)).astype(dtype)
+        steps[:1] += np.ascontiguousarray(baseline).view(dtype)
+        return np.cumsum(steps, axis=0, dtype=dtype).view(np.uint8)
+    if kind & 15 == 2:
+        turn = kind >> 4
+        codes = np.ascontiguousarray(deltas).view("<u4")
+        steps = (codes << np.uint32(turn)) | (codes >> np.uint32(-turn & 31))
+        steps[:1] ^= np.ascontiguousarray(baseline).view("<u4")
+        return np.bitwise_xor.accumulate(steps, axis=0).view(np.uint8)
+    raise _MalformedError(f"channel mode {kind:#04x}")
+
+
+def _deltas(data: Bytes, version: int, count: int, stride: int, per_block: int) -> Bytes:
+    """(count, stride) zigzag codes.
+
+    How long a group is depends on its content, so their places are found one after another, from tables of the
+    length that a group would have at each byte; then all groups of an encoding are decoded at once.
+    """
+    stream, end = data.tobytes(), len(data)
+    # One entry more than bytes: a group that begins at the end goes past it too.
+    sizes = {bits: _group_sizes(data, bits).tobytes() + bytes([_GROUP]) for bits in (1, 2, 4)}
+    sizes[8] = bytes([_GROUP]) * (end + 1)
+    places: dict[int, list[tuple[int, int, int]]] = {1: [], 2: [], 4: [], 8: []}
+    deltas = np.zeros((-(-count // _GROUP) * _GROUP, stride), np.uint8)
+    offset = 1
+    for first in range(0, count, per_block):
+        elements = min(per_block, count - first)
+        groups = -(-elements // _GROUP)
+        controls = [0] * stride
+        if version:
+            controls = [
+                byte >> shift & 3 for byte in stream[offset : offset + stride // _WORD] for shift in (0, 2, 4, 6)
+            ]
+            offset += stride // _WORD
+            if len(controls) < stride:
+                raise _MalformedError("ends within a block")
+        for column, control in enumerate(controls):
+            if version and control == _CONTROL_ZERO:
+                continue
+            if version and control == _CONTROL_LITERAL:
+                if offset + elements > end:
+                    raise _MalformedError("ends within a block")
+                deltas[first : first + elements, column] = data[offset : offset + elements]
+                offset += elements
+                continue
+            lengths = _BITS_CONTROL[control] if version else _BITS_VERSION_0
+            header = stream[offset : offset + -(-groups // 4)]
+            offset += -(-groups // 4)
+            if offset > end:
+                raise _MalformedError("ends within a block")
+            for group in range(groups):
+                bits = lengths[header[group >> 2] >> (group & 3) * 2 & 3]
+                if not bits:
+                    continue
+                places[bits].append((offset, first + group * _GROUP, column))
+                offset += sizes[bits][offset]
+                if offset > end:
+                    raise _MalformedError("ends within a group")
+    if offset != end:
+        raise _MalformedError("has bytes left over")
+    for bits, found in places.items():
+        if found:
+            starts, rows, columns = np.array(found, np.intp).T
+            deltas[rows[:, None] + np.arange(_GROUP), columns[:, None]] = _groups(data, starts, bits)
+    return deltas[:count]
+
+
+def _codes(packed: Bytes, bits: int) -> Bytes:
+    """(…, bytes · 8/bits) codes packed into bytes; single bits from the lowest, wider ones from the highest."""
+    if bits == 8:
+        return packed
+    shifts = np.arange(0, 8, bits, dtype=np.uint8)
+    shifts = shifts if bits == 1 else shifts[::-1]
+    codes: Bytes = packed[..., None] >> shifts & np.uint8((1 << bits) - 1)
+    return codes.reshape(*packed.shape[:-1], -1)
+
+
+def _group_sizes(data: Bytes, bits: int) -> Bytes:
+    """(bytes,) how long a group of some bits would be if it began at each byte."""
+    sentinels = (_codes(np.arange(256, dtype=np.uint8)[:, None], bits) == (1 << bits) - 1).sum(axis=1, dtype=np.uint8)
+    packed = _GROUP * bits // 8
+    counts = np.pad(sentinels[data], (0, packed - 1))
+    windows = np.lib.stride_tricks.sliding_window_view(counts, packed)
+    sizes: Bytes = windows.sum(axis=1, dtype=np.uint8) + np.uint8(packed)
+    return sizes
+
+
+def _groups(data: Bytes, starts: NDArray[np.intp], bits: int) -> Bytes:
+    """(groups, 16) deltas of groups of one encoding; a code of all ones stands for a byte after them."""
+    packed = _GROUP * bits // 8
+    codes = _codes(data[starts[:, None] + np.arange(packed)], bits)
+    if bits == 8:
+        return codes
+    escaped = codes == (1 << bits) - 1
+    after = starts[:, None] + packed + np.cumsum(escaped, axis=1) - 1
+    return np.where(escaped, data[np.where(escaped, after, 0)], codes)
+
+
+def _triangles(data: Bytes, count: int, stride: int) -> Array:
+    """(count,) vertices of mode 1, one triangle after another as each refers to those before."""
+    stream, triangles = data.tobytes(), count // 3
+    end = len(stream) - _TABLE_BYTES
+    if end < 1 + triangles or stream[0] != 0xE1:
+        raise _MalformedError("no triangles of version 1, or too few bytes")
+    table = stream[end:]
+    if table[-2:] != b"\0\0" or any(byte >> 4 == 15 or byte & 15 == 15 for byte in table):
+        raise _MalformedError("an impossible table of codes")
+    offset = 1 + triangles
+    following = last = 0
+    edges: list[tuple[int, int]] = []
+    vertices: list[int] = []
+    found: list[int] = []
+
+    def explicit() -> int:
+        nonlocal offset, last
+        value = 0
+        for shift in range(0, 7 * _VARINT_BYTES, 7):
+            if offset >= end:
+                raise _MalformedError("ends within an index")
+            byte = stream[offset]
+            offset += 1
+            value |= (byte & 127) << shift
+            if byte < 128:
+                break
+        else:
+            raise _MalformedError("an index of more than five bytes")
+        value &= _MASK
+        last = (last + (~(value >> 1) if value & 1 else value >> 1)) & _MASK
+        return last
+
+    def fresh() -> int:
+        nonlocal following
+        following = (following + 1) & _MASK
+        return (following - 1) & _MASK
+
+    def corner(code: int) -> int:
+        """A vertex by four bits: 0 the next new one, 15 spelt out, else one of the last ones."""
+        vertex = fresh() if code == 0 else explicit() if code == 15 else vertices[-code]
+        pushed.extend([vertex] if code in (0, 15) else [])
+        return vertex
+
+    try:
+        for code in stream[1 : 1 + triangles]:
+            high, low = code >> 4, code & 15
+            if high < 15:
+                a, b = edges[-1 - high]
+                if 0 < low < 13:
+                    c = vertices[-1 - low]
+                else:
+                    if low == 0:
+                        c = fresh()
+                    elif low == 15:
+                        c = explicit()
+                    else:
+                        c = last = (last + (1 if low == 14 else -1)) & _MASK
+                    vertices.append(c)
+            else:
+                pushed: list[int] = []
+                if low < 14:
+                    codes, first = table[low], 0
+                else:
+                    if offset >= end:
+                        raise _MalformedError("ends within a triangle")
+                    codes, first = stream[offset], (0, 15)[low - 14]
+                    offset += 1
+                    if codes == 0:
+                        following = 0
+                a, b, c = corner(first), corner(codes >> 4), corner(codes & 15)
+                vertices += pushed
+                edges.append((b, a))
+            edges += ((c, b), (a, c))
+            found += (a, b, c)
+            if len(edges) > 4096:
+                del edges[:-_FIFO], vertices[:-_FIFO]
+    except IndexError as error:
+        raise _MalformedError("refers to an edge or vertex before the first") from error
+    if offset != end:
+        raise _MalformedError("has bytes left over")
+    return np.array(found, "<u4").astype(f"<u{stride}")
+
+
+def _indices(data: Bytes, count: int, stride: int) -> Array:
+    """(count,) indices of mode 2: varints, each a step from one of two baselines."""
+    if len(data) < 1 + _INDEX_TAIL_BYTES or data[0] != 0xD1:
+        raise _MalformedError("no indices of version 1")
+    body = data[1:-_INDEX_TAIL_BYTES]
+    ends = np.flatnonzero(body < 128)
+    if len(ends) != count or (count and ends[-1] != len(body) - 1):
+        raise _MalformedError(f"{len(ends)} whole indices where there should be {count}")
+    starts = np.concatenate([[0], ends[:-1] + 1]).astype(np.intp)
+    lengths = ends - starts + 1
+    if lengths.max(initial=0) > _VARINT_BYTES:
+        raise _MalformedError("an index of more than five bytes")
+    places = np.arange(len(body)) - np.repeat(starts, lengths)
+    parts = (body & 127).astype(np.uint64) << (7 * places).astype(np.uint64)
+    codes = np.bitwise_or.reduceat(parts, starts).astype(np.uint32)
+    steps = (codes >> 2) ^ (0 - (codes >> 1 & 1)).astype(np.uint32)
+    indices = np.zeros(count, "<u4")
+    for baseline in (0, 1):
+        chosen = codes & 1 == baseline
+        indices[chosen] = np.cumsum(steps[chosen], dtype=np.uint32)
+    return indices.astype(f"<u{stride}")
+
+
+def _rounded(values: Floats, limit: int) -> Array:
+    """Nearest integers, halves away from zero, held within ±limit."""
+    nearest = np.trunc(values + np.copysign(0.5, values))
+    return np.clip(nearest, -limit, limit)
+
+
+def _octahedral(elements: Bytes) -> Array:
+    """Unit vectors from octahedral coordinates, as signed normalised integers; the fourth number is kept."""
+    stored = elements.view(f"<i{elements.shape[1] // 4}")
+    limit = int(np.iinfo(stored.dtype).max)
+    x, y, one = (stored[:, k].astype(np.float64) for k in range(3))
+    z = one - np.abs(x) - np.abs(y)
+    fold = np.minimum(z, 0)
+    x, y = x + np.where(x >= 0, fold, -fold), y + np.where(y >= 0, fold, -fold)
+    length = np.sqrt(x * x + y * y + z * z)
+    scale = limit / np.where(length > 0, length, 1)
+    vectors = np.array(stored)
+    for column, component in enumerate((x, y, z)):
+        vectors[:, column] = _rounded(component * scale, limit)
+    return vectors
+
+
+def _quaternion(elements: Bytes) -> Array:
+    """Unit quaternions from their three smaller components, as 16-bit signed normalised integers."""
+    stored = elements.view("<i2")
+    one, largest = stored[:, 3] | 3, stored[:, 3] & 3
+    scale = 1 / np.sqrt(2) / one.astype(np.float64)
+    x, y, z = (stored[:, k].astype(np.float64) * scale for k in range(3))
+    w = np.sqrt(np.maximum(1 - x * x - y * y - z * z, 0))
+    rotations = np.zeros(stored.shape, "<i2")
+    rows = np.arange(len(stored))
+    for turn, component in enumerate((w, x, y, z)):
+        rotations[rows, (largest + turn) % 4] = _rounded(component * 32767, 32767)
+    return rotations
+
+
+def _exponential(elements: Bytes) -> Array:
+    """float32 from 24 bits of mantissa and 8 of exponent."""
+    stored = elements.view("<i4")
+    exponents = np.clip(stored >> 24, *_EXPONENTS)
+    mantissas = (stored << 8) >> 8
+    values: Array = np.ldexp(mantissas.astype(np.float64), exponents).astype("<f4")
+    return values
+
+
+def _color(elements: Bytes) -> Array:
+    """RGBA from YCoCg and an alpha whose highest bit says how many bits all have, as normalised integers."""
+    width = elements.shape[1] // 4
+    limit = 256**width - 1
+    y, alpha = (elements.view(f"<u{width}")[:, k].astype(np.int64) for k in (0, 3))
+    co, cg = (elements.view(f"<i{width}")[:, k].astype(np.int64) for k in (1, 2))
+    full = alpha.copy()
+    for shift in (1, 2, 4, 8):
+        full |= full >> shift
+    alpha = alpha & (full >> 1)
+    colors = np.stack([y + co - cg, y + cg, y - co - cg, alpha << 1 | alpha & 1], axis=1)
+    scale = limit / np.maximum(full, 1).astype(np.float64)
+    return np.clip(_rounded(colors.astype(np.float64) * scale[:, None], limit), 0, limit).astype(f"<u{width}")
