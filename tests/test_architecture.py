@@ -15,6 +15,7 @@ ORDER = (
     "meshopt",
     "draco",
     "document",
+    "draft",
     "pose",
     "surface",
     "curve",
@@ -38,7 +39,7 @@ ORDER = (
 DOORS = {
     "yaml": {"yamltree"},
     "pydantic": {"config"},
-    "pygltflib": {"document"},
+    "pygltflib": {"draft"},
     "DracoPy": {"draco"},
     "trimesh": {"frames"},
     "click": {"cli"},

@@ -16,8 +16,9 @@ from builders import ARRAY_BUFFER, Asset, limb, limb_asset, pack_glb, read_glb
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wrinklecli import document as document_module
-from wrinklecli.document import VERTEX_DATA, Document, Draft, index_type, read_document, replace_bytes, replace_file
+from wrinklecli import draft as draft_module
+from wrinklecli.document import Document, read_document
+from wrinklecli.draft import VERTEX_DATA, Draft, index_type, replace_bytes, replace_file
 from wrinklecli.errors import AssetError, BakeError, WrinkleError
 from wrinklecli.pose import read_clips, read_rig
 from wrinklecli.surface import read_surface
@@ -829,7 +830,7 @@ def test_draft_never_writes_to_its_source(tmp_path: Path) -> None:
 
 
 def test_large_data_goes_through_the_disk_unchanged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(document_module, "_SPOOL_BYTES", 64)
+    monkeypatch.setattr(draft_module, "_SPOOL_BYTES", 64)
     draft = Draft(written(Asset(), tmp_path))
     values = np.arange(300, dtype=np.float32)
     index = draft.add(values)
@@ -839,7 +840,7 @@ def test_large_data_goes_through_the_disk_unchanged(tmp_path: Path, monkeypatch:
 
 
 def test_glb_beyond_4_gib_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(document_module, "_GLB_LIMIT", 500)
+    monkeypatch.setattr(draft_module, "_GLB_LIMIT", 500)
     draft = Draft(written(Asset(), tmp_path))
     draft.add(np.zeros(200, np.float32))
     with pytest.raises(BakeError, match="--frames-dir"):

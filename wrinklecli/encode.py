@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from wrinklecli.config import RestLengthKeys, RestLengthMorph
 from wrinklecli.deform import Shape, turn_to, weight_table
-from wrinklecli.document import INDEX_DATA, TRIANGLES, VERTEX_DATA, Document, Draft, Json, index_type
+from wrinklecli.document import TRIANGLES, Document, Json
+from wrinklecli.draft import INDEX_DATA, VERTEX_DATA, Draft, index_type
 from wrinklecli.errors import AssetError
 from wrinklecli.patch import Anchor, Patch
 from wrinklecli.plan import Basis, Motion, Plan, Target, skin_weights, targets_of

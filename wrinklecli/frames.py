@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrinklecli.deform import turn_to
-from wrinklecli.document import VERTEX_DATA, Document, Draft, Json
+from wrinklecli.document import Document, Json
+from wrinklecli.draft import VERTEX_DATA, Draft
 from wrinklecli.encode import Part, base_normals, encode_mesh, old_values, parts_of
 from wrinklecli.errors import BakeError
 from wrinklecli.patch import inverses

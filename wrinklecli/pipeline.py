@@ -11,7 +11,8 @@ from threadpoolctl import threadpool_limits
 
 from wrinklecli.budget import BUDGETS, Engine, fit_budget
 from wrinklecli.config import Length, RestLengthKeys, ToolsFile, WrinkleTool, load_tools
-from wrinklecli.document import Document, Draft, Json, read_document
+from wrinklecli.document import Document, Json, read_document
+from wrinklecli.draft import Draft
 from wrinklecli.encode import encode_morphs
 from wrinklecli.errors import AssetError, BakeError, ConfigError, RefusedError, listed, nearest
 from wrinklecli.frames import Frames, encode_frames, exported_frames

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrinklecli.deform import Carrier, activity, displaced_normals, displacements, turn_to
-from wrinklecli.document import Document, Draft
+from wrinklecli.document import Document
+from wrinklecli.draft import Draft
 from wrinklecli.encode import parts_of
 from wrinklecli.errors import RefusedError
 from wrinklecli.patch import Rest

@@ -11,14 +11,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from wrinklecli.document import (
-    Document,
-    Json,
-    _accessor_references,
-    _accessor_views,
-    _extension_integers,
-    _view_references,
-)
+from wrinklecli.document import Document, Json
+from wrinklecli.draft import accessor_references, accessor_views, extension_integers, view_references
 from wrinklecli.errors import AssetError, BakeError, WrinkleError
 from wrinklecli.pose import morph_target_names
 
@@ -175,8 +169,8 @@ def _compacted(document: Document, gltf: Json, dropped: set[int], narrowed: list
     accessors, views = gltf["accessors"], gltf.setdefault("bufferViews", [])
     buffers = [dict(buffer) for buffer in document.items("buffers")]
     data = [bytes(each) for each in document.buffers]
-    foreign = set(_extension_integers(gltf))
-    uses = Counter([*_accessor_references(gltf), *foreign])
+    foreign = set(extension_integers(gltf))
+    uses = Counter([*accessor_references(gltf), *foreign])
     dead = {index for index in dropped if not uses[index]}
     narrowed = [each for each in narrowed if each[1] == "output" or uses[each[0]["input"]] == 1]
     for sampler, key, _ in narrowed:
@@ -185,12 +179,12 @@ def _compacted(document: Document, gltf: Json, dropped: set[int], narrowed: list
             accessors.append({})
             sampler[key] = len(accessors) - 1
     freed = dead | {sampler[key] for sampler, key, _ in narrowed}
-    candidates = {view for index in freed for view in _accessor_views(accessors[index])}
+    candidates = {view for index in freed for view in accessor_views(accessors[index])}
     for index in freed:
         # One between others stays, without data, so that these keep their numbers.
         accessors[index] = {key: value for key, value in accessors[index].items() if key not in _STORAGE}
     _pop_while(accessors, dead)
-    dead_views = candidates - set(_view_references(gltf)) - foreign
+    dead_views = candidates - set(view_references(gltf)) - foreign
     for number in range(len(buffers)):
         live = [_span(view) for k, view in enumerate(views) if view["buffer"] == number and k not in dead_views]
         end = max((high for _, high in live), default=0)

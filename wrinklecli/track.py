@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from wrinklecli.document import Document, Draft, Json, read_document
+from wrinklecli.document import Document, Json, read_document
+from wrinklecli.draft import Draft
 from wrinklecli.encode import encode_track, own_mesh
 from wrinklecli.errors import AssetError, BakeError, listed, nearest
 from wrinklecli.pipeline import faults_reported, refuse_overwriting

@@ -127,7 +127,7 @@ def bake(
 
     from wrinklecli import bake as run
     from wrinklecli.cli import printable
-    from wrinklecli.document import replace_bytes
+    from wrinklecli.draft import replace_bytes
     from wrinklecli.errors import BakeError
     from wrinklecli.pipeline import refuse_overwriting
 
