@@ -26,7 +26,7 @@ from wrinklecli.document import Document
 from wrinklecli.errors import RefusedError
 from wrinklecli.plan import Basis, Motion, Plan, Target, poses_of, targets_of
 from wrinklecli.pose import Clip, blend, morph_weights, transform
-from wrinklecli.surface import read_vertices
+from wrinklecli.surface import dense_influences, read_vertices
 from wrinklecli.tracks import widen
 
 Floats = NDArray[np.float64]
@@ -167,9 +167,7 @@ def _judge_influences(document: Document, plan: Plan, clips: Sequence[Clip], lim
     if not rig.skinned:
         return {"vertices_over_influences": 0, "influence_error": 0.0}
     stored = read_vertices(document, rig)
-    whole = np.zeros((len(stored.positions), len(rig.joints)))
-    for joints, weights in zip(stored.joints.T, stored.weights.T, strict=True):
-        whole[np.arange(len(whole)), joints] += weights
+    whole = dense_influences(stored.joints, stored.weights, len(rig.joints))
     first = np.zeros_like(whole)
     start = 0
     for primitive in document.items("meshes")[rig.mesh]["primitives"]:

@@ -15,7 +15,7 @@ from wrinklecli.patch import Rest
 from wrinklecli.plan import Basis, Motion, Plan, Progress
 from wrinklecli.pose import Clip, Rig, blend, joint_matrices, morph_weights, read_clips, read_rig, transform
 from wrinklecli.refine import Refinement
-from wrinklecli.surface import read_vertices, unit
+from wrinklecli.surface import dense_influences, read_vertices, unit
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -113,9 +113,7 @@ def read_back(written: Document, node: int, fine: Refinement, carriers: Sequence
     # A vertex that a new target moves is compared even if no tool asked for it.
     added = stored.morph_deltas[len(fine.morph_deltas) :].any(axis=(0, 2))
     chosen = np.flatnonzero(touched[welds] | added)
-    dense = np.zeros((len(chosen), len(rig.joints)))
-    for joints, weights in zip(stored.joints[chosen].T, stored.weights[chosen].T, strict=True):
-        dense[np.arange(len(chosen)), joints] += weights
+    dense = dense_influences(stored.joints[chosen], stored.weights[chosen], len(rig.joints))
     normals = None
     if stored.normals is not None and stored.normal_deltas is not None:
         normals = stored.normals[chosen], stored.normal_deltas[:, chosen]

@@ -18,7 +18,7 @@ from wrinklecli.document import Document
 from wrinklecli.patch import Patch, Rest, carried_normals
 from wrinklecli.pose import Rig, blend, joint_matrices, read_rig, transform
 from wrinklecli.subdivide import Level, Subdivision, subdivide
-from wrinklecli.surface import Surface, influence_sets, read_vertices, vertex_normals
+from wrinklecli.surface import Surface, dense_influences, influence_sets, read_vertices, vertex_normals
 
 if TYPE_CHECKING:
     from wrinklecli.subdivide import Matrix
@@ -399,9 +399,7 @@ def contacts_of(document: Document, rig: Rig, surface: Surface, rest: Rest) -> B
     for node in others if reach > 0 else []:
         other_rig = read_rig(document, node)
         vertices = read_vertices(document, other_rig)
-        weights = np.zeros((len(vertices.positions), len(other_rig.joints)))
-        for joints, shares in zip(vertices.joints.T, vertices.weights.T, strict=True):
-            weights[np.arange(len(weights)), joints] += shares
+        weights = dense_influences(vertices.joints, vertices.weights, len(other_rig.joints))
         morphed = vertices.positions + np.tensordot(other_rig.morph_weights, vertices.morph_deltas, axes=1)
         posed = transform(blend(weights, joint_matrices(other_rig, None, np.zeros(1))), morphed)[0]
         contacts |= _touching(rest.positions, posed, reach)

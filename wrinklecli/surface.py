@@ -63,10 +63,7 @@ class Surface:
 
     def dense_weights(self, vertices: Ints, joint_count: int) -> Floats:
         """(vertices, joints) skin weights of some vertices."""
-        dense = np.zeros((len(vertices), joint_count))
-        for joints, weights in zip(self.joints[vertices].T, self.weights[vertices].T, strict=True):
-            dense[np.arange(len(vertices)), joints] += weights
-        return dense
+        return dense_influences(self.joints[vertices], self.weights[vertices], joint_count)
 
 
 def read_surface(document: Document, rig: Rig) -> Surface:
@@ -312,6 +309,14 @@ def _weld(vertices: Vertices, positions: Floats) -> tuple[Ints, Ints, Bools]:
     firsts, weld = np.unique(leader, return_inverse=True)
     twins = np.bincount(place[firsts])[place[firsts]] > 1
     return weld.astype(np.intp), firsts.astype(np.intp), twins
+
+
+def dense_influences(joints: Ints, weights: Floats, joint_count: int) -> Floats:
+    """(vertices, joints) skin weights of (vertices, influences) joints and their weights."""
+    dense = np.zeros((len(joints), joint_count))
+    for column, shares in zip(joints.T, weights.T, strict=True):
+        dense[np.arange(len(dense)), column] += shares
+    return dense
 
 
 def face_normals(positions: Floats, triangles: Ints) -> Floats:
