@@ -18,6 +18,7 @@ ORDER = (
     "draft",
     "pose",
     "surface",
+    "scene",
     "curve",
     "patch",
     "subdivide",

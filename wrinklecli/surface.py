@@ -134,7 +134,7 @@ def read_vertices(document: Document, rig: Rig) -> Vertices:
     where = document.where("meshes", rig.mesh)
     if not primitives:
         raise AssetError("has no primitives", where=where)
-    parts = [_read_primitive(document, each, rig, f"{where}/primitives/{i}") for i, each in enumerate(primitives)]
+    parts = [read_primitive(document, each, rig, f"{where}/primitives/{i}") for i, each in enumerate(primitives)]
     most = max(part.joints.shape[1] for part in parts)
 
     def padded(rows: Array) -> Array:
@@ -154,7 +154,12 @@ def read_vertices(document: Document, rig: Rig) -> Vertices:
     )
 
 
-def _read_primitive(document: Document, primitive: Json, rig: Rig, where: str) -> Vertices:
+def read_primitive(document: Document, primitive: Json, rig: Rig, where: str) -> Vertices:
+    """Read the vertices of one primitive of a rig's mesh.
+
+    Raises:
+        AssetError: An attribute is missing, malformed or not finite.
+    """
     attributes = primitive.get("attributes", {})
     if "POSITION" not in attributes:
         raise AssetError("has no POSITION", where=where)

@@ -5,6 +5,7 @@ import sys
 import click
 
 from wrinklecli.cli.bake import bake
+from wrinklecli.cli.common import say
 from wrinklecli.cli.track import track
 from wrinklecli.errors import WrinkleError
 
@@ -33,7 +34,7 @@ def main() -> None:
         sys.exit(130)
     except WrinkleError as error:
         for line in error.lines:
-            click.echo(printable(line), err=True)
+            say(line)
         sys.exit(error.exit_code)
     except Exception:
         import traceback
@@ -41,8 +42,3 @@ def main() -> None:
         traceback.print_exc()
         click.echo("wrinkle: this is a bug of wrinkle's; please report it with the lines above", err=True)
         sys.exit(_BUG)
-
-
-def printable(line: str) -> str:
-    """A line that cannot break out of itself or command a terminal, whatever names an asset holds."""
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)

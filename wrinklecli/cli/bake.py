@@ -1,7 +1,6 @@
 """`wrinkle bake`."""
 
 import json
-import math
 import os
 import signal
 import sys
@@ -9,28 +8,7 @@ from typing import Any
 
 import click
 
-
-def _length(_context: click.Context, parameter: click.Parameter, value: str | None) -> Any:
-    """A length in scene units, or per cent of the tallest wrinkle."""
-    if value is None:
-        return None
-    from wrinklecli.config import Length
-
-    percent = value.endswith("%")
-    try:
-        number = float(value.removesuffix("%"))
-    except ValueError:
-        number = -1.0
-    if not 0 < number < float("inf"):
-        raise click.BadParameter(f"{value!r} is neither a length above 0 nor a percentage such as 1%", param=parameter)
-    return Length(number, percent=percent)
-
-
-def _number(_context: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
-    """A number: `nan` is in no range and outside none."""
-    if value is not None and math.isnan(value):
-        raise click.BadParameter("'nan' is not a number", param=parameter)
-    return value
+from wrinklecli.cli.common import FPS, Progress, length, number, say, warn
 
 
 @click.command(
@@ -50,8 +28,8 @@ def _number(_context: click.Context, parameter: click.Parameter, value: float | 
 @click.option("--tool", "only", metavar="NAME", multiple=True, help="Bake only this tool; may be repeated.")
 @click.option(
     "--fps",
-    type=click.FloatRange(0.1, 1000),
-    callback=_number,
+    type=FPS,
+    callback=number,
     help="Frames per second; overrides sampling.fps (30).",
 )
 @click.option(
@@ -59,7 +37,7 @@ def _number(_context: click.Context, parameter: click.Parameter, value: float | 
     metavar="LENGTH",
     default="1%",
     show_default=True,
-    callback=_length,
+    callback=length,
     help="Refuse a file that is off by more: scene units, or per cent of the tallest wrinkle.",
 )
 @click.option("--max-levels", type=click.IntRange(0, 8), help="Overrides refinement.max_levels; 0 does not refine.")
@@ -126,7 +104,6 @@ def bake(
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
 
     from wrinklecli import bake as run
-    from wrinklecli.cli import printable
     from wrinklecli.draft import replace_bytes
     from wrinklecli.errors import BakeError
     from wrinklecli.pipeline import refuse_overwriting
@@ -137,7 +114,7 @@ def bake(
         # Found out afterwards, OUT would be new already.
         if not os.access(os.path.dirname(path) or ".", os.W_OK):
             raise BakeError("cannot be written: its folder is missing or read-only", where=path)
-    with _Progress(shown=not quiet and sys.stderr.isatty()) as progress:
+    with Progress(quiet=quiet) as progress:
         made = run(asset, tools, output, details=report is not None, progress=progress.show, **options)
     if report is not None:
         replace_bytes(report, json.dumps(made.data, indent=1, allow_nan=False).encode() + b"\n")
@@ -146,17 +123,14 @@ def bake(
     if quiet:
         return
     for warning in made.warnings:
-        click.echo(f"warning: {printable(warning)}", err=True)
+        warn(warning)
     if verbose:
         for tool in made.data["tools"]:
-            click.echo(
-                printable(
-                    f"{tool['name']} on {tool['node']}: {tool['moved_vertices']} vertices,"
-                    f" targets {', '.join(tool['targets']) or 'none'}"
-                ),
-                err=True,
+            say(
+                f"{tool['name']} on {tool['node']}: {tool['moved_vertices']} vertices,"
+                f" targets {', '.join(tool['targets']) or 'none'}"
             )
-    click.echo(printable(f"{output or options['frames_dir']}: {made.summary}"), err=True)
+    say(f"{output or options['frames_dir']}: {made.summary}")
 
 
 def dependencies(target: str, inputs: list[str]) -> str:
@@ -180,29 +154,3 @@ def _escape(path: str) -> str:
         else:
             escaped.append("$$" if c == "$" else c)
     return "".join(escaped)
-
-
-class _Progress:
-    """A bar on a terminal, nothing in a pipe."""
-
-    def __init__(self, *, shown: bool) -> None:
-        self._shown = shown
-        self._drawn = False
-
-    def __enter__(self) -> "_Progress":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._drawn:
-            click.echo("\r\x1b[K", nl=False, err=True)
-
-    def show(self, stage: str, done: int, total: int) -> None:
-        if self._shown:
-            width = 30
-            filled = width * done // max(total, 1)
-            click.echo(
-                f"\r\x1b[K{stage:>8} {'#' * filled}{'.' * (width - filled)} {done}/{total}",
-                nl=False,
-                err=True,
-            )
-            self._drawn = True

@@ -38,7 +38,7 @@ def track(baked: str, anims: tuple[str, ...], folder: str, fps: float, quiet: bo
         if not path.lower().endswith((".glb", ".gltf")):
             raise click.BadParameter(f"{path!r} ends neither in .glb nor .gltf", param_hint="ANIM")
 
-    from wrinklecli.cli import printable
+    from wrinklecli.cli.common import printable
     from wrinklecli.track import track as run
 
     for made in run(baked, anims, folder, fps=fps):

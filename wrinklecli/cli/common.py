@@ -1,0 +1,89 @@
+"""What the commands share: checks of options, output that names cannot break out of, progress on a terminal."""
+
+import json
+import math
+import os
+import sys
+from typing import IO, Any
+
+import click
+
+
+def printable(line: str) -> str:
+    """A line that cannot break out of itself or command a terminal, whatever names an asset holds."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
+
+
+def say(line: str, *, style: dict[str, Any] | None = None) -> None:
+    """A line on standard error, for people."""
+    click.echo(click.style(printable(line), **(style or {})), err=True, color=_colours(sys.stderr))
+
+
+def warn(warning: str) -> None:
+    """A warning on standard error."""
+    click.echo(click.style("warning:", fg="yellow") + " " + printable(warning), err=True, color=_colours(sys.stderr))
+
+
+def emit(line: str, *, style: dict[str, Any] | None = None) -> None:
+    """A line on standard output: data that was asked for."""
+    click.echo(click.style(printable(line), **(style or {})), color=_colours(sys.stdout))
+
+
+def emit_json(data: dict[str, Any]) -> None:
+    """An object on standard output, names as the asset has them: JSON escapes what could do harm."""
+    click.echo(json.dumps(data, indent=1, allow_nan=False))
+
+
+def _colours(stream: IO[str]) -> bool | None:
+    """None leaves the choice to the stream: colours on a terminal only. See no-color.org."""
+    return False if os.environ.get("NO_COLOR") else None if stream.isatty() else False
+
+
+def number(_context: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
+    """A number: `nan` is in no range and outside none."""
+    if value is not None and math.isnan(value):
+        raise click.BadParameter("'nan' is not a number", param=parameter)
+    return value
+
+
+def length(_context: click.Context, parameter: click.Parameter, value: str | None) -> Any:
+    """A length in scene units, or per cent."""
+    if value is None:
+        return None
+    from wrinklecli.config import Length
+
+    percent = value.endswith("%")
+    try:
+        found = float(value.removesuffix("%"))
+    except ValueError:
+        found = -1.0
+    if not 0 < found < float("inf"):
+        raise click.BadParameter(f"{value!r} is neither a length above 0 nor a percentage such as 1%", param=parameter)
+    return Length(found, percent=percent)
+
+
+FPS = click.FloatRange(0.1, 1000)
+
+
+class Progress:
+    """A bar on a terminal, nothing in a pipe."""
+
+    def __init__(self, *, quiet: bool = False) -> None:
+        self._shown = not quiet and sys.stderr.isatty()
+        self._drawn = False
+
+    def __enter__(self) -> "Progress":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._drawn:
+            click.echo("\r\x1b[K", nl=False, err=True)
+
+    def show(self, stage: str, done: int, total: int) -> None:
+        """Draw a stage's share of steps that are done."""
+        if self._shown:
+            width = 30
+            filled = width * done // max(total, 1)
+            bar = f"{stage:>8} {'#' * filled}{'.' * (width - filled)} {done}/{total}"
+            click.echo(f"\r\x1b[K{bar}", nl=False, err=True)
+            self._drawn = True

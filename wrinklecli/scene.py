@@ -1,0 +1,162 @@
+"""All that a scene shows, posed as an engine would: what `preview`, `diff` and `suggest` look at.
+
+Where the stages of a bake know one mesh as a welded surface, here every primitive of every node is as the file stores
+it: its own vertices, its own normals, its own skin weights.
+
+Source: glTF 2.0 §3.5 (scenes), §3.7.2.2 (morph targets), §3.7.3.3 (skinned meshes).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from wrinklecli.document import Document, Json
+from wrinklecli.pose import Clip, Rig, joint_matrices, morph_weights, read_rig
+from wrinklecli.surface import Vertices, read_primitive, read_triangles, unit
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One primitive as one node shows it.
+
+    Attributes:
+        rig: What moves it; an unskinned mesh hangs on its own node with weight 1.
+        primitive: Its number in the mesh.
+        where: Its JSON pointer.
+        vertices: As stored, bind space.
+        triangles: (triangles, 3) its vertices; none for points and lines.
+        influences: (vertices, joints) skin weights, rows summing to 1.
+        colour: (3,) base colour factor of its material, linear RGB.
+        double_sided: Whether its material shows both sides.
+    """
+
+    rig: Rig
+    primitive: int
+    where: str
+    vertices: Vertices
+    triangles: Ints
+    influences: csr_array
+    colour: Floats
+    double_sided: bool
+
+    @property
+    def name(self) -> str:
+        """The name of the node."""
+        return self.rig.names[self.rig.node]
+
+
+@dataclass(frozen=True, slots=True)
+class Posed:
+    """A part at some times, world space, scene units.
+
+    Attributes:
+        positions: (frames, vertices, 3).
+        normals: (frames, vertices, 3) unit; None where the file has none, which means flat shading.
+        mirrored: (frames,) whether the node mirrors an unskinned mesh, so that its triangles wind the other way.
+        hidden: (frames,) whether the node is scaled to nothing, as players of per-frame geometry have it.
+    """
+
+    positions: Floats
+    normals: Floats | None
+    mirrored: NDArray[np.bool_]
+    hidden: NDArray[np.bool_]
+
+
+def scene_nodes(document: Document) -> list[int]:
+    """The nodes of the default scene, ascending; all of them where the file has no scene."""
+    nodes, scenes = document.items("nodes"), document.items("scenes")
+    if not scenes:
+        return list(range(len(nodes)))
+    scene = document.item("scenes", document.gltf.get("scene", 0), user=document.path)
+    found: set[int] = set()
+    stack = list(scene.get("nodes", []))
+    while stack:
+        node = stack.pop()
+        if node not in found:
+            found.add(node)
+            stack += document.item("nodes", node, user=document.where("scenes")).get("children", [])
+    return sorted(found)
+
+
+def read_scene(document: Document) -> tuple[Part, ...]:
+    """Every primitive of every node of the default scene, in the document's order.
+
+    Raises:
+        AssetError: A mesh, a skin or the hierarchy is malformed.
+    """
+    nodes = document.items("nodes")
+    parts = []
+    for node in scene_nodes(document):
+        if "mesh" not in nodes[node]:
+            continue
+        rig = read_rig(document, node)
+        for number, primitive in enumerate(document.items("meshes")[rig.mesh].get("primitives", [])):
+            where = document.where("meshes", rig.mesh, "primitives", number)
+            vertices = read_primitive(document, primitive, rig, where)
+            count = len(vertices.positions)
+            material = _material(document, primitive, where)
+            factor = material.get("pbrMetallicRoughness", {}).get("baseColorFactor", (1.0, 1.0, 1.0, 1.0))
+            parts.append(
+                Part(
+                    rig=rig,
+                    primitive=number,
+                    where=where,
+                    vertices=vertices,
+                    triangles=read_triangles(document, primitive, count, where),
+                    influences=_influences(vertices, len(rig.joints)),
+                    colour=np.array(factor[:3], np.float64),
+                    double_sided=bool(material.get("doubleSided", False)),
+                )
+            )
+    return tuple(parts)
+
+
+def _material(document: Document, primitive: Json, where: str) -> Json:
+    return document.item("materials", primitive["material"], user=where) if "material" in primitive else {}
+
+
+def _influences(vertices: Vertices, joint_count: int) -> csr_array:
+    rows = np.repeat(np.arange(len(vertices.joints)), vertices.joints.shape[1])
+    entries = (vertices.weights.ravel(), (rows, vertices.joints.ravel()))
+    return csr_array(entries, shape=(len(vertices.joints), joint_count))
+
+
+def pose_part(part: Part, clip: Clip | None, times: Floats, *, normals: bool = True) -> Posed:
+    """Morph and skin a part by its own weights.
+
+    Args:
+        part: Of the scene.
+        clip: The animation; none for the stored pose.
+        times: (frames,) seconds; before the first and after the last key a channel holds.
+        normals: Whether to pose them too.
+    """
+    rig, stored = part.rig, part.vertices
+    matrices = joint_matrices(rig, clip, times)
+    weights = morph_weights(rig, clip, times)
+    shape = (len(times), len(stored.positions))
+    rows = matrices[:, :, :3, :].transpose(1, 0, 2, 3).reshape(len(rig.joints), -1)
+    blended = (part.influences @ rows).reshape(shape[1], shape[0], 3, 4).transpose(1, 0, 2, 3)
+    bind = stored.positions + np.tensordot(weights, stored.morph_deltas, axes=1)
+    positions = np.einsum("fvab,fvb->fva", blended[..., :3], bind) + blended[..., 3]
+    determinants = np.linalg.det(matrices[:, 0, :3, :3])
+    mirrored = np.zeros(len(times), bool) if rig.skinned else determinants < 0
+    hidden = np.zeros(len(times), bool) if rig.skinned else determinants == 0
+    turned: Floats | None = None
+    if normals and stored.normals is not None and stored.normal_deltas is not None:
+        turned = unit(stored.normals + np.tensordot(weights, stored.normal_deltas, axes=1))
+        turned = unit(np.einsum("fvab,fvb->fva", _turning(blended[..., :3]), turned))
+    return Posed(positions, turned, mirrored, hidden)
+
+
+def _turning(matrices: Floats) -> Floats:
+    """(…, 3, 3) what turns normals: inverse transposes but for a positive factor, without a division."""
+    a, b, c = np.moveaxis(matrices, -2, 0)
+    cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-2)
+    determinants: Floats = np.sum(a * cofactors[..., 0, :], axis=-1)
+    turning: Floats = np.where(determinants < 0, -1.0, 1.0)[..., None, None] * cofactors
+    return turning
