@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from wrinklecli.document import Document, Json
 from wrinklecli.pose import Clip, Rig, joint_matrices, morph_weights, read_rig
-from wrinklecli.surface import Vertices, read_primitive, read_triangles, unit
+from wrinklecli.skin import Skin, pose, prepare
+from wrinklecli.surface import Vertices, dense_influences, read_primitive, read_triangles
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -30,7 +30,7 @@ class Part:
         where: Its JSON pointer.
         vertices: As stored, bind space.
         triangles: (triangles, 3) its vertices; none for points and lines.
-        influences: (vertices, joints) skin weights, rows summing to 1.
+        skin: Its vertices, ready to be posed.
         colour: (3,) base colour factor of its material, linear RGB.
         double_sided: Whether its material shows both sides.
     """
@@ -40,7 +40,7 @@ class Part:
     where: str
     vertices: Vertices
     triangles: Ints
-    influences: csr_array
+    skin: Skin
     colour: Floats
     double_sided: bool
 
@@ -108,7 +108,7 @@ def read_scene(document: Document) -> tuple[Part, ...]:
                     where=where,
                     vertices=vertices,
                     triangles=read_triangles(document, primitive, count, where),
-                    influences=_influences(vertices, len(rig.joints)),
+                    skin=_skin(vertices, len(rig.joints)),
                     colour=np.array(factor[:3], np.float64),
                     double_sided=bool(material.get("doubleSided", False)),
                 )
@@ -120,43 +120,25 @@ def _material(document: Document, primitive: Json, where: str) -> Json:
     return document.item("materials", primitive["material"], user=where) if "material" in primitive else {}
 
 
-def _influences(vertices: Vertices, joint_count: int) -> csr_array:
-    rows = np.repeat(np.arange(len(vertices.joints)), vertices.joints.shape[1])
-    entries = (vertices.weights.ravel(), (rows, vertices.joints.ravel()))
-    return csr_array(entries, shape=(len(vertices.joints), joint_count))
+def _skin(vertices: Vertices, joint_count: int) -> Skin:
+    weights = dense_influences(vertices.joints, vertices.weights, joint_count)
+    return prepare(weights, vertices.positions, vertices.morph_deltas, vertices.normals, vertices.normal_deltas)
 
 
-def pose_part(part: Part, clip: Clip | None, times: Floats, *, normals: bool = True) -> Posed:
+def pose_part(part: Part, clip: Clip | None, times: Floats) -> Posed:
     """Morph and skin a part by its own weights.
 
     Args:
         part: Of the scene.
         clip: The animation; none for the stored pose.
         times: (frames,) seconds; before the first and after the last key a channel holds.
-        normals: Whether to pose them too.
     """
-    rig, stored = part.rig, part.vertices
+    rig = part.rig
     matrices = joint_matrices(rig, clip, times)
     weights = morph_weights(rig, clip, times)
-    shape = (len(times), len(stored.positions))
-    rows = matrices[:, :, :3, :].transpose(1, 0, 2, 3).reshape(len(rig.joints), -1)
-    blended = (part.influences @ rows).reshape(shape[1], shape[0], 3, 4).transpose(1, 0, 2, 3)
-    bind = stored.positions + np.tensordot(weights, stored.morph_deltas, axes=1)
-    positions = np.einsum("fvab,fvb->fva", blended[..., :3], bind) + blended[..., 3]
     determinants = np.linalg.det(matrices[:, 0, :3, :3])
     mirrored = np.zeros(len(times), bool) if rig.skinned else determinants < 0
     hidden = np.zeros(len(times), bool) if rig.skinned else determinants == 0
-    turned: Floats | None = None
-    if normals and stored.normals is not None and stored.normal_deltas is not None:
-        turned = unit(stored.normals + np.tensordot(weights, stored.normal_deltas, axes=1))
-        turned = unit(np.einsum("fvab,fvb->fva", _turning(blended[..., :3]), turned))
-    return Posed(positions, turned, mirrored, hidden)
-
-
-def _turning(matrices: Floats) -> Floats:
-    """(…, 3, 3) what turns normals: inverse transposes but for a positive factor, without a division."""
-    a, b, c = np.moveaxis(matrices, -2, 0)
-    cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-2)
-    determinants: Floats = np.sum(a * cofactors[..., 0, :], axis=-1)
-    turning: Floats = np.where(determinants < 0, -1.0, 1.0)[..., None, None] * cofactors
-    return turning
+    positions, normals = pose(part.skin, matrices, weights)
+    turned = None if normals is None else normals.transpose(0, 2, 1)
+    return Posed(positions.transpose(0, 2, 1), turned, mirrored, hidden)

@@ -1,0 +1,134 @@
+"""Many vertices posed at many times: positions and normals as an engine would show them.
+
+Arrays hold one coordinate of all vertices after another, so that every operation runs along whole rows, and chunks of
+time stay in a core's cache.
+
+Tried, in nanoseconds for a vertex and frame of samples/trousers.glb at one level, where weights times matrices and one
+product with the positions, without wrinkles or normals, take 19: blended matrices for each vertex, inverted, with
+einsum: 285; coordinate by coordinate with cofactors (kept): 36; all as two matrix products over joints, shapes and
+pairs of joints, by groups of vertices: 27, for three times the code.
+
+Source: glTF 2.0 §3.7.2.2 (morph targets), §3.7.3.3 (skinning). Differs from engines that turn normals by the blended
+matrices themselves: their normals lean where joints scale or shear.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+# Vertices times frames that are posed at once.
+_CHUNK = 2**14
+
+
+@dataclass(frozen=True, slots=True)
+class Skin:
+    """Vertices ready to be posed.
+
+    Attributes:
+        weights: (joints, vertices) skin weights, columns summing to 1.
+        places: (3, 1 + shapes, vertices) bind positions, then what each shape adds at weight 1.
+        turns: (3, 1 + shapes, vertices) the same of unit normals; None without normals.
+    """
+
+    weights: Floats
+    places: Floats
+    turns: Floats | None
+
+
+def prepare(
+    weights: Floats,
+    positions: Floats,
+    deltas: Floats,
+    normals: Floats | None = None,
+    normal_deltas: Floats | None = None,
+) -> Skin:
+    """Lay out what does not change with time.
+
+    Args:
+        weights: (vertices, joints) skin weights, rows summing to 1.
+        positions: (vertices, 3) bind space.
+        deltas: (shapes, vertices, 3) what each morph target or wrinkle adds at weight 1.
+        normals: (vertices, 3) unit, bind space; none where they are not wanted.
+        normal_deltas: (shapes, vertices, 3) what each shape adds to them.
+    """
+    turns = None
+    if normals is not None and normal_deltas is not None:
+        turns = _by_coordinate(normals, normal_deltas)
+    return Skin(np.ascontiguousarray(weights.T), _by_coordinate(positions, deltas), turns)
+
+
+def _by_coordinate(base: Floats, deltas: Floats) -> Floats:
+    return np.ascontiguousarray(np.concatenate([base[None], deltas]).transpose(2, 0, 1))
+
+
+def pose(skin: Skin, matrices: Floats, weights: Floats) -> tuple[Floats, Floats | None]:
+    """Morph and skin all vertices at all times given.
+
+    Args:
+        skin: The vertices.
+        matrices: (frames, joints, 4, 4) bind to world space.
+        weights: (frames, shapes).
+
+    Returns:
+        (frames, 3, vertices) world-space positions, scene units, and unit normals turned by the inverse transposes
+        of the blended matrices; None where the skin has none.
+    """
+    vertex_count = skin.weights.shape[1]
+    positions = np.zeros((len(matrices), 3, vertex_count))
+    normals = None if skin.turns is None else np.zeros_like(positions)
+    factors = np.concatenate([np.ones((len(matrices), 1)), weights], axis=1)
+    rows = np.ascontiguousarray(matrices[:, :, :3].transpose(2, 3, 0, 1))
+    step = max(1, _CHUNK // max(vertex_count, 1))
+    for start in range(0, len(matrices), step):
+        now = slice(start, start + step)
+        frames = len(factors[now])
+        # One product, not twelve: those of few frames are slow.
+        blended = (rows[:, :, now].reshape(12 * frames, -1) @ skin.weights).reshape(3, 4, frames, vertex_count)
+        bind = factors[now] @ skin.places
+        for row, into in zip(blended, positions[now].transpose(1, 0, 2), strict=True):
+            into[:] = _dot(row[:3], bind)
+            into += row[3]
+        if normals is not None and skin.turns is not None:
+            turned = _turned(blended[:, :3], factors[now] @ skin.turns)
+            lengths = np.sqrt(_dot(turned, turned))
+            lengths[lengths == 0] = 1.0
+            for row, into in zip(turned, normals[now].transpose(1, 0, 2), strict=True):
+                np.divide(row, lengths, out=into)
+    return positions, normals
+
+
+def _turned(matrices: Floats, normals: Floats) -> Floats:
+    """(3, …) of (3, 3, …) matrices and (3, …) normals: the inverse transposes' products, but for their lengths.
+
+    A cofactor matrix is the inverse transpose times the determinant, of which only the sign counts.
+    """
+    turned = np.zeros_like(normals)
+    for k in range(3):
+        cofactors = _cross(matrices[(k + 1) % 3], matrices[(k + 2) % 3])
+        if k == 0:
+            signs = np.sign(_dot(matrices[0], cofactors))
+        turned[k] = _dot(cofactors, normals)
+    if (signs < 0).any():
+        turned *= signs
+    return turned
+
+
+def _cross(a: Floats, b: Floats) -> list[Floats]:
+    """Three (…) coordinates of the cross product of (3, …) vectors."""
+    products = []
+    for k in range(3):
+        product = a[(k + 1) % 3] * b[(k + 2) % 3]
+        product -= a[(k + 2) % 3] * b[(k + 1) % 3]
+        products.append(product)
+    return products
+
+
+def _dot(a: Floats | list[Floats], b: Floats | list[Floats]) -> Floats:
+    """(…) of (3, …) vectors."""
+    total: Floats = a[0] * b[0]
+    total += a[1] * b[1]
+    total += a[2] * b[2]
+    return total
