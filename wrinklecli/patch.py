@@ -6,6 +6,7 @@ and are connected to an anchor, where the paper takes every vertex that projects
 thin limb with them); displacement fades where the surface turns away; and (u, v) are those at rest.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +22,7 @@ from wrinklecli.pose import (
     joint_matrices,
     morph_weights,
     node_matrices,
+    node_rows,
     transform,
 )
 from wrinklecli.surface import Surface, face_normals, unit, vertex_normals
@@ -124,6 +126,10 @@ class Patch:
 
     def magnitudes(self, u: Floats, v: Floats, normals: Floats) -> Floats:
         """(…,) factor on the curve's height: strength, attenuation, facing; 0 outside the patch."""
+        return self.factors(u, v, normals @ self.normal)
+
+    def factors(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
+        """(…,) as `magnitudes`, from the cosines of (…,) vertex normals and the patch's."""
         spread = np.minimum(np.abs(v), 1.0)
         if self.tool.attenuation == "linear":
             attenuation = 1.0 - spread
@@ -131,7 +137,7 @@ class Patch:
             squared = spread**2
             attenuation = 1.0 + squared * (-22.0 + squared * (17.0 - 4.0 * squared)) / 9.0
         low, high = _FACING
-        t = np.clip((normals @ self.normal - low) / (high - low), 0.0, 1.0)
+        t = np.clip((cosines - low) / (high - low), 0.0, 1.0)
         inside = (u >= 0.0) & (u <= 1.0) & (np.abs(v) <= 1.0)
         return np.where(inside, self.shape_strength * attenuation * t * t * (3.0 - 2.0 * t), 0.0)
 
@@ -212,8 +218,20 @@ def inverses(blended: Floats) -> Floats:
 
 def singular(blended: Floats) -> Bools:
     """(vertices,) whether the smallest singular value is below 1/1000 of the largest."""
-    values = np.linalg.svd(blended[:, :, :3], compute_uv=False)
-    return values[:, 2] <= _SINGULAR * values[:, 0]
+    linear = blended[:, :, :3]
+    # The product of the three is |det|, and none exceeds the Frobenius norm: most matrices need no decomposition.
+    norms = np.sqrt(np.sum(linear * linear, axis=(1, 2)))
+    near = np.abs(determinants(linear)) <= 2.0 * _SINGULAR * norms**3
+    values = np.linalg.svd(linear[near], compute_uv=False)
+    near[near] = values[:, 2] <= _SINGULAR * values[:, 0]
+    return near
+
+
+def determinants(matrices: Floats) -> Floats:
+    """(…,) of (…, 3, 3)."""
+    (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(matrices, (-2, -1), (0, 1))
+    found: Floats = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    return found
 
 
 def attach_tools(
@@ -462,7 +480,40 @@ def _pieces(triangle_edges: Ints) -> Ints:
     return np.asarray(connected_components(links, directed=False)[1][:count], np.intp)
 
 
-def lengths_over_time(patch: Patch, rig: Rig, rest: Rest, clip: Clip | None, times: Floats) -> tuple[Floats, Floats]:
+@dataclass(frozen=True, slots=True)
+class AnchorPoses:
+    """What moves the anchors of several tools, at a few times of a clip.
+
+    Attributes:
+        joints: (joints,) into the rig's, rising: those that move any of the anchors.
+        matrices: (frames, joints, 4, 4) bind to world space.
+        scales: (frames, joints) cube roots of their determinants against rest.
+        weights: (frames, morph targets).
+    """
+
+    joints: Ints
+    matrices: Floats
+    scales: Floats
+    weights: Floats
+
+
+def anchor_joints(patches: Sequence[Patch]) -> Ints:
+    """(joints,) into the rig's, rising: those that move an anchor of any of the tools."""
+    return np.unique(np.concatenate([end.joints for each in patches for end in (each.origin, each.target)]))
+
+
+def anchor_poses(joints: Ints, rig: Rig, rest: Rest, clip: Clip | None, times: Floats) -> AnchorPoses:
+    """Pose (joints,) of a rig at (frames,) seconds; in the stored pose where there is no clip."""
+    matrices = joint_matrices(rig, clip, times, joints)
+    now = np.abs(np.linalg.det(matrices[..., :3, :3]))
+    before = np.abs(np.linalg.det(rest.matrices[joints, :3, :3]))
+    scales = np.cbrt(now / np.where(before > 0, before, 1.0))
+    return AnchorPoses(joints, matrices, scales, morph_weights(rig, clip, times))
+
+
+def lengths_over_time(
+    patch: Patch, rig: Rig, rest: Rest, clip: Clip | None, times: Floats, poses: AnchorPoses | None = None
+) -> tuple[Floats, Floats]:
     """What a clip does to a tool's segment.
 
     Args:
@@ -471,27 +522,26 @@ def lengths_over_time(patch: Patch, rig: Rig, rest: Rest, clip: Clip | None, tim
         rest: The rest pose.
         clip: The animation; none for the stored pose.
         times: (frames,) seconds.
+        poses: At these times, where other tools need them too.
 
     Returns:
         (frames,) distance of the anchors with animated scale taken out, and (frames,) rest length, scene
         units. Where the anchors' scale is below 1e-6 the distance is infinite: the tool is inactive.
     """
-    weights = morph_weights(rig, clip, times)
-    active = np.concatenate([np.ones((len(times), 1)), weights], axis=1)
+    if poses is None:
+        poses = anchor_poses(anchor_joints([patch]), rig, rest, clip, times)
+    active = np.concatenate([np.ones((len(times), 1)), poses.weights], axis=1)
     places, scales = [], []
     for anchor in (patch.origin, patch.target):
-        matrices = joint_matrices(rig, clip, times, anchor.joints)
+        chosen = np.searchsorted(poses.joints, anchor.joints)
         points = np.tensordot(active, anchor.points, axes=1)
-        places.append(np.einsum("fkab,fkb->fa", matrices[:, :, :3], points))
+        places.append(np.einsum("fkab,fkb->fa", poses.matrices[:, chosen, :3], points))
         # Scale: cube roots of determinants against rest, by influence.
-        now = np.abs(np.linalg.det(matrices[..., :3, :3]))
-        before = np.abs(np.linalg.det(rest.matrices[anchor.joints, :3, :3]))
-        ratio = np.cbrt(now / np.where(before > 0, before, 1.0))
-        scales.append(ratio @ anchor.points[0, :, 3])
+        scales.append(poses.scales[:, chosen] @ anchor.points[0, :, 3])
     scale = (scales[0] + scales[1]) / 2.0
     hidden = scale < _LEAST_SCALE
     distances = np.sqrt(np.sum((places[1] - places[0]) ** 2, axis=1)) / np.where(hidden, 1.0, scale)
-    return np.where(hidden, np.inf, distances), _rest_lengths_over_time(patch, rig, clip, times, weights)
+    return np.where(hidden, np.inf, distances), _rest_lengths_over_time(patch, rig, clip, times, poses.weights)
 
 
 def _rest_lengths_over_time(patch: Patch, rig: Rig, clip: Clip | None, times: Floats, weights: Floats) -> Floats:
