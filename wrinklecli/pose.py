@@ -334,10 +334,11 @@ def _local_rows(rig: Rig, channels: dict[tuple[int, str], Channel], times: Float
     if "matrix" in stored:
         return stored["matrix"][:3, :, None]
     parts = {path: value[:, None] for path, value in stored.items()}
+    parts["rotation"] = _normalised(stored["rotation"])[:, None]
     for path in _DEFAULTS:
         if (node, path) in channels:
             parts[path] = sample(channels[node, path], times).T
-    x, y, z, w = _normalised(parts["rotation"].T).T
+    x, y, z, w = parts["rotation"]
     sx, sy, sz = parts["scale"]
     rows = (
         ((1 - 2 * (y * y + z * z)) * sx, 2 * (x * y - z * w) * sy, 2 * (x * z + y * w) * sz),
@@ -361,10 +362,14 @@ def morph_weights(rig: Rig, clip: Clip | None, times: Floats) -> Floats:
 def sample(channel: Channel, times: Floats) -> Floats:
     """(frames, components) of a channel at times in seconds, held before the first and after the last key.
 
+    Rotations are of unit length.
+
     Source: glTF 2.0, appendix C (LINEAR, with slerp for rotations; STEP; CUBICSPLINE).
     """
     keys, values = channel.times, channel.values
     points = values[:, 1] if channel.interpolation == "CUBICSPLINE" else values
+    if channel.path == "rotation" and (channel.interpolation != "CUBICSPLINE" or len(keys) == 1):
+        points = _normalised(points)
     if len(keys) == 1:
         return np.tile(points, (len(times), 1))
     before = np.clip(np.searchsorted(keys, times, side="right") - 1, 0, len(keys) - 2)
@@ -382,7 +387,7 @@ def sample(channel: Channel, times: Floats) -> Floats:
         blended = ((cubes[before] * t + squares[before]) * t + leaving[before]) * t + points[before]
         return _normalised(blended) if channel.path == "rotation" else blended
     if channel.path == "rotation":
-        return _slerp(_normalised(points), before, t)
+        return _slerp(points, before, t)
     t = t[:, None]
     return points[before] + np.diff(points, axis=0)[before] * t
 
