@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from wrinklecli import tracks
 from wrinklecli.pose import Channel, Clip, Rig, read_clips, read_rig, sample
-from wrinklecli.tracks import Track, clip_grid, moving_nodes, pad, sample_times, thin_times, widen
+from wrinklecli.tracks import Signal, Track, clip_grid, key_times, moving_nodes, pad, smooth, widen
 
 Floats = NDArray[np.float64]
 
@@ -35,6 +35,15 @@ def weights_of(track: Track) -> Floats:
     return track.values[:, 1] if track.interpolation == "CUBICSPLINE" else track.values
 
 
+def sampled(clip: Clip, rig: Rig, signal: Signal, *, fps: float, tolerance: float) -> tuple[Floats, Floats]:
+    """Times, and those of them that are keys, of one tolerance."""
+    times, keys = key_times(clip, rig, lambda _: signal, fps=fps, tolerance=tolerance, thinning=tolerance)
+    assert keys[0] == 0
+    assert keys[-1] == len(times) - 1
+    assert (np.diff(keys) > 0).all()
+    return times, times[keys]
+
+
 # --- Where to sample ---
 
 
@@ -50,7 +59,7 @@ def test_quarter_points_of_every_interval_are_within_the_tolerance(start: float,
         rising = np.sqrt(np.maximum(times - start, 0))
         return np.stack([rising, 0.5 * np.sqrt(np.maximum(start - times, 0)), np.minimum(rising, 0.25)], axis=1)
 
-    times = sample_times(clip, rig, signal, fps=10, tolerance=tolerance)
+    times, _ = sampled(clip, rig, signal, fps=10, tolerance=tolerance)
     assert (np.diff(times) > 0).all()
     assert np.array_equal(times, stored(times))
     values = signal(times)
@@ -64,26 +73,34 @@ def test_quarter_points_of_every_interval_are_within_the_tolerance(start: float,
 
 def test_straight_signal_needs_no_more_than_the_grid() -> None:
     rig, clip = limb()
-    times = sample_times(clip, rig, lambda t: t[:, None] * [1.0, -2.0], fps=7, tolerance=1e-9)
+    times, _ = sampled(clip, rig, lambda t: t[:, None] * [1.0, -2.0], fps=7, tolerance=1e-9)
     assert np.array_equal(times, clip_grid(clip, rig, fps=7))
 
 
 def test_endless_bisection_ends() -> None:
     rig, clip = limb()
-    times = sample_times(clip, rig, lambda t: (t > 0.77).astype(float)[:, None], fps=10, tolerance=1e-3)
+    times, _ = sampled(clip, rig, lambda t: (t > 0.77).astype(float)[:, None], fps=10, tolerance=1e-3)
     near = times[np.abs(times - 0.77) < 0.1]
     assert (np.diff(times) > 0).all()
     # A tenth of a second halved as often as allowed; float32 times there are 6e-8 apart.
     assert np.diff(near).min() == pytest.approx(0.1 / 2**tracks._BISECTIONS, abs=1.2e-7)
 
 
-def worst_between(times: Floats, signal: Any) -> Floats:
-    """(intervals,) greatest error of straight lines at seven points inside each."""
-    values, errors = signal(times), []
-    for share in np.arange(1, 8) / 8:
-        inner = times[:-1] + share * np.diff(times)
-        errors.append(np.abs((1 - share) * values[:-1] + share * values[1:] - signal(inner)).max(axis=1, initial=0.0))
-    return np.max(errors, axis=0)
+def points_of(times: Floats) -> Floats:
+    """The times and seven points between each two."""
+    inner = times[:-1, None] + np.arange(8) / 8 * np.diff(times)[:, None]
+    return np.append(inner.reshape(-1), times[-1])
+
+
+def worst_between(keys: Floats, signal: Any, points: Floats) -> Floats:
+    """(intervals of keys,) greatest error of straight lines at the points inside each."""
+    values = signal(keys)
+    lines = np.stack([np.interp(points, keys, column) for column in values.T], axis=1)
+    errors = np.abs(lines - signal(points)).max(axis=1)
+    which = np.clip(np.searchsorted(keys, points, side="right") - 1, 0, len(keys) - 2)
+    worst = np.zeros(len(keys) - 1)
+    np.maximum.at(worst, which, errors)
+    return worst
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(1e-3, 0.3), st.integers(1, 5))
@@ -97,14 +114,30 @@ def test_dropped_keys_leave_lines_that_are_right(seed: int, tolerance: float, co
         return 0.5 * np.sin(speeds * times[:, None]) + np.sqrt(after)
 
     rig, clip = limb()
-    times = sample_times(clip, rig, signal, fps=30, tolerance=tolerance)
-    keys = thin_times(times, signal, tolerance=tolerance)
-    assert keys[0] == 0
-    assert keys[-1] == len(times) - 1
-    assert (np.diff(keys) > 0).all()
-    wrong = worst_between(times[keys], signal) > tolerance
-    assert (np.diff(keys)[wrong] == 1).all()
-    assert np.array_equal(keys, thin_times(times, signal, tolerance=tolerance))
+    times, keys = sampled(clip, rig, signal, fps=30, tolerance=tolerance)
+    wrong = worst_between(keys, signal, points_of(times)) > tolerance * (1 + 1e-9)
+    together = np.searchsorted(times, keys)
+    assert (np.diff(together)[wrong] == 1).all()
+    assert np.array_equal(keys, sampled(clip, rig, signal, fps=30, tolerance=tolerance)[1])
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(1e-3, 0.1), st.floats(1e-3, 0.1))
+def test_no_key_could_be_left_out(seed: int, tolerance: float, thinning: float) -> None:
+    """From each key the next is the furthest that a straight line reaches, but for the ends of lanes."""
+    rng = np.random.default_rng(seed)
+    waves = rng.uniform(0, 12, (2, 3))
+
+    def signal(times: Floats) -> Floats:
+        return np.sin(waves[0] * times[:, None] + waves[1])
+
+    rig, clip = limb()
+    times, keys = key_times(clip, rig, lambda _: signal, fps=30, tolerance=tolerance, thinning=thinning)
+    points = points_of(times)
+    for k in range(len(keys) - 2):
+        if keys[k + 1] % tracks._LANE:
+            longer = times[[keys[k], keys[k + 1] + 1]]
+            inside = points[(points >= longer[0]) & (points <= longer[1])]
+            assert worst_between(longer, signal, inside)[0] > thinning * (1 - 1e-9)
 
 
 def test_straight_lines_keep_their_corners_alone() -> None:
@@ -113,32 +146,83 @@ def test_straight_lines_keep_their_corners_alone() -> None:
     def signal(times: Floats) -> Floats:
         return np.stack([np.abs(times - 1.0), np.maximum(times - 1.5, 0.0)], axis=1)
 
-    times = sample_times(clip, rig, signal, fps=20, tolerance=1e-6)
-    keys = thin_times(times, signal, tolerance=1e-6)
-    assert times[keys].tolist() == [0.0, 1.0, 1.5, 2.0]
+    assert sampled(clip, rig, signal, fps=20, tolerance=1e-6)[1].tolist() == [0.0, 1.0, 1.5, 2.0]
+
+
+def test_where_nothing_moves_there_are_two_keys_however_long() -> None:
+    rig, clip = limb()
+    long = replace(clip, end=500.0)
+
+    def signal(times: Floats) -> Floats:
+        return np.where(np.abs(times[:, None] - 300.0) < 1.0, np.sin(times[:, None]), np.sin(300.0) * 0 + 0.5)
+
+    times, keys = sampled(long, rig, lambda t: np.full((len(t), 2), 0.25), fps=30, tolerance=1e-6)
+    assert len(times) > 15_000
+    assert keys[[0, -1]].tolist() == [0.0, 500.0]
+    # The ends of what is sampled at once are keys too.
+    assert len(keys) <= 2 + len(times) // tracks._STRETCH
+    _, keys = sampled(long, rig, signal, fps=30, tolerance=1e-3)
+    assert np.sum((keys > 299) & (keys < 301)) > len(keys) / 2
 
 
 def test_smooth_heights_need_few_keys() -> None:
     """Over a line of length h a parabola of curvature c is off by c h²/8: here h may be 0.28."""
     rig, clip = limb()
-    times = sample_times(clip, rig, lambda t: t[:, None] ** 2, fps=100, tolerance=0.02)
-    keys = thin_times(times, lambda t: t[:, None] ** 2, tolerance=0.02)
-    assert len(times) == 201
-    assert len(keys) == 1 + np.ceil(2 / 0.28)
+    times, keys = sampled(clip, rig, lambda t: t[:, None] ** 2, fps=30, tolerance=0.02)
+    assert len(times) == 61
+    assert len(keys) <= 2 + np.ceil(2 / 0.28)
 
 
 def test_jumps_keep_both_their_keys() -> None:
     rig, clip = limb(interpolation="STEP")
-    times = clip_grid(clip, rig, fps=30)
-    keys = thin_times(times, lambda t: np.floor(t)[:, None], tolerance=0.01)
+    _, keys = sampled(clip, rig, lambda t: np.floor(t)[:, None], fps=30, tolerance=0.01)
     before = np.nextafter(np.float32([1, 2]), np.float32(0)).astype(np.float64)
-    assert times[keys].tolist() == [0.0, before[0], 1.0, before[1], 2.0]
+    assert keys.tolist() == [0.0, before[0], 1.0, before[1], 2.0]
 
 
-@pytest.mark.parametrize("count", [1, 2])
-def test_the_ends_are_never_dropped(count: int) -> None:
-    times = np.arange(count) / 2
-    assert thin_times(times, lambda t: np.zeros((len(t), 3)), tolerance=1.0).tolist() == list(range(count))
+@pytest.mark.parametrize("end", [0.0, 1e-3])
+def test_the_ends_are_never_dropped(end: float) -> None:
+    rig, clip = limb()
+    short = replace(clip, channels=(), end=end)
+    times, keys = sampled(short, rig, lambda t: np.zeros((len(t), 3)), fps=30, tolerance=1.0)
+    assert times.tolist() == keys.tolist() == np.unique([0.0, np.float32(end)]).tolist()
+
+
+# --- Smooth functions from few samples ---
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_smooth_functions_are_right_within_the_tolerance(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    speeds, phases = rng.uniform(0, 6, 3), rng.uniform(0, 7, 3)
+    asked = []
+
+    def function(times: Floats) -> Floats:
+        asked.append(len(times))
+        return np.abs(np.sin(speeds * times[:, None] + phases)) + 0.1 * times[:, None]
+
+    # It bends where a sine is 0: there are breaks.
+    bends = np.concatenate(
+        [(np.pi * np.arange(-3, 9) - phase) / speed for speed, phase in zip(speeds, phases, strict=True)]
+    )
+    breaks = np.unique(np.concatenate([np.linspace(0, 2, 61), bends[(bends > 0) & (bends < 2)]]))
+    fitted = smooth(function, breaks, 1e-7)
+    assert sum(asked) < 12 * len(breaks)
+    times = np.linspace(0, 2, 1001)
+    assert np.abs(fitted(times) - function(times)).max() < 1e-7
+
+
+def test_what_is_not_finite_is_asked_for_itself() -> None:
+    def function(times: Floats) -> Floats:
+        return np.where(times > 1.0, np.inf, times)[:, None]
+
+    assert smooth(function, np.linspace(0, 2, 5), 1e-9) is function
+
+
+def test_fast_motion_is_sampled_closer() -> None:
+    fitted = smooth(lambda t: np.sin(40 * t)[:, None], np.linspace(0, 2, 7), 1e-6)
+    times = np.linspace(0, 2, 1001)
+    assert np.abs(fitted(times)[:, 0] - np.sin(40 * times)).max() < 1e-5
 
 
 @pytest.mark.parametrize("fps", [0.1, 1.0, 24.0, 29.97, 1000.0])
