@@ -204,7 +204,8 @@ def to_glb(character: Character) -> bytes:
     document = {
         "asset": {"version": "2.0", "generator": "wrinkle samples"},
         "scene": 0,
-        "scenes": [{"name": character.name, "nodes": [0, 1]}],
+        # Not the body's name: three.js calls scenes and nodes apart, and renames the second of one name.
+        "scenes": [{"name": "Scene", "nodes": [0, 1]}],
         "nodes": nodes,
         "meshes": [mesh],
         "skins": [

@@ -545,7 +545,7 @@ def make_head() -> Character:
     return Character(
         name="head",
         mesh=mesh,
-        joints=(Joint("neck", None, (0.0, 0.06, -0.030)), Joint("head", "neck", (0.0, 0.130, -0.018))),
+        joints=(Joint("neck", None, (0.0, 0.06, -0.030)), Joint("skull", "neck", (0.0, 0.130, -0.018))),
         weights=np.stack([1.0 - head, head], axis=1),
         clips=(
             Clip("raise_brows", times, weights=np.stack([raised, 0.0 * raised], axis=1)),
@@ -554,7 +554,7 @@ def make_head() -> Character:
                 long_times,
                 rotations={
                     "neck": turn((0.0, 1.0, 0.0), 9.0 * turned),
-                    "head": turn((-0.36, 0.80, -0.48), 26.0 * turned),
+                    "skull": turn((-0.36, 0.80, -0.48), 26.0 * turned),
                 },
                 weights=np.zeros((len(long_times), 2)),
             ),

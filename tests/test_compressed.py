@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 from test_encode import BACK, PALM, ROOT, Editor, Floats, Gltf, Json, bake_once, shared_mesh, write_tools
 
 import wrinklecli
-from clients import assert_valid, pose
+from clients import assert_valid, pose, validate
 from wrinklecli.document import Document, read_document
 from wrinklecli.errors import AssetError
 from wrinklecli.pose import read_rig
@@ -113,6 +113,34 @@ def test_the_touched_mesh_is_plain_and_the_rest_as_it_was(name: str) -> None:
                 assert (elements(before, sampler[key]) == elements(after, new[key])).all()
     matrices = [document.items("skins")[0]["inverseBindMatrices"] for document in (before, after)]
     assert (elements(before, matrices[0]) == elements(after, matrices[1])).all()
+
+
+@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize("levels", [0, 4])
+def test_no_warnings_that_plain_files_lack(name: str, levels: int) -> None:
+    """Draco rounds weights to 0 and leaves the joints, which the validator warns of."""
+    before, after = validate([fixture(name), bake_once(fixture(name), *TOOLS, max_levels=levels).path])
+    known = {message["code"] for message in before.messages}
+    fresh = [each for each in after.messages if each["severity"] <= 1 and each["code"] not in known]
+    assert not fresh, after.lines()
+
+
+@pytest.mark.parametrize("levels", [0, 4])
+def test_a_strip_in_draco_is_read_as_its_triangles(levels: int, tmp_path: Path) -> None:
+    """Its decoder gives triangles; the mode is what they were before."""
+    editor = Editor(Gltf(fixture("gltf_transform_draco")))
+    (primitive,) = editor.json["meshes"][0]["primitives"]
+    assert primitive.get("mode", 4) == 4
+    primitive["mode"] = 5
+    strip = bake_once(editor.save(tmp_path / "strip.glb"), *TOOLS, max_levels=levels)
+    listed = bake_once(fixture("gltf_transform_draco"), *TOOLS, max_levels=levels)
+    (primitive,) = strip.json["meshes"][0]["primitives"]
+    assert primitive.get("mode", 4) == 4
+    assert np.array_equal(strip.triangles(0), listed.triangles(0))
+    for name in ("POSITION", "JOINTS_0", "WEIGHTS_0"):
+        assert np.array_equal(strip.attribute(0, name), listed.attribute(0, name))
+    assert np.array_equal(strip.deltas(0), listed.deltas(0))
+    assert_valid(strip.path)
 
 
 def twin(name: str, path: Path, change: Callable[[Json], None] = lambda _: None) -> Path:

@@ -165,6 +165,16 @@ def test_the_modes_rebuild_the_knots(curve):
 
 
 @given(curves())
+def test_points_of_their_own_in_each_frame_are_as_high_as_shared_ones(curve):
+    distances, rest = frames_of(curve)
+    amplitudes, _ = curve.follow(distances, rest)
+    us = np.linspace(-0.1, 1.1, 97)
+    shared = np.einsum("fgm,gmv->vf", amplitudes, curve.shapes(us))
+    own = curve.rises(np.tile(us[:, None], (1, len(rest))), amplitudes)
+    assert np.abs(own - shared).max() <= 1e-12 * shared.max()
+
+
+@given(curves())
 def test_what_bumps_absorb_adds_up_and_nothing_is_lost(curve):
     distances, rest = frames_of(curve)
     shortenings = curve.shortening(distances, rest)

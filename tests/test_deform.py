@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from wrinklecli.curve import plan_curve
 from wrinklecli.deform import (
     Carrier,
+    activities,
     activity,
     carry,
     compress,
@@ -245,7 +246,35 @@ def test_projected_anew_a_pinned_vertex_stays_too() -> None:
     assert not every[:, : len(pinned)][:, pinned].any()
 
 
+@pytest.mark.parametrize("strategy", ["everywhere", "origin"])
+def test_projected_anew_a_frame_depends_on_no_other(strategy: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    asset = limb_asset(rings=9, sides=8, morphs=1, morph_clip="LINEAR")
+    prepared = prepare(asset, tool(attachment="patch", strategy=strategy))
+    carrier, fine = carried(prepared)
+    times = np.linspace(0.0, 2.0, 12)
+    together = moved(prepared, carrier, fine, times)
+    assert together.any()
+    alone = np.concatenate([moved(prepared, carrier, fine, [time]) for time in times])
+    assert alone == pytest.approx(together, abs=1e-12)
+    monkeypatch.setattr("wrinklecli.deform._POSED_AT_ONCE", 1)
+    assert moved(prepared, carrier, fine, times) == pytest.approx(together, abs=1e-12)
+
+
 # --- Activity ---
+
+
+def test_activities_of_several_tools_are_those_of_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    tools = [tool(), tool(name="far", origin=[0.5, RADIUS, 0.0], target=[0.9, RADIUS, 0.0])]
+    prepared = prepare(limb_asset(rings=9, sides=8, joints=4, morphs=1, morph_clip="STEP"), *tools)
+    times = np.linspace(0.0, 2.0, 12)
+    clip = prepared.clip
+    single = [activity(patch, prepared.rig, prepared.rest, clip, times) for patch in prepared.patches]
+    for at_once in (1, 2**17):
+        monkeypatch.setattr("wrinklecli.deform._ANCHORS_AT_ONCE", at_once)
+        found = activities(prepared.patches, prepared.rig, prepared.rest, clip, times)
+        for one, other in zip(found, single, strict=True):
+            assert one.distances == pytest.approx(other.distances, abs=1e-12)
+            assert one.amplitudes == pytest.approx(other.amplitudes, abs=1e-9)
 
 
 def test_activity_is_the_curve_s_answer_to_the_anchors() -> None:
@@ -377,7 +406,7 @@ def test_compressed_series_meets_its_bound_with_as_few_shapes_as_its_rank(seed: 
     rng = np.random.default_rng(seed)
     rank = rng.integers(0, 4)
     series = np.einsum("fr,rvx->fvx", rng.normal(size=(7, rank)), rng.normal(size=(rank, 5, 3)))
-    weights, shapes = compress(series, tolerance)
+    weights, shapes = compress([series[:3], series[3:]] if seed % 2 else [series], tolerance)
     assert len(shapes) <= rank
     assert weights.shape == (7, len(shapes))
     assert np.abs(np.einsum("fs,svx->fvx", weights, shapes) - series).max() <= tolerance + 1e-12
@@ -388,6 +417,6 @@ def test_compressed_series_meets_its_bound_with_as_few_shapes_as_its_rank(seed: 
 
 
 def test_still_series_needs_no_shape() -> None:
-    weights, shapes = compress(np.zeros((4, 3, 3)), 1e-9)
+    weights, shapes = compress([np.zeros((4, 3, 3))], 1e-9)
     assert weights.shape == (4, 0)
     assert shapes.shape == (0, 3, 3)

@@ -343,3 +343,35 @@ def test_the_first_frame_of_a_morphing_head(tmp_path: Path) -> None:
     found = file.attribute(nodes[first + top], "POSITION")[:old]
     assert np.abs(found - flat[top])[outside].max() < 1e-6
     assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize("fails", ["a file", "OUT"])
+def test_frames_that_fail_half_way_leave_all_as_it_was(
+    fails: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those already in place are taken back, and what they replaced returns."""
+    tools, out, folder = write_tools(tmp_path / "tools.yaml", PALM), tmp_path / "out.glb", tmp_path / "frames"
+    folder.mkdir()
+    out.write_bytes(b"old")
+    (folder / "flex_0001.obj").write_bytes(b"old frame")
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    real = os.replace
+
+    def replace(source: Any, target: Any) -> None:
+        if Path(target) == (folder / "flex_0003.obj" if fails == "a file" else out):
+            raise OSError(28, "No space left on device")
+        real(source, target)
+
+    monkeypatch.setattr(os, "replace", replace)
+    with pytest.raises(WrinkleError, match="No space left"):
+        wrinklecli.bake(sample("wrist"), tools, out, max_levels=0, fps=4, frames_dir=folder, clips=["flex"])
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+    assert [path.name for path in folder.iterdir()] == ["flex_0001.obj"]
+
+
+def test_folders_above_the_frames_are_taken_away_too(tmp_path: Path) -> None:
+    tools = write_tools(tmp_path / "tools.yaml", PALM)
+    with pytest.raises(WrinkleError):
+        wrinklecli.bake(sample("wrist"), tools, tmp_path / "missing" / "out.glb", max_levels=0, fps=4, clips=["flex"],
+                        frames_dir=tmp_path / "a" / "b")  # fmt: skip
+    assert [path.name for path in tmp_path.iterdir()] == ["tools.yaml"]

@@ -44,7 +44,7 @@ def test_damaged_input_is_baked_or_refused(tmp_path: Path, first: int) -> None:
 def test_corpus_is_sound(tmp_path: Path, number: int) -> None:
     source = hostile.corpus()[number]
     asset = hostile.packed(source.gltf, source.data, source.suffix)
-    case = hostile.Case("sound", asset, json.dumps(source.tools).encode(), source.suffix, "out.glb", {})
+    case = hostile.Case("sound", asset, json.dumps(source.tools).encode(), source.suffix, "out.glb", {"replace": True})
     assert hostile.run(case, tmp_path) == "done"
 
 
@@ -126,11 +126,53 @@ def test_many_vertices_at_one_place_take_no_minutes(tmp_path: Path) -> None:
     assert "from the mesh" in refusal(tmp_path, asset)
 
 
-@pytest.mark.parametrize("value", [1e90, 1e200])
-def test_numbers_that_overflow_are_refused(tmp_path: Path, value: float) -> None:
+@pytest.mark.parametrize("value", [1e90, 1e200, -1e16])
+def test_transforms_without_meaning_are_refused(tmp_path: Path, value: float) -> None:
     asset = limb_asset(**SMALL, root={"scale": [value, value, value]})
-    asset.gltf["nodes"][1]["scale"] = [value] * 3
-    assert "too large or too small to compute with" in refusal(tmp_path, asset)
+    assert refusal(tmp_path, asset).startswith(f"{tmp_path / 'limb.glb'}#/nodes/3: ")
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -1e30])
+def test_inverse_bind_matrices_without_meaning_are_refused(tmp_path: Path, value: float) -> None:
+    asset = limb_asset(**SMALL)
+    index = asset.gltf["skins"][0]["inverseBindMatrices"]
+    view = asset.gltf["bufferViews"][asset.gltf["accessors"][index]["bufferView"]]
+    asset.data[view["byteOffset"] : view["byteOffset"] + 4] = np.float32(value).tobytes()
+    assert f"#/accessors/{index}: holds inverse bind matrices" in refusal(tmp_path, asset)
+
+
+def test_signalling_nan_is_refused_where_it_is(tmp_path: Path) -> None:
+    asset = limb_asset(**SMALL)
+    index = asset.gltf["meshes"][0]["primitives"][0]["attributes"]["POSITION"]
+    view = asset.gltf["bufferViews"][asset.gltf["accessors"][index]["bufferView"]]
+    asset.data[view["byteOffset"] : view["byteOffset"] + 4] = b"\x01\x00\xa0\x7f"
+    assert f"accessor {index} must hold 3 finite numbers" in refusal(tmp_path, asset)
+
+
+def test_products_that_overflow_say_where_in_the_program(tmp_path: Path) -> None:
+    asset = limb_asset(**SMALL)
+    scale = {"scale": [1e14] * 3}
+    first = len(asset.gltf["nodes"])
+    asset.gltf["nodes"] += [{**scale, "children": [first + k + 1]} for k in range(29)] + [{**scale, "children": [1]}]
+    line = refusal(tmp_path, asset)
+    assert "too large or too small to compute with (overflow encountered in" in line
+    assert ".py:" in line
+
+
+@pytest.mark.parametrize(("bumps", "edges"), [(64, 24), (4, 20_000)])
+def test_millions_of_triangles_are_refused(tmp_path: Path, bumps: int, edges: int) -> None:
+    details = [0.1] * 4 if bumps == 64 else []
+    asset = limb_asset() if bumps == 64 else hostile.pole(edges)
+    (tmp_path / "limb.glb").write_bytes(asset.glb())
+    settings = write_tools(
+        tmp_path / "tools.yaml", tool(bumps=bumps, details=details, width=1.0), refinement={"max_levels": 8}
+    )
+    with hostile.bounded(), pytest.raises(WrinkleError) as caught:
+        bake(tmp_path / "limb.glb", settings, tmp_path / "out.glb")
+    (line,) = caught.value.lines
+    assert line.startswith("limb: would have ")
+    assert "triangles at level" in line
+    assert "max_levels, now 8" in line
 
 
 def test_yaml_bomb_is_refused(tmp_path: Path) -> None:

@@ -237,7 +237,7 @@ class Sampling:
         Annotated[Literal["all"], _expects("all or a list of clip names"), Tag("<word>")]
         | Annotated[
             tuple[Text, ...],
-            Field(json_schema_extra={"minItems": 1}),
+            Field(json_schema_extra={"minItems": 1, "uniqueItems": True}),
             _a((list, tuple), "all or a list of clip names", 1),
             AfterValidator(_different),
             Tag("<list>"),
@@ -275,7 +275,10 @@ class RestLengthKeys:
     keys: Annotated[
         Mapping[str, _Keys],
         _a(dict, "a mapping of clip names to lists of [seconds, length]", 1),
-        Field(description="For each clip a list of [seconds, length], times rising."),
+        Field(
+            description="For each clip a list of [seconds, length], times rising.",
+            json_schema_extra={"minProperties": 1},
+        ),
     ] = field(hash=False)
 
 
@@ -481,9 +484,12 @@ class FileModel(BaseModel):
     ]
 
 
+_DIALECT = "https://json-schema.org/draft/2020-12/schema"  # that pydantic writes
+
+
 def tools_schema() -> dict[str, Any]:
     """The JSON Schema of the file, for editors that complete and check YAML."""
-    schema = FileModel.model_json_schema()
+    schema = {"$schema": _DIALECT} | FileModel.model_json_schema()
     # The file must say the width, but either here or there.
     schema["$defs"]["ToolModel"]["required"].remove("width")
     del schema["$defs"]["DefaultsModel"]["required"]
@@ -705,6 +711,14 @@ def _identifier(name: str) -> str:
 
 def _exchange_sides(name: str) -> str:
     return _SIDE.sub(lambda match: _OTHER_SIDE[match[0]], name)
+
+
+def split_side(name: str) -> tuple[str, str]:
+    """A name without its first side, and `L` or `R` for that; nothing where `mirror` would find none to exchange."""
+    match = _SIDE.search(name)
+    if match is None:
+        return name, ""
+    return name[: match.start()] + name[match.end() :], match[0][0].upper()
 
 
 def _mirror_anchor(anchor: Position | Marker, axis: str) -> Position | Marker:

@@ -11,18 +11,32 @@ Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004, on m
 above; normals are area-weighted.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wrinklecli.curve import TAUT, ControlCurve
 from wrinklecli.errors import BakeError
-from wrinklecli.patch import Patch, Rest, inverses, lengths_over_time, singular
-from wrinklecli.pose import Clip, Rig, blend, joint_matrices, morph_weights, transform
+from wrinklecli.patch import (
+    Patch,
+    Rest,
+    anchor_joints,
+    anchor_poses,
+    determinants,
+    inverses,
+    lengths_over_time,
+    singular,
+)
+from wrinklecli.pose import Clip, Rig, joint_matrices, morph_weights
 from wrinklecli.refine import Refinement
-from wrinklecli.surface import unit, vertex_normals
+from wrinklecli.surface import vertex_normals
+
+if TYPE_CHECKING:
+    from wrinklecli.subdivide import Matrix
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -37,6 +51,19 @@ _TABLE_ROWS = 65
 _FULL_ROWS = 8
 # Halvings that find where a group of bumps starts to the last bits of a float.
 _HALVINGS = 50
+# Anchors' joints and morph weights, times frames, posed at once: bounds the memory.
+_ANCHORS_AT_ONCE = 2**17
+# Triangles, times frames, posed at once for `attachment: patch`: what stays in a core's cache.
+_POSED_AT_ONCE = 2**16
+# Anchors of a posed patch nearer than this over their distance at rest coincide.
+_LEAST_SPAN = 1e-9
+# Length of the mean of their normals, across the segment, below which they face opposite ways.
+_LEAST_MEAN = 1e-6
+# Share of the tolerance of `compress` that the series may be simplified by; frames checked at once.
+_SPARED_SHARE = 0.02
+_CHECKED_AT_ONCE = 512
+# Directions that a series may move in: four times as many as any engine plays morph targets.
+_MOST_AXES = 1024
 # Cosine of true and base normal below which the fit does not follow: NORMAL deltas cannot turn a normal over.
 _LEAST_COSINE = 0.1
 
@@ -53,6 +80,7 @@ class Carrier:
         directions: (vertices, 3) bind displacement for a curve height of 1.
         free: (vertices,) those that may move: not what touches another mesh.
         stuck: How many members stay put because their joints' blend is singular at rest.
+        ring: What poses them; None for `attachment: skin`.
     """
 
     patch: Patch
@@ -62,6 +90,7 @@ class Carrier:
     directions: Floats
     free: Bools
     stuck: int
+    ring: "Ring | None"
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,13 +145,44 @@ def carry(patch: Patch, fine: Refinement, pinned: Bools) -> Carrier:
         free=~pinned[np.minimum(vertices, len(pinned) - 1)] | (vertices >= len(pinned)),
         # Where the blend is singular there is no normal either, and no magnitude.
         stuck=int(((u >= 0) & (u <= 1) & (np.abs(v) <= 1) & ~regular).sum()),
+        ring=_ring(patch, vertices, fine) if patch.tool.attachment == "patch" else None,
     )
 
 
-def displacements(carrier: Carrier, fine: Refinement, rig: Rig, rest: Rest, clip: Clip | None, times: Floats) -> Floats:
-    """(frames, vertices, 3) what the method displaces a carrier's vertices by, bind space."""
+@dataclass(frozen=True, slots=True)
+class Activity:
+    """What a clip makes of one tool, before any mesh.
+
+    Attributes:
+        distances: (frames,) of the anchors, animated scale taken out, scene units.
+        rest_lengths: (frames,).
+        shortenings: (frames,).
+        unabsorbed: (frames,) what no bump could take.
+        amplitudes: (frames, groups, modes) of the curve, clip strength not applied.
+    """
+
+    distances: Floats
+    rest_lengths: Floats
+    shortenings: Floats
+    unabsorbed: Floats
+    amplitudes: Floats
+
+
+def displacements(
+    carrier: Carrier,
+    fine: Refinement,
+    rig: Rig,
+    rest: Rest,
+    clip: Clip | None,
+    times: Floats,
+    seen: Activity | None = None,
+) -> Floats:
+    """(frames, vertices, 3) what the method displaces a carrier's vertices by, bind space.
+
+    `seen` is the tool's activity at these times, where that is known.
+    """
     patch = carrier.patch
-    amplitudes = patch.clip_strength(clip) * activity(patch, rig, rest, clip, times).amplitudes
+    amplitudes = patch.clip_strength(clip) * (seen or activity(patch, rig, rest, clip, times)).amplitudes
     if patch.tool.attachment == "patch":
         return _posed_displacements(carrier, fine, rig, clip, times, amplitudes)
     heights = np.einsum("fgm,gmv->fv", amplitudes, patch.curve.shapes(carrier.us))
@@ -298,32 +358,90 @@ def turn_to(base: Floats, authored: Floats, vectors: Floats) -> Floats:
     return np.where(opposite, -vectors, turned)
 
 
-@dataclass(frozen=True, slots=True)
-class Activity:
-    """What a clip makes of one tool, before any mesh.
-
-    Attributes:
-        distances: (frames,) of the anchors, animated scale taken out, scene units.
-        rest_lengths: (frames,).
-        shortenings: (frames,).
-        unabsorbed: (frames,) what no bump could take.
-        amplitudes: (frames, groups, modes) of the curve, clip strength not applied.
-    """
-
-    distances: Floats
-    rest_lengths: Floats
-    shortenings: Floats
-    unabsorbed: Floats
-    amplitudes: Floats
-
-
 def activity(patch: Patch, rig: Rig, rest: Rest, clip: Clip | None, times: Floats) -> Activity:
     """Run a tool's control curve over (frames,) times of a clip, seconds; none for the stored pose."""
-    distances, lengths = lengths_over_time(patch, rig, rest, clip, times)
-    shortenings = patch.curve.shortening(distances, lengths)
-    bumps, unabsorbed = patch.curve.absorb(shortenings, lengths)
-    amplitudes = patch.curve.amplitudes(bumps, lengths, unabsorbed)
-    return Activity(distances, lengths, shortenings, unabsorbed, amplitudes)
+    return activities([patch], rig, rest, clip, times)[0]
+
+
+def activities(patches: Sequence[Patch], rig: Rig, rest: Rest, clip: Clip | None, times: Floats) -> list[Activity]:
+    """As `activity`, of several tools: what moves their anchors is posed once."""
+    if not patches:
+        return []
+    joints = anchor_joints(patches)
+    chunk = max(_ANCHORS_AT_ONCE // (len(joints) + len(rig.morph_weights)), 1)
+    parts: list[list[Activity]] = [[] for _ in patches]
+    for at in (times[k : k + chunk] for k in range(0, max(len(times), 1), chunk)):
+        poses = anchor_poses(joints, rig, rest, clip, at)
+        for patch, found in zip(patches, parts, strict=True):
+            distances, lengths = lengths_over_time(patch, rig, rest, clip, at, poses)
+            shortenings = patch.curve.shortening(distances, lengths)
+            amplitudes, unabsorbed = patch.curve.follow(distances, lengths)
+            found.append(Activity(distances, lengths, shortenings, unabsorbed, amplitudes))
+    return [_joined(found) for found in parts]
+
+
+def _joined(parts: Sequence[Activity]) -> Activity:
+    """Activities of one tool, one after another."""
+    if len(parts) == 1:
+        return parts[0]
+    return Activity(
+        distances=np.concatenate([each.distances for each in parts]),
+        rest_lengths=np.concatenate([each.rest_lengths for each in parts]),
+        shortenings=np.concatenate([each.shortenings for each in parts]),
+        unabsorbed=np.concatenate([each.unabsorbed for each in parts]),
+        amplitudes=np.concatenate([each.amplitudes for each in parts]),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Ring:
+    """The vertices of a patch's members and of all triangles around these: what posed normals need.
+
+    Attributes:
+        vertices: (around,) fine welded vertices, rising.
+        members: (members,) numbers in `vertices`.
+        origin: (corners,) and
+        target: (corners,) those of the anchors' vertices.
+        triangles: (triangles, 3) numbers in `vertices`.
+        sums: (around, triangles) 1 where a triangle has a vertex.
+        joints: (joints,) into the rig's, that move any of the vertices.
+        weights: (around, joints) skin weights.
+    """
+
+    vertices: Ints
+    members: Ints
+    origin: Ints
+    target: Ints
+    triangles: Ints
+    sums: "Matrix"
+    joints: Ints
+    weights: Floats
+
+
+def _ring(patch: Patch, members: Ints, fine: Refinement) -> Ring:
+    from scipy.sparse import csr_array
+
+    # Normals of members, and of anchors on a face that turns away, need all triangles around them.
+    needed = np.concatenate([members, patch.origin.vertices, patch.target.vertices])
+    faces = fine.triangles[np.isin(fine.triangles, needed).any(axis=1)]
+    around, local = np.unique(faces, return_inverse=True)
+    local = local.reshape(-1, 3)
+    sums = csr_array(
+        (np.ones(local.size), (local.reshape(-1), np.repeat(np.arange(len(local)), 3))),
+        shape=(len(around), len(local)),
+    )
+    weights = fine.dense_weights(around, fine.weights.shape[1])
+    joints = np.flatnonzero(weights.any(axis=0))
+    return Ring(
+        vertices=around,
+        members=np.searchsorted(around, members),
+        origin=np.searchsorted(around, patch.origin.vertices),
+        target=np.searchsorted(around, patch.target.vertices),
+        triangles=local,
+        sums=sums,
+        joints=joints,
+        weights=np.ascontiguousarray(weights[:, joints]),
+    )
 
 
 def _posed_displacements(
@@ -343,74 +461,123 @@ def _posed_displacements(
         (frames, vertices, 3) bind space: the posed displacement times the inverse of the blended matrix; 0
         where that is singular.
     """
-    patch, members = carrier.patch, carrier.vertices
-    # Normals of members, and of anchors on a face that turns away, need all triangles around them.
-    needed = np.concatenate([members, patch.origin.vertices, patch.target.vertices])
-    ring = fine.triangles[np.isin(fine.triangles, needed).any(axis=1)]
-    around, local = np.unique(ring, return_inverse=True)
-    local = local.reshape(-1, 3)
-    place = np.searchsorted(around, members)
-    weights = fine.dense_weights(around, len(rig.joints))
-    matrices = joint_matrices(rig, clip, times)
-    morphs = morph_weights(rig, clip, times)
-    moved = np.zeros((len(times), len(members), 3))
-    for frame in range(len(times)):
-        if not amplitudes[frame].any():
-            continue
-        blended = blend(weights, matrices[frame : frame + 1])[0]
-        bind = fine.positions[around] + np.tensordot(morphs[frame], fine.morph_deltas[:, around], axes=1)
-        posed = transform(blended[None], bind)[0]
-        # A mirrored pose turns the winding inside out.
-        outward = np.sign(np.median(np.linalg.det(blended[:, :, :3])))
-        normals = outward * vertex_normals(posed, local)
-        current = _posed_patch(patch, around, posed, normals)
-        if current is None:
-            continue
-        u, v = current.coordinates(posed[place])
-        heights = np.einsum("gm,gmv->v", amplitudes[frame], patch.curve.shapes(np.clip(u, 0.0, 1.0)))
-        length = heights * current.magnitudes(u, v, normals[place]) * carrier.free
-        moved[frame] = np.einsum("vij,vj->vi", inverses(blended[place]), length[:, None] * normals[place])
+    moved = np.zeros((len(times), len(carrier.vertices), 3))
+    acting = np.flatnonzero(amplitudes.any(axis=(1, 2)))
+    if not len(acting):
+        return moved
+    ring = carrier.ring
+    assert ring is not None
+    chunk = max(_POSED_AT_ONCE // len(ring.triangles), 1)
+    for part in (acting[k : k + chunk] for k in range(0, len(acting), chunk)):
+        moved[part] = _posed_at_once(carrier, ring, fine, rig, clip, times[part], amplitudes[part])
     return moved
 
 
-def _posed_patch(patch: Patch, vertices: Ints, posed: Floats, normals: Floats) -> Patch | None:
-    """The patch between the anchors of a posed surface, None where they coincide or face opposite ways."""
-    ends = []
-    for anchor in (patch.origin, patch.target):
-        at = np.searchsorted(vertices, anchor.vertices)
-        ends.append((anchor.barycentrics @ posed[at], unit(anchor.barycentrics @ normals[at])))
+def _posed_at_once(
+    carrier: Carrier, ring: Ring, fine: Refinement, rig: Rig, clip: Clip | None, times: Floats, amplitudes: Floats
+) -> Floats:
+    """As `_posed_displacements`, of few frames. Inside, frames are the last axis and x, y, z the first."""
+    patch = carrier.patch
+    matrices = joint_matrices(rig, clip, times, ring.joints)[:, :, :3].transpose(2, 3, 1, 0)
+    blended = np.matmul(ring.weights, np.ascontiguousarray(matrices))
+    bind = fine.positions[ring.vertices].T[:, :, None]
+    if len(fine.morph_deltas):
+        deltas = fine.morph_deltas[:, ring.vertices].transpose(2, 1, 0)
+        bind = bind + np.matmul(deltas, morph_weights(rig, clip, times).T)
+    posed = np.sum(blended[:, :3] * bind, axis=1) + blended[:, 3]
+    a, b, c = (posed[:, ring.triangles[:, k]] for k in range(3))
+    # A mirrored pose turns the winding inside out.
+    outward = np.sign(np.median(determinants(blended[:, :3].transpose(2, 3, 0, 1)), axis=0))
+    normals = outward * _units(np.stack([ring.sums @ each for each in _cross(b - a, c - a)]))
+    ends = [
+        (
+            np.einsum("c,xcf->xf", anchor.barycentrics, posed[:, at]),
+            np.einsum("c,xcf->xf", anchor.barycentrics, normals[:, at]),
+        )
+        for anchor, at in ((patch.origin, ring.origin), (patch.target, ring.target))
+    ]
     difference = ends[1][0] - ends[0][0]
-    span = float(np.linalg.norm(difference))
-    if span <= 1e-9 * patch.span:
-        return None
+    span = np.sqrt(np.sum(difference**2, axis=0))
+    apart = span > _LEAST_SPAN * patch.span
+    span = np.where(apart, span, 1.0)
     along = difference / span
-    mean = ends[0][1] + ends[1][1]
-    mean = mean - (mean @ along) * along
-    if np.linalg.norm(mean) < 1e-6:
-        return None
-    origin, target = (
-        replace(anchor, position=place) for anchor, (place, _) in zip((patch.origin, patch.target), ends, strict=True)
-    )
-    return replace(patch, origin=origin, target=target, span=span, along=along, normal=unit(mean))
+    mean = _units(ends[0][1]) + _units(ends[1][1])
+    mean = mean - np.sum(mean * along, axis=0) * along
+    # Where the anchors coincide or face opposite ways there is no patch.
+    apart &= np.sqrt(np.sum(mean**2, axis=0)) >= _LEAST_MEAN
+    facing = _units(mean)
+    normals = normals[:, ring.members]
+    relative = posed[:, ring.members] - ends[0][0][:, None]
+    u = np.sum(relative * along[:, None], axis=0) / span
+    v = np.sum(relative * _cross(along, facing)[:, None], axis=0) / patch.half_width
+    factors = patch.factors(u, v, np.sum(normals * facing[:, None], axis=0)) * carrier.free[:, None] * apart
+    lengths = factors * patch.curve.rises(np.clip(u, 0.0, 1.0), amplitudes)
+    members, frames = np.nonzero(lengths)
+    linear = blended[:, :3, ring.members[members], frames].transpose(2, 0, 1)
+    pushed = lengths[members, frames, None] * normals[:, members, frames].T
+    moved = np.zeros((len(times), len(carrier.vertices), 3))
+    moved[frames, members] = np.einsum("vij,vj->vi", inverses(linear), pushed)
+    return moved
 
 
-def compress(series: Floats, tolerance: float) -> tuple[Floats, Floats]:
+def _cross(first: Floats, second: Floats) -> Floats:
+    """(3, …) cross products of (3, …)."""
+    (a, b, c), (d, e, f) = first, second
+    return np.stack([b * f - c * e, c * d - a * f, a * e - b * d])
+
+
+def _units(vectors: Floats) -> Floats:
+    """(3, …) divided by their length; 0 stays 0."""
+    lengths = np.sqrt(np.sum(vectors * vectors, axis=0))
+    divided: Floats = vectors / np.where(lengths > 0, lengths, 1.0)
+    return divided
+
+
+def compress(series: Iterable[Floats], tolerance: float, *, where: str = "") -> tuple[Floats, Floats]:
     """Few shapes whose weighted sums give every frame of a series.
 
     Args:
-        series: (frames, vertices, 3) displacements.
+        series: Parts of (frames, vertices, 3) displacements, one after another; each is looked at once, and let go.
         tolerance: Greatest error of a coordinate, in the series' unit.
+        where: What moves like that, for the message.
 
     Returns:
         (frames, shapes) weights in [-1, 1] and (shapes, vertices, 3). The fewest leading singular vectors
-        that keep the greatest error, checked in the maximum norm, in bounds; of each shape's weights the
-        largest is positive.
+        that keep the greatest error, checked in the maximum norm, in bounds, up to the 1/50 that the series is
+        simplified by; of each shape's weights the largest is positive.
+
+    Raises:
+        BakeError: There are more than 1,024 shapes to choose from.
     """
-    flat = series.reshape(len(series), -1)
+    spared = _SPARED_SHARE * tolerance
+    axes, parts = np.zeros((0, 0)), []
+    size: tuple[int, ...] = ()
+    for part in series:
+        size = part.shape[1:]
+        flat = part.reshape(len(part), -1)
+        axes = axes if len(axes) else np.zeros((0, flat.shape[1]))
+        coordinates = flat @ axes.T
+        rest = flat - coordinates @ axes
+        if np.abs(rest).max(initial=0.0) > spared:
+            _, values, fresh = np.linalg.svd(rest, full_matrices=False)
+            # No entry of what is left out exceeds the largest singular value of it.
+            fresh = fresh[values > spared]
+            axes = np.concatenate([axes, fresh])
+            coordinates = np.concatenate([coordinates, flat @ fresh.T], axis=1)
+        if len(axes) > _MOST_AXES:
+            raise BakeError(f"moves in more than {_MOST_AXES:,} ways, more than morph targets can follow", where=where)
+        parts.append(coordinates)
+    flat = np.concatenate([np.pad(each, ((0, 0), (0, len(axes) - each.shape[1]))) for each in parts])
     left, values, right = np.linalg.svd(flat, full_matrices=False)
+    shapes = right @ axes
     rank = 0
-    while np.abs(flat - (left[:, :rank] * values[:rank]) @ right[:rank]).max(initial=0.0) > tolerance:
-        rank += 1
-    weights, shapes = left[:, :rank] * values[:rank], right[:rank]
+    for start in range(0, len(flat), _CHECKED_AT_ONCE):
+        rows = slice(start, start + _CHECKED_AT_ONCE)
+        wanted = flat[rows] @ axes
+        while (
+            np.abs(wanted - (left[rows, :rank] * values[:rank]) @ shapes[:rank]).max(initial=0.0) > tolerance - spared
+        ):
+            rank += 1
+    weights, shapes = left[:, :rank] * values[:rank], shapes[:rank]
     peaks = weights[np.argmax(np.abs(weights), axis=0), np.arange(rank)]
-    return weights / peaks, (shapes * peaks[:, None]).reshape(rank, *series.shape[1:])
+    return weights / peaks, (shapes * peaks[:, None]).reshape(rank, *size)

@@ -148,6 +148,8 @@ class Document:
             are all compressed into other buffers.
         files: Every file that was read, the asset first, as typed or joined to its folder.
         allow_external: Whether buffers and images may lie outside the asset's folder.
+        resources: Images by relative URI, where these do not lie at their places beside `path`: those of an original
+            that a baked file elsewhere was made from. None where they do.
     """
 
     path: str
@@ -155,6 +157,7 @@ class Document:
     buffers: tuple[memoryview, ...]
     files: tuple[str, ...]
     allow_external: bool = False
+    resources: dict[str, memoryview] | None = None
 
     def where(self, *pointer: str | int) -> str:
         """The place of a JSON value for messages: `hand.glb#/meshes/0`."""
@@ -289,7 +292,9 @@ class Document:
         elements = self._stored(accessor, index)
         values: Array = elements
         if elements.dtype.kind == "f":
-            values = elements.astype(np.float64)
+            # A signalling NaN is a NaN like any other: who reads the accessor judges it.
+            with np.errstate(invalid="ignore"):
+                values = elements.astype(np.float64)
         elif accessor.get("normalized"):
             limit = np.iinfo(elements.dtype).max
             values = np.maximum(elements / limit, -1.0)
@@ -421,10 +426,10 @@ def read_document(path: str | os.PathLike[str], *, allow_external: bool = False)
         json_bytes, binary = _split_glb(data, name)
     else:
         json_bytes, binary = data, None
-    gltf = _parse_json(bytes(json_bytes), name)
+    gltf = parse_json(bytes(json_bytes), name)
     files = [name]
     document = Document(name, gltf, (), ())
-    _check_asset(document)
+    check_asset(document)
     buffers = []
     for index, buffer in enumerate(document.items("buffers")):
         where = document.where("buffers", index)
@@ -446,7 +451,12 @@ def read_document(path: str | os.PathLike[str], *, allow_external: bool = False)
     return Document(name, gltf, tuple(buffers), tuple(files), allow_external)
 
 
-def _check_asset(document: Document) -> None:
+def check_asset(document: Document) -> None:
+    """Check that the JSON has the types that the specification asks for, and needs no extension that we cannot read.
+
+    Raises:
+        AssetError: It does not.
+    """
     _check_shape(document, document.gltf, _SHAPE, ())
     version = document.gltf.get("asset", {}).get("version")
     if not isinstance(version, str) or not version.startswith("2."):
@@ -523,7 +533,13 @@ def _split_glb(data: memoryview, name: str) -> tuple[memoryview, memoryview | No
     return chunks[JSON_CHUNK], chunks.get(BIN_CHUNK)
 
 
-def _parse_json(data: bytes, name: str) -> Json:
+def parse_json(data: bytes, name: str) -> Json:
+    """The JSON object of a document.
+
+    Raises:
+        AssetError: It is none, or is nested too deeply to copy.
+    """
+
     def refuse(constant: str) -> float:
         raise ValueError(f"{constant} is no JSON number")
 

@@ -40,7 +40,8 @@ from wrinklecli.document import (
     read_uri,
     view_parts,
 )
-from wrinklecli.errors import BakeError
+from wrinklecli.errors import AssetError, BakeError
+from wrinklecli.restore import Span, pack, refer, wrinkled
 
 VERTEX_DATA: int = pygltflib.ARRAY_BUFFER
 INDEX_DATA: int = pygltflib.ELEMENT_ARRAY_BUFFER
@@ -186,6 +187,10 @@ class Draft:
         self.gltf["meshes"].append(copied)
         return len(self.gltf["meshes"]) - 1
 
+    def drop(self, accessor: int) -> None:
+        """Drop one reference to an accessor, not the last: its successor will be there for another's sake."""
+        self._release(accessor)
+
     def unpack(self, primitive: Json) -> None:
         """Give a primitive of the draft that Draco compressed plain accessors, where it has not got them yet."""
         extension = primitive.get("extensions", {}).pop(draco.EXTENSION, None)
@@ -193,15 +198,21 @@ class Draft:
             return
         if not primitive["extensions"]:
             del primitive["extensions"]
+        primitive.pop("mode", None)  # a strip came as triangles
         attributes = primitive["attributes"]
+        packed = dict(attributes)
         users = [(attributes, name, VERTEX_DATA) for name in attributes]
         users += [(primitive, "indices", INDEX_DATA)] if "indices" in primitive else []
         for owner, key, target in users:
             index = owner[key]
             accessor = self.gltf["accessors"][index]
             if "bufferView" not in accessor and self.source.is_draco(index):
+                values = self.source.stored(index)
+                weights = packed.get(key.replace("JOINTS_", "WEIGHTS_")) if key.startswith("JOINTS_") else None
+                if weights is not None:
+                    values = used_joints(values, self.source.accessor(weights), key)
                 owner[key] = self.add(
-                    self.source.stored(index),
+                    values,
                     target=target,
                     normalized=accessor.get("normalized", False),
                     bounds="min" in accessor,
@@ -222,7 +233,8 @@ class Draft:
 
         A .glb embeds every buffer. A .gltf keeps embedded and relative buffers as they are and writes one
         more file, `STEM-<hash>.bin`, before its JSON. Images with relative URIs are copied beside an OUT in
-        another folder (.gltf) or embedded (.glb).
+        another folder (.gltf) or embedded (.glb). Where the draft has put wrinkles on a node, a record of the source
+        follows the new data: see `restore`.
 
         Returns:
             The bytes written.
@@ -309,7 +321,8 @@ class Draft:
             low = max(start, -(-low // _ALIGNMENT) * _ALIGNMENT)
             high -= (high - low) % _ALIGNMENT
             if high > low and not any(other < high and end > low for other, end in kept):
-                yield start, low
+                if start < low:
+                    yield start, low
                 start = high
         if start < length:
             yield start, length
@@ -330,6 +343,7 @@ class Draft:
 
     def _write_glb(self, name: str) -> int:
         chunks: list[memoryview | bytes] = []
+        kept: list[list[Span]] = []
         size = 0
 
         def append(*parts: memoryview | bytes) -> int:
@@ -344,6 +358,7 @@ class Draft:
         placeholders: list[Json] = []
         for buffer, data in enumerate(self.source.buffers):
             shown = list(self._old_parts(views, buffer))
+            kept.append([])
             if not len(data):
                 placeholders += [self.gltf["buffers"][buffer]] if shown else []
                 for part in shown:
@@ -351,6 +366,7 @@ class Draft:
                 continue
             parts, moved = self._compacted(buffer)
             base = append(*parts)
+            kept[buffer] = [(low, high, 0, base + moved(low)) for low, high in self._kept_parts(buffer)]
             for part in shown:
                 _set_offset(part, base + moved(part.get("byteOffset", 0)))
                 part["buffer"] = 0
@@ -366,15 +382,19 @@ class Draft:
             gltf["bufferViews"] = views
         if total_data:
             old_buffers = self.gltf.get("buffers", [])
-            kept = {key: value for key, value in old_buffers[0].items() if key != "uri"} if old_buffers else {}
-            if any(name in kept.get("extensions", {}) for name in meshopt.EXTENSIONS):
-                del kept["extensions"]  # a fallback, which the binary chunk is not any more
-            gltf["buffers"] = [kept | {"byteLength": total_data}, *placeholders]
+            first = {key: value for key, value in old_buffers[0].items() if key != "uri"} if old_buffers else {}
+            if any(name in first.get("extensions", {}) for name in meshopt.EXTENSIONS):
+                del first["extensions"]  # a fallback, which the binary chunk is not any more
+            gltf["buffers"] = [first | {"byteLength": total_data}, *placeholders]
         self._drop_compressions(gltf, views)
+        gltf, tail = self._seal(name, gltf, [chunks, *([] for _ in placeholders)], 0, kept)
+        if tail:
+            total_data += len(tail)
+            gltf["buffers"][0]["byteLength"] = total_data
         text = _dump(gltf)
         text += b" " * (-len(text) % _ALIGNMENT)
-        tail = bytes(-total_data % _ALIGNMENT)
-        total = 12 + 8 + len(text) + (8 + total_data + len(tail) if total_data else 0)
+        tail += bytes(-total_data % _ALIGNMENT)
+        total = 12 + 8 + len(text) + (8 + total_data + -total_data % _ALIGNMENT if total_data else 0)
         if total > _GLB_LIMIT:
             raise BakeError(f"would be {total} bytes; a .glb holds 4 GiB: use --frames-dir", where=name)
 
@@ -382,13 +402,44 @@ class Draft:
             file.write(struct.pack("<4sII", GLB_MAGIC, 2, total))
             file.write(struct.pack("<I4s", len(text), JSON_CHUNK) + text)
             if total_data:
-                file.write(struct.pack("<I4s", total_data + len(tail), BIN_CHUNK))
+                file.write(struct.pack("<I4s", total_data + -total_data % _ALIGNMENT, BIN_CHUNK))
                 file.writelines(chunks)
                 self._copy_data(file)
                 file.write(tail)
 
         replace_file(name, write)
         return total
+
+    def _seal(
+        self, name: str, gltf: Json, contents: list[list[memoryview | bytes]], buffer: int, kept: list[list[Span]]
+    ) -> tuple[Json, bytes]:
+        """Add a record of the source where the draft has put wrinkles on a node: see `restore`.
+
+        Args:
+            name: OUT.
+            gltf: The JSON to be written; the buffer that gets the new data may lack its length and name.
+            contents: What each buffer holds before the new data, in pieces.
+            buffer: The one that gets it.
+            kept: For each buffer of the source, its spans in these.
+
+        Returns:
+            The JSON, and what is to follow the new data; both as they were, and nothing, where there are no wrinkles.
+        """
+        added = sorted(set(wrinkled(gltf)) - set(wrinkled(self.source.gltf)))
+        if not added:
+            return gltf, b""
+        padding = bytes(-self._data_size % _ALIGNMENT)
+        self._data.seek(0)
+        new = self._data.read() + padding
+        view: Json = {"buffer": buffer, "byteOffset": sum(len(part) for part in contents[buffer]) + len(new)}
+        gltf = refer(gltf, added[0], view)
+        # A .glb holds the buffers itself.
+        named = [self.source.items("images"), self.source.items("buffers")][: 1 + name.lower().endswith(".gltf")]
+        uris = [each.get("uri", "data:") for kind in named for each in kind]
+        beside = self._beside(name) and not all(uri.startswith("data:") for uri in uris)
+        record = pack(self.source, gltf, contents, new, kept, beside=beside)
+        view["byteLength"] = len(record)
+        return gltf, padding + record
 
     def _used_views(self, buffer: int) -> list[Json]:
         """Copies of all views; a free one in between, whose data is gone, shows one byte of a buffer for its place."""
@@ -439,7 +490,19 @@ class Draft:
 
     def _beside(self, name: str) -> bool:
         """Whether OUT lies in the source's folder, so that relative URIs still work."""
-        return os.path.realpath(os.path.dirname(name)) == os.path.realpath(os.path.dirname(self.source.path))
+        folder = os.path.realpath(os.path.dirname(self.source.path))
+        return self.source.resources is None and os.path.realpath(os.path.dirname(name)) == folder
+
+    def _in_place(self, name: str, index: int) -> bool:
+        """Whether a file of a buffer's own, beside OUT, goes on holding it."""
+        uri, content = self.source.items("buffers")[index].get("uri", ""), self.source.buffers[index]
+        if not uri or not self._beside(name):
+            return False
+        where, allowed = self.source.where("buffers", index), self.source.allow_external
+        try:
+            return read_uri(uri, self.source.path, where, allow_external=allowed)[0][: len(content)] == content
+        except AssetError:  # an original's, that was read from a baked file
+            return False
 
     def _write_gltf(self, name: str, made: list[str]) -> int:
         """Write OUT and the files beside it; those, and folders, that were not there go on the list `made`."""
@@ -449,29 +512,30 @@ class Draft:
         gltf = copy.copy(self.gltf)
         buffers: list[Json] = [dict(buffer) for buffer in gltf.get("buffers", [])]
         stored = [index for index, data in enumerate(self.source.buffers) if len(data)]
+        contents: list[list[memoryview | bytes]] = [[] for _ in buffers]
+        kept: list[list[Span]] = [[] for _ in self.source.buffers]
         views = self._used_views(stored[0] if stored else 0)
         for index in stored:
             buffer = buffers[index]
             parts, moved = self._compacted(index)
             uri = buffer.get("uri", "")
+            kept[index] = [(low, high, index, moved(low)) for low, high in self._kept_parts(index)]
             unchanged = sum(len(part) for part in parts) == len(self.source.buffers[index])
-            if unchanged and (uri.startswith("data:") or (uri and self._beside(name))):
+            if unchanged and (uri.startswith("data:") or self._in_place(name, index)):
+                contents[index] = [self.source.buffers[index]]
                 continue
             for part in self._old_parts(views, index):
                 _set_offset(part, moved(part.get("byteOffset", 0)))
             content = b"".join(parts) or bytes(_ALIGNMENT)  # a buffer may not be empty
+            contents[index] = [content]
             buffer["byteLength"] = len(content)
             file_name = f"{stem}-{hashlib.sha256(content).hexdigest()[:12]}.bin"
             buffer["uri"] = quote(file_name)
             _note_new(os.path.join(folder, file_name), made)
             written += replace_bytes(os.path.join(folder, file_name), content)
         if self._data_size:
-            self._data.seek(0)
-            digest = hashlib.file_digest(self._data, "sha256").hexdigest()[:12]  # type: ignore[arg-type]
-            file_name = f"{stem}-{digest}.bin"
-            buffers.append({"uri": quote(file_name), "byteLength": self._data_size})
-            _note_new(os.path.join(folder, file_name), made)
-            written += replace_file(os.path.join(folder, file_name), self._copy_data)
+            buffers.append({})
+            contents.append([])
         shown = {part.get("buffer") for view in views for part in view_parts(view)}
         lasting = [index for index in range(len(buffers)) if index in shown or "uri" in buffers[index]]
         for part in (part for view in views for part in view_parts(view) if "buffer" in part):
@@ -483,10 +547,29 @@ class Draft:
         if "bufferViews" in gltf or views:
             gltf["bufferViews"] = views
         self._drop_compressions(gltf, views)
+        if self._data_size:
+            places = {index: place for place, index in enumerate(lasting)}
+            spans = [[(low, high, places[at], start) for low, high, at, start in each] for each in kept]
+            held = [contents[index] for index in lasting]
+            gltf, tail = self._seal(name, gltf, held, len(lasting) - 1, spans)
+            self._data.seek(0)
+            digest = hashlib.file_digest(self._data, "sha256")  # type: ignore[arg-type]
+            digest.update(tail)
+            file_name = f"{stem}-{digest.hexdigest()[:12]}.bin"
+            gltf["buffers"][-1] |= {"uri": quote(file_name), "byteLength": self._data_size + len(tail)}
+            _note_new(os.path.join(folder, file_name), made)
+
+            def write(file: IO[bytes]) -> None:
+                self._copy_data(file)
+                file.write(tail)
+
+            written += replace_file(os.path.join(folder, file_name), write)
         text = _dump(gltf, indent=2) + b"\n"
         return written + replace_bytes(name, text)
 
     def _read_image(self, uri: str, index: int) -> memoryview:
+        if self.source.resources is not None and uri in self.source.resources:
+            return self.source.resources[uri]
         where, allowed = self.source.where("images", index), self.source.allow_external
         return read_uri(uri, self.source.path, where, allow_external=allowed)[0]
 
@@ -508,14 +591,14 @@ class Draft:
                     if read_file(copy_path) != data:
                         raise BakeError("is there already and is another image; choose another folder", where=copy_path)
                     continue
-                _make_folders(os.path.dirname(copy_path), made)
+                make_folders(os.path.dirname(copy_path), made)
                 _note_new(copy_path, made)
                 replace_bytes(copy_path, data)
         return images
 
     def image_files(self, out: str | os.PathLike[str]) -> list[str]:
         """The image files that writing to `out` reads."""
-        if self._beside(os.fspath(out)):
+        if self.source.resources is not None or self._beside(os.fspath(out)):
             return []
         return [
             os.path.join(os.path.dirname(self.source.path), unquote(image["uri"]))
@@ -530,15 +613,17 @@ def _note_new(path: str, made: list[str]) -> None:
         made.append(path)
 
 
-def _make_folders(path: str, made: list[str]) -> None:
+def make_folders(path: str, made: list[str]) -> None:
     """Make a folder and those above it; they go on the list."""
     if not path or os.path.isdir(path):
         return
-    _make_folders(os.path.dirname(path), made)
+    make_folders(os.path.dirname(path), made)
+    if os.path.isdir(path):  # `a/..`, by making `a`
+        return
     try:
         os.mkdir(path)
     except OSError as error:
-        raise BakeError(f"cannot be made: {error.strerror or error}", where=path) from error
+        raise BakeError(f"cannot be written: {error.strerror or error}", where=path) from error
     made.append(path)
 
 
@@ -573,6 +658,24 @@ def replace_file(path: str, write: Callable[[IO[bytes]], object]) -> int:
 def replace_bytes(path: str, data: bytes | memoryview) -> int:
     """Put a file with this content in place of `path`, as `replace_file` does."""
     return replace_file(path, lambda file: file.write(data))
+
+
+def used_joints(joints: Array, weights: Array, name: str) -> Array:
+    """(vertices, 4) joints, those of weight 0 as joint 0: rounding, as Draco's, leaves some behind.
+
+    Args:
+        joints: (vertices, 4).
+        weights: (vertices, 4) of the same set.
+        name: JOINTS_0 or another set. In the first a vertex without weight keeps its first joint, which it follows.
+
+    Source: glTF 2.0 §3.7.3.3, "joints with a weight of zero SHOULD be set to zero".
+    """
+    if weights.shape != joints.shape:
+        return joints
+    used = weights > 0
+    if name == "JOINTS_0":
+        used[:, 0] |= ~used.any(axis=1)
+    return np.where(used, joints, 0).astype(joints.dtype)
 
 
 def index_type(count: int, *, smallest: type = np.uint16) -> np.dtype[Any]:

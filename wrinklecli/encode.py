@@ -3,7 +3,7 @@
 Source: glTF 2.0 §3.7.2.2 (morph targets), §3.6.2.3 (sparse accessors), §3.11 (animation).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,13 +13,15 @@ from numpy.typing import NDArray
 from wrinklecli.config import RestLengthKeys, RestLengthMorph
 from wrinklecli.deform import Shape, turn_to, weight_table
 from wrinklecli.document import TRIANGLES, Document, Json
-from wrinklecli.draft import INDEX_DATA, VERTEX_DATA, Draft, index_type
+from wrinklecli.draco import EXTENSION
+from wrinklecli.draft import INDEX_DATA, VERTEX_DATA, Draft, index_type, used_joints
 from wrinklecli.errors import AssetError
 from wrinklecli.patch import Anchor, Patch
 from wrinklecli.plan import Basis, Motion, Plan, Target, skin_weights, targets_of
 from wrinklecli.pose import Clip, Rig, morph_target_names, read_clips
 from wrinklecli.refine import Refinement
 from wrinklecli.surface import unit
+from wrinklecli.table import tabulate
 from wrinklecli.tracks import Track, pad, widen
 
 Floats = NDArray[np.float64]
@@ -42,6 +44,7 @@ class Part:
 
     Attributes:
         index: Of the primitive.
+        group: The first primitive that reads the same vertices; the new ones are those of the whole group.
         old: (old vertices,) glTF vertices of the surface, in file order.
         new: (new vertices,) into the refinement's new glTF vertices.
         sources: (new vertices, 3) vertices of this primitive that each is mixed from.
@@ -52,6 +55,7 @@ class Part:
     """
 
     index: int
+    group: int
     old: Ints
     new: Ints
     sources: Ints
@@ -75,14 +79,28 @@ class Part:
         return nearest
 
 
-def parts_of(fine: Refinement) -> list[Part]:
-    """The vertices of each primitive after refinement."""
+def shared_vertices(source: Document, mesh: int, fine: Refinement) -> list[int]:
+    """For each primitive of a mesh the first that reads the same vertices, as exporters write them for materials."""
+    starts = fine.surface.vertex_starts
+    firsts: dict[Any, int] = {}
+    groups = []
+    for index, primitive in enumerate(source.items("meshes")[mesh]["primitives"]):
+        key: Any = primitive["attributes"]["POSITION"], fine.weld[starts[index] : starts[index + 1]].tobytes()
+        if primitive.get("mode", TRIANGLES) < TRIANGLES or EXTENSION in primitive.get("extensions", {}):
+            key = index  # more points would show; each Draco stream has vertices of its own
+        groups.append(firsts.setdefault(key, index))
+    return groups
+
+
+def parts_of(fine: Refinement, groups: Sequence[int] | None = None) -> list[Part]:
+    """The vertices of each primitive after refinement; `groups` from `shared_vertices`, or each by itself."""
     starts = fine.surface.vertex_starts
     old_count = int(starts[-1])
+    owners = np.arange(len(starts) - 1) if groups is None else np.array(groups)
     parts = []
-    for index in range(len(starts) - 1):
+    for index, group in enumerate(owners):
         old = np.arange(starts[index], starts[index + 1])
-        new = np.flatnonzero(fine.primitives == index)
+        new = np.flatnonzero(owners[fine.primitives] == group)
         local = np.zeros(old_count + len(fine.primitives), np.intp)
         local[old] = np.arange(len(old))
         local[old_count + new] = len(old) + np.arange(len(new))
@@ -90,9 +108,11 @@ def parts_of(fine: Refinement) -> list[Part]:
         parts.append(
             Part(
                 index=index,
+                group=int(group),
                 old=old,
                 new=new,
-                sources=local[fine.sources[new]],
+                # Shares of 0 may have any source.
+                sources=np.where(fine.shares[new] != 0, fine.sources[new] - starts[fine.primitives[new], None], 0),
                 shares=fine.shares[new],
                 weld=np.concatenate([fine.weld[old], fine.weld[old_count + new]]),
                 triangles=local[fine.corners[faces]],
@@ -113,7 +133,8 @@ def encode_morphs(
     if all(each.from_skin for each in bases):
         stored = [each.written(each.of_curve(skin_weights(plan, each.carrier, None, np.zeros(1)))) for each in bases]
         known = np.concatenate(stored, axis=1)[0]
-    encode_mesh(draft, rig, plan.fine, targets, sparse=sparse, stored=known, tangents=tangents)
+    groups = shared_vertices(draft.source, rig.mesh, plan.fine)
+    encode_mesh(draft, rig, plan.fine, targets, sparse=sparse, stored=known, tangents=tangents, groups=groups)
     encode_extras(draft, plan, bases)
     baked = {motion.clip.index for motion in motions}
     for clip in read_clips(draft.source):
@@ -126,9 +147,6 @@ def encode_morphs(
         channel = motion.clip.channel(rig.node, "weights")
         times, weights = motion.times[motion.keys], motion.weights[motion.keys]
         encode_track(draft, motion.clip, rig.node, widen(channel, rig, motion.clip, times, weights))
-        if channel is None and rig.morph_names:
-            # Nothing else would tell it from a channel that the clip had: see `restore`.
-            draft.gltf["animations"][motion.clip.index]["channels"][-1]["extras"] = {"wrinkle": "added"}
 
 
 def encode_mesh(
@@ -140,6 +158,7 @@ def encode_mesh(
     sparse: bool,
     stored: Floats,
     tangents: bool = False,
+    groups: Sequence[int] | None = None,
 ) -> None:
     """Write the refined primitives and the new morph targets of a node's mesh.
 
@@ -156,26 +175,41 @@ def encode_mesh(
         sparse: Write targets as sparse accessors.
         stored: (targets,) weights in the stored pose.
         tangents: Write TANGENT targets where the base has TANGENT.
+        groups: From `shared_vertices`: primitives that go on sharing vertices. Those that no tool touches too:
+            a vertex more in their accessors does not show, where accessors of their own would be a copy.
     """
     node = draft.gltf["nodes"][rig.node]
     mesh = own_mesh(draft, node, rig.mesh)
     names = morph_target_names(mesh) + [target.name for target in targets]
     source = draft.source
-    for part in parts_of(fine):
+    parts = parts_of(fine, groups)
+    _drop_repeated(draft, mesh, parts)
+    written: dict[Any, int] = {}
+    for part in parts:
         primitive = mesh["primitives"][part.index]
         where = source.where("meshes", rig.mesh, "primitives", part.index)
         old_targets = primitive.get("targets", [])
         base = base_normals(source, primitive, part)
         along = base_tangents(source, primitive, part) if tangents and base is not None else None
         turned = [name for name, has in (("NORMAL", base), ("TANGENT", along)) if has is not None]
-        if part.changed:
-            _refine_primitive(draft, primitive, part, fine, where)
+        frame = (part.group, *(primitive["attributes"].get(name) for name in ("NORMAL", "TANGENT")))
+        if len(part.new):
+            _refine_primitive(draft, primitive, part, fine, where, written)
         draft.unpack(primitive)
         if not targets:
             continue
-        primitive["targets"] = [_with_zeros(draft, each, len(part.weld), turned, sparse) for each in old_targets] + [
-            _encode_target(draft, each.shape, part, fine, base, along, sparse) for each in targets
-        ]
+        added: list[Json] = []
+        for number, each in enumerate(targets):
+            vectors = _target_vectors(each.shape, part, fine, base, along)
+            added.append({})
+            for name, (rows, values) in vectors.items():
+                key = ("added", number, name, part.group if name == "POSITION" else frame)
+                if key not in written:
+                    written[key] = _add_vectors(draft, rows, values, len(part.weld), sparse, bounds=name == "POSITION")
+                added[-1][name] = written[key]
+        primitive["targets"] = [
+            _with_zeros(draft, each, len(part.weld), turned, sparse) for each in old_targets
+        ] + added
     if not targets:
         return
     if isinstance(mesh.setdefault("extras", {}), dict):
@@ -231,20 +265,49 @@ def tangent_deltas(tangents: Floats, normals: Floats, normal_deltas: Floats) -> 
     return deltas
 
 
-def _refine_primitive(draft: Draft, primitive: Json, part: Part, fine: Refinement, where: str) -> None:
-    """Replace a primitive's attributes, old targets and indices by refined ones."""
-    attributes = primitive["attributes"]
-    for name, index in attributes.items():
-        values, normalized = _refined_attribute(draft, name, index, part, fine, where)
-        attributes[name] = draft.add(
-            values, target=VERTEX_DATA, normalized=normalized, bounds=name == "POSITION", replaces=index
-        )
+def _vertex_accessors(primitive: Json, part: Part) -> Iterator[tuple[Any, int]]:
+    """Every accessor that refinement replaces, with what it has in common with those of equal content after it."""
+    for name, index in primitive["attributes"].items():
+        yield ("attribute", part.group, name, index), index
     for number, target in enumerate(primitive.get("targets", [])):
         for name, index in target.items():
+            yield ("target", part.group, number, name, index), index
+
+
+def _drop_repeated(draft: Draft, mesh: Json, parts: Sequence[Part]) -> None:
+    """Drop all references but the first to accessors whose successors several primitives will share."""
+    seen: set[Any] = set()
+    for part in parts:
+        for key, index in _vertex_accessors(mesh["primitives"][part.index], part) if len(part.new) else ():
+            if key in seen:
+                draft.drop(index)
+            seen.add(key)
+
+
+def _refine_primitive(
+    draft: Draft, primitive: Json, part: Part, fine: Refinement, where: str, written: dict[Any, int]
+) -> None:
+    """Replace a primitive's attributes, old targets and indices by refined ones; `written` are those there already."""
+    attributes = primitive["attributes"]
+    original = dict(attributes)
+    for name, index in original.items():
+        key = ("attribute", part.group, name, index)
+        if key not in written:
+            values, normalized = _refined_attribute(draft, original, name, part, fine, where)
+            written[key] = draft.add(
+                values, target=VERTEX_DATA, normalized=normalized, bounds=name == "POSITION", replaces=index
+            )
+        attributes[name] = written[key]
+    for number, target in enumerate(primitive.get("targets", [])):
+        for name, index in target.items():
+            bounds = name == "POSITION"
+            target_key = ("target", part.group, number, name, index)
+            if target_key in written:
+                target[name] = written[target_key]
+                continue
             old = old_values(draft.source, name, index, part, where, sizes=dict.fromkeys(_VECTORS, 3))
             new = fine.morph_deltas[number, part.weld[len(part.old) :]] if name == "POSITION" else part.mix(old)
             values = np.concatenate([old, new]).astype(np.float32)
-            bounds = name == "POSITION"
             if "sparse" in draft.source.items("accessors")[index]:
                 changed = np.flatnonzero(values.any(axis=1))
                 target[name] = draft.add_sparse(
@@ -252,6 +315,9 @@ def _refine_primitive(draft: Draft, primitive: Json, part: Part, fine: Refinemen
                 )
             else:
                 target[name] = draft.add(values, target=VERTEX_DATA, bounds=bounds, replaces=index)
+            written[target_key] = target[name]
+    if not part.changed and "indices" in primitive:
+        return
     if primitive.get("mode", TRIANGLES) != TRIANGLES:
         del primitive["mode"]
     indices = part.triangles.reshape(-1).astype(index_type(len(part.weld)))
@@ -273,10 +339,10 @@ def old_values(source: Document, name: str, index: int, part: Part, where: str, 
 
 
 def _refined_attribute(
-    draft: Draft, name: str, index: int, part: Part, fine: Refinement, where: str
+    draft: Draft, attributes: Json, name: str, part: Part, fine: Refinement, where: str
 ) -> tuple[Array, bool]:
     """Stored values of an attribute with those of new vertices appended, and whether they are normalised."""
-    source = draft.source
+    source, index = draft.source, attributes[name]
     old = old_values(source, name, index, part, where, sizes={"POSITION": 3, "NORMAL": 3, "TANGENT": 4})
     accessor = source.items("accessors")[index]
     new_vertices = part.weld[len(part.old) :]
@@ -291,6 +357,8 @@ def _refined_attribute(
         rows = new_vertices - len(fine.surface.positions)
         pruned = fine.joints_pruned if kind == "JOINTS" else fine.weights_pruned
         new = pruned[rows, 4 * int(number) : 4 * int(number) + 4]
+        if kind == "JOINTS" and f"WEIGHTS_{number}" in attributes:
+            old = used_joints(old, source.accessor(attributes[f"WEIGHTS_{number}"]), name)
         # Of sets that other primitives lack, new vertices use none.
         values = np.concatenate([old, np.pad(new, ((0, 0), (0, 4 - new.shape[1])))])
         return values.astype(_smallest_joint_type(old, values) if kind == "JOINTS" else np.float32), False
@@ -321,30 +389,25 @@ def _zeros(draft: Draft, count: int, *, sparse: bool, bounds: bool) -> int:
     return draft.add_sparse(np.zeros(0, np.intp), nothing, count=count, bounds=bounds, stored=not sparse)
 
 
-def _encode_target(
-    draft: Draft,
-    shape: Shape,
-    part: Part,
-    fine: Refinement,
-    base: Floats | None,
-    along: Floats | None,
-    sparse: bool,
-) -> Json:
-    """One morph target on one primitive, with what normals `base` and tangents `along` change by."""
-    target: Json = {}
+def _target_vectors(
+    shape: Shape, part: Part, fine: Refinement, base: Floats | None, along: Floats | None
+) -> dict[str, tuple[Ints, Floats]]:
+    """One morph target on one primitive: the vertices that each attribute changes at, and by how much.
+
+    NORMAL and TANGENT are there where there are normals `base` and tangents `along`.
+    """
     rows = _rows(shape.vertices, len(fine.positions))[part.weld]
     moved = np.flatnonzero(rows >= 0)
-    target["POSITION"] = _add_vectors(draft, moved, shape.deltas[rows[moved]], len(rows), sparse, bounds=True)
+    vectors = {"POSITION": (moved, shape.deltas[rows[moved]])}
     if base is not None:
         rows = _rows(shape.normal_vertices, len(fine.positions))[part.weld]
         turned = np.flatnonzero(rows >= 0)
         smooth = fine.normals[part.weld[turned]]
         deltas = turn_to(smooth, base[turned], shape.normal_deltas[rows[turned]])
-        target["NORMAL"] = _add_vectors(draft, turned, deltas, len(rows), sparse, bounds=False)
+        vectors["NORMAL"] = turned, deltas
         if along is not None:
-            deltas = tangent_deltas(along[turned], base[turned], deltas)
-            target["TANGENT"] = _add_vectors(draft, turned, deltas, len(rows), sparse, bounds=False)
-    return target
+            vectors["TANGENT"] = turned, tangent_deltas(along[turned], base[turned], deltas)
+    return vectors
 
 
 def _rows(vertices: Ints, count: int) -> Ints:
@@ -396,7 +459,8 @@ def encode_extras(draft: Draft, plan: Plan, bases: Sequence[Basis]) -> None:
     own, to world space: optimisers that quantise positions change bind space and inverse bind matrices, but not
     the joints), takes the animated scale out (divides by the mean over anchors of the sum over joints of weight ·
     cbrt(det matrix) / scale), and finds the targets' `weights` at 1 - distance / rest_length, straight between
-    the rows of `shortenings`, times the clip's factor in `strengths`, if it is there. `vertices` counts those of
+    the rows of `shortenings`, times the clip's factor in `strengths`, if it is there. Where the rest length changes,
+    `curve` takes the place of these rows: see `CurveTable`. `vertices` counts those of
     each primitive before refinement; new ones follow them. `undriven` are targets of tools that anchors alone do not
     drive.
     """
@@ -417,7 +481,7 @@ def encode_extras(draft: Draft, plan: Plan, bases: Sequence[Basis]) -> None:
                 **_driven_json(patch),
                 **_strengths_json(patch),
                 "targets": [target.name for target in targets_of([basis])],
-                **_table_json(basis),
+                **(_table_json(basis) if _is_constant(patch) else _curve_json(basis)),
             }
             for basis in bases
             if basis.from_skin
@@ -425,6 +489,10 @@ def encode_extras(draft: Draft, plan: Plan, bases: Sequence[Basis]) -> None:
         ],
         **({"undriven": undriven} if undriven else {}),
     }
+
+
+def _is_constant(patch: Patch) -> bool:
+    return not isinstance(patch.tool.rest_length, RestLengthKeys | RestLengthMorph)
 
 
 def _driven_json(patch: Patch) -> Json:
@@ -453,6 +521,35 @@ def _table_json(basis: Basis) -> Json:
     return {
         "shortenings": [_digits(value) for value in shortenings],
         "weights": [[_digits(value, _TABLE_DIGITS) for value in row] for row in rows],
+    }
+
+
+def _curve_json(basis: Basis) -> Json:
+    """The control curve for all rest lengths that keys or a morph target give it."""
+    patch = basis.carrier.patch
+    wanted = patch.tool.rest_length
+    lengths = [patch.span]
+    if isinstance(wanted, RestLengthMorph):
+        lengths.append(wanted.full.resolve(patch.span))
+    if isinstance(wanted, RestLengthKeys):
+        lengths += [length.resolve(patch.span) for keys in wanted.keys.values() for _, length in keys]
+    count = patch.curve.greatest_amplitudes.size
+    mix = np.eye(count) if basis.mix is None else basis.mix
+    mix = basis.written(np.concatenate([mix, -mix[:, list(basis.split)]], axis=1)).T
+    table = tabulate(patch.curve, min(lengths), max(lengths), mix=mix, positive=bool(basis.split))
+    limited = {"distances": table.distances, "capacities": table.capacities} if len(table.distances) else {}
+    return {
+        "curve": {
+            "taut": table.taut,
+            "intervals": table.intervals,
+            "bumps": list(table.bumps),
+            **{key: [_digits(value) for value in values] for key, values in limited.items()},
+            "parts": [_digits(value) for value in table.parts],
+            "rises": [[_digits(value) for value in row] for row in table.rises],
+            "mix": [[_digits(value) for value in row] for row in table.mix],
+            **({"positive": True} if table.positive else {}),
+            **({"least": _digits(basis.least)} if basis.least else {}),
+        }
     }
 
 

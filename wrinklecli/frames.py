@@ -8,7 +8,7 @@ import os
 import re
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from wrinklecli.deform import turn_to
 from wrinklecli.document import Document, Json
-from wrinklecli.draft import VERTEX_DATA, Draft
+from wrinklecli.draft import VERTEX_DATA, Draft, make_folders
 from wrinklecli.encode import Part, base_normals, encode_mesh, old_values, parts_of
 from wrinklecli.errors import BakeError
 from wrinklecli.patch import inverses
@@ -275,28 +275,44 @@ def exported_frames(
         progress: Called with a stage's name, frames done and frames in all.
 
     Yields:
-        What puts the files into the folder; uncalled, nothing is left there.
+        What puts the files into the folder; uncalled, or where anything fails later, all is left there as it was.
 
     Raises:
         BakeError: The folder cannot be written to.
     """
     target = Path(folder)
-    made = not target.exists()
+    made: list[str] = []
     try:
-        target.mkdir(parents=True, exist_ok=True)
+        make_folders(os.fspath(target), made)
         with tempfile.TemporaryDirectory(prefix=".wrinkle-", dir=target) as temporary:
             names = _export(document, every, Path(temporary), kind, progress)
 
+            old = Path(temporary) / "old"
+            old.mkdir()
+            put_there: list[str] = []
+
             def put() -> None:
                 for name in names:
+                    put_there.append(name)
+                    if (target / name).is_file():
+                        os.replace(target / name, old / name)
                     os.replace(Path(temporary) / name, target / name)
 
-            yield put
+            try:
+                yield put
+            except BaseException:
+                for name in put_there:
+                    if not (Path(temporary) / name).exists():
+                        os.unlink(target / name)
+                    if (old / name).exists():
+                        os.replace(old / name, target / name)
+                raise
     except OSError as error:
         raise BakeError(f"cannot be written: {error.strerror or error}", where=os.fspath(folder)) from error
     finally:
-        if made and target.is_dir() and not any(target.iterdir()):
-            target.rmdir()
+        for each in reversed(made):
+            with suppress(OSError):  # not empty: done
+                os.rmdir(each)
 
 
 def _export(document: Document, every: Sequence[Frames], folder: Path, kind: str, progress: Progress) -> list[str]:

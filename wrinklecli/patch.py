@@ -221,7 +221,7 @@ def singular(blended: Floats) -> Bools:
     linear = blended[:, :, :3]
     # The product of the three is |det|, and none exceeds the Frobenius norm: most matrices need no decomposition.
     norms = np.sqrt(np.sum(linear * linear, axis=(1, 2)))
-    near = np.abs(determinants(linear)) <= 2.0 * _SINGULAR * norms**3
+    near: Bools = np.abs(determinants(linear)) <= 2.0 * _SINGULAR * norms**3
     values = np.linalg.svd(linear[near], compute_uv=False)
     near[near] = values[:, 2] <= _SINGULAR * values[:, 0]
     return near
@@ -486,13 +486,13 @@ class AnchorPoses:
 
     Attributes:
         joints: (joints,) into the rig's, rising: those that move any of the anchors.
-        matrices: (frames, joints, 4, 4) bind to world space.
-        scales: (frames, joints) cube roots of their determinants against rest.
+        rows: (joints, 3, 4, frames) bind to world space; one frame where nothing moves.
+        scales: (joints, frames) cube roots of their determinants against rest.
         weights: (frames, morph targets).
     """
 
     joints: Ints
-    matrices: Floats
+    rows: Floats
     scales: Floats
     weights: Floats
 
@@ -504,11 +504,14 @@ def anchor_joints(patches: Sequence[Patch]) -> Ints:
 
 def anchor_poses(joints: Ints, rig: Rig, rest: Rest, clip: Clip | None, times: Floats) -> AnchorPoses:
     """Pose (joints,) of a rig at (frames,) seconds; in the stored pose where there is no clip."""
-    matrices = joint_matrices(rig, clip, times, joints)
-    now = np.abs(np.linalg.det(matrices[..., :3, :3]))
-    before = np.abs(np.linalg.det(rest.matrices[joints, :3, :3]))
-    scales = np.cbrt(now / np.where(before > 0, before, 1.0))
-    return AnchorPoses(joints, matrices, scales, morph_weights(rig, clip, times))
+    worlds = node_rows(rig, clip, times, [int(rig.joints[joint]) for joint in joints])
+    rows = np.zeros((len(joints), 3, 4, max(each.shape[2] for each in worlds)))
+    for into, world, inverse_bind in zip(rows, worlds, rig.inverse_binds[joints], strict=True):
+        into[:] = np.sum(world[:, :, None] * inverse_bind[:, :, None], axis=1)
+    now = np.abs(determinants(rows[:, :, :3].transpose(0, 3, 1, 2)))
+    before = np.abs(determinants(rest.matrices[joints, :3, :3]))
+    scales = np.cbrt(now / np.where(before > 0, before, 1.0)[:, None])
+    return AnchorPoses(joints, rows, scales, morph_weights(rig, clip, times))
 
 
 def lengths_over_time(
@@ -530,26 +533,30 @@ def lengths_over_time(
     """
     if poses is None:
         poses = anchor_poses(anchor_joints([patch]), rig, rest, clip, times)
-    active = np.concatenate([np.ones((len(times), 1)), poses.weights], axis=1)
     places, scales = [], []
     for anchor in (patch.origin, patch.target):
         chosen = np.searchsorted(poses.joints, anchor.joints)
-        points = np.tensordot(active, anchor.points, axes=1)
-        places.append(np.einsum("fkab,fkb->fa", poses.matrices[:, chosen, :3], points))
+        points = anchor.points[0][:, :, None]
+        if len(anchor.points) > 1:
+            points = points + np.tensordot(anchor.points[1:], poses.weights, axes=(0, 1))
+        places.append(np.sum(poses.rows[chosen] * points[:, None], axis=(0, 2)))
         # Scale: cube roots of determinants against rest, by influence.
-        scales.append(poses.scales[:, chosen] @ anchor.points[0, :, 3])
+        scales.append(np.sum(poses.scales[chosen] * anchor.points[0, :, 3, None], axis=0))
     scale = (scales[0] + scales[1]) / 2.0
     hidden = scale < _LEAST_SCALE
-    distances = np.sqrt(np.sum((places[1] - places[0]) ** 2, axis=1)) / np.where(hidden, 1.0, scale)
-    return np.where(hidden, np.inf, distances), _rest_lengths_over_time(patch, rig, clip, times, poses.weights)
+    distances = np.sqrt(np.sum((places[1] - places[0]) ** 2, axis=0)) / np.where(hidden, 1.0, scale)
+    distances = np.broadcast_to(np.where(hidden, np.inf, distances), len(times))
+    return distances, rest_lengths_over_time(patch, rig, clip, times)
 
 
-def _rest_lengths_over_time(patch: Patch, rig: Rig, clip: Clip | None, times: Floats, weights: Floats) -> Floats:
+def rest_lengths_over_time(patch: Patch, rig: Rig, clip: Clip | None, times: Floats) -> Floats:
+    """(frames,) rest lengths of a tool at (frames,) seconds of a clip, scene units."""
     wanted = patch.tool.rest_length
     if isinstance(wanted, RestLengthKeys) and clip is not None and clip.name in wanted.keys:
         keys = wanted.keys[clip.name]
         return np.interp(times, [t for t, _ in keys], [each.resolve(patch.span) for _, each in keys])
     if isinstance(wanted, RestLengthMorph):
+        weights = morph_weights(rig, clip, times)
         number = rig.morph_names.index(wanted.morph)
         full = wanted.full.resolve(patch.span)
         return patch.span + np.clip(weights[:, number], 0.0, 1.0) * (full - patch.span)

@@ -3,7 +3,8 @@
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
+from traceback import extract_tb
 from typing import Literal
 
 import numpy as np
@@ -14,15 +15,38 @@ from wrinklecli.config import Length, RestLengthKeys, ToolsFile, WrinkleTool, lo
 from wrinklecli.document import Document, Json, read_document
 from wrinklecli.draft import Draft
 from wrinklecli.encode import encode_morphs
-from wrinklecli.errors import AssetError, BakeError, ConfigError, RefusedError, listed, nearest
+from wrinklecli.errors import AssetError, BakeError, ConfigError, RefusedError, WrinkleError, listed, nearest
 from wrinklecli.frames import Frames, encode_frames, exported_frames
-from wrinklecli.plan import Basis, Mode, Motion, Progress, plan_mesh, sample_clips, targets_of
+from wrinklecli.plan import Basis, Mode, Motion, Plan, Progress, plan_mesh, sample_clips, targets_of
 from wrinklecli.pose import Clip, morph_target_names, read_clips
 from wrinklecli.proof import Residual, prove
 from wrinklecli.report import Baked, Report, make_report
-from wrinklecli.restore import without_wrinkles
+from wrinklecli.restore import original
 
-_DEFAULT_MAX_ERROR = Length(1.0, percent=True)
+DEFAULT_MAX_ERROR = Length(1.0, percent=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """An asset and its tools, read: what `bake` and `check` begin with.
+
+    Attributes:
+        settings: The tools file with the command line's overrides.
+        document: The asset; without the wrinkles of an earlier bake where these are to be replaced.
+        inputs: Every file that was read, as typed or joined to the asset's folder.
+        every_clip: Of the asset.
+        clips: Those to bake.
+        by_node: The tools of each node that carries a mesh, nodes rising.
+        warnings: A line for each tool and clip that is named in vain.
+    """
+
+    settings: ToolsFile
+    document: Document
+    inputs: tuple[str, ...]
+    every_clip: tuple[Clip, ...]
+    clips: tuple[Clip, ...]
+    by_node: dict[int, list[WrinkleTool]]
+    warnings: tuple[str, ...]
 
 
 def bake(
@@ -34,7 +58,7 @@ def bake(
     clips: Sequence[str] = (),
     only: Sequence[str] = (),
     fps: float | None = None,
-    max_error: Length = _DEFAULT_MAX_ERROR,
+    max_error: Length = DEFAULT_MAX_ERROR,
     max_levels: int | None = None,
     accessors: Literal["sparse", "dense"] = "sparse",
     tracks: Literal["all", "none"] = "all",
@@ -68,7 +92,7 @@ def bake(
         morph_tangents: Also write TANGENT targets, where the base has TANGENT.
         engine: Hold morph targets to what this one plays: three, unity, or spec8 (eight at a time).
         strict: Refuse to write where there are warnings.
-        replace: Take out what an earlier bake added first; see `restore.without_wrinkles` for what this can do.
+        replace: Bake the asset that an earlier bake was made from, where ASSET is that bake's output; see `restore`.
         details: Measure residuals of normals and curve lengths for the report, which takes longer.
         progress: Called with a stage's name, steps done and steps in all.
 
@@ -86,35 +110,37 @@ def bake(
         stack.enter_context(faults_reported(os.fspath(asset)))
         # With several BLAS threads sums change their last bits, and so would the file.
         stack.enter_context(threadpool_limits(limits=1, user_api="blas"))
-        settings = _settings(load_tools(tools), only, fps, max_levels)
-        document = read_document(asset, allow_external=allow_external)
-        inputs = [document.files[0], settings.path, *document.files[1:]]
-        if replace:
-            document = without_wrinkles(document)
-        refuse_overwriting(inputs, [out] if out is not None else [])
-        every_clip = read_clips(document)
-        chosen = _chosen_clips(every_clip, settings, clips, document)
-        warnings = _vain_clips(settings, every_clip)
+        job = read_job(
+            asset,
+            tools,
+            clips=clips,
+            only=only,
+            fps=fps,
+            max_levels=max_levels,
+            allow_external=allow_external,
+            replace=replace,
+        )
+        refuse_overwriting(job.inputs, [out] if out is not None else [])
+        document, settings, warnings = job.document, job.settings, list(job.warnings)
         draft = Draft(document)
         fps_wanted = settings.sampling.fps
         baked: list[Baked] = []
         frames: list[Frames] = []
         budgets: list[Json] = []
         influences = BUDGETS[engine].influences if engine is not None else None
-        for node, its_tools in _by_node(document, settings, warnings).items():
-            plan = plan_mesh(document, node, its_tools, settings, every_clip, max_error, influences=influences)
+        for plan in plan_meshes(job, max_error, influences=influences):
             motions: list[Motion] = []
             bases: list[Basis] = []
             residuals: dict[str, Residual] = {}
             if frames_dir is not None or mode == "frames":
-                bases, motions = sample_clips(plan, chosen, fps=fps_wanted, mode="frames", progress=progress)
+                bases, motions = sample_clips(plan, job.clips, fps=fps_wanted, mode="frames", progress=progress)
                 if not motions:
                     raise BakeError("has no clip: there is no frame to write", where=document.path)
                 frames.append(Frames(plan.rig, plan.fine, targets_of(bases), tuple(motions)))
             if mode == "morph" and out is not None:
-                bases, motions = sample_clips(plan, chosen, fps=fps_wanted, mode="morph", progress=progress)
+                bases, motions = sample_clips(plan, job.clips, fps=fps_wanted, mode="morph", progress=progress)
                 if engine is not None:
-                    bases, motions, budget = fit_budget(document, plan, bases, motions, every_clip, engine)
+                    bases, motions, budget = fit_budget(document, plan, bases, motions, job.every_clip, engine)
                     budgets.append(budget)
                 tracked = motions if tracks == "all" else ()
                 encode_morphs(draft, plan, bases, tracked, sparse=accessors == "sparse", tangents=morph_tangents)
@@ -124,18 +150,18 @@ def bake(
         report = make_report(document, settings, mode, baked, warnings, details=details)
         if engine is not None:
             report.data["engine"] = {"name": engine, "limits": asdict(BUDGETS[engine]), "meshes": budgets}
-        report.inputs = [*inputs, *(draft.image_files(out) if out is not None else [])]
+        report.inputs = [*job.inputs, *(draft.image_files(out) if out is not None else [])]
         if strict and report.warnings:
             raise RefusedError.of_all(RefusedError(line) for line in report.warnings)
         put_files = None
         if frames_dir is not None:
             put_files = stack.enter_context(exported_frames(document, frames, frames_dir, frames_format, progress))
-        if out is not None:
-            if mode == "frames":
-                encode_frames(draft, frames, progress)
-            report.bytes_written = draft.write(out)
+        if out is not None and mode == "frames":
+            encode_frames(draft, frames, progress)
         if put_files is not None:
-            put_files()
+            put_files()  # taken back where OUT fails
+        if out is not None:
+            report.bytes_written = draft.write(out)
         return report
 
 
@@ -151,10 +177,64 @@ def faults_reported(asset: str) -> Iterator[None]:
         with np.errstate(all="raise", under="ignore"):
             yield
     except (ArithmeticError, np.linalg.LinAlgError) as error:
-        message = f"holds numbers, or the tools file does, that are too large or too small to compute with ({error})"
+        own = [each for each in extract_tb(error.__traceback__) if each.filename.startswith(os.path.dirname(__file__))]
+        place = f", {os.path.basename(own[-1].filename)}:{own[-1].lineno}" if own else ""
+        message = (
+            "holds numbers, or the tools file does, that are too large or too small to compute with"
+            f" ({error}{place}); if they look right, it is a fault of wrinkle's"
+        )
         raise AssetError(message, where=asset) from error
     except MemoryError as error:
         raise BakeError("takes more memory than there is", where=asset) from error
+
+
+def read_job(
+    asset: str | os.PathLike[str],
+    tools: str | os.PathLike[str],
+    *,
+    clips: Sequence[str] = (),
+    only: Sequence[str] = (),
+    fps: float | None = None,
+    max_levels: int | None = None,
+    allow_external: bool = False,
+    replace: bool = False,
+) -> Job:
+    """Read an asset and its tools, and find each tool's mesh; arguments as of `bake`.
+
+    Raises:
+        WrinkleError: One of them is at fault, or they do not go together.
+    """
+    settings = _settings(load_tools(tools), only, fps, max_levels)
+    document = read_document(asset, allow_external=allow_external)
+    if replace:
+        document = original(document)
+    inputs = (document.files[0], settings.path, *document.files[1:])
+    every_clip = read_clips(document)
+    chosen = _chosen_clips(every_clip, settings, clips, document)
+    warnings = _vain_clips(settings, every_clip)
+    by_node = _by_node(document, settings, warnings)
+    return Job(settings, document, inputs, every_clip, tuple(chosen), by_node, tuple(warnings))
+
+
+def plan_meshes(job: Job, max_error: Length = DEFAULT_MAX_ERROR, *, influences: int | None = None) -> list[Plan]:
+    """Attach the tools of every mesh and refine it, as `plan_mesh` does.
+
+    Raises:
+        WrinkleError: Of all tools that do not fit, a line each.
+    """
+    plans: list[Plan] = []
+    problems: list[WrinkleError] = []
+    for node, tools in job.by_node.items():
+        try:
+            plans.append(
+                plan_mesh(job.document, node, tools, job.settings, job.every_clip, max_error, influences=influences)
+            )
+        except WrinkleError as error:
+            problems.append(error)
+    if problems:
+        # What is wrong with the whole file is wrong with each mesh.
+        raise problems[0] if len({str(each) for each in problems}) == 1 else BakeError.of_all(problems)
+    return plans
 
 
 def _settings(settings: ToolsFile, only: Sequence[str], fps: float | None, max_levels: int | None) -> ToolsFile:

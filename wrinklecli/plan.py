@@ -25,11 +25,19 @@ from wrinklecli.deform import (
 )
 from wrinklecli.document import Document
 from wrinklecli.errors import AssetError, BakeError
-from wrinklecli.patch import Rest, attach_tools, rest_pose
+from wrinklecli.patch import (
+    Rest,
+    anchor_joints,
+    anchor_poses,
+    attach_tools,
+    lengths_over_time,
+    rest_lengths_over_time,
+    rest_pose,
+)
 from wrinklecli.pose import Clip, Rig, joint_matrices, read_rig
 from wrinklecli.refine import Refinement, contacts_of, influence_count, refine
 from wrinklecli.surface import read_surface
-from wrinklecli.tracks import clip_grid, moving_nodes, sample_times, thin_times
+from wrinklecli.tracks import Signal, clip_grid, key_times, moving_nodes, smooth
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -45,6 +53,8 @@ _POSES = 33
 _MOST_MATRICES = 2**22
 # Of all clips that are baked at once: nine hours at 30 a second.
 _MOST_FRAMES = 1_000_000
+# Coordinates of displacements that are compressed at once: bounds the memory.
+_MOST_COORDINATES = 2**20
 # Quarter points of an interval and the rest of the chain share the error bound.
 _SAMPLING_SHARE = 0.5
 _COMPRESSION_SHARE = 0.25
@@ -97,6 +107,8 @@ class Basis:
         weights: For each sampled clip, (frames, shapes).
         mix: (the curve's shapes, shapes) where an engine's budget asks for other shapes than the curve's.
         split: Columns of that product whose negative weights drive shapes of their own, which follow.
+        unmix: (shapes, the curve's shapes) what these shapes are made of; None where they are the curve's.
+        least: Weights up to this are written as 0.
     """
 
     carrier: Carrier
@@ -104,6 +116,8 @@ class Basis:
     weights: tuple[Floats, ...]
     mix: Floats | None = None
     split: tuple[int, ...] = ()
+    unmix: Floats | None = None
+    least: float = 0.0
 
     @property
     def from_skin(self) -> bool:
@@ -116,11 +130,12 @@ class Basis:
         return flat if self.mix is None else self.parted(flat @ self.mix)
 
     def parted(self, weights: Floats) -> Floats:
-        """(frames, shapes) weights with the negative ones of `split` columns moved to columns of their own."""
+        """(frames, shapes) weights, the negative ones of `split` columns in columns of their own, the least as 0."""
         columns = list(self.split)
-        kept = weights.copy()
+        kept = np.where(np.abs(weights) > self.least, weights, 0.0)
+        apart = np.maximum(-kept[:, columns], 0.0)
         kept[:, columns] = np.maximum(kept[:, columns], 0.0)
-        return np.concatenate([kept, np.maximum(-weights[:, columns], 0.0)], axis=1)
+        return np.concatenate([kept, apart], axis=1)
 
     def written(self, weights: Floats) -> Floats:
         """The columns of (frames, shapes) weights that have a target."""
@@ -181,22 +196,45 @@ def plan_mesh(
         settings=settings.refinement,
         contacts=contacts,
         influences=min(influence_count(document, rig), influences or sys.maxsize),
-        poses=poses_of(rig, clips),
+        poses=poses_of(rig, clips, np.unique(surface.joints)),
         tolerance=_SAMPLING_SHARE * bound,
     )
-    carriers = tuple(carry(patch, fine, contacts) for patch in patches)
+    carriers, problems = [], []
+    for patch in patches:
+        try:
+            carriers.append(carry(patch, fine, contacts))
+        except BakeError as error:
+            problems.append(error)
+    if problems:
+        raise BakeError.of_all(problems)
     scale = float(np.median(np.cbrt(np.abs(np.linalg.det(rest.blended[:, :, :3])))))
-    return Plan(rig, rest, fine, carriers, tallest, bound, scale, _has_normals(document, rig.mesh))
+    return Plan(rig, rest, fine, tuple(carriers), tallest, bound, scale, _has_normals(document, rig.mesh))
 
 
-def poses_of(rig: Rig, clips: Sequence[Clip]) -> Floats:
-    """(poses, joints, 4, 4) a few poses of every clip of the asset, whichever are baked."""
+def poses_of(rig: Rig, clips: Sequence[Clip], joints: Ints | None = None) -> Floats:
+    """(poses, joints, 4, 4) a few poses of every clip of the asset, whichever are baked.
+
+    Args:
+        rig: Of a mesh.
+        clips: Of the asset.
+        joints: Those that any vertex follows; the matrices of others are left 0. All where left out.
+
+    Raises:
+        AssetError: There are too many.
+    """
     count = min(_POSES, _MOST_MATRICES // max(len(clips) * len(rig.joints), 1))
     if not count:
         message = f"has {len(clips)} clips of {len(rig.joints)} joints; the product may be {_MOST_MATRICES:,}"
         raise AssetError(message, where=rig.names[rig.node])
-    poses = [joint_matrices(rig, clip, np.linspace(clip.start, clip.end, count)) for clip in clips]
-    return np.concatenate([joint_matrices(rig, None, np.zeros(1)), *poses])
+    chosen = np.arange(len(rig.joints)) if joints is None else joints
+    poses = np.zeros((1 + len(clips) * count, len(rig.joints), 4, 4))
+    poses[:1, chosen] = joint_matrices(rig, None, np.zeros(1), chosen)
+    for number, clip in enumerate(clips):
+        first = 1 + number * count
+        poses[first : first + count, chosen] = joint_matrices(
+            rig, clip, np.linspace(clip.start, clip.end, count), chosen
+        )
+    return poses
 
 
 def sample_clips(
@@ -214,33 +252,24 @@ def sample_clips(
     Returns:
         Each tool's shapes, and each clip's weights over all of them.
     """
-    rig, rest, fine = plan.rig, plan.rest, plan.fine
-    moving = moving_nodes(rig)
-    driven = {name for each in plan.carriers for name in each.patch.keyed_clips}
-    chosen = [
-        clip
-        for clip in clips
-        if mode == "frames" or clip.name in driven or any(c.node in moving for c in clip.channels)
-    ]
-    frames = sum((clip.end - clip.start) * fps for clip in chosen)
-    if frames > _MOST_FRAMES:
-        raise BakeError(
-            f"{len(chosen)} clips have {frames:.6g} frames at {fps:.6g} per second; at once {_MOST_FRAMES:,} may be",
-            where=rig.names[rig.node],
-        )
+    rig, fine = plan.rig, plan.fine
+    chosen = list(clips) if mode == "frames" else moving_clips(plan, clips)
+    refuse_many_frames(plan, chosen, fps=fps)
     times, keys = [], []
     for number, clip in enumerate(chosen):
-
-        def signal(at: Floats, clip: Clip = clip) -> Floats:
-            return np.concatenate([_signal(plan, each, clip, at) for each in plan.carriers], axis=1)
-
         if mode == "frames":
             times.append(clip_grid(clip, None, fps=fps))
             keys.append(np.arange(len(times[-1])))
         else:
             bound = plan.max_error / _overlaps(plan)
-            times.append(sample_times(clip, rig, signal, fps=fps, tolerance=_SAMPLING_SHARE * bound))
-            keys.append(thin_times(times[-1], signal, tolerance=_KEYS_SHARE * bound))
+            tolerance = _SAMPLING_SHARE * bound
+
+            def signal_on(breaks: Floats, clip: Clip = clip, tolerance: float = tolerance) -> Signal:
+                return _signals(plan, clip, breaks, tolerance)
+
+            found = key_times(clip, rig, signal_on, fps=fps, tolerance=tolerance, thinning=_KEYS_SHARE * bound)
+            times.append(found[0])
+            keys.append(found[1])
         progress("sampling", number + 1, len(chosen))
     bases: list[Basis] = []
     for carrier in plan.carriers:
@@ -248,8 +277,7 @@ def sample_clips(
             shapes = shapes_of(carrier, fine, with_normals=plan.has_normals)
             weights = [skin_weights(plan, carrier, clip, at) for clip, at in zip(chosen, times, strict=True)]
         else:
-            series = [displacements(carrier, fine, rig, rest, clip, at) for clip, at in zip(chosen, times, strict=True)]
-            shapes, weights = _compressed(plan, carrier, series)
+            shapes, weights = _compressed(plan, carrier, list(zip(chosen, times, strict=True)))
         bases.append(Basis(carrier, tuple(_named(carrier, shapes)), tuple(weights)))
     motions = []
     for index, (clip, at, kept) in enumerate(zip(chosen, times, keys, strict=True)):
@@ -258,21 +286,65 @@ def sample_clips(
     return bases, motions
 
 
+def moving_clips(plan: Plan, clips: Sequence[Clip]) -> list[Clip]:
+    """The clips that move a mesh or key the rest length of a tool on it."""
+    moving = moving_nodes(plan.rig)
+    driven = {name for each in plan.carriers for name in each.patch.keyed_clips}
+    return [clip for clip in clips if clip.name in driven or any(c.node in moving for c in clip.channels)]
+
+
+def refuse_many_frames(plan: Plan, clips: Sequence[Clip], *, fps: float) -> None:
+    """Check that clips are short enough to be sampled together.
+
+    Raises:
+        BakeError: They are not.
+    """
+    frames = sum((clip.end - clip.start) * fps for clip in clips)
+    if frames > _MOST_FRAMES:
+        raise BakeError(
+            f"{len(clips)} clips have {frames:.6g} frames at {fps:.6g} per second; at once {_MOST_FRAMES:,} may be",
+            where=plan.rig.names[plan.rig.node],
+        )
+
+
 def _overlaps(plan: Plan) -> int:
     """How many tools move one vertex at the most: there, their errors add up."""
     moved = np.concatenate([carrier.vertices for carrier in plan.carriers])
     return int(np.bincount(moved).max())
 
 
-def _signal(plan: Plan, carrier: Carrier, clip: Clip, times: Floats) -> Floats:
-    """(frames, values) what must be right between keys, scene units."""
-    patch = carrier.patch
-    if patch.tool.attachment == "patch":
-        moved = displacements(carrier, plan.fine, plan.rig, plan.rest, clip, times)
-        return _PER_COORDINATE * plan.scale * moved.reshape(len(times), -1)
-    seen = activity(patch, plan.rig, plan.rest, clip, times)
-    strength = patch.clip_strength(clip) * patch.shape_strength
-    return strength * seen.amplitudes.reshape(len(times), -1)
+def _signals(plan: Plan, clip: Clip, breaks: Floats, tolerance: float) -> Signal:
+    """What must be right between keys within a stretch of a clip, of all tools, scene units.
+
+    Heights start like square roots of the anchors' distances, which are smooth between the breaks: few poses tell
+    the distances, and they tell the heights.
+    """
+    skins = [each.patch for each in plan.carriers if each.patch.tool.attachment == "skin"]
+    others = [each for each in plan.carriers if each.patch.tool.attachment == "patch"]
+    # Where a height starts, √(x D) for x the length of an interval, an error of D shows most.
+    slack = min((tolerance**2 * each.curve.interval_count / (16 * each.rest_length) for each in skins), default=1.0)
+
+    def distances(times: Floats) -> Floats:
+        poses = anchor_poses(anchor_joints(skins), plan.rig, plan.rest, clip, times)
+        return np.stack([lengths_over_time(each, plan.rig, plan.rest, clip, times, poses)[0] for each in skins], axis=1)
+
+    near = smooth(distances, breaks, slack) if skins else None
+
+    def signals(times: Floats) -> Floats:
+        values = []
+        for number, patch in enumerate(skins):
+            assert near is not None
+            if number == 0:
+                found = near(times)
+            lengths = rest_lengths_over_time(patch, plan.rig, clip, times)
+            amplitudes, _ = patch.curve.follow(found[:, number], lengths)
+            values.append(patch.clip_strength(clip) * patch.shape_strength * amplitudes.reshape(len(times), -1))
+        for carrier in others:
+            moved = displacements(carrier, plan.fine, plan.rig, plan.rest, clip, times)
+            values.append(_PER_COORDINATE * plan.scale * moved.reshape(len(times), -1))
+        return np.concatenate(values, axis=1)
+
+    return signals
 
 
 def skin_weights(plan: Plan, carrier: Carrier, clip: Clip | None, times: Floats) -> Floats:
@@ -282,14 +354,25 @@ def skin_weights(plan: Plan, carrier: Carrier, clip: Clip | None, times: Floats)
     return carrier.patch.clip_strength(clip) * weights.reshape(len(times), -1)
 
 
-def _compressed(plan: Plan, carrier: Carrier, series: list[Floats]) -> tuple[list[Shape | None], list[Floats]]:
-    """Shapes and weights of displacements that are new in each frame, all clips together."""
-    if not series:
+def _compressed(
+    plan: Plan, carrier: Carrier, sampled: Sequence[tuple[Clip, Floats]]
+) -> tuple[list[Shape | None], list[Floats]]:
+    """Shapes and weights of displacements that are new in each frame, all clips together.
+
+    Raises:
+        BakeError: They have too many.
+    """
+    if not sampled:
         return [], []
-    together, deltas = compress(
-        np.concatenate(series), _COMPRESSION_SHARE * plan.max_error / plan.scale / _PER_COORDINATE
+    chunk = max(_MOST_COORDINATES // (3 * len(carrier.vertices)), 1)
+    series = (
+        displacements(carrier, plan.fine, plan.rig, plan.rest, clip, times[k : k + chunk])
+        for clip, times in sampled
+        for k in range(0, len(times), chunk)
     )
-    weights = np.split(together, np.cumsum([len(each) for each in series])[:-1])
+    tolerance = _COMPRESSION_SHARE * plan.max_error / plan.scale / _PER_COORDINATE
+    together, deltas = compress(series, tolerance, where=carrier.patch.tool.where)
+    weights = np.split(together, np.cumsum([len(times) for _, times in sampled])[:-1])
     rows = np.unique(np.concatenate([np.linspace(0, len(together) - 1, 16).astype(int), np.argmax(together, axis=0)]))
     shapes = make_shapes(
         plan.fine,

@@ -21,6 +21,9 @@ Ints = NDArray[np.intp]
 _MOST_LEVELS = 4096
 _MOST_JOINTS = 4096
 
+# Of a transform: no real one comes near, and products of a dozen of these are still numbers.
+MOST = 1e15
+
 _DEFAULTS = {"translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scale": (1.0, 1.0, 1.0)}
 
 
@@ -147,8 +150,8 @@ def _read_channels(document: Document, animation: Json, index: int, where: str) 
             raise AssetError("key times must rise", where=at)
         if values.size == 0 or values.size % (len(times) * groups):
             raise AssetError(f"{len(times)} key times do not fit {values.size} values", where=at)
-        if not np.isfinite(values).all():
-            raise AssetError("a key value is not a finite number", where=at)
+        if not in_range(values):
+            raise AssetError(f"a key value is not a finite number, or above {MOST:g}", where=at)
         shape = (len(times), 3, -1) if groups == 3 else (len(times), -1)
         values = values.reshape(shape)
         wanted = len(_DEFAULTS[path]) if path != "weights" else _target_count(document, node)
@@ -192,6 +195,10 @@ def read_rig(document: Document, node: int) -> Rig:
         locals_ = tuple(_stored_local(each) for each in nodes)
     except (TypeError, ValueError) as error:
         raise AssetError("a node's transform or weights are not numbers", where=document.where("nodes")) from error
+    for index, parts in enumerate(locals_):
+        if not all(in_range(part) for part in parts.values()):
+            message = f"is moved by a number that is not finite, or above {MOST:g}"
+            raise AssetError(message, where=document.where("nodes", index))
     names = tuple(str(each.get("name", f"node_{index}")) for index, each in enumerate(nodes))
     return Rig(
         node=node,
@@ -246,8 +253,19 @@ def _read_skin(document: Document, index: object, user: str) -> tuple[Ints, Floa
     stored = document.accessor(skin["inverseBindMatrices"], user=where)
     if stored.shape[1:] != (16,) or len(stored) < len(joints):
         raise AssetError(f"needs {len(joints)} inverse bind matrices, has {len(stored)}", where=where)
+    if not in_range(stored[: len(joints)]):
+        accessor = document.where("accessors", str(skin["inverseBindMatrices"]))
+        raise AssetError(
+            f"holds inverse bind matrices with a number that is not finite, or above {MOST:g}", where=accessor
+        )
     # glTF stores matrices column by column.
     return np.array(joints, np.intp), stored[: len(joints)].reshape(-1, 4, 4).transpose(0, 2, 1)
+
+
+def in_range(values: Floats) -> bool:
+    """Whether all numbers are finite and no larger than `MOST`."""
+    with np.errstate(invalid="ignore"):
+        return bool((np.abs(values) <= MOST).all())
 
 
 def _stored_local(node: Json) -> dict[str, Floats]:

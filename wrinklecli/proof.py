@@ -1,18 +1,18 @@
 """The written file, evaluated again as an engine would, against the method's own result."""
 
-from collections.abc import Sequence, Set
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wrinklecli.deform import Carrier, activity, displaced_normals, displacements, turn_to
+from wrinklecli.deform import Activity, Carrier, activities, displaced_normals, displacements, turn_to
 from wrinklecli.document import Document
 from wrinklecli.draft import Draft
-from wrinklecli.encode import parts_of
+from wrinklecli.encode import Part, parts_of, shared_vertices
 from wrinklecli.errors import RefusedError
 from wrinklecli.patch import Rest
-from wrinklecli.plan import Basis, Motion, Plan, Progress
+from wrinklecli.plan import Basis, Motion, Plan, Progress, targets_of
 from wrinklecli.pose import Clip, Rig, blend, joint_matrices, morph_weights, read_clips, read_rig, transform
 from wrinklecli.refine import Refinement
 from wrinklecli.surface import dense_influences, read_vertices, unit
@@ -22,8 +22,9 @@ Ints = NDArray[np.intp]
 
 # Frames of a clip at which whole members are compared, besides its tallest and most folded.
 _FRAMES = 64
-# Frames posed at once: bounds the memory.
+# Frames posed at once, fewer where they have more vertices than these: bounds the memory.
 _CHUNK = 16
+_MOST_VERTICES = 2**20
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,11 +83,11 @@ def prove(
         RefusedError: A vertex is further off than the plan's bound.
     """
     carriers = [basis.carrier for basis in bases]
-    mixed = {basis.carrier.patch.tool.name for basis in bases if basis.mix is not None}
-    proof = read_back(draft.document(), plan.rig.node, plan.fine, carriers)
+    parts = parts_of(plan.fine, shared_vertices(draft.source, plan.rig.mesh, plan.fine))
+    proof = read_back(draft.document(), plan.rig.node, plan.fine, carriers, parts)
     residuals = {}
     for number, motion in enumerate(motions):
-        residual = compare(proof, motion, plan.fine, carriers, plan.rig, plan.rest, with_normals=details, mixed=mixed)
+        residual = compare(proof, motion, plan.fine, bases, plan.rig, plan.rest, with_normals=details)
         worst = max(residual.position, residual.weights)
         if worst > plan.max_error:
             share = 100 * worst / plan.tallest
@@ -101,11 +102,13 @@ def prove(
     return residuals
 
 
-def read_back(written: Document, node: int, fine: Refinement, carriers: Sequence[Carrier]) -> Proof:
+def read_back(
+    written: Document, node: int, fine: Refinement, carriers: Sequence[Carrier], parts: Sequence[Part]
+) -> Proof:
     """Load what the file says of the vertices that wrinkles or refinement touch."""
     rig = read_rig(written, node)
     stored = read_vertices(written, rig)
-    welds = np.concatenate([part.weld for part in parts_of(fine)])
+    welds = np.concatenate([part.weld for part in parts])
     touched = np.zeros(len(fine.positions), bool)
     touched[len(fine.surface.positions) :] = True
     for carrier in carriers:
@@ -132,12 +135,11 @@ def compare(
     proof: Proof,
     motion: Motion,
     fine: Refinement,
-    carriers: Sequence[Carrier],
+    bases: Sequence[Basis],
     rig: Rig,
     rest: Rest,
     *,
     with_normals: bool,
-    mixed: Set[str] = frozenset(),
 ) -> Residual:
     """Compare one clip at and between its keys.
 
@@ -145,27 +147,31 @@ def compare(
         proof: The file's side.
         motion: The clip as it was in the source, and the times at which it was sampled.
         fine: The refined surface; its skin weights are not pruned.
-        carriers: Of all tools.
+        bases: All tools.
         rig: Of the source.
         rest: The rest pose.
         with_normals: Also compare normals, which takes several times as long.
-        mixed: Tools whose weights stand for no amplitude of their own: only their positions are compared.
     """
+    carriers = [basis.carrier for basis in bases]
     clip = motion.clip
     written = next(each for each in proof.clips if each.index == clip.index)
     every = _all_times(motion.times)
-    chosen = _chosen_times(clip, every, carriers, rig, rest)
+    activities_ = activities([each.patch for each in carriers], rig, rest, clip, every)
+    chosen = _chosen_times(every, activities_)
     weights = fine.dense_weights(proof.vertices, len(rig.joints))
+    acting, stored = np.flatnonzero(weights.any(axis=0)), np.flatnonzero(proof.weights.any(axis=0))
+    chunk = min(max(_MOST_VERTICES // max(len(proof.vertices), 1), 1), _CHUNK)
     worst, worst_time, angles = 0.0, float(chosen[0]), []
-    for start in range(0, len(chosen), _CHUNK):
-        now = chosen[start : start + _CHUNK]
+    for start in range(0, len(chosen), chunk):
+        now = chosen[start : start + chunk]
         moved = _method_displacements(proof, fine, carriers, rig, rest, clip, now)
         morphs = morph_weights(rig, clip, now)
         bind = fine.positions[proof.vertices] + np.tensordot(morphs, fine.morph_deltas[:, proof.vertices], axes=1)
-        wanted = transform(blend(weights, joint_matrices(rig, clip, now)), bind + moved)
+        wanted = transform(blend(weights[:, acting], joint_matrices(rig, clip, now, acting)), bind + moved)
         played = morph_weights(proof.rig, written, now)
         got_bind = proof.positions + np.tensordot(played, proof.deltas, axes=1)
-        got = transform(blend(proof.weights, joint_matrices(proof.rig, written, now)), got_bind)
+        matrices = joint_matrices(proof.rig, written, now, stored)
+        got = transform(blend(proof.weights[:, stored], matrices), got_bind)
         distances = np.sqrt(np.sum((got - wanted) ** 2, axis=2))
         frame = int(distances.max(axis=1, initial=0.0).argmax())
         if distances[frame].max(initial=0.0) > worst:
@@ -176,8 +182,7 @@ def compare(
     if angles:
         together = np.concatenate(angles)
         normal = float(np.percentile(together, 99)) if len(together) else 0.0
-    plain = [carrier for carrier in carriers if carrier.patch.tool.name not in mixed]
-    return Residual(worst, worst_time, _height_error(proof, written, clip, every, plain, rig, rest), normal)
+    return Residual(worst, worst_time, _height_error(proof, written, clip, every, bases, activities_), normal)
 
 
 def _all_times(times: Floats) -> Floats:
@@ -191,34 +196,37 @@ def _height_error(
     written: Clip,
     clip: Clip,
     times: Floats,
-    carriers: Sequence[Carrier],
-    rig: Rig,
-    rest: Rest,
+    bases: Sequence[Basis],
+    seen: Sequence[Activity],
 ) -> float:
     """Largest error of an amplitude that the played weights stand for, scene units; skin-attached tools only."""
     played = morph_weights(proof.rig, written, times)
-    column = {name: index for index, name in enumerate(proof.rig.morph_names)}
+    # By place, not by name: a mesh whose extras are no object stores none.
+    after = len(proof.rig.morph_names) - len(targets_of(bases))
     worst = 0.0
-    for carrier in carriers:
-        patch = carrier.patch
-        if patch.tool.attachment != "skin":
+    for basis, what in zip(bases, seen, strict=True):
+        patch = basis.carrier.patch
+        columns = after + np.arange(len(targets_of([basis])))
+        after += len(columns)
+        if not basis.from_skin:
             continue
         greatest = patch.curve.greatest_amplitudes.reshape(-1)
-        names = [name for name in column if name.startswith(f"wrinkle_{patch.tool.identifier}_")]
-        amplitudes = patch.clip_strength(clip) * activity(patch, rig, rest, clip, times).amplitudes
-        wanted = amplitudes.reshape(len(times), -1)[:, greatest != 0]
-        if len(names) == wanted.shape[1]:
-            got = played[:, [column[name] for name in names]] * greatest[greatest != 0]
-            error = np.abs(got - wanted).max(initial=0.0) * abs(patch.shape_strength)
-            worst = max(worst, float(error))
+        amplitudes = patch.clip_strength(clip) * what.amplitudes
+        wanted = amplitudes.reshape(len(times), -1)
+        shapes = [index for index, target in enumerate(basis.targets) if target is not None]
+        got = played[:, columns]
+        # Where an engine's budget asks for other shapes: what they are of the curve's.
+        share = np.eye(len(greatest)) if basis.unmix is None else basis.unmix
+        shown = np.flatnonzero(share[shapes].any(axis=0))
+        error = np.abs(got @ share[shapes][:, shown] * greatest[shown] - wanted[:, shown]).max(initial=0.0)
+        worst = max(worst, float(error) * abs(patch.shape_strength))
     return worst
 
 
-def _chosen_times(clip: Clip, every: Floats, carriers: Sequence[Carrier], rig: Rig, rest: Rest) -> Floats:
+def _chosen_times(every: Floats, activities_: Sequence[Activity]) -> Floats:
     """Times to compare at: an even choice, each tool's tallest and shortest, and where tracks bend."""
     picked = set(np.linspace(0, len(every) - 1, min(_FRAMES, len(every))).astype(int).tolist())
-    for carrier in carriers:
-        seen = activity(carrier.patch, rig, rest, clip, every)
+    for seen in activities_:
         picked.add(int(np.argmax(np.abs(seen.amplitudes).max(axis=(1, 2)))))
         picked.add(int(np.argmax(seen.shortenings)))
         # The straight line through the neighbours misses most here.

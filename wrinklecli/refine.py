@@ -174,6 +174,7 @@ def refine(
         forbids=forbids,
         max_levels=settings.max_levels,
         scheme=settings.scheme,
+        where=rig.names[rig.node],
     )
     return _refined(surface, rest, dense, subdivision, distances, influences)
 

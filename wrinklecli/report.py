@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from wrinklecli.budget import texture_bytes
 from wrinklecli.config import ToolsFile
-from wrinklecli.deform import Activity, activity
+from wrinklecli.deform import Activity, Carrier, activities
 from wrinklecli.document import Document
 from wrinklecli.encode import METHOD
 from wrinklecli.patch import Patch
+from wrinklecli.placement import placement_warnings, twin_warnings
 from wrinklecli.plan import Basis, Mode, Motion, Plan, targets_of
 from wrinklecli.pose import Clip
 from wrinklecli.proof import Residual
@@ -107,30 +108,21 @@ def make_report(
                 **({"gpu_bytes": _gpu_bytes(each)} if mode == "morph" else {}),
             }
         )
-        if split.limited:
-            warnings.append(
-                f"{rig.names[rig.node]}: {split.limited} edges are still too long for the wrinkles at max_levels"
-                f" {settings.refinement.max_levels}"
-            )
+        warnings += mesh_warnings(plan, settings, [motion.clip for motion in each.motions], mode)
         for motion in each.motions:
-            if rig.morph_names and motion.clip.channel(rig.node, "weights") is None and mode == "morph":
-                warnings.append(
-                    f"{rig.names[rig.node]}: {motion.clip.name} gets a weights channel, which will hold the morph"
-                    " targets that were free there; --tracks none avoids it"
-                )
             entry = clips.setdefault(motion.clip.name, describe_clip(motion.clip, motion.times))
             entry["keys"] = entry.get("keys", 0) + len(motion.keys)
             if motion.clip.name in each.residuals:
                 entry["residual"] = describe_residual(each.residuals[motion.clip.name])
-        for basis in each.bases:
+        patches = [basis.carrier.patch for basis in each.bases]
+        every = [activities(patches, rig, plan.rest, motion.clip, motion.times) for motion in each.motions]
+        for number, basis in enumerate(each.bases):
             patch = basis.carrier.patch
             seen = [
-                (motion.clip, motion.times, activity(patch, rig, plan.rest, motion.clip, motion.times))
-                for motion in each.motions
+                (motion.clip, motion.times, of_tools[number])
+                for motion, of_tools in zip(each.motions, every, strict=True)
             ]
-            warnings += warnings_of(patch, seen)
-            if basis.carrier.stuck:
-                warnings.append(f"{patch.tool.name}: {basis.carrier.stuck} vertices stay put: singular at rest")
+            warnings += placement_warnings(plan, basis.carrier) + warnings_of(basis.carrier, seen)
             tools.append(
                 {
                     "name": patch.tool.name,
@@ -214,12 +206,33 @@ def describe_residual(residual: Residual) -> Json:
     }
 
 
-def warnings_of(patch: Patch, clips: Sequence[tuple[Clip, Floats, Activity]]) -> list[str]:
+def mesh_warnings(plan: Plan, settings: ToolsFile, clips: Sequence[Clip], mode: Mode) -> list[str]:
+    """What a user should know of a mesh with all its tools, over the clips baked."""
+    rig = plan.rig
+    where = rig.names[rig.node]
+    warnings = twin_warnings(plan, clips)
+    if plan.fine.subdivision.limited:
+        warnings.append(
+            f"{where}: {plan.fine.subdivision.limited} edges are still too long for the wrinkles at max_levels"
+            f" {settings.refinement.max_levels}"
+        )
+    return warnings + [
+        f"{where}: {clip.name} gets a weights channel, which will hold the morph targets that were free there;"
+        " --tracks none avoids it"
+        for clip in clips
+        if rig.morph_names and clip.channel(rig.node, "weights") is None and mode == "morph"
+    ]
+
+
+def warnings_of(carrier: Carrier, clips: Sequence[tuple[Clip, Floats, Activity]]) -> list[str]:
     """What a user should know of one tool, over all clips baked."""
+    patch = carrier.patch
     where = patch.tool.name
     warnings = []
     if patch.clip_strength(None) * patch.shape_strength not in (1.0, -1.0):
         warnings.append(f"{where}: strength {patch.tool.strength:g} does not keep the length of the surface")
+    if carrier.stuck:
+        warnings.append(f"{where}: {carrier.stuck} vertices stay put: singular at rest")
     if not clips:
         return warnings
     if max(float((seen.shortenings / seen.rest_lengths).max()) for _, _, seen in clips) < _VISIBLE:

@@ -1,232 +1,303 @@
-"""An asset as it was before an earlier bake: its targets, weights and extras taken out again.
+"""The record of the asset that a baked file was made from: written at the end of the file, and read back.
 
-What was only added can be taken out. Refined triangles cannot: the original ones are not kept in the file.
+A bake moves, changes and drops data, so a record holds what of the original is not in the baked file: its JSON, where
+its kept bytes are, and its other bytes. Nearly all of it is there in another order, which makes the record small:
+it is compressed with the new JSON and the new data as the dictionary. `zstandard` does that; of the standard library
+neither zlib (a dictionary of 32 KiB) nor lzma (none) can, before Python 3.14.
+
+The record is the last buffer view, and the first node that has got wrinkles refers to it by
+`extras.wrinkle.original`. It begins with a digest of all else in the file, so that a file which anything else has
+rewritten is refused: whatever was changed there would be lost.
+
+Source: RFC 8878 (Zstandard); `zstd --patch-from` does the same with whole files.
 """
 
-import copy
-from collections import Counter
-from collections.abc import Iterable
+import base64
+import hashlib
+import json
+import struct
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
+from wrinklecli.document import Document, Json, check_asset, parse_json, read_uri
+from wrinklecli.errors import AssetError, BakeError
 
-from wrinklecli.document import Document, Json
-from wrinklecli.draft import accessor_references, accessor_views, extension_integers, view_references
-from wrinklecli.errors import AssetError, BakeError, WrinkleError
-from wrinklecli.pose import morph_target_names
+# Bytes [low, high) of a buffer of the original are in the baked file, in this buffer from this byte.
+Span = tuple[int, int, int, int]
+Bytes = bytes | memoryview
 
-Array = NDArray[np.float32]
-
-# A sampler, `input` or `output`, and the (numbers,) that it is to hold.
-_Rewritten = tuple[Json, str, Array]
-
-_ALIGNMENT = 4  # bytes; the largest component has as many
-# Keys of an accessor that concern its data.
-_STORAGE = ("bufferView", "byteOffset", "sparse", "min", "max")
-
-
-def without_wrinkles(document: Document) -> Document:
-    """Take out all that earlier bakes added to an asset.
-
-    A bake of the result gives the same bytes as one of the original, if no clip had weights of the mesh before (and
-    nothing else has rewritten the file since). Where a clip had some, its old targets move as they did, but the keys
-    stay as dense as wrinkles needed them, LINEAR in place of STEP; and targets to which the bake gave NORMALs of
-    zero keep these.
-
-    Raises:
-        BakeError: A mesh was refined, or other software has changed its vertices: a line for each.
-        AssetError: Extras are not what `bake` writes.
-    """
-    gltf = copy.deepcopy(document.gltf)
-    dropped: set[int] = set()
-    narrowed: list[_Rewritten] = []
-    problems: list[WrinkleError] = []
-    for index, node in enumerate(gltf.get("nodes", [])):
-        extras = node.get("extras")
-        if not isinstance(extras, dict) or "wrinkle" not in extras or "mesh" not in node:
-            continue
-        where = document.where("nodes", index, "extras", "wrinkle")
-        try:
-            entry = extras["wrinkle"]
-            names = {str(name) for tool in entry["tools"] for name in tool["targets"]} | set(entry.get("undriven", []))
-            before = entry.get("vertices")
-        except (KeyError, TypeError, AttributeError) as error:
-            raise AssetError("is not what `wrinkle bake` writes", where=where) from error
-        mesh = gltf["meshes"][node["mesh"]]
-        now = [gltf["accessors"][each["attributes"]["POSITION"]]["count"] for each in mesh["primitives"]]
-        if before != now:
-            problems.append(
-                BakeError(
-                    "the earlier bake refined this mesh, which cannot be undone; bake from the original asset"
-                    " (only bakes with --max-levels 0 can be replaced)",
-                    where=where,
-                )
-            )
-            continue
-        keep = [k for k, name in enumerate(morph_target_names(mesh)) if name not in names]
-        carriers = [k for k, each in enumerate(gltf["nodes"]) if each.get("mesh") == node["mesh"]]
-        for carrier in carriers:
-            _narrow_tracks(document, gltf, carrier, keep, dropped, narrowed)
-        del extras["wrinkle"]
-        _drop_if_made(node, "extras")
-        for carrier in carriers:
-            _narrow_weights(gltf["nodes"][carrier], mesh, keep)
-        dropped |= _narrow_mesh(mesh, keep)
-    if problems:
-        raise BakeError.of_all(problems)
-    return _compacted(document, gltf, dropped, narrowed) if dropped or narrowed else document
+# The digest, and where in the record's buffer the new data begins, which ends with the record.
+_HEADER = struct.Struct("<32sQ")
+_LEVEL = 9  # higher ones take several times as long and save a fifth
+_DICTIONARY_BYTES = 2**27  # of the new data: bounds time and memory
+_TABLE_LOG = 24  # of zstd's tables, which are to index the dictionary; 64 MiB each
+# What a record may unpack to: a file of zeros does not ask for gigabytes. Nothing real comes near.
+_FREE_BYTES = 2**20
+_BYTES_PER_BYTE = 256
+_BYTES_LIMIT = 2**32
 
 
-def _drop_if_made(holder: Json, key: str) -> None:
-    """Remove an empty object or array if it is the last of its holder, where a bake would have put it."""
-    if not holder[key] and next(reversed(holder)) == key:
-        del holder[key]
+def wrinkled(gltf: Json) -> list[int]:
+    """The nodes whose meshes carry wrinkles."""
+    nodes = enumerate(gltf.get("nodes", []))
+    return [
+        k
+        for k, node in nodes
+        if "mesh" in node and isinstance(node.get("extras"), dict) and "wrinkle" in node["extras"]
+    ]
 
 
-def _narrow_mesh(mesh: Json, keep: list[int]) -> set[int]:
-    """Keep some targets of a mesh; the accessors of the others."""
-    names = morph_target_names(mesh)
-    dropped: set[int] = set()
-    for primitive in mesh["primitives"]:
-        targets = primitive.get("targets", [])
-        for number, target in enumerate(targets):
-            if number not in keep:
-                dropped |= set(target.values())
-        if "targets" in primitive:
-            primitive["targets"] = [targets[number] for number in keep]
-            _drop_if_made(primitive, "targets")
-    extras = mesh.get("extras")
-    if isinstance(extras, dict) and "targetNames" in extras:
-        extras["targetNames"] = [names[number] for number in keep]
-        _drop_if_made(extras, "targetNames")
-        _drop_if_made(mesh, "extras")
-    if "weights" in mesh:
-        mesh["weights"] = [mesh["weights"][number] for number in keep]
-    return dropped
+def refer(gltf: Json, node: int, view: Json) -> Json:
+    """The JSON with another buffer view, that of a record, and a node that refers to it; a shallow copy."""
+    views, nodes = [*gltf.get("bufferViews", []), view], list(gltf["nodes"])
+    nodes[node] = _with_entry(nodes[node], _entry(nodes[node]) | {"original": len(views) - 1})
+    return gltf | {"nodes": nodes, "bufferViews": views}
 
 
-def _narrow_weights(node: Json, mesh: Json, keep: list[int]) -> None:
-    """Keep some of a node's stored weights, and none where a bake has put them there."""
-    if "weights" not in node:
-        return
-    weights = node["weights"]
-    kept = [weights[number] for number in keep]
-    shown = mesh.get("weights", [0.0] * len(weights))
-    # A bake adds weights to a node only where its own are not zero.
-    added = kept == [shown[number] for number in keep] and any(
-        weight for number, weight in enumerate(weights) if number not in keep
-    )
-    node["weights"] = [] if added else kept
-    _drop_if_made(node, "weights")
-
-
-def _narrow_tracks(
-    document: Document,
+def pack(
+    source: Document,
     gltf: Json,
-    node: int,
-    keep: list[int],
-    dropped: set[int],
-    narrowed: list[_Rewritten],
-) -> None:
-    """Keep some columns of a node's weight tracks; tracks that a bake has added go altogether."""
-    for animation in gltf.get("animations", []):
-        for number, channel in reversed(list(enumerate(animation["channels"]))):
-            if channel.get("target", {}).get("node") != node or channel["target"].get("path") != "weights":
-                continue
-            sampler = animation["samplers"][channel["sampler"]]
-            times, values = (document.accessor(sampler[key]) for key in ("input", "output"))
-            spline = 3 if sampler.get("interpolation") == "CUBICSPLINE" else 1
-            kept = values.reshape(len(times) * spline, -1)[:, keep].astype(np.float32)
-            if not keep or channel.get("extras") == {"wrinkle": "added"}:
-                dropped |= {sampler["input"], sampler["output"]}
-                del animation["channels"][number]
-                _remove_sampler(animation, channel["sampler"])
-            else:
-                # Key times too: they lie behind what is dropped, and would keep its place.
-                narrowed.append((sampler, "input", times.astype(np.float32)))
-                narrowed.append((sampler, "output", kept.reshape(-1)))
-
-
-def _remove_sampler(animation: Json, number: int) -> None:
-    """Remove a sampler that no channel uses any more."""
-    if any(channel["sampler"] == number for channel in animation["channels"]):
-        return
-    del animation["samplers"][number]
-    for channel in animation["channels"]:
-        channel["sampler"] -= channel["sampler"] > number
-
-
-def _compacted(document: Document, gltf: Json, dropped: set[int], narrowed: list[_Rewritten]) -> Document:
-    """The document with new JSON, without the data at its end that this does not refer to any more.
+    contents: Sequence[Sequence[Bytes]],
+    new: bytes,
+    kept: Sequence[Sequence[Span]],
+    *,
+    beside: bool,
+) -> bytes:
+    """Make a record.
 
     Args:
-        document: As it was.
-        gltf: The new JSON, to change.
-        dropped: Accessors that lost a reference.
-        narrowed: What samplers' inputs and outputs are to hold.
+        source: The original.
+        gltf: The JSON to be written, with `refer`; of the record's view and its buffer the lengths and the name may
+            be missing.
+        contents: What each buffer of this JSON holds, in pieces; the record's own, what comes before the new data.
+        new: The new data, which the record follows.
+        kept: For each buffer of the original, the spans that are in these, rising.
+        beside: Whether files that the original names by relative URIs can be found from the baked file too.
     """
-    accessors, views = gltf["accessors"], gltf.setdefault("bufferViews", [])
-    buffers = [dict(buffer) for buffer in document.items("buffers")]
-    data = [bytes(each) for each in document.buffers]
-    foreign = set(extension_integers(gltf))
-    uses = Counter([*accessor_references(gltf), *foreign])
-    dead = {index for index in dropped if not uses[index]}
-    narrowed = [each for each in narrowed if each[1] == "output" or uses[each[0]["input"]] == 1]
-    for sampler, key, _ in narrowed:
-        if uses[sampler[key]] > 1:
-            uses[sampler[key]] -= 1
-            accessors.append({})
-            sampler[key] = len(accessors) - 1
-    freed = dead | {sampler[key] for sampler, key, _ in narrowed}
-    candidates = {view for index in freed for view in accessor_views(accessors[index])}
-    for index in freed:
-        # One between others stays, without data, so that these keep their numbers.
-        accessors[index] = {key: value for key, value in accessors[index].items() if key not in _STORAGE}
-    _pop_while(accessors, dead)
-    dead_views = candidates - set(view_references(gltf)) - foreign
-    for number in range(len(buffers)):
-        live = [_span(view) for k, view in enumerate(views) if view["buffer"] == number and k not in dead_views]
-        end = max((high for _, high in live), default=0)
-        gone = [_span(views[k])[0] for k in dead_views if views[k]["buffer"] == number]
-        data[number] = data[number][: min((low for low in gone if low >= end), default=len(data[number]))]
-    for k in dead_views:
-        views[k] = {"buffer": 0, "byteLength": 1}
-    free = sorted(dead_views)
-    for sampler, key, values in narrowed:
-        if not free:
-            views.append({})
-            free = [len(views) - 1]
-        stored, slot, last = values.astype("<f4").tobytes(), free.pop(0), len(data) - 1
-        data[last] += bytes(-len(data[last]) % _ALIGNMENT)
-        views[slot] = {"buffer": last, "byteOffset": len(data[last]), "byteLength": len(stored)}
-        data[last] += stored
-        index = sampler[key]
-        entry = {"bufferView": slot, "componentType": 5126, "count": len(values), "type": "SCALAR"}
-        if key == "input":
-            entry |= {"min": [float(values[0])], "max": [float(values[-1])]}
-        accessors[index] = entry | {
-            name: accessors[index][name] for name in ("name", "extras") if name in accessors[index]
-        }
-    _pop_while(views, free)
-    used = {view["buffer"] for view in views}
-    while buffers and len(buffers) - 1 not in used and not data[-1]:
-        buffers.pop()
-        data.pop()
-    for number, buffer in enumerate(buffers):
-        if len(data[number]) != len(document.buffers[number]):
-            # What a URI would name is the old data.
-            buffer.pop("uri", None)
-            buffer["byteLength"] = len(data[number])
-    gltf["buffers"] = buffers
-    return replace(document, gltf=gltf, buffers=tuple(memoryview(each) for each in data))
+    import zstandard
+
+    bare, buffer = _without_record(gltf), gltf["bufferViews"][-1]["buffer"]
+    dead: list[Bytes] = []
+    for data, spans in zip(source.buffers, kept, strict=True):
+        at = 0
+        for low, high, _, _ in spans:
+            dead.append(data[at:low])
+            at = high
+        dead.append(data[at:])
+    original: Json = {
+        "gltf": _slim(source, bare),
+        "sizes": [len(data) for data in source.buffers],
+        "kept": kept,
+        "beside": beside,
+    }
+    content = b"".join([_dump(original), b"\n", *dead])
+    dictionary = _dictionary(bare, new)
+    bits = (len(dictionary) + len(content)).bit_length()
+    parameters = zstandard.ZstdCompressionParameters.from_level(
+        _LEVEL,
+        source_size=len(content),
+        dict_size=len(dictionary),
+        window_log=min(max(bits, zstandard.WINDOWLOG_MIN), zstandard.WINDOWLOG_MAX),
+        hash_log=min(max(bits, zstandard.HASHLOG_MIN), _TABLE_LOG),
+        chain_log=min(max(bits, zstandard.CHAINLOG_MIN), _TABLE_LOG),
+        write_checksum=True,
+        write_dict_id=False,
+    )
+    raw = zstandard.ZstdCompressionDict(dictionary, dict_type=zstandard.DICT_TYPE_RAWCONTENT)
+    packed = zstandard.ZstdCompressor(dict_data=raw, compression_params=parameters).compress(content)
+    every = [[*parts, new] if number == buffer else parts for number, parts in enumerate(contents)]
+    return _HEADER.pack(_digest(bare, every), sum(len(part) for part in contents[buffer])) + packed
 
 
-def _pop_while(items: list[Json], free: Iterable[int]) -> None:
-    while items and len(items) - 1 in free:
-        items.pop()
+def original(document: Document) -> Document:
+    """The asset as it was before any wrinkles were baked into it: its JSON and buffers, bit by bit.
+
+    Args:
+        document: Any asset; one without wrinkles is given back.
+
+    Raises:
+        BakeError: It carries wrinkles, but is not as `bake` wrote it.
+    """
+    limit = min(_BYTES_LIMIT, _FREE_BYTES + _BYTES_PER_BYTE * sum(len(data) for data in document.buffers))
+    while left := wrinkled(document.gltf):
+        where = document.where("nodes", left[0], "extras", "wrinkle")
+        try:
+            document = _unpack(document, left, limit)
+        except (
+            AssetError,
+            ArithmeticError,
+            AttributeError,
+            LookupError,
+            RecursionError,
+            TypeError,
+            ValueError,
+        ) as error:
+            raise BakeError(
+                "the record of the original asset is missing or does not fit: other software has rewritten the file"
+                " since its bake; bake from the original asset",
+                where=where,
+            ) from error
+        # A bake adds a node to these; a record that takes none away would never come to an end.
+        if not set(wrinkled(document.gltf)) < set(left):
+            raise BakeError("the record of the original asset is not what `wrinkle bake` writes", where=where)
+    return document
 
 
-def _span(view: Json) -> tuple[int, int]:
-    start = view.get("byteOffset", 0)
-    return start, start + view["byteLength"]
+def _unpack(document: Document, nodes: Sequence[int], limit: int) -> Document:
+    """What the record that one of the nodes refers to describes.
+
+    Raises:
+        ValueError: Or others: the file is not as it was written.
+    """
+    import zstandard
+
+    gltf, last = document.gltf, len(document.items("bufferViews")) - 1
+    if last not in [_entry(gltf["nodes"][node]).get("original") for node in nodes]:
+        raise ValueError("no record")
+    record, view = document.view(last), document.items("bufferViews")[last]
+    if len(record) < _HEADER.size:
+        raise ValueError("no header")
+    buffer, offset = view["buffer"], view.get("byteOffset", 0)
+    digest, start = _HEADER.unpack_from(record)
+    contents: list[list[Bytes]] = [[data] for data in document.buffers]
+    contents[buffer] = [document.buffers[buffer][:offset]]
+    bare = _without_record(gltf)
+    if offset + len(record) != len(document.buffers[buffer]) or digest != _digest(bare, contents):
+        raise ValueError("rewritten")
+    packed = bytes(record[_HEADER.size :])
+    try:
+        if not 0 < zstandard.frame_content_size(packed) <= limit:
+            raise ValueError("too large")
+        dictionary = _dictionary(bare, document.buffers[buffer][start:offset])
+        raw = zstandard.ZstdCompressionDict(dictionary, dict_type=zstandard.DICT_TYPE_RAWCONTENT)
+        decompressor = zstandard.ZstdDecompressor(dict_data=raw, max_window_size=2**zstandard.WINDOWLOG_MAX)
+        content = decompressor.decompress(packed, allow_extra_data=False)
+    except zstandard.ZstdError as error:
+        raise ValueError("damaged") from error
+    text, _, dead = content.partition(b"\n")
+    made = parse_json(text, document.path)
+    restored: Json = made["gltf"]
+    images = restored.get("images", [])
+    for index, image in enumerate(images):
+        if image is None:
+            images[index] = document.items("images")[index]
+    check_asset(Document(document.path, restored, (), ()))
+    buffers = tuple(_joined(document, memoryview(dead), made["sizes"], made["kept"]))
+    if len(buffers) != len(restored.get("buffers", [])):
+        raise ValueError("another number of buffers")
+    for entry, data in zip(restored.get("buffers", []), buffers, strict=True):
+        if len(data) not in (0, entry["byteLength"]):
+            raise ValueError("a buffer of another length")
+        uri = entry.get("uri", "")
+        if uri.startswith("data:") and uri.endswith(","):
+            entry["uri"] = uri + base64.b64encode(data).decode()
+    restored_document = replace(document, gltf=restored, buffers=buffers)
+    return restored_document if made["beside"] else _carrying_images(restored_document, document)
+
+
+def _joined(
+    document: Document, dead: memoryview, sizes: Sequence[int], kept: Sequence[Sequence[Span]]
+) -> Iterator[memoryview]:
+    """The buffers of an original, from spans that the document keeps and the bytes between them.
+
+    Raises:
+        ValueError: They do not fit together.
+    """
+    left = sum(len(data) for data in document.buffers)  # no span is kept twice
+    taken = 0
+    for size, spans in zip(sizes, kept, strict=True):
+        parts: list[memoryview] = []
+        at = 0
+        for low, high, buffer, offset in [*spans, (size, size, 0, 0)]:
+            left -= high - low
+            if not 0 <= at <= low <= high <= size or min(buffer, offset, left) < 0:
+                raise ValueError("spans overlap")
+            parts.append(dead[taken : taken + low - at])
+            taken += low - at
+            if high > low:
+                parts.append(document.buffers[buffer][offset : offset + high - low])
+            at = high
+        parts = [part for part in parts if len(part)]
+        if sum(len(part) for part in parts) != size:
+            raise ValueError("bytes are missing")
+        yield parts[0] if len(parts) == 1 else memoryview(b"".join(parts))
+    if taken != len(dead):
+        raise ValueError("bytes are left over")
+
+
+def _carrying_images(restored: Document, baked: Document) -> Document:
+    """The original with the images that it named by relative URIs, which the baked file embeds or has beside it."""
+    resources: dict[str, memoryview] = {}
+    files = list(baked.files)
+    for index, (image, copied) in enumerate(zip(restored.items("images"), baked.items("images"), strict=True)):
+        uri = image.get("uri")
+        if not isinstance(uri, str) or uri.startswith("data:"):
+            continue
+        where = baked.where("images", index)
+        if "bufferView" in copied:
+            resources[uri] = baked.view(copied["bufferView"], user=where)
+        else:
+            allowed = baked.allow_external
+            resources[uri], file = read_uri(copied["uri"], baked.path, where, allow_external=allowed)
+            files += [file] if file else []
+    return replace(restored, resources=resources, files=tuple(files))
+
+
+def _entry(node: Json) -> Json:
+    """What a node that carries wrinkles says of them."""
+    entry = node["extras"]["wrinkle"]
+    return entry if isinstance(entry, dict) else {}
+
+
+def _with_entry(node: Json, entry: Json) -> Json:
+    """A node that says something else."""
+    return node | {"extras": node["extras"] | {"wrinkle": entry}}
+
+
+def _without_record(gltf: Json) -> Json:
+    """The JSON without its last buffer view, what refers to that, and the length and name of its buffer."""
+    views: list[Json] = gltf["bufferViews"]
+    nodes, buffers = list(gltf["nodes"]), list(gltf["buffers"])
+    for node in wrinkled(gltf):
+        entry = _entry(nodes[node])
+        if entry.get("original") == len(views) - 1:
+            nodes[node] = _with_entry(nodes[node], {key: value for key, value in entry.items() if key != "original"})
+    buffer = views[-1]["buffer"]
+    buffers[buffer] = {key: value for key, value in buffers[buffer].items() if key not in ("uri", "byteLength")}
+    return gltf | {"nodes": nodes, "bufferViews": views[:-1], "buffers": buffers}
+
+
+def _slim(source: Document, gltf: Json) -> Json:
+    """The original's JSON, without images that are as they were and without the buffers' data in URIs."""
+    slim = dict(source.gltf)
+    if "images" in slim:
+        pairs = zip(slim["images"], gltf["images"], strict=True)
+        slim["images"] = [None if _dump(image) == _dump(written) else image for image, written in pairs]
+    if "buffers" in slim:
+        slim["buffers"] = [dict(buffer) for buffer in slim["buffers"]]
+        for entry, data in zip(slim["buffers"], source.buffers, strict=True):
+            head, _, body = entry.get("uri", "").partition(",")
+            if head.startswith("data:") and base64.b64encode(data).decode() == body:
+                entry["uri"] = f"{head},"
+    return slim
+
+
+def _dictionary(bare: Json, new: Bytes) -> bytes:
+    """What the original is like: the JSON without images, which may be large, and the new data."""
+    text = _dump({key: value for key, value in bare.items() if key != "images"})
+    return b"".join([text, new[:_DICTIONARY_BYTES]])
+
+
+def _digest(bare: Json, contents: Sequence[Sequence[Bytes]]) -> bytes:
+    """Of all that a file holds but its record."""
+    digest = hashlib.sha256(_dump(bare))
+    for parts in contents:
+        digest.update(struct.pack("<Q", sum(len(part) for part in parts)))
+        for part in parts:
+            digest.update(part)
+    return digest.digest()
+
+
+def _dump(value: object) -> bytes:
+    """JSON text in ASCII without line breaks; the same for the same value, keys in the same order."""
+    return json.dumps(value, separators=(",", ":"), allow_nan=False).encode()

@@ -100,7 +100,6 @@ def read_scene(document: Document) -> tuple[Part, ...]:
             vertices = read_primitive(document, primitive, rig, where)
             count = len(vertices.positions)
             material = _material(document, primitive, where)
-            factor = material.get("pbrMetallicRoughness", {}).get("baseColorFactor", (1.0, 1.0, 1.0, 1.0))
             parts.append(
                 Part(
                     rig=rig,
@@ -109,7 +108,7 @@ def read_scene(document: Document) -> tuple[Part, ...]:
                     vertices=vertices,
                     triangles=read_triangles(document, primitive, count, where),
                     skin=_skin(vertices, len(rig.joints)),
-                    colour=np.array(factor[:3], np.float64),
+                    colour=_base_colour(material),
                     double_sided=bool(material.get("doubleSided", False)),
                 )
             )
@@ -117,7 +116,18 @@ def read_scene(document: Document) -> tuple[Part, ...]:
 
 
 def _material(document: Document, primitive: Json, where: str) -> Json:
-    return document.item("materials", primitive["material"], user=where) if "material" in primitive else {}
+    material = document.item("materials", primitive["material"], user=where) if "material" in primitive else {}
+    return material if isinstance(material, dict) else {}
+
+
+def _base_colour(material: Json) -> Floats:
+    """(3,) linear RGB; white where the file says nothing that is a colour, as looks are no reason to refuse it."""
+    try:
+        factor = np.array(material["pbrMetallicRoughness"]["baseColorFactor"], np.float64)
+    except (KeyError, TypeError, ValueError, OverflowError):
+        return np.ones(3)
+    known = factor.ndim == 1 and len(factor) >= 3 and bool(np.isfinite(factor).all())
+    return np.clip(factor[:3], 0.0, 1.0) if known else np.ones(3)
 
 
 def _skin(vertices: Vertices, joint_count: int) -> Skin:

@@ -31,6 +31,8 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from wrinklecli.errors import BakeError
+
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
@@ -40,6 +42,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
 Bools = NDArray[np.bool_]
 
+# Triangles of a level: real-time characters have a tenth, and a level of these takes about 2 GB.
+_MOST_TRIANGLES = 500_000
 # Edges at a vertex beyond which it counts as irregular: the stencils of its edges take the square of them.
 _MOST_VALENCE = 256
 
@@ -134,6 +138,7 @@ def subdivide(
     forbids: Criterion | None = None,
     max_levels: int,
     scheme: Literal["butterfly", "midpoint"] = "butterfly",
+    where: str = "",
 ) -> Subdivision:
     """Split the edges that want it, and those that must follow to keep the mesh conforming.
 
@@ -149,15 +154,19 @@ def subdivide(
             that of a forbidden one is not split either.
         max_levels: How often an edge may be halved.
         scheme: `butterfly`, smooth through the coarse vertices, or `midpoint`, which keeps the coarse shape.
+        where: Whose triangles they are, for the message.
 
     Returns:
         The plan. New vertices are numbered by level, then by their edge's vertex pair.
+
+    Raises:
+        BakeError: A level would have more than 500,000 new triangles.
     """
     root = _root(np.asarray(triangles, dtype=np.intp), vertex_count, wants, forbids)
-    stages, wasted = _close(root, [], wants, forbids, max_levels, scheme)
+    stages, wasted = _close(root, [], wants, forbids, max_levels, scheme, where)
     if wasted:
         # Splits that proved impossible had asked for others at coarser levels: plan again without them.
-        stages, _ = _close(root, stages, wants, forbids, max_levels, scheme)
+        stages, _ = _close(root, stages, wants, forbids, max_levels, scheme, where)
 
     deepest = stages[-1]
     limited = deepest.wanted & ~deepest.forbidden if len(stages) > max_levels else np.zeros(0, dtype=np.bool_)
@@ -246,6 +255,7 @@ def _close(
     forbids: Criterion | None,
     max_levels: int,
     scheme: str,
+    where: str,
 ) -> tuple[list[_Stage], bool]:
     """Find the smallest set of splits that has all the wanted ones and is closed.
 
@@ -258,6 +268,7 @@ def _close(
         forbids: See `subdivide`.
         max_levels: See `subdivide`.
         scheme: See `subdivide`.
+        where: See `subdivide`.
 
     Returns:
         The stages, and whether one found out late that a split cannot be.
@@ -294,6 +305,13 @@ def _close(
         at += 1
         # Built anew, as what changed below may have renumbered the vertices; but what was settled here stays
         # settled, or the work would double with each level.
+        count = 4 * int(np.count_nonzero(stage.red))
+        if count > _MOST_TRIANGLES:
+            raise BakeError(
+                f"would have {count:,} triangles at level {at} of refinement; at most {_MOST_TRIANGLES:,} are made:"
+                f" lower max_levels, now {max_levels}, or ask for fewer bumps or details",
+                where=where,
+            )
         child = _child(stage, wants, forbids, scheme)
         child = replace(
             child,

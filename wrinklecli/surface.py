@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrinklecli.document import TRIANGLE_FAN, TRIANGLE_STRIP, TRIANGLES, Document, Json
+from wrinklecli.draco import EXTENSION
 from wrinklecli.errors import AssetError
-from wrinklecli.pose import Rig
+from wrinklecli.pose import MOST, Rig, in_range
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -198,8 +199,9 @@ def read_primitive(document: Document, primitive: Json, rig: Rig, where: str) ->
 
 def _attribute(document: Document, index: int, count: int, size: int, where: str) -> Any:
     values = document.accessor(index, user=where)
-    if values.shape != (count, size) or not np.isfinite(values).all():
-        raise AssetError(f"accessor {index} must hold {size} finite numbers for {count} vertices", where=where)
+    if values.shape != (count, size) or not in_range(values):
+        message = f"accessor {index} must hold {size} finite numbers up to {MOST:g} for {count} vertices"
+        raise AssetError(message, where=where)
     return values
 
 
@@ -256,7 +258,8 @@ def read_triangles(document: Document, primitive: Json, count: int, where: str) 
         indices = stored.astype(np.intp)
     else:
         indices = np.arange(count)
-    if mode == TRIANGLES:
+    # Draco streams hold triangles whatever the mode; of a strip, too.
+    if mode == TRIANGLES or EXTENSION in primitive.get("extensions", {}):
         return indices[: len(indices) // 3 * 3].reshape(-1, 3)
     if len(indices) < 3:
         return np.zeros((0, 3), np.intp)

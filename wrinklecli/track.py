@@ -2,7 +2,7 @@
 
 What a bake writes into a node's extras is enough: anchors by the names of joints, and a table of weights.
 
-Source: the extras of `encode.encode_extras`. Differs from a bake: weights are straight between the rows of the table,
+Source: the extras of `encode.encode_extras`. Differs from a bake: weights are straight between the rows of a table,
 right to 1/256 of the greatest.
 """
 
@@ -16,15 +16,19 @@ from numpy.typing import NDArray
 from wrinklecli.document import Document, Json, read_document
 from wrinklecli.draft import Draft
 from wrinklecli.encode import encode_track, own_mesh
-from wrinklecli.errors import AssetError, BakeError, listed, nearest
+from wrinklecli.errors import AssetError, BakeError, RefusedError, listed, nearest
 from wrinklecli.pipeline import faults_reported, refuse_overwriting
 from wrinklecli.pose import Clip, Rig, morph_target_names, morph_weights, node_matrices, read_clips, read_rig
-from wrinklecli.tracks import Track, moving_nodes, pad, sample_times, widen
+from wrinklecli.table import TABLE_ERROR, CurveTable
+from wrinklecli.tracks import Signal, Track, key_times, moving_nodes, pad, widen
 
 Floats = NDArray[np.float64]
 
-# Greatest error of a weight between two keys: half of what a bake allows by default, as shares of the tallest.
-_TOLERANCE = 0.005
+# Of what the error bound leaves beside the table's own error, the part of the samples and that of dropped keys.
+_SAMPLING_SHARE = 2 / 3
+_KEYS_SHARE = 1 / 3
+# Of a control curve: 64 bumps with gaps of 64, the most of a tools file, have 4,160.
+_MOST_INTERVALS = 10_000
 # Below this scale against rest (a hidden character, say) a tool makes no wrinkles.
 _LEAST_SCALE = 1e-6
 
@@ -36,12 +40,27 @@ class Tracked:
     Attributes:
         path: The file written.
         clips: Names of the clips that got weights.
+        tools: A line for each tool: its name, node and targets.
         warnings: A line each.
     """
 
     path: str
     clips: tuple[str, ...]
+    tools: tuple[str, ...]
     warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Pace:
+    """How close keys are.
+
+    Attributes:
+        fps: Frames per second of the grid.
+        tolerance: Greatest error of a weight between keys, a share of the greatest weight.
+    """
+
+    fps: float
+    tolerance: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,8 +94,9 @@ class _Tool:
         keys: By clip, (keys, 2) seconds and rest lengths.
         strengths: By clip, factors on the weights.
         targets: Names of its morph targets.
-        rows: (rows,) 1 - distance / rest length, rising.
+        rows: (rows,) 1 - distance / rest length, rising; none where there is a curve.
         table: (rows, targets) weights.
+        curve: In place of these, where the rest length changes.
     """
 
     name: str
@@ -88,6 +108,7 @@ class _Tool:
     targets: tuple[str, ...]
     rows: Floats
     table: Floats
+    curve: CurveTable | None
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -130,6 +151,9 @@ def track(
     folder: str | os.PathLike[str],
     *,
     fps: float = 30.0,
+    max_error: float = 0.01,
+    allow_external: bool = False,
+    strict: bool = False,
 ) -> list[Tracked]:
     """Add weight tracks for a baked body to the clips of other files, which share its joints by name.
 
@@ -143,15 +167,23 @@ def track(
         anims: Files with clips.
         folder: Where to write; made where it is missing.
         fps: Frames per second of the grid, which is refined where weights bend.
+        max_error: Greatest error of a weight, a share of the greatest: above 1/256, which is the table's own.
+        allow_external: Read buffers and images outside the files' folders too.
+        strict: Refuse where there are warnings.
 
     Returns:
         What was made of each file, in order.
 
     Raises:
+        RefusedError: There are warnings, if `strict`; nothing was written.
+        ValueError: `max_error` is not above 1/256.
         AssetError: A file is malformed, the body carries no wrinkles, or no joint of any anchor is in an ANIM.
         BakeError: An output would overwrite an input, or cannot be written. All are computed before any is written.
     """
-    body_file = read_document(baked)
+    if not max_error > TABLE_ERROR:
+        raise ValueError(f"max_error is {max_error}; the table of weights is right to 1/256")
+    pace = _Pace(fps, max_error - TABLE_ERROR)
+    body_file = read_document(baked, allow_external=allow_external)
     bodies = _read_bodies(body_file)
     outputs = [os.path.join(os.fspath(folder), os.path.basename(os.fspath(path))) for path in anims]
     for number, path in enumerate(outputs):
@@ -159,12 +191,15 @@ def track(
             raise BakeError("is the output of two inputs of one name", where=path)
     drafts, inputs, results = [], list(body_file.files), []
     for anim, output in zip(anims, outputs, strict=True):
-        document = read_document(anim)
+        document = read_document(anim, allow_external=allow_external)
         inputs += document.files
         draft = Draft(document)
         with faults_reported(document.path):
-            results.append(Tracked(output, *_track_file(draft, bodies, fps)))
+            results.append(_track_file(draft, bodies, pace, output))
         drafts.append(draft)
+    warnings = [line for result in results for line in result.warnings]
+    if strict and warnings:
+        raise RefusedError.of_all(RefusedError(line) for line in warnings)
     refuse_overwriting(inputs, outputs)
     try:
         os.makedirs(folder, exist_ok=True)
@@ -175,8 +210,8 @@ def track(
     return results
 
 
-def _track_file(draft: Draft, bodies: Sequence[_Body], fps: float) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Add the tracks of all bodies; the names of clips that got some, and warnings."""
+def _track_file(draft: Draft, bodies: Sequence[_Body], pace: _Pace, output: str) -> Tracked:
+    """Add the tracks of all bodies."""
     document = draft.source
     clips = read_clips(document)
     nodes = document.items("nodes")
@@ -201,8 +236,11 @@ def _track_file(draft: Draft, bodies: Sequence[_Body], fps: float) -> tuple[tupl
         warnings.append(f"{document.path}: has no clip")
     for body, tools in found:
         if tools:
-            tracked |= dict.fromkeys(_track_body(draft, body, tools, clips, fps, warnings))
-    return tuple(tracked), tuple(warnings)
+            tracked |= dict.fromkeys(_track_body(draft, body, tools, clips, pace, warnings))
+    lines = (
+        f"{tool.name} on {body.node}: targets {', '.join(tool.targets)}" for body, tools in found for tool in tools
+    )
+    return Tracked(output, tuple(tracked), tuple(lines), tuple(warnings))
 
 
 def _count_named(document: Document, name: str) -> int:
@@ -227,11 +265,6 @@ def _matching(body: _Body, nodes: Sequence[Json], where: str, warnings: list[str
             hint = nearest(missing[0], names) if len(missing) == 1 else ""
             warnings.append(f"{where}: {tool.name}: left out, as there is no joint {listed(missing)}{hint}")
             continue
-        if len(tool.targets) > 1 and (tool.morph or tool.keys):
-            warnings.append(
-                f"{where}: {tool.name}: while its rest length changes, weights are approximate, as its bumps do not"
-                " rise together; a bake has them exactly"
-            )
         several = [joint for joint in tool.joints if bare.count(joint) > 1]
         if several:
             warnings.append(f"{where}: {tool.name}: several nodes are named {listed(several)}; the first is taken")
@@ -240,7 +273,7 @@ def _matching(body: _Body, nodes: Sequence[Json], where: str, warnings: list[str
 
 
 def _track_body(
-    draft: Draft, body: _Body, tools: Sequence[_Tool], clips: Sequence[Clip], fps: float, warnings: list[str]
+    draft: Draft, body: _Body, tools: Sequence[_Tool], clips: Sequence[Clip], pace: _Pace, warnings: list[str]
 ) -> list[str]:
     """Add one body's tracks; the names of clips that got some."""
     node = _carrier(draft, body)
@@ -271,7 +304,18 @@ def _track_body(
                     weights[:, its] = _weights(tool, rig, joints, clip, times)
                 return weights
 
-            times = sample_times(clip, rig, signal, fps=fps, tolerance=_TOLERANCE)
+            def signal_on(_: Floats, signal: Signal = signal) -> Signal:
+                return signal
+
+            times, keys = key_times(
+                clip,
+                rig,
+                signal_on,
+                fps=pace.fps,
+                tolerance=_SAMPLING_SHARE * pace.tolerance,
+                thinning=_KEYS_SHARE * pace.tolerance,
+            )
+            times = times[keys]
             made = widen(channel, rig, clip, times, signal(times))
             tracked.append(clip.name)
         else:
@@ -317,12 +361,12 @@ def _weights(tool: _Tool, rig: Rig, joints: dict[str, int], clip: Clip, times: F
     elif tool.morph is not None and tool.morph[0] in rig.morph_names:
         share = np.clip(own[:, rig.morph_names.index(tool.morph[0])], 0.0, 1.0)
         rest_lengths += share * (tool.morph[1] - tool.rest_length)
-    shortenings = np.where(hidden, 0.0, 1.0 - distances / rest_lengths)
-    weights = np.stack([np.interp(shortenings, tool.rows, column) for column in tool.table.T], axis=1)
-    # A longer curve has higher bumps, up to the same greatest height: exact where all bumps rise together.
-    ratios = (rest_lengths / tool.rest_length)[:, None]
-    weights = np.where(ratios == 1.0, weights, np.clip(ratios * weights, -1.0, 1.0))
-    made: Floats = tool.strengths.get(clip.name, 1.0) * weights
+    if tool.curve is None:
+        shortenings = 1.0 - distances / rest_lengths
+        weights = np.stack([np.interp(shortenings, tool.rows, column) for column in tool.table.T], axis=1)
+    else:
+        weights = tool.curve.weights(distances, rest_lengths)
+    made: Floats = tool.strengths.get(clip.name, 1.0) * np.where(hidden[:, None], 0.0, weights)
     return made
 
 
@@ -407,8 +451,8 @@ def _read_bodies(document: Document) -> list[_Body]:
         rig = read_rig(document, index)
         mesh = document.items("meshes")[rig.mesh]
         try:
-            tools = tuple(_read_tool(tool) for tool in extras["wrinkle"]["tools"])
-        except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
+            tools = tuple(_read_tool(tool) for tool in extras["wrinkle"]["tools"] if tool["targets"])
+        except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise AssetError("is not what `wrinkle bake` writes", where=where) from error
         gone = [name for tool in tools for name in tool.targets if name not in rig.morph_names]
         if gone:
@@ -431,26 +475,70 @@ def _read_bodies(document: Document) -> list[_Body]:
 
 
 def _read_tool(data: Json) -> _Tool:
-    rows = np.array(data["shortenings"], np.float64)
     targets = tuple(str(name) for name in data["targets"])
-    table = np.array(data["weights"], np.float64).reshape(len(rows), len(targets))
     ends = (_read_end(data["origin"]), _read_end(data["target"]))
     morph = data.get("rest_length_morph")
-    if not len(rows) or (np.diff(rows) <= 0).any() or not float(data["rest_length"]) > 0:
+    curve = _read_curve(data["curve"], len(targets)) if "curve" in data else None
+    rows, table = np.zeros(0), np.zeros((0, len(targets)))
+    if curve is None:
+        rows = _rising(data["shortenings"])
+        table = np.array(data["weights"], np.float64).reshape(len(rows), len(targets))
+    keys = {clip: np.array(each, np.float64).reshape(-1, 2) for clip, each in data.get("rest_length_keys", {}).items()}
+    if any(not len(each) or not (np.diff(each[:, 0]) > 0).all() for each in keys.values()):
+        raise ValueError
+    lengths = [
+        data["rest_length"],
+        *([morph["full"]] if morph else []),
+        *(x for each in keys.values() for x in each[:, 1]),
+    ]
+    if not all(float(length) > 0 for length in lengths):
         raise ValueError
     return _Tool(
         name=str(data["name"]),
         ends=ends,
         rest_length=float(data["rest_length"]),
         morph=None if morph is None else (str(morph["name"]), float(morph["full"])),
-        keys={
-            clip: np.array(keys, np.float64).reshape(-1, 2) for clip, keys in data.get("rest_length_keys", {}).items()
-        },
+        keys=keys,
         strengths={clip: float(factor) for clip, factor in data.get("strengths", {}).items()},
         targets=targets,
         rows=rows,
         table=table,
+        curve=curve,
     )
+
+
+def _read_curve(data: Json, targets: int) -> CurveTable:
+    bumps = tuple(int(count) for count in data["bumps"])
+    distances = _rising(data["distances"]) if "distances" in data else np.zeros(0)
+    parts = _rising(data["parts"])
+    rises = np.array(data["rises"], np.float64).reshape(len(parts), -1)
+    intervals = int(data["intervals"])
+    if min(intervals, *bumps) < 1 or max(intervals, *bumps) > _MOST_INTERVALS:
+        raise ValueError
+    return CurveTable(
+        taut=float(data["taut"]),
+        intervals=intervals,
+        bumps=bumps,
+        distances=distances,
+        capacities=np.array(data.get("capacities", []), np.float64).reshape(len(distances)),
+        parts=parts,
+        rises=rises,
+        mix=np.array(data["mix"], np.float64).reshape(targets, len(bumps) * rises.shape[1]),
+        positive=bool(data.get("positive", False)),
+        least=float(data.get("least", 0.0)),
+    )
+
+
+def _rising(values: object) -> Floats:
+    """(rows,) of a table.
+
+    Raises:
+        ValueError: There are none, or they do not rise.
+    """
+    rows = np.array(values, np.float64)
+    if rows.ndim != 1 or not len(rows) or not (np.diff(rows) > 0).all():
+        raise ValueError
+    return rows
 
 
 def _read_end(data: Json) -> _End:

@@ -27,6 +27,8 @@ _FIT_HALVINGS = 6
 _MOST_FRAMES = 200_000
 # Intervals of the grid that are sampled and thinned at once: bounds the memory.
 _STRETCH = 2048
+# Fewer where a signal has many values, as `attachment: patch` has three for each vertex: these in all.
+_MOST_VALUES = 2**22
 # Times that a signal is asked for at once, and intervals that are thinned side by side: what stays in a core's cache.
 _CHUNK = 4096
 _LANE = 64
@@ -72,8 +74,10 @@ def key_times(
     """
     grid = clip_grid(clip, rig, fps=fps)
     times, keys, count = [grid[:1]], [np.zeros(1, np.intp)], 0
-    for start in range(0, len(grid) - 1, _STRETCH):
-        part = grid[start : start + _STRETCH + 1]
+    width = max(signal_on(grid[:2])(grid[:1]).shape[1], 1) if len(grid) > 1 else 1
+    stretch = min(max(_MOST_VALUES // (_PER_INTERVAL * width), 1), _STRETCH)
+    for start in range(0, len(grid) - 1, stretch):
+        part = grid[start : start + stretch + 1]
         found, values = _bisected(part, signal_on(part), tolerance)
         times.append(found[1:])
         keys.append(count + _thinned(found, values, thinning)[1:])

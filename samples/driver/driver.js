@@ -3,7 +3,6 @@
 
 /** A point times a 4×4 matrix, stored by columns. */
 const moved = (m, [x, y, z]) => [0, 1, 2].map((i) => m[i] * x + m[i + 4] * y + m[i + 8] * z + m[i + 12]);
-
 const determinant = (m) =>
   m[0] * (m[5] * m[10] - m[6] * m[9]) + m[4] * (m[2] * m[9] - m[1] * m[10]) + m[8] * (m[1] * m[6] - m[2] * m[5]);
 
@@ -30,6 +29,22 @@ function anchor({ joints, weights, positions, scales, morphs = {} }, jointMatrix
   return { place, scale };
 }
 
+/** Weights while the rest length changes: bumps rise group by group, each until it takes no more. */
+function followed(curve, distance, length) {
+  const { taut, intervals, bumps, distances, capacities, parts, rises, mix, positive, least = 0 } = curve;
+  const chord = (2 * distance) / intervals;
+  const capacity = distances ? between(distances, capacities, distance) : Infinity;
+  let left = Math.max(taut * length - distance, 0);
+  const heights = bumps.flatMap((count) => {
+    const share = Math.min(left / count, capacity);
+    left = Math.max(left - count * share, 0);
+    const part = share / (chord + share) || 0;
+    return rises[0].map((_, k) => (chord + share) * Math.sqrt(part) * between(parts, rises.map((row) => row[k]), part));
+  });
+  const sums = mix.map((row) => row.reduce((sum, factor, k) => sum + factor * heights[k], 0));
+  return sums.map((weight) => ((positive ? weight : Math.abs(weight)) > least ? weight : 0));
+}
+
 /**
  * The weights of one tool's morph targets, in the order of `toolExtras.targets`.
  *
@@ -39,8 +54,8 @@ function anchor({ joints, weights, positions, scales, morphs = {} }, jointMatrix
  * clip, time     name and seconds, for tools with a strength or rest length of their own in a clip
  */
 export function wrinkleWeights(toolExtras, jointMatrixOf, { morphWeightOf = () => 0, clip, time = 0 } = {}) {
-  const { rest_length: nominal, rest_length_morph: morph, shortenings, weights, targets } = toolExtras;
-  const [origin, target] = [toolExtras.origin, toolExtras.target].map((end) => anchor(end, jointMatrixOf, morphWeightOf));
+  const { rest_length: nominal, rest_length_morph: morph, shortenings, weights, curve, targets } = toolExtras;
+  const [origin, target] = ['origin', 'target'].map((end) => anchor(toolExtras[end], jointMatrixOf, morphWeightOf));
   const scale = (origin.scale + target.scale) / 2;
   if (scale < 1e-6) return targets.map(() => 0);
   let length = nominal;
@@ -48,12 +63,10 @@ export function wrinkleWeights(toolExtras, jointMatrixOf, { morphWeightOf = () =
   const keys = toolExtras.rest_length_keys?.[clip];
   if (keys) length = between(keys.map(([t]) => t), keys.map(([, l]) => l), time);
   const distance = Math.hypot(...origin.place.map((x, i) => x - target.place[i])) / scale;
-  const shortening = 1 - distance / length;
-  const factor = toolExtras.strengths?.[clip] ?? 1;
-  // A longer curve has higher bumps, up to the same greatest height.
-  const ratio = length / nominal;
-  const limited = (weight) => (ratio === 1 ? weight : Math.max(-1, Math.min(1, ratio * weight)));
-  return targets.map((_, k) => factor * limited(between(shortenings, weights.map((row) => row[k]), shortening)));
+  const found = curve
+    ? followed(curve, distance, length)
+    : targets.map((_, k) => between(shortenings, weights.map((row) => row[k]), 1 - distance / length));
+  return found.map((weight) => weight * (toolExtras.strengths?.[clip] ?? 1));
 }
 
 /** Drives every body below a three.js object. Call `update` each frame, after the mixer and before rendering. */
@@ -67,27 +80,24 @@ export class WrinkleDriver {
       // like one of its joints.
       const name = object.userData.name ?? object.name;
       if (object.isBone || !(name in this.objects)) this.objects[name] = object;
-      if (!object.userData.wrinkle) return;
       const meshes = [];
-      object.traverse((each) => each.morphTargetDictionary && meshes.push(each));
-      this.bodies.push({ tools: object.userData.wrinkle.tools, meshes });
+      if (object.userData.wrinkle) object.traverse((each) => each.morphTargetDictionary && meshes.push(each));
+      if (meshes.length) this.bodies.push({ tools: object.userData.wrinkle.tools, meshes });
     });
-    const isThere = ({ joints }) => joints.every((joint) => joint in this.objects);
-    for (const body of this.bodies) body.tools = body.tools.filter(({ origin, target }) => [origin, target].every(isThere));
+    const isThere = ({ origin, target }) => [...origin.joints, ...target.joints].every((name) => name in this.objects);
+    for (const body of this.bodies) body.tools = body.tools.filter(isThere);
   }
 
   update(clip, time) {
     this.root.updateMatrixWorld();
     const jointMatrixOf = (name) => this.objects[name].matrixWorld.elements;
     for (const { tools, meshes } of this.bodies) {
-      if (!meshes.length) continue;
       const { morphTargetDictionary: numbers, morphTargetInfluences: influences } = meshes[0];
       const morphWeightOf = (name) => influences[numbers[name]] ?? 0;
       for (const tool of tools) {
         const found = wrinkleWeights(tool, jointMatrixOf, { morphWeightOf, clip, time });
-        tool.targets.forEach((name, k) => {
-          for (const mesh of meshes) mesh.morphTargetInfluences[mesh.morphTargetDictionary[name]] = found[k];
-        });
+        for (const { morphTargetDictionary: places, morphTargetInfluences: all } of meshes)
+          tool.targets.forEach((name, k) => (all[places[name]] = found[k]));
       }
     }
   }

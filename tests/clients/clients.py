@@ -1,4 +1,4 @@
-"""Other people's glTF software for the tests: the Khronos validator, three.js and glTF-Transform, all in node.
+"""Other people's glTF software for the tests: the Khronos validator, three.js, glTF-Transform and gltfpack, in node.
 
 They come by `npm ci` from the lock file beside this one, on first use. Without node a test that needs them is
 skipped with the reason; where `CI` is set it fails instead.
@@ -107,6 +107,11 @@ def optimize(path: Path, out: Path) -> dict[str, Any]:
     return report
 
 
+def gltfpack(path: Path, out: Path, *flags: str) -> None:
+    """Run a file through gltfpack."""
+    _run("node_modules/gltfpack/cli.js", "-i", str(path), "-o", str(out), *flags)
+
+
 def assert_valid(*paths: Path) -> None:
     """The Khronos validator finds no error in any of the files."""
     found = [line for report in validate(paths) for line in report.lines(severity=0)]
@@ -148,6 +153,21 @@ def pose(
     """Pose a node's mesh with three.js: the positions alone of `pose_with_normals`, NORMAL not needed."""
     (positions,) = _posed(file, node, clip, times, vertices, ("output",))
     return positions
+
+
+def pose_each(file: Path, nodes: Sequence[str | int], *, clip: str | int, times: Sequence[float]) -> list[Floats]:
+    """Like `pose`, for several nodes of a file: it is read once."""
+    with tempfile.TemporaryDirectory() as folder:
+        request: dict[str, Any] = {"file": str(file), "clip": clip, "times": [float(time) for time in times]}
+        requests = [
+            {**request, "node": node, "vertices": None, "output": str(Path(folder, f"{number}.f32"))}
+            for number, node in enumerate(nodes)
+        ]
+        answers = json.loads(_run("pose.mjs", stdin=json.dumps(requests)))
+        return [
+            np.fromfile(each["output"], np.float32).reshape(len(times), answer["vertices"], 3).astype(np.float64)
+            for each, answer in zip(requests, answers, strict=True)
+        ]
 
 
 def _posed(
@@ -194,6 +214,16 @@ def drive(
     (answer,) = json.loads(_run("drive.mjs", stdin=json.dumps([request])))
     weights = np.array(answer["weights"], np.float64)
     return {name: weights[:, :, k] for k, name in enumerate(answer["targets"])}
+
+
+def clip_tracks(file: Path, clip: str) -> list[tuple[str, str, Floats, Floats]]:
+    """What three.js reads of a clip: node, property as three.js calls it, (keys,) seconds and (keys, …) values."""
+    (answer,) = json.loads(_run("drive.mjs", stdin=json.dumps([{"file": str(file), "clip": clip, "tracks": True}])))
+    found = []
+    for track in answer["tracks"]:
+        times = np.array(track["times"], np.float64)
+        found.append((track["node"], track["path"], times, np.array(track["values"]).reshape(len(times), -1)))
+    return found
 
 
 def compare_with_three(

@@ -7,7 +7,9 @@
 //   times   seconds
 //   node    name of the node with the mesh
 //   drive   whether the page's driver sets the weights each frame
-// Standard output is a JSON list of {weights: for each time and part of the mesh those of the targets, targets: names}.
+//   tracks  in place of times, node and drive: give the clip's tracks
+// Standard output is a JSON list of {weights: for each time and part of the mesh those of the targets, targets: names},
+// or of {tracks: [{node, path, times, values}]}, nodes by their names in the file.
 
 import { AnimationMixer } from 'three';
 import { WrinkleDriver } from '../../samples/driver/driver.js';
@@ -36,8 +38,22 @@ async function drive({ file, anim, clip, times, node, drive: driven }) {
   return { weights, targets: Object.keys(parts[0].morphTargetDictionary) };
 }
 
+async function tracks({ file, clip }) {
+  const { gltf } = await load(file);
+  // gltfpack puts a quantised mesh below its node, without a name; three.js takes the object's number then.
+  const named = ({ userData, parent }) => userData.name ?? (parent ? named(parent) : '');
+  const names = {};
+  gltf.scene.traverse((object) => (names[object.name || object.uuid] = named(object)));
+  const found = gltf.animations.find(({ name }) => name === clip);
+  const listed = found.tracks.map(({ name, times, values }) => {
+    const [object, path] = name.split('.');
+    return { node: names[object], path, times: [...times], values: [...values] };
+  });
+  return { tracks: listed };
+}
+
 let text = '';
 for await (const part of process.stdin) text += part;
 const answers = [];
-for (const request of JSON.parse(text)) answers.push(await drive(request));
+for (const request of JSON.parse(text)) answers.push(await (request.tracks ? tracks : drive)(request));
 console.log(JSON.stringify(answers));

@@ -1,29 +1,50 @@
 """The command line: options in, exit code out. The core never prints and never exits."""
 
+import io
 import sys
 
 import click
 
 from wrinklecli.cli.bake import bake
+from wrinklecli.cli.check import check
 from wrinklecli.cli.common import say
+from wrinklecli.cli.diff import diff
+from wrinklecli.cli.inspect import inspect
+from wrinklecli.cli.preview import preview
+from wrinklecli.cli.schema import schema
+from wrinklecli.cli.suggest import suggest
 from wrinklecli.cli.track import track
 from wrinklecli.errors import WrinkleError
 
 _BUG = 70  # EX_SOFTWARE of sysexits.h
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+class _InOrder(click.Group):
+    """Lists its commands as they were added: in the order of use."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
+        return list(self.commands)
+
+
+@click.group(
+    cls=_InOrder,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+    epilog="Example: wrinkle bake samples/trousers.glb configs/trousers.yaml -o out.glb",
+)
 @click.version_option(package_name="wrinklecli", prog_name="wrinkle")
 def cli() -> None:
     """Bake dynamic wrinkles into animated glTF characters."""
 
 
-cli.add_command(bake)
-cli.add_command(track)
+for _command in (inspect, suggest, check, bake, preview, diff, track, schema):
+    cli.add_command(_command)
 
 
 def main() -> None:
     """Run `wrinkle`; the one place where errors become lines and exit codes."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        # As standard error has it: names of an asset may have characters that the terminal's encoding lacks.
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         cli.main(prog_name="wrinkle", standalone_mode=False)
     except click.ClickException as error:

@@ -8,15 +8,16 @@ from typing import Any
 
 import click
 
-from wrinklecli.cli.common import FPS, Progress, length, number, say, warn
+from wrinklecli.cli.common import FILE, FPS, Progress, length, number, say, warn
 
 
 @click.command(
+    short_help="Make wrinkles: morph targets and their weights.",
     epilog="Example: wrinkle bake samples/trousers.glb configs/trousers.yaml -o out.glb",
 )
-@click.argument("asset")
-@click.argument("tools")
-@click.option("-o", "--output", metavar="OUT", help="The .glb or .gltf to write.")
+@click.argument("asset", type=FILE)
+@click.argument("tools", type=FILE)
+@click.option("-o", "--output", type=FILE, metavar="OUT", help="The .glb or .gltf to write.")
 @click.option(
     "--mode",
     type=click.Choice(["morph", "frames"]),
@@ -59,10 +60,10 @@ from wrinklecli.cli.common import FPS, Progress, length, number, say, warn
 @click.option(
     "--engine",
     type=click.Choice(["three", "unity", "spec8"]),
-    help="Hold targets to what it plays, or refuse. three: 256 targets, 4 joints a vertex; unity: weights from 0 to 1;"
-    " spec8: 8 targets at a time.",
+    help="Hold targets to what it plays, or refuse. three: 256 targets, 4 joints a vertex; unity: weights from 0 to 1"
+    " (the asset's own are only reported); spec8: 8 targets at a time.",
 )
-@click.option("--frames-dir", metavar="DIR", help="Also write a file for each frame into DIR.")
+@click.option("--frames-dir", type=FILE, metavar="DIR", help="Also write a file for each frame into DIR.")
 @click.option(
     "--frames-format",
     type=click.Choice(["obj", "ply", "glb"]),
@@ -70,10 +71,12 @@ from wrinklecli.cli.common import FPS, Progress, length, number, say, warn
     show_default=True,
     help="Of the files in DIR.",
 )
-@click.option("--report", metavar="FILE.json", help="Write what was made and how exact it is.")
-@click.option("--depfile", metavar="FILE.d", help="Write the files that OUT depends on, for Make and Ninja.")
+@click.option("--report", type=FILE, metavar="FILE.json", help="Write what was made and how exact it is.")
+@click.option("--depfile", type=FILE, metavar="FILE.d", help="Write the files that OUT depends on, for Make and Ninja.")
 @click.option("--allow-external", is_flag=True, help="Read buffers and images outside the asset's folder too.")
-@click.option("--replace", is_flag=True, help="Take out the wrinkles of an earlier bake (--max-levels 0) first.")
+@click.option(
+    "--replace", is_flag=True, help="Where ASSET is the output of a bake: bake its original, as if from another folder."
+)
 @click.option("--strict", is_flag=True, help="Treat warnings as refusals (exit code 3).")
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
 @click.option("-v", "--verbose", is_flag=True, help="Print a line for each tool.")

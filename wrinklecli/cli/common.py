@@ -34,6 +34,16 @@ def emit_json(data: dict[str, Any]) -> None:
     click.echo(json.dumps(data, indent=1, allow_nan=False))
 
 
+def write_text(output: str | None, text: str) -> None:
+    """Text to a file, which is replaced only as a whole, or to standard output for none and `-`."""
+    if output is None or output == "-":
+        click.echo(text, nl=False)
+        return
+    from wrinklecli.draft import replace_bytes
+
+    replace_bytes(output, text.encode())
+
+
 def _colours(stream: IO[str]) -> bool | None:
     """None leaves the choice to the stream: colours on a terminal only. See no-color.org."""
     return False if os.environ.get("NO_COLOR") else None if stream.isatty() else False
@@ -63,6 +73,8 @@ def length(_context: click.Context, parameter: click.Parameter, value: str | Non
 
 
 FPS = click.FloatRange(0.1, 1000)
+# A file by name, which shells complete; whether it is there is for the core to say.
+FILE = click.Path(readable=False)
 
 
 class Progress:

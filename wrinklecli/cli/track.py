@@ -1,50 +1,76 @@
 """`wrinkle track`."""
 
-import math
+from typing import Any
 
 import click
 
+from wrinklecli.cli.common import FILE, FPS, number, say, warn
 
-def _number(_context: click.Context, parameter: click.Parameter, value: float) -> float:
-    """A number: `nan` is in no range and outside none."""
-    if math.isnan(value):
-        raise click.BadParameter("'nan' is not a number", param=parameter)
-    return value
+# Per cent: 1/256, the error of the table of weights in the node's extras.
+_LEAST_ERROR = 0.390625
+
+
+def _share(_context: click.Context, parameter: click.Parameter, value: str) -> float:
+    """A percentage of the greatest weight as a share, above the table's own error."""
+    try:
+        found = float(value.removesuffix("%")) if value.endswith("%") else -1.0
+    except ValueError:
+        found = -1.0
+    if not _LEAST_ERROR < found <= 100:
+        message = f"{value!r} is not a percentage above {_LEAST_ERROR}%, to which the table of weights is right"
+        raise click.BadParameter(message, param=parameter)
+    return found / 100
 
 
 @click.command(
+    short_help="Wrinkles for clips in files of their own.",
     epilog="Example: wrinkle track body_wrinkled.glb clips/walk.glb clips/run.glb -o tracked",
 )
-@click.argument("baked")
-@click.argument("anims", metavar="ANIM...", nargs=-1, required=True)
-@click.option("-o", "--output", "folder", metavar="DIR", required=True, help="Where to write, under the same names.")
+@click.argument("baked", type=FILE)
+@click.argument("anims", type=FILE, metavar="ANIM...", nargs=-1, required=True)
+@click.option(
+    "-o", "--output", "folder", type=FILE, metavar="DIR", required=True, help="Where to write, under the same names."
+)
 @click.option(
     "--fps",
-    type=click.FloatRange(0.1, 1000),
+    type=FPS,
     default=30.0,
     show_default=True,
-    callback=_number,
+    callback=number,
     help="Frames per second of the grid of sample times.",
 )
+@click.option(
+    "--max-error",
+    metavar="PERCENT",
+    default="1%",
+    show_default=True,
+    callback=_share,
+    help="Greatest error of a weight, per cent of the greatest; more needs fewer keys.",
+)
+@click.option("--allow-external", is_flag=True, help="Read buffers and images outside the files' folders too.")
+@click.option("--strict", is_flag=True, help="Treat warnings as refusals (exit code 3).")
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
-def track(baked: str, anims: tuple[str, ...], folder: str, fps: float, quiet: bool) -> None:
+@click.option("-v", "--verbose", is_flag=True, help="Print a line for each tool.")
+def track(baked: str, anims: tuple[str, ...], folder: str, quiet: bool, verbose: bool, **options: Any) -> None:
     """Add the wrinkles of BAKED, a body that `wrinkle bake` has written, to clips kept in other files.
 
     Joints are matched by name. Each ANIM (glTF) is written into DIR with weight tracks added to its clips.
 
-    Exit codes: 0 done; 1 an input is at fault, nothing written; 2 wrong usage; 70 a bug.
+    Exit codes: 0 done; 1 an input is at fault, nothing written; 2 wrong usage; 3 refused (--strict), nothing
+    written; 70 a bug.
     """
     for path in anims:
         if not path.lower().endswith((".glb", ".gltf")):
             raise click.BadParameter(f"{path!r} ends neither in .glb nor .gltf", param_hint="ANIM")
 
-    from wrinklecli.cli.common import printable
     from wrinklecli.track import track as run
 
-    for made in run(baked, anims, folder, fps=fps):
+    for made in run(baked, anims, folder, **options):
         if quiet:
             continue
         for warning in made.warnings:
-            click.echo(f"warning: {printable(warning)}", err=True)
+            warn(warning)
+        for line in made.tools if verbose else ():
+            say(line)
         clips = f"{len(made.clips)} clip{'' if len(made.clips) == 1 else 's'}"
-        click.echo(printable(f"{made.path}: {clips}{': ' if made.clips else ''}{', '.join(made.clips)}"), err=True)
+        say(f"{made.path}: {clips}{': ' if made.clips else ''}{', '.join(made.clips)}")

@@ -1,0 +1,87 @@
+"""Larger versions of assets: longer clips, finer meshes."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrinklecli.document import read_document
+from wrinklecli.draft import INDEX_DATA, VERTEX_DATA, Draft, index_type
+from wrinklecli.surface import read_triangles, unit
+
+Floats = NDArray[np.float64]
+
+
+def longer(asset: Path, out: Path, seconds: float) -> Path:
+    """Write an asset whose clips are repeated until each is at least as long; only the first clip is kept.
+
+    One clip, so that its frames are the bake's.
+    """
+    document = read_document(asset)
+    draft = Draft(document)
+    del draft.gltf["animations"][1:]
+    for sampler in draft.gltf["animations"][0]["samplers"]:
+        times, values = (document.accessor(sampler[key]).astype(np.float32) for key in ("input", "output"))
+        step = times[1] - times[0]
+        period = float(times[-1] + step)
+        count = int(np.ceil(seconds / period))
+        repeated = np.concatenate([times + k * period for k in range(count)])
+        kept = int(np.searchsorted(repeated, seconds)) + 1
+        each = len(values) // len(times)
+        tiled = np.tile(values, (count, *[1] * (values.ndim - 1)))
+        sampler["input"] = draft.add(repeated[:kept], bounds=True, replaces=sampler["input"])
+        sampler["output"] = draft.add(tiled[: kept * each], replaces=sampler["output"])
+    draft.write(out)
+    return out
+
+
+def finer(asset: Path, out: Path, *, keep: tuple[Floats, float], rounds: int) -> Path:
+    """Write an asset with each triangle of its first mesh split in four, round by round, but near a place.
+
+    Where split and whole triangles meet their edges do not: the file is for timing, not for looking at.
+
+    Args:
+        asset: To read.
+        out: To write.
+        keep: Centre (3,) and radius, bind space: triangles with a vertex inside stay whole.
+        rounds: How many times; each is four times as many triangles.
+    """
+    document = read_document(asset)
+    draft = Draft(document)
+    centre, radius = keep
+    for number, primitive in enumerate(draft.gltf["meshes"][0]["primitives"]):
+        attributes = primitive["attributes"]
+        values = {name: document.accessor(index) for name, index in attributes.items()}
+        count = len(values["POSITION"])
+        triangles = read_triangles(document, primitive, count, document.where("meshes", 0, "primitives", number))
+        near = np.linalg.norm(values["POSITION"] - centre, axis=1) < radius
+        whole = near[triangles].any(axis=1)
+        kept, split = triangles[whole], triangles[~whole]
+        for _ in range(rounds):
+            ends = np.sort(split[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+            edges, which = np.unique(ends, axis=0, return_inverse=True)
+            middles = len(values["POSITION"]) + which.reshape(-1, 3)
+            values = {name: np.concatenate([each, _between(name, each, edges)]) for name, each in values.items()}
+            (a, b, c), (ab, bc, ca) = split.T, middles.T
+            split = np.concatenate(
+                [np.stack(each, axis=1) for each in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))]
+            )
+        for name, index in list(attributes.items()):
+            dtype = np.dtype("<u2") if name.startswith("JOINTS") else np.dtype("<f4")
+            attributes[name] = draft.add(
+                values[name].astype(dtype), target=VERTEX_DATA, bounds=name == "POSITION", replaces=index
+            )
+        indices = np.concatenate([kept, split]).reshape(-1)
+        primitive["indices"] = draft.add(
+            indices.astype(index_type(len(values["POSITION"]))), target=INDEX_DATA, replaces=primitive.get("indices")
+        )
+    draft.write(out)
+    return out
+
+
+def _between(name: str, values: Floats, edges: NDArray[np.intp]) -> Floats:
+    first, second = values[edges[:, 0]], values[edges[:, 1]]
+    if name.startswith(("JOINTS", "WEIGHTS")):
+        return first
+    mixed = (first.astype(np.float64) + second) / 2.0
+    return unit(mixed) if name == "NORMAL" else mixed
