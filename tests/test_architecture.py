@@ -47,6 +47,8 @@ ORDER = (
     "strain",
     "folds",
     "suggest",
+    "subject",
+    "viewpoint",
     "preview",
     "distance",
     "meaning",

@@ -471,7 +471,6 @@ def encode_extras(draft: Draft, plan: Plan, bases: Sequence[Basis]) -> None:
     undriven = [target.name for target in targets_of(basis for basis in bases if not basis.from_skin)]
     node["extras"]["wrinkle"] = {
         "method": METHOD,
-        "vertices": [int(count) for count in np.diff(plan.fine.surface.vertex_starts)],
         "tools": [
             {
                 "name": patch.tool.name,

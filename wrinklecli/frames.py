@@ -21,17 +21,17 @@ from wrinklecli.document import Document, Json
 from wrinklecli.draft import VERTEX_DATA, Draft, make_folders
 from wrinklecli.encode import Part, base_normals, encode_mesh, old_values, parts_of
 from wrinklecli.errors import BakeError
-from wrinklecli.patch import inverses
 from wrinklecli.plan import Motion, Progress, Target
-from wrinklecli.pose import Rig, blend, joint_matrices, morph_weights, transform
+from wrinklecli.pose import Rig, joint_matrices, morph_weights
 from wrinklecli.refine import Refinement
+from wrinklecli.skin import pose, prepare
 from wrinklecli.surface import unit
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
 # Frames posed at once: bounds the memory.
-_CHUNK = 8
+_CHUNK = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,29 +68,36 @@ def _pose_frames(document: Document, frames: Frames, motion: Motion) -> Iterator
         [_normal_deltas(document, each, part) for each, part in zip(primitives, parts, strict=True)], axis=1
     )
     tangents = _joined([_tangents(document, each, part) for each, part in zip(primitives, parts, strict=True)], parts)
-    weights = fine.dense_weights(np.arange(len(fine.positions)), len(rig.joints))
-    turned = [_turned_normals(target, fine, welds, base) for target in frames.targets if base is not None]
+    weights = fine.dense_weights(np.arange(len(fine.positions)), len(rig.joints))[welds]
+    shapes = np.zeros((len(frames.targets), *fine.positions.shape))
+    for into, target in zip(shapes, frames.targets, strict=True):
+        into[target.shape.vertices] = target.shape.deltas
+    deltas = np.concatenate([fine.morph_deltas, shapes])[:, welds]
+    bent = None
+    if base is not None:
+        bent = np.concatenate([old_deltas, np.zeros((len(frames.targets), *base.shape))])
+        for into, target in zip(bent[len(old_deltas) :], frames.targets, strict=True):
+            vertices, turns = _turned_normals(target, fine, welds, base)
+            into[vertices] = turns
+    skin = prepare(weights, fine.positions[welds], deltas, base, bent)
+    along = None if tangents is None else prepare(weights, tangents[:, :3], np.zeros((0, len(welds), 3)))
     for start in range(0, len(motion.times), _CHUNK):
         times = motion.times[start : start + _CHUNK]
-        blended = blend(weights, joint_matrices(rig, motion.clip, times))
-        morphs = morph_weights(rig, motion.clip, times)
+        matrices = joint_matrices(rig, motion.clip, times)
+        played = np.concatenate(
+            [morph_weights(rig, motion.clip, times), motion.weights[start : start + _CHUNK]], axis=1
+        )
+        positions, normals = pose(skin, matrices, played)
+        moved = None
+        if along is not None:
+            # Directions: what moves them does not shift them.
+            turning = matrices * np.array([1.0, 1.0, 1.0, 0.0])
+            moved = pose(along, turning, np.zeros((len(times), 0)))[0]
         for frame in range(len(times)):
-            played = motion.weights[start + frame]
-            bind = fine.positions + np.tensordot(morphs[frame], fine.morph_deltas, axes=1)
-            for weight, target in zip(played, frames.targets, strict=True):
-                bind[target.shape.vertices] += weight * target.shape.deltas
-            posed = transform(blended[frame : frame + 1], bind)[0]
-            normals = None
-            if base is not None:
-                bent = base + np.tensordot(morphs[frame], old_deltas, axes=1)
-                for weight, (vertices, deltas) in zip(played, turned, strict=True):
-                    bent[vertices] += weight * deltas
-                normals = unit(np.einsum("vji,vj->vi", inverses(blended[frame])[welds], bent))
-            moved = None
-            if tangents is not None:
-                along = np.einsum("vij,vj->vi", blended[frame][welds, :, :3], tangents[:, :3])
-                moved = np.concatenate([unit(along), tangents[:, 3:]], axis=1)
-            yield _Posed(posed[welds], normals, moved)
+            handed = None
+            if moved is not None and tangents is not None:
+                handed = np.concatenate([unit(moved[frame].T), tangents[:, 3:]], axis=1)
+            yield _Posed(positions[frame].T, None if normals is None else normals[frame].T, handed)
 
 
 def _normal_deltas(document: Document, primitive: Json, part: Part) -> Floats:
