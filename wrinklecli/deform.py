@@ -36,7 +36,7 @@ from wrinklecli.refine import Refinement
 from wrinklecli.surface import vertex_normals
 
 if TYPE_CHECKING:
-    from wrinklecli.subdivide import Matrix
+    from scipy.sparse import csr_array
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -413,7 +413,7 @@ class Ring:
     origin: Ints
     target: Ints
     triangles: Ints
-    sums: "Matrix"
+    sums: "csr_array[np.float64, tuple[int, int]]"
     joints: Ints
     weights: Floats
 

@@ -8,7 +8,6 @@ survives; edges are compared with half an interval of the control curve, where t
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +16,8 @@ from wrinklecli.config import RefinementSettings
 from wrinklecli.document import Document
 from wrinklecli.patch import Patch, Rest, carried_normals
 from wrinklecli.pose import Rig, blend, joint_matrices, read_rig, transform
-from wrinklecli.subdivide import Level, Subdivision, subdivide
+from wrinklecli.subdivide import Level, Matrix, Subdivision, subdivide
 from wrinklecli.surface import Surface, dense_influences, influence_sets, read_vertices, vertex_normals
-
-if TYPE_CHECKING:
-    from wrinklecli.subdivide import Matrix
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -192,9 +188,9 @@ def _rest_positions(level: Level, vertices: Ints, rest: Rest) -> Floats:
     return positions
 
 
-def _rows(matrix: "Matrix | None", vertices: Ints, coarse: Floats) -> Floats:
+def _rows(matrix: Matrix | None, vertices: Ints, coarse: Floats) -> Floats:
     """Some rows of a level's matrix (None: identity) times (coarse vertices, …) values."""
-    return coarse[vertices] if matrix is None else np.asarray(matrix[vertices] @ coarse)
+    return coarse[vertices] if matrix is None else matrix.of_rows(vertices, coarse)
 
 
 def pruning_errors(weights: Floats, positions: Floats, distances: Floats, influences: int, poses: Floats) -> Floats:

@@ -26,17 +26,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wrinklecli.errors import BakeError
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
-
-    Matrix: TypeAlias = csr_array[np.float64, tuple[int, int]]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -47,6 +42,9 @@ _MOST_TRIANGLES = 500_000
 # Edges at a vertex beyond which it counts as irregular: the stencils of its edges take the square of them.
 _MOST_VALENCE = 256
 
+# Numbers of a product that are computed at once: bounds the memory.
+_AT_ONCE = 2**22
+
 # Corners 0, 1, 2 of a face and the midpoints 3, 4, 5 of the edges that follow them.
 _RED = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
 _BISECTED = np.array([[0, 3, 2], [3, 1, 2]])  # edge 0 is split
@@ -54,6 +52,86 @@ _TRISECTED = (  # edge 0 is not split; the diagonal leaves corner 0 or corner 1
     np.array([[0, 1, 4], [0, 4, 5], [5, 4, 2]]),
     np.array([[0, 1, 5], [1, 4, 5], [5, 4, 2]]),
 )
+
+
+@dataclass(frozen=True, slots=True)
+class Matrix:
+    """A sparse matrix by rows, none of which is empty.
+
+    Three operations are all that refinement needs of one; importing scipy.sparse for them would take longer than
+    baking a small asset does.
+
+    Attributes:
+        starts: (rows + 1,) where each row's entries start.
+        columns: (entries,) ascending within a row.
+        weights: (entries,) other than 0.
+        column_count: Of all columns.
+    """
+
+    starts: Ints
+    columns: Ints
+    weights: Floats
+    column_count: int
+
+    @classmethod
+    def of_entries(cls, rows: Ints, columns: Ints, weights: Floats, column_count: int) -> Matrix:
+        """The sums of weights that fall on the same place; there is one in each row up to the last."""
+        order = np.argsort(rows * column_count + columns, kind="stable")
+        rows, columns, weights = rows[order], columns[order], weights[order]
+        first = np.ones(len(rows), np.bool_)
+        first[1:] = (np.diff(rows) != 0) | (np.diff(columns) != 0)
+        weights = np.add.reduceat(weights, np.flatnonzero(first)) if len(rows) else weights
+        rows, columns = rows[first][weights != 0], columns[first][weights != 0]
+        starts = np.searchsorted(rows, np.arange(int(rows[-1]) + 2 if len(rows) else 1))
+        return cls(starts, columns, weights[weights != 0], column_count)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return len(self.starts) - 1, self.column_count
+
+    def __matmul__(self, dense: Floats) -> Floats:
+        """(columns, …) → (rows, …)."""
+        return self.of_rows(np.arange(len(self.starts) - 1), dense)
+
+    def of_rows(self, rows: Ints, dense: Floats) -> Floats:
+        """Some rows of the product with (columns, …) → (chosen, …)."""
+        width = max(1, int(np.prod(dense.shape[1:])))
+        product = np.zeros((len(rows), *dense.shape[1:]))
+        counts = np.diff(self.starts)[rows]
+        ends = np.cumsum(counts * width)
+        cuts = np.searchsorted(ends, np.arange(_AT_ONCE, (ends[-1] if len(ends) else 0) + _AT_ONCE, _AT_ONCE)) + 1
+        low = 0
+        for high in np.minimum(cuts, len(rows)):
+            entries, begins = self._entries(rows[low:high])
+            if len(entries):
+                weights = self.weights[entries].reshape(-1, *[1] * (dense.ndim - 1))
+                product[low:high] = np.add.reduceat(weights * dense[self.columns[entries]], begins, axis=0)
+            low = high
+        return product
+
+    def _entries(self, rows: Ints) -> tuple[Ints, Ints]:
+        """Numbers of some rows' entries, row by row, and where among them each row begins."""
+        counts = self.starts[rows + 1] - self.starts[rows]
+        begins = np.cumsum(counts) - counts
+        return np.arange(int(counts.sum())) + np.repeat(self.starts[rows] - begins, counts), begins
+
+    def below(self, above: Matrix | None) -> Matrix:
+        """The rows of `above`, (n, V) (None: identity), then those of this matrix, on its n rows: (n + m, V)."""
+        if above is None:
+            identity = np.arange(self.column_count)
+            above = Matrix(np.arange(self.column_count + 1), identity, np.ones(self.column_count), self.column_count)
+        entries, _ = above._entries(self.columns)
+        counts = np.diff(above.starts)[self.columns]
+        rows = np.repeat(np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts)), counts)
+        weights = np.repeat(self.weights, counts) * above.weights[entries]
+        own = Matrix.of_entries(rows, above.columns[entries], weights, above.column_count)
+        return Matrix(
+            np.concatenate([above.starts, above.starts[-1] + own.starts[1:]]),
+            np.concatenate([above.columns, own.columns]),
+            np.concatenate([above.weights, own.weights]),
+            above.column_count,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -344,18 +422,10 @@ def _child(stage: _Stage, wants: Criterion, forbids: Criterion | None, scheme: s
     """The next level: the quarters of the red faces, and a vertex for each split edge."""
     level, red = stage.level, stage.red
     ends = level.edges[stage.split]
-    midpoint_rows = _matrix(
-        np.repeat(np.arange(len(ends)), 2),
-        ends.reshape(-1),
-        np.full(ends.size, 0.5),
-        (len(ends), stage.complete.size),
-    )
-    linear = _stacked(level.linear, midpoint_rows)
-    matrix = (
-        linear
-        if scheme == "midpoint"
-        else _stacked(level.matrix, _butterfly(level.triangles, ends, stage.complete.size))
-    )
+    count = stage.complete.size
+    halves = Matrix.of_entries(np.repeat(np.arange(len(ends)), 2), ends.reshape(-1), np.full(ends.size, 0.5), count)
+    linear = halves.below(level.linear)
+    matrix = linear if scheme == "midpoint" else _butterfly(level.triangles, ends, count).below(level.matrix)
     corners, barycentrics = _six(stage, red)
     return _stage(
         _level(
@@ -520,7 +590,7 @@ def _butterfly(triangles: Ints, ends: Ints, vertex_count: int) -> Matrix:
         rows.append(np.repeat(edge, valence + 1))
         columns.append(np.concatenate([ends[edge, end][:, None], ring], axis=1).reshape(-1))
         weights.append(stencil.reshape(-1))
-    return _matrix(np.concatenate(rows), np.concatenate(columns), np.concatenate(weights), (len(ends), vertex_count))
+    return Matrix.of_entries(np.concatenate(rows), np.concatenate(columns), np.concatenate(weights), vertex_count)
 
 
 def _ring_weights(valence: int) -> tuple[float, tuple[float, ...]]:
@@ -625,27 +695,6 @@ def _fans(triangles: Ints, centres: Bools) -> _Fans:
     return _Fans(count, keys, nexts, successors, valences, border_counts, border_sums, border_keys)
 
 
-def _matrix(rows: Ints, columns: Ints, weights: Floats, shape: tuple[int, int]) -> Matrix:
-    """Sparse matrix of the sums of weights that fall on the same place."""
-    from scipy.sparse import coo_array
-
-    matrix = coo_array((weights, (rows, columns)), shape=shape).tocsr()
-    matrix.eliminate_zeros()
-    return matrix
-
-
-def _stacked(above: Matrix | None, rows: Matrix) -> Matrix:
-    """(n, V) matrix of a level (None: identity) and (m, n) stencils on it → (n + m, V)."""
-    from scipy.sparse import csr_array, vstack
-
-    if above is None:
-        count = rows.shape[1]
-        above = csr_array((np.ones(count), np.arange(count), np.arange(count + 1)), shape=(count, count))
-    stacked: Matrix = vstack([above, rows @ above], format="csr")
-    stacked.sort_indices()
-    return stacked
-
-
 def _apply(matrix: Matrix | None, coarse: Floats) -> Floats:
     """(V', V) times (..., V, C) → (..., V', C). The first V are copied: 0.0 + -0.0 would lose a sign."""
     coarse = np.asarray(coarse, dtype=np.float64)
@@ -653,7 +702,7 @@ def _apply(matrix: Matrix | None, coarse: Floats) -> Floats:
         return coarse.copy()
     count = coarse.shape[-2]
     columns = np.moveaxis(coarse, -2, 0)
-    new = np.asarray(matrix[count:] @ columns.reshape(count, -1))
+    new = matrix.of_rows(np.arange(count, matrix.shape[0]), columns.reshape(count, -1))
     return np.concatenate([coarse, np.moveaxis(new.reshape(new.shape[0], *columns.shape[1:]), 0, -2)], axis=-2)
 
 
