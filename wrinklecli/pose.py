@@ -5,7 +5,7 @@ An unskinned mesh is treated as skinned to its own node with weight 1, so that a
 Source: glTF 2.0 specification, §3.5 (nodes), §3.7.3 (skins), §3.11 and appendix C (animation).
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,6 +87,7 @@ class Rig:
         inverse_binds: (joints, 4, 4) bind space to joint space.
         parents: (nodes,) each node's parent, -1 for roots.
         locals: Per node: stored translation, rotation (x, y, z, w) and scale, or the stored 4×4 matrix.
+        rows: (3, 4, nodes) of the stored poses' local matrices.
         names: Per node.
         morph_names: Per morph target, from the mesh's `extras.targetNames`.
         morph_weights: (morph targets,) stored weights, those of the node before those of the mesh.
@@ -99,6 +100,7 @@ class Rig:
     inverse_binds: Floats
     parents: Ints
     locals: tuple[dict[str, Floats], ...]
+    rows: Floats
     names: tuple[str, ...]
     morph_names: tuple[str, ...]
     morph_weights: Floats
@@ -208,6 +210,7 @@ def read_rig(document: Document, node: int) -> Rig:
         inverse_binds=inverse_binds,
         parents=parents,
         locals=locals_,
+        rows=_stored_rows(locals_),
         names=names,
         morph_names=tuple(morph_target_names(mesh)),
         morph_weights=weights,
@@ -280,6 +283,19 @@ def _stored_local(node: Json) -> dict[str, Floats]:
     return local
 
 
+def _stored_rows(local: Sequence[dict[str, Floats]]) -> Floats:
+    """(3, 4, nodes) of the nodes' local matrices."""
+    rows = np.zeros((3, 4, len(local)))
+    free = [index for index, parts in enumerate(local) if "matrix" not in parts]
+    if free:
+        translations, rotations, scales = (np.array([local[index][path] for index in free]) for path in _DEFAULTS)
+        rows[:, :, free] = _rows(translations.T, _normalised(rotations).T, scales.T)
+    for index, parts in enumerate(local):
+        if "matrix" in parts:
+            rows[:, :, index] = parts["matrix"][:3]
+    return rows
+
+
 def joint_matrices(rig: Rig, clip: Clip | None, times: Floats, joints: Ints | None = None) -> Floats:
     """Matrices that take bind positions to world space.
 
@@ -349,22 +365,25 @@ def _composed(outer: Floats, inner: Floats) -> Floats:
 def _local_rows(rig: Rig, channels: dict[tuple[int, str], Channel], times: Floats, node: int) -> Floats:
     """(3, 4, frames), or (3, 4, 1) where no channel, by node and path, moves the node."""
     stored = rig.locals[node]
-    if "matrix" in stored:
-        return stored["matrix"][:3, :, None]
+    moved = [path for path in _DEFAULTS if (node, path) in channels and path in stored]
+    if not moved:
+        return rig.rows[:, :, node, None]
     parts = {path: value[:, None] for path, value in stored.items()}
     parts["rotation"] = _normalised(stored["rotation"])[:, None]
-    for path in _DEFAULTS:
-        if (node, path) in channels:
-            parts[path] = sample(channels[node, path], times).T
-    x, y, z, w = parts["rotation"]
-    sx, sy, sz = parts["scale"]
+    return _rows(*(sample(channels[node, path], times).T if path in moved else parts[path] for path in _DEFAULTS))
+
+
+def _rows(translations: Floats, rotations: Floats, scales: Floats) -> Floats:
+    """(3, 4, frames) of (components, frames), rotations of unit length; any may have one frame for all."""
+    x, y, z, w = rotations
+    sx, sy, sz = scales
     rows = (
         ((1 - 2 * (y * y + z * z)) * sx, 2 * (x * y - z * w) * sy, 2 * (x * z + y * w) * sz),
         (2 * (x * y + z * w) * sx, (1 - 2 * (x * x + z * z)) * sy, 2 * (y * z - x * w) * sz),
         (2 * (x * z - y * w) * sx, 2 * (y * z + x * w) * sy, (1 - 2 * (x * x + y * y)) * sz),
     )
-    matrices = np.zeros((3, 4, max(part.shape[1] for part in parts.values())))
-    for row, translation, into in zip(rows, parts["translation"], matrices, strict=True):
+    matrices = np.zeros((3, 4, max(each.shape[1] for each in (translations, rotations, scales))))
+    for row, translation, into in zip(rows, translations, matrices, strict=True):
         into[0], into[1], into[2], into[3] = *row, translation
     return matrices
 

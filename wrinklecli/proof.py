@@ -7,14 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrinklecli.deform import Activity, Carrier, activities, displaced_normals, displacements, turn_to
-from wrinklecli.document import Document
+from wrinklecli.document import Document, Json
 from wrinklecli.draft import Draft
 from wrinklecli.encode import Part, parts_of, shared_vertices
 from wrinklecli.errors import RefusedError
 from wrinklecli.patch import Rest
 from wrinklecli.plan import Basis, Motion, Plan, Progress, targets_of
-from wrinklecli.pose import Clip, Rig, blend, joint_matrices, morph_weights, read_clips, read_rig, transform
+from wrinklecli.pose import Clip, Rig, joint_matrices, morph_weights, read_clips, read_rig
 from wrinklecli.refine import Refinement
+from wrinklecli.skin import pose, prepare
 from wrinklecli.surface import dense_influences, read_vertices, unit
 
 Floats = NDArray[np.float64]
@@ -107,8 +108,9 @@ def read_back(
 ) -> Proof:
     """Load what the file says of the vertices that wrinkles or refinement touch."""
     rig = read_rig(written, node)
-    stored = read_vertices(written, rig)
-    welds = np.concatenate([part.weld for part in parts])
+    distinct = _distinct(written.items("meshes")[rig.mesh]["primitives"], parts)
+    stored = read_vertices(written, rig, distinct)
+    welds = np.concatenate([parts[number].weld for number in distinct])
     touched = np.zeros(len(fine.positions), bool)
     touched[len(fine.surface.positions) :] = True
     for carrier in carriers:
@@ -129,6 +131,18 @@ def read_back(
         dense,
         normals,
     )
+
+
+def _distinct(primitives: Sequence[Json], parts: Sequence[Part]) -> list[int]:
+    """The primitives without those that have the accessors of one before, and so the same vertices."""
+    seen: dict[str, Ints] = {}
+    distinct = []
+    for number, (primitive, part) in enumerate(zip(primitives, parts, strict=True)):
+        key = repr([sorted(primitive["attributes"].items()), primitive.get("targets")])
+        if key not in seen or not np.array_equal(seen[key], part.weld):
+            distinct.append(number)
+        seen.setdefault(key, part.weld)
+    return distinct
 
 
 def compare(
@@ -160,19 +174,18 @@ def compare(
     chosen = _chosen_times(every, activities_)
     weights = fine.dense_weights(proof.vertices, len(rig.joints))
     acting, stored = np.flatnonzero(weights.any(axis=0)), np.flatnonzero(proof.weights.any(axis=0))
+    method = prepare(weights[:, acting], fine.positions[proof.vertices], fine.morph_deltas[:, proof.vertices])
+    file = prepare(proof.weights[:, stored], proof.positions, proof.deltas)
     chunk = min(max(_MOST_VERTICES // max(len(proof.vertices), 1), 1), _CHUNK)
     worst, worst_time, angles = 0.0, float(chosen[0]), []
     for start in range(0, len(chosen), chunk):
         now = chosen[start : start + chunk]
         moved = _method_displacements(proof, fine, carriers, rig, rest, clip, now)
-        morphs = morph_weights(rig, clip, now)
-        bind = fine.positions[proof.vertices] + np.tensordot(morphs, fine.morph_deltas[:, proof.vertices], axes=1)
-        wanted = transform(blend(weights[:, acting], joint_matrices(rig, clip, now, acting)), bind + moved)
+        matrices = joint_matrices(rig, clip, now, acting)
+        wanted, _ = pose(method, matrices, morph_weights(rig, clip, now), moved.transpose(0, 2, 1))
         played = morph_weights(proof.rig, written, now)
-        got_bind = proof.positions + np.tensordot(played, proof.deltas, axes=1)
-        matrices = joint_matrices(proof.rig, written, now, stored)
-        got = transform(blend(proof.weights[:, stored], matrices), got_bind)
-        distances = np.sqrt(np.sum((got - wanted) ** 2, axis=2))
+        got, _ = pose(file, joint_matrices(proof.rig, written, now, stored), played)
+        distances = np.sqrt(np.sum((got - wanted) ** 2, axis=1))
         frame = int(distances.max(axis=1, initial=0.0).argmax())
         if distances[frame].max(initial=0.0) > worst:
             worst, worst_time = float(distances[frame].max()), float(now[frame])

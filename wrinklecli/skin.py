@@ -64,39 +64,43 @@ def _by_coordinate(base: Floats, deltas: Floats) -> Floats:
     return np.ascontiguousarray(np.concatenate([base[None], deltas]).transpose(2, 0, 1))
 
 
-def pose(skin: Skin, matrices: Floats, weights: Floats) -> tuple[Floats, Floats | None]:
+def pose(skin: Skin, matrices: Floats, weights: Floats, offsets: Floats | None = None) -> tuple[Floats, Floats | None]:
     """Morph and skin all vertices at all times given.
 
     Args:
         skin: The vertices.
         matrices: (frames, joints, 4, 4) bind to world space.
         weights: (frames, shapes).
+        offsets: (frames, 3, vertices) to add to the positions besides, bind space.
 
     Returns:
         (frames, 3, vertices) world-space positions, scene units, and unit normals turned by the inverse transposes
         of the blended matrices; None where the skin has none.
     """
-    vertex_count = skin.weights.shape[1]
-    positions = np.zeros((len(matrices), 3, vertex_count))
+    positions = np.zeros((len(matrices), 3, skin.weights.shape[1]))
     normals = None if skin.turns is None else np.zeros_like(positions)
     factors = np.concatenate([np.ones((len(matrices), 1)), weights], axis=1)
     rows = np.ascontiguousarray(matrices[:, :, :3].transpose(2, 3, 0, 1))
-    step = max(1, _CHUNK // max(vertex_count, 1))
-    for start in range(0, len(matrices), step):
-        now = slice(start, start + step)
-        frames = len(factors[now])
-        # One product, not twelve: those of few frames are slow.
-        blended = (rows[:, :, now].reshape(12 * frames, -1) @ skin.weights).reshape(3, 4, frames, vertex_count)
-        bind = factors[now] @ skin.places
-        for row, into in zip(blended, positions[now].transpose(1, 0, 2), strict=True):
-            into[:] = _dot(row[:3], bind)
-            into += row[3]
-        if normals is not None and skin.turns is not None:
-            turned = _turned(blended[:, :3], factors[now] @ skin.turns)
-            lengths = np.sqrt(_dot(turned, turned))
-            lengths[lengths == 0] = 1.0
-            for row, into in zip(turned, normals[now].transpose(1, 0, 2), strict=True):
-                np.divide(row, lengths, out=into)
+    for block in (slice(k, k + _CHUNK) for k in range(0, positions.shape[2], _CHUNK)):
+        shares = skin.weights[:, block]
+        vertex_count = shares.shape[1]
+        step = max(1, _CHUNK // vertex_count)
+        for now in (slice(k, k + step) for k in range(0, len(matrices), step)):
+            frames = len(factors[now])
+            # One product, not twelve: those of few frames are slow.
+            blended = (rows[:, :, now].reshape(12 * frames, -1) @ shares).reshape(3, 4, frames, vertex_count)
+            bind = factors[now] @ skin.places[:, :, block]
+            if offsets is not None:
+                bind += offsets[now, :, block].transpose(1, 0, 2)
+            for row, into in zip(blended, positions[now, :, block].transpose(1, 0, 2), strict=True):
+                into[:] = _dot(row[:3], bind)
+                into += row[3]
+            if normals is not None and skin.turns is not None:
+                turned = _turned(blended[:, :3], factors[now] @ skin.turns[:, :, block])
+                lengths = np.sqrt(_dot(turned, turned))
+                lengths[lengths == 0] = 1.0
+                for row, into in zip(turned, normals[now, :, block].transpose(1, 0, 2), strict=True):
+                    np.divide(row, lengths, out=into)
     return positions, normals
 
 

@@ -4,6 +4,7 @@ glTF splits vertices at UV and normal seams. Topology, normals and displacement 
 that what was one point of the artist's mesh moves as one.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -125,8 +126,8 @@ class Vertices:
     normal_deltas: Floats | None
 
 
-def read_vertices(document: Document, rig: Rig) -> Vertices:
-    """Read the vertices of a rig's mesh.
+def read_vertices(document: Document, rig: Rig, chosen: Sequence[int] | None = None) -> Vertices:
+    """Read the vertices of a rig's mesh, or of some of its primitives.
 
     Raises:
         AssetError: An attribute is missing, malformed or not finite.
@@ -135,7 +136,8 @@ def read_vertices(document: Document, rig: Rig) -> Vertices:
     where = document.where("meshes", rig.mesh)
     if not primitives:
         raise AssetError("has no primitives", where=where)
-    parts = [read_primitive(document, each, rig, f"{where}/primitives/{i}") for i, each in enumerate(primitives)]
+    numbers = range(len(primitives)) if chosen is None else chosen
+    parts = [read_primitive(document, primitives[i], rig, f"{where}/primitives/{i}") for i in numbers]
     most = max(part.joints.shape[1] for part in parts)
 
     def padded(rows: Array) -> Array:
