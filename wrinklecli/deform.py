@@ -175,14 +175,16 @@ def displacements(
     rest: Rest,
     clip: Clip | None,
     times: Floats,
-    seen: Activity | None = None,
+    amplitudes: Floats | None = None,
 ) -> Floats:
     """(frames, vertices, 3) what the method displaces a carrier's vertices by, bind space.
 
-    `seen` is the tool's activity at these times, where that is known.
+    `amplitudes` are those of the tool's activity at these times, where they are known.
     """
     patch = carrier.patch
-    amplitudes = patch.clip_strength(clip) * (seen or activity(patch, rig, rest, clip, times)).amplitudes
+    if amplitudes is None:
+        amplitudes = activity(patch, rig, rest, clip, times).amplitudes
+    amplitudes = patch.clip_strength(clip) * amplitudes
     if patch.tool.attachment == "patch":
         return _posed_displacements(carrier, fine, rig, clip, times, amplitudes)
     heights = np.einsum("fgm,gmv->fv", amplitudes, patch.curve.shapes(carrier.us))

@@ -319,29 +319,27 @@ def _signals(plan: Plan, clip: Clip, breaks: Floats, tolerance: float) -> Signal
     Heights start like square roots of the anchors' distances, which are smooth between the breaks: few poses tell
     the distances, and they tell the heights.
     """
-    skins = [each.patch for each in plan.carriers if each.patch.tool.attachment == "skin"]
-    others = [each for each in plan.carriers if each.patch.tool.attachment == "patch"]
+    rig, rest = plan.rig, plan.rest
+    patches = [each.patch for each in plan.carriers]
     # Where a height starts, √(x D) for x the length of an interval, an error of D shows most.
-    slack = min((tolerance**2 * each.curve.interval_count / (16 * each.rest_length) for each in skins), default=1.0)
+    slack = min(tolerance**2 * each.curve.interval_count / (16 * each.rest_length) for each in patches)
 
     def distances(times: Floats) -> Floats:
-        poses = anchor_poses(anchor_joints(skins), plan.rig, plan.rest, clip, times)
-        return np.stack([lengths_over_time(each, plan.rig, plan.rest, clip, times, poses)[0] for each in skins], axis=1)
+        poses = anchor_poses(anchor_joints(patches), rig, rest, clip, times)
+        return np.stack([lengths_over_time(each, rig, rest, clip, times, poses)[0] for each in patches], axis=1)
 
-    near = smooth(distances, breaks, slack) if skins else None
+    near = smooth(distances, breaks, slack)
 
     def signals(times: Floats) -> Floats:
         values = []
-        for number, patch in enumerate(skins):
-            assert near is not None
-            if number == 0:
-                found = near(times)
-            lengths = rest_lengths_over_time(patch, plan.rig, clip, times)
-            amplitudes, _ = patch.curve.follow(found[:, number], lengths)
-            values.append(patch.clip_strength(clip) * patch.shape_strength * amplitudes.reshape(len(times), -1))
-        for carrier in others:
-            moved = displacements(carrier, plan.fine, plan.rig, plan.rest, clip, times)
-            values.append(_PER_COORDINATE * plan.scale * moved.reshape(len(times), -1))
+        for carrier, found in zip(plan.carriers, near(times).T, strict=True):
+            patch = carrier.patch
+            amplitudes, _ = patch.curve.follow(found, rest_lengths_over_time(patch, rig, clip, times))
+            if patch.tool.attachment == "patch":
+                moved = displacements(carrier, plan.fine, rig, rest, clip, times, amplitudes)
+                values.append(_PER_COORDINATE * plan.scale * moved.reshape(len(times), -1))
+            else:
+                values.append(patch.clip_strength(clip) * patch.shape_strength * amplitudes.reshape(len(times), -1))
         return np.concatenate(values, axis=1)
 
     return signals

@@ -1,0 +1,132 @@
+"""`wrinkle check`."""
+
+from typing import Any
+
+import click
+
+from wrinklecli.cli.common import FILE, FPS, Progress, emit, emit_json, number
+
+
+@click.command(
+    short_help="What each tool would do; bakes nothing.",
+    epilog="Example: wrinkle check samples/trousers.glb configs/trousers.yaml --clip squat --plot knees.svg",
+)
+@click.argument("asset", type=FILE)
+@click.argument("tools", type=FILE)
+@click.option("--clip", "clips", metavar="NAME", multiple=True, help="Look at this clip only; may be repeated.")
+@click.option("--tool", "only", metavar="NAME", multiple=True, help="Look at this tool only; may be repeated.")
+@click.option("--fps", type=FPS, callback=number, help="Frames per second; overrides sampling.fps (30).")
+@click.option("--max-levels", type=click.IntRange(0, 8), help="Overrides refinement.max_levels; 0 does not refine.")
+@click.option("--allow-external", is_flag=True, help="Read buffers and images outside the asset's folder too.")
+@click.option("--plot", type=FILE, metavar="FILE.png|svg", help="Draw control curves, and heights over each clip.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
+@click.option("--strict", is_flag=True, help="Treat warnings as refusals (exit code 3).")
+def check(asset: str, tools: str, plot: str | None, as_json: bool, strict: bool, **options: Any) -> None:
+    """Say what the tools of TOOLS (YAML) would do to ASSET (glTF), and what is wrong with them. Bakes nothing.
+
+    For each tool: the anchors found and how far they are from the points asked for, its lengths, the triangles
+    under it, the edges that a bake would split, the vertices that it would move, and for each clip the range of
+    shortening (negative where it is stretched), with the time of the largest and the height reached.
+
+    --json prints {"check": 1, "asset", "tools_file", "meshes", "tools", "warnings"}; within version 1, keys are only
+    added. Lengths are scene units, positions have the tools file's axes, shortenings are shares of the rest length.
+
+    Exit codes: 0 done; 1 the input is at fault; 2 wrong usage; 3 refused (--strict with warnings); 70 a bug.
+    """
+    if plot is not None and not plot.lower().endswith((".png", ".svg")):
+        raise click.BadParameter(f"{plot!r} ends neither in .png nor .svg", param_hint="--plot")
+
+    from wrinklecli.check import check as run
+    from wrinklecli.draft import replace_bytes
+    from wrinklecli.errors import RefusedError
+    from wrinklecli.pipeline import refuse_overwriting
+    from wrinklecli.plot import draw_check, refuse_without_matplotlib
+
+    if plot is not None:
+        refuse_without_matplotlib()
+        refuse_overwriting([asset, tools], [plot])
+    with Progress() as progress:
+        made = run(asset, tools, progress=progress.show, **options)
+    if plot is not None:
+        refuse_overwriting(made.inputs, [plot])
+        replace_bytes(plot, draw_check(made, plot.lower().rpartition(".")[2]))
+    if as_json:
+        emit_json(made.data)
+    else:
+        _emit_tables(made.data)
+    if strict and made.warnings:
+        count = len(made.warnings)
+        raise RefusedError(f"refused by --strict: {count} warning{'' if count == 1 else 's'}", where=tools)
+
+
+def _emit_tables(data: dict[str, Any]) -> None:
+    for tool in data["tools"]:
+        emit(f"{tool['name']} on {tool['node']}", style={"bold": True})
+        for line in _rows(tool):
+            emit(f"  {line}")
+        for warning in tool["warnings"]:
+            _emit_warning(warning)
+        emit("")
+    for mesh in data["meshes"]:
+        emit(
+            f"{mesh['node']}: {mesh['vertices']} vertices + {mesh['new_vertices']}, {mesh['triangles']} triangles"
+            f" + {mesh['new_triangles']}, {mesh['levels']} level{'' if mesh['levels'] == 1 else 's'} of refinement"
+        )
+    for warning in data["warnings"]:
+        if not any(warning in tool["warnings"] for tool in data["tools"]):
+            _emit_warning(warning)
+
+
+def _emit_warning(warning: str) -> None:
+    emit(f"warning: {warning}", style={"fg": "yellow"})
+
+
+def _rows(tool: dict[str, Any]) -> list[str]:
+    """The lines of a tool's table."""
+    overlaps = ", ".join(f"{each['tool']} ({each['vertices']} vertices)" for each in tool["overlaps"])
+    length = f"{tool['distance']:.4g} at rest"
+    if tool["rest_length"] != tool["distance"]:
+        length += f", shortening counts from {tool['rest_length']:.4g}"
+    rows = [
+        f"origin   {_anchor(tool['origin'])}",
+        f"target   {_anchor(tool['target'])}",
+        f"length   {length}; width {tool['width']:.4g}",
+        f"bumps    {tool['bumps']}, {tool['strategy']}, at most {tool['height_limit']:.3g} tall",
+        f"mesh     {tool['triangles']} triangles, {tool['edges_split']} edges to split;"
+        f" {tool['moved_vertices']} vertices move",
+        f"overlaps {overlaps or 'none'}",
+    ]
+    if not tool["clips"]:
+        return [*rows, "clips    none that moves the mesh"]
+    table = [["clip", "shortening", "at", "height", "unabsorbed"]]
+    for clip in tool["clips"]:
+        if clip["shortening"] is None:
+            table.append([clip["name"], "hidden", "", "", ""])
+            continue
+        low, high = (100 * each for each in clip["shortening"])
+        table.append(
+            [
+                clip["name"],
+                f"{_percent(low)} to {_percent(high)} %",
+                f"{clip['time']:.3g} s",
+                f"{clip['height']:.3g}" if clip["height"] else "-",
+                f"{_percent(100 * clip['unabsorbed'])} %" if clip["unabsorbed"] else "-",
+            ]
+        )
+    widths = [max(len(row[k]) for row in table) for k in range(len(table[0]))]
+    aligned = (
+        [row[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))]
+        for row in table
+    )
+    return rows + ["  ".join(row).rstrip() for row in aligned]
+
+
+def _percent(value: float) -> str:
+    """Two digits at least, and no more than matter."""
+    return "0" if abs(value) < 0.005 else f"{value:.0f}" if abs(value) >= 9.95 else f"{value:.2g}"
+
+
+def _anchor(anchor: dict[str, Any]) -> str:
+    at = ", ".join(f"{x:.4g}" for x in anchor["position"])
+    primitive = f" of primitive {anchor['primitive']}" if anchor["primitive"] else ""
+    return f"[{at}], {anchor['off']:.2g} from the point asked for, by vertex {anchor['vertex']}{primitive}"

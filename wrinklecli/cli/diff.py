@@ -1,0 +1,113 @@
+"""`wrinkle diff`."""
+
+import math
+import sys
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from wrinklecli.cli.common import FILE, FPS, Progress, emit, emit_json, length, number
+
+if TYPE_CHECKING:
+    from wrinklecli.compare import Comparison
+
+# Lines of one kind; --verbose shows all.
+_LINES = 10
+
+
+@click.command(
+    short_help="Whether two assets are the same, by meaning.",
+    epilog="Example: wrinkle diff goldens/trousers.glb out/trousers.glb --tolerance 0.01%",
+)
+@click.argument("a", type=FILE)
+@click.argument("b", type=FILE)
+@click.option(
+    "--tolerance",
+    metavar="LENGTH",
+    default="0.0001%",
+    show_default=True,
+    callback=length,
+    help="Greatest distance at which they are the same: scene units, or per cent of the asset's size (its box's"
+    " diagonal). The default is eight float32 roundings, which is what the same bake may differ by between processors.",
+)
+@click.option("--posed", is_flag=True, help="Compare only what a viewer sees move: posed positions over time.")
+@click.option("--clip", "clips", metavar="NAME", multiple=True, help="Compare only this clip; may be repeated.")
+@click.option(
+    "--fps",
+    type=FPS,
+    default=30.0,
+    show_default=True,
+    callback=number,
+    help="Frames per second of the times to compare at, besides all keys.",
+)
+@click.option("--allow-external", is_flag=True, help="Read buffers and images outside the assets' folders too.")
+@click.option("--json", "as_json", is_flag=True, help="Print the comparison as JSON.")
+@click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors: the exit code says it.")
+@click.option("-v", "--verbose", is_flag=True, help=f"Print every difference, not {_LINES} of each kind.")
+def diff(a: str, b: str, *, as_json: bool, quiet: bool, verbose: bool, **options: Any) -> None:
+    """Compare two assets (glTF), a golden A and a fresh bake B.
+
+    Documents are compared by meaning: how data is laid out, stored sparsely or compressed makes no difference, nor does
+    asset.generator. Numbers that are no lengths may differ by the tolerance's share of the asset's size. Positions are
+    compared in the stored pose and in every clip, vertex by vertex where the triangles are the same, otherwise by the
+    distance of each one's vertices from the other's surface. With --posed that is all: names, materials and the way in
+    which vertices move are left aside, and normals are reported, not judged. A file of --mode frames is compared at the
+    times of its frames.
+
+    \b
+    --json prints an object; within a version, keys are only added:
+      diff         1, the version
+      same         whether nothing differs
+      a, b         the paths
+      posed        whether --posed was given
+      tolerance    scene units
+      size         of the larger asset, scene units
+      times        how many moments were compared
+      worst        distance, side (A or B), place, name, vertex, clip (null:
+                   stored pose), time; null if nothing could be compared
+      normal       greatest angle between normals, degrees, or null
+      differences  all, each with kind (structure, value, geometry, image,
+                   animation, pose), place (JSON pointer in A, or in B for what
+                   only B has), name, message, distance (scene units or null)
+
+    Exit codes: 0 the same; 1 different; 2 could not be compared, or wrong usage; 70 a bug.
+    """  # noqa: D301
+    from wrinklecli.compare import compare
+    from wrinklecli.errors import WrinkleError
+
+    try:
+        with Progress(quiet=quiet) as progress:
+            comparison = compare(a, b, progress=progress.show, **options)
+    except WrinkleError as error:
+        # 1 means that they differ.
+        error.exit_code = 2
+        raise
+    if as_json:
+        emit_json({"diff": 1, "same": comparison.same, "a": a, "b": b, **_data(comparison, posed=options["posed"])})
+    elif not quiet:
+        *lines, summary = comparison.lines(None if verbose else _LINES)
+        for line in lines:
+            emit(line)
+        emit(summary, style={"fg": "green" if comparison.same else "red"})
+    if not comparison.same:
+        sys.exit(1)
+
+
+def _data(comparison: "Comparison", *, posed: bool) -> dict[str, Any]:
+    """What `--json` prints of a comparison."""
+    from dataclasses import asdict
+
+    differences = [asdict(difference) for difference in comparison.differences]
+    for each in differences:
+        # A number that is none, such as NaN, is infinitely far from others; JSON has no infinity.
+        if each["distance"] is not None and not math.isfinite(each["distance"]):
+            each["distance"] = None
+    return {
+        "posed": posed,
+        "tolerance": comparison.tolerance,
+        "size": comparison.size,
+        "times": comparison.times,
+        "worst": asdict(comparison.worst) if comparison.worst else None,
+        "normal": comparison.normal,
+        "differences": differences,
+    }

@@ -1,0 +1,125 @@
+"""`wrinkle inspect`."""
+
+from typing import Any
+
+import click
+
+from wrinklecli.cli.common import FILE, emit, emit_json
+
+
+@click.command(short_help="What is in an asset.", epilog="Example: wrinkle inspect samples/trousers.glb")
+@click.argument("asset", type=FILE)
+@click.option("--allow-external", is_flag=True, help="Read buffers and images outside the asset's folder too.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a tree.")
+def inspect(asset: str, allow_external: bool, as_json: bool) -> None:
+    """Say what is in ASSET (glTF): meshes, what deforms them, clips, bytes; of a baked file, its tools.
+
+    Vertices are the file's own. Keys of a clip are those of its longest channel.
+
+    --json prints {"inspect": 1, "asset", "version", "generator", "extensions_used", "extensions_required",
+    "meshes", "nodes", "deforming", "skins", "clips", "wrinkles", "replaceable", "files", "bytes"}; within version 1,
+    keys are only added.
+
+    Exit codes: 0 done; 1 the input is at fault; 2 wrong usage; 70 a bug.
+    """
+    from wrinklecli.inspect import inspect as run
+
+    data = run(asset, allow_external=allow_external)
+    if as_json:
+        emit_json(data)
+    else:
+        _emit_tree(data)
+
+
+def _emit_tree(data: dict[str, Any]) -> None:
+    whole = sum(each["bytes"] or 0 for each in data["files"])
+    made = f", by {data['generator']}" if data["generator"] else ""
+    emit(f"{data['asset']}: glTF {data['version']}{made}, {_size(whole)}", style={"bold": True})
+    required = data["extensions_required"]
+    names = [f"{name} (required)" if name in required else name for name in data["extensions_used"]]
+    _emit_list("extensions", names)
+    _emit_list("meshes", [line for mesh in enumerate(data["meshes"]) for line in _mesh(*mesh)])
+    _emit_list(
+        "deform", [_deforming(each, data) for each in data["deforming"]] or ["nothing: no skin, no morph targets"]
+    )
+    _emit_list("skins", [_skin(*each) for each in enumerate(data["skins"])])
+    _emit_list("clips", [_clip(each) for each in data["clips"]])
+    for each in data["wrinkles"]:
+        _emit_list(f"wrinkles on {each['node']}", _wrinkles(each))
+    if data["replaceable"] is not None:
+        state = "can be replaced: bake --replace" if data["replaceable"] else "cannot be replaced"
+        _emit_list("earlier bake", [state])
+    _emit_list("bytes", [f"{_size(count):>9} {kind}" for kind, count in data["bytes"].items() if count])
+    if len(data["files"]) > 1:
+        sizes = [_size(each["bytes"]) if each["bytes"] is not None else "missing" for each in data["files"]]
+        _emit_list("files", [f"{size:>9} {each['name']}" for size, each in zip(sizes, data["files"], strict=True)])
+
+
+def _emit_list(heading: str, lines: list[str]) -> None:
+    if lines:
+        emit(heading, style={"bold": True})
+        for line in lines:
+            emit(f"  {line}")
+
+
+def _mesh(number: int, mesh: dict[str, Any]) -> list[str]:
+    primitives = mesh["primitives"]
+    lines = [
+        f"{mesh['name'] or f'mesh {number}'}: {_counted(len(primitives), 'primitive')},"
+        f" {_counted(mesh['vertices'], 'vertex', 'vertices')}, {_counted(mesh['triangles'], 'triangle')}"
+    ]
+    for index, each in enumerate(primitives):
+        material = f", material {each['material']}" if each["material"] else ""
+        compressed = f", {each['compression']}" if each["compression"] else ""
+        lines.append(
+            f"  primitive {index}: {each['mode']}, {_counted(each['vertices'], 'vertex', 'vertices')},"
+            f" {' '.join(each['attributes'])}{material}{compressed}"
+        )
+    if mesh["morph_targets"]:
+        lines.append(f"  {_counted(len(mesh['morph_targets']), 'morph target')}: {', '.join(mesh['morph_targets'])}")
+    return lines
+
+
+def _deforming(each: dict[str, Any], data: dict[str, Any]) -> str:
+    by = []
+    if each["skin"] is not None:
+        by.append(f"skin {data['skins'][each['skin']]['name'] or each['skin']}")
+    if each["morph_targets"]:
+        by.append(_counted(each["morph_targets"], "morph target"))
+    return f"{each['node']}: {' and '.join(by)}"
+
+
+def _skin(number: int, skin: dict[str, Any]) -> str:
+    return f"{skin['name'] or f'skin {number}'}: {_counted(len(skin['joints']), 'joint')}: {', '.join(skin['joints'])}"
+
+
+def _clip(clip: dict[str, Any]) -> str:
+    span = "unknown duration"
+    if clip["start"] is not None and clip["end"] is not None:
+        span = f"{clip['end'] - clip['start']:.4g} s" + (f" from {clip['start']:.4g} s" if clip["start"] else "")
+    channels = ", ".join(f"{count} {path}" for path, count in clip["channels"].items())
+    return f"{clip['name']}: {span}, {_counted(clip['keys'], 'key')}, {_counted(clip['nodes'], 'node')}: {channels}"
+
+
+def _wrinkles(each: dict[str, Any]) -> list[str]:
+    lines = []
+    for tool in each["tools"]:
+        joints = [" + ".join(tool[key]) for key in ("origin_joints", "target_joints")]
+        lines.append(f"{tool['name']}: {joints[0]} to {joints[1]}, rest length {tool['rest_length']:.4g}")
+        lines.append(f"  {_counted(len(tool['targets']), 'target')}: {', '.join(tool['targets'])}")
+    if each["undriven"]:
+        lines.append(f"without a tool: {', '.join(each['undriven'])}")
+    return lines
+
+
+def _counted(count: int, one: str, many: str = "") -> str:
+    return f"{count:,} {one if count == 1 else many or one + 's'}"
+
+
+def _size(count: float) -> str:
+    """Bytes for people, decimal units."""
+    for unit in ("B", "kB", "MB"):
+        if count < 999.5:
+            return f"{count:.3g} {unit}"
+        count /= 1000
+    return f"{count:,.3g} GB"

@@ -1,0 +1,172 @@
+"""`wrinkle preview`."""
+
+import math
+import re
+from typing import Any
+
+import click
+
+from wrinklecli.cli.common import FILE, FPS, Progress, number, say, warn
+
+_SIDE = (16, 16_383)  # pixels of a picture
+
+
+def _numbers(_context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[float, ...] | None:
+    """Numbers between commas."""
+    if value is None:
+        return None
+    try:
+        found = tuple(float(part) for part in value.split(","))
+    except ValueError:
+        found = (math.nan,)
+    if not all(math.isfinite(each) for each in found):
+        raise click.BadParameter(f"{value!r} is not numbers between commas, such as 0,0.5", param=parameter)
+    return found
+
+
+def _point(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[float, ...] | None:
+    found = _numbers(context, parameter, value)
+    if found is not None and len(found) != 3:
+        raise click.BadParameter(f"{value!r} has {len(found)} numbers, not 3", param=parameter)
+    return found
+
+
+def _views(_context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[str, ...]:
+    if value is None:
+        return ()
+    from wrinklecli.viewpoint import FACING, parse_view
+
+    names = tuple(value.split(","))
+    for name in names:
+        if name != FACING:
+            try:
+                parse_view(name)
+            except ValueError as error:
+                raise click.BadParameter(str(error), param=parameter) from error
+    return names
+
+
+def _size(_context: click.Context, parameter: click.Parameter, value: str) -> tuple[int, int]:
+    found = re.fullmatch(r"(\d{1,6})x(\d{1,6})", value)
+    size = (int(found[1]), int(found[2])) if found else (0, 0)
+    if not all(_SIDE[0] <= side <= _SIDE[1] for side in size):
+        raise click.BadParameter(
+            f"{value!r} is not WIDTHxHEIGHT, such as 800x600, of {_SIDE[0]} to {_SIDE[1]} pixels", param=parameter
+        )
+    return size
+
+
+def _above_0(_context: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
+    if value is not None and not 0 < value < math.inf:
+        raise click.BadParameter(f"{value!r} is not a length above 0", param=parameter)
+    return value
+
+
+@click.command(
+    short_help="Pictures of an asset, baked or not.",
+    epilog="Example: wrinkle preview samples/trousers.glb --tools configs/trousers.yaml --before -o sheet.png",
+)
+@click.argument("assets", type=FILE, metavar="ASSET [ASSET2]", nargs=-1, required=True)
+@click.option(
+    "-o", "--output", type=FILE, metavar="OUT", required=True, help="A .png: a sheet. A .webp or .gif: an animation."
+)
+@click.option("--tools", type=FILE, metavar="TOOLS", help="Apply these tools (YAML) without a bake, and draw them.")
+@click.option("--tool", "only", metavar="NAME", multiple=True, help="Only this tool of TOOLS; may be repeated.")
+@click.option("--before", is_flag=True, help="Show ASSET without the tools beside it.")
+@click.option("--hide-tools", is_flag=True, help="Apply the tools, but do not draw them.")
+@click.option("--heat", is_flag=True, help="Colour the surface by its compression against the stored pose.")
+@click.option("--clip", "clips", metavar="NAME", multiple=True, help="Default: the first clip. May be repeated.")
+@click.option("--rest", is_flag=True, help="The pose as stored, no clip.")
+@click.option(
+    "--times", metavar="S,S…", callback=_numbers, help="Seconds. Default: 5 of a clip; of an animation, all of it."
+)
+@click.option("--frames", type=click.IntRange(1, 10_000), help="How many moments of each clip, evenly spaced.")
+@click.option("--fps", type=FPS, callback=number, help="Moments per second; of an animation 15.")
+@click.option(
+    "--views",
+    metavar="VIEW,VIEW…",
+    callback=_views,
+    help="front, right, back, left, top, bottom, oblique, facing (the wrinkles' side; the default where there are"
+    " any) or AZIMUTH:ELEVATION in degrees: 0:0 is the front, 90:0 the side of +x.",
+)
+@click.option("--focus", metavar="X,Y,Z", callback=_point, help="Look at this point. Default: the wrinkles, or all.")
+@click.option("--radius", type=float, callback=_above_0, metavar="R", help="See so much about it, scene units.")
+@click.option(
+    "--follow",
+    is_flag=True,
+    help="The camera moves with what it looks at; a --focus is then a point of the stored pose.",
+)
+@click.option("--size", metavar="WxH", default="800x600", show_default=True, callback=_size, help="Of each picture.")
+@click.option("--columns", type=click.IntRange(1, 1000), help="Moments in a row of a sheet.")
+@click.option("--labels", metavar="A,B", help="One for each asset, or for before and after.")
+@click.option("--wire", is_flag=True, help="Draw the triangles' edges.")
+@click.option("--clay", is_flag=True, help="Grey, whatever the materials say.")
+@click.option("--backfaces", is_flag=True, help="Paint triangles seen from behind red.")
+@click.option("--allow-external", is_flag=True, help="Read buffers and images outside the asset's folder too.")
+@click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
+def preview(
+    assets: tuple[str, ...],
+    output: str,
+    tools: str | None,
+    only: tuple[str, ...],
+    before: bool,
+    hide_tools: bool,
+    labels: str | None,
+    rest: bool,
+    wire: bool,
+    clay: bool,
+    backfaces: bool,
+    quiet: bool,
+    **options: Any,
+) -> None:
+    """Draw ASSET (glTF), baked or not: a contact sheet over time, or an animation.
+
+    Two assets are shown side by side, at the same moments and from the same places. The camera looks at the wrinkles,
+    where there are any. Tools are drawn as their patch and its segment, from a dot at the origin to a ring at the
+    target. No display is needed, but Pillow and embreex are: pip install 'wrinklecli[preview]'.
+
+    Exit codes: 0 done; 1 the input is at fault, nothing written; 2 wrong usage; 70 a bug.
+    """
+    if not output.lower().endswith((".png", ".webp", ".gif")):
+        raise click.BadParameter(f"{output!r} ends in none of .png, .webp, .gif", param_hint="-o")
+    if len(assets) > 2:
+        raise click.UsageError(f"{len(assets)} assets were given; at most two are shown side by side.")
+    if tools is not None and len(assets) > 1:
+        raise click.UsageError("'--tools' takes one ASSET; '--before' shows it without the tools too.")
+    for given, name in ((only, "--tool"), (before, "--before"), (hide_tools, "--hide-tools")):
+        if given and tools is None:
+            raise click.UsageError(f"'{name}' needs '--tools'.")
+    if rest and (options["clips"] or options["times"] or options["frames"] or options["fps"]):
+        raise click.UsageError("'--rest' is one moment: it goes without '--clip', '--times', '--frames' and '--fps'.")
+    if options["times"] and options["frames"]:
+        raise click.UsageError("'--times' and '--frames' exclude each other.")
+    if options["focus"] is not None and options["radius"] is None:
+        raise click.UsageError("'--focus' needs '--radius'.")
+    names = labels.split(",") if labels else []
+    count = 2 if before else len(assets)
+    if names and len(names) != count:
+        raise click.UsageError(f"'--labels' has {len(names)}, not {count}.")
+
+    from wrinklecli.preview import preview as run
+    from wrinklecli.render import Style
+
+    options["times"] = options["times"] or ()
+    with Progress(quiet=quiet) as progress:
+        made = run(
+            assets,
+            output,
+            tools=tools,
+            only=only,
+            before=before,
+            hide_tools=hide_tools,
+            rest=rest,
+            labels=names,
+            style=Style(wire=wire, clay=clay, backfaces=backfaces),
+            progress=progress.show,
+            **options,
+        )
+    if quiet:
+        return
+    for warning in made.warnings:
+        warn(warning)
+    say(f"{output}: {made.summary}")

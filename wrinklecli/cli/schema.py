@@ -1,0 +1,22 @@
+"""`wrinkle schema`."""
+
+import json
+
+import click
+
+from wrinklecli.cli.common import FILE, write_text
+
+
+@click.command(short_help="JSON Schema of the tools file.", epilog="Example: wrinkle schema -o tools.schema.json")
+@click.option("-o", "--output", type=FILE, metavar="FILE", default="-", help="Write here; - is standard output.")
+def schema(output: str) -> None:
+    """Print the JSON Schema of the tools file, for editors that complete and check YAML.
+
+    Where an editor has a YAML language server, this comment at the top of a tools file makes use of it:
+    `# yaml-language-server: $schema=tools.schema.json`
+
+    Exit codes: 0 done; 1 FILE cannot be written; 2 wrong usage; 70 a bug.
+    """
+    from wrinklecli.config import tools_schema
+
+    write_text(output, json.dumps(tools_schema(), indent=2, ensure_ascii=False) + "\n")

@@ -1,0 +1,146 @@
+"""`wrinkle suggest`."""
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from wrinklecli.cli.common import FILE, FPS, Progress, emit_json, number, say, warn, write_text
+
+if TYPE_CHECKING:
+    from wrinklecli.suggest import Suggestion, Suggestions
+
+
+@click.command(
+    short_help="Find where clips compress an asset, and write tools for it.",
+    epilog="Example: wrinkle suggest samples/trousers.glb -o tools.yaml",
+)
+@click.argument("asset", type=FILE)
+@click.option("-o", "--output", type=FILE, metavar="OUT", help="The YAML file; left out, or '-': standard output.")
+@click.option("--clip", "clips", metavar="NAME", multiple=True, help="Look at this clip only; may be repeated.")
+@click.option(
+    "--count",
+    type=click.IntRange(1, 500),
+    default=8,
+    show_default=True,
+    metavar="N",
+    help="Suggestions at most, best first; a pair that `mirror` makes counts as one.",
+)
+@click.option("--node", metavar="NAME", help="Look at the mesh of this node only.")
+@click.option(
+    "--fps",
+    type=FPS,
+    default=30.0,
+    show_default=True,
+    callback=number,
+    help="Poses per second, but 200 of a clip at most.",
+)
+@click.option("--allow-external", is_flag=True, help="Read buffers outside the asset's folder too.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON to standard output; YAML goes to -o alone.")
+@click.option("-q", "--quiet", is_flag=True, help="Print no table and no notes.")
+def suggest(asset: str, output: str | None, as_json: bool, quiet: bool, **options: Any) -> None:
+    """Find where the clips of ASSET (glTF) compress its surface most, and write a tools file for `wrinkle bake`.
+
+    The file bakes as it is, and is made to be edited. A table of the suggestions goes to standard error. Where there
+    is nothing to suggest, as for a rigid asset, nothing is written and the exit code is 1, so that a pipeline stops.
+
+    --json prints {"suggest": 1, "asset", "reason", "notes", "tools"}; each tool has "name", "node", "origin",
+    "target", "mirror", "width", "strategy", "bumps", "rest_length", "mesh", "driver", "driver_kind", "clip", "time",
+    "span", "shortest", "shortening", "clips" and "score". Within version 1, keys are only added. Lengths are scene
+    units, shortenings parts of the span; "clips" has the least length in each clip, null where the character is hidden;
+    "reason" says why there are no tools, and is null where there are.
+
+    Exit codes: 0 done; 1 the input is at fault, or nothing to suggest; 2 wrong usage; 70 a bug.
+    """
+    if as_json and output == "-":
+        raise click.UsageError("'--json' and '-o -' both want standard output.")
+
+    from wrinklecli.errors import AssetError
+    from wrinklecli.pipeline import refuse_overwriting
+    from wrinklecli.suggest import suggest as run
+
+    to_file = output is not None and output != "-"
+    if output is not None and to_file:
+        refuse_overwriting([asset], [output])
+    with Progress(quiet=quiet) as progress:
+        found = run(asset, progress=progress.show, **options)
+    if output is not None and to_file:
+        refuse_overwriting(found.inputs, [output])
+    if not quiet:
+        for note in found.notes:
+            warn(note)
+    if as_json:
+        emit_json(_json(asset, found))
+    if not found.tools:
+        raise AssetError(f"nothing to suggest: {found.reason}", where=asset)
+    if to_file or not as_json:
+        write_text(output, found.text)
+    if not quiet:
+        _say_table(found.tools)
+
+
+def _json(asset: str, found: "Suggestions") -> dict[str, Any]:
+    return {
+        "suggest": 1,
+        "asset": asset,
+        "reason": found.reason or None,
+        "notes": list(found.notes),
+        "tools": [_json_tool(each) for each in found.tools],
+    }
+
+
+def _json_tool(each: "Suggestion") -> dict[str, Any]:
+    tool = each.tool
+    return {
+        "name": tool.name,
+        "node": tool.node,
+        "origin": tool.origin,
+        "target": tool.target,
+        "mirror": "x" if each.mirrored else "none",
+        "width": tool.width.value,
+        "strategy": tool.strategy,
+        "bumps": tool.bumps,
+        "rest_length": each.rest_length,
+        "mesh": each.mesh,
+        "driver": each.driver,
+        "driver_kind": "morph target" if each.by_morph else "joint",
+        "clip": each.clip,
+        "time": _short(each.time),
+        "span": _short(each.span),
+        "shortest": _short(each.clips[each.clip]),
+        "shortening": _short(each.shortening),
+        "clips": {name: _short(length) if math.isfinite(length) else None for name, length in each.clips.items()},
+        "score": _short(each.score),
+    }
+
+
+def _short(value: float) -> float:
+    """A measured number in as many digits as float32 has."""
+    return float(f"{value:.9g}")
+
+
+def _say_table(tools: "tuple[Suggestion, ...]") -> None:
+    rows = [["tool", "mesh", "by", "clip", "at", "shortens", "from", "to"]]
+    for each in tools:
+        rows.append(
+            [
+                each.tool.name + (" + mirror" if each.mirrored else ""),
+                each.mesh,
+                each.driver,
+                each.clip,
+                f"{each.time:.2f} s",
+                f"{100 * each.shortening:.0f} %",
+                f"{each.span:.3g}",
+                f"{each.clips[each.clip]:.3g}",
+            ]
+        )
+    if len({each.mesh for each in tools}) == 1:
+        rows = [row[:1] + row[2:] for row in rows]
+    texts = len(rows[0]) - 4
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    for place, row in enumerate(rows):
+        cells = [
+            cell.ljust(width) if k < texts else cell.rjust(width)
+            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ]
+        say("  ".join(cells).rstrip(), style={"bold": True} if not place else None)

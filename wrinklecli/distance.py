@@ -1,0 +1,169 @@
+"""How far one surface is from another, whatever their triangles.
+
+Source: closest points as in C. Ericson, Real-Time Collision Detection (2005), §5.1.5. Differs: the nearest of the
+three edges and, where the point lies above the triangle, its plane, which takes degenerate triangles too.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
+
+# Centroids looked at first for each point; twice as many until nothing nearer can be left.
+_FIRST = 8
+# Pairs of a point and a triangle at once: bounds the memory (about 500 bytes each).
+_PAIRS = 2**17
+# Points whose distance is found at once, the farthest first: what they show spares most of the others.
+_BATCH = 1024
+# Size classes of triangles below the largest, each of half the size: the smallest share the last.
+_CLASSES = 20
+
+
+@dataclass(frozen=True, slots=True)
+class Farthest:
+    """The point that is farthest from a surface.
+
+    Attributes:
+        distance: Of it, or the floor where no point is farther.
+        point: Its number; -1 where no point is farther than the floor.
+        hints: (points,) a triangle near each point, for the next call.
+    """
+
+    distance: float
+    point: int
+    hints: Ints
+
+
+def farthest(points: Floats, corners: Floats, *, hints: Ints | None = None, floor: float = 0.0) -> Farthest:
+    """Find the point that is farthest from a surface.
+
+    Args:
+        points: (points, 3), at least one.
+        corners: (triangles, 3, 3), at least one.
+        hints: (points,) a triangle near each point: those of the same surfaces a moment before. The nearer they are,
+            the fewer distances have to be found.
+        floor: Points that are no farther than this are not looked at.
+    """
+    best = _nearest_centroids(points, corners) if hints is None else hints.copy()
+    bounds = triangle_distances(points, corners[best])
+    worst, point = floor, -1
+    order = np.argsort(-bounds, kind="stable")
+    trees: list[_SizeClass] = []
+    for start in range(0, len(order), _BATCH):
+        chosen = order[start : start + _BATCH]
+        chosen = chosen[bounds[chosen] > worst]
+        if not len(chosen):
+            break
+        trees = trees or list(_size_classes(corners))
+        distances, best[chosen] = _nearest(points[chosen], corners, trees, bounds[chosen], best[chosen])
+        top = int(distances.argmax())
+        if distances[top] > worst:
+            worst, point = float(distances[top]), int(chosen[top])
+    return Farthest(worst, point, best)
+
+
+def _nearest_centroids(points: Floats, corners: Floats) -> Ints:
+    # Imported here, as it takes longer than all of numpy, and equal topologies do without.
+    from scipy.spatial import cKDTree
+
+    return np.asarray(cKDTree(corners.mean(axis=1)).query(points)[1], np.intp)
+
+
+@dataclass(frozen=True, slots=True)
+class _SizeClass:
+    """Triangles of like size.
+
+    Attributes:
+        members: (members,) their numbers.
+        tree: A k-d tree of their centroids.
+        radius: No point of a member is farther from its centroid.
+    """
+
+    members: Ints
+    tree: "cKDTree"
+    radius: float
+
+
+def _size_classes(corners: Floats) -> Iterator[_SizeClass]:
+    from scipy.spatial import cKDTree
+
+    centroids = corners.mean(axis=1)
+    radii = np.sqrt(((corners - centroids[:, None]) ** 2).sum(axis=2).max(axis=1))
+    largest = float(radii.max())
+    edges = [np.inf, *(largest * 0.5 ** np.arange(1, _CLASSES)), -1.0] if largest else [np.inf, -1.0]
+    for above, below in pairwise(edges):
+        members = np.flatnonzero((radii <= above) & (radii > below))
+        if len(members):
+            yield _SizeClass(members, cKDTree(centroids[members]), float(radii[members].max()))
+
+
+def _nearest(
+    points: Floats, corners: Floats, classes: list[_SizeClass], bounds: Floats, hints: Ints
+) -> tuple[Floats, Ints]:
+    """Distance of each point from the surface, and the triangle it is from; `bounds` are those of the hints."""
+    best, triangles = bounds.copy(), hints.copy()
+    for each in classes:
+        pending = np.arange(len(points))
+        count = min(_FIRST, len(each.members))
+        while len(pending):
+            step = max(1, _PAIRS // count)
+            open_ = [
+                _look(points, corners, each, best, triangles, pending[start : start + step], count)
+                for start in range(0, len(pending), step)
+            ]
+            if count == len(each.members):
+                break
+            pending = np.concatenate(open_)
+            count = min(2 * count, len(each.members))
+    return best, triangles
+
+
+def _look(
+    points: Floats, corners: Floats, each: _SizeClass, best: Floats, triangles: Ints, chosen: Ints, count: int
+) -> Ints:
+    """Try the nearest members of a class, in place; the points to which another member may still be nearer."""
+    found_away, found_members = each.tree.query(points[chosen], k=count)
+    away = np.asarray(found_away).reshape(len(chosen), count)
+    members = np.asarray(found_members).reshape(len(chosen), count)
+    # A member is no nearer than its centroid less its radius.
+    rows, columns = np.nonzero(away - each.radius < best[chosen][:, None])
+    if len(rows):
+        numbers = each.members[members[rows, columns]]
+        found = triangle_distances(points[chosen[rows]], corners[numbers])
+        order = np.lexsort((numbers, found))
+        _, first = np.unique(rows[order], return_index=True)
+        top = order[first]
+        nearer = found[top] < best[chosen[rows[top]]]
+        top = top[nearer]
+        best[chosen[rows[top]]] = found[top]
+        triangles[chosen[rows[top]]] = numbers[top]
+    return chosen[away[:, -1] - each.radius < best[chosen]]
+
+
+def triangle_distances(points: Floats, corners: Floats) -> Floats:
+    """(pairs,) distances of (pairs, 3) points from (pairs, 3, 3) triangles, a triangle for each point."""
+    squared = np.full(len(points), np.inf)
+    for k in range(3):
+        start, edge = corners[:, k], corners[:, (k + 1) % 3] - corners[:, k]
+        length = np.einsum("ij,ij->i", edge, edge)
+        along = np.einsum("ij,ij->i", points - start, edge) / np.where(length > 0, length, 1.0)
+        away = points - start - np.clip(along, 0.0, 1.0)[:, None] * edge
+        squared = np.minimum(squared, np.einsum("ij,ij->i", away, away))
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    normal, offset = np.cross(first, second), points - corners[:, 0]
+    area = np.einsum("ij,ij->i", normal, normal)
+    safe = np.where(area > 0, area, 1.0)
+    u = np.einsum("ij,ij->i", np.cross(offset, second), normal) / safe
+    v = np.einsum("ij,ij->i", np.cross(first, offset), normal) / safe
+    above = (area > 0) & (u >= 0) & (v >= 0) & (u + v <= 1)
+    height = np.einsum("ij,ij->i", offset, normal) ** 2 / safe
+    return np.sqrt(np.where(above, np.minimum(squared, height), squared))

@@ -1,0 +1,188 @@
+"""Image files: textures read, labelled sheets laid out, pictures and animations written. The one door to Pillow."""
+
+import io
+import math
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+Bytes = NDArray[np.uint8]
+Colour = tuple[float, float, float]
+
+# Of textures, pixels: more than a preview shows. Larger ones are reduced.
+_TEXTURE_SIDE = 1024
+_GUTTER = 4  # pixels between pictures
+_DARK, _PALE = (60, 66, 74), (255, 255, 255)
+_WEBP_QUALITY = 90
+_PALETTE_FRAMES = 8  # of an animation, that its palette is made from
+
+
+@dataclass(frozen=True, slots=True)
+class Legend:
+    """What explains the colours of a sheet: a ramp with numbers, and names of colours.
+
+    Attributes:
+        title: Of the ramp; empty for none.
+        ramp: (colours, 3) sRGB, 0 to 1.
+        ticks: Numbers along the ramp: where, 0 to 1, and what.
+        names: Each with its colour.
+    """
+
+    title: str = ""
+    ramp: NDArray[np.float64] | None = None
+    ticks: tuple[tuple[float, str], ...] = ()
+    names: tuple[tuple[str, Colour], ...] = ()
+
+
+def read_texture(data: bytes | memoryview) -> Bytes:
+    """(height, width, 3) sRGB of a PNG, JPEG or WebP image; large ones reduced.
+
+    Raises:
+        ValueError: It is none of these, or damaged.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", Image.DecompressionBombWarning)
+            with Image.open(io.BytesIO(data), formats=("PNG", "JPEG", "WEBP")) as image:
+                image.draft("RGB", (_TEXTURE_SIDE, _TEXTURE_SIDE))
+                converted = image.convert("RGB")
+        factor = math.ceil(max(converted.size) / _TEXTURE_SIDE)
+        return np.asarray(converted.reduce(factor) if factor > 1 else converted)
+    except (OSError, SyntaxError, EOFError, OverflowError) as error:
+        raise ValueError(f"cannot be read: {error}") from error
+    except (Image.DecompressionBombWarning, Image.DecompressionBombError) as error:
+        # A few bytes that claim to be a huge image could fill memory.
+        raise ValueError(f"is too large: {error}") from error
+
+
+class Sheet:
+    """Pictures of one size in rows and columns, each with a label, and a legend below."""
+
+    def __init__(self, columns: int, rows: int, size: tuple[int, int], legend: Legend) -> None:
+        self._size = size
+        self._legend = legend
+        width, height = sheet_size(columns, rows, size, legend)
+        self.image = Image.new("RGB", (width, height), _PALE)
+        if height > rows * (size[1] + _GUTTER) - _GUTTER:
+            self._draw_legend(height - _legend_height(size))
+
+    def put(self, column: int, row: int, picture: Bytes, label: str) -> None:
+        """Place a picture, its label in the top left corner."""
+        width, height = self._size
+        cell = Image.fromarray(picture)
+        font = _font(self._size)
+        edge = font.size // 2
+        text = _fitting(label, font, width - 4 * edge)
+        if text and font.size + 2 * edge < height:
+            pen = ImageDraw.Draw(cell)
+            left, top, right, bottom = pen.textbbox((edge + 3, edge), text, font=font)
+            pen.rectangle((left - 4, top - 3, right + 4, bottom + 3), fill=_PALE)
+            pen.text((edge + 3, edge), text, fill=_DARK, font=font)
+        self.image.paste(cell, (column * (width + _GUTTER), row * (height + _GUTTER)))
+
+    def _draw_legend(self, top: int) -> None:
+        font, pen = _font(self._size), ImageDraw.Draw(self.image)
+        step = int(font.size)
+        left, line = step // 2 + 3, top + step // 2
+        if self._legend.ramp is not None:
+            pen.text((left, line), self._legend.title, fill=_DARK, font=font)
+            left += int(pen.textlength(self._legend.title, font=font)) + step
+            width = min(16 * step, self.image.width - left - 2 * step)
+            if width > 4 * step:
+                for x in range(width):
+                    colour = self._legend.ramp[x * len(self._legend.ramp) // width]
+                    pen.line((left + x, line + 1, left + x, line + step), fill=_code(colour))
+                for place, text in self._legend.ticks:
+                    x = left + round(place * width)
+                    pen.line((x, line + step, x, line + step + 3), fill=_DARK)
+                    pen.text((x, line + step + 4), text, fill=_DARK, font=font, anchor="ma")
+                left += width + 2 * step
+        for name, colour in self._legend.names:
+            text = _fitting(name, font, 16 * step)
+            room = 2 * step + int(pen.textlength(text, font=font))
+            if left + room > self.image.width:
+                break
+            pen.rectangle((left, line + 2, left + step - 2, line + step), fill=_code(colour))
+            pen.text((left + step + 3, line), text, fill=_DARK, font=font)
+            left += room + step // 2
+
+
+def sheet_size(columns: int, rows: int, size: tuple[int, int], legend: Legend) -> tuple[int, int]:
+    """Width and height of a whole sheet, pixels."""
+    wanted = legend.ramp is not None or legend.names
+    width, height = columns * (size[0] + _GUTTER) - _GUTTER, rows * (size[1] + _GUTTER) - _GUTTER
+    return width, height + (_legend_height(size) if wanted else 0)
+
+
+def _legend_height(size: tuple[int, int]) -> int:
+    return 3 * _font_size(size)
+
+
+def _font_size(size: tuple[int, int]) -> int:
+    return max(12, size[1] // 36)
+
+
+def _font(size: tuple[int, int]) -> Any:
+    return ImageFont.load_default(float(_font_size(size)))
+
+
+def _fitting(text: str, font: Any, width: float) -> str:
+    """A line of text, cut where it is wider than there is room."""
+    text = "".join(c if c.isprintable() else "?" for c in text[:200])
+    if font.getlength(text) <= width:
+        return text
+    while text and font.getlength(text + "…") > width:
+        text = text[:-1]
+    return text + "…" if text else ""
+
+
+def _code(colour: Any) -> tuple[int, int, int]:
+    red, green, blue = (round(255 * float(c)) for c in colour)
+    return red, green, blue
+
+
+def encode_picture(image: Image.Image) -> bytes:
+    """A PNG."""
+    file = io.BytesIO()
+    image.save(file, "PNG")
+    return file.getvalue()
+
+
+def encode_animation(images: Sequence[Image.Image], kind: str, *, seconds: float) -> bytes:
+    """An endless animation.
+
+    Args:
+        images: Of one size.
+        kind: webp or gif.
+        seconds: From one image to the next.
+    """
+    file = io.BytesIO()
+    # Of hundredths of a second for GIF; each image ends at the nearest one, so that rounding does not add up.
+    unit = 10 if kind == "gif" else 1
+    ends = [round(1000 * seconds * number / unit) * unit for number in range(len(images) + 1)]
+    durations = [max(stop - start, unit) for start, stop in pairwise(ends)]
+    if kind == "webp":
+        first, *others = images
+        options: dict[str, Any] = {"quality": _WEBP_QUALITY, "method": 4}
+    else:
+        palette = _palette(images)
+        first, *others = [each.quantize(palette=palette, dither=Image.Dither.NONE) for each in images]
+        options = {"optimize": False}
+    first.save(file, kind, save_all=True, append_images=others, duration=durations, loop=0, **options)
+    return file.getvalue()
+
+
+def _palette(images: Sequence[Image.Image]) -> Image.Image:
+    """One palette for all images, so that colours do not flicker."""
+    chosen = images[:: math.ceil(len(images) / _PALETTE_FRAMES)]
+    width, height = chosen[0].size
+    together = Image.new("RGB", (width, height * len(chosen)))
+    for number, each in enumerate(chosen):
+        together.paste(each, (0, number * height))
+    return together.quantize(256, Image.Quantize.MEDIANCUT)

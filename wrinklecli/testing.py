@@ -1,0 +1,143 @@
+"""A pytest plugin for golden tests: `wrinkle_golden` compares a file with one that was kept.
+
+Installing wrinklecli registers it; until a test asks for it, it imports nothing but pytest.
+
+    def test_knee(wrinkle_golden, tmp_path):
+        wrinklecli.bake("character.glb", "tools.yaml", tmp_path / "knee.glb")
+        wrinkle_golden(tmp_path / "knee.glb", "goldens/knee.glb")
+
+Where they differ the test fails, and the file that was obtained stays beside the golden as `knee.obtained.glb`.
+`pytest --wrinkle-update` makes it the golden, and still fails the test: a golden is never accepted unseen.
+"""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from wrinklecli.config import Length
+    from wrinklecli.document import Document
+
+# Lines of each kind of difference in a failed test's message.
+_LINES = 10
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add `--wrinkle-update`."""
+    group = parser.getgroup("wrinkle", "golden tests of glTF files (wrinklecli)")
+    group.addoption(
+        "--wrinkle-update",
+        action="store_true",
+        help="Replace goldens by what was obtained where they differ; such tests still fail.",
+    )
+
+
+@pytest.fixture
+def wrinkle_golden(request: pytest.FixtureRequest) -> "WrinkleGolden":
+    """Compare a glTF file with a golden: `wrinkle_golden(obtained, "goldens/knee.glb", tolerance="0.01%")`."""
+    return WrinkleGolden(request.path.parent, update=bool(request.config.getoption("--wrinkle-update")))
+
+
+class WrinkleGolden:
+    """Compares files with goldens.
+
+    Args:
+        folder: What a golden's path is relative to: the test file's folder.
+        update: Replace goldens that differ.
+    """
+
+    def __init__(self, folder: Path, *, update: bool = False) -> None:
+        self._folder = folder
+        self._update = update
+
+    def __call__(
+        self,
+        obtained: str | os.PathLike[str],
+        golden: str | os.PathLike[str],
+        *,
+        tolerance: float | str | None = None,
+        posed: bool = False,
+        clips: Sequence[str] = (),
+        fps: float | None = None,
+        allow_external: bool = False,
+    ) -> None:
+        """Fail the test where a file differs from its golden.
+
+        Args:
+            obtained: The .glb or .gltf to test.
+            golden: The .glb to compare with, relative to the test file's folder.
+            tolerance: Scene units, or such as `"0.01%"` of the asset's size; that of `wrinkle diff` where left out.
+            posed: Compare only what a viewer sees move.
+            clips: Names of the clips to compare; all where left out.
+            fps: Frames per second of the times to compare at, besides all keys.
+            allow_external: Read buffers and images outside the file's folder too.
+
+        Raises:
+            ValueError: The golden is no .glb, or the tolerance is no length.
+        """
+        from wrinklecli.compare import DEFAULT_FPS, DEFAULT_TOLERANCE, compare
+        from wrinklecli.document import read_document
+        from wrinklecli.errors import WrinkleError
+
+        kept = self._folder / golden
+        if kept.suffix.lower() != ".glb":
+            raise ValueError(f"a golden is one file, a .glb, not {os.fspath(golden)!r}")
+        limit = DEFAULT_TOLERANCE if tolerance is None else _length(tolerance)
+        beside = kept.with_name(f"{kept.stem}.obtained{kept.suffix}")
+        try:
+            document = read_document(obtained, allow_external=allow_external)
+            if kept.exists():
+                comparison = compare(
+                    kept,
+                    obtained,
+                    tolerance=limit,
+                    posed=posed,
+                    clips=clips,
+                    fps=DEFAULT_FPS if fps is None else fps,
+                    allow_external=allow_external,
+                )
+                if comparison.same:
+                    beside.unlink(missing_ok=True)
+                    return
+                lines = [f"{os.fspath(obtained)} (B) differs from {kept} (A):", *comparison.lines(_LINES)]
+            else:
+                lines = [f"there is no golden {kept}"]
+            kept.parent.mkdir(parents=True, exist_ok=True)
+            _keep(document, kept if self._update else beside)
+        except WrinkleError as error:
+            pytest.fail(str(error), pytrace=False)
+        if self._update:
+            beside.unlink(missing_ok=True)
+            lines.append("the golden has been replaced; look at it, and run the test again without --wrinkle-update")
+        else:
+            lines.append(f"what was obtained is {beside}; pytest --wrinkle-update makes it the golden")
+        pytest.fail("\n".join(lines), pytrace=False)
+
+
+def _keep(document: "Document", path: Path) -> None:
+    """Write a document as one file: the same bytes where it is one, else with all its parts embedded."""
+    from wrinklecli.document import GLB_MAGIC, read_file
+    from wrinklecli.draft import Draft, replace_bytes
+
+    data = read_file(document.path)
+    apart = len(document.files) > 1 or any("uri" in image for image in document.items("images"))
+    if apart or bytes(data[:4]) != GLB_MAGIC:
+        Draft(document).write(path)
+    else:
+        replace_bytes(os.fspath(path), data)
+
+
+def _length(tolerance: float | str) -> "Length":
+    from wrinklecli.config import Length
+
+    percent = isinstance(tolerance, str) and tolerance.endswith("%")
+    try:
+        value = float(tolerance.removesuffix("%") if isinstance(tolerance, str) else tolerance)
+    except ValueError:
+        value = -1.0
+    if not 0 < value < float("inf"):
+        raise ValueError(f"the tolerance {tolerance!r} is neither a length above 0 nor a percentage such as '0.01%'")
+    return Length(value, percent=percent)
