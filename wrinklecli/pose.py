@@ -405,11 +405,15 @@ def sample(channel: Channel, times: Floats) -> Floats:
     """
     keys, values = channel.times, channel.values
     points = values[:, 1] if channel.interpolation == "CUBICSPLINE" else values
-    if channel.path == "rotation" and (channel.interpolation != "CUBICSPLINE" or len(keys) == 1):
-        points = _normalised(points)
+    turning = channel.path == "rotation"
     if len(keys) == 1:
-        return np.tile(points, (len(times), 1))
+        return np.tile(_normalised(points) if turning else points, (len(times), 1))
     before = np.clip(np.searchsorted(keys, times, side="right") - 1, 0, len(keys) - 2)
+    # Of a long clip, at a few times, only the keys around them.
+    part = slice(int(before.min(initial=len(keys) - 2)), int(before.max(initial=0)) + 2)
+    keys, values, points, before = keys[part], values[part], points[part], before - part.start
+    if turning and channel.interpolation != "CUBICSPLINE":
+        points = _normalised(points)
     spans = np.diff(keys)
     t = np.clip((times - keys[before]) / spans[before], 0.0, 1.0)
     if channel.interpolation == "STEP":
@@ -422,8 +426,8 @@ def sample(channel: Channel, times: Floats) -> Floats:
         cubes = 2 * points[:-1] - 2 * points[1:] + leaving + arriving
         t = t[:, None]
         blended = ((cubes[before] * t + squares[before]) * t + leaving[before]) * t + points[before]
-        return _normalised(blended) if channel.path == "rotation" else blended
-    if channel.path == "rotation":
+        return _normalised(blended) if turning else blended
+    if turning:
         return _slerp(points, before, t)
     t = t[:, None]
     return points[before] + np.diff(points, axis=0)[before] * t

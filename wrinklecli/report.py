@@ -110,7 +110,8 @@ def make_report(
         )
         warnings += mesh_warnings(plan, settings, [motion.clip for motion in each.motions], mode)
         for motion in each.motions:
-            entry = clips.setdefault(motion.clip.name, describe_clip(motion.clip, motion.times))
+            times = motion.times if details else motion.times[:0]
+            entry = clips.setdefault(motion.clip.name, describe_clip(motion.clip, times))
             entry["keys"] = entry.get("keys", 0) + len(motion.keys)
             if motion.clip.name in each.residuals:
                 entry["residual"] = describe_residual(each.residuals[motion.clip.name])
