@@ -20,6 +20,7 @@ from clients import compare_with_three, optimize, pose, pose_each, validate
 from wrinklecli.config import Length, load_tools
 from wrinklecli.deform import displacements
 from wrinklecli.document import read_document
+from wrinklecli.encode import parts_of, shared_vertices
 from wrinklecli.plan import Plan, plan_mesh
 from wrinklecli.pose import blend, joint_matrices, morph_weights, read_clips, transform
 from wrinklecli.tracks import clip_grid
@@ -140,18 +141,16 @@ def planned(found: Case) -> Plan:
 def method(plan: Plan, asset: Path, clip: int, times: Floats) -> Floats:
     """(times, glTF vertices, 3) what the method itself makes of a clip: no pruning, no targets, no tracks."""
     rig, fine = plan.rig, plan.fine
-    (found,) = (each for each in read_clips(read_document(asset)) if each.index == clip)
+    document = read_document(asset)
+    (found,) = (each for each in read_clips(document) if each.index == clip)
     bind = fine.positions + np.tensordot(morph_weights(rig, found, times), fine.morph_deltas, axes=1)
     for carrier in plan.carriers:
         bind[:, carrier.vertices] += displacements(carrier, fine, rig, plan.rest, found, times)
     weights = fine.dense_weights(np.arange(len(fine.positions)), len(rig.joints))
     moved = transform(blend(weights, joint_matrices(rig, found, times)), bind)
-    starts, old = fine.surface.vertex_starts, len(fine.surface.weld)
-    order: list[int] = []
-    for primitive in range(len(starts) - 1):
-        order += range(starts[primitive], starts[primitive + 1])
-        order += (old + np.flatnonzero(fine.primitives == primitive)).tolist()
-    return moved[:, fine.weld[order]]
+    # Primitives that share their vertices share the new ones too.
+    parts = parts_of(fine, shared_vertices(document, rig.mesh, fine))
+    return moved[:, np.concatenate([part.weld for part in parts])]
 
 
 def clip_times(file: Gltf, node: int, clip: int) -> Floats:
