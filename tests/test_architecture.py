@@ -39,6 +39,7 @@ ORDER = (
     "frames",
     "proof",
     "report",
+    "timings",
     "pipeline",
     "check",
     "plot",

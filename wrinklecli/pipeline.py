@@ -22,6 +22,7 @@ from wrinklecli.pose import Clip, morph_target_names, read_clips
 from wrinklecli.proof import Residual, prove
 from wrinklecli.report import Baked, Report, make_report
 from wrinklecli.restore import original
+from wrinklecli.timings import StageClock, make_timings
 
 DEFAULT_MAX_ERROR = Length(1.0, percent=True)
 
@@ -97,7 +98,7 @@ def bake(
         progress: Called with a stage's name, steps done and steps in all.
 
     Returns:
-        What was made and how exact it is.
+        What was made, how exact it is, and what it took.
 
     Raises:
         ConfigError: The tools file is at fault.
@@ -106,6 +107,7 @@ def bake(
         RefusedError: The error exceeds `max_error`, a limit of the engine cannot be held, or `strict` and there
             are warnings. Nothing is written.
     """
+    clock = StageClock()
     with ExitStack() as stack:
         stack.enter_context(faults_reported(os.fspath(asset)))
         # With several BLAS threads sums change their last bits, and so would the file.
@@ -121,6 +123,7 @@ def bake(
             replace=replace,
         )
         refuse_overwriting(job.inputs, [out] if out is not None else [])
+        clock.ends("read")
         document, settings, warnings = job.document, job.settings, list(job.warnings)
         draft = Draft(document)
         fps_wanted = settings.sampling.fps
@@ -128,7 +131,9 @@ def bake(
         frames: list[Frames] = []
         budgets: list[Json] = []
         influences = BUDGETS[engine].influences if engine is not None else None
-        for plan in plan_meshes(job, max_error, influences=influences):
+        plans = plan_meshes(job, max_error, influences=influences)
+        clock.ends("plan")
+        for plan in plans:
             motions: list[Motion] = []
             bases: list[Basis] = []
             residuals: dict[str, Residual] = {}
@@ -137,15 +142,20 @@ def bake(
                 if not motions:
                     raise BakeError("has no clip: there is no frame to write", where=document.path)
                 frames.append(Frames(plan.rig, plan.fine, targets_of(bases), tuple(motions)))
+                clock.ends("sample")
             if mode == "morph" and out is not None:
                 bases, motions = sample_clips(plan, job.clips, fps=fps_wanted, mode="morph", progress=progress)
+                clock.ends("sample")
                 if engine is not None:
                     bases, motions, budget = fit_budget(document, plan, bases, motions, job.every_clip, engine)
                     budgets.append(budget)
+                    clock.ends("budget")
                 tracked = motions if tracks == "all" else ()
                 encode_morphs(draft, plan, bases, tracked, sparse=accessors == "sparse", tangents=morph_tangents)
+                clock.ends("encode")
                 if tracks == "all":
                     residuals = prove(draft, plan, bases, motions, details=details, progress=progress)
+                    clock.ends("prove")
             baked.append(Baked(plan, bases, motions, residuals))
         report = make_report(document, settings, mode, baked, warnings, details=details)
         if engine is not None:
@@ -153,15 +163,22 @@ def bake(
         report.inputs = [*job.inputs, *(draft.image_files(out) if out is not None else [])]
         if strict and report.warnings:
             raise RefusedError.of_all(RefusedError(line) for line in report.warnings)
+        clock.ends("report")
         put_files = None
         if frames_dir is not None:
             put_files = stack.enter_context(exported_frames(document, frames, frames_dir, frames_format, progress))
+            clock.ends("export")
         if out is not None and mode == "frames":
             encode_frames(draft, frames, progress)
+            clock.ends("encode")
         if put_files is not None:
             put_files()  # taken back where OUT fails
+            clock.ends("export")
         if out is not None:
             report.bytes_written = draft.write(out)
+            clock.ends("write")
+        written = report.bytes_written if out is not None else None
+        report.timings = make_timings(clock, document, baked, fps=fps_wanted, bytes_written=written)
         return report
 
 

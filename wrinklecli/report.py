@@ -38,12 +38,14 @@ class Report:
         warnings: A line each; with `--strict` any of them refuses the result.
         inputs: Every file that was read.
         bytes_written: Size of OUT with the files beside it.
+        timings: For `--timings`: JSON values only.
     """
 
     data: Json
     warnings: list[str] = field(default_factory=list)
     inputs: list[str] = field(default_factory=list)
     bytes_written: int = 0
+    timings: Json = field(default_factory=dict)
 
     @property
     def summary(self) -> str:

@@ -81,6 +81,7 @@ def pose(skin: Skin, matrices: Floats, weights: Floats, offsets: Floats | None =
     normals = None if skin.turns is None else np.zeros_like(positions)
     factors = np.concatenate([np.ones((len(matrices), 1)), weights], axis=1)
     rows = np.ascontiguousarray(matrices[:, :, :3].transpose(2, 3, 0, 1))
+    mirroring = bool((np.linalg.det(matrices[:, :, :3, :3]) < 0).any()) if normals is not None else False
     for block in (slice(k, k + _CHUNK) for k in range(0, positions.shape[2], _CHUNK)):
         shares = skin.weights[:, block]
         vertex_count = shares.shape[1]
@@ -96,28 +97,30 @@ def pose(skin: Skin, matrices: Floats, weights: Floats, offsets: Floats | None =
                 into[:] = _dot(row[:3], bind)
                 into += row[3]
             if normals is not None and skin.turns is not None:
-                turned = _turned(blended[:, :3], factors[now] @ skin.turns[:, :, block])
+                turned = _turned(blended[:, :3], factors[now] @ skin.turns[:, :, block], mirroring=mirroring)
                 lengths = np.sqrt(_dot(turned, turned))
                 lengths[lengths == 0] = 1.0
+                # A division takes as long as several products.
+                np.reciprocal(lengths, out=lengths)
                 for row, into in zip(turned, normals[now, :, block].transpose(1, 0, 2), strict=True):
-                    np.divide(row, lengths, out=into)
+                    np.multiply(row, lengths, out=into)
     return positions, normals
 
 
-def _turned(matrices: Floats, normals: Floats) -> Floats:
+def _turned(matrices: Floats, normals: Floats, *, mirroring: bool) -> Floats:
     """(3, …) of (3, 3, …) matrices and (3, …) normals: the inverse transposes' products, but for their lengths.
 
-    A cofactor matrix is the inverse transpose times the determinant, of which only the sign counts.
+    A cofactor matrix is the inverse transpose times the determinant, of which only the sign counts: that of a joint
+    which mirrors.
     """
     turned = np.zeros_like(normals)
+    signs = None
     for k in range(3):
         cofactors = _cross(matrices[(k + 1) % 3], matrices[(k + 2) % 3])
-        if k == 0:
+        if k == 0 and mirroring:
             signs = np.sign(_dot(matrices[0], cofactors))
         turned[k] = _dot(cofactors, normals)
-    if (signs < 0).any():
-        turned *= signs
-    return turned
+    return turned if signs is None else turned * signs
 
 
 def _cross(a: Floats, b: Floats) -> list[Floats]:

@@ -4,8 +4,10 @@
     python tests/benchmarks/run.py --only frames --only help  some
     python tests/benchmarks/run.py --release 0.2.0          also as a row of results.csv
     python tests/benchmarks/run.py --assets DIR             with hand.glb and simple_skin.gltf from there
+    python tests/benchmarks/run.py --markdown               the table as Markdown, on stdout
 
 The rows that Blender is measured in need `bpy` in an environment of its own, which tests/benchmarks/blender.sh makes.
+There Blender does what blender_keyshapes.py says, with as many threads as it likes.
 Medians of several runs, alternating with what they are compared with, one thread.
 
 The paper's figures: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004, on a 1.7 GHz PC.
@@ -13,6 +15,8 @@ The paper's figures: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, C
 
 import argparse
 import csv
+import importlib.util
+import json
 import os
 import platform
 import statistics
@@ -24,6 +28,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+_unlimited = dict(os.environ)
 for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[_threads] = "1"
 
@@ -41,6 +46,7 @@ from wrinklecli.document import read_document  # noqa: E402
 from wrinklecli.plan import Plan, plan_mesh  # noqa: E402
 from wrinklecli.pose import Clip, joint_matrices, morph_weights, read_clips  # noqa: E402
 from wrinklecli.skin import pose, prepare  # noqa: E402
+from wrinklecli.surface import read_triangles  # noqa: E402
 
 Floats = NDArray[np.float64]
 
@@ -57,15 +63,17 @@ class Row:
 
     Attributes:
         name: What was measured, without spaces: a column of results.csv.
-        text: The same for people, with what it is compared with.
-        ratio: Measured over compared.
+        what: The same for people.
+        over: What it is compared with.
+        ratio: The one over the other.
         reach: The ratio to reach, and
         least: whether it is the least; else the most.
         shown: What was measured, with its unit.
     """
 
     name: str
-    text: str
+    what: str
+    over: str
     ratio: float
     reach: float
     least: bool
@@ -75,6 +83,31 @@ class Row:
     def held(self) -> bool:
         """Whether the ratio was reached."""
         return self.ratio >= self.reach if self.least else self.ratio <= self.reach
+
+    @property
+    def wanted(self) -> str:
+        """The ratio to reach, for people."""
+        return f"{'≥' if self.least else '≤'} {self.reach:g}"
+
+    def __str__(self) -> str:
+        """A line."""
+        verdict = "ok " if self.held else "NOT"
+        return f"{verdict} {self.what}, over {self.over}: {self.ratio:.3g} ({self.wanted}), {self.shown}"
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where things are.
+
+    Attributes:
+        folder: For what is made.
+        assets: Assets that the project does not have.
+        blender: A Python that can import bpy, if there is one.
+    """
+
+    folder: Path
+    assets: Path
+    blender: str | None
 
 
 def timed(*jobs: Callable[[], object], repeats: int = REPEATS) -> list[float]:
@@ -88,11 +121,14 @@ def timed(*jobs: Callable[[], object], repeats: int = REPEATS) -> list[float]:
     return [statistics.median(each) for each in seconds]
 
 
-def run(*command: str | Path, code: str = "") -> tuple[float, float]:
-    """Seconds, and greatest memory in MB, of a process."""
-    arguments = [sys.executable, *(("-c", code) if code else ()), *map(str, command)]
+def run(*command: str | Path, code: str = "", blender: str | None = None) -> tuple[float, float]:
+    """Seconds, and greatest memory in MB, of a process of this Python, or of Blender's with all its threads."""
+    arguments = [blender or sys.executable, *(("-c", code) if code else ()), *map(str, command)]
+    environment = _unlimited if blender else None
     start = time.perf_counter()
-    process = subprocess.Popen(arguments, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    process = subprocess.Popen(
+        arguments, cwd=ROOT, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
     _, status, usage = os.wait4(process.pid, 0)
     process.returncode = status
     assert status == 0, f"{' '.join(arguments)} failed"
@@ -118,7 +154,7 @@ def planned(sample: str, levels: int) -> tuple[Plan, Clip]:
     return plan_mesh(document, node, tools, settings, clips, Length(1.0, percent=True)), clips[0]
 
 
-def frames(_: Path, __: Path) -> Iterator[Row]:
+def frames(_: Places) -> Iterator[Row]:
     """Posed and wrinkled positions and normals of all members, in process."""
     for workload in WORKLOADS:
         yield from finished(*workload)
@@ -161,14 +197,13 @@ def finished(sample: str, levels: int, paper: float) -> Iterator[Row]:
     whole, finishing, least = timed(
         lambda: pose(skin, joint_matrices(rig, clip, times), heights()), lambda: pose(skin, known, played), floor
     )
-    label = f"finished frames, {sample}, {levels} levels, {len(members)} members"
+    label = f"{sample}, max_levels {levels}, {len(members)} members"
     rate = CHUNK / whole
-    yield Row(
-        f"frames_{sample}_{levels}", f"{label}: over the paper's {paper:g}", rate / paper, 100, True, f"{rate:,.0f}/s"
-    )
+    what, over = f"finished frames a second, {label}", f"the paper's {paper:g}"
+    yield Row(f"frames_{sample}_{levels}", what, over, rate / paper, 100, True, f"{rate:,.0f}/s")
+    what, over = f"time to pose and wrinkle, {label}", "skinning positions alone"
     each = f"{1e9 * finishing / CHUNK / len(members):.0f} ns per vertex"
-    text = f"{label}: time over skinning positions alone"
-    yield Row(f"floor_{sample}_{levels}", text, finishing / least, 3, False, each)
+    yield Row(f"floor_{sample}_{levels}", what, over, finishing / least, 3, False, each)
 
 
 def spread(vertices: NDArray[np.intp], values: Floats, members: NDArray[np.intp]) -> Floats:
@@ -178,12 +213,12 @@ def spread(vertices: NDArray[np.intp], values: Floats, members: NDArray[np.intp]
     return dense[members]
 
 
-def rates(folder: Path, _: Path) -> Iterator[Row]:
+def rates(places: Places) -> Iterator[Row]:
     """What a longer clip costs more."""
     for sample, levels, paper in WORKLOADS:
-        rate = 20_000 / longer_costs(folder, sample, levels)
-        text = f"frames of a longer clip that a bake takes, {sample}, {levels} levels: over the paper's {paper:g}"
-        yield Row(f"bake_{sample}_{levels}", text, rate / paper, 500, True, f"{rate:,.0f} frames/s")
+        rate = 20_000 / longer_costs(places.folder, sample, levels)
+        what = f"frames of a longer clip that a bake takes a second, {sample}, max_levels {levels}"
+        yield Row(f"bake_{sample}_{levels}", what, f"the paper's {paper:g}", rate / paper, 500, True, f"{rate:,.0f}/s")
 
 
 def longer_costs(folder: Path, sample: str, levels: int) -> float:
@@ -199,8 +234,9 @@ def longer_costs(folder: Path, sample: str, levels: int) -> float:
     return extended - brief
 
 
-def growth(folder: Path, _: Path) -> Iterator[Row]:
+def growth(places: Places) -> Iterator[Row]:
     """Bytes, memory and time of long clips."""
+    folder = places.folder
     tools, asset = ROOT / "configs" / "trousers.yaml", ROOT / "samples" / "trousers.glb"
     clips = {count: longer(asset, folder / f"trousers_{count}.glb", count / FPS) for count in (100, 1000, 10_000)}
     for mode, reach in (("morph", 1.5), ("frames", 2.5)):
@@ -209,20 +245,25 @@ def growth(folder: Path, _: Path) -> Iterator[Row]:
             runs = [bake(clips[count], tools, folder / f"{mode}_{count}.glb", "--mode", mode) for _ in range(3)]
             peaks[count] = statistics.median(peak for _, peak in runs)
             seconds[count] = statistics.median(each for each, _ in runs)
-        text = f"peak memory, trousers, --mode {mode}: 10,000 frames over 100"
-        yield Row(f"memory_{mode}", text, peaks[10_000] / peaks[100], reach, False, f"{peaks[10_000]:.0f} MB")
+        what = f"peak memory, trousers, --mode {mode}, 10,000 frames"
+        yield Row(
+            f"memory_{mode}", what, "100 frames", peaks[10_000] / peaks[100], reach, False, f"{peaks[10_000]:.0f} MB"
+        )
         per_frame = seconds[10_000] / 10_000 / (seconds[100] / 100)
-        text = f"time per frame, trousers, --mode {mode}: 10,000 frames over 100"
-        yield Row(f"pace_{mode}", text, per_frame, 1.0, False, f"{1e3 * seconds[10_000] / 10_000:.2f} ms")
+        what, shown = (
+            f"time per frame, trousers, --mode {mode}, 10,000 frames",
+            f"{1e3 * seconds[10_000] / 10_000:.2f} ms",
+        )
+        yield Row(f"pace_{mode}", what, "100 frames", per_frame, 1.0, False, shown)
     grown, tracks = [], []
     for count in (1000, 10_000):
         out = folder / f"growth_{count}.glb"
         bake(clips[count], tools, out)
         grown.append(out.stat().st_size - clips[count].stat().st_size)
         tracks.append(track_bytes(out))
-    text = "bytes that ten times the frames add, trousers: over those of the weight tracks"
+    what, over = "bytes that ten times the frames add, trousers", "those that they add to the weight tracks"
     ratio = (grown[1] - grown[0]) / (tracks[1] - tracks[0])
-    yield Row("bytes", text, ratio, 1.001, False, f"{(grown[1] - grown[0]) / 1e3:,.0f} kB")
+    yield Row("bytes", what, over, ratio, 1.001, False, f"{(grown[1] - grown[0]) / 1e3:,.0f} kB")
 
 
 def track_bytes(path: Path) -> int:
@@ -237,19 +278,14 @@ def track_bytes(path: Path) -> int:
     return total
 
 
-def density(folder: Path, assets: Path) -> Iterator[Row]:
+def density(places: Places) -> Iterator[Row]:
     """A bake of a mesh that is sixteen times as fine outside the patch."""
-    asset = assets / "hand.glb"
-    if not asset.is_file():
-        print(f"no {asset.name} in --assets: its rows are left out", file=sys.stderr)
+    folder, asset = places.folder, places.assets / "hand.glb"
+    if not found(asset):
         return
     centre = np.array([-0.473, 0.2465, 0.1938])
     dense = finer(asset, folder / "dense.glb", keep=(centre, 0.06), rounds=2)
-    tools = folder / "hand.yaml"
-    tools.write_text(
-        "version: 1\ntools:\n  - {name: wrist, origin: [-0.4622, 0.2576, 0.1750], target: [-0.4838, 0.2355, 0.2126],"
-        " width: 0.05, bumps: 4}\n"
-    )
+    tools = written(folder / "hand.yaml", HAND)
     copy = (
         "import sys; from wrinklecli.document import read_document; from wrinklecli.draft import Draft\n"
         "Draft(read_document(sys.argv[1])).write(sys.argv[2])"
@@ -257,39 +293,112 @@ def density(folder: Path, assets: Path) -> Iterator[Row]:
     fine, copied = timed(
         lambda: bake(dense, tools, folder / "out.glb"), lambda: run(dense, folder / "copy.glb", code=copy), repeats=7
     )
-    text = "baking hand.glb with 16 times the triangles outside the patch: over reading and writing it"
-    yield Row("density", text, fine / copied, 1.5, False, f"{fine:.2f} s")
+    what, over = "baking hand.glb with 16 times the triangles outside the patch", "reading and writing it"
+    yield Row("density", what, over, fine / copied, 1.5, False, f"{fine:.2f} s")
 
 
-def start(folder: Path, assets: Path) -> Iterator[Row]:
-    """Short commands, over a Python that imports numpy."""
-    help_time, importing = timed(lambda: run("--help", code=WRINKLE), lambda: run(code="import numpy"), repeats=11)
-    yield Row(
-        "help", "wrinkle --help: over python importing numpy", help_time / importing, 1.0, False, f"{help_time:.2f} s"
-    )
-    asset = assets / "simple_skin.gltf"
+HAND = "{name: wrist, origin: [-0.4622, 0.2576, 0.1750], target: [-0.4838, 0.2355, 0.2126], width: 0.05, bumps: 4}"
+# The knees of configs/trousers.yaml, of the one wave that both programs make.
+KNEES = (
+    "{name: knee.L, origin: [0.104, 0.635, -0.0906], target: [0.104, 0.365, -0.0844], mirror: x, width: 0.24, bumps: 6}"
+)
+
+
+def found(asset: Path) -> bool:
+    """Whether an asset is there; else says that its rows are left out."""
     if not asset.is_file():
-        print(f"no {asset.name} in --assets: its row is left out", file=sys.stderr)
+        print(f"no {asset.name} in --assets: its rows are left out", file=sys.stderr)
+    return asset.is_file()
+
+
+def written(path: Path, tool: str) -> Path:
+    """Write a file of one tool."""
+    path.write_text(f"version: 1\ntools:\n  - {tool}\n", encoding="utf-8")
+    return path
+
+
+def start(places: Places) -> Iterator[Row]:
+    """Short commands, over a Python that imports numpy."""
+    folder, asset = places.folder, places.assets / "simple_skin.gltf"
+    over = "python importing numpy"
+    short, importing = timed(lambda: run("--help", code=WRINKLE), lambda: run(code="import numpy"), repeats=11)
+    yield Row("help", "wrinkle --help", over, short / importing, 1.0, False, f"{short:.2f} s")
+    if not found(asset):
         return
-    tools = folder / "bend.yaml"
-    tools.write_text(
-        "version: 1\ntools:\n  - {name: bend, origin: [-0.4, 0.6, 0.0], target: [-0.4, 1.4, 0.0], width: 0.8,"
-        " bumps: 2}\n"
-    )
+    bend = "{name: bend, origin: [-0.4, 0.6, 0.0], target: [-0.4, 1.4, 0.0], width: 0.8, bumps: 2}"
+    tools = written(folder / "bend.yaml", bend)
     baking, importing = timed(
         lambda: bake(asset, tools, folder / "out.glb"), lambda: run(code="import numpy"), repeats=11
     )
-    yield Row(
-        "simple_skin",
-        "baking simple_skin.gltf: over python importing numpy",
-        baking / importing,
-        4.0,
-        False,
-        f"{baking:.2f} s",
-    )
+    yield Row("simple_skin", "baking simple_skin.gltf", over, baking / importing, 4.0, False, f"{baking:.2f} s")
 
 
-SECTIONS = {each.__name__: each for each in (frames, rates, growth, density, start)}
+def blender(places: Places) -> Iterator[Row]:
+    """A shape key for each frame, made by Blender."""
+    if places.blender is None:
+        print("no bpy (tests/benchmarks/blender.sh installs it): Blender's rows are left out", file=sys.stderr)
+        return
+    hand = places.assets / "hand.glb"
+    if found(hand):
+        yield from shape_keys(places, "hand", hand, HAND, "bend", (6, 100))
+    # 61 frames of it. The waist stands for the rest of a character, which no tool touches.
+    squat = longer(ROOT / "samples" / "trousers.glb", places.folder / "squat.glb", 60 / FPS)
+    knees = finer(squat, places.folder / "character.glb", keep=(np.array([0.0, 0.5, 0.0]), 0.3847), rounds=2)
+    yield from shape_keys(places, "character", knees, KNEES, "squat", (45, 500))
+
+
+def shape_keys(
+    places: Places, name: str, asset: Path, tool: str, clip: str, reaches: tuple[float, float]
+) -> Iterator[Row]:
+    """Time and bytes of Blender over those of a bake, with the patch or the whole mesh subdivided in Blender."""
+    tools, segments = written(places.folder / f"{name}.yaml", tool), places.folder / f"{name}.json"
+    baked, keyed = places.folder / f"{name}_baked.glb", places.folder / f"{name}_keyed.glb"
+    each = [(list(a.origin), list(a.target), a.width.value, a.bumps) for a in load_tools(tools).tools]
+    segments.write_text(json.dumps([dict(zip(("origin", "target", "width", "bumps"), a, strict=True)) for a in each]))
+    script = [HERE / "blender_keyshapes.py", asset, segments, keyed, "--clip", clip, "--fps", str(FPS)]
+    label = f"{name}, {triangles(asset):,} triangles, 61 frames"
+    for suffix, share, options in (("", "the patches", []), ("_whole", "the whole mesh", ["--whole"])):
+        theirs, ours = timed(
+            lambda options=options: run(*script, *options, blender=places.blender),
+            lambda: bake(asset, tools, baked, "--clip", clip, "--max-levels", "1"),
+            repeats=5,
+        )
+        assert_one_key_a_frame(keyed, clip, 61)
+        what = f"in Blender a shape key for each frame, {share} subdivided once: {label}"
+        shown = f"{theirs:.2f} s over {ours:.2f} s"
+        yield Row(f"blender_{name}_time{suffix}", f"time of {what}", "baking", theirs / ours, reaches[0], True, shown)
+        more, less = (path.stat().st_size - asset.stat().st_size for path in (keyed, baked))
+        shown = f"{more / 1e3:,.0f} kB over {less / 1e3:,.1f} kB"
+        yield Row(
+            f"blender_{name}_bytes{suffix}", f"bytes added by {what}", "baking", more / less, reaches[1], True, shown
+        )
+
+
+def triangles(asset: Path) -> int:
+    """Of an asset's first mesh."""
+    document = read_document(asset)
+    total = 0
+    for number, primitive in enumerate(document.items("meshes")[0]["primitives"]):
+        count = len(document.accessor(primitive["attributes"]["POSITION"]))
+        total += len(read_triangles(document, primitive, count, document.where("meshes", 0, "primitives", number)))
+    return total
+
+
+def assert_one_key_a_frame(path: Path, clip: str, count: int) -> None:
+    """What Blender wrote can be read, and has a morph target for each frame, fully on in it and off in all others."""
+    document = read_document(path)
+    (mesh,) = document.items("meshes")
+    for primitive in mesh["primitives"]:
+        for index in {index for target in primitive["targets"] for index in target.values()}:
+            assert np.isfinite(document.accessor(index)).all(), path
+        assert len(primitive["targets"]) == count, path
+    (animation,) = (each for each in document.items("animations") if each["name"] == clip)
+    (channel,) = (each for each in animation["channels"] if each["target"]["path"] == "weights")
+    weights = document.accessor(animation["samplers"][channel["sampler"]]["output"])
+    assert np.array_equal(weights.reshape(-1, count), np.eye(count)), path
+
+
+SECTIONS = {each.__name__: each for each in (frames, rates, growth, density, start, blender)}
 
 
 def main() -> int:
@@ -298,20 +407,42 @@ def main() -> int:
     parser.add_argument("--only", action="append", choices=SECTIONS, help="may be repeated")
     parser.add_argument("--release", help="append a row of this name to results.csv")
     parser.add_argument("--assets", type=Path, default=ROOT.parent / "shared" / "assets")
+    parser.add_argument("--bpy", type=Path, default=ROOT / ".bpy", help="what blender.sh made")
+    parser.add_argument("--markdown", action="store_true", help="the table on stdout; its rows meanwhile on stderr")
     options = parser.parse_args()
+    load, cores = os.getloadavg()[0], os.cpu_count() or 1
+    print(f"load average {load:.2f}, {cores} cores", file=sys.stderr)
+    if load > 0.5 * cores:
+        print("warning: others are at work on this machine, which disturbs the ratios", file=sys.stderr)
     rows = []
     with tempfile.TemporaryDirectory() as folder:
+        places = Places(Path(folder), options.assets, with_bpy(options.bpy))
         for name in options.only or SECTIONS:
-            for row in SECTIONS[name](Path(folder), options.assets):
+            for row in SECTIONS[name](places):
                 rows.append(row)
-                sign = "≥" if row.least else "≤"
-                print(
-                    f"{'ok ' if row.held else 'NOT'} {row.text}: {row.ratio:.3g} ({sign} {row.reach:g}), {row.shown}",
-                    flush=True,
-                )
+                print(row, file=sys.stderr if options.markdown else sys.stdout, flush=True)
+    if options.markdown:
+        print(markdown(rows))
     if options.release:
         record(options.release, rows)
     return 0 if all(row.held for row in rows) else 1
+
+
+def with_bpy(folder: Path) -> str | None:
+    """A Python that can import bpy: that of an environment, else this one."""
+    own = folder.resolve() / "bin" / "python"
+    if own.is_file():
+        return str(own)
+    return sys.executable if importlib.util.find_spec("bpy") else None
+
+
+def markdown(rows: list[Row]) -> str:
+    """A table of rows."""
+    lines = ["| | over | ratio | to reach | measured |", "|---|---|---|---|---|"]
+    for row in rows:
+        ratio = f"{row.ratio:.3g}" if row.held else f"**{row.ratio:.3g}**, missed"
+        lines.append(f"| {row.what} | {row.over} | {ratio} | {row.wanted} | {row.shown} |")
+    return "\n".join(lines)
 
 
 def record(release: str, rows: list[Row]) -> None:

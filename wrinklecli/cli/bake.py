@@ -72,6 +72,9 @@ from wrinklecli.cli.common import FILE, FPS, Progress, length, number, say, warn
     help="Of the files in DIR.",
 )
 @click.option("--report", type=FILE, metavar="FILE.json", help="Write what was made and how exact it is.")
+@click.option(
+    "--timings", type=FILE, metavar="FILE.json", help="Write what it took: seconds by stage, frames per second, memory."
+)
 @click.option("--depfile", type=FILE, metavar="FILE.d", help="Write the files that OUT depends on, for Make and Ninja.")
 @click.option("--allow-external", is_flag=True, help="Read buffers and images outside the asset's folder too.")
 @click.option(
@@ -85,14 +88,31 @@ def bake(
     tools: str,
     output: str | None,
     report: str | None,
+    timings: str | None,
     depfile: str | None,
     quiet: bool,
     verbose: bool,
     **options: Any,
 ) -> None:
-    """Bake the wrinkling tools of TOOLS (YAML) into the animations of ASSET (glTF).
+    r"""Bake the wrinkling tools of TOOLS (YAML) into the animations of ASSET (glTF).
 
     OUT is replaced only by a complete file.
+
+    \b
+    --timings writes an object; within a version, keys are only added:
+      timings            1, the version
+      seconds            by stage: read, plan (attach and refine), sample,
+                         budget (--engine), encode, prove, report,
+                         export (--frames-dir), write
+      total_seconds      their sum; starting Python comes on top
+      clips, frames      that were baked, at sampling.fps
+      frames_per_second  frames over total_seconds
+      members            vertices that tools move
+      targets            morph targets made
+      bytes_added        OUT with its files over ASSET with its buffers,
+                         or null
+      peak_memory_bytes  of the process, or null where the system
+                         does not say
 
     Exit codes: 0 done; 1 the input is at fault, nothing written; 2 wrong usage; 3 refused (--max-error,
     --engine, --strict), nothing written; 70 a bug.
@@ -111,7 +131,7 @@ def bake(
     from wrinklecli.errors import BakeError
     from wrinklecli.pipeline import refuse_overwriting
 
-    extra = [path for path in (report, depfile) if path is not None]
+    extra = [path for path in (report, timings, depfile) if path is not None]
     refuse_overwriting([asset, tools, *([output] if output else [])], extra)
     for path in extra:
         # Found out afterwards, OUT would be new already.
@@ -121,6 +141,8 @@ def bake(
         made = run(asset, tools, output, details=report is not None, progress=progress.show, **options)
     if report is not None:
         replace_bytes(report, json.dumps(made.data, indent=1, allow_nan=False).encode() + b"\n")
+    if timings is not None:
+        replace_bytes(timings, json.dumps(made.timings, indent=1, allow_nan=False).encode() + b"\n")
     if depfile is not None and output is not None:
         replace_bytes(depfile, dependencies(output, made.inputs).encode())
     if quiet:
