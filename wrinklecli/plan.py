@@ -2,8 +2,8 @@
 
 `plan_mesh` depends on mesh and tools only; `sample_clips` adds time.
 
-Tried: threads, two on two cores, CPython 3.11. Bytes were the same. Best of five bakes of ten clips of 4 or of 100 s each
-(samples/trousers.glb, head.glb, wrist.glb), as times the speed of one thread:
+Tried: threads, two on two cores, CPython 3.11. Bytes were the same. Best of five bakes of ten clips of 4 or of 100 s
+each (samples/trousers.glb, head.glb, wrist.glb), as times the speed of one thread:
 
     sampling, clip by clip                    0.86 to 0.94
     proof, clip by clip                       0.83 to 0.97
