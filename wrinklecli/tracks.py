@@ -4,8 +4,9 @@ Source: glTF 2.0 §3.11 and appendix C. A weights channel drives all targets of 
 channel is widened: it keeps its own keys and interpolation where that loses nothing.
 
 Tried, in processor seconds that 24,000 frames more of samples/wrist.glb (two tools) cost a bake: joints posed for
-every point looked into, one matrix after another, keys found one after another: 10.2. Distances as quartics of few poses (`smooth`), points shared by bisection and thinning, keys found in lanes side by
-side, bumps from tables (`curve.Table`) and tools posed together: 0.5.
+every point looked into, one matrix after another, keys found one after another: 10.2. Distances as quartics of few
+poses (`smooth`), points shared by bisection and thinning, keys found in lanes side by side, bumps from tables
+(`curve.Table`) and tools posed together: 0.5.
 """
 
 from collections.abc import Callable
