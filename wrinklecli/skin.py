@@ -81,7 +81,8 @@ def pose(skin: Skin, matrices: Floats, weights: Floats, offsets: Floats | None =
     normals = None if skin.turns is None else np.zeros_like(positions)
     factors = np.concatenate([np.ones((len(matrices), 1)), weights], axis=1)
     rows = np.ascontiguousarray(matrices[:, :, :3].transpose(2, 3, 0, 1))
-    mirroring = bool((np.linalg.det(matrices[:, :, :3, :3]) < 0).any()) if normals is not None else False
+    a, b, c = rows[:, :3]
+    mirroring = bool((_dot(a, _cross(b, c)) < 0).any())
     for block in (slice(k, k + _CHUNK) for k in range(0, positions.shape[2], _CHUNK)):
         shares = skin.weights[:, block]
         vertex_count = shares.shape[1]
