@@ -291,7 +291,7 @@ def test_an_output_that_cannot_be_written(wrinkle: Wrinkle, tmp_path: Path) -> N
 
 @pytest.mark.usefixtures("old")
 def test_a_report_that_cannot_be_written_leaves_the_old_output(wrinkle: Wrinkle, tmp_path: Path) -> None:
-    for option in ("--report", "--depfile"):
+    for option in ("--report", "--timings", "--depfile"):
         ran = wrinkle("bake", WRIST, "tools.yaml", "-o", "out.glb", option, "absent/file")
         assert_at_fault(ran, tmp_path, "absent/file: cannot be written")
 
@@ -309,7 +309,7 @@ def test_an_output_that_is_an_input(wrinkle: Wrinkle, tmp_path: Path) -> None:
         ran = wrinkle("bake", "asset.glb", "tools.yaml", "-o", out)
         assert (ran.code, ran.out, len(ran.lines)) == (1, "", 1), out
         assert "is an input too" in ran.lines[0]
-    for option in ("--report", "--depfile"):
+    for option in ("--report", "--timings", "--depfile"):
         for name in ("tools.yaml", "link.glb"):
             ran = wrinkle("bake", "asset.glb", "tools.yaml", "-o", "out.glb", option, name)
             assert (ran.code, len(ran.lines)) == (1, 1), (option, name)
