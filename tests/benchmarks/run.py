@@ -121,25 +121,43 @@ def timed(*jobs: Callable[[], object], repeats: int = REPEATS) -> list[float]:
     return [statistics.median(each) for each in seconds]
 
 
-def run(*command: str | Path, code: str = "", blender: str | None = None) -> tuple[float, float]:
-    """Seconds, and greatest memory in MB, of a process of this Python, or of Blender's with all its threads."""
+def run(*command: str | Path, code: str = "", blender: str | None = None) -> float:
+    """Seconds of a process of this Python, or of Blender's with all its threads."""
     arguments = [blender or sys.executable, *(("-c", code) if code else ()), *map(str, command)]
-    environment = _unlimited if blender else None
     start = time.perf_counter()
-    process = subprocess.Popen(
-        arguments, cwd=ROOT, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    subprocess.run(
+        arguments,
+        cwd=ROOT,
+        env=_unlimited if blender else None,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        check=True,
     )
-    _, status, usage = os.wait4(process.pid, 0)
-    process.returncode = status
-    assert status == 0, f"{' '.join(arguments)} failed"
-    return time.perf_counter() - start, usage.ru_maxrss / 1024
+    return time.perf_counter() - start
+
+
+# A process counts what its parent held when it began, so the parent must be small: not this one, but one between.
+WATCH = """
+import resource, subprocess, sys, time
+start = time.perf_counter()
+subprocess.run(sys.argv[1:], check=True)
+print(time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
+"""
+
+
+def watched(*command: str | Path, code: str) -> tuple[float, float]:
+    """Seconds, and greatest memory in MB (Linux counts in KB), of a process of this Python that prints nothing."""
+    arguments = [sys.executable, "-S", "-c", WATCH, sys.executable, "-c", code, *map(str, command)]
+    done = subprocess.run(arguments, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, check=True)
+    seconds, peak = done.stdout.split()
+    return float(seconds), float(peak) / 1024
 
 
 WRINKLE = "from wrinklecli.cli import main; main()"
 
 
-def bake(asset: Path, tools: Path, out: Path, *options: str) -> tuple[float, float]:
-    """Seconds and MB of a bake, as a process."""
+def bake(asset: Path, tools: Path, out: Path, *options: str) -> float:
+    """Seconds of a bake, as a process."""
     return run("bake", asset, tools, "-o", out, "-q", *options, code=WRINKLE)
 
 
@@ -242,7 +260,8 @@ def growth(places: Places) -> Iterator[Row]:
     for mode, reach in (("morph", 1.5), ("frames", 2.5)):
         peaks, seconds = {}, {}
         for count in (100, 10_000):
-            runs = [bake(clips[count], tools, folder / f"{mode}_{count}.glb", "--mode", mode) for _ in range(3)]
+            command = ("bake", clips[count], tools, "-o", folder / f"{mode}_{count}.glb", "-q", "--mode", mode)
+            runs = [watched(*command, code=WRINKLE) for _ in range(3)]
             peaks[count] = statistics.median(peak for _, peak in runs)
             seconds[count] = statistics.median(each for each, _ in runs)
         what = f"peak memory, trousers, --mode {mode}, 10,000 frames"
@@ -397,7 +416,7 @@ def played(path: Path, clip: str) -> tuple[list[Floats], Floats]:
 
 
 def assert_alike(keyed: Path, baked: Path, clip: str, count: int) -> None:
-    """Blender's file has a target for each frame, on in it and off in all others, and wrinkles as tall as the bake's."""
+    """Blender's file has a target for each frame, on in it and off elsewhere, and wrinkles as tall as the bake's."""
     targets, weights = played(keyed, clip)
     assert np.array_equal(weights, np.eye(count)), f"{keyed}: not one shape key a frame"
     theirs, ours = tallest(targets, weights), tallest(*played(baked, clip))
