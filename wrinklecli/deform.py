@@ -33,6 +33,7 @@ from wrinklecli.patch import (
 )
 from wrinklecli.pose import Clip, Rig, joint_matrices, morph_weights
 from wrinklecli.refine import Refinement
+from wrinklecli.skin import cross
 from wrinklecli.surface import vertex_normals
 
 if TYPE_CHECKING:
@@ -490,7 +491,7 @@ def _posed_at_once(
     a, b, c = (posed[:, ring.triangles[:, k]] for k in range(3))
     # A mirrored pose turns the winding inside out.
     outward = np.sign(np.median(determinants(blended[:, :3].transpose(2, 3, 0, 1)), axis=0))
-    normals = outward * _units(np.stack([ring.sums @ each for each in _cross(b - a, c - a)]))
+    normals = outward * _units(np.stack([np.asarray(ring.sums @ each) for each in cross(b - a, c - a)]))
     ends = [
         (
             np.einsum("c,xcf->xf", anchor.barycentrics, posed[:, at]),
@@ -511,7 +512,7 @@ def _posed_at_once(
     normals = normals[:, ring.members]
     relative = posed[:, ring.members] - ends[0][0][:, None]
     u = np.sum(relative * along[:, None], axis=0) / span
-    v = np.sum(relative * _cross(along, facing)[:, None], axis=0) / patch.half_width
+    v = np.sum(relative * np.stack(cross(along, facing))[:, None], axis=0) / patch.half_width
     factors = patch.factors(u, v, np.sum(normals * facing[:, None], axis=0)) * carrier.free[:, None] * apart
     lengths = factors * patch.curve.rises(np.clip(u, 0.0, 1.0), amplitudes)
     members, frames = np.nonzero(lengths)
@@ -520,12 +521,6 @@ def _posed_at_once(
     moved = np.zeros((len(times), len(carrier.vertices), 3))
     moved[frames, members] = np.einsum("vij,vj->vi", inverses(linear), pushed)
     return moved
-
-
-def _cross(first: Floats, second: Floats) -> Floats:
-    """(3, …) cross products of (3, …)."""
-    (a, b, c), (d, e, f) = first, second
-    return np.stack([b * f - c * e, c * d - a * f, a * e - b * d])
 
 
 def _units(vectors: Floats) -> Floats:

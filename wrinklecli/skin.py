@@ -82,7 +82,7 @@ def pose(skin: Skin, matrices: Floats, weights: Floats, offsets: Floats | None =
     factors = np.concatenate([np.ones((len(matrices), 1)), weights], axis=1)
     rows = np.ascontiguousarray(matrices[:, :, :3].transpose(2, 3, 0, 1))
     a, b, c = rows[:, :3]
-    mirroring = bool((_dot(a, _cross(b, c)) < 0).any())
+    mirroring = bool((_dot(a, cross(b, c)) < 0).any())
     for block in (slice(k, k + _CHUNK) for k in range(0, positions.shape[2], _CHUNK)):
         shares = skin.weights[:, block]
         vertex_count = shares.shape[1]
@@ -117,14 +117,14 @@ def _turned(matrices: Floats, normals: Floats, *, mirroring: bool) -> Floats:
     turned = np.zeros_like(normals)
     signs = None
     for k in range(3):
-        cofactors = _cross(matrices[(k + 1) % 3], matrices[(k + 2) % 3])
+        cofactors = cross(matrices[(k + 1) % 3], matrices[(k + 2) % 3])
         if k == 0 and mirroring:
             signs = np.sign(_dot(matrices[0], cofactors))
         turned[k] = _dot(cofactors, normals)
     return turned if signs is None else turned * signs
 
 
-def _cross(a: Floats, b: Floats) -> list[Floats]:
+def cross(a: Floats, b: Floats) -> list[Floats]:
     """Three (…) coordinates of the cross product of (3, …) vectors."""
     products = []
     for k in range(3):

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from wrinklecli.cli.common import FILE, FPS, Progress, length, number, say, warn
+from wrinklecli.cli.common import FILE, Progress, fps_option, length, say, warn
 
 
 @click.command(
@@ -27,12 +27,7 @@ from wrinklecli.cli.common import FILE, FPS, Progress, length, number, say, warn
 )
 @click.option("--clip", "clips", metavar="NAME", multiple=True, help="Bake only this clip; may be repeated.")
 @click.option("--tool", "only", metavar="NAME", multiple=True, help="Bake only this tool; may be repeated.")
-@click.option(
-    "--fps",
-    type=FPS,
-    callback=number,
-    help="Frames per second; overrides sampling.fps (30).",
-)
+@fps_option("Frames per second; overrides sampling.fps (30).")
 @click.option(
     "--max-error",
     metavar="LENGTH",

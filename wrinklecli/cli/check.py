@@ -4,7 +4,7 @@ from typing import Any
 
 import click
 
-from wrinklecli.cli.common import FILE, FPS, Progress, emit, emit_json, number
+from wrinklecli.cli.common import FILE, Progress, emit, emit_json, fps_option
 
 
 @click.command(
@@ -15,7 +15,7 @@ from wrinklecli.cli.common import FILE, FPS, Progress, emit, emit_json, number
 @click.argument("tools", type=FILE)
 @click.option("--clip", "clips", metavar="NAME", multiple=True, help="Look at this clip only; may be repeated.")
 @click.option("--tool", "only", metavar="NAME", multiple=True, help="Look at this tool only; may be repeated.")
-@click.option("--fps", type=FPS, callback=number, help="Frames per second; overrides sampling.fps (30).")
+@fps_option("Frames per second; overrides sampling.fps (30).")
 @click.option("--max-levels", type=click.IntRange(0, 8), help="Overrides refinement.max_levels; 0 does not refine.")
 @click.option("--allow-external", is_flag=True, help="Read buffers and images outside the asset's folder too.")
 @click.option("--plot", type=FILE, metavar="FILE.png|svg", help="Draw control curves, and heights over each clip.")

@@ -4,9 +4,12 @@ import json
 import math
 import os
 import sys
-from typing import IO, Any
+from collections.abc import Callable
+from typing import IO, Any, TypeVar
 
 import click
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
 def printable(line: str) -> str:
@@ -49,7 +52,7 @@ def _colours(stream: IO[str]) -> bool | None:
     return False if os.environ.get("NO_COLOR") else None if stream.isatty() else False
 
 
-def number(_context: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
+def _number(_context: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
     """A number: `nan` is in no range and outside none."""
     if value is not None and math.isnan(value):
         raise click.BadParameter("'nan' is not a number", param=parameter)
@@ -72,7 +75,18 @@ def length(_context: click.Context, parameter: click.Parameter, value: str | Non
     return Length(found, percent=percent)
 
 
-FPS = click.FloatRange(0.1, 1000)
+def fps_option(text: str, *, default: float | None = None) -> Callable[[_Function], _Function]:
+    """The option `--fps`, with a help text."""
+    return click.option(
+        "--fps",
+        type=click.FloatRange(0.1, 1000),
+        default=default,
+        show_default=default is not None,
+        callback=_number,
+        help=text,
+    )
+
+
 # A file by name, which shells complete; whether it is there is for the core to say.
 FILE = click.Path(readable=False)
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from wrinklecli.cli.common import FILE, FPS, Progress, emit, emit_json, length, number
+from wrinklecli.cli.common import FILE, Progress, emit, emit_json, fps_option, length
 
 if TYPE_CHECKING:
     from wrinklecli.compare import Comparison
@@ -32,14 +32,7 @@ _LINES = 10
 )
 @click.option("--posed", is_flag=True, help="Compare only what a viewer sees move: posed positions over time.")
 @click.option("--clip", "clips", metavar="NAME", multiple=True, help="Compare only this clip; may be repeated.")
-@click.option(
-    "--fps",
-    type=FPS,
-    default=30.0,
-    show_default=True,
-    callback=number,
-    help="Frames per second of the times to compare at, besides all keys.",
-)
+@fps_option("Frames per second of the times to compare at, besides all keys.", default=30.0)
 @click.option("--allow-external", is_flag=True, help="Read buffers and images outside the assets' folders too.")
 @click.option("--json", "as_json", is_flag=True, help="Print the comparison as JSON.")
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors: the exit code says it.")

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from wrinklecli.cli.common import FILE, FPS, Progress, number, say, warn
+from wrinklecli.cli.common import FILE, Progress, fps_option, say, warn
 
 _SIDE = (16, 16_383)  # pixels of a picture
 
@@ -81,7 +81,7 @@ def _above_0(_context: click.Context, parameter: click.Parameter, value: float |
     "--times", metavar="S,S…", callback=_numbers, help="Seconds. Default: 5 of a clip; of an animation, all of it."
 )
 @click.option("--frames", type=click.IntRange(1, 10_000), help="How many moments of each clip, evenly spaced.")
-@click.option("--fps", type=FPS, callback=number, help="Moments per second; of an animation 15.")
+@fps_option("Moments per second; of an animation 15.")
 @click.option(
     "--views",
     metavar="VIEW,VIEW…",

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from wrinklecli.cli.common import FILE, FPS, Progress, emit_json, number, say, warn, write_text
+from wrinklecli.cli.common import FILE, Progress, emit_json, fps_option, say, warn, write_text
 
 if TYPE_CHECKING:
     from wrinklecli.suggest import Suggestion, Suggestions
@@ -27,14 +27,7 @@ if TYPE_CHECKING:
     help="Suggestions at most, best first; a pair that `mirror` makes counts as one.",
 )
 @click.option("--node", metavar="NAME", help="Look at the mesh of this node only.")
-@click.option(
-    "--fps",
-    type=FPS,
-    default=30.0,
-    show_default=True,
-    callback=number,
-    help="Poses per second, but 200 of a clip at most.",
-)
+@fps_option("Poses per second, but 200 of a clip at most.", default=30.0)
 @click.option("--allow-external", is_flag=True, help="Read buffers outside the asset's folder too.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON to standard output; YAML goes to -o alone.")
 @click.option("-q", "--quiet", is_flag=True, help="Print no table and no notes.")

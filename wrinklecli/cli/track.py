@@ -4,7 +4,7 @@ from typing import Any
 
 import click
 
-from wrinklecli.cli.common import FILE, FPS, number, say, warn
+from wrinklecli.cli.common import FILE, fps_option, say, warn
 
 # Per cent: 1/256, the error of the table of weights in the node's extras.
 _LEAST_ERROR = 0.390625
@@ -31,14 +31,7 @@ def _share(_context: click.Context, parameter: click.Parameter, value: str) -> f
 @click.option(
     "-o", "--output", "folder", type=FILE, metavar="DIR", required=True, help="Where to write, under the same names."
 )
-@click.option(
-    "--fps",
-    type=FPS,
-    default=30.0,
-    show_default=True,
-    callback=number,
-    help="Frames per second of the grid of sample times.",
-)
+@fps_option("Frames per second of the grid of sample times.", default=30.0)
 @click.option(
     "--max-error",
     metavar="PERCENT",
