@@ -1,5 +1,6 @@
 """What a bake costs as clips get longer and meshes larger, counted in work and bytes instead of seconds."""
 
+import json
 import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
@@ -198,6 +199,24 @@ def test_the_proof_poses_as_much_of_any_clip_and_of_any_mesh(baker: Baker, monke
     assert vertices < len(file.attribute("limb", "POSITION"))
     for other in others:
         assert other == (pytest.approx(frames, abs=12), vertices)
+
+
+def test_a_take_of_several_names_is_looked_into_once(baker: Baker, monkeypatch: pytest.MonkeyPatch) -> None:
+    sampled = counting(monkeypatch, plan, "key_times", lambda clip, *_, **__: clip.name)
+    proven = counting(monkeypatch, proof, "compare", lambda _proof, motion, *_, **__: motion.clip.name)
+    asset = folding(3)
+    (fold,) = asset.gltf["animations"]
+    asset.gltf["animations"] += [{**fold, "name": "Armature|fold"}, {**fold, "name": "weak"}]
+    tools = json.loads(baker.tools.read_text())
+    tools["tools"][0]["clips"] = {"weak": 0.5}
+    baker.tools.write_text(json.dumps(tools))
+    file, _ = baker.bake(asset)
+    assert sampled == proven == ["fold", "weak"]
+    times = np.linspace(0, 3 * PERIOD, 100)
+    full, same, weak = (file.weights("limb", name, times) for name in ("fold", "Armature|fold", "weak"))
+    assert np.array_equal(full, same)
+    assert full.max() > 0.5
+    assert np.abs(weak - full / 2).max() < 0.006
 
 
 def test_finer_levels_hold_the_patch_alone(baker: Baker, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -272,6 +272,7 @@ def sample_clips(
     tolerance = _SAMPLING_SHARE * bound
     ends = np.ceil(np.cumsum([1.0 + (clip.end - clip.start) * fps for clip in chosen])).astype(int).tolist()
     times, keys = [], []
+    found: dict[tuple[bytes, str], tuple[Floats, Ints]] = {}
     for clip, end in zip(chosen, ends, strict=True):
         if mode == "frames":
             times.append(clip_grid(clip, None, fps=fps))
@@ -282,9 +283,12 @@ def sample_clips(
                 progress("sampling", end - math.ceil((clip.end - breaks[0]) * fps), ends[-1])
                 return _signals(plan, clip, breaks, tolerance)
 
-            found = key_times(clip, rig, signal_on, fps=fps, tolerance=tolerance, thinning=_KEYS_SHARE * bound)
-            times.append(found[0])
-            keys.append(found[1])
+            key = take_of(plan, clip)
+            if key not in found:
+                thinning = _KEYS_SHARE * bound
+                found[key] = key_times(clip, rig, signal_on, fps=fps, tolerance=tolerance, thinning=thinning)
+            times.append(found[key][0])
+            keys.append(found[key][1])
         progress("sampling", end, ends[-1])
     bases: list[Basis] = []
     for carrier in plan.carriers:
@@ -299,6 +303,12 @@ def sample_clips(
         columns = [basis.written(basis.weights[index]) for basis in bases]
         motions.append(Motion(clip, at, np.concatenate(columns, axis=1), kept))
     return bases, motions
+
+
+def take_of(plan: Plan, clip: Clip) -> tuple[bytes, str]:
+    """The same of clips that move the mesh and its wrinkles alike: converters write one take under two names."""
+    named = any(clip.name in (*each.patch.tool.clips, *each.patch.keyed_clips) for each in plan.carriers)
+    return clip.motion(), clip.name if named else ""
 
 
 def moving_clips(plan: Plan, clips: Sequence[Clip]) -> list[Clip]:

@@ -12,7 +12,7 @@ from wrinklecli.draft import Draft
 from wrinklecli.encode import Part, parts_of, shared_vertices
 from wrinklecli.errors import RefusedError
 from wrinklecli.patch import Rest
-from wrinklecli.plan import Basis, Motion, Plan, Progress, targets_of
+from wrinklecli.plan import Basis, Motion, Plan, Progress, take_of, targets_of
 from wrinklecli.pose import Clip, Rig, joint_matrices, morph_weights, read_clips, read_rig
 from wrinklecli.refine import Refinement
 from wrinklecli.skin import pose, prepare
@@ -86,9 +86,14 @@ def prove(
     carriers = [basis.carrier for basis in bases]
     parts = parts_of(plan.fine, shared_vertices(draft.source, plan.rig.mesh, plan.fine))
     proof = read_back(draft.document(), plan.rig.node, plan.fine, carriers, parts)
-    residuals = {}
+    written = {clip.index: clip for clip in proof.clips}
+    residuals: dict[str, Residual] = {}
+    known: dict[tuple[bytes, tuple[bytes, str]], Residual] = {}
     for number, motion in enumerate(motions):
-        residual = compare(proof, motion, plan.fine, bases, plan.rig, plan.rest, with_normals=details)
+        key = written[motion.clip.index].motion(), take_of(plan, motion.clip)
+        if key not in known:
+            known[key] = compare(proof, motion, plan.fine, bases, plan.rig, plan.rest, with_normals=details)
+        residual = known[key]
         worst = max(residual.position, residual.weights)
         if worst > plan.max_error:
             share = 100 * worst / plan.tallest
