@@ -28,6 +28,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+# Where it is set, what is installed in place is compiled at every start, unlike the packages that it is compared with.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 _unlimited = dict(os.environ)
 for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[_threads] = "1"
