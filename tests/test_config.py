@@ -6,6 +6,7 @@ import subprocess
 import sys
 from dataclasses import FrozenInstanceError, fields
 from pathlib import Path
+from typing import get_args
 
 import pytest
 import yaml
@@ -14,8 +15,6 @@ from hypothesis import strategies as st
 
 from wrinklecli import config, yamltree
 from wrinklecli.config import (
-    DefaultsModel,
-    FileModel,
     Length,
     Marker,
     RefinementSettings,
@@ -26,12 +25,15 @@ from wrinklecli.config import (
     ToolModel,
     ToolsFile,
     WrinkleTool,
+    file_model,
     load_tools,
     parse_tools,
     tools_schema,
 )
 from wrinklecli.errors import ConfigError
 
+FileModel = file_model()
+DefaultsModel = get_args(FileModel.model_fields["defaults"].annotation)[0]
 README = (Path(__file__).parent.parent / "configs" / "README.md").read_text(encoding="utf-8")
 # Lines 1 to 5 of a file with one tool; more keys of the tool follow from line 6 on.
 HEAD = """version: 1

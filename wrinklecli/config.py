@@ -435,21 +435,12 @@ class ToolModel(BaseModel):
 
 
 _OWN_KEYS = ("name", "origin", "target")
-_shared_keys: dict[str, Any] = {
-    key: (hint, ToolModel.model_fields[key].default)
-    for key, hint in get_type_hints(ToolModel, include_extras=True).items()
-    if key in ToolModel.model_fields and key not in _OWN_KEYS
-}
-DefaultsModel = create_model(
-    "DefaultsModel",
-    __config__=ConfigDict(extra="forbid", validate_assignment=True, title="Defaults"),
-    __doc__="What every tool inherits where it does not say otherwise.",
-    **_shared_keys,
-)
+# Keys of the file that are models themselves, and whether they must be there.
+_PARTS = {"defaults": False, "tools": True}
 
 
-class FileModel(BaseModel):
-    """The whole file."""
+class HeaderModel(BaseModel):
+    """The file but for its tools and their defaults."""
 
     model_config = ConfigDict(extra="forbid", validate_assignment=True, title="wrinkle tools")
 
@@ -474,22 +465,37 @@ class FileModel(BaseModel):
     refinement: Annotated[RefinementSettings, Field(description="Subdivision under the wrinkles.")] = (
         RefinementSettings()
     )
-    defaults: Annotated[
-        DefaultsModel | None,  # type: ignore[valid-type]  # made by create_model
-        Field(description="Inherited by every tool."),
-    ] = None
-    tools: Annotated[
-        list[ToolModel],
-        Field(description="The wrinkling tools.", min_length=1, max_length=MAX_TOOLS),
-    ]
 
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"  # that pydantic writes
 
 
+def file_model() -> type[BaseModel]:
+    """The whole file; made when asked for, as to make a model takes longer than to read most files."""
+    shared: dict[str, Any] = {
+        key: (hint, ToolModel.model_fields[key].default)
+        for key, hint in get_type_hints(ToolModel, include_extras=True).items()
+        if key in ToolModel.model_fields and key not in _OWN_KEYS
+    }
+    defaults: Any = create_model(
+        "DefaultsModel",
+        __config__=ConfigDict(extra="forbid", title="Defaults"),
+        __doc__="What every tool inherits where it does not say otherwise.",
+        **shared,
+    )
+    parts: dict[str, Any] = {
+        "defaults": (Annotated[defaults | None, Field(description="Inherited by every tool.")], None),
+        "tools": (
+            Annotated[list[ToolModel], Field(description="The wrinkling tools.", min_length=1, max_length=MAX_TOOLS)],
+            ...,
+        ),
+    }
+    return create_model("FileModel", __base__=HeaderModel, __doc__="The whole file.", **parts)
+
+
 def tools_schema() -> dict[str, Any]:
     """The JSON Schema of the file, for editors that complete and check YAML."""
-    schema = {"$schema": _DIALECT} | FileModel.model_json_schema()
+    schema = {"$schema": _DIALECT} | file_model().model_json_schema()
     # The file must say the width, but either here or there.
     schema["$defs"]["ToolModel"]["required"].remove("width")
     del schema["$defs"]["DefaultsModel"]["required"]
@@ -650,7 +656,7 @@ def _fill(
     node: Node,
     path: str,
     *,
-    apart: Collection[str] = (),
+    apart: Mapping[str, bool] = {},
     inherited: Collection[str] = (),
     partial: bool = False,
 ) -> tuple[dict[str, Any], list[Problem]]:
@@ -662,11 +668,14 @@ def _fill(
         model: What the mapping should be.
         node: The mapping.
         path: Its path in the file.
-        apart: Keys that the caller reads.
+        apart: Keys that the caller reads, and whether they are required.
         inherited: Required keys that need not be here.
-        partial: No key is required.
+        partial: No key is required, and those that each tool has for itself must not be here.
     """
-    fields = model.model_fields
+    required = {
+        name: info.is_required() for name, info in model.model_fields.items() if not (partial and name in _OWN_KEYS)
+    }
+    fields = (*required, *apart)
     if not isinstance(node.value, dict):
         accepted = f"a mapping of {', '.join(fields)}"
         return {}, [Problem(node.line, path, f"found {node.shown}, expected {accepted}")]
@@ -686,9 +695,9 @@ def _fill(
             problems.append(Problem(child.line, path_to(path, name), "not inherited, each tool needs its own"))
         else:
             meant.add(_nearest(name, fields))
-            problems.append(Problem(child.line, path_to(path, name), _unknown_key(name, tuple(fields))))
-    for name, info in fields.items():
-        absent = info.is_required() and name not in node.children
+            problems.append(Problem(child.line, path_to(path, name), _unknown_key(name, fields)))
+    for name, must in {**required, **apart}.items():
+        absent = must and name not in node.children
         if absent and not partial and name not in inherited and name not in meant:
             problems.append(Problem(node.line, path_to(path, name), "required, but missing"))
     return {name: getattr(values, name) for name in values.model_fields_set}, problems
@@ -818,12 +827,12 @@ def parse_tools(text: str, *, name: str = "<tools>") -> ToolsFile:
     header: dict[str, Any] = {}
     tools: list[tuple[dict[str, Any], str, int]] = []
     if root is not None:
-        header, found = _fill(FileModel, root, "", apart=("defaults", "tools"))
+        header, found = _fill(HeaderModel, root, "", apart=_PARTS)
         problems += found
         defaults: dict[str, Any] = {}
         inherited: Collection[str] = ()
         if (node := root.children.get("defaults")) and node.value is not None:
-            defaults, found = _fill(DefaultsModel, node, "defaults", partial=True)
+            defaults, found = _fill(ToolModel, node, "defaults", partial=True)
             inherited = {str(key) for key in node.children}
             inherited |= {near for key in inherited if (near := _nearest(key, ToolModel.model_fields))}
             problems += found
