@@ -206,7 +206,7 @@ _Keys: TypeAlias = Annotated[
 
 # --- Records that are parts of the file as well ---
 
-_STRICT_KEYS = ConfigDict(extra="forbid")
+_STRICT_KEYS = ConfigDict(extra="forbid", defer_build=True)
 
 
 @model_dataclass(frozen=True, slots=True, config=_STRICT_KEYS)

@@ -1,9 +1,10 @@
 """The record of the asset that a baked file was made from: written at the end of the file, and read back.
 
 A bake moves, changes and drops data, so a record holds what of the original is not in the baked file: its JSON, where
-its kept bytes are, and its other bytes. Nearly all of it is there in another order, which makes the record small:
-it is compressed with the new JSON and the new data as the dictionary. `zstandard` does that; of the standard library
-neither zlib (a dictionary of 32 KiB) nor lzma (none) can, before Python 3.14.
+its kept bytes are, and its other bytes. Kept are also those that new data begins or ends with: new vertices follow the
+old ones. Nearly all of the rest is there in another order, which makes the record small: it is compressed with the new
+JSON, and the new data that takes its place, as the dictionary. `zstandard` does that; of the standard library neither
+zlib (a dictionary of 32 KiB) nor lzma (none) can, before Python 3.14.
 
 The record is the last buffer view, and the first node that has got wrinkles refers to it by
 `extras.wrinkle.original`. It begins with a digest of all else in the file, so that a file which anything else has
@@ -18,16 +19,26 @@ import json
 import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import zip_longest
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from wrinklecli.document import Document, Json, check_asset, parse_json, read_uri
 from wrinklecli.errors import AssetError, BakeError
 
 # Bytes [low, high) of a buffer of the original are in the baked file, in this buffer from this byte.
 Span = tuple[int, int, int, int]
+# Bytes [low, high) of the record's buffer.
+Range = tuple[int, int]
 Bytes = bytes | memoryview
 
-# The digest, and where in the record's buffer the new data begins, which ends with the record.
-_HEADER = struct.Struct("<32sQ")
+# The digest, and how many ranges of the record's buffer, which follow, the dictionary is made of.
+_HEADER = struct.Struct("<32sI")
+_RANGE = struct.Struct("<QQ")
+_DIGEST_BYTES = 32
+_LEAST_RUN = 64  # bytes; a span takes about 20
 _LEVEL = 9  # higher ones take several times as long and save a fifth
 _DICTIONARY_BYTES = 2**27  # of the new data: bounds time and memory
 _TABLE_LOG = 24  # of zstd's tables, which are to index the dictionary; 64 MiB each
