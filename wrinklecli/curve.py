@@ -22,6 +22,7 @@ import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -370,6 +371,7 @@ def _parts(chords: Floats, others: Floats) -> tuple[Floats, Floats]:
     return wholes, parts / ((1 + roots) * (1 + roots**2))
 
 
+@lru_cache(maxsize=16)  # all tools of most files have the same details
 def _plan_smooth(details: tuple[float, ...]) -> SmoothProfile:
     """Solve A for all D and x at once: build the interpolants of a smooth bump with these details."""
     levels = np.arange(len(details) + 1)
