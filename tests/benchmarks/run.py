@@ -372,21 +372,25 @@ def blender(places: Places) -> Iterator[Row]:
 def shape_keys(
     places: Places, name: str, asset: Path, tool: str, clip: str, reaches: tuple[float, float]
 ) -> Iterator[Row]:
-    """Time and bytes of Blender over those of a bake, with the patch or the whole mesh subdivided in Blender."""
+    """Time and bytes of Blender over those of a bake: the quick way, then an artist's."""
     tools, segments = written(places.folder / f"{name}.yaml", tool), places.folder / f"{name}.json"
     baked, keyed = places.folder / f"{name}_baked.glb", places.folder / f"{name}_keyed.glb"
     each = [(list(a.origin), list(a.target), a.width.value, a.bumps) for a in load_tools(tools).tools]
     segments.write_text(json.dumps([dict(zip(("origin", "target", "width", "bumps"), a, strict=True)) for a in each]))
     script = [HERE / "blender_keyshapes.py", asset, segments, keyed, "--clip", clip, "--fps", str(FPS)]
     label = f"{name} of {triangles(asset):,} triangles, 61 frames of {clip}"
-    for suffix, share, options in (("", "the patches", []), ("_whole", "the whole mesh", ["--whole"])):
+    ways = (
+        ("", "products of arrays, the patches subdivided", [], 5),
+        ("_operators", "its own tools, the whole mesh subdivided", ["--operators"], 3),
+    )
+    for suffix, means, options, repeats in ways:
         theirs, ours = timed(
             lambda options=options: run(*script, *options, blender=places.blender),
             lambda: bake(asset, tools, baked, "--clip", clip, "--max-levels", "1"),
-            repeats=5,
+            repeats=repeats,
         )
         assert_alike(keyed, baked, clip, 61)
-        way = f"for {label}, a shape key each, {share} subdivided"
+        way = f"for {label}, a shape key each by {means}"
         shown = f"{theirs:.2f} s over {ours:.2f} s"
         what, ratio = f"Blender's time {way}", theirs / ours
         yield Row(f"blender_{name}_time{suffix}", what, "the bake's", ratio, reaches[0], True, shown)
