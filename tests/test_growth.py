@@ -219,16 +219,16 @@ def test_a_take_of_several_names_is_looked_into_once(baker: Baker, monkeypatch: 
     assert np.abs(weak - full / 2).max() < 0.006
 
 
-def test_finer_levels_hold_the_patch_alone(baker: Baker, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_all_levels_hold_the_patch_alone(baker: Baker, monkeypatch: pytest.MonkeyPatch) -> None:
     built = counting(monkeypatch, subdivide, "_level", lambda number, *rest: (number, len(rest[2])))
     found = []
     for sheet in (0, 16, 64):
         built.clear()
         baker.bake(folding(1, sheet=sheet))
-        found.append([count for number, count in built if number])
-        # Edges of the whole mesh are built only once.
-        assert [count for number, count in built if not number] == [736 + 2 * sheet**2]
-    assert len(found[0]) > 1
+        found.append(list(built))
+    (coarse,) = (count for number, count in found[0] if not number)
+    assert coarse < 736 / 2
+    assert len(found[0]) > 2
     assert found[1:] == found[:1] * 2
 
 

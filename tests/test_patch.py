@@ -14,7 +14,15 @@ from numpy.typing import NDArray
 
 from wrinklecli.config import Length, ToolsFile
 from wrinklecli.errors import BakeError, ConfigError, WrinkleError
-from wrinklecli.patch import carried_normals, closest_point, inverses, lengths_over_time, rest_pose, singular
+from wrinklecli.patch import (
+    _closest_of,
+    carried_normals,
+    closest_point,
+    inverses,
+    lengths_over_time,
+    rest_pose,
+    singular,
+)
 from wrinklecli.pose import Clip, blend, joint_matrices, morph_weights, read_clips, read_rig, transform
 from wrinklecli.surface import face_normals, read_surface, vertex_normals
 
@@ -84,6 +92,19 @@ def test_closest_point_is_as_near_as_any_sample_and_lies_where_it_says(seed: int
         assert distance <= np.linalg.norm(near - point, axis=1).min() + 1e-9
     if solid[triangle]:
         assert distance == pytest.approx(np.linalg.norm(near - point, axis=1).min(), abs=1e-9)
+
+
+@given(seed=st.integers(0, 9999), apart=st.sampled_from([0.0, 1e3, 1e9]))
+def test_triangles_that_are_too_far_need_not_be_looked_at(seed: int, apart: float) -> None:
+    rng = np.random.default_rng(seed)
+    # Of few numbers, so that many triangles are equally near; vertex 0 has none.
+    positions = rng.integers(-3, 4, (20, 3)) * rng.choice([0.1, 1.0]) + apart * rng.normal(size=3)
+    triangles = rng.integers(1, 20, (30, 3))
+    point = positions[0] + rng.choice([0.0, 0.05, 1.0]) * rng.integers(-1, 2, 3)
+    for found, wanted in zip(
+        closest_point(positions, triangles, point), _closest_of(positions, triangles, point), strict=True
+    ):
+        assert np.array_equal(found, wanted)
 
 
 def test_of_equally_near_triangles_the_first_is_taken() -> None:

@@ -481,6 +481,31 @@ def test_a_new_vertex_lies_where_refining_everything_puts_it(name, seed, probabi
     np.testing.assert_allclose(fine.positions(points), expected, atol=1e-14)
 
 
+@given(meshes, seeds, st.sampled_from([0.1, 0.7]), st.integers(0, 3), st.sampled_from([0, 0.1, 0.5]))
+def test_what_is_far_from_all_wishes_need_not_be_looked_at(name, seed, probability, max_levels, forbidden):
+    points, triangles = ALL[name]()
+    count = len(points)
+    near = np.random.default_rng(seed).random(len(triangles)) < 1.5 / max(len(triangles), 1)
+    chosen, forbids = chance(seed, probability, count), chance(seed + 1, forbidden, count)
+
+    def wants(level):
+        beside = np.zeros(len(level.edges), dtype=bool)
+        beside[level.triangle_edges[near[level.parents]]] = True
+        return chosen(level) & beside
+
+    whole, part = (
+        subdivide(triangles, count, wants=wants, forbids=forbids, max_levels=max_levels, near=each)
+        for each in (None, near)
+    )
+    for field in ("triangles", "parents", "barycentrics"):
+        assert np.array_equal(getattr(whole, field), getattr(part, field))
+    for field in ("vertex_count", "limited", "blocked", "levels"):
+        assert getattr(whole, field) == getattr(part, field)
+    values = np.random.default_rng(seed).random((count, 3))
+    assert np.array_equal(whole.positions(values), part.positions(values))
+    assert np.array_equal(whole.interpolate(values), part.interpolate(values))
+
+
 @given(meshes, seeds)
 def test_it_ends_even_if_the_criteria_contradict_themselves(name, seed):
     points, triangles = ALL[name]()

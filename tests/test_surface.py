@@ -11,7 +11,16 @@ from numpy.typing import NDArray
 
 from wrinklecli.errors import AssetError
 from wrinklecli.pose import read_rig
-from wrinklecli.surface import Surface, face_normals, read_surface, read_triangles, unit, vertex_normals
+from wrinklecli.surface import (
+    Surface,
+    distinct,
+    face_normals,
+    normals_at,
+    read_surface,
+    read_triangles,
+    unit,
+    vertex_normals,
+)
 
 Floats = NDArray[np.float64]
 
@@ -325,6 +334,24 @@ def test_face_normals_are_twice_the_area() -> None:
         assert np.linalg.norm(normal) / 2 == pytest.approx(np.sqrt(s * (s - x) * (s - y) * (s - z)), rel=1e-9)
         assert normal @ (b - a) == pytest.approx(0, abs=1e-12)
         assert np.linalg.det([b - a, c - a, normal]) > 0
+
+
+@given(st.integers(0, 999))
+def test_normals_of_some_vertices_are_those_of_all_to_the_bit(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    places, triangles = rng.normal(size=(20, 3)), rng.integers(0, 20, (30, 3))
+    vertices = rng.permutation(20)[: rng.integers(0, 20)]
+    assert np.array_equal(normals_at(places, triangles, vertices), vertex_normals(places, triangles)[vertices])
+
+
+@given(st.integers(0, 999))
+def test_distinct_rows_are_numpy_s(seed: int) -> None:
+    rows = np.random.default_rng(seed).integers(-1, 2, (seed % 30, 3)) * 0.5
+    wanted, firsts, which = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    found, numbers = distinct(rows)
+    assert np.array_equal(rows[found], wanted)
+    assert np.array_equal(found, firsts)
+    assert np.array_equal(numbers, which.reshape(-1))
 
 
 def test_vertex_normals_of_a_tube_point_outward() -> None:

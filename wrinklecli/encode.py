@@ -185,6 +185,9 @@ def encode_mesh(
     parts = parts_of(fine, groups)
     _drop_repeated(draft, mesh, parts)
     written: dict[Any, int] = {}
+    touched = np.unique(np.concatenate([np.zeros(0, np.intp), *(each.shape.normal_vertices for each in targets)]))
+    smooth = np.zeros(fine.positions.shape)
+    smooth[touched] = fine.normals_at(touched)
     for part in parts:
         primitive = mesh["primitives"][part.index]
         where = source.where("meshes", rig.mesh, "primitives", part.index)
@@ -200,7 +203,7 @@ def encode_mesh(
             continue
         added: list[Json] = []
         for number, each in enumerate(targets):
-            vectors = _target_vectors(each.shape, part, fine, base, along)
+            vectors = _target_vectors(each.shape, part, smooth, base, along)
             added.append({})
             for name, (rows, values) in vectors.items():
                 key = ("added", number, name, part.group if name == "POSITION" else frame)
@@ -390,20 +393,20 @@ def _zeros(draft: Draft, count: int, *, sparse: bool, bounds: bool) -> int:
 
 
 def _target_vectors(
-    shape: Shape, part: Part, fine: Refinement, base: Floats | None, along: Floats | None
+    shape: Shape, part: Part, smooth: Floats, base: Floats | None, along: Floats | None
 ) -> dict[str, tuple[Ints, Floats]]:
     """One morph target on one primitive: the vertices that each attribute changes at, and by how much.
 
-    NORMAL and TANGENT are there where there are normals `base` and tangents `along`.
+    NORMAL and TANGENT are there where there are normals `base` and tangents `along`; `smooth` are those of the welded
+    surface, (fine vertices, 3).
     """
-    rows = _rows(shape.vertices, len(fine.positions))[part.weld]
+    rows = _rows(shape.vertices, len(smooth))[part.weld]
     moved = np.flatnonzero(rows >= 0)
     vectors = {"POSITION": (moved, shape.deltas[rows[moved]])}
     if base is not None:
-        rows = _rows(shape.normal_vertices, len(fine.positions))[part.weld]
+        rows = _rows(shape.normal_vertices, len(smooth))[part.weld]
         turned = np.flatnonzero(rows >= 0)
-        smooth = fine.normals[part.weld[turned]]
-        deltas = turn_to(smooth, base[turned], shape.normal_deltas[rows[turned]])
+        deltas = turn_to(smooth[part.weld[turned]], base[turned], shape.normal_deltas[rows[turned]])
         vectors["NORMAL"] = turned, deltas
         if along is not None:
             vectors["TANGENT"] = turned, tangent_deltas(along[turned], base[turned], deltas)

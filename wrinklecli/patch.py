@@ -8,6 +8,7 @@ thin limb with them); displacement fades where the surface turns away; and (u, v
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +26,7 @@ from wrinklecli.pose import (
     node_rows,
     transform,
 )
-from wrinklecli.surface import Surface, face_normals, unit, vertex_normals
+from wrinklecli.surface import Surface, face_normals, normals_at, unit, vertex_normals
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -35,13 +36,15 @@ Bools = NDArray[np.bool_]
 _ANCHOR_REACH = 0.25
 # Singular values of a blended matrix further apart than this cannot be undone.
 _SINGULAR = 1e-3
+# Errors of distances to a point, over the extent, are far smaller.
+_ROUNDING = 1e-9
 # Facing factor: displacement fades in between these cosines of vertex and patch normal.
 _FACING = (0.2, 0.6)
 # Below this scale against rest (a hidden character, say) a tool makes no wrinkles.
 _LEAST_SCALE = 1e-6
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Rest:
     """A surface in its rest pose.
 
@@ -51,7 +54,7 @@ class Rest:
         bind_positions: (vertices, 3) stored positions plus weighted morph deltas, bind space.
         blended: (vertices, 3, 4) bind to world space.
         positions: (vertices, 3) world space.
-        normals: (vertices, 3) area-weighted bind normals carried to world space by the inverse transpose.
+        triangles: (triangles, 3) of the surface.
     """
 
     matrices: Floats
@@ -59,7 +62,16 @@ class Rest:
     bind_positions: Floats
     blended: Floats
     positions: Floats
-    normals: Floats
+    triangles: Ints
+
+    @cached_property
+    def normals(self) -> Floats:
+        """(vertices, 3) world space, as `normals_at` of every vertex."""
+        return carried_normals(self.blended, vertex_normals(self.bind_positions, self.triangles))
+
+    def normals_at(self, vertices: Ints) -> Floats:
+        """(chosen, 3) area-weighted bind normals of some vertices, carried to world space by the inverse transpose."""
+        return carried_normals(self.blended[vertices], normals_at(self.bind_positions, self.triangles, vertices))
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,8 +194,7 @@ def rest_pose(
     bind = surface.positions + np.tensordot(weights, surface.morph_deltas, axes=1)
     every = np.arange(len(bind))
     blended = blend(surface.dense_weights(every, len(rig.joints)), matrices[None])[0]
-    normals = carried_normals(blended, vertex_normals(bind, surface.triangles))
-    return Rest(matrices, weights, bind, blended, transform(blended[None], bind)[0], normals)
+    return Rest(matrices, weights, bind, blended, transform(blended[None], bind)[0], surface.triangles)
 
 
 def _bind_matrices(surface: Surface, rig: Rig, stored: Floats, weights: Floats, tools: list[WrinkleTool]) -> Floats:
@@ -358,7 +369,10 @@ def _anchor(
         )
     if singular(rest.blended[vertices]).any():
         raise BakeError("the joints here are singular at rest", where=f"{tool.where}.{key}")
-    on_all = np.isin(surface.triangles, vertices).sum(axis=1) >= len(np.unique(vertices))
+    around = np.zeros(len(rest.positions), np.int8)
+    around[vertices] = 1
+    a, b, c = around[surface.triangles].T
+    on_all = a + b + c >= around.sum()
     joints, inverse = np.unique(surface.joints[vertices], return_inverse=True)
     shares = barycentrics[:, None] * surface.weights[vertices]
     points = np.zeros((1 + len(surface.morph_deltas), len(joints), 4))
@@ -368,7 +382,7 @@ def _anchor(
         homogeneous = np.concatenate([bind, np.full((len(vertices), 1), float(m == 0))], axis=1)
         np.add.at(points[m], inverse.reshape(shares.shape), shares[..., None] * homogeneous[each])
     keep = points[0, :, 3] > 0
-    normal = unit(barycentrics @ rest.normals[vertices])
+    normal = unit(barycentrics @ rest.normals_at(vertices))
     return Anchor(
         joints=joints[keep],
         points=points[:, keep],
@@ -388,6 +402,29 @@ def closest_point(positions: Floats, triangles: Ints, point: Floats) -> tuple[in
         The triangle, (3,) barycentric coordinates and (3,) position of the point; among equally near ones
         those of the first triangle.
     """
+    # No nearer than some vertex are the triangles outside the cube that ends at it; widened, as computing rounds.
+    reach = np.sqrt(np.sum((positions - point) ** 2, axis=1)[triangles[:, 0]].min())
+    reach += _ROUNDING * (reach + np.abs(positions).max())
+    near = np.flatnonzero(_meeting(positions, point - reach, point + reach, triangles))
+    triangle, barycentrics, place = _closest_of(positions, triangles[near], point)
+    return int(near[triangle]), barycentrics, place
+
+
+def _meeting(coordinates: Floats, low: Floats, high: Floats, triangles: Ints) -> Bools:
+    """(triangles,) whether the boxes round triangles, of (vertices, n) coordinates, meet that of (n,) bounds.
+
+    Source: the outcodes of Cohen and Sutherland's line clipping.
+    """
+    codes = np.zeros(len(coordinates), np.uint8)
+    for bit, outside in enumerate((*(coordinates < low).T, *(coordinates > high).T)):
+        codes |= outside.view(np.uint8) << bit
+    a, b, c = np.take(codes, triangles).T
+    meets: Bools = (a & b & c) == 0
+    return meets
+
+
+def _closest_of(positions: Floats, triangles: Ints, point: Floats) -> tuple[int, Floats, Floats]:
+    """As `closest_point`, looking at every triangle."""
     a, b, c = (positions[triangles[:, k]] for k in range(3))
     candidates = [_on_edge(point, first, second) for first, second in ((a, b), (b, c), (c, a))]
     zero = np.zeros(len(triangles))
@@ -447,16 +484,17 @@ def _max_height(tool: WrinkleTool, span: float, rest_length: float) -> float:
 def _with_members(patch: Patch, surface: Surface, rest: Rest) -> Patch:
     """The patch with the coarse triangles that face it, meet it and hang together with an anchor."""
     u, v = patch.coordinates(rest.positions)
-    u, v = u[surface.triangles], v[surface.triangles]
-    meets = (u.max(axis=1) >= 0) & (u.min(axis=1) <= 1) & (v.max(axis=1) >= -1) & (v.min(axis=1) <= 1)
+    meets = _meeting(np.stack([u, v], axis=1), np.array([0.0, -1.0]), np.array([1.0, 1.0]), surface.triangles)
+    triangles = surface.triangles[meets]
+    vertices, corners = np.unique(triangles, return_inverse=True)
     # Winding may be mirrored at rest; vertex normals are not.
-    faces = face_normals(rest.positions, surface.triangles)
-    outward = np.sign(np.sum(faces * rest.normals[surface.triangles].sum(axis=1), axis=1))
-    candidates = meets & (outward * (faces @ patch.normal) > 0)
+    faces = face_normals(rest.positions, triangles)
+    normals = rest.normals_at(vertices)[corners.reshape(-1, 3)]
+    outward = np.sign(np.sum(faces * normals.sum(axis=1), axis=1))
+    chosen = np.flatnonzero(meets)[outward * (faces @ patch.normal) > 0]
     seeds = np.concatenate([patch.origin.triangles, patch.target.triangles])
-    reached = np.zeros(len(candidates), bool)
-    reached[seeds] = candidates[seeds]
-    chosen = np.flatnonzero(candidates)
+    reached = np.zeros(len(surface.triangles), bool)
+    reached[np.intersect1d(seeds, chosen)] = True
     sides = np.sort(surface.triangles[chosen][:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
     _, edge = np.unique(sides[:, 0] * len(rest.positions) + sides[:, 1], return_inverse=True)
     edge = edge.reshape(-1, 3)

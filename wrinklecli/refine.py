@@ -7,6 +7,7 @@ survives; edges are compared with half an interval of the control curve, where t
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -17,12 +18,22 @@ from wrinklecli.document import Document
 from wrinklecli.patch import Patch, Rest, carried_normals
 from wrinklecli.pose import Rig, blend, joint_matrices, read_rig, transform
 from wrinklecli.subdivide import Level, Matrix, Subdivision, subdivide
-from wrinklecli.surface import Surface, dense_influences, influence_sets, read_vertices, vertex_normals
+from wrinklecli.surface import (
+    Surface,
+    dense_influences,
+    distinct,
+    influence_sets,
+    normals_at,
+    read_vertices,
+    vertex_normals,
+)
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
 Bools = NDArray[np.bool_]
 
+# Of products that are computed at once: bounds the memory.
+_NUMBERS_AT_ONCE = 2**20
 # Meshes touch where vertices are this near, over the box's diagonal.
 _CONTACT = 1e-6
 # Skin weights of two anchors further apart than this differ by more than rounding.
@@ -31,7 +42,7 @@ _SAME_SHARES = 1e-6
 _BEND = 1000.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Refinement:
     """A surface refined under its patches; old vertices first, then new ones, welded and glTF vertices alike.
 
@@ -41,10 +52,8 @@ class Refinement:
         positions: (vertices, 3) stored positions, bind space.
         morph_deltas: (morph targets, vertices, 3).
         bind_positions: (vertices, 3) positions with the morph weights of the rest pose, bind space.
-        normals: (vertices, 3) unit normals of `bind_positions`.
         blended: (vertices, 3, 4) bind to world space at rest.
         rest_positions: (vertices, 3) world space at rest.
-        rest_normals: (vertices, 3) world space at rest.
         weights: (new vertices, joints) skin weights before pruning.
         joints_pruned: (new vertices, influences) the joints that the file can store.
         weights_pruned: (new vertices, influences).
@@ -60,10 +69,8 @@ class Refinement:
     positions: Floats
     morph_deltas: Floats
     bind_positions: Floats
-    normals: Floats
     blended: Floats
     rest_positions: Floats
-    rest_normals: Floats
     weights: Floats
     joints_pruned: Ints
     weights_pruned: Floats
@@ -72,6 +79,24 @@ class Refinement:
     shares: Floats
     primitives: Ints
     weld: Ints
+
+    @cached_property
+    def normals(self) -> Floats:
+        """(vertices, 3) unit normals of `bind_positions`, as `normals_at` of every vertex."""
+        return vertex_normals(self.bind_positions, self.triangles)
+
+    def normals_at(self, vertices: Ints) -> Floats:
+        """(chosen, 3) unit normals of `bind_positions`."""
+        return normals_at(self.bind_positions, self.triangles, vertices)
+
+    @cached_property
+    def rest_normals(self) -> Floats:
+        """(vertices, 3) world space at rest, as `rest_normals_at` of every vertex."""
+        return carried_normals(self.blended, self.normals)
+
+    def rest_normals_at(self, vertices: Ints) -> Floats:
+        """(chosen, 3) world space at rest."""
+        return carried_normals(self.blended[vertices], self.normals_at(vertices))
 
     @property
     def pruned_count(self) -> int:
@@ -144,7 +169,10 @@ def refine(
     distances = joint_distances(rig, patches)
     members = np.any([patch.members for patch in patches], axis=0)
     near = np.asarray(np.isin(surface.triangles, surface.triangles[members]).any(axis=1))
-    dense = surface.dense_weights(np.arange(len(surface.positions)), len(rig.joints))
+    # Most joints move no vertex of a patch.
+    acting = np.unique(surface.joints[surface.triangles[near]])
+    dense = _dense_weights(surface, np.unique(surface.triangles[near]), len(rig.joints), acting)
+    between, moving = distances[np.ix_(acting, acting)], poses[:, acting]
 
     def forbids(level: Level) -> Bools:
         """Mark edges along another mesh, and those near a patch whose midpoint has too many joints."""
@@ -153,14 +181,11 @@ def refine(
         touching[: len(contacts)] = contacts
         forbidden = touching[level.edges[:, 0]] & touching[level.edges[:, 1]]
         edges = np.unique(level.triangle_edges[near[level.parents]])
-        weights = _rows(level.linear, level.edges[edges, 0], dense) + _rows(level.linear, level.edges[edges, 1], dense)
+        weights = _midpoints(level.linear, level.edges[edges], dense)
         many = (weights > 0).sum(axis=1) > influences
-        edges, weights = edges[many], weights[many] / 2.0
-        positions = (
-            _rows(level.matrix, level.edges[edges, 0], rest.bind_positions)
-            + _rows(level.matrix, level.edges[edges, 1], rest.bind_positions)
-        ) / 2.0
-        forbidden[edges] |= pruning_errors(weights, positions, distances, influences, poses) > tolerance
+        edges, weights = edges[many], weights[many]
+        positions = _midpoints(level.matrix, level.edges[edges], rest.bind_positions)
+        forbidden[edges] |= pruning_errors(weights, positions, between, influences, moving) > tolerance
         return forbidden
 
     subdivision = subdivide(
@@ -169,10 +194,11 @@ def refine(
         wants=wants,
         forbids=forbids,
         max_levels=settings.max_levels,
+        near=members,
         scheme=settings.scheme,
         where=rig.names[rig.node],
     )
-    return _refined(surface, rest, dense, subdivision, distances, influences)
+    return _refined(surface, rest, subdivision, distances, influences)
 
 
 def _greatest_step(patch: Patch, settings: RefinementSettings) -> float:
@@ -193,6 +219,14 @@ def _rows(matrix: Matrix | None, vertices: Ints, coarse: Floats) -> Floats:
     return coarse[vertices] if matrix is None else matrix.of_rows(vertices, coarse)
 
 
+def _midpoints(matrix: Matrix | None, edges: Ints, coarse: Floats) -> Floats:
+    """(edges, …) what (coarse vertices, …) values are halfway between the ends of edges of a level."""
+    vertices, ends = np.unique(edges, return_inverse=True)
+    a, b = _rows(matrix, vertices, coarse)[ends.reshape(-1, 2).T]
+    middles: Floats = (a + b) / 2.0
+    return middles
+
+
 def pruning_errors(weights: Floats, positions: Floats, distances: Floats, influences: int, poses: Floats) -> Floats:
     """(vertices,) how far pruned skin weights move vertices off, at the most.
 
@@ -207,28 +241,37 @@ def pruning_errors(weights: Floats, positions: Floats, distances: Floats, influe
     change = weights.copy()
     for column in range(influences):
         change[np.arange(len(change)), joints[:, column]] -= kept[:, column]
+    # What moves a vertex is linear in its position times its weights: one product for all poses.
+    columns = poses[:, :, :3].transpose(1, 3, 2, 0).reshape(4 * len(distances), 3 * len(poses))
+    homogeneous = np.concatenate([positions, np.ones((len(positions), 1))], axis=1)
     errors = np.zeros(len(weights))
-    for pose in poses:
-        moved = transform(blend(change, pose[None]), positions)[0]
-        errors = np.maximum(errors, np.sqrt(np.sum(moved**2, axis=1)))
+    chunk = max(_NUMBERS_AT_ONCE // (len(columns) + columns.shape[1]), 1)
+    for rows in (slice(start, start + chunk) for start in range(0, len(weights), chunk)):
+        spread = change[rows, :, None] * homogeneous[rows, None]
+        moved = (spread.reshape(-1, len(columns)) @ columns).reshape(-1, 3, len(poses))
+        errors[rows] = np.sqrt(np.sum(moved**2, axis=1)).max(axis=1)
     return errors
 
 
-def _refined(
-    surface: Surface,
-    rest: Rest,
-    dense: Floats,
-    subdivision: Subdivision,
-    distances: Floats,
-    influences: int,
-) -> Refinement:
-    fresh = slice(len(surface.positions), None)
+def _dense_weights(surface: Surface, vertices: Ints, joint_count: int, chosen: Ints | slice = slice(None)) -> Floats:
+    """(all vertices, chosen joints) skin weights of some vertices; 0 elsewhere, which takes hardly any memory."""
+    some = surface.dense_weights(vertices, joint_count)[:, chosen]
+    dense = np.zeros((len(surface.positions), some.shape[1]))
+    dense[vertices] = some
+    return dense
+
+
+def _refined(surface: Surface, rest: Rest, subdivision: Subdivision, distances: Floats, influences: int) -> Refinement:
+    old = len(surface.positions)
     positions = subdivision.positions(surface.positions)
     deltas = subdivision.positions(surface.morph_deltas)
     bind = positions + np.tensordot(rest.morph_weights, deltas, axes=1)
-    normals = vertex_normals(bind, subdivision.triangles)
     blended = subdivision.interpolate(rest.blended.reshape(-1, 12)).reshape(-1, 3, 4)
-    weights = subdivision.interpolate(dense)[fresh]
+    weights = np.zeros((0, len(distances)))
+    if subdivision.linear is not None:
+        split = np.unique(subdivision.linear.columns[subdivision.linear.starts[old] :])
+        dense = _dense_weights(surface, split, len(distances))
+        weights = subdivision.linear.of_rows(np.arange(old, subdivision.vertex_count), dense)
     joints_pruned, weights_pruned = prune(weights, distances, influences)
     corners, sources, shares, primitives, weld = _split_corners(surface, subdivision)
     return Refinement(
@@ -237,10 +280,8 @@ def _refined(
         positions=positions,
         morph_deltas=deltas,
         bind_positions=bind,
-        normals=normals,
         blended=blended,
-        rest_positions=transform(blended[None], bind)[0],
-        rest_normals=carried_normals(blended, normals),
+        rest_positions=np.concatenate([rest.positions, transform(blended[None, old:], bind[old:])[0]]),
         weights=weights,
         joints_pruned=joints_pruned,
         weights_pruned=weights_pruned,
@@ -260,8 +301,11 @@ def _split_corners(surface: Surface, subdivision: Subdivision) -> tuple[Ints, In
     what was one vertex along an edge stays one.
     """
     old_count = len(surface.weld)
-    shares = subdivision.barycentrics.reshape(-1, 3)
-    sources = np.repeat(surface.corners[subdivision.parents], 3, axis=0)
+    changed = subdivision.changed
+    fine_corners = surface.corners[subdivision.parents]
+    parents = subdivision.parents[changed]
+    shares = subdivision.barycentrics[changed].reshape(-1, 3)
+    sources = np.repeat(surface.corners[parents], 3, axis=0)
     is_new = (shares < 1.0).all(axis=1)
     corners = sources[np.arange(len(sources)), np.argmax(shares, axis=1)]
     # Shares are dyadic: whole numbers of 2^-levels, exact as keys. Unused sources count as none.
@@ -269,14 +313,16 @@ def _split_corners(surface: Surface, subdivision: Subdivision) -> tuple[Ints, In
     used = np.where(numerators > 0, sources[is_new], old_count)
     order = np.argsort(used, axis=1, kind="stable")
     used, numerators = np.take_along_axis(used, order, 1), np.take_along_axis(numerators, order, 1)
-    primitive = np.repeat(surface.primitives[subdivision.parents], 3)[is_new]
-    welded = subdivision.triangles.reshape(-1)[is_new]
+    primitive = np.repeat(surface.primitives[parents], 3)[is_new]
+    welded = subdivision.triangles[changed].reshape(-1)[is_new]
     keys = np.column_stack([welded, primitive, used, numerators])
-    unique, inverse = np.unique(keys, axis=0, return_inverse=True)
-    corners[is_new] = old_count + inverse.reshape(-1)
+    firsts, which = distinct(keys)
+    unique = keys[firsts]
+    corners[is_new] = old_count + which
+    fine_corners[changed] = corners.reshape(-1, 3)
     picked = np.where(unique[:, 5:] > 0, unique[:, 2:5], 0)
     return (
-        corners.reshape(-1, 3),
+        fine_corners,
         picked,
         unique[:, 5:] / 2**subdivision.levels,
         unique[:, 1],
@@ -391,6 +437,8 @@ def contacts_of(document: Document, rig: Rig, surface: Surface, rest: Rest) -> B
     """
     contacts = surface.twins.copy()
     others = [i for i, node in enumerate(document.items("nodes")) if "mesh" in node and i != rig.node]
+    if not others:
+        return contacts
     # The size in the world: bind space may be of quantised units.
     reach = _CONTACT * float(np.linalg.norm(np.ptp(rest.positions, axis=0)))
     for node in others if reach > 0 else []:

@@ -19,13 +19,11 @@ import json
 import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import zip_longest
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wrinklecli.document import Document, Json, check_asset, parse_json, read_uri
+from wrinklecli.document import Document, Json, check_asset, parse_json, read_uri, view_parts
 from wrinklecli.errors import AssetError, BakeError
 
 # Bytes [low, high) of a buffer of the original are in the baked file, in this buffer from this byte.
@@ -40,7 +38,7 @@ _RANGE = struct.Struct("<QQ")
 _DIGEST_BYTES = 32
 _LEAST_RUN = 64  # bytes; a span takes about 20
 _LEVEL = 9  # higher ones take several times as long and save a fifth
-_DICTIONARY_BYTES = 2**27  # of the new data: bounds time and memory
+_DICTIONARY_BYTES = 2**27  # bounds time and memory
 _TABLE_LOG = 24  # of zstd's tables, which are to index the dictionary; 64 MiB each
 # What a record may unpack to: a file of zeros does not ask for gigabytes. Nothing real comes near.
 _FREE_BYTES = 2**20
@@ -88,6 +86,8 @@ def pack(
     import zstandard
 
     bare, buffer = _without_record(gltf), gltf["bufferViews"][-1]["buffer"]
+    start = sum(len(part) for part in contents[buffer])
+    kept, alike = _with_echoes(source, bare, new, (buffer, start), kept)
     dead: list[Bytes] = []
     for data, spans in zip(source.buffers, kept, strict=True):
         at = 0
@@ -102,7 +102,7 @@ def pack(
         "beside": beside,
     }
     content = b"".join([_dump(original), b"\n", *dead])
-    dictionary = _dictionary(bare, new)
+    dictionary = _dictionary(bare, [new[low - start : high - start] for low, high in alike])
     bits = (len(dictionary) + len(content)).bit_length()
     parameters = zstandard.ZstdCompressionParameters.from_level(
         _LEVEL,
@@ -117,7 +117,81 @@ def pack(
     raw = zstandard.ZstdCompressionDict(dictionary, dict_type=zstandard.DICT_TYPE_RAWCONTENT)
     packed = zstandard.ZstdCompressor(dict_data=raw, compression_params=parameters).compress(content)
     every = [[*parts, new] if number == buffer else parts for number, parts in enumerate(contents)]
-    return _HEADER.pack(_digest(bare, every), sum(len(part) for part in contents[buffer])) + packed
+    return b"".join([_HEADER.pack(_digest(bare, every), len(alike)), *(_RANGE.pack(*each) for each in alike), packed])
+
+
+def _with_echoes(
+    source: Document, gltf: Json, new: bytes, place: tuple[int, int], kept: Sequence[Sequence[Span]]
+) -> tuple[list[list[Span]], list[Range]]:
+    """Look for the original's data in the new data that takes its place.
+
+    Args:
+        source: The original.
+        gltf: The JSON to be written.
+        new: The new data.
+        place: The buffer that it is in, and from which byte.
+        kept: For each buffer of the original, the spans that are in the baked file anyway.
+
+    Returns:
+        The spans, with those that new data begins or ends with, and where new data is like the original's otherwise.
+    """
+    buffer, start = place
+    content = np.frombuffer(new, np.uint8)
+    found, alike = [list(each) for each in kept], []
+    # New data has the number of the accessor that it replaces.
+    for old, now in zip(source.items("accessors"), gltf.get("accessors", []), strict=False):
+        for was, becomes in zip(_stored(source.gltf, old), _stored(gltf, now), strict=True):
+            if was is None or becomes is None or becomes[0] != buffer or becomes[1] < start:
+                continue
+            (home, low, end, count), (_, at, stop, new_count) = was, becomes
+            # New elements are packed. Where the old ones were not, the bytes differ.
+            end = min(end, low + (stop - at) // max(new_count, 1) * count)
+            before = np.frombuffer(source.buffers[home], np.uint8)[low:end]
+            after = content[at - start : stop - start]
+            head = _alike(before, after)
+            tail = _alike(before[head:][::-1], after[head:][::-1])
+            if head:
+                found[home].append((low, low + head, buffer, at))
+            if tail:
+                found[home].append((low + len(before) - tail, low + len(before), buffer, stop - tail))
+            if head + tail < len(before):
+                alike.append((at + head, stop - tail))
+    return [_apart(spans) for spans in found], sorted(alike)
+
+
+def _stored(gltf: Json, accessor: Json) -> Iterator[tuple[int, int, int, int] | None]:
+    """The buffer, first byte, end of the view and count of an accessor's elements, sparse indices and sparse values.
+
+    None where there are none, or only compressed ones. What is never read may refer to anything.
+    """
+    views, sparse = gltf.get("bufferViews", []), accessor.get("sparse", {})
+    parts = [(accessor, accessor), (sparse.get("indices", {}), sparse), (sparse.get("values", {}), sparse)]
+    for part, counted in parts:
+        number = part.get("bufferView", len(views))
+        view = views[number] if number < len(views) else {}
+        if "buffer" not in view or len(list(view_parts(view))) > 1:
+            yield None
+            continue
+        low = view.get("byteOffset", 0)
+        end = low + view.get("byteLength", 0)
+        yield view["buffer"], low + part.get("byteOffset", 0), end, counted.get("count", 0)
+
+
+def _alike(one: NDArray[np.uint8], other: NDArray[np.uint8]) -> int:
+    """How many bytes two begin with alike; 0 where these are not worth a span."""
+    count = min(len(one), len(other))
+    differ = np.flatnonzero(one[:count] != other[:count])
+    run = int(differ[0]) if len(differ) else count
+    return run if run >= _LEAST_RUN else 0
+
+
+def _apart(spans: Sequence[Span]) -> list[Span]:
+    """The spans, rising, without those that overlap others."""
+    apart: list[Span] = []
+    for span in sorted(spans):
+        if not apart or span[0] >= apart[-1][1]:
+            apart.append(span)
+    return apart
 
 
 def original(document: Document) -> Document:
@@ -169,17 +243,21 @@ def _unpack(document: Document, nodes: Sequence[int], limit: int) -> Document:
     if len(record) < _HEADER.size:
         raise ValueError("no header")
     buffer, offset = view["buffer"], view.get("byteOffset", 0)
-    digest, start = _HEADER.unpack_from(record)
+    digest, count = _HEADER.unpack_from(record)
+    body = _HEADER.size + count * _RANGE.size
     contents: list[list[Bytes]] = [[data] for data in document.buffers]
     contents[buffer] = [document.buffers[buffer][:offset]]
     bare = _without_record(gltf)
-    if offset + len(record) != len(document.buffers[buffer]) or digest != _digest(bare, contents):
+    if body > len(record) or offset + len(record) != len(document.buffers[buffer]) or digest != _digest(bare, contents):
         raise ValueError("rewritten")
-    packed = bytes(record[_HEADER.size :])
+    alike = [document.buffers[buffer][low:high] for low, high in _RANGE.iter_unpack(record[_HEADER.size : body])]
+    if sum(len(part) for part in alike) > offset:
+        raise ValueError("ranges overlap")
+    packed = bytes(record[body:])
     try:
         if not 0 < zstandard.frame_content_size(packed) <= limit:
             raise ValueError("too large")
-        dictionary = _dictionary(bare, document.buffers[buffer][start:offset])
+        dictionary = _dictionary(bare, alike)
         raw = zstandard.ZstdCompressionDict(dictionary, dict_type=zstandard.DICT_TYPE_RAWCONTENT)
         decompressor = zstandard.ZstdDecompressor(dict_data=raw, max_window_size=2**zstandard.WINDOWLOG_MAX)
         content = decompressor.decompress(packed, allow_extra_data=False)
@@ -293,15 +371,15 @@ def _slim(source: Document, gltf: Json) -> Json:
     return slim
 
 
-def _dictionary(bare: Json, new: Bytes) -> bytes:
-    """What the original is like: the JSON without images, which may be large, and the new data."""
+def _dictionary(bare: Json, alike: Sequence[Bytes]) -> bytes:
+    """What the original is like: the JSON without images, which may be large, and new data."""
     text = _dump({key: value for key, value in bare.items() if key != "images"})
-    return b"".join([text, new[:_DICTIONARY_BYTES]])
+    return b"".join([text, *alike])[:_DICTIONARY_BYTES]
 
 
 def _digest(bare: Json, contents: Sequence[Sequence[Bytes]]) -> bytes:
     """Of all that a file holds but its record."""
-    digest = hashlib.sha256(_dump(bare))
+    digest = hashlib.blake2b(_dump(bare), digest_size=_DIGEST_BYTES)
     for parts in contents:
         digest.update(struct.pack("<Q", sum(len(part) for part in parts)))
         for part in parts:

@@ -142,9 +142,9 @@ class Level:
         number: 0 for the coarse mesh.
         matrix: (vertices, coarse vertices), positions and morph deltas; None is the identity (level 0).
         linear: (vertices, coarse vertices), the same by edge midpoints, for skin weights; None as above.
-        triangles: (F, 3) vertices. Level 0 has the coarse triangles except those with two equal corners, a
-            higher one the quarters of the faces that split in four, not the green ones. Vertices are the
-            coarse ones, then those of each level up to this one.
+        triangles: (F, 3) vertices. Level 0 has the coarse triangles `near` which splits are wanted, except those
+            with two equal corners, a higher one the quarters of the faces that split in four, not the green ones.
+            Vertices are the coarse ones, then those of each level up to this one.
         parents: (F,) coarse triangle that each lies in, ascending.
         edges: (E, 2) vertices, the lower first; ordered by them.
         triangle_edges: (F, 3); column c is the edge from corner c to the corner that follows it.
@@ -196,6 +196,12 @@ class Subdivision:
     blocked: int
     levels: int
 
+    @property
+    def changed(self) -> Bools:
+        """(F',) the triangles that are not coarse ones."""
+        changed: Bools = np.bincount(self.parents)[self.parents] > 1
+        return changed
+
     def positions(self, coarse: Floats) -> Floats:
         """(..., V, C) coarse positions or morph deltas → (..., V', C); the first V are the same bits."""
         return _apply(self.matrix, coarse)
@@ -215,6 +221,7 @@ def subdivide(
     wants: Criterion,
     forbids: Criterion | None = None,
     max_levels: int,
+    near: Bools | None = None,
     scheme: Literal["butterfly", "midpoint"] = "butterfly",
     where: str = "",
 ) -> Subdivision:
@@ -231,6 +238,8 @@ def subdivide(
         forbids: (E,) for each edge of a level, whether it must never split. An edge whose split would need
             that of a forbidden one is not split either.
         max_levels: How often an edge may be halved.
+        near: (F,) triangles that have every edge that wants a split, at any level; all where left out. What lies
+            further off takes hardly any time.
         scheme: `butterfly`, smooth through the coarse vertices, or `midpoint`, which keeps the coarse shape.
         where: Whose triangles they are, for the message.
 
@@ -240,7 +249,9 @@ def subdivide(
     Raises:
         BakeError: A level would have more than 500,000 new triangles.
     """
-    root = _root(np.asarray(triangles, dtype=np.intp), vertex_count, wants, forbids)
+    triangles = np.asarray(triangles, dtype=np.intp)
+    held = np.ones(len(triangles), dtype=np.bool_) if near is None else _held(near, triangles, vertex_count)
+    root = _root(triangles, held, vertex_count, wants, forbids)
     stages, wasted = _close(root, [], wants, forbids, max_levels, scheme, where)
     if wasted:
         # Splits that proved impossible had asked for others at coarser levels: plan again without them.
@@ -248,7 +259,7 @@ def subdivide(
 
     deepest = stages[-1]
     limited = deepest.wanted & ~deepest.forbidden if len(stages) > max_levels else np.zeros(0, dtype=np.bool_)
-    fine, parents, barycentrics = _leaves(np.asarray(triangles, dtype=np.intp), stages)
+    fine, parents, barycentrics = _leaves(triangles, stages)
     return Subdivision(
         triangles=fine,
         parents=parents,
@@ -313,9 +324,22 @@ class _Stage:
         return edges
 
 
-def _root(triangles: Ints, vertex_count: int, wants: Criterion, forbids: Criterion | None) -> _Stage:
+def _held(near: Bools, triangles: Ints, vertex_count: int) -> Bools:
+    """(F,) the triangles that matter where all edges that want a split are of the flagged ones: two rings more.
+
+    A finer edge asks for the faces round its ends, at every level for half as far as at the level below: in all for
+    less than the length of a triangle, so for no vertex beyond the first ring. The third edge of a face with two split
+    ones has no end that they have not. And stencils see the faces round the ends of split edges: the second ring.
+    """
+    for _ in range(2):
+        near = _any(_flags(triangles[near], vertex_count), triangles)
+    return near
+
+
+def _root(triangles: Ints, held: Bools, vertex_count: int, wants: Criterion, forbids: Criterion | None) -> _Stage:
+    """Level 0 of (F,) flagged triangles; nothing is split."""
     a, b, c = triangles.T
-    faces = np.flatnonzero((a != b) & (b != c) & (c != a))
+    faces = np.flatnonzero(held & (a != b) & (b != c) & (c != a))
     return _stage(
         _level(0, None, None, triangles[faces], faces, vertex_count),
         codes=faces,
@@ -502,9 +526,8 @@ def _carried(stages: list[_Stage], stage: _Stage, name: Literal["wanted", "denie
 def _leaves(triangles: Ints, stages: list[_Stage]) -> tuple[Ints, Ints, Floats]:
     """The fine triangles (F', 3), their coarse ones (F',) and barycentrics (F', 3, 3), in coarse order."""
     finest = len(stages) - 1
-    whole = np.setdiff1d(np.arange(len(triangles)), stages[0].codes)
-    found = [triangles[whole]]
-    weights = [np.broadcast_to(np.eye(3), (whole.size, 3, 3))]
+    whole = np.flatnonzero(~_flags(stages[0].codes, len(triangles)))
+    found, weights = [triangles[whole]], []
     places = [whole * 4**finest]
     for depth, stage in enumerate(stages):
         scale = 4 ** (finest - depth)
@@ -533,7 +556,9 @@ def _leaves(triangles: Ints, stages: list[_Stage]) -> tuple[Ints, Ints, Floats]:
                 places.append(np.repeat(codes[chosen] * scale, len(pattern)))
     place = np.concatenate(places)
     order = np.argsort(place, kind="stable")
-    return np.concatenate(found)[order], place[order] // 4**finest, np.concatenate(weights)[order]
+    barycentrics, refined = np.tile(np.eye(3), (order.size, 1, 1)), order >= whole.size
+    barycentrics[refined] = np.concatenate(weights)[order[refined] - whole.size]
+    return np.concatenate(found)[order], place[order] // 4**finest, barycentrics
 
 
 def _six(stage: _Stage, faces: Bools) -> tuple[Ints, Floats]:

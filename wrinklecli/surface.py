@@ -242,8 +242,9 @@ def _read_influences(
             weights[same, earlier] += weights[same, k]
             weights[same, k] = 0.0
     joints = np.where(weights > 0, joints, joint_count)
-    order = np.argsort(joints, axis=1, kind="stable")
-    joints, weights = np.take_along_axis(joints, order, 1), np.take_along_axis(weights, order, 1)
+    # Joints and where they were, in one number: sorting is faster than finding an order.
+    keys = np.sort(joints * (4 * sets) + np.arange(4 * sets), axis=1)
+    joints, weights = keys // (4 * sets), np.take_along_axis(weights, keys % (4 * sets), 1)
     weights /= weights.sum(axis=1, keepdims=True)
     return np.where(joints == joint_count, 0, joints), weights
 
@@ -281,24 +282,37 @@ def _places(document: Document, primitives: list[Json], positions: Floats) -> Fl
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
-    places, which = np.unique(positions, axis=0, return_inverse=True)
+    firsts, which = distinct(positions)
+    places = positions[firsts]
     tolerance = _WELD_TOLERANCE * float(np.linalg.norm(np.ptp(positions, axis=0)))
     near = cKDTree(places).query_pairs(tolerance, output_type="ndarray")
     links = coo_array((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(len(places), len(places)))
     _, groups = connected_components(links, directed=False)
     _, firsts = np.unique(groups, return_index=True)
-    return places[firsts[groups[which.reshape(-1)]]]
+    return places[firsts[groups[which]]]
+
+
+def distinct(rows: Array) -> tuple[Ints, Ints]:
+    """Where each distinct one of (n, columns) rows is, these rising, and (n,) which of them each row is.
+
+    As `np.unique` along an axis, but several times as fast.
+    """
+    order = np.lexsort(rows.T[::-1])
+    fresh = np.zeros(len(rows), bool)
+    fresh[:1] = True
+    for column in rows.T:
+        ordered = column[order]
+        fresh[1:] |= ordered[1:] != ordered[:-1]
+    which = np.zeros(len(rows), np.intp)
+    which[order] = np.cumsum(fresh) - 1
+    return order[fresh], which
 
 
 def _weld(vertices: Vertices, positions: Floats) -> tuple[Ints, Ints, Bools]:
     """Welded vertex of each vertex, the first vertex of each welded one, and which welded ones have twins."""
     deltas = vertices.morph_deltas
     joints, weights = vertices.joints, vertices.weights
-    order = np.lexsort(positions.T[::-1])
-    fresh = np.ones(len(order), bool)
-    fresh[1:] = (positions[order[1:]] != positions[order[:-1]]).any(axis=1)
-    place = np.zeros(len(order), np.intp)
-    place[order] = np.cumsum(fresh) - 1
+    _, place = distinct(positions)
     tolerance = _WELD_TOLERANCE * max(float(np.linalg.norm(np.ptp(positions, axis=0))), 1e-30)
     leader = np.full(len(positions), -1, np.intp)
     pending = np.arange(len(positions))
@@ -316,9 +330,10 @@ def _weld(vertices: Vertices, positions: Floats) -> tuple[Ints, Ints, Bools]:
         leader[pending[same]] = first[same]
         pending = pending[~same]
     leader[pending] = pending
-    firsts, weld = np.unique(leader, return_inverse=True)
+    leads = leader == np.arange(len(leader))
+    firsts, weld = np.flatnonzero(leads), (np.cumsum(leads) - 1)[leader]
     twins = np.bincount(place[firsts])[place[firsts]] > 1
-    return weld.astype(np.intp), firsts.astype(np.intp), twins
+    return weld, firsts, twins
 
 
 def dense_influences(joints: Ints, weights: Floats, joint_count: int) -> Floats:
@@ -337,11 +352,22 @@ def face_normals(positions: Floats, triangles: Ints) -> Floats:
 
 def vertex_normals(positions: Floats, triangles: Ints) -> Floats:
     """(vertices, 3) area-weighted unit normals; 0 where a vertex has no area around it."""
+    return unit(_normal_sums(positions, triangles))
+
+
+def normals_at(positions: Floats, triangles: Ints, vertices: Ints) -> Floats:
+    """(chosen, 3) `vertex_normals` of some vertices."""
+    wanted = np.zeros(len(positions), bool)
+    wanted[vertices] = True
+    a, b, c = wanted[triangles].T
+    return unit(_normal_sums(positions, triangles[a | b | c])[vertices])
+
+
+def _normal_sums(positions: Floats, triangles: Ints) -> Floats:
+    """(vertices, 3) sums of the normals of the triangles around each vertex."""
     faces = face_normals(positions, triangles)
-    sums = np.stack(
-        [np.bincount(triangles.ravel(), np.repeat(faces[:, k], 3), len(positions)) for k in range(3)], axis=1
-    )
-    return unit(np.asarray(sums, np.float64))
+    sums = [np.bincount(triangles.ravel(), np.repeat(faces[:, k], 3), len(positions)) for k in range(3)]
+    return np.asarray(np.stack(sums, axis=1), np.float64)
 
 
 def unit(vectors: Floats) -> Floats:
