@@ -12,7 +12,7 @@ from wrinklecli.draft import Draft
 from wrinklecli.encode import Part, parts_of, shared_vertices
 from wrinklecli.errors import RefusedError
 from wrinklecli.patch import Rest
-from wrinklecli.plan import Basis, Motion, Plan, Progress, take_of, targets_of
+from wrinklecli.plan import Basis, Motion, Plan, Progress, takes_of, targets_of
 from wrinklecli.pose import Clip, Rig, joint_matrices, morph_weights, read_clips, read_rig
 from wrinklecli.refine import Refinement
 from wrinklecli.skin import pose, prepare
@@ -88,12 +88,16 @@ def prove(
     proof = read_back(draft.document(), plan.rig.node, plan.fine, carriers, parts)
     written = {clip.index: clip for clip in proof.clips}
     residuals: dict[str, Residual] = {}
-    known: dict[tuple[bytes, tuple[bytes, str]], Residual] = {}
-    for number, motion in enumerate(motions):
-        key = written[motion.clip.index].motion(), take_of(plan, motion.clip)
-        if key not in known:
-            known[key] = compare(proof, motion, plan.fine, bases, plan.rig, plan.rest, with_normals=details)
-        residual = known[key]
+    proven: dict[int, tuple[Clip, Residual]] = {}
+    for number, (motion, take) in enumerate(
+        zip(motions, takes_of(plan, [motion.clip for motion in motions]), strict=True)
+    ):
+        clip = written[motion.clip.index]
+        # The same in the source and in the file as a clip before it.
+        if take not in proven or not clip.moves_as(proven[take][0]):
+            residual = compare(proof, motion, plan.fine, bases, plan.rig, plan.rest, with_normals=details)
+            proven[take] = clip, residual
+        residual = proven[take][1]
         worst = max(residual.position, residual.weights)
         if worst > plan.max_error:
             share = 100 * worst / plan.tallest
