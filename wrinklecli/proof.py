@@ -23,6 +23,8 @@ Ints = NDArray[np.intp]
 
 # Frames of a clip at which whole members are compared, besides its tallest and most folded.
 _FRAMES = 64
+# The keys of each tool at which its track bends most.
+_BENDS = 4
 # Frames posed at once, fewer where they have more vertices than these: bounds the memory.
 _CHUNK = 16
 _MOST_VERTICES = 2**20
@@ -254,7 +256,10 @@ def _chosen_times(every: Floats, activities_: Sequence[Activity]) -> Floats:
         # The straight line through the neighbours misses most here.
         tall = np.abs(seen.amplitudes).sum(axis=(1, 2))
         bend = np.abs(tall[2:] - 2 * tall[1:-1] + tall[:-2])
-        picked.update((1 + np.argsort(-bend, kind="stable")[:4]).tolist())
+        # A few are sorted, not all.
+        least = np.partition(bend, -_BENDS)[-_BENDS] if len(bend) > _BENDS else 0.0
+        most = np.flatnonzero(bend >= least)
+        picked.update((1 + most[np.argsort(-bend[most], kind="stable")[:_BENDS]]).tolist())
     return every[sorted(picked)]
 
 
