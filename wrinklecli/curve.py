@@ -120,17 +120,18 @@ class ControlCurve:
             each of its bumps, (frames,) that of a full bump, and (frames,) what none could take.
         """
         capacities = self.profile.capacity(intervals, self.max_height)
+        sizes = np.array([len(group) for group in self.groups])
+        before = np.concatenate([[0], np.cumsum(sizes)])
         rising = np.zeros(len(shortenings), np.intp)
-        share = np.zeros(len(shortenings))
-        rest = np.asarray(shortenings, np.float64)
-        for number, group in enumerate(self.groups):
-            wanted = rest / len(group)
-            full = (wanted > capacities) & (rising == number)
-            share = np.where((rising == number) & ~full, wanted, share)
-            rising += full
-            # Exactly 0 where taken whole: d − B (d/B) would leave rounding crumbs to the next group.
-            rest = np.where(full, np.maximum(rest - len(group) * capacities, 0.0), 0.0)
-        return rising, share, capacities, rest
+        for bumps in before[1:]:
+            rising += shortenings > bumps * capacities
+        some = np.flatnonzero(rising)
+        rest = np.array(shortenings, np.float64)
+        # Capacities may be infinite, but not where they are full.
+        rest[some] = np.maximum(rest[some] - before[rising[some]] * capacities[some], 0.0)
+        is_full = rising == len(sizes)
+        share = np.where(is_full, 0.0, rest / np.append(sizes, 1)[rising])
+        return rising, share, capacities, np.where(is_full, rest, 0.0)
 
     def amplitudes(self, bump_shortenings: Floats, rest_lengths: Floats, unabsorbed: Floats | float = 0.0) -> Floats:
         """Amplitudes of each group's modes.
@@ -162,14 +163,13 @@ class ControlCurve:
         if len(acting):
             intervals = self._intervals(rest_lengths[acting], shortenings[acting])
             rising, share, capacities, unabsorbed[acting] = self._fill(shortenings[acting], intervals)
-            found = np.zeros((len(acting), *self.greatest_amplitudes.shape))
-            partly = np.flatnonzero(rising < len(self.groups))
-            found[partly, rising[partly]] = self.profile.amplitudes(share[partly], intervals[partly], self.max_height)
-            full = np.flatnonzero(rising)
+            tallest = np.zeros((len(acting), self.greatest_amplitudes.shape[1]))
+            full, partly = np.flatnonzero(rising), np.flatnonzero(rising < len(self.groups))
             if len(full):
-                tallest = self.profile.fullest(capacities[full], intervals[full], self.max_height)
-                before = np.arange(len(self.groups)) < rising[full, None]
-                found[full] = np.where(before[..., None], tallest[:, None], found[full])
+                tallest[full] = self.profile.fullest(capacities[full], intervals[full], self.max_height)
+            before = np.arange(len(self.groups)) < rising[:, None]
+            found = np.where(before[..., None], tallest[:, None], 0.0)
+            found[partly, rising[partly]] = self.profile.amplitudes(share[partly], intervals[partly], self.max_height)
             amplitudes[acting] = found
         return amplitudes, unabsorbed
 

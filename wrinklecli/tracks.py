@@ -168,8 +168,11 @@ def _lanes(points: Floats, values: Floats, starts: Ints, stops: Ints, tolerance:
     while len(here):
         ahead = np.minimum(begin[:, None] + np.arange(_AHEAD), stops[:, None] - 1)
         inverse = 1.0 / (when[:, ahead] - points[_PER_INTERVAL * here, None])[..., None]
-        slopes = (inner[:, ahead] - values[_PER_INTERVAL * here, None]) * inverse
-        lows, highs = (slopes - tolerance * inverse).max(axis=0), (slopes + tolerance * inverse).min(axis=0)
+        slopes = inner[:, ahead]
+        slopes -= values[_PER_INTERVAL * here, None]
+        slopes *= inverse
+        slack = tolerance * inverse
+        lows, highs = (slopes - slack).max(axis=0), (slopes + slack).min(axis=0)
         lowest = np.maximum(np.maximum.accumulate(lows, axis=1), low[:, None])
         highest = np.minimum(np.minimum.accumulate(highs, axis=1), high[:, None])
         passes = ((lowest <= slopes[-1]) & (slopes[-1] <= highest)).all(axis=2)
