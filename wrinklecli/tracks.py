@@ -41,8 +41,8 @@ _LANE = 64
 _INNER = np.arange(1, 8) / 8.0
 # Points of an interval from its start on, as far apart as those.
 _PER_INTERVAL = len(_INNER) + 1
-# Intervals that a straight line is tried through at once.
-_AHEAD = 4
+# Points that a straight line is tried through at once.
+_AHEAD = 4 * _PER_INTERVAL
 
 # Times within a stretch, (points,) seconds, to (points, values).
 Signal = Callable[[Floats], Floats]
@@ -158,33 +158,28 @@ def _lanes(points: Floats, values: Floats, starts: Ints, stops: Ints, tolerance:
         tolerance: Greatest error of a value.
     """
     reached: list[Ints] = []
-    # By the points' number within their intervals, so that all of an interval are looked at in few, long steps.
-    shape = (len(values) // _PER_INTERVAL, _PER_INTERVAL, values.shape[1])
-    inner = np.ascontiguousarray(values[1:].reshape(shape).swapaxes(0, 1))
-    when = points[1:].reshape(-1, _PER_INTERVAL).T
-    here, begin, furthest = starts, starts, starts + 1
+    here, furthest = _PER_INTERVAL * starts, starts + 1
+    begin = here + 1
     low = np.full((len(starts), values.shape[1]), -np.inf)
     high = -low
+    ahead = np.arange(_AHEAD)
     while len(here):
-        ahead = np.minimum(begin[:, None] + np.arange(_AHEAD), stops[:, None] - 1)
-        inverse = 1.0 / (when[:, ahead] - points[_PER_INTERVAL * here, None])[..., None]
-        slopes = inner[:, ahead]
-        slopes -= values[_PER_INTERVAL * here, None]
-        slopes *= inverse
-        slack = tolerance * inverse
-        lows, highs = (slopes - slack).max(axis=0), (slopes + slack).min(axis=0)
-        lowest = np.maximum(np.maximum.accumulate(lows, axis=1), low[:, None])
-        highest = np.minimum(np.minimum.accumulate(highs, axis=1), high[:, None])
-        passes = ((lowest <= slopes[-1]) & (slopes[-1] <= highest)).all(axis=2)
-        furthest = np.maximum(furthest, np.where(passes, ahead + 1, 0).max(axis=1))
+        after = np.minimum(begin[:, None] + ahead, _PER_INTERVAL * stops[:, None])
+        elapsed = (points[after] - points[here, None])[..., None]
+        slopes = (values[after] - values[here, None]) / elapsed
+        slack = tolerance / elapsed
+        lowest = np.maximum(np.maximum.accumulate(slopes - slack, axis=1), low[:, None])
+        highest = np.minimum(np.minimum.accumulate(slopes + slack, axis=1), high[:, None])
+        passes = ((lowest <= slopes) & (slopes <= highest)).all(axis=2) & (after % _PER_INTERVAL == 0)
+        furthest = np.maximum(furthest, np.where(passes, after // _PER_INTERVAL, 0).max(axis=1))
         low, high = lowest[:, -1], highest[:, -1]
-        closed = (low > high).any(axis=1) | (begin + _AHEAD >= stops)
+        closed = (low > high).any(axis=1) | (begin + _AHEAD > _PER_INTERVAL * stops)
         reached.append(furthest[closed])
-        here = np.where(closed, furthest, here)
-        begin = np.where(closed, here, begin + _AHEAD)
+        here = np.where(closed, _PER_INTERVAL * furthest, here)
+        begin = np.where(closed, here + 1, begin + _AHEAD)
         low[closed], high[closed] = -np.inf, np.inf
         furthest = furthest + closed
-        going = here < stops
+        going = here < _PER_INTERVAL * stops
         here, begin, furthest, stops = here[going], begin[going], furthest[going], stops[going]
         low, high = low[going], high[going]
     return reached
