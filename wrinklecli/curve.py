@@ -112,6 +112,10 @@ class ControlCurve:
             shares[:, group] = np.where(number == rising, share, full)[:, None]
         return shares, unabsorbed
 
+    def full_groups(self, shortenings: Floats, rest_lengths: Floats) -> Ints:
+        """(frames,) how many groups are full, in the order in which they rise; arguments as of `absorb`."""
+        return self._fill(shortenings, self._intervals(rest_lengths, shortenings))[0]
+
     def _fill(self, shortenings: Floats, intervals: Floats) -> tuple[Ints, Floats, Floats, Floats]:
         """What `absorb` gives, in terms of groups: in a frame all are full, then one may be rising, then all flat.
 

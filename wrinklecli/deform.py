@@ -235,18 +235,14 @@ def weight_table(curve: ControlCurve) -> tuple[Floats, Floats]:
 
 def _group_starts(curve: ControlCurve) -> Floats:
     """(groups + 1,) the shortening over rest length at which each group starts, and at which the last is full."""
-    length = np.array([curve.rest_length])
-    starts = [1.0 - TAUT]
-    for group in range(len(curve.groups)):
-        low, high = starts[-1], 1.0
-        for _ in range(_HALVINGS):
-            middle = (low + high) / 2.0
-            bumps, unabsorbed = curve.absorb(curve.shortening((1.0 - middle) * length, length), length)
-            later = [bump for bumps_of in curve.groups[group + 1 :] for bump in bumps_of]
-            passed_on = float(bumps[0, later].sum() + unabsorbed[0])
-            low, high = (low, middle) if passed_on > 0 else (middle, high)
-        starts.append(high)
-    return np.array(starts)
+    groups = np.arange(len(curve.groups))
+    lengths = np.full(len(groups), curve.rest_length)
+    low, high = np.full(len(groups), 1.0 - TAUT), np.ones(len(groups))
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2.0
+        full = curve.full_groups(curve.shortening((1.0 - middle) * lengths, lengths), lengths) > groups
+        low, high = np.where(full, low, middle), np.where(full, middle, high)
+    return np.concatenate([[1.0 - TAUT], high])
 
 
 def weights_of(curve: ControlCurve, amplitudes: Floats) -> Floats:

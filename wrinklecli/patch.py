@@ -549,21 +549,20 @@ def lengths_over_time(
         points = anchor.points[0][:, :, None]
         if len(anchor.points) > 1:
             points = points + np.tensordot(anchor.points[1:], poses.weights, axes=(0, 1))
-        place, scaled = np.zeros((3, 1)), np.zeros(1)
+        place, scaled = np.zeros((3, len(times))), np.zeros(len(times))
         for number, point, weight in zip(
             np.searchsorted(poses.joints, anchor.joints), points, anchor.weights, strict=True
         ):
             for column in range(4):
-                place = place + poses.rows[number][:, column] * point[column]
-            scaled = scaled + weight * poses.scales[number]
+                place += poses.rows[number][:, column] * point[column]
+            scaled += weight * poses.scales[number]
         places.append(place)
         # Scale: cube roots of determinants against rest, by influence.
         scales.append(scaled)
     scale = (scales[0] + scales[1]) / 2.0
     hidden = scale < _LEAST_SCALE
     distances = np.sqrt(np.sum((places[1] - places[0]) ** 2, axis=0)) / np.where(hidden, 1.0, scale)
-    distances = np.broadcast_to(np.where(hidden, np.inf, distances), len(times))
-    return distances, rest_lengths_over_time(patch, rig, clip, times)
+    return np.where(hidden, np.inf, distances), rest_lengths_over_time(patch, rig, clip, times)
 
 
 def rest_lengths_over_time(patch: Patch, rig: Rig, clip: Clip | None, times: Floats) -> Floats:

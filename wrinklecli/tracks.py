@@ -228,13 +228,16 @@ def smooth(function: Signal, breaks: Floats, tolerance: float) -> Signal:
     order = np.argsort(begins, kind="stable")
     begins, spans, powers = begins[order], spans[order], powers[order]
 
+    table = np.ascontiguousarray(powers.transpose(1, 2, 0))
+
     def fitted(times: Floats) -> Floats:
         which = np.clip(np.searchsorted(begins, times, side="right") - 1, 0, len(begins) - 1)
-        t = ((times - begins[which]) / spans[which])[:, None]
-        found = powers[which, 4]
-        for k in (3, 2, 1, 0):
-            found = found * t + powers[which, k]
-        return np.asarray(found)
+        t = (times - begins[which]) / spans[which]
+        found: Floats = table[4][:, which]
+        for row in table[3::-1]:
+            found *= t
+            found += row[:, which]
+        return found.T
 
     return fitted
 
