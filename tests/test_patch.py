@@ -23,7 +23,7 @@ from wrinklecli.patch import (
     rest_pose,
     singular,
 )
-from wrinklecli.pose import Clip, blend, joint_matrices, morph_weights, read_clips, read_rig, transform
+from wrinklecli.pose import Clip, blend, joint_matrices, morph_weights, node_matrices, read_clips, read_rig, transform
 from wrinklecli.surface import face_normals, read_surface, vertex_normals
 
 Floats = NDArray[np.float64]
@@ -144,7 +144,8 @@ def test_anchors_go_where_the_skin_carries_them(snap: str, joints: int, root: An
     moved = posed(prepared, clip, times)
     weights = np.concatenate([np.ones((13, 1)), morph_weights(prepared.rig, clip, times)], axis=1)
     for anchor in (prepared.patch.origin, prepared.patch.target):
-        matrices = joint_matrices(prepared.rig, clip, times, anchor.joints)
+        nodes = [int(prepared.rig.joints[joint]) for joint in anchor.joints]
+        matrices = node_matrices(prepared.rig, clip, times, nodes)
         points = np.tensordot(weights, anchor.points, axes=1)
         carried = np.einsum("fkab,fkb->fa", matrices, points)
         assert carried[:, :3] == pytest.approx(

@@ -44,6 +44,9 @@ MODE_ERROR = 1e-4
 FIT_ERROR = 1e-13
 """Size of an interpolant's last coefficients, of its largest: four digits better than promised (1e-9)."""
 
+_LEAST = 1e-300
+"""A divisor in place of 0."""
+
 _MOST_PIECES = 1024
 """Of a table: 56 kB, which a core's cache holds."""
 
@@ -102,17 +105,37 @@ class ControlCurve:
             (frames, bumps) shortening of each bump, and (frames,) what none could take: ≥ 0, and exactly 0
             where some bump is not full.
         """
-        intervals = self._intervals(rest_lengths, shortenings)
-        capacities = self.profile.capacity(intervals, self.max_height)
+        rising, share, capacities, unabsorbed = self._fill(shortenings, self._intervals(rest_lengths, shortenings))
         shares = np.zeros((len(shortenings), self.bumps))
-        rest = np.asarray(shortenings, np.float64)
-        for group in self.groups:
-            wanted = rest / len(group)
-            full = wanted > capacities
-            shares[:, group] = np.where(full, capacities, wanted)[:, None]
-            # Exactly 0 where taken whole: d − B (d/B) would leave rounding crumbs to the next group.
-            rest = np.where(full, np.maximum(rest - len(group) * capacities, 0.0), 0.0)
-        return shares, rest
+        for number, group in enumerate(self.groups):
+            full = np.where(number < rising, capacities, 0.0)
+            shares[:, group] = np.where(number == rising, share, full)[:, None]
+        return shares, unabsorbed
+
+    def full_groups(self, shortenings: Floats, rest_lengths: Floats) -> Ints:
+        """(frames,) how many groups are full, in the order in which they rise; arguments as of `absorb`."""
+        return self._fill(shortenings, self._intervals(rest_lengths, shortenings))[0]
+
+    def _fill(self, shortenings: Floats, intervals: Floats) -> tuple[Ints, Floats, Floats, Floats]:
+        """What `absorb` gives, in terms of groups: in a frame all are full, then one may be rising, then all flat.
+
+        Returns:
+            (frames,) the index of the rising group, or the number of groups where all are full; (frames,) shortening of
+            each of its bumps, (frames,) that of a full bump, and (frames,) what none could take.
+        """
+        capacities = self.profile.capacity(intervals, self.max_height)
+        sizes = np.array([len(group) for group in self.groups])
+        before = np.concatenate([[0], np.cumsum(sizes)])
+        rising = np.zeros(len(shortenings), np.intp)
+        for bumps in before[1:]:
+            rising += shortenings > bumps * capacities
+        some = np.flatnonzero(rising)
+        rest = np.array(shortenings, np.float64)
+        # Capacities may be infinite, but not where they are full.
+        rest[some] = np.maximum(rest[some] - before[rising[some]] * capacities[some], 0.0)
+        is_full = rising == len(sizes)
+        share = np.where(is_full, 0.0, rest / np.append(sizes, 1)[rising])
+        return rising, share, capacities, np.where(is_full, rest, 0.0)
 
     def amplitudes(self, bump_shortenings: Floats, rest_lengths: Floats, unabsorbed: Floats | float = 0.0) -> Floats:
         """Amplitudes of each group's modes.
@@ -142,8 +165,16 @@ class ControlCurve:
         amplitudes = np.zeros((len(shortenings), *self.greatest_amplitudes.shape))
         unabsorbed = np.zeros(len(shortenings))
         if len(acting):
-            shares, unabsorbed[acting] = self.absorb(shortenings[acting], rest_lengths[acting])
-            amplitudes[acting] = self.amplitudes(shares, rest_lengths[acting], unabsorbed[acting])
+            intervals = self._intervals(rest_lengths[acting], shortenings[acting])
+            rising, share, capacities, unabsorbed[acting] = self._fill(shortenings[acting], intervals)
+            tallest = np.zeros((len(acting), self.greatest_amplitudes.shape[1]))
+            full, partly = np.flatnonzero(rising), np.flatnonzero(rising < len(self.groups))
+            if len(full):
+                tallest[full] = self.profile.fullest(capacities[full], intervals[full], self.max_height)
+            before = np.arange(len(self.groups)) < rising[:, None]
+            found = np.where(before[..., None], tallest[:, None], 0.0)
+            found[partly, rising[partly]] = self.profile.amplitudes(share[partly], intervals[partly], self.max_height)
+            amplitudes[acting] = found
         return amplitudes, unabsorbed
 
     def shapes(self, us: Floats) -> Floats:
@@ -335,6 +366,10 @@ class SmoothProfile:
         rises = wholes * np.sqrt(q) * self.to_amplitude(q)
         return np.minimum(rises, max_height / self.peak)[..., None]
 
+    def fullest(self, _: Floats, intervals: Floats, max_height: float) -> Floats:
+        """(..., 1) A of a bump whose highest point is at `max_height`, from its D and x; scene units."""
+        return np.full((*intervals.shape, 1), max_height / self.peak)
+
     def capacity(self, intervals: Floats, max_height: float) -> Floats:
         """D of a bump whose highest point is at `max_height`, from x; scene units."""
         if math.isinf(max_height):
@@ -364,11 +399,11 @@ class SmoothProfile:
 def _parts(chords: Floats, others: Floats) -> tuple[Floats, Floats]:
     """The whole, chord + other, and q = 1 − (chord / whole)^¼ without cancellation; 0 where the whole is."""
     wholes = chords + others
-    positive = wholes > 0
-    roots = np.divide(chords, wholes, out=np.ones_like(wholes), where=positive)
-    roots = np.sqrt(np.sqrt(roots))
-    parts = np.divide(others, wholes, out=np.zeros_like(wholes), where=positive)
-    return wholes, parts / ((1 + roots) * (1 + roots**2))
+    # Where nothing is, both are 0, and so is q.
+    divisors = np.maximum(wholes, _LEAST)
+    roots = np.sqrt(chords / divisors)
+    parts: Floats = others / divisors / (1 + np.sqrt(roots)) / (1 + roots)
+    return wholes, parts
 
 
 @lru_cache(maxsize=16)  # all tools of most files have the same details
@@ -506,6 +541,10 @@ class PolylineProfile:
             shortenings = np.minimum(shortenings, self.capacity(intervals, max_height))
         heights = np.minimum(_polyline_heights(self.details, shortenings, intervals), max_height)
         return np.asarray(np.einsum("...k,mk->...m", heights, self.projection), np.float64)
+
+    def fullest(self, capacities: Floats, intervals: Floats, max_height: float) -> Floats:
+        """(..., modes) of a bump whose highest knot is at `max_height`, from its D and x; scene units."""
+        return self.amplitudes(capacities, intervals, max_height)
 
     def capacity(self, intervals: Floats, max_height: float) -> Floats:
         """D of a bump whose highest knot is at `max_height`, from x; scene units."""

@@ -126,7 +126,8 @@ def carry(patch: Patch, fine: Refinement, pinned: Bools) -> Carrier:
     """
     members = np.unique(fine.triangles[patch.members[fine.subdivision.parents]])
     u, v = patch.coordinates(fine.rest_positions[members])
-    magnitudes = patch.magnitudes(u, v, fine.rest_normals[members])
+    normals = fine.rest_normals_at(members)
+    magnitudes = patch.magnitudes(u, v, normals)
     old = members < len(pinned)
     magnitudes[old] *= ~pinned[members[old]]
     regular = ~singular(fine.blended[members])
@@ -136,7 +137,7 @@ def carry(patch: Patch, fine: Refinement, pinned: Bools) -> Carrier:
     # Projected anew each frame, any member may come to lie on the patch.
     chosen = regular & (moving if patch.tool.attachment == "skin" else True)
     vertices = members[chosen]
-    carried = np.einsum("vij,vj->vi", inverses(fine.blended[vertices]), fine.rest_normals[vertices])
+    carried = np.einsum("vij,vj->vi", inverses(fine.blended[vertices]), normals[chosen])
     return Carrier(
         patch=patch,
         vertices=vertices,
@@ -235,18 +236,14 @@ def weight_table(curve: ControlCurve) -> tuple[Floats, Floats]:
 
 def _group_starts(curve: ControlCurve) -> Floats:
     """(groups + 1,) the shortening over rest length at which each group starts, and at which the last is full."""
-    length = np.array([curve.rest_length])
-    starts = [1.0 - TAUT]
-    for group in range(len(curve.groups)):
-        low, high = starts[-1], 1.0
-        for _ in range(_HALVINGS):
-            middle = (low + high) / 2.0
-            bumps, unabsorbed = curve.absorb(curve.shortening((1.0 - middle) * length, length), length)
-            later = [bump for bumps_of in curve.groups[group + 1 :] for bump in bumps_of]
-            passed_on = float(bumps[0, later].sum() + unabsorbed[0])
-            low, high = (low, middle) if passed_on > 0 else (middle, high)
-        starts.append(high)
-    return np.array(starts)
+    groups = np.arange(len(curve.groups))
+    lengths = np.full(len(groups), curve.rest_length)
+    low, high = np.full(len(groups), 1.0 - TAUT), np.ones(len(groups))
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2.0
+        full = curve.full_groups(curve.shortening((1.0 - middle) * lengths, lengths), lengths) > groups
+        low, high = np.where(full, low, middle), np.where(full, middle, high)
+    return np.concatenate([[1.0 - TAUT], high])
 
 
 def weights_of(curve: ControlCurve, amplitudes: Floats) -> Floats:
@@ -305,7 +302,7 @@ def _fit_normals(fine: Refinement, vertices: Ints, deltas: Floats, samples: Floa
     true unit normal t is scaled to t/(t·N), whose part along N is N, and fitted with weights (t·N)⁴.
     """
     touched, true = displaced_normals(fine, vertices, np.einsum("fs,svx->fvx", samples, deltas))
-    base = fine.normals[touched]
+    base = fine.normals_at(touched)
     cosines = np.maximum(np.sum(true * base, axis=2), _LEAST_COSINE)
     wanted = true / cosines[..., None] - base
     leverage = cosines**4

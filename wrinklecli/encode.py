@@ -558,14 +558,13 @@ def _curve_json(basis: Basis) -> Json:
 def _anchor_json(anchor: Anchor, plan: Plan) -> Json:
     """An anchor in the spaces of its joints; `scales` are those of the joints at rest."""
     rig = plan.rig
-    weights = anchor.points[0, :, 3]
-    points = np.einsum("kab,mkb->mka", rig.inverse_binds[anchor.joints], anchor.points)[..., :3] / weights[:, None]
+    points = anchor.points[..., :3] / anchor.weights[:, None]
     binds, rest = rig.inverse_binds[anchor.joints, :3, :3], plan.rest.matrices[anchor.joints, :3, :3]
     before, bound = np.abs(np.linalg.det(rest)), np.abs(np.linalg.det(binds))
     scales = np.cbrt(np.where((before > 0) & (bound > 0), before, 1.0) / np.where(bound > 0, bound, 1.0))
     anchored: Json = {
         "joints": [rig.names[int(rig.joints[joint])] for joint in anchor.joints],
-        "weights": [_digits(weight) for weight in weights],
+        "weights": [_digits(weight) for weight in anchor.weights],
         "positions": [[_digits(x) for x in point] for point in points[0]],
         "scales": [_digits(scale) for scale in scales],
     }

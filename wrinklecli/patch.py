@@ -76,14 +76,15 @@ class Rest:
 
 @dataclass(frozen=True, slots=True)
 class Anchor:
-    """A point that the skin carries, as weighted bind points of joints.
+    """A point that the skin carries, as weighted points of joints, which carry them as rigid.
 
-    Its world position is the sum over k of matrix(joints[k]) @ (points[0] + sum over m of w_m points[m])[k].
+    Its world position is the sum over k of world(joints[k]) @ (points[0] + sum over m of w_m points[m])[k].
 
     Attributes:
         joints: (influences,) into the rig's joints.
-        points: (1 + morph targets, influences, 4) homogeneous bind points times their weight; the fourth
-            number is the weight itself, 0 in morph deltas.
+        weights: (influences,) of its joints, summing to 1.
+        points: (1 + morph targets, influences, 4) homogeneous points times their weights, in the joints' own
+            spaces; the fourth number is the weight itself, 0 in morph deltas.
         vertices: (corners,) the welded vertices around it: three, two on an edge, one at a vertex.
         barycentrics: (corners,) their shares, summing to 1.
         triangles: The coarse triangles that the anchor lies on.
@@ -93,6 +94,7 @@ class Anchor:
     """
 
     joints: Ints
+    weights: Floats
     points: Floats
     vertices: Ints
     barycentrics: Floats
@@ -288,7 +290,7 @@ def _attach(
         else:
             ends.append((key, np.array(point)))
     asked = float(np.linalg.norm(ends[1][1] - ends[0][1]))
-    anchors = [_anchor(tool, key, point, asked, surface, rest, settings) for key, point in ends]
+    anchors = [_anchor(tool, key, point, asked, surface, rest, rig, settings) for key, point in ends]
     origin, target = anchors
     difference = target.position - origin.position
     span = float(np.linalg.norm(difference))
@@ -341,6 +343,7 @@ def _anchor(
     segment: float,
     surface: Surface,
     rest: Rest,
+    rig: Rig,
     settings: ToolsFile,
 ) -> Anchor:
     """The point of the surface that is nearest to one asked for."""
@@ -381,11 +384,13 @@ def _anchor(
         bind = surface.positions[vertices] if m == 0 else surface.morph_deltas[m - 1, vertices]
         homogeneous = np.concatenate([bind, np.full((len(vertices), 1), float(m == 0))], axis=1)
         np.add.at(points[m], inverse.reshape(shares.shape), shares[..., None] * homogeneous[each])
-    keep = points[0, :, 3] > 0
+    weights = points[0, :, 3]
+    keep = weights > 0
     normal = unit(barycentrics @ rest.normals_at(vertices))
     return Anchor(
         joints=joints[keep],
-        points=points[:, keep],
+        weights=weights[keep],
+        points=np.einsum("kab,mkb->mka", rig.inverse_binds[joints[keep]], points[:, keep]),
         vertices=vertices,
         barycentrics=barycentrics,
         triangles=np.flatnonzero(on_all),
@@ -529,14 +534,14 @@ class AnchorPoses:
 
     Attributes:
         joints: (joints,) into the rig's, rising: those that move any of the anchors.
-        rows: (joints, 3, 4, frames) bind to world space; one frame where nothing moves.
-        scales: (joints, frames) cube roots of their determinants against rest.
+        rows: For each (3, 4, frames) of its world matrix; one frame where nothing moves it.
+        scales: For each (frames,) the cube root of its determinant against rest; as many frames.
         weights: (frames, morph targets).
     """
 
     joints: Ints
-    rows: Floats
-    scales: Floats
+    rows: Sequence[Floats]
+    scales: Sequence[Floats]
     weights: Floats
 
 
@@ -547,13 +552,14 @@ def anchor_joints(patches: Sequence[Patch]) -> Ints:
 
 def anchor_poses(joints: Ints, rig: Rig, rest: Rest, clip: Clip | None, times: Floats) -> AnchorPoses:
     """Pose (joints,) of a rig at (frames,) seconds; in the stored pose where there is no clip."""
-    worlds = node_rows(rig, clip, times, [int(rig.joints[joint]) for joint in joints])
-    rows = np.zeros((len(joints), 3, 4, max(each.shape[2] for each in worlds)))
-    for into, world, inverse_bind in zip(rows, worlds, rig.inverse_binds[joints], strict=True):
-        into[:] = np.sum(world[:, :, None] * inverse_bind[:, :, None], axis=1)
-    now = np.abs(determinants(rows[:, :, :3].transpose(0, 3, 1, 2)))
+    rows = node_rows(rig, clip, times, [int(rig.joints[joint]) for joint in joints])
+    bound = np.abs(determinants(rig.inverse_binds[joints, :3, :3]))
     before = np.abs(determinants(rest.matrices[joints, :3, :3]))
-    scales = np.cbrt(now / np.where(before > 0, before, 1.0)[:, None])
+    shares = bound / np.where(before > 0, before, 1.0)
+    scales = [
+        np.cbrt(share * np.abs(determinants(each[:, :3].transpose(2, 0, 1))))
+        for each, share in zip(rows, shares, strict=True)
+    ]
     return AnchorPoses(joints, rows, scales, morph_weights(rig, clip, times))
 
 
@@ -578,18 +584,23 @@ def lengths_over_time(
         poses = anchor_poses(anchor_joints([patch]), rig, rest, clip, times)
     places, scales = [], []
     for anchor in (patch.origin, patch.target):
-        chosen = np.searchsorted(poses.joints, anchor.joints)
         points = anchor.points[0][:, :, None]
         if len(anchor.points) > 1:
             points = points + np.tensordot(anchor.points[1:], poses.weights, axes=(0, 1))
-        places.append(np.sum(poses.rows[chosen] * points[:, None], axis=(0, 2)))
+        place, scaled = np.zeros((3, len(times))), np.zeros(len(times))
+        for number, point, weight in zip(
+            np.searchsorted(poses.joints, anchor.joints), points, anchor.weights, strict=True
+        ):
+            for column in range(4):
+                place += poses.rows[number][:, column] * point[column]
+            scaled += weight * poses.scales[number]
+        places.append(place)
         # Scale: cube roots of determinants against rest, by influence.
-        scales.append(np.sum(poses.scales[chosen] * anchor.points[0, :, 3, None], axis=0))
+        scales.append(scaled)
     scale = (scales[0] + scales[1]) / 2.0
     hidden = scale < _LEAST_SCALE
     distances = np.sqrt(np.sum((places[1] - places[0]) ** 2, axis=0)) / np.where(hidden, 1.0, scale)
-    distances = np.broadcast_to(np.where(hidden, np.inf, distances), len(times))
-    return distances, rest_lengths_over_time(patch, rig, clip, times)
+    return np.where(hidden, np.inf, distances), rest_lengths_over_time(patch, rig, clip, times)
 
 
 def rest_lengths_over_time(patch: Patch, rig: Rig, clip: Clip | None, times: Floats) -> Floats:

@@ -83,11 +83,11 @@ class Ground:
 def ground_under(plan: Plan, patch: Patch) -> Ground:
     """Cut the members of a patch by planes along it."""
     fine = plan.fine
-    members = fine.triangles[patch.members[fine.subdivision.parents]]
-    positions = fine.rest_positions
+    vertices, local = np.unique(fine.triangles[patch.members[fine.subdivision.parents]], return_inverse=True)
+    members, positions = local.reshape(-1, 3), fine.rest_positions[vertices]
     u, v = patch.coordinates(positions)
     least = _LOW * abs(patch.shape_strength)
-    moves = np.abs(patch.magnitudes(u, v, fine.rest_normals)) > least
+    moves = np.abs(patch.magnitudes(u, v, fine.rest_normals_at(vertices))) > least
     points = (np.arange(_POINTS) + 0.5) / _POINTS
     middle, length = _cut(members, u, v, positions, 0.0)
     covered = _layers(middle, points).any(axis=1)

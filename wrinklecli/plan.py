@@ -272,8 +272,7 @@ def sample_clips(
     tolerance = _SAMPLING_SHARE * bound
     ends = np.ceil(np.cumsum([1.0 + (clip.end - clip.start) * fps for clip in chosen])).astype(int).tolist()
     times, keys = [], []
-    found: dict[tuple[bytes, str], tuple[Floats, Ints]] = {}
-    for clip, end in zip(chosen, ends, strict=True):
+    for clip, end, take in zip(chosen, ends, takes_of(plan, chosen), strict=True):
         if mode == "frames":
             times.append(clip_grid(clip, None, fps=fps))
             keys.append(np.arange(len(times[-1])))
@@ -283,12 +282,12 @@ def sample_clips(
                 progress("sampling", end - math.ceil((clip.end - breaks[0]) * fps), ends[-1])
                 return _signals(plan, clip, breaks, tolerance)
 
-            key = take_of(plan, clip)
-            if key not in found:
-                thinning = _KEYS_SHARE * bound
-                found[key] = key_times(clip, rig, signal_on, fps=fps, tolerance=tolerance, thinning=thinning)
-            times.append(found[key][0])
-            keys.append(found[key][1])
+            if take < len(times):
+                found = times[take], keys[take]
+            else:
+                found = key_times(clip, rig, signal_on, fps=fps, tolerance=tolerance, thinning=_KEYS_SHARE * bound)
+            times.append(found[0])
+            keys.append(found[1])
         progress("sampling", end, ends[-1])
     bases: list[Basis] = []
     for carrier in plan.carriers:
@@ -305,10 +304,19 @@ def sample_clips(
     return bases, motions
 
 
-def take_of(plan: Plan, clip: Clip) -> tuple[bytes, str]:
-    """The same of clips that move the mesh and its wrinkles alike: converters write one take under two names."""
-    named = any(clip.name in (*each.patch.tool.clips, *each.patch.keyed_clips) for each in plan.carriers)
-    return clip.motion(), clip.name if named else ""
+def takes_of(plan: Plan, clips: Sequence[Clip]) -> list[int]:
+    """For each clip the first that moves the mesh and its wrinkles alike: converters write a take under two names."""
+    named = {name for each in plan.carriers for name in (*each.patch.tool.clips, *each.patch.keyed_clips)}
+    likely: dict[tuple[str, float, float, int], list[int]] = {}
+    takes = []
+    for index, clip in enumerate(clips):
+        key = (clip.name if clip.name in named else "", clip.start, clip.end, len(clip.channels))
+        earlier = likely.setdefault(key, [])
+        take = next((other for other in earlier if clip.moves_as(clips[other])), index)
+        if take == index:
+            earlier.append(index)
+        takes.append(take)
+    return takes
 
 
 def moving_clips(plan: Plan, clips: Sequence[Clip]) -> list[Clip]:

@@ -12,7 +12,7 @@ from wrinklecli.draft import Draft
 from wrinklecli.encode import Part, parts_of, shared_vertices
 from wrinklecli.errors import RefusedError
 from wrinklecli.patch import Rest
-from wrinklecli.plan import Basis, Motion, Plan, Progress, take_of, targets_of
+from wrinklecli.plan import Basis, Motion, Plan, Progress, takes_of, targets_of
 from wrinklecli.pose import Clip, Rig, joint_matrices, morph_weights, read_clips, read_rig
 from wrinklecli.refine import Refinement
 from wrinklecli.skin import pose, prepare
@@ -23,6 +23,8 @@ Ints = NDArray[np.intp]
 
 # Frames of a clip at which whole members are compared, besides its tallest and most folded.
 _FRAMES = 64
+# The keys of each tool at which its track bends most.
+_BENDS = 4
 # Frames posed at once, fewer where they have more vertices than these: bounds the memory.
 _CHUNK = 16
 _MOST_VERTICES = 2**20
@@ -88,12 +90,16 @@ def prove(
     proof = read_back(draft.document(), plan.rig.node, plan.fine, carriers, parts)
     written = {clip.index: clip for clip in proof.clips}
     residuals: dict[str, Residual] = {}
-    known: dict[tuple[bytes, tuple[bytes, str]], Residual] = {}
-    for number, motion in enumerate(motions):
-        key = written[motion.clip.index].motion(), take_of(plan, motion.clip)
-        if key not in known:
-            known[key] = compare(proof, motion, plan.fine, bases, plan.rig, plan.rest, with_normals=details)
-        residual = known[key]
+    proven: dict[int, tuple[Clip, Residual]] = {}
+    for number, (motion, take) in enumerate(
+        zip(motions, takes_of(plan, [motion.clip for motion in motions]), strict=True)
+    ):
+        clip = written[motion.clip.index]
+        # The same in the source and in the file as a clip before it.
+        if take not in proven or not clip.moves_as(proven[take][0]):
+            residual = compare(proof, motion, plan.fine, bases, plan.rig, plan.rest, with_normals=details)
+            proven[take] = clip, residual
+        residual = proven[take][1]
         worst = max(residual.position, residual.weights)
         if worst > plan.max_error:
             share = 100 * worst / plan.tallest
@@ -250,7 +256,10 @@ def _chosen_times(every: Floats, activities_: Sequence[Activity]) -> Floats:
         # The straight line through the neighbours misses most here.
         tall = np.abs(seen.amplitudes).sum(axis=(1, 2))
         bend = np.abs(tall[2:] - 2 * tall[1:-1] + tall[:-2])
-        picked.update((1 + np.argsort(-bend, kind="stable")[:4]).tolist())
+        # A few are sorted, not all.
+        least = np.partition(bend, -_BENDS)[-_BENDS] if len(bend) > _BENDS else 0.0
+        most = np.flatnonzero(bend >= least)
+        picked.update((1 + most[np.argsort(-bend[most], kind="stable")[:_BENDS]]).tolist())
     return every[sorted(picked)]
 
 

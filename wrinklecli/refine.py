@@ -377,8 +377,8 @@ def _bending_nodes(rig: Rig, patches: Sequence[Patch]) -> frozenset[int]:
     nodes: set[int] = set()
     for patch in patches:
         difference = np.zeros(len(rig.joints))
-        difference[patch.target.joints] += patch.target.points[0, :, 3]
-        difference[patch.origin.joints] -= patch.origin.points[0, :, 3]
+        difference[patch.target.joints] += patch.target.weights
+        difference[patch.origin.joints] -= patch.origin.weights
         if np.ptp(difference) < _SAME_SHARES:
             continue  # both anchors hang on the same joints: nothing bends between them
         ends = (int(rig.joints[np.argmax(difference)]), int(rig.joints[np.argmin(difference)]))

@@ -93,29 +93,32 @@ def key_times(
 def _bisected(grid: Floats, signal: Signal, tolerance: float) -> tuple[Floats, Floats]:
     """(frames,) times, and (8 (frames - 1) + 1, values) at each and at seven points between each two."""
     low, high = grid[:-1], grid[1:]
-    at = _in_chunks(signal, grid)
-    first, last = at[:-1], at[1:]
+    first = last = final = np.zeros((0, 0))
+    ends = grid  # of intervals, not asked for yet: later the middles of those of the level before
     kept: list[tuple[Floats, Floats]] = []
     for level in range(_BISECTIONS + 1):
-        middles = _stored((low + high) / 2.0)
         inner = low[:, None] + _INNER * (high - low)[:, None]
-        # The middles besides, as float32 has them: to ask once is quicker than to ask twice for less.
-        asked = np.concatenate([inner, middles[:, None]], axis=1)
-        found = _in_chunks(signal, asked.reshape(-1)).reshape(*asked.shape, -1)
-        wanted, between = found[:, :-1], found[:, -1]
+        found = _in_chunks(signal, np.concatenate([inner.reshape(-1), ends]))
+        wanted, at = found[: inner.size].reshape(*inner.shape, -1), found[inner.size :]
+        if level:
+            first, last = np.concatenate([first, at]), np.concatenate([at, last])
+        else:
+            first, last, final = at[:-1], at[1:], at[-1:]
         lines = first[:, None] + _INNER[:, None] * (last - first)[:, None]
-        error = np.abs(lines - wanted).max(axis=(1, 2), initial=0.0)
+        lines -= wanted
+        error = np.abs(lines, out=lines).reshape(len(low), -1).max(axis=1, initial=0.0)
+        middles = _stored((low + high) / 2.0)
         wide = (error > tolerance) & (middles > low) & (middles < high) & (level < _BISECTIONS)
-        kept.append((low[~wide], np.concatenate([first[:, None], wanted], axis=1)[~wide]))
+        kept.append((low[~wide], np.concatenate([first[~wide, None], wanted[~wide]], axis=1)))
         if not wide.any():
             break
-        middles, between = middles[wide], between[wide]
-        low, high = np.concatenate([low[wide], middles]), np.concatenate([middles, high[wide]])
-        first, last = np.concatenate([first[wide], between]), np.concatenate([between, last[wide]])
+        ends = middles[wide]
+        low, high = np.concatenate([low[wide], ends]), np.concatenate([ends, high[wide]])
+        first, last = first[wide], last[wide]
     starts = np.concatenate([each for each, _ in kept])
     order = np.argsort(starts, kind="stable")
     values = np.concatenate([each for _, each in kept])[order]
-    values = np.concatenate([values.reshape(-1, values.shape[2]), at[-1:]])
+    values = np.concatenate([values.reshape(-1, values.shape[2]), final])
     return np.append(starts[order], grid[-1]), values
 
 
@@ -138,7 +141,8 @@ def _thinned(times: Floats, values: Floats, tolerance: float) -> Ints:
     points = np.append(
         (times[:-1, None] + np.arange(_PER_INTERVAL) / _PER_INTERVAL * np.diff(times)[:, None]), times[-1]
     )
-    return np.unique(np.concatenate([bounds, starts, *_lanes(points, values, starts, stops, tolerance)]))
+    moving = values[:, (values != values[0]).any(axis=0)]
+    return np.unique(np.concatenate([bounds, starts, *_lanes(points, moving, starts, stops, tolerance)]))
 
 
 def _lanes(points: Floats, values: Floats, starts: Ints, stops: Ints, tolerance: float) -> list[Ints]:
@@ -224,13 +228,16 @@ def smooth(function: Signal, breaks: Floats, tolerance: float) -> Signal:
     order = np.argsort(begins, kind="stable")
     begins, spans, powers = begins[order], spans[order], powers[order]
 
+    table = np.ascontiguousarray(powers.transpose(1, 2, 0))
+
     def fitted(times: Floats) -> Floats:
         which = np.clip(np.searchsorted(begins, times, side="right") - 1, 0, len(begins) - 1)
-        t = ((times - begins[which]) / spans[which])[:, None]
-        found = powers[which, 4]
-        for k in (3, 2, 1, 0):
-            found = found * t + powers[which, k]
-        return np.asarray(found)
+        t = (times - begins[which]) / spans[which]
+        found: Floats = table[4][:, which]
+        for row in table[3::-1]:
+            found *= t
+            found += row[:, which]
+        return found.T
 
     return fitted
 
