@@ -360,6 +360,27 @@ def test_a_limit_of_zero_leaves_all_unabsorbed(strategy, profile, details):
     np.testing.assert_allclose(unabsorbed, TAUT - np.array([TAUT, 0.5, 0.0]), atol=1e-15)
 
 
+@given(curves())
+def test_a_frame_alone_is_what_it_is_among_others(curve):
+    distances, rest = frames_of(curve)
+    amplitudes, unabsorbed = curve.follow(distances, rest)
+    for k in range(len(distances)):
+        alone, left = curve.follow(distances[k : k + 1], rest[k : k + 1])
+        np.testing.assert_allclose(alone[0], amplitudes[k], atol=1e-12 * curve.greatest_amplitudes.max())
+        np.testing.assert_allclose(left[0], unabsorbed[k], atol=1e-12 * rest[k])
+
+
+@given(curves())
+def test_following_is_absorbing_and_rising(curve):
+    distances, rest = frames_of(curve)
+    shares, unabsorbed = curve.absorb(curve.shortening(distances, rest), rest)
+    amplitudes = curve.amplitudes(shares, rest, unabsorbed)
+    found, left = curve.follow(distances, rest)
+    # Of a wrinkle of 1e-15 of the length, the parts' sum is rounded.
+    np.testing.assert_allclose(found, amplitudes, rtol=1e-9, atol=1e-7 * curve.greatest_amplitudes.max())
+    np.testing.assert_array_equal(left, unabsorbed)
+
+
 @pytest.mark.parametrize("profile", ["smooth", "polyline"])
 def test_stretching_and_rounding_noise_make_no_wrinkles(profile):
     curve = plan(profile=profile)

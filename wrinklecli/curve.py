@@ -173,7 +173,9 @@ class ControlCurve:
                 tallest[full] = self.profile.fullest(capacities[full], intervals[full], self.max_height)
             before = np.arange(len(self.groups)) < rising[:, None]
             found = np.where(before[..., None], tallest[:, None], 0.0)
-            found[partly, rising[partly]] = self.profile.amplitudes(share[partly], intervals[partly], self.max_height)
+            if len(partly):
+                partial = self.profile.amplitudes(share[partly], intervals[partly], self.max_height)
+                found[partly, rising[partly]] = partial
             amplitudes[acting] = found
         return amplitudes, unabsorbed
 
