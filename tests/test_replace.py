@@ -79,12 +79,21 @@ def crowded() -> Path:
     return place(asset)
 
 
+def unread() -> Path:
+    """What nothing reads may refer to anything: here to the buffer that a .gltf gets for new data."""
+    asset = limb_asset(rings=13)
+    view = asset.append("bufferViews", {"buffer": 1, "byteLength": 180})
+    asset.append("accessors", {"bufferView": view, "componentType": 5126, "count": 15, "type": "VEC3"})
+    return place(asset)
+
+
 def limb(ending: str = ".glb", **options: Any) -> Path:
     return place(limb_asset(rings=13, **options), ending)
 
 
 Case = tuple[Callable[[], Path], list[Json], Json, list[Json]]
 CASES: dict[str, Case] = {
+    "unread": (unread, [LIMB], {}, [FINER_LIMB]),
     "wrist": (lambda: sample("wrist"), [PALM, BACK], {}, [FINER]),
     "nothing refined": (lambda: sample("wrist"), [PALM], {"max_levels": 0}, [FINER]),
     "trousers": (lambda: sample("trousers"), [KNEE, {**KNEE, "name": "again"}], {}, [{**KNEE, "bumps": 2}]),
@@ -119,7 +128,16 @@ CASES: dict[str, Case] = {
 
 
 # Of a .gltf the buffers' files too: where they are kept, cut, or not there to begin with.
-AS_GLTF = ("wrist", "cloned mesh", "two nodes", "unknown keys", "strip", "gltfpack_cc", "gltf_transform_draco")
+AS_GLTF = (
+    "unread",
+    "wrist",
+    "cloned mesh",
+    "two nodes",
+    "unknown keys",
+    "strip",
+    "gltfpack_cc",
+    "gltf_transform_draco",
+)
 
 
 @pytest.mark.parametrize(("case", "ending"), [(each, "glb") for each in CASES] + [(each, "gltf") for each in AS_GLTF])

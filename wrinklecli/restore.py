@@ -141,7 +141,9 @@ def _with_echoes(
     # New data has the number of the accessor that it replaces.
     for old, now in zip(source.items("accessors"), gltf.get("accessors", []), strict=False):
         for was, becomes in zip(_stored(source.gltf, old), _stored(gltf, now), strict=True):
-            if was is None or becomes is None or becomes[0] != buffer or becomes[1] < start:
+            if was is None or was[0] >= len(source.buffers):
+                continue
+            if becomes is None or becomes[0] != buffer or becomes[1] < start:
                 continue
             (home, low, end, count), (_, at, stop, new_count) = was, becomes
             # New elements are packed. Where the old ones were not, the bytes differ.
