@@ -375,5 +375,5 @@ def _file_of(meshes: Sequence[_Posed], triangles: Ints, uvs: Floats | None, kind
     if kind == "glb":
         return bytes(data)
     # trimesh names a material file that it does not write here.
-    lines = (line for line in data.splitlines() if not line.startswith(("mtllib ", "usemtl ")))
-    return "\n".join(lines).encode() + b"\n"
+    text = re.sub(r"^(?:mtllib|usemtl) .*\n", "", data, flags=re.MULTILINE)
+    return text.encode() + b"\n" * (not text.endswith("\n"))

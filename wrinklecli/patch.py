@@ -26,6 +26,7 @@ from wrinklecli.pose import (
     node_rows,
     transform,
 )
+from wrinklecli.skin import cross
 from wrinklecli.surface import Surface, face_normals, normals_at, unit, vertex_normals
 
 Floats = NDArray[np.float64]
@@ -223,10 +224,12 @@ def carried_normals(blended: Floats, normals: Floats) -> Floats:
 
 def inverses(blended: Floats) -> Floats:
     """(vertices, 3, 3) inverses of the linear parts of (vertices, 3, 4); 0 where near singular."""
-    linear = blended[:, :, :3]
+    # By cofactors: as exact as LAPACK where matrices are far from singular, and several times as fast.
+    a, b, c = np.moveaxis(blended[:, :, :3], 0, 2)
+    columns = np.array([cross(b, c), cross(c, a), cross(a, b)])
     regular = ~singular(blended)
-    safe = np.where(regular[:, None, None], linear, np.eye(3))
-    return np.where(regular[:, None, None], np.linalg.inv(safe), 0.0)
+    determinant = np.where(regular, np.sum(a * columns[0], axis=0), 1.0)
+    return np.where(regular, columns / determinant, 0.0).transpose(2, 1, 0)
 
 
 def singular(blended: Floats) -> Bools:
