@@ -58,8 +58,8 @@ def _give_up(reason: str) -> NoReturn:
 
 
 @cache
-def _node() -> tuple[str, str]:
-    """The node to run, or the reason why there is none: one of both is empty."""
+def install() -> tuple[str, str]:
+    """Install the packages that are missing; the node to run, or the reason why there is none: one of both is empty."""
     places = os.pathsep.join((os.environ.get("PATH", ""), str(Path(sys.executable).parent)))
     node, npm = shutil.which("node", path=places), shutil.which("npm", path=places)
     if node is None or npm is None:
@@ -74,19 +74,19 @@ def _node() -> tuple[str, str]:
     return node, ""
 
 
-def require_node() -> str:
+def requireinstall() -> str:
     """The path of node, its packages installed.
 
     Skips the test without node, npm or a network to install from; fails it where `CI` is set.
     """
-    node, reason = _node()
+    node, reason = install()
     if not node:
         _give_up(reason)
     return node
 
 
 def _run(script: str, *arguments: str, stdin: str = "") -> str:
-    command = [require_node(), str(HERE / script), *arguments]
+    command = [requireinstall(), str(HERE / script), *arguments]
     done = subprocess.run(command, input=stdin, capture_output=True, text=True, encoding="utf-8", check=False)
     assert done.returncode == 0, f"{script}: {done.stderr.strip()[-2000:]}"
     return done.stdout
