@@ -445,14 +445,7 @@ def _equal_clips(one: Clip | None, other: Clip | None) -> bool:
     """Whether two clips have the same keys to the bit, by the same numbers of nodes."""
     if one is None or other is None:
         return one is other
-    if len(one.channels) != len(other.channels):
-        return False
-    return all(
-        (first.node, first.path, first.interpolation) == (second.node, second.path, second.interpolation)
-        and np.array_equal(first.times, second.times)
-        and np.array_equal(first.values, second.values)
-        for first, second in zip(one.channels, other.channels, strict=True)
-    )
+    return one.moves_as(other)
 
 
 def _equal_parts(one: Part, other: Part) -> bool:

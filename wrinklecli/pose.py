@@ -71,7 +71,7 @@ class Clip:
         return np.unique(np.concatenate([channel.times for channel in self.channels]))
 
     def moves_as(self, other: "Clip") -> bool:
-        """Whether another clip does the same, and differs in name and index alone."""
+        """Whether another clip has the same keys to the bit, by the same numbers of nodes; names may differ."""
         if len(self.channels) != len(other.channels):
             return False
         return all(
