@@ -13,6 +13,7 @@ PACKAGE = Path(__file__).parents[1] / "wrinklecli"
 ORDER = (
     "errors",
     "yamltree",
+    "schema",
     "config",
     "meshopt",
     "draco",
@@ -60,7 +61,7 @@ ORDER = (
 # Who may import a library; any module may import those that are not here.
 DOORS = {
     "yaml": {"yamltree"},
-    "pydantic": {"config"},
+    "jsonschema_rs": {"config"},
     "pygltflib": {"draft"},
     "DracoPy": {"draco"},
     "zstandard": {"restore"},
@@ -71,7 +72,7 @@ DOORS = {
     "click": {"cli"},
     "pytest": {"testing"},
 }
-HEAVY = ("numpy", "scipy", "pydantic", "pygltflib", "trimesh", "yaml", "zstandard", "matplotlib")
+HEAVY = ("numpy", "scipy", "jsonschema_rs", "pygltflib", "trimesh", "yaml", "zstandard", "matplotlib")
 
 
 def stage_of(path: Path) -> str:

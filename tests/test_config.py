@@ -4,16 +4,17 @@ import os
 import re
 import subprocess
 import sys
-from dataclasses import FrozenInstanceError, fields
+from collections.abc import Iterator
+from dataclasses import FrozenInstanceError, asdict, fields
 from pathlib import Path
-from typing import get_args
+from typing import Any
 
 import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wrinklecli import config, yamltree
+from wrinklecli import schema, yamltree
 from wrinklecli.config import (
     Length,
     Marker,
@@ -22,18 +23,16 @@ from wrinklecli.config import (
     RestLengthKeys,
     RestLengthMorph,
     Sampling,
-    ToolModel,
     ToolsFile,
     WrinkleTool,
-    file_model,
     load_tools,
     parse_tools,
-    tools_schema,
 )
 from wrinklecli.errors import ConfigError
+from wrinklecli.schema import TOOLS_SCHEMA
 
-FileModel = file_model()
-DefaultsModel = get_args(FileModel.model_fields["defaults"].annotation)[0]
+FILE = TOOLS_SCHEMA["properties"]
+TOOL = FILE["tools"]["items"]["properties"]
 README = (Path(__file__).parent.parent / "configs" / "README.md").read_text(encoding="utf-8")
 # Lines 1 to 5 of a file with one tool; more keys of the tool follow from line 6 on.
 HEAD = """version: 1
@@ -44,7 +43,7 @@ tools:
 """
 LENGTHS = "a length from 1e-9 to 1e9 scene units or a percentage from 0.01% to 10000%"
 TEXT = "text, in quotes where YAML would read a number, true, false or null"
-TOOL_KEYS = ", ".join(ToolModel.model_fields)
+TOOL_KEYS = ", ".join(TOOL)
 FILE_KEYS = "version, up, rest, sampling, refinement, defaults, tools"
 
 EVERYTHING = """\
@@ -164,18 +163,21 @@ def test_the_defaults_of_the_contract():
     )
 
 
-def test_models_and_records_agree_on_keys_and_defaults():
-    record = {entry.name: entry for entry in fields(WrinkleTool)}
-    assert [key for key in ToolModel.model_fields if key != "mirror"] == [key for key in record if key != "where"]
+def test_schema_and_records_agree_on_keys_and_defaults():
+    record = [entry.name for entry in fields(WrinkleTool)]
+    assert [key for key in TOOL if key != "mirror"] == [key for key in record if key != "where"]
     plain = WrinkleTool(name="a", origin=(0, 0, 0), target=(1, 0, 0), width=Length(1))
-    for key, info in ToolModel.model_fields.items():
-        if key != "mirror" and not info.is_required():
-            assert getattr(plain, key) == info.default, key
+    for key, entry in TOOL.items():
+        if key != "mirror" and "default" in entry:
+            assert as_written(getattr(plain, key)) == entry["default"], key
     file = ToolsFile(path="", tools=())
     for key in ("up", "rest", "sampling", "refinement"):
-        assert getattr(file, key) == FileModel.model_fields[key].default
+        assert as_written(getattr(file, key)) == FILE[key]["default"]
+    for key in ("sampling", "refinement"):
+        assert {name: entry["default"] for name, entry in FILE[key]["properties"].items()} == FILE[key]["default"]
+    assert as_written(RestFrame("a")) == {"clip": "a", "time": FILE["rest"]["then"]["properties"]["time"]["default"]}
     own = {"name", "origin", "target"}
-    assert [key for key in ToolModel.model_fields if key not in own] == list(DefaultsModel.model_fields)
+    assert {key: entry for key, entry in TOOL.items() if key not in own} == FILE["defaults"]["properties"]
 
 
 @pytest.mark.parametrize(
@@ -527,7 +529,7 @@ BAD_HEADERS = [
         "refinement: {scheme: loop}",
         "refinement.scheme: found loop, expected butterfly or midpoint",
     ),
-    ("defaults: 5", f"defaults: found 5, expected a mapping of {', '.join(DefaultsModel.model_fields)}"),
+    ("defaults: 5", f"defaults: found 5, expected a mapping of {', '.join(FILE['defaults']['properties'])}"),
     ("defaults: {name: a}", "defaults.name: not inherited, each tool needs its own"),
     ("defaults: {bumps: 0}", "defaults.bumps: found 0, expected a whole number from 1 to 64"),
     ("defaults: {bupms: 1}", "defaults.bupms: unknown key, did you mean bumps?"),
@@ -767,7 +769,7 @@ VALUES = st.recursive(
     lambda inner: st.one_of(
         st.lists(inner, max_size=4),
         st.dictionaries(
-            st.sampled_from([*ToolModel.model_fields, "keys", "morph", "full", "clip", "marker", "fps"]),
+            st.sampled_from([*TOOL, "keys", "morph", "full", "clip", "marker", "fps"]),
             inner,
             max_size=4,
         ),
@@ -777,8 +779,8 @@ VALUES = st.recursive(
 
 
 @given(
-    st.dictionaries(st.sampled_from(list(FileModel.model_fields)), VALUES),
-    st.lists(st.dictionaries(st.sampled_from(list(ToolModel.model_fields)), VALUES), max_size=3),
+    st.dictionaries(st.sampled_from(list(FILE)), VALUES),
+    st.lists(st.dictionaries(st.sampled_from(list(TOOL)), VALUES), max_size=3),
 )
 def test_any_values_give_tools_or_a_config_error(header, tools):
     text = yaml.safe_dump({**header, "version": 1, "tools": tools}, allow_unicode=True)
@@ -832,6 +834,8 @@ def as_written(value):
             return {
                 "keys": {clip: [[time, as_written(length)] for time, length in track] for clip, track in keys.items()}
             }
+        case Sampling() | RefinementSettings() | RestFrame():
+            return asdict(value)
         case tuple():
             return list(value)
     return value
@@ -860,16 +864,25 @@ def test_what_is_written_is_read(written):
 # --- the schema and the reference ---
 
 
-def test_the_schema_comes_from_the_same_model():
-    schema = tools_schema()
-    definitions = schema["$defs"]
-    assert schema["required"] == ["version", "tools"]
-    assert definitions["ToolModel"]["required"] == ["name", "origin", "target"]
-    assert list(definitions["ToolModel"]["properties"]) == list(ToolModel.model_fields)
-    for part in (schema, *definitions.values()):
-        assert part["additionalProperties"] is False
-        for name, entry in part["properties"].items():
-            assert entry.get("description"), name
+def mappings(part: Any, name: str = "file") -> Iterator[tuple[str, dict[str, Any]]]:
+    """The mappings that a schema names the keys of, each with its key."""
+    if isinstance(part, dict):
+        if "properties" in part and "errorMessage" in part:
+            yield name, part
+        for key, inner in part.items():
+            yield from mappings(inner, key)
+    elif isinstance(part, list):
+        for inner in part:
+            yield from mappings(inner, name)
+
+
+def test_every_key_of_the_schema_is_described_and_no_other_is_let_in():
+    found = list(mappings(TOOLS_SCHEMA))
+    assert len(found) > 10
+    for name, mapping in found:
+        assert mapping["additionalProperties"] is False, name
+        for key, entry in mapping["properties"].items():
+            assert entry.get("description"), key
 
 
 def readme_tables() -> dict[str, dict[str, str]]:
@@ -884,33 +897,26 @@ def readme_tables() -> dict[str, dict[str, str]]:
     return tables
 
 
-def documented(model) -> dict[str, object]:
-    fields_of = model.model_fields if hasattr(model, "model_fields") else model.__pydantic_fields__
-    return {key: "required" if info.is_required() else as_written(info.default) for key, info in fields_of.items()}
-
-
 @pytest.mark.parametrize(
-    ("heading", "models"),
+    ("heading", "keys"),
     [
-        ("The file", [FileModel]),
-        ("rest", [RestFrame]),
-        ("sampling", [Sampling]),
-        ("refinement", [RefinementSettings]),
-        ("tools", [ToolModel]),
-        ("marker", [Marker]),
-        ("Rest lengths", [RestLengthKeys, RestLengthMorph]),
+        ("The file", FILE),
+        ("rest", FILE["rest"]["then"]["properties"]),
+        ("sampling", FILE["sampling"]["properties"]),
+        ("refinement", FILE["refinement"]["properties"]),
+        ("tools", TOOL),
+        ("marker", TOOL["origin"]["properties"]),
+        (
+            "Rest lengths",
+            TOOL["rest_length"]["then"]["properties"] | TOOL["rest_length"]["else"]["then"]["properties"],
+        ),
     ],
 )
-def test_the_reference_names_every_key_and_its_default(heading, models):
-    expected = {key: default for model in models for key, default in documented(model).items()}
-    written = {
-        key: "required" if default == "required" else yaml.safe_load(default.strip("`"))
-        for key, default in readme_tables()[heading].items()
-    }
-    for table in (expected, written):
-        for key, default in table.items():
-            if default == "none" or default in (Sampling(), RefinementSettings()):
-                table[key] = None if default == "none" else {}
+def test_the_reference_names_every_key_and_its_default(heading, keys):
+    expected = {key: entry.get("default", "required") for key, entry in keys.items()}
+    expected |= {key: {} for key in ("sampling", "refinement") if key in keys}  # none of their keys given
+    written = {key: yaml.safe_load(default.strip("`")) for key, default in readme_tables()[heading].items()}
+    written |= {key: None for key, default in written.items() if default == "none"}
     assert list(written.items()) == list(expected.items())
 
 
@@ -934,7 +940,7 @@ def test_the_examples_of_the_reference_are_valid():
     ],
 )
 def test_the_reference_names_the_limits(constant, words):
-    limit = getattr(yamltree if hasattr(yamltree, constant) else config, constant)
+    limit = getattr(yamltree if hasattr(yamltree, constant) else schema, constant)
     number = f"{limit // 1_000_000} MB" if constant == "MAX_BYTES" else f"{limit:,}"
     assert number in words
     assert words in README

@@ -13,16 +13,18 @@ from jsonschema import Draft202012Validator
 from test_cli import Wrinkle, files, wrinkle
 from test_config import ANCHORS, BAD_HEADERS, BAD_TOOL_KEYS, HEAD, LENGTH, NAMES, OPTIONS, README
 
-from wrinklecli.config import tools_schema
+from wrinklecli.config import parse_tools
+from wrinklecli.errors import ConfigError
+from wrinklecli.schema import TOOLS_SCHEMA
 from wrinklecli.yamltree import read_tree
 
 __all__ = ["wrinkle"]  # a fixture
 
 CONFIGS = Path(__file__).resolve().parents[1] / "configs"
 EXAMPLES = sorted(CONFIGS.glob("*.yaml"))
-VALIDATOR = Draft202012Validator(tools_schema())
-# What JSON Schema has no words for: sums, order, ranges of percentages, and numbers that JSON does not have.
-BEYOND = ("details: [0.5, 0.5]", "rest_length: {keys: {a: [[1, 1], [1, 2]]}}", "max_height: 0%", "strength: .nan")
+VALIDATOR = Draft202012Validator(TOOLS_SCHEMA)
+# What JSON Schema has no words for: sums and order.
+BEYOND = ("details: [0.5, 0.5]", "rest_length: {keys: {a: [[1, 1], [1, 2]]}}")
 
 
 def values_of(text: str) -> Any:
@@ -37,8 +39,8 @@ def accepts(text: str) -> bool:
 
 
 def test_the_schema_is_one() -> None:
-    Draft202012Validator.check_schema(tools_schema())
-    assert tools_schema()["$schema"] == Draft202012Validator.META_SCHEMA["$id"]
+    Draft202012Validator.check_schema(TOOLS_SCHEMA)
+    assert TOOLS_SCHEMA["$schema"] == Draft202012Validator.META_SCHEMA["$id"]
 
 
 def test_the_committed_schema_is_what_the_command_prints(wrinkle: Wrinkle, tmp_path: Path) -> None:
@@ -57,7 +59,7 @@ def test_the_committed_schema_is_what_the_command_prints(wrinkle: Wrinkle, tmp_p
 def test_examples_are_accepted_and_lead_editors_to_the_schema(path: Path) -> None:
     text = path.read_text()
     (reference,) = re.findall(r"\A# yaml-language-server: \$schema=(\S+)$", text, re.MULTILINE)
-    assert json.loads((path.parent / reference).read_text()) == tools_schema()
+    assert json.loads((path.parent / reference).read_text()) == TOOLS_SCHEMA
     assert list(VALIDATOR.iter_errors(values_of(text))) == []
     assert list(VALIDATOR.iter_errors(yaml.safe_load(text))) == []
 
@@ -90,7 +92,34 @@ def test_what_the_schema_cannot_say_a_bake_says(more: str) -> None:
     st.fixed_dictionaries({"name": NAMES, "origin": ANCHORS, "target": ANCHORS}, optional={**OPTIONS, "width": LENGTH})
 )
 def test_what_a_bake_accepts_is_accepted(written: dict[str, Any]) -> None:
-    assert list(VALIDATOR.iter_errors({"version": 1, "tools": [written]})) == []
+    width = {} if "width" in written else {"width": 1}
+    assert list(VALIDATOR.iter_errors({"version": 1, "tools": [written | width]})) == []
+    assert list(VALIDATOR.iter_errors({"version": 1, "defaults": width, "tools": [written]})) == []
     shared = {key: value for key, value in written.items() if key not in ("name", "origin", "target")}
     own = {key: written[key] for key in ("name", "origin", "target")}
-    assert list(VALIDATOR.iter_errors({"version": 1, "defaults": shared, "tools": [own]})) == []
+    assert list(VALIDATOR.iter_errors({"version": 1, "defaults": shared | width, "tools": [own]})) == []
+
+
+def test_a_width_must_be_somewhere() -> None:
+    for header in ("", "defaults:\n", "defaults: {bumps: 3}\n"):
+        assert not accepts(header + HEAD)
+        assert accepts(f"{header}{HEAD}    width: 1\n")
+    assert accepts("defaults: {width: 80%}\n" + HEAD)
+
+
+@pytest.mark.parametrize(
+    ("written", "good"),
+    [
+        *((text, True) for text in ("0.01%", ".01%", "+00.019 %", "1%", "9999.99%", "10000%", "010000.00%", "100.%")),
+        *((text, False) for text in ("0%", "0.009%", "10000.1%", "10001%", "99999%", "-1%", "%", ".%", "1 %%", "1e1%")),
+        (f"{'0' * 40}1%", False),
+    ],
+)
+def test_percentages(written: str, good: bool) -> None:
+    text = f"{HEAD}    width: {json.dumps(written)}\n"
+    assert accepts(text) is good
+    if good:
+        assert parse_tools(text).tools[0].width.value == pytest.approx(float(written.rstrip(" %")))
+    else:
+        with pytest.raises(ConfigError, match=r"width: found .* expected a length"):
+            parse_tools(text)

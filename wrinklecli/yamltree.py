@@ -3,6 +3,7 @@
 Source: YAML 1.1 as PyYAML's SafeLoader reads it. Differs: see `_Composer`.
 """
 
+import math
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -18,10 +19,7 @@ MAX_SHOWN = 40  # characters of a found value or key that a message repeats
 _TAG = "tag:yaml.org,2002:"
 _BOOLS = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
 _NUMBER = re.compile(r"[-+]?(?:0|[1-9][0-9]*)")
-_DECIMAL = re.compile(
-    r"[-+]?(?:(?:[0-9]+\.[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?|[0-9]+[eE][-+]?[0-9]+)|"
-    r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)"
-)
+_DECIMAL = re.compile(r"[-+]?(?:(?:[0-9]+\.[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?|[0-9]+[eE][-+]?[0-9]+)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +48,8 @@ class _TooMuchError(yaml.MarkedYAMLError):
 class _Composer(yaml.SafeLoader):
     """SafeLoader's nodes, within limits; plain scalars are numbers only where YAML 1.1 and 1.2 agree.
 
-    Differs from SafeLoader: 010, 1:30, 0x10, 1_000 and 2020-01-01 stay text, 1e-3 is a number.
+    Differs from SafeLoader: 010, 1:30, 0x10, 1_000 and 2020-01-01 stay text, 1e-3 is a number; .inf, .nan and 1e999,
+    which JSON has no numbers for, stay text as well.
     """
 
     yaml_implicit_resolvers = {}  # noqa: RUF012 - as the base class declares it
@@ -149,11 +148,11 @@ class _TreeBuilder:
                 return None
             case "bool" if text.lower() in _BOOLS:
                 return _BOOLS[text.lower()]
-            case "int" if _NUMBER.fullmatch(text):
-                # Longer ones are out of every range; int() refuses some thousand digits.
-                return int(text) if len(text) <= 18 else float(text)
+            case "int" if _NUMBER.fullmatch(text) and len(text) <= 18:
+                return int(text)
             case "int" | "float" if _NUMBER.fullmatch(text) or _DECIMAL.fullmatch(text):
-                return float(re.sub(r"\.(?=inf|nan)", "", text.lower()))
+                number = float(text)
+                return number if math.isfinite(number) else text
         self._check_tag(kind, (), line, path)
         return text
 
