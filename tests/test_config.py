@@ -867,7 +867,7 @@ def test_what_is_written_is_read(written):
 def mappings(part: Any, name: str = "file") -> Iterator[tuple[str, dict[str, Any]]]:
     """The mappings that a schema names the keys of, each with its key."""
     if isinstance(part, dict):
-        if "properties" in part and "errorMessage" in part:
+        if "properties" in part and "object" in part.get("type", ()):
             yield name, part
         for key, inner in part.items():
             yield from mappings(inner, key)

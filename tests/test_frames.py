@@ -29,8 +29,11 @@ from test_encode import (
 
 import wrinklecli
 from clients import assert_valid
+from wrinklecli import frames
 from wrinklecli.errors import WrinkleError
+from wrinklecli.surface import unit
 
+MATERIALS = (["mtllib"], ["usemtl"])
 SAMPLES = [("wrist", "wrist"), ("head", "head"), ("trousers", "trousers")]
 
 
@@ -237,6 +240,21 @@ def test_files_beside_morph_targets(tmp_path: Path) -> None:
     posed = reference.pose("wrist", "flex", np.linspace(0, 2, 9))
     for path, wanted in zip(frames, posed, strict=True):
         assert np.abs(read_frame(path).vertices - wanted).max() < 1e-6
+
+
+@pytest.mark.parametrize("with_normals", [True, False])
+@pytest.mark.parametrize("with_uvs", [True, False])
+def test_obj_files_are_trimesh_s_without_its_materials(with_normals: bool, with_uvs: bool) -> None:
+    chance = np.random.default_rng(1)
+    triangles, uvs = np.array([[0, 1, 2], [2, 1, 3]]), chance.random((4, 2)) if with_uvs else None
+    write = frames._writer(triangles, uvs, "obj")
+    for _ in range(3):
+        normals = unit(chance.normal(size=(4, 3))) if with_normals else None
+        posed = [frames._Posed(chance.random((4, 3)), normals, None)]
+        whole = frames._exported(posed, triangles, uvs, "obj").decode().splitlines()
+        assert write(posed).decode().splitlines() == [
+            line for line in whole if not line.startswith(("mtllib", "usemtl"))
+        ]
 
 
 def test_obj_files_have_their_coordinates_and_normals(tmp_path: Path) -> None:

@@ -245,7 +245,8 @@ def _check(root: Node) -> tuple[list[Problem], set[Place]]:
             case "required":
                 missing[place] = [*missing.get(place, ()), *schema["required"]]
             case _:
-                refused.setdefault(place, schema["errorMessage"])
+                mapping = f"expected a mapping of {', '.join(schema.get('properties', ()))}"
+                refused.setdefault(place, schema.get("errorMessage", mapping))
     wrong = {place[:depth] for place in (*unknown, *missing, *refused) for depth in range(len(place) + 1)}
     problems: list[Problem] = []
     meant: set[tuple[Place, str | None]] = set()

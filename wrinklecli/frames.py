@@ -324,7 +324,7 @@ def exported_frames(
 
 def _export(document: Document, every: Sequence[Frames], folder: Path, kind: str, progress: Progress) -> list[str]:
     """Write the frames' files; their names."""
-    triangles, uvs = _joined_topology(document, every)
+    write = _writer(*_joined_topology(document, every), kind)
     names: list[str] = []
     stems: set[str] = set()
     for motions in zip(*(frames.motions for frames in every), strict=True):
@@ -334,7 +334,7 @@ def _export(document: Document, every: Sequence[Frames], folder: Path, kind: str
         posed = [_pose_frames(document, frames, motion) for frames, motion in zip(every, motions, strict=True)]
         for number, meshes in enumerate(zip(*posed, strict=True)):
             names.append(f"{stem}_{number:04d}.{kind}")
-            (folder / names[-1]).write_bytes(_file_of(meshes, triangles, uvs, kind))
+            (folder / names[-1]).write_bytes(write(meshes))
             progress("files", number + 1, len(motions[0].times))
     return names
 
@@ -355,25 +355,41 @@ def _joined_topology(document: Document, every: Sequence[Frames]) -> tuple[Ints,
     return np.concatenate(triangles), np.concatenate(uvs) * [1.0, -1.0] + [0.0, 1.0] if complete else None
 
 
-def _file_of(meshes: Sequence[_Posed], triangles: Ints, uvs: Floats | None, kind: str) -> bytes:
-    """One frame in a file format of trimesh's."""
+def _writer(triangles: Ints, uvs: Floats | None, kind: str) -> Callable[[Sequence[_Posed]], bytes]:
+    """What makes a file of a frame, in a format of trimesh's.
+
+    In OBJ, which is text, all frames have the lines of UVs and faces of the first: writing them takes most of the time.
+    """
+    constant = ""
+
+    def write(frame: Sequence[_Posed]) -> bytes:
+        nonlocal constant
+        if kind != "obj":
+            return _exported(frame, triangles, uvs, kind)
+        if not constant:
+            # trimesh names a material file that is not written here.
+            text = re.sub(r"(?m)^(?:mtllib|usemtl) .*\n", "", _exported(frame, triangles, uvs, kind).decode())
+            first = re.search(r"(?m)^(?:vt|f) ", text)
+            constant = text[first.start() if first else len(text) :] + "\n" * (not text.endswith("\n"))
+        # Without triangles and UVs these are the vertices, and a face of nothing.
+        vertices, _, _ = _exported(frame, triangles[:0], None, kind).decode().partition("\nf ")
+        return f"{vertices}\n{constant}".encode()
+
+    return write
+
+
+def _exported(frame: Sequence[_Posed], triangles: Ints, uvs: Floats | None, kind: str) -> bytes:
     import trimesh
 
-    normals = [mesh.normals for mesh in meshes if mesh.normals is not None]
+    normals = [mesh.normals for mesh in frame if mesh.normals is not None]
+    complete = len(normals) == len(frame)
     mesh: Any = trimesh.Trimesh(
-        np.concatenate([mesh.positions for mesh in meshes]),
+        np.concatenate([mesh.positions for mesh in frame]),
         triangles,
-        vertex_normals=np.concatenate(normals) if len(normals) == len(meshes) else None,
+        vertex_normals=np.concatenate(normals) if complete else None,
         visual=None if uvs is None else cast(Any, trimesh.visual.TextureVisuals)(uv=uvs),
         process=False,
         validate=False,
     )
-    with_normals = len(normals) == len(meshes)
-    if kind == "ply":
-        return bytes(mesh.export(file_type=kind, vertex_normal=with_normals))
-    data = mesh.export(file_type=kind, include_normals=with_normals)
-    if kind == "glb":
-        return bytes(data)
-    # trimesh names a material file that it does not write here.
-    text = re.sub(r"^(?:mtllib|usemtl) .*\n", "", data, flags=re.MULTILINE)
-    return text.encode() + b"\n" * (not text.endswith("\n"))
+    data = mesh.export(file_type=kind, **{"vertex_normal" if kind == "ply" else "include_normals": complete})
+    return data.encode() if isinstance(data, str) else bytes(data)

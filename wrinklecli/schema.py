@@ -38,8 +38,8 @@ def _list(items: Schema, low: int, high: int | None, accepted: str) -> Schema:
 
 
 def _mapping(keys: Mapping[str, Schema], required: tuple[str, ...] = ()) -> Schema:
-    accepted = f"a mapping of {', '.join(keys)}"
-    return _expects(accepted, type="object", properties=keys, required=list(required), additionalProperties=False)
+    """A mapping of these keys; without a message, which editors would show in place of the key that is wrong."""
+    return {"type": "object", "properties": keys, "required": list(required), "additionalProperties": False}
 
 
 def _any_keys(values: Schema, accepted: str, low: int = 0) -> Schema:
@@ -47,7 +47,7 @@ def _any_keys(values: Schema, accepted: str, low: int = 0) -> Schema:
 
 
 def _if_mapping(mapping: Schema, otherwise: Schema, **having: Any) -> Schema:
-    """Both at once would say of a wrong mapping that it is no word, and of a wrong word that it is no mapping."""
+    """One schema for mappings and one for the rest: `anyOf` would not say what is wrong in the one that was meant."""
     return {"if": {"type": "object", **having}, "then": mapping, "else": otherwise}
 
 
