@@ -39,14 +39,22 @@ def shape_of(surface: Surface) -> list[tuple[Any, ...]]:
     return sorted(found)
 
 
-def points(positions: Any, *, joints: Any = None, weights: Any = None, deltas: Any = None, faces: Any = None) -> Asset:
+def points(
+    positions: Any,
+    *,
+    joints: Any = None,
+    joint_type: str = "u1",
+    weights: Any = None,
+    deltas: Any = None,
+    faces: Any = None,
+) -> Asset:
     """A mesh of some vertices, skinned where joints are given."""
     asset = Asset()
     attributes = {"POSITION": asset.accessor(positions)}
     node: dict[str, Any] = {"mesh": 0}
     if joints is not None:
         for k in range(np.shape(joints)[1] // 4):
-            attributes[f"JOINTS_{k}"] = asset.accessor(np.asarray(joints)[:, 4 * k : 4 * k + 4], "u1")
+            attributes[f"JOINTS_{k}"] = asset.accessor(np.asarray(joints)[:, 4 * k : 4 * k + 4], joint_type)
             attributes[f"WEIGHTS_{k}"] = asset.accessor(np.asarray(weights)[:, 4 * k : 4 * k + 4])
         node["skin"] = 0
         asset.append("skins", {"joints": [1, 2, 3]})
@@ -238,11 +246,13 @@ def test_unskinned_mesh_hangs_on_its_node() -> None:
     assert np.array_equal(surface.dense_weights(np.arange(20), 1), np.ones((20, 1)))
 
 
-def test_joint_that_the_skin_lacks_is_refused_unless_it_weighs_nothing() -> None:
-    joints = np.tile([0, 9, 0, 0], (6, 1))
-    assert len(surface_of(points(SQUARE, joints=joints, weights=ONE)).positions) == 4
-    with pytest.raises(AssetError, match=r"#/meshes/0/primitives/0: JOINTS refer to joint 9 of 3"):
-        surface_of(points(SQUARE, joints=joints, weights=ONE[:, [1, 0, 2, 3]]))
+@pytest.mark.parametrize("joint", [9, -5])
+def test_joint_that_the_skin_lacks_is_refused_unless_it_weighs_nothing(joint: int) -> None:
+    joints = np.tile([0, joint, 0, 0], (6, 1))
+    kept = surface_of(points(SQUARE, joints=joints, joint_type="i1", weights=ONE))
+    assert np.array_equal(kept.dense_weights(np.arange(4), 3), ONE[:4, :3])
+    with pytest.raises(AssetError, match=rf"#/meshes/0/primitives/0: JOINTS refer to joint {joint} of 3"):
+        surface_of(points(SQUARE, joints=joints, joint_type="i1", weights=ONE[:, [1, 0, 2, 3]]))
 
 
 # --- Triangles ---

@@ -232,10 +232,11 @@ def _read_influences(
         for kind in ("JOINTS", "WEIGHTS")
     )
     joints, weights = joints.astype(np.intp), np.maximum(weights.astype(np.float64), 0.0)
-    if (joints[weights > 0] >= joint_count).any():
-        raise AssetError(f"JOINTS refer to joint {joints[weights > 0].max()} of {joint_count}", where=where)
+    odd = (weights > 0) & ((joints < 0) | (joints >= joint_count))
+    if odd.any():
+        raise AssetError(f"JOINTS refer to joint {joints[odd][0]} of {joint_count}", where=where)
     weights[:, 0] = np.where(weights.sum(axis=1) > 0, weights[:, 0], 1.0)
-    joints = np.minimum(joints, joint_count - 1)
+    joints = np.clip(joints, 0, joint_count - 1)
     for k in range(1, 4 * sets):
         for earlier in range(k):
             same = (joints[:, earlier] == joints[:, k]) & (weights[:, earlier] > 0)
