@@ -609,6 +609,21 @@ def test_everything_wrong_is_reported_at_once_in_the_order_of_lines():
     ]
 
 
+def test_all_of_a_key_s_problems_are_reported():
+    assert tool_lines("width: 1\nrest_length:\n  keys:\n    a: [[1, 1], [1, 2], [0, 2]]\n    b: [[2, 1], [1, 2]]") == [
+        "t.yaml:9: tools[0].rest_length.keys.a: found a list of 3, "
+        "expected times that rise from key to key, not 1 and then 1",
+        "t.yaml:10: tools[0].rest_length.keys.b: found a list of 2, "
+        "expected times that rise from key to key, not 2 and then 1",
+    ]
+    assert tool_lines("width: 1\ndetails: [0, 2, .1]\nclips: {a: x, b: 300}") == [
+        "t.yaml:7: tools[0].details[0]: found 0, expected a number from 0.001 to 0.99",
+        "t.yaml:7: tools[0].details[1]: found 2, expected a number from 0.001 to 0.99",
+        "t.yaml:8: tools[0].clips.a: found x, expected a number from -100 to 100",
+        "t.yaml:8: tools[0].clips.b: found 300, expected a number from -100 to 100",
+    ]
+
+
 def test_a_misspelt_default_is_reported_once_and_not_for_each_tool():
     assert lines_of(f"defaults: {{widht: 1}}\n{HEAD}") == ["t.yaml:1: defaults.widht: unknown key, did you mean width?"]
     assert lines_of(f"defaults: {{width: no}}\n{HEAD}") == [f"t.yaml:1: defaults.width: found no, expected {LENGTHS}"]
