@@ -132,6 +132,19 @@ def test_help_needs_no_numpy() -> None:
     assert done.stderr == ""
 
 
+def test_a_small_bake_imports_no_more_than_it_uses(tmp_path: Path) -> None:
+    write_tools(tmp_path / "tools.yaml", PALM)
+    rarely_needed = {"scipy", "trimesh", "matplotlib", "PIL", "DracoPy"}
+    code = (
+        "import sys, numpy; before = set(sys.modules); from wrinklecli.cli import main\n"
+        "try: main()\n"
+        f"finally: print(*{rarely_needed} & (set(sys.modules) - before))"
+    )
+    command = [sys.executable, "-c", code, "bake", WRIST, tmp_path / "tools.yaml", "-o", tmp_path / "out.glb"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == ""
+
+
 # Wrong usage
 
 

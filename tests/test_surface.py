@@ -14,6 +14,7 @@ from wrinklecli.pose import read_rig
 from wrinklecli.surface import (
     Surface,
     distinct,
+    distinct_values,
     face_normals,
     normals_at,
     read_surface,
@@ -362,6 +363,13 @@ def test_distinct_rows_are_numpy_s(seed: int) -> None:
     assert np.array_equal(rows[found], wanted)
     assert np.array_equal(found, firsts)
     assert np.array_equal(numbers, which.reshape(-1))
+
+
+@given(st.lists(st.integers(-3, 3)), st.sampled_from([np.intp, np.float64]))
+def test_distinct_values_are_numpy_s(values: list[int], dtype: type) -> None:
+    array = np.array(values, dtype)
+    assert np.array_equal(distinct_values(array), np.unique(array))
+    assert np.array_equal(distinct_values(np.stack([array, array])), np.unique(array))
 
 
 def test_vertex_normals_of_a_tube_point_outward() -> None:

@@ -20,7 +20,7 @@ from wrinklecli.patch import Anchor, Patch
 from wrinklecli.plan import Basis, Motion, Plan, Target, skin_weights, targets_of
 from wrinklecli.pose import Clip, Rig, morph_target_names, read_clips
 from wrinklecli.refine import Refinement
-from wrinklecli.surface import unit
+from wrinklecli.surface import distinct_values, unit
 from wrinklecli.table import tabulate
 from wrinklecli.tracks import Track, pad, widen
 
@@ -185,7 +185,7 @@ def encode_mesh(
     parts = parts_of(fine, groups)
     _drop_repeated(draft, mesh, parts)
     written: dict[Any, int] = {}
-    touched = np.unique(np.concatenate([np.zeros(0, np.intp), *(each.shape.normal_vertices for each in targets)]))
+    touched = distinct_values(np.concatenate([np.zeros(0, np.intp), *(each.shape.normal_vertices for each in targets)]))
     smooth = np.zeros(fine.positions.shape)
     smooth[touched] = fine.normals_at(touched)
     for part in parts:

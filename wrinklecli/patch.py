@@ -27,7 +27,7 @@ from wrinklecli.pose import (
     transform,
 )
 from wrinklecli.skin import cross
-from wrinklecli.surface import Surface, face_normals, normals_at, unit, vertex_normals
+from wrinklecli.surface import Surface, distinct_values, face_normals, normals_at, unit, vertex_normals
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -352,7 +352,7 @@ def _anchor(
     """The point of the surface that is nearest to one asked for."""
     triangle, barycentrics, place = closest_point(rest.positions, surface.triangles, point)
     if tool.snap == "vertex":
-        used = np.unique(surface.triangles)
+        used = distinct_values(surface.triangles)
         vertex = int(used[np.argmin(np.sum((rest.positions[used] - point) ** 2, axis=1))])
         vertices, barycentrics, place = np.array([vertex]), np.ones(1), rest.positions[vertex]
     else:
@@ -501,8 +501,9 @@ def _with_members(patch: Patch, surface: Surface, rest: Rest) -> Patch:
     outward = np.sign(np.sum(faces * normals.sum(axis=1), axis=1))
     chosen = np.flatnonzero(meets)[outward * (faces @ patch.normal) > 0]
     seeds = np.concatenate([patch.origin.triangles, patch.target.triangles])
-    reached = np.zeros(len(surface.triangles), bool)
-    reached[np.intersect1d(seeds, chosen)] = True
+    facing, reached = np.zeros((2, len(surface.triangles)), bool)
+    facing[chosen] = True
+    reached[seeds] = facing[seeds]
     sides = np.sort(surface.triangles[chosen][:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
     _, edge = np.unique(sides[:, 0] * len(rest.positions) + sides[:, 1], return_inverse=True)
     edge = edge.reshape(-1, 3)
@@ -550,7 +551,7 @@ class AnchorPoses:
 
 def anchor_joints(patches: Sequence[Patch]) -> Ints:
     """(joints,) into the rig's, rising: those that move an anchor of any of the tools."""
-    return np.unique(np.concatenate([end.joints for each in patches for end in (each.origin, each.target)]))
+    return distinct_values(np.concatenate([end.joints for each in patches for end in (each.origin, each.target)]))
 
 
 def anchor_poses(joints: Ints, rig: Rig, rest: Rest, clip: Clip | None, times: Floats) -> AnchorPoses:

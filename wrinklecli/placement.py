@@ -89,7 +89,8 @@ def ground_under(plan: Plan, patch: Patch) -> Ground:
     least = _LOW * abs(patch.shape_strength)
     moves = np.abs(patch.magnitudes(u, v, fine.rest_normals_at(vertices))) > least
     points = (np.arange(_POINTS) + 0.5) / _POINTS
-    middle, length = _cut(members, u, v, positions, 0.0)
+    ends = _cut(members, np.column_stack([u, positions]), v, 0.0)
+    middle, length = ends[..., 0], np.sqrt(np.sum((ends[:, 1, 1:] - ends[:, 0, 1:]) ** 2, axis=1))
     covered = _layers(middle, points).any(axis=1)
     inside = np.clip(middle, 0.0, 1.0)
     run, rise = np.abs(np.diff(middle, axis=1))[:, 0], np.abs(np.diff(inside, axis=1))[:, 0]
@@ -99,8 +100,7 @@ def ground_under(plan: Plan, patch: Patch) -> Ground:
     depths = (positions - patch.origin.position) @ patch.normal
     doubled = 0
     for line in _LINES:
-        ends, _ = _cut(wrinkling, u, v, positions, float(line))
-        _, heights = _crossed(wrinkling, u, v, float(line), depths)
+        ends, heights = np.moveaxis(_cut(wrinkling, np.column_stack([u, depths]), v, float(line)), 2, 0)
         at, which = np.nonzero(_layers(ends, points))
         t = (points[at] - ends[which, 0]) / (ends[which, 1] - ends[which, 0])
         depth = heights[which, 0] + t * (heights[which, 1] - heights[which, 0])
@@ -115,8 +115,8 @@ def ground_under(plan: Plan, patch: Patch) -> Ground:
     )
 
 
-def _crossed(triangles: Ints, u: Floats, v: Floats, line: float, values: Floats) -> tuple[Floats, Floats]:
-    """(cuts, 2) u and values at both ends of each triangle's cut with the line."""
+def _cut(triangles: Ints, values: Floats, v: Floats, line: float) -> Floats:
+    """(cuts, 2, columns) of (vertices, columns) values at both ends of each triangle's cut with the plane v = line."""
     above = v[triangles] >= line
     count = above.sum(axis=1)
     cut = (count == 1) | (count == 2)
@@ -125,14 +125,8 @@ def _crossed(triangles: Ints, u: Floats, v: Floats, line: float, values: Floats)
     corners = np.take_along_axis(triangles[cut], (alone[:, None] + np.arange(3)) % 3, axis=1)
     first, others = corners[:, :1], corners[:, 1:]
     t = (line - v[first]) / (v[others] - v[first])
-    return u[first] + t * (u[others] - u[first]), values[first] + t * (values[others] - values[first])
-
-
-def _cut(triangles: Ints, u: Floats, v: Floats, positions: Floats, line: float) -> tuple[Floats, Floats]:
-    """(cuts, 2) u at both ends of each triangle's cut with the plane v = line, and (cuts,) lengths, scene units."""
-    sides = [_crossed(triangles, u, v, line, column) for column in positions.T]
-    ends = np.stack([values for _, values in sides], axis=2)
-    return sides[0][0], np.sqrt(np.sum(np.diff(ends, axis=1)[:, 0] ** 2, axis=1))
+    found: Floats = values[first] + t[..., None] * (values[others] - values[first])
+    return found
 
 
 def _layers(ends: Floats, points: Floats) -> NDArray[np.bool_]:

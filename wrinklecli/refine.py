@@ -22,6 +22,7 @@ from wrinklecli.surface import (
     Surface,
     dense_influences,
     distinct,
+    distinct_values,
     influence_sets,
     normals_at,
     read_vertices,
@@ -161,7 +162,7 @@ def refine(
             u_faces, v_faces = u[local.reshape(-1, 3)], v[local.reshape(-1, 3)]
             meets = (u_faces.max(axis=1) > 0) & (u_faces.min(axis=1) < 1)
             meets &= (v_faces.max(axis=1) > -1) & (v_faces.min(axis=1) < 1)
-            edges = np.unique(level.triangle_edges[faces[meets]])
+            edges = distinct_values(level.triangle_edges[faces[meets]])
             ends = np.searchsorted(vertices, level.edges[edges])
             wanted[edges] |= np.abs(u[ends[:, 1]] - u[ends[:, 0]]) > _greatest_step(patch, settings)
         return wanted
@@ -170,8 +171,8 @@ def refine(
     members = np.any([patch.members for patch in patches], axis=0)
     near = np.asarray(np.isin(surface.triangles, surface.triangles[members]).any(axis=1))
     # Most joints move no vertex of a patch.
-    acting = np.unique(surface.joints[surface.triangles[near]])
-    dense = _dense_weights(surface, np.unique(surface.triangles[near]), len(rig.joints), acting)
+    acting = distinct_values(surface.joints[surface.triangles[near]])
+    dense = _dense_weights(surface, distinct_values(surface.triangles[near]), len(rig.joints), acting)
     between, moving = distances[np.ix_(acting, acting)], poses[:, acting]
 
     def forbids(level: Level) -> Bools:
@@ -180,7 +181,7 @@ def refine(
         touching = np.zeros(max(last + 1, len(contacts)), bool)
         touching[: len(contacts)] = contacts
         forbidden = touching[level.edges[:, 0]] & touching[level.edges[:, 1]]
-        edges = np.unique(level.triangle_edges[near[level.parents]])
+        edges = distinct_values(level.triangle_edges[near[level.parents]])
         weights = _midpoints(level.linear, level.edges[edges], dense)
         many = (weights > 0).sum(axis=1) > influences
         edges, weights = edges[many], weights[many]
@@ -269,7 +270,7 @@ def _refined(surface: Surface, rest: Rest, subdivision: Subdivision, distances: 
     blended = subdivision.interpolate(rest.blended.reshape(-1, 12)).reshape(-1, 3, 4)
     weights = np.zeros((0, len(distances)))
     if subdivision.linear is not None:
-        split = np.unique(subdivision.linear.columns[subdivision.linear.starts[old] :])
+        split = distinct_values(subdivision.linear.columns[subdivision.linear.starts[old] :])
         dense = _dense_weights(surface, split, len(distances))
         weights = subdivision.linear.of_rows(np.arange(old, subdivision.vertex_count), dense)
     joints_pruned, weights_pruned = prune(weights, distances, influences)
@@ -466,7 +467,7 @@ def _touching(positions: Floats, others: Floats, reach: float) -> Bools:
         return touching
     inside = ((positions >= others.min(axis=0) - reach) & (positions <= others.max(axis=0) + reach)).all(axis=1)
     mine = np.floor((positions[inside] - low) / reach).astype(np.int64)
-    taken = np.unique(_cell_numbers(np.floor((others - low) / reach).astype(np.int64)))
+    taken = distinct_values(_cell_numbers(np.floor((others - low) / reach).astype(np.int64)))
     touching[inside] = np.any(
         [np.isin(_cell_numbers(mine + offset), taken) for offset in product((-1, 0, 1), repeat=3)], axis=0
     )

@@ -32,6 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrinklecli.errors import BakeError
+from wrinklecli.surface import distinct, distinct_values
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -517,7 +518,7 @@ def _carried(stages: list[_Stage], stage: _Stage, name: Literal["wanted", "denie
     flags = np.zeros(stage.split.size, dtype=np.bool_)
     if stage.level.number < len(stages):
         old = stages[stage.level.number]
-        _, kept, of_old = np.intersect1d(stage.codes, old.codes, assume_unique=True, return_indices=True)
+        kept, of_old = _among(stage.codes, old.codes), _among(old.codes, stage.codes)
         marked: Bools = getattr(old, name)[old.level.triangle_edges[of_old]]
         flags[stage.level.triangle_edges[kept][marked]] = True
     return flags
@@ -607,7 +608,7 @@ def _butterfly(triangles: Ints, ends: Ints, vertex_count: int) -> Matrix:
         np.full(2 * np.count_nonzero(plain), 1 / 2),
         np.tile([9 / 16, 9 / 16, -1 / 16, -1 / 16], np.count_nonzero(border)),
     ]
-    for valence in np.unique(valences[shares > 0.0]).tolist():
+    for valence in distinct_values(valences[shares > 0.0]).tolist():
         edge, end = np.nonzero((valences == valence) & (shares > 0.0))
         own, around = _ring_weights(valence)
         stencil = shares[edge, end][:, None] * [own, *around]
@@ -662,7 +663,7 @@ class _Fans:
 
     def is_border(self, ends: Ints) -> Bools:
         """(n, 2) ends of edges → (n,) whether the edge has exactly one face."""
-        return np.isin(ends[:, 0] * self.vertex_count + ends[:, 1], self.border_keys)
+        return _among(ends[:, 0] * self.vertex_count + ends[:, 1], self.border_keys)
 
     def rings(self, vertices: Ints, firsts: Ints, valence: int) -> Ints:
         """(n, valence) vertices round each of (n,) closed fans, from (n,) given ones on."""
@@ -683,8 +684,8 @@ def _fans(triangles: Ints, centres: Bools) -> _Fans:
     """
     count = centres.size
     near = triangles[_any(centres, triangles)]
-    _, once = np.unique(np.sort(near, axis=1), axis=0, return_index=True)
-    near = near[np.sort(once)]
+    firsts, _ = distinct(np.sort(near, axis=1))
+    near = near[np.sort(firsts)]
     halves = np.concatenate([np.roll(near, -turn, axis=1) for turn in range(3)])
     halves = halves[centres[halves[:, 0]]]
     halves = halves[np.argsort(halves[:, 0] * count + halves[:, 1], kind="stable")]
@@ -729,6 +730,12 @@ def _apply(matrix: Matrix | None, coarse: Floats) -> Floats:
     columns = np.moveaxis(coarse, -2, 0)
     new = matrix.of_rows(np.arange(count, matrix.shape[0]), columns.reshape(count, -1))
     return np.concatenate([coarse, np.moveaxis(new.reshape(new.shape[0], *columns.shape[1:]), 0, -2)], axis=-2)
+
+
+def _among(values: Ints, ascending: Ints) -> Bools:
+    """(n,) whether each of (n,) values is one of some, which ascend."""
+    found: Bools = np.searchsorted(ascending, values, "right") > np.searchsorted(ascending, values)
+    return found
 
 
 def _any(flags: Bools, members: Ints) -> Bools:

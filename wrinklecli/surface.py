@@ -309,6 +309,18 @@ def distinct(rows: Array) -> tuple[Ints, Ints]:
     return order[fresh], which
 
 
+def distinct_values(values: Array) -> Array:
+    """The values of an array, each once, rising.
+
+    As `np.unique`, but several times as fast (numpy 2.3 and later hash), and without importing `numpy.ma`, which takes
+    as long as refining a small patch.
+    """
+    ordered = np.sort(values, axis=None)
+    fresh = np.ones(len(ordered), bool)
+    fresh[1:] = ordered[1:] != ordered[:-1]
+    return ordered[fresh]
+
+
 def _weld(vertices: Vertices, positions: Floats) -> tuple[Ints, Ints, Bools]:
     """Welded vertex of each vertex, the first vertex of each welded one, and which welded ones have twins."""
     deltas = vertices.morph_deltas

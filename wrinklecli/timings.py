@@ -10,6 +10,7 @@ import numpy as np
 from wrinklecli.document import Document, Json
 from wrinklecli.plan import targets_of
 from wrinklecli.report import Baked
+from wrinklecli.surface import distinct_values
 from wrinklecli.tracks import clip_grid
 
 VERSION = 1
@@ -51,6 +52,7 @@ def make_timings(
         JSON values; keys as in `wrinkle bake --help`.
     """
     clips = {motion.clip.index: motion.clip for each in baked for motion in each.motions}
+    members = [distinct_values(np.concatenate([c.vertices for c in each.plan.carriers])) for each in baked]
     frames = sum(len(clip_grid(clip, None, fps=fps)) for clip in clips.values())
     seconds = {stage: round(each, 6) for stage, each in clock.seconds.items()}
     total = round(sum(seconds.values()), 6)
@@ -61,7 +63,7 @@ def make_timings(
         "clips": len(clips),
         "frames": frames,
         "frames_per_second": round(frames / max(total, 1e-6), 3),
-        "members": sum(len(np.unique(np.concatenate([c.vertices for c in each.plan.carriers]))) for each in baked),
+        "members": sum(len(each) for each in members),
         "targets": sum(len(targets_of(each.bases)) for each in baked),
         "bytes_added": _bytes_added(document, bytes_written),
         "peak_memory_bytes": peak_memory(),
