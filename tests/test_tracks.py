@@ -77,6 +77,20 @@ def test_straight_signal_needs_no_more_than_the_grid() -> None:
     assert np.array_equal(times, clip_grid(clip, rig, fps=7))
 
 
+def test_intervals_to_halve_are_asked_for_in_their_middle() -> None:
+    """Seven points inside each interval that is kept; one inside those that are halved, and the new end."""
+    rig, clip = limb()
+    asked = []
+
+    def signal(times: Floats) -> Floats:
+        asked.append(len(times))
+        return np.sqrt(500 * times % 1.0)[:, None]
+
+    times, _ = sampled(clip, rig, signal, fps=1000, tolerance=0.02)
+    assert len(times) > 8 * 2000
+    assert sum(asked) < 10 * len(times)
+
+
 def test_endless_bisection_ends() -> None:
     rig, clip = limb()
     times, _ = sampled(clip, rig, lambda t: (t > 0.77).astype(float)[:, None], fps=10, tolerance=1e-3)

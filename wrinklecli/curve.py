@@ -124,17 +124,14 @@ class ControlCurve:
             each of its bumps, (frames,) that of a full bump, and (frames,) what none could take.
         """
         capacities = self.profile.capacity(intervals, self.max_height)
-        sizes = np.array([len(group) for group in self.groups])
-        before = np.concatenate([[0], np.cumsum(sizes)])
+        sizes, before = _sizes(self.groups)
         rising = np.zeros(len(shortenings), np.intp)
         for bumps in before[1:]:
             rising += shortenings > bumps * capacities
-        some = np.flatnonzero(rising)
-        rest = np.array(shortenings, np.float64)
         # Capacities may be infinite, but not where they are full.
-        rest[some] = np.maximum(rest[some] - before[rising[some]] * capacities[some], 0.0)
-        is_full = rising == len(sizes)
-        share = np.where(is_full, 0.0, rest / np.append(sizes, 1)[rising])
+        rest = np.maximum(shortenings - before[rising] * np.minimum(capacities, shortenings), 0.0)
+        is_full = rising == len(self.groups)
+        share = np.where(is_full, 0.0, rest / sizes[rising])
         return rising, share, capacities, np.where(is_full, rest, 0.0)
 
     def amplitudes(self, bump_shortenings: Floats, rest_lengths: Floats, unabsorbed: Floats | float = 0.0) -> Floats:
@@ -161,22 +158,21 @@ class ControlCurve:
             rest_lengths: (frames,) rest lengths l, scene units.
         """
         shortenings = self.shortening(distances, rest_lengths)
-        acting = np.flatnonzero(shortenings)
+        acting = np.flatnonzero(shortenings != 0)
         amplitudes = np.zeros((len(shortenings), *self.greatest_amplitudes.shape))
         unabsorbed = np.zeros(len(shortenings))
         if len(acting):
             intervals = self._intervals(rest_lengths[acting], shortenings[acting])
             rising, share, capacities, unabsorbed[acting] = self._fill(shortenings[acting], intervals)
-            tallest = np.zeros((len(acting), self.greatest_amplitudes.shape[1]))
-            full, partly = np.flatnonzero(rising), np.flatnonzero(rising < len(self.groups))
+            full, partly = np.flatnonzero(rising > 0), np.flatnonzero(rising < len(self.groups))
             if len(full):
-                tallest[full] = self.profile.fullest(capacities[full], intervals[full], self.max_height)
-            before = np.arange(len(self.groups)) < rising[:, None]
-            found = np.where(before[..., None], tallest[:, None], 0.0)
+                tallest = self.profile.fullest(capacities[full], intervals[full], self.max_height)
+                for number in range(rising.max()):
+                    some = np.flatnonzero(rising[full] > number)
+                    amplitudes[acting[full[some]], number] = tallest[some]
             if len(partly):
                 partial = self.profile.amplitudes(share[partly], intervals[partly], self.max_height)
-                found[partly, rising[partly]] = partial
-            amplitudes[acting] = found
+                amplitudes[acting[partly], rising[partly]] = partial
         return amplitudes, unabsorbed
 
     def shapes(self, us: Floats) -> Floats:
@@ -331,6 +327,13 @@ def plan_curve(
     return dataclasses.replace(curve, greatest_amplitudes=bounds)
 
 
+@lru_cache(maxsize=64)
+def _sizes(groups: tuple[tuple[int, ...], ...]) -> tuple[Floats, Floats]:
+    """(groups + 1,) number of bumps of each group, and of all before it; after the last, 1 and that of all."""
+    sizes = np.array([*map(len, groups), 1], np.float64)
+    return sizes, np.append(0.0, np.cumsum(sizes[:-1]))
+
+
 def _group(bumps: int, strategy: Strategy) -> tuple[tuple[int, ...], ...]:
     """Bumps that always rise together, in rising order."""
     if strategy == "everywhere":
@@ -376,7 +379,7 @@ class SmoothProfile:
         """D of a bump whose highest point is at `max_height`, from x; scene units."""
         if math.isinf(max_height):
             return np.full_like(intervals, math.inf)
-        return self._shortenings(np.full_like(intervals, max_height / self.peak), intervals)
+        return self._shortenings(max_height / self.peak, intervals)
 
     def excess(self, amplitudes: Floats, intervals: Floats) -> Floats:
         """Arc length of a bump less its chord, from (..., 1) amplitudes and x; scene units."""
@@ -393,18 +396,20 @@ class SmoothProfile:
             start=np.zeros_like(taus),
         )[None]
 
-    def _shortenings(self, amplitudes: Floats, intervals: Floats) -> Floats:
+    def _shortenings(self, amplitudes: Floats | float, intervals: Floats) -> Floats:
         wholes, q = _parts(2 * intervals, amplitudes)
         return np.asarray(wholes * q**2 * self.to_shortening(q), np.float64)
 
 
-def _parts(chords: Floats, others: Floats) -> tuple[Floats, Floats]:
+def _parts(chords: Floats, others: Floats | float) -> tuple[Floats, Floats]:
     """The whole, chord + other, and q = 1 − (chord / whole)^¼ without cancellation; 0 where the whole is."""
     wholes = chords + others
     # Where nothing is, both are 0, and so is q.
     divisors = np.maximum(wholes, _LEAST)
     roots = np.sqrt(chords / divisors)
-    parts: Floats = others / divisors / (1 + np.sqrt(roots)) / (1 + roots)
+    parts: Floats = others / divisors
+    parts /= 1 + np.sqrt(roots)
+    parts /= 1 + roots
     return wholes, parts
 
 
@@ -488,10 +493,11 @@ class Table:
         scaled = points * count
         pieces = np.minimum(scaled.astype(np.intp), count - 1)
         within = scaled - pieces
-        value: Floats = self.coefficients[6][pieces]
+        # Clipped, since what has to be able to fail takes half as long again.
+        value: Floats = self.coefficients[6].take(pieces, mode="clip")
         for row in self.coefficients[5::-1]:
-            value = value * within
-            value += row[pieces]
+            value *= within
+            value += row.take(pieces, mode="clip")
         return value
 
 

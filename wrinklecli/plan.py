@@ -28,7 +28,7 @@ from wrinklecli.config import Length, ToolsFile, WrinkleTool
 from wrinklecli.deform import (
     Carrier,
     Shape,
-    activity,
+    activities,
     carry,
     compress,
     displacements,
@@ -43,13 +43,14 @@ from wrinklecli.patch import (
     anchor_joints,
     anchor_poses,
     attach_tools,
+    determinants,
     lengths_over_time,
     rest_lengths_over_time,
     rest_pose,
 )
 from wrinklecli.pose import Clip, Rig, joint_matrices, read_rig
 from wrinklecli.refine import Refinement, contacts_of, influence_count, refine
-from wrinklecli.surface import read_surface
+from wrinklecli.surface import distinct_values, read_surface
 from wrinklecli.tracks import Signal, clip_grid, key_times, moving_nodes, smooth
 
 Floats = NDArray[np.float64]
@@ -209,7 +210,7 @@ def plan_mesh(
         settings=settings.refinement,
         contacts=contacts,
         influences=min(influence_count(document, rig), influences or sys.maxsize),
-        poses=poses_of(rig, clips, np.unique(surface.joints)),
+        poses=poses_of(rig, clips, distinct_values(surface.joints)),
         tolerance=_SAMPLING_SHARE * bound,
     )
     carriers, problems = [], []
@@ -220,7 +221,9 @@ def plan_mesh(
             problems.append(error)
     if problems:
         raise BakeError.of_all(problems)
-    scale = float(np.median(np.cbrt(np.abs(np.linalg.det(rest.blended[:, :, :3])))))
+    # The median; numpy's imports numpy.ma, which takes longer than all of this.
+    scales = np.sort(np.cbrt(np.abs(determinants(rest.blended[:, :, :3]))))
+    scale = float(scales[[(len(scales) - 1) // 2, len(scales) // 2]].mean())
     return Plan(rig, rest, fine, tuple(carriers), tallest, bound, scale, _has_normals(document, rig.mesh))
 
 
@@ -290,10 +293,11 @@ def sample_clips(
             keys.append(found[1])
         progress("sampling", end, ends[-1])
     bases: list[Basis] = []
-    for carrier in plan.carriers:
+    followed = [_weights_of_all(plan, plan.carriers, clip, at) for clip, at in zip(chosen, times, strict=True)]
+    for number, carrier in enumerate(plan.carriers):
         if carrier.patch.tool.attachment == "skin":
             shapes = shapes_of(carrier, fine, with_normals=plan.has_normals)
-            weights = [skin_weights(plan, carrier, clip, at) for clip, at in zip(chosen, times, strict=True)]
+            weights = [each[number] for each in followed]
         else:
             shapes, weights = _compressed(plan, carrier, list(zip(chosen, times, strict=True)))
         bases.append(Basis(carrier, tuple(_named(carrier, shapes)), tuple(weights)))
@@ -380,9 +384,16 @@ def _signals(plan: Plan, clip: Clip, breaks: Floats, tolerance: float) -> Signal
 
 def skin_weights(plan: Plan, carrier: Carrier, clip: Clip | None, times: Floats) -> Floats:
     """(frames, shapes) morph weights of a skin-attached tool in a clip; none for the stored pose."""
-    seen = activity(carrier.patch, plan.rig, plan.rest, clip, times)
-    weights = weights_of(carrier.patch.curve, seen.amplitudes)
-    return carrier.patch.clip_strength(clip) * weights.reshape(len(times), -1)
+    return _weights_of_all(plan, [carrier], clip, times)[0]
+
+
+def _weights_of_all(plan: Plan, carriers: Sequence[Carrier], clip: Clip | None, times: Floats) -> list[Floats]:
+    """As `skin_weights`, of several tools."""
+    patches = [each.patch for each in carriers]
+    return [
+        patch.clip_strength(clip) * weights_of(patch.curve, seen.amplitudes).reshape(len(times), -1)
+        for patch, seen in zip(patches, activities(patches, plan.rig, plan.rest, clip, times), strict=True)
+    ]
 
 
 def _compressed(
@@ -404,7 +415,8 @@ def _compressed(
     tolerance = _COMPRESSION_SHARE * plan.max_error / plan.scale / _PER_COORDINATE
     together, deltas = compress(series, tolerance, where=carrier.patch.tool.where)
     weights = np.split(together, np.cumsum([len(times) for _, times in sampled])[:-1])
-    rows = np.unique(np.concatenate([np.linspace(0, len(together) - 1, 16).astype(int), np.argmax(together, axis=0)]))
+    even = np.linspace(0, len(together) - 1, 16).astype(int)
+    rows = distinct_values(np.concatenate([even, np.argmax(together, axis=0)]))
     shapes = make_shapes(
         plan.fine,
         carrier.vertices,

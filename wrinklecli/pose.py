@@ -300,7 +300,7 @@ def _stored_rows(local: Sequence[dict[str, Floats]]) -> Floats:
     free = [index for index, parts in enumerate(local) if "matrix" not in parts]
     if free:
         translations, rotations, scales = (np.array([local[index][path] for index in free]) for path in _DEFAULTS)
-        rows[:, :, free] = _rows(translations.T, _normalised(rotations).T, scales.T)
+        rows[:, :, free] = _rows(translations.T, _normalised(rotations.T), scales.T)
     for index, parts in enumerate(local):
         if "matrix" in parts:
             rows[:, :, index] = parts["matrix"][:3]
@@ -388,10 +388,11 @@ def _rows(translations: Floats, rotations: Floats, scales: Floats) -> Floats:
     """(3, 4, frames) of (components, frames), rotations of unit length; any may have one frame for all."""
     x, y, z, w = rotations
     sx, sy, sz = scales
+    (xx, xy, xz), (yy, yz, zz), (xw, yw, zw) = (x * x, x * y, x * z), (y * y, y * z, z * z), (x * w, y * w, z * w)
     rows = (
-        ((1 - 2 * (y * y + z * z)) * sx, 2 * (x * y - z * w) * sy, 2 * (x * z + y * w) * sz),
-        (2 * (x * y + z * w) * sx, (1 - 2 * (x * x + z * z)) * sy, 2 * (y * z - x * w) * sz),
-        (2 * (x * z - y * w) * sx, 2 * (y * z + x * w) * sy, (1 - 2 * (x * x + y * y)) * sz),
+        ((1 - 2 * (yy + zz)) * sx, 2 * (xy - zw) * sy, 2 * (xz + yw) * sz),
+        (2 * (xy + zw) * sx, (1 - 2 * (xx + zz)) * sy, 2 * (yz - xw) * sz),
+        (2 * (xz - yw) * sx, 2 * (yz + xw) * sy, (1 - 2 * (xx + yy)) * sz),
     )
     matrices = np.zeros((3, 4, max(each.shape[1] for each in (translations, rotations, scales))))
     for row, translation, into in zip(rows, translations, matrices, strict=True):
@@ -415,60 +416,65 @@ def sample(channel: Channel, times: Floats) -> Floats:
     Source: glTF 2.0, appendix C (LINEAR, with slerp for rotations; STEP; CUBICSPLINE).
     """
     keys, values = channel.times, channel.values
-    points = values[:, 1] if channel.interpolation == "CUBICSPLINE" else values
+    # Components first, so that all that follows runs along time.
+    points = (values[:, 1] if channel.interpolation == "CUBICSPLINE" else values).T
     turning = channel.path == "rotation"
     if len(keys) == 1:
-        return np.tile(_normalised(points) if turning else points, (len(times), 1))
+        return np.tile((_normalised(points) if turning else points).T, (len(times), 1))
     before = np.clip(np.searchsorted(keys, times, side="right") - 1, 0, len(keys) - 2)
     # Of a long clip, at a few times, only the keys around them.
     part = slice(int(before.min(initial=len(keys) - 2)), int(before.max(initial=0)) + 2)
-    keys, values, points, before = keys[part], values[part], points[part], before - part.start
+    keys, values, points, before = keys[part], values[part], points[:, part], before - part.start
     if turning and channel.interpolation != "CUBICSPLINE":
         points = _normalised(points)
     spans = np.diff(keys)
-    t = np.clip((times - keys[before]) / spans[before], 0.0, 1.0)
+    t = np.clip((times - _at(keys, before)) / _at(spans, before), 0.0, 1.0)
     if channel.interpolation == "STEP":
-        held: Floats = points[before + (t >= 1.0)]
-        return held
+        return _at(points, before + (t >= 1.0)).T
     if channel.interpolation == "CUBICSPLINE":
-        leaving, arriving = values[:-1, 2] * spans[:, None], values[1:, 0] * spans[:, None]
+        leaving, arriving = values[:-1, 2].T * spans, values[1:, 0].T * spans
+        start, stop = points[:, :-1], points[:, 1:]
         # Horner's scheme, with the polynomial of each interval prepared.
-        squares = -3 * points[:-1] + 3 * points[1:] - 2 * leaving - arriving
-        cubes = 2 * points[:-1] - 2 * points[1:] + leaving + arriving
-        t = t[:, None]
-        blended = ((cubes[before] * t + squares[before]) * t + leaving[before]) * t + points[before]
-        return _normalised(blended) if turning else blended
+        squares = -3 * start + 3 * stop - 2 * leaving - arriving
+        cubes = 2 * start - 2 * stop + leaving + arriving
+        blended = ((_at(cubes, before) * t + _at(squares, before)) * t + _at(leaving, before)) * t + _at(start, before)
+        return (_normalised(blended) if turning else blended).T
     if turning:
-        return _slerp(points, before, t)
-    t = t[:, None]
-    return points[before] + np.diff(points, axis=0)[before] * t
+        return _slerp(points, before, t).T
+    return (_at(points, before) + _at(np.diff(points), before) * t).T
+
+
+def _at(values: Floats, places: Ints) -> Floats:
+    """(…, frames) of (…, keys). Clipped, since what has to be able to fail takes longer, and indexing longer still."""
+    return values.take(places, axis=-1, mode="clip")
 
 
 def _slerp(points: Floats, before: Ints, t: Floats) -> Floats:
-    """(frames, 4) rotations at shares t (frames,) of the intervals `before` (frames,) between (keys, 4) unit ones."""
-    start, stop = points[:-1], points[1:]
-    cosine = np.sum(start * stop, axis=1)
-    stop = np.where(cosine[:, None] < 0, -stop, stop)
+    """(4, frames) rotations at shares t (frames,) of the intervals `before` (frames,) between (4, keys) unit ones."""
+    start, stop = points[:, :-1], points[:, 1:]
+    cosine = np.sum(start * stop, axis=0)
+    stop = np.where(cosine < 0, -stop, stop)
     # Halves of sum and difference: the arc cosine of the product loses half the digits of a small angle.
-    angle = 2.0 * np.arctan2(*(np.sqrt(np.sum(each**2, axis=1)) for each in (stop - start, stop + start)))
+    angle = 2.0 * np.arctan2(*(np.sqrt(np.sum(each**2, axis=0)) for each in (stop - start, stop + start)))
     sine = np.sin(angle)
     # Below this angle the division loses more digits than a straight line does.
     near = sine < 1e-6
     inverse = np.where(near, 0.0, 1.0 / np.where(near, 1.0, sine))
-    turned = t * angle[before]
-    first, second = np.sin(angle[before] - turned) * inverse[before], np.sin(turned) * inverse[before]
+    whole, inverse = _at(angle, before), _at(inverse, before)
+    turned = t * whole
+    first, second = np.sin(whole - turned) * inverse, np.sin(turned) * inverse
     if near.any():
-        straight = near[before]
+        straight = _at(near, before)
         first, second = np.where(straight, 1.0 - t, first), np.where(straight, t, second)
-        return _normalised(first[:, None] * start[before] + second[:, None] * stop[before])
-    between: Floats = first[:, None] * start[before] + second[:, None] * stop[before]
-    return between
+    between: Floats = first * _at(start, before) + second * _at(stop, before)
+    return _normalised(between) if near.any() else between
 
 
 def _normalised(quaternions: Floats) -> Floats:
-    lengths = np.sqrt(np.sum(quaternions * quaternions, axis=-1, keepdims=True))
-    safe = np.where(lengths > 0, lengths, 1.0)
-    return np.where(lengths > 0, quaternions / safe, np.array([0.0, 0.0, 0.0, 1.0]))
+    """(4, …) of unit length; no turn where all are 0."""
+    lengths = np.sqrt(np.sum(quaternions * quaternions, axis=0))
+    unturned = np.array([0.0, 0.0, 0.0, 1.0]).reshape(4, *[1] * (quaternions.ndim - 1))
+    return np.where(lengths > 0, quaternions / np.where(lengths > 0, lengths, 1.0), unturned)
 
 
 def blend(weights: Floats, matrices: Floats) -> Floats:

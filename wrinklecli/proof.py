@@ -16,7 +16,7 @@ from wrinklecli.plan import Basis, Motion, Plan, Progress, takes_of, targets_of
 from wrinklecli.pose import Clip, Rig, joint_matrices, morph_weights, read_clips, read_rig
 from wrinklecli.refine import Refinement
 from wrinklecli.skin import pose, prepare
-from wrinklecli.surface import dense_influences, read_vertices, unit
+from wrinklecli.surface import dense_influences, distinct_values, read_vertices, unit
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -212,7 +212,7 @@ def compare(
 def _all_times(times: Floats) -> Floats:
     """(times,) every key and two points between each two, seconds, as an engine's float32 clock shows them."""
     between = (times[:-1, None] + np.array([0.25, 0.5]) * np.diff(times)[:, None]).reshape(-1)
-    return np.union1d(times, between.astype(np.float32).astype(np.float64))
+    return distinct_values(np.concatenate([times, between.astype(np.float32).astype(np.float64)]))
 
 
 def _height_error(
@@ -230,20 +230,21 @@ def _height_error(
     worst = 0.0
     for basis, what in zip(bases, seen, strict=True):
         patch = basis.carrier.patch
-        columns = after + np.arange(len(targets_of([basis])))
-        after += len(columns)
+        shapes = [index for index, target in enumerate(basis.targets) if target is not None]
+        got = played[:, after : after + len(shapes)]
+        after += len(shapes)
         if not basis.from_skin:
             continue
-        greatest = patch.curve.greatest_amplitudes.reshape(-1)
-        amplitudes = patch.clip_strength(clip) * what.amplitudes
-        wanted = amplitudes.reshape(len(times), -1)
-        shapes = [index for index, target in enumerate(basis.targets) if target is not None]
-        got = played[:, columns]
-        # Where an engine's budget asks for other shapes: what they are of the curve's.
-        share = np.eye(len(greatest)) if basis.unmix is None else basis.unmix
-        shown = np.flatnonzero(share[shapes].any(axis=0))
-        error = np.abs(got @ share[shapes][:, shown] * greatest[shown] - wanted[:, shown]).max(initial=0.0)
-        worst = max(worst, float(error) * abs(patch.shape_strength))
+        shown = np.array(shapes, np.intp)
+        if basis.unmix is not None:
+            # An engine's budget asked for other shapes: what they are of the curve's.
+            share = basis.unmix[shapes]
+            shown = np.flatnonzero(share.any(axis=0))
+            got = got @ share[:, shown]
+        greatest, wanted = patch.curve.greatest_amplitudes.reshape(-1), what.amplitudes.reshape(len(times), -1)
+        for column, number in zip(got.T, shown, strict=True):
+            error = column * greatest[number] - patch.clip_strength(clip) * wanted[:, number]
+            worst = max(worst, float(np.abs(error).max(initial=0.0)) * abs(patch.shape_strength))
     return worst
 
 
@@ -251,7 +252,7 @@ def _chosen_times(every: Floats, activities_: Sequence[Activity]) -> Floats:
     """Times to compare at: an even choice, each tool's tallest and shortest, and where tracks bend."""
     picked = set(np.linspace(0, len(every) - 1, min(_FRAMES, len(every))).astype(int).tolist())
     for seen in activities_:
-        picked.add(int(np.argmax(np.abs(seen.amplitudes).max(axis=(1, 2)))))
+        picked.add(int(np.argmax(np.abs(seen.amplitudes))) // seen.amplitudes[0].size)
         picked.add(int(np.argmax(seen.shortenings)))
         # The straight line through the neighbours misses most here.
         tall = np.abs(seen.amplitudes).sum(axis=(1, 2))
