@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from wrinklecli.curve import ControlCurve, Profile, Strategy, plan_curve
 from wrinklecli.deform import weights_of
-from wrinklecli.table import TABLE_ERROR, tabulate
+from wrinklecli.table import TABLE_ERROR, tabulate, weight_table
 
 Floats = NDArray[np.float64]
 
@@ -74,6 +74,27 @@ def test_any_number_of_bumps(bumps: int, gap: int) -> None:
     wanted = weights_of(curve, curve.follow(distances, lengths)[0]).reshape(len(lengths), -1)
     assert np.abs(table.weights(distances, lengths) - wanted).max() <= TABLE_ERROR
     assert len(table.distances) < 8000
+
+
+@pytest.mark.parametrize("strategy", ["everywhere", "origin", "both_ends"])
+@pytest.mark.parametrize(
+    ("profile", "details"), [("smooth", ()), ("smooth", (0.3, 0.2)), ("polyline", ()), ("polyline", (0.2,))]
+)
+@pytest.mark.parametrize("height", [0.02, 0.05, 0.4, np.inf])
+def test_one_table_is_right_between_its_rows_and_has_few(
+    strategy: Strategy, profile: Profile, details: tuple[float, ...], height: float
+) -> None:
+    curve = planned(strategy, profile, details, height, longest=1.0)
+    rows, table = weight_table(curve, lambda weights: weights.reshape(len(weights), -1))
+    assert (rows[0], rows[-1]) == (0.0, 1.0)
+    assert len(rows) <= 4 + 20 * len(curve.groups) * (1 + len(details))
+    # Between all rows, and close behind each: that is where roots start.
+    gaps = np.diff(rows)[:, None] * np.concatenate([np.geomspace(1e-9, 0.5, 60), np.linspace(0.5, 1.0, 20)])
+    shortenings = (rows[:-1, None] + gaps).reshape(-1)
+    lengths = np.full(len(shortenings), LENGTH)
+    wanted = weights_of(curve, curve.follow((1 - shortenings) * lengths, lengths)[0]).reshape(len(lengths), -1)
+    found = np.stack([np.interp(shortenings, rows, column) for column in table.T], axis=1)
+    assert np.abs(found - wanted).max() <= TABLE_ERROR * np.abs(wanted).max()
 
 
 def test_targets_may_be_mixtures_and_positive_only() -> None:

@@ -29,7 +29,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from wrinklecli.deform import Shape, weight_table
+from wrinklecli.deform import Shape, weight_path
 from wrinklecli.document import Document
 from wrinklecli.errors import RefusedError
 from wrinklecli.plan import Basis, Motion, Plan, Target, poses_of, skin_weights, targets_of
@@ -239,7 +239,7 @@ def _path(basis: Basis) -> Floats:
     """(rows, shapes) weights that a tool's targets take: over all shortenings, or as sampled where it has no curve."""
     if not basis.from_skin:
         return np.concatenate(basis.weights) if basis.weights else np.zeros((0, len(basis.targets)))
-    table = basis.of_curve(weight_table(basis.carrier.patch.curve)[1])
+    table = basis.of_curve(weight_path(basis.carrier.patch.curve))
     tool, strength = basis.carrier.patch.tool, basis.carrier.patch.shape_strength
     factors = [1.0, *(each / strength for each in tool.clips.values())] if strength else [1.0]
     return np.concatenate([factor * table for factor in factors])
@@ -312,7 +312,7 @@ def _at_once(basis: Basis) -> int:
     """Most targets of a tool with a weight other than 0 at a time, over all shortenings; all, without a curve."""
     if not basis.from_skin:
         return len(targets_of([basis]))
-    shown: Bools = basis.written(basis.of_curve(weight_table(basis.carrier.patch.curve)[1])) != 0
+    shown: Bools = basis.written(basis.of_curve(weight_path(basis.carrier.patch.curve))) != 0
     return int((shown[:-1] | shown[1:]).sum(axis=1).max())
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrinklecli.config import RestLengthKeys, RestLengthMorph
-from wrinklecli.deform import Shape, turn_to, weight_table
+from wrinklecli.deform import Shape, turn_to
 from wrinklecli.document import TRIANGLES, Document, Json
 from wrinklecli.draco import EXTENSION
 from wrinklecli.draft import INDEX_DATA, VERTEX_DATA, Draft, index_type, used_joints
@@ -21,7 +21,7 @@ from wrinklecli.plan import Basis, Motion, Plan, Target, skin_weights, targets_o
 from wrinklecli.pose import Clip, Rig, morph_target_names, read_clips
 from wrinklecli.refine import Refinement
 from wrinklecli.surface import distinct_values, unit
-from wrinklecli.table import tabulate
+from wrinklecli.table import tabulate, weight_table
 from wrinklecli.tracks import Track, pad, widen
 
 Floats = NDArray[np.float64]
@@ -518,11 +518,10 @@ def _strengths_json(patch: Patch) -> Json:
 
 
 def _table_json(basis: Basis) -> Json:
-    shortenings, table = weight_table(basis.carrier.patch.curve)
-    rows = basis.written(basis.of_curve(table))
+    rows, weights = weight_table(basis.carrier.patch.curve, lambda each: basis.written(basis.of_curve(each)))
     return {
-        "shortenings": [_digits(value) for value in shortenings],
-        "weights": [[_digits(value, _TABLE_DIGITS) for value in row] for row in rows],
+        "shortenings": [_digits(value) for value in rows],
+        "weights": [[_digits(value, _TABLE_DIGITS) for value in row] for row in weights],
     }
 
 

@@ -18,12 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrinklecli.curve import TAUT, ControlCurve
-from wrinklecli.deform import weights_of
+from wrinklecli.deform import group_starts, weights_of
+from wrinklecli.surface import distinct_values
+from wrinklecli.tracks import key_points
 
 Floats = NDArray[np.float64]
 
 TABLE_ERROR = 1 / 256
-"""Greatest error of a weight that is looked up, of the greatest weight; also that of `weight_table`."""
+"""Greatest error of a weight that is looked up, of the greatest weight."""
 
 # Tolerances of the two tables to begin with, as shares: of what a bump takes and of its height.
 _CAPACITY_ERROR = 1e-3
@@ -31,6 +33,10 @@ _RISE_ERROR = 1e-3
 # How much finer the tables get, and how often at most, until the weights are right.
 _FINER = 4.0
 _MOST_TRIES = 12
+# What may be off between points that are looked into, of what may be off between rows.
+_OF_POINTS = 0.25
+# Of weights: what is full moves in its last bits, for which there are to be no rows.
+_DECIMALS = 7
 # Rows of a table to begin with, and how often an interval between two is halved at most.
 _FIRST_ROWS = 17
 _HALVINGS = 12
@@ -91,6 +97,31 @@ class CurveTable:
         made: Floats = np.stack(amplitudes, axis=1) @ self.mix.T
         made = np.maximum(made, 0.0) if self.positive else made
         return np.where(np.abs(made) > self.least, made, 0.0)
+
+
+def weight_table(curve: ControlCurve, weights: Callable[[Floats], Floats]) -> tuple[Floats, Floats]:
+    """Tabulate weights against shortening at the nominal rest length, as coarsely as `TABLE_ERROR` allows.
+
+    Heights start like a square root, each group of bumps where the one before it is full: there rows lie close
+    together. A dozen do for a group; 65 at equal steps of the height were off by 1/15 where a polyline has details.
+
+    Args:
+        curve: The control curve.
+        weights: Those of the targets, (rows, targets), from the curve's own, (rows, groups, modes).
+
+    Returns:
+        (rows,) 1 - distance / rest length from 0 to 1, rising, and (rows, targets) weights; straight lines between.
+    """
+
+    def weights_at(shortenings: Floats) -> Floats:
+        lengths = np.full(len(shortenings), curve.rest_length)
+        amplitudes, _ = curve.follow((1.0 - shortenings) * lengths, lengths)
+        return np.round(weights(weights_of(curve, amplitudes)), _DECIMALS)
+
+    grid = distinct_values(np.concatenate([np.linspace(0.0, 1.0, _FIRST_ROWS), group_starts(curve)]))
+    most = TABLE_ERROR * np.abs(weights_at(grid)).max(initial=0.0)
+    points, rows = key_points(grid, weights_at, tolerance=_OF_POINTS * most, thinning=(1 - _OF_POINTS) * most)
+    return points[rows], weights_at(points[rows])
 
 
 def tabulate(
