@@ -35,6 +35,8 @@ _FINER = 4.0
 _MOST_TRIES = 12
 # What may be off between points that are looked into, of what may be off between rows.
 _OF_POINTS = 0.25
+# Shares of the way from one group's start to the next: of heights like their root 1/2, 1/4, 1/8 …
+_BEHIND = 0.25 ** np.arange(1, 9)
 # Of weights: what is full moves in its last bits, for which there are to be no rows.
 _DECIMALS = 7
 # Rows of a table to begin with, and how often an interval between two is halved at most.
@@ -118,7 +120,9 @@ def weight_table(curve: ControlCurve, weights: Callable[[Floats], Floats]) -> tu
         amplitudes, _ = curve.follow((1.0 - shortenings) * lengths, lengths)
         return np.round(weights(weights_of(curve, amplitudes)), _DECIMALS)
 
-    grid = distinct_values(np.concatenate([np.linspace(0.0, 1.0, _FIRST_ROWS), group_starts(curve)]))
+    starts = group_starts(curve)
+    behind = starts[:-1] + (starts[1:] - starts[:-1]) * _BEHIND[:, None]
+    grid = distinct_values(np.concatenate([np.linspace(0.0, 1.0, _FIRST_ROWS), starts, behind.reshape(-1)]))
     most = TABLE_ERROR * np.abs(weights_at(grid)).max(initial=0.0)
     points, rows = key_points(grid, weights_at, tolerance=_OF_POINTS * most, thinning=(1 - _OF_POINTS) * most)
     return points[rows], weights_at(points[rows])
