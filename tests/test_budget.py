@@ -172,7 +172,7 @@ def test_heights_of_other_shapes_are_proven_at_all_times(
     asset, clip = ("wrist", "flex") if tool is ROUGH else ("head", "raise_brows")
 
     def no_positions(*_: Any) -> Any:
-        return np.zeros(1)
+        return np.zeros(1, np.intp)
 
     def wrong(channel: Any, rig: Any, clip: Any, times: Any, weights: Any) -> Any:
         changed = weights.copy()

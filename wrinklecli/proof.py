@@ -25,8 +25,9 @@ Ints = NDArray[np.intp]
 _FRAMES = 64
 # The keys of each tool at which its track bends most.
 _BENDS = 4
-# Frames posed at once, fewer where they have more vertices than these: bounds the memory.
+# Frames posed at once: more where they have fewer vertices than the one, fewer where they have more than the other.
 _CHUNK = 16
+_FEW_VERTICES = 2**15
 _MOST_VERTICES = 2**20
 
 
@@ -183,15 +184,17 @@ def compare(
     every = _all_times(motion.times)
     activities_ = activities([each.patch for each in carriers], rig, rest, clip, every)
     chosen = _chosen_times(every, activities_)
+    times, amplitudes = every[chosen], [each.amplitudes[chosen] for each in activities_]
     weights = fine.dense_weights(proof.vertices, len(rig.joints))
     acting, stored = np.flatnonzero(weights.any(axis=0)), np.flatnonzero(proof.weights.any(axis=0))
     method = prepare(weights[:, acting], fine.positions[proof.vertices], fine.morph_deltas[:, proof.vertices])
     file = prepare(proof.weights[:, stored], proof.positions, proof.deltas)
-    chunk = min(max(_MOST_VERTICES // max(len(proof.vertices), 1), 1), _CHUNK)
-    worst, worst_time, angles = 0.0, float(chosen[0]), []
-    for start in range(0, len(chosen), chunk):
-        now = chosen[start : start + chunk]
-        moved = _method_displacements(proof, fine, carriers, rig, rest, clip, now)
+    count = max(len(proof.vertices), 1)
+    chunk = min(max(_FEW_VERTICES // count, _CHUNK), max(_MOST_VERTICES // count, 1))
+    worst, worst_time, angles = 0.0, float(times[0]), []
+    for part in (slice(k, k + chunk) for k in range(0, len(times), chunk)):
+        now, heights = times[part], [each[part] for each in amplitudes]
+        moved = _method_displacements(proof, fine, carriers, rig, rest, clip, now, heights)
         matrices = joint_matrices(rig, clip, now, acting)
         wanted, _ = pose(method, matrices, morph_weights(rig, clip, now), moved.transpose(0, 2, 1))
         played = morph_weights(proof.rig, written, now)
@@ -248,8 +251,8 @@ def _height_error(
     return worst
 
 
-def _chosen_times(every: Floats, activities_: Sequence[Activity]) -> Floats:
-    """Times to compare at: an even choice, each tool's tallest and shortest, and where tracks bend."""
+def _chosen_times(every: Floats, activities_: Sequence[Activity]) -> Ints:
+    """Which times to compare at, rising: an even choice, each tool's tallest and shortest, and where tracks bend."""
     picked = set(np.linspace(0, len(every) - 1, min(_FRAMES, len(every))).astype(int).tolist())
     for seen in activities_:
         picked.add(int(np.argmax(np.abs(seen.amplitudes))) // seen.amplitudes[0].size)
@@ -261,7 +264,7 @@ def _chosen_times(every: Floats, activities_: Sequence[Activity]) -> Floats:
         least = np.partition(bend, -_BENDS)[-_BENDS] if len(bend) > _BENDS else 0.0
         most = np.flatnonzero(bend >= least)
         picked.update((1 + most[np.argsort(-bend[most], kind="stable")[:_BENDS]]).tolist())
-    return every[sorted(picked)]
+    return np.array(sorted(picked), np.intp)
 
 
 def _method_displacements(
@@ -272,14 +275,15 @@ def _method_displacements(
     rest: Rest,
     clip: Clip,
     times: Floats,
+    amplitudes: Sequence[Floats],
 ) -> Floats:
     """(frames, vertices, 3) sum of all tools, at the vertices compared, bind space."""
     total = np.zeros((len(times), len(proof.vertices), 3))
-    for carrier in carriers:
+    for carrier, each in zip(carriers, amplitudes, strict=True):
         rows = np.searchsorted(carrier.vertices, proof.vertices)
         rows = np.minimum(rows, len(carrier.vertices) - 1)
         here = carrier.vertices[rows] == proof.vertices
-        moved = displacements(carrier, fine, rig, rest, clip, times)
+        moved = displacements(carrier, fine, rig, rest, clip, times, each)
         total[:, here] += moved[:, rows[here]]
     return total
 
