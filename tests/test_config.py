@@ -568,6 +568,7 @@ def test_bad_anchors(anchor, expected):
         ("tools:", "tools: found nothing, expected a list of 1 to 1,000 tools"),
         ("tools: []", "tools: found a list of 0, expected a list of 1 to 1,000 tools"),
         ("tools: {a: 1}", "tools: found a mapping, expected a list of 1 to 1,000 tools"),
+        ("tools: {a: {name: b, width: [1]}}", "tools: found a mapping, expected a list of 1 to 1,000 tools"),
         ("tools: [5]", f"tools[0]: found 5, expected a mapping of {TOOL_KEYS}"),
         (f"tools: [{'1, ' * 1001}]", "tools: found a list of 1001, expected a list of 1 to 1,000 tools"),
     ],

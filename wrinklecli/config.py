@@ -435,11 +435,13 @@ def _tools(
     root: Node, defaults: Mapping[str, Any], wrong: Collection[Place]
 ) -> tuple[list[tuple[dict[str, Any], str, int]], list[Problem]]:
     """All tools in the file's axes, mirrored ones too: keys that the file gives, path and line of each."""
+    node = root.children.get("tools")
+    if node is None or not isinstance(node.value, list):
+        return [], []  # what stands there the schema has not looked into
     problems: list[Problem] = []
     tools: list[tuple[dict[str, Any], str, Node]] = []
     owners: dict[str, str] = {}  # who has an identifier
-    node = root.children.get("tools")
-    for i, child in node.children.items() if node is not None else ():
+    for i, child in node.children.items():
         path = path_to("tools", i)
         values, found = _read(root, ("tools", i), wrong)
         problems += found
