@@ -222,8 +222,13 @@ def weight_path(curve: ControlCurve) -> Floats:
     steps = np.linspace(0.0, 1.0, _PATH_ROWS) ** 2  # heights start like a square root
     rising = [low + (high - low) * steps for low, high in pairwise(starts)]
     rows = distinct_values(np.concatenate([[0.0], *rising, np.linspace(starts[-1], 1.0, _FULL_ROWS)]))
-    lengths = np.full(len(rows), curve.rest_length)
-    amplitudes, _ = curve.follow((1.0 - rows) * lengths, lengths)
+    return weights_at(curve, rows)
+
+
+def weights_at(curve: ControlCurve, shortenings: Floats) -> Floats:
+    """(rows, groups, modes) weights at (rows,) shortenings over the nominal rest length, 1 - distance / rest length."""
+    lengths = np.full(len(shortenings), curve.rest_length)
+    amplitudes, _ = curve.follow((1.0 - shortenings) * lengths, lengths)
     return weights_of(curve, amplitudes)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrinklecli.curve import TAUT, ControlCurve
-from wrinklecli.deform import group_starts, weights_of
+from wrinklecli.deform import group_starts, weights_at, weights_of
 from wrinklecli.surface import distinct_values
 from wrinklecli.tracks import key_points
 
@@ -115,17 +115,15 @@ def weight_table(curve: ControlCurve, weights: Callable[[Floats], Floats]) -> tu
         (rows,) 1 - distance / rest length from 0 to 1, rising, and (rows, targets) weights; straight lines between.
     """
 
-    def weights_at(shortenings: Floats) -> Floats:
-        lengths = np.full(len(shortenings), curve.rest_length)
-        amplitudes, _ = curve.follow((1.0 - shortenings) * lengths, lengths)
-        return np.round(weights(weights_of(curve, amplitudes)), _DECIMALS)
+    def signal(shortenings: Floats) -> Floats:
+        return np.round(weights(weights_at(curve, shortenings)), _DECIMALS)
 
     starts = group_starts(curve)
     behind = starts[:-1] + (starts[1:] - starts[:-1]) * _BEHIND[:, None]
     grid = distinct_values(np.concatenate([np.linspace(0.0, 1.0, _FIRST_ROWS), starts, behind.reshape(-1)]))
-    most = TABLE_ERROR * np.abs(weights_at(grid)).max(initial=0.0)
-    points, rows = key_points(grid, weights_at, tolerance=_OF_POINTS * most, thinning=(1 - _OF_POINTS) * most)
-    return points[rows], weights_at(points[rows])
+    most = TABLE_ERROR * np.abs(signal(grid)).max(initial=0.0)
+    points, rows = key_points(grid, signal, tolerance=_OF_POINTS * most, thinning=(1 - _OF_POINTS) * most)
+    return points[rows], signal(points[rows])
 
 
 def tabulate(
