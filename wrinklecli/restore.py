@@ -37,6 +37,7 @@ _HEADER = struct.Struct("<32sI")
 _RANGE = struct.Struct("<QQ")
 _DIGEST_BYTES = 32
 _LEAST_RUN = 64  # bytes; a span takes about 20
+_MOST_LONGER = 16  # times: in a track of many more keys and targets little is as before, and indexing it takes long
 _LEVEL = 9  # higher ones take several times as long and save a fifth
 _DICTIONARY_BYTES = 2**27  # bounds time and memory
 _TABLE_LOG = 24  # of zstd's tables, which are to index the dictionary; 64 MiB each
@@ -156,7 +157,7 @@ def _with_echoes(
                 found[home].append((low, low + head, buffer, at))
             if tail:
                 found[home].append((low + len(before) - tail, low + len(before), buffer, stop - tail))
-            if head + tail < len(before):
+            if head + tail < len(before) and len(after) <= _MOST_LONGER * len(before):
                 alike.append((at + head, stop - tail))
     return [_apart(spans) for spans in found], sorted(alike)
 
