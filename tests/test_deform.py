@@ -322,9 +322,9 @@ def test_tallest_is_the_largest_world_displacement() -> None:
     assert shape.tallest <= prepared.patch.curve.max_height * (1 + 1e-12)
 
 
-@pytest.mark.parametrize(("height", "median", "worst", "steepest"), [("5%", 0.01, 0.3, 30), ("12.5%", 0.04, 1.3, 55)])
+@pytest.mark.parametrize(("height", "median", "worst", "steepest"), [("5%", 0.015, 0.3, 30), ("12.5%", 0.06, 1.3, 55)])
 def test_fitted_normals_follow_the_wrinkled_surface(height: str, median: float, worst: float, steepest: float) -> None:
-    """Degrees between what an engine shades (base plus weighted delta, normalised) and true normals.
+    """Degrees between what an engine shades (base plus weighted delta, normalised) and true normals where it moves.
 
     Bounds are what was measured, rounded up, within those of design.md, §2: on slopes of 55–63° median 0.01–0.1°,
     99 % 0.4–2.4°. A fit to t − N, not t/(t·N) − N, has 0.24° and 3.7° in the steep case.
@@ -342,8 +342,10 @@ def test_fitted_normals_follow_the_wrinkled_surface(height: str, median: float, 
     shaded = fine.normals[touched] + weights[:, None, None] * deltas[touched]
     shaded /= np.linalg.norm(shaded, axis=2, keepdims=True)
     angles = np.degrees(2 * np.arcsin(np.clip(np.linalg.norm(shaded - true, axis=2) / 2, 0, 1)))
-    assert np.median(angles) <= median
-    assert np.quantile(angles, 0.99) <= worst
+    # How many vertices around them hardly turn is the refinement's affair.
+    moving = angles[:, np.isin(touched, shape.vertices)]
+    assert np.median(moving) <= median
+    assert np.quantile(moving, 0.99) <= worst
     unmoved = np.degrees(2 * np.arcsin(np.linalg.norm(fine.normals[touched] - true, axis=2) / 2))
     assert unmoved.max() > steepest, "the case is one"
 

@@ -449,10 +449,10 @@ def test_patch_attachment_agrees_with_skin_where_little_moves() -> None:
         bake_once("wrist", {**PALM, "bumps": 2}),
         bake_once("wrist", {**PALM, "attachment": "patch", "bumps": 2, "clips": {"extend": 0}}),
     )
-    assert geometry(skin, "wrist")[0] == geometry(patch, "wrist")[0]
-    times = np.linspace(0.03, 0.21, 10)
-    flat = source.pose("wrist", "flex", times)
-    (one, other) = (file.pose("wrist", "flex", times) - flat for file in (skin, patch))
+    # Beside a patch that moves, more is refined: what all have are the vertices of the source.
+    times, old = np.linspace(0.03, 0.21, 10), len(Gltf(sample("wrist")).pose("wrist", None, [0.0])[0])
+    flat, one, other = (file.pose("wrist", "flex", times)[:, :old] for file in (source, skin, patch))
+    one, other = one - flat, other - flat
     heights = np.linalg.norm(one, axis=2).max(axis=1)
     assert (heights > 2e-4).all()
     gaps = np.linalg.norm(one - other, axis=2).max(axis=1) / heights

@@ -124,13 +124,30 @@ def test_edges_are_as_short_along_u_as_the_curve_needs(edges_per_interval: int, 
     assert fine.subdivision.limited == 0
     member = patch.members[fine.subdivision.parents]
     u, v = patch.coordinates(fine.rest_positions)
-    u, v = u[fine.triangles], v[fine.triangles]
-    inside = member & (u.max(axis=1) > 0) & (u.min(axis=1) < 1) & (v.max(axis=1) > -1) & (v.min(axis=1) < 1)
-    steps = np.abs(u - np.roll(u, 1, axis=1))[inside]
+    heights = patch.magnitudes(np.full(len(u), 0.5), v, fine.rest_normals)
+    edges = np.unique(np.sort(fine.triangles[member][:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)), axis=0)
+    # Beside the segment, and where less than a hundredth of the height is left, no step is too long.
+    shows = (u[edges].max(axis=1) > 1e-6) & (u[edges].min(axis=1) < 1 - 1e-6) & (heights[edges].min(axis=1) > 0.01)
+    steps = np.abs(np.diff(u[edges]))[shows]
+    assert len(steps) > 30
     # Two intervals for each bump, each halved by a level of details.
     assert steps.max() <= 1 / (6 * 2 ** len(details) * edges_per_interval) + 1e-12
     # A green triangle's edge may be half as long as a red one's, and an edge is halved only where it must be.
     assert steps.max() > 1 / (6 * 2 ** len(details) * edges_per_interval) / 2.5
+
+
+@pytest.mark.parametrize("attachment", ["skin", "patch"])
+def test_edges_beside_a_patch_are_split_only_where_it_may_come_to_lie_there(attachment: str) -> None:
+    prepared = prepare(limb_asset(rings=24, sides=32), tool(attachment=attachment), refinement={"max_levels": 1})
+    fine, patch = prepared.refined(), prepared.patch
+    halves = fine.subdivision.linear
+    assert halves is not None
+    ends = halves.columns[halves.starts[len(fine.surface.positions)] :].reshape(-1, 2)
+    u, v = (each[ends] for each in patch.coordinates(fine.rest_positions))
+    cosines = (fine.rest_normals @ patch.normal)[ends].max(axis=1)
+    beside = (u.max(axis=1) < 0) | (u.min(axis=1) > 1) | (v.max(axis=1) < -1) | (v.min(axis=1) > 1) | (cosines < 0.2)
+    assert len(ends) > 100
+    assert beside.any() == (attachment == "patch")
 
 
 # --- Skin weights ---

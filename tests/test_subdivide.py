@@ -688,3 +688,27 @@ def test_arguments_are_left_alone():
     fine.positions(points)[:] = 0.0
     fine.triangles[:] = 0
     assert (triangles.tobytes(), points.tobytes()) == before
+
+
+@given(meshes, seeds, st.sampled_from([0.02, 0.1, 0.3]), st.sampled_from([0.1, 0.6]), st.integers(1, 3))
+def test_only_splits_that_show_or_that_finer_ones_need_are_left(name, seed, probability, showing, max_levels):
+    points, triangles = ALL[name]()
+    count, wants, choice = len(points), chance(seed, probability, len(points)), chance(seed + 1, showing, len(points))
+    shown = set()
+
+    def shows(level):
+        shares, flags = level.interpolate(np.eye(count)), choice(level)
+        middles = shares[level.edges[flags]].mean(axis=1)
+        shown.update(tuple((int(v), float(row[v])) for v in np.flatnonzero(row)) for row in middles)
+        return flags
+
+    whole = subdivide(triangles, count, wants=wants, max_levels=max_levels)
+    fine = subdivide(triangles, count, wants=wants, shows=shows, max_levels=max_levels)
+    assert_conforming(triangles, count, fine)
+    at = {place: vertex for vertex, place in enumerate(places(whole, count))}
+    left = places(fine, count)
+    assert np.array_equal(fine.positions(points), whole.positions(points)[[at[place] for place in left]])
+    assert shown.isdisjoint(set(at) - set(left))
+    finest = [place for place in left if any(share * 2**fine.levels % 2 for _, share in place) and len(place) > 1]
+    assert shown.issuperset(finest)
+    assert bool(finest) == (fine.levels > 0) == (fine.matrix is not None) == (fine.vertex_count > count)

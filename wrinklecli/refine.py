@@ -2,7 +2,8 @@
 
 Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004, on mesh refinement. Differs: the
 paper refines the posed mesh on the fly; here refinement acts before skinning, and once, so that the skeleton
-survives; edges are compared with half an interval of the control curve, where the paper compares with one.
+survives; edges are compared with half an interval of the control curve, where the paper compares with one; and
+are not split where hardly any of the height is left.
 """
 
 from collections.abc import Sequence
@@ -26,6 +27,7 @@ from wrinklecli.surface import (
     influence_sets,
     normals_at,
     read_vertices,
+    unit,
     vertex_normals,
 )
 
@@ -39,6 +41,8 @@ _NUMBERS_AT_ONCE = 2**20
 _CONTACT = 1e-6
 # Skin weights of two anchors further apart than this differ by more than rounding.
 _SAME_SHARES = 1e-6
+# Share of a wrinkle's height that shows.
+_LEAST_SHOWN = 0.01
 # Length of a bone that bends under a tool, where others count 1.
 _BEND = 1000.0
 
@@ -138,7 +142,9 @@ def refine(
 ) -> Refinement:
     """Split the triangles under the patches until the control curves show.
 
-    An edge of a member triangle is split where |Δu| > 1/(n · 2^details · edges_per_interval).
+    An edge of a member triangle is split where |Δu| > 1/(n · 2^details · edges_per_interval); but not where less than a
+    hundredth of the height is left along all of it, at the patch's border or on faces that turn away, unless finer
+    splits need it.
 
     Args:
         surface: The coarse mesh.
@@ -189,11 +195,33 @@ def refine(
         forbidden[edges] |= pruning_errors(weights, positions, between, influences, moving) > tolerance
         return forbidden
 
+    normals, under = np.zeros((len(surface.positions), 3)), distinct_values(surface.triangles[members])
+    normals[under] = rest.normals_at(under)
+
+    def shows(level: Level) -> Bools:
+        shown = np.zeros(len(level.edges), bool)
+        for patch in patches:
+            edges = distinct_values(level.triangle_edges[patch.members[level.parents]])
+            if patch.tool.attachment == "patch":
+                # Projected anew each frame, any of them may come to lie on the patch.
+                shown[edges] = True
+                continue
+            vertices, ends = np.unique(level.edges[edges], return_inverse=True)
+            u, v = patch.coordinates(_rest_positions(level, vertices, rest))
+            cosines = unit(_rows(level.linear, vertices, normals)) @ patch.normal
+            u, v, cosines = (each[ends.reshape(-1, 2)] for each in (u, v, cosines))
+            within = (u.max(axis=1) > 0) & (u.min(axis=1) < 1)
+            nearest = np.where(v[:, 0] * v[:, 1] > 0, np.abs(v).min(axis=1), 0.0)
+            factors = patch.factors(np.full(len(edges), 0.5), nearest, cosines.max(axis=1))
+            shown[edges] |= within & (np.abs(factors) > _LEAST_SHOWN * abs(patch.shape_strength))
+        return shown
+
     subdivision = subdivide(
         surface.triangles,
         len(surface.positions),
         wants=wants,
         forbids=forbids,
+        shows=shows,
         max_levels=settings.max_levels,
         near=members,
         scheme=settings.scheme,

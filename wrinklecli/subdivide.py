@@ -14,7 +14,9 @@ Differs:
     - Only where it is asked for. A level is the set of faces that all the levels below split in four; an edge
       splits only where all faces round both its ends belong to the level, so each new vertex lies exactly
       where refining the whole mesh would put it. Green faces are leaves: no stencil reads them.
-    - A face with two split edges splits in four unless its third edge must not split, then in three.
+    - A face with two split edges splits in four unless its third edge must not split, then in three. (In three wherever
+      no finer level needs the quarters was tried: a quarter fewer vertices, and ragged creases.) Splits of which
+      nothing would be seen are undone in the end.
     - An inner edge with one end on a border takes the other end's extraordinary stencil, or its midpoint if
       that end's valence is 6; with both ends on a border, its midpoint (Zorin et al. have own rules).
     - Vertices that are not surrounded by one consistently wound fan count as border. Duplicates of a face (a
@@ -110,6 +112,12 @@ class Matrix:
                 product[low:high] = np.add.reduceat(weights * dense[self.columns[entries]], begins, axis=0)
             low = high
         return product
+
+    def chosen(self, rows: Ints) -> Matrix:
+        """Some rows, as a matrix."""
+        entries, _ = self._entries(rows)
+        starts = np.append(0, np.cumsum(np.diff(self.starts)[rows]))
+        return Matrix(starts, self.columns[entries], self.weights[entries], self.column_count)
 
     def _entries(self, rows: Ints) -> tuple[Ints, Ints]:
         """Numbers of some rows' entries, row by row, and where among them each row begins."""
@@ -221,6 +229,7 @@ def subdivide(
     *,
     wants: Criterion,
     forbids: Criterion | None = None,
+    shows: Criterion | None = None,
     max_levels: int,
     near: Bools | None = None,
     scheme: Literal["butterfly", "midpoint"] = "butterfly",
@@ -238,6 +247,8 @@ def subdivide(
             grown (what it once wanted stays wanted), and with level `max_levels`, only to be counted.
         forbids: (E,) for each edge of a level, whether it must never split. An edge whose split would need
             that of a forbidden one is not split either.
+        shows: (E,) for each edge of a level, whether a split of it could be seen. One that could not is undone, unless
+            finer ones need it. All are left where there is no such criterion.
         max_levels: How often an edge may be halved.
         near: (F,) triangles that have every edge that wants a split, at any level; all where left out. What lies
             further off takes hardly any time.
@@ -259,19 +270,29 @@ def subdivide(
         stages, _ = _close(root, stages, wants, forbids, max_levels, scheme, where)
 
     deepest = stages[-1]
-    limited = deepest.wanted & ~deepest.forbidden if len(stages) > max_levels else np.zeros(0, dtype=np.bool_)
-    fine, parents, barycentrics = _leaves(triangles, stages)
+    shown = [np.ones(stage.split.size, dtype=np.bool_) if shows is None else shows(stage.level) for stage in stages]
+    limited = shown[-1] & deepest.wanted & ~deepest.forbidden if len(stages) > max_levels else shown[-1][:0]
+    needed = _needed(stages, shown)
+    fine, parents, barycentrics = _leaves(triangles, stages, needed)
+    # Coarse vertices, and those of splits that are needed.
+    kept = _flags(fine, deepest.complete.size)
+    kept[:vertex_count] = True
+    matrix, linear = deepest.level.matrix, deepest.level.linear
+    if matrix is not None and linear is not None:
+        rows, same = np.flatnonzero(kept), matrix is linear
+        linear = linear.chosen(rows) if len(rows) > vertex_count else None
+        matrix = linear if same or linear is None else matrix.chosen(rows)
     return Subdivision(
-        triangles=fine,
+        triangles=(np.cumsum(kept) - 1)[fine],
         parents=parents,
         barycentrics=barycentrics,
-        vertex_count=deepest.complete.size,
+        vertex_count=int(kept.sum()),
         coarse_vertex_count=vertex_count,
-        matrix=deepest.level.matrix,
-        linear=deepest.level.linear,
+        matrix=matrix,
+        linear=linear,
         limited=int(limited.sum()),
         blocked=sum(int(stage.denied.sum()) for stage in stages),
-        levels=len(stages) - 1,
+        levels=max((level + 1 for level, splits in enumerate(needed) if splits.any()), default=0),
     )
 
 
@@ -524,21 +545,39 @@ def _carried(stages: list[_Stage], stage: _Stage, name: Literal["wanted", "denie
     return flags
 
 
-def _leaves(triangles: Ints, stages: list[_Stage]) -> tuple[Ints, Ints, Floats]:
-    """The fine triangles (F', 3), their coarse ones (F',) and barycentrics (F', 3, 3), in coarse order."""
+def _needed(stages: list[_Stage], shown: list[Bools]) -> list[Bools]:
+    """For each stage (E,) the splits that show, and those that finer ones need: of all faces round their ends."""
+    needed = [stages[-1].split & shown[-1]]
+    for below, above, seen in zip(stages[-2::-1], stages[:0:-1], shown[-2::-1], strict=True):
+        ends = _flags(above.level.edges[needed[0]], above.complete.size)
+        needed.insert(0, below.split & (seen | below.edges_of(below.faces_at(ends))))
+    return needed
+
+
+def _leaves(triangles: Ints, stages: list[_Stage], needed: list[Bools]) -> tuple[Ints, Ints, Floats]:
+    """The fine triangles (F', 3), their coarse ones (F',) and barycentrics (F', 3, 3), in coarse order.
+
+    Args:
+        triangles: (F, 3) coarse ones.
+        stages: All levels.
+        needed: For each (E,) the splits to make.
+    """
     finest = len(stages) - 1
     whole = np.flatnonzero(~_flags(stages[0].codes, len(triangles)))
     found, weights = [triangles[whole]], []
     places = [whole * 4**finest]
-    for depth, stage in enumerate(stages):
+    there = np.ones(stages[0].codes.size, dtype=np.bool_)
+    for depth, (stage, splits) in enumerate(zip(stages, needed, strict=True)):
         scale = 4 ** (finest - depth)
-        touched = _any(stage.split, stage.level.triangle_edges)
-        found.append(stage.level.triangles[~touched])
-        weights.append(stage.barycentrics[~touched])
-        places.append(stage.codes[~touched] * scale)
+        touched, red = _any(splits, stage.level.triangle_edges), ~_any(~splits, stage.level.triangle_edges)
+        whole_here = there & ~touched
+        found.append(stage.level.triangles[whole_here])
+        weights.append(stage.barycentrics[whole_here])
+        places.append(stage.codes[whole_here] * scale)
 
-        green = touched & ~stage.red
-        split = stage.split[stage.level.triangle_edges[green]]
+        green = there & touched & ~red
+        there = np.repeat((there & red)[stage.red], 4)
+        split = splits[stage.level.triangle_edges[green]]
         codes = stage.codes[green]
         corners, barycentrics = _six(stage, green)
         two = split.sum(axis=1) == 2
