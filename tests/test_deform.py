@@ -1,5 +1,7 @@
 """Displacements as high as they should be in world space, along normals, and normals that follow them."""
 
+from collections.abc import Sequence
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,7 @@ from numpy.typing import NDArray
 
 from wrinklecli.curve import plan_curve
 from wrinklecli.deform import (
+    Activity,
     Carrier,
     activities,
     activity,
@@ -18,6 +21,7 @@ from wrinklecli.deform import (
     compress,
     displaced_normals,
     displacements,
+    further_activities,
     shapes_of,
     turn_to,
     weights_of,
@@ -275,6 +279,19 @@ def test_activities_of_several_tools_are_those_of_each(monkeypatch: pytest.Monke
         for one, other in zip(found, single, strict=True):
             assert one.distances == pytest.approx(other.distances, abs=1e-12)
             assert one.amplitudes == pytest.approx(other.amplitudes, abs=1e-9)
+
+
+@pytest.mark.parametrize("known", [[3], [0, 1, 5, 11], range(12)])
+def test_further_activities_go_between_those_that_are_known(known: Sequence[int]) -> None:
+    prepared = prepare(limb_asset(rings=9, sides=8, joints=4), tool(), tool(name="other", strategy="origin"))
+    patches, rig, rest, clip = prepared.patches, prepared.rig, prepared.rest, prepared.clip
+    times = np.linspace(0.0, 2.0, 12)
+    at = times[list(known)]
+    some = activities(patches, rig, rest, clip, at)
+    found = further_activities(patches, rig, rest, clip, times, known=some, known_at=at)
+    for one, other in zip(found, activities(patches, rig, rest, clip, times), strict=True):
+        for field in fields(Activity):
+            assert getattr(one, field.name) == pytest.approx(getattr(other, field.name), abs=1e-9)
 
 
 def test_activity_is_the_curve_s_answer_to_the_anchors() -> None:

@@ -174,10 +174,10 @@ def test_a_longer_clip_takes_as_many_evaluations_for_each_frame(baker: Baker, mo
 
 def test_a_long_clip_is_sampled_in_stretches(baker: Baker, monkeypatch: pytest.MonkeyPatch) -> None:
     parts = counting(monkeypatch, tracks, "_bisected", lambda grid, *_: len(grid))
-    baker.sample(folding(100))
-    assert max(parts) < frames_of(100) / 2
+    baker.sample(folding(400))
+    assert max(parts) < frames_of(400) / 2
     # Each ends where the next one starts.
-    assert sum(parts) == frames_of(100) + len(parts)
+    assert sum(parts) == frames_of(400) + len(parts)
 
 
 def test_sampling_moves_no_vertex(baker: Baker, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -239,9 +239,9 @@ def test_progress_moves_within_a_long_clip(baker: Baker) -> None:
         if stage == "sampling":
             shown.append((done, total))
 
-    baker.bake(folding(100), progress=note)
+    baker.bake(folding(400), progress=note)
     done, totals = zip(*shown, strict=True)
-    assert set(totals) == {frames_of(100) + 1}
+    assert set(totals) == {frames_of(400) + 1}
     assert list(done) == sorted(done)
     assert done[-1] == totals[-1]
     assert max(np.diff(done)) < totals[-1] / 2

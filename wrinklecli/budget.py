@@ -29,7 +29,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from wrinklecli.deform import Shape, weight_path
+from wrinklecli.deform import Shape, further_activities, weight_path
 from wrinklecli.document import Document
 from wrinklecli.errors import RefusedError
 from wrinklecli.plan import Basis, Motion, Plan, Target, poses_of, skin_weights, targets_of
@@ -376,7 +376,11 @@ def _keyed_at_turns(plan: Plan, bases: Sequence[Basis], motions: Sequence[Motion
                 else:
                     keys = np.union1d(keys, np.searchsorted(times, turns))
         series.append(tuple(weights))
-        made.append(replace(motion, times=times, keys=keys))
+        patches = [basis.carrier.patch for basis in bases]
+        seen = further_activities(
+            patches, plan.rig, plan.rest, motion.clip, times, known=motion.seen, known_at=motion.times
+        )
+        made.append(replace(motion, times=times, keys=keys, seen=tuple(seen)))
     extended = [
         replace(basis, weights=weights) for basis, weights in zip(bases, zip(*series, strict=True), strict=True)
     ]

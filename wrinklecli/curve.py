@@ -162,14 +162,18 @@ class ControlCurve:
         amplitudes = np.zeros((len(shortenings), *self.greatest_amplitudes.shape))
         unabsorbed = np.zeros(len(shortenings))
         if len(acting):
-            intervals = self._intervals(rest_lengths[acting], shortenings[acting])
-            rising, share, capacities, unabsorbed[acting] = self._fill(shortenings[acting], intervals)
+            taken = shortenings[acting]
+            intervals = self._intervals(rest_lengths[acting], taken)
+            rising, share, capacities, unabsorbed[acting] = self._fill(taken, intervals)
             full, partly = np.flatnonzero(rising > 0), np.flatnonzero(rising < len(self.groups))
             if len(full):
-                tallest = self.profile.fullest(capacities[full], intervals[full], self.max_height)
+                heights = np.zeros((len(shortenings), amplitudes.shape[2]))
+                heights[acting[full]] = self.profile.fullest(capacities[full], intervals[full], self.max_height)
+                counts = np.zeros(len(shortenings), np.intp)
+                counts[acting] = rising
+                # Multiplied, since to pick those that are full takes three times as long.
                 for number in range(rising.max()):
-                    some = np.flatnonzero(rising[full] > number)
-                    amplitudes[acting[full[some]], number] = tallest[some]
+                    np.multiply(heights, (counts > number)[:, None], out=amplitudes[:, number])
             if len(partly):
                 partial = self.profile.amplitudes(share[partly], intervals[partly], self.max_height)
                 amplitudes[acting[partly], rising[partly]] = partial

@@ -381,16 +381,42 @@ def activities(patches: Sequence[Patch], rig: Rig, rest: Rest, clip: Clip | None
     return [_joined(found) for found in parts]
 
 
-def _joined(parts: Sequence[Activity]) -> Activity:
-    """Activities of one tool, one after another."""
-    if len(parts) == 1:
+def further_activities(
+    patches: Sequence[Patch],
+    rig: Rig,
+    rest: Rest,
+    clip: Clip,
+    times: Floats,
+    *,
+    known: Sequence[Activity],
+    known_at: Floats,
+) -> list[Activity]:
+    """As `activities` at (frames,) times, rising; those at some of these, `known_at`, are known."""
+    fresh = np.ones(len(times), bool)
+    fresh[np.searchsorted(times, known_at)] = False
+    if not fresh.any():
+        return list(known)
+    order = np.zeros(len(times), np.intp)
+    order[~fresh], order[fresh] = np.arange(len(known_at)), np.arange(len(known_at), len(times))
+    found = activities(patches, rig, rest, clip, times[fresh])
+    return [_joined(pair, order) for pair in zip(known, found, strict=True)]
+
+
+def _joined(parts: Sequence[Activity], order: Ints | None = None) -> Activity:
+    """Activities of one tool, one after another; of these the frames in an order."""
+    if len(parts) == 1 and order is None:
         return parts[0]
+
+    def joined(arrays: Iterable[Floats]) -> Floats:
+        together = np.concatenate(list(arrays))
+        return together if order is None else together[order]
+
     return Activity(
-        distances=np.concatenate([each.distances for each in parts]),
-        rest_lengths=np.concatenate([each.rest_lengths for each in parts]),
-        shortenings=np.concatenate([each.shortenings for each in parts]),
-        unabsorbed=np.concatenate([each.unabsorbed for each in parts]),
-        amplitudes=np.concatenate([each.amplitudes for each in parts]),
+        distances=joined(each.distances for each in parts),
+        rest_lengths=joined(each.rest_lengths for each in parts),
+        shortenings=joined(each.shortenings for each in parts),
+        unabsorbed=joined(each.unabsorbed for each in parts),
+        amplitudes=joined(each.amplitudes for each in parts),
     )
 
 

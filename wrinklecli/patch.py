@@ -586,25 +586,39 @@ def lengths_over_time(
     """
     if poses is None:
         poses = anchor_poses(anchor_joints([patch]), rig, rest, clip, times)
-    places, scales = [], []
-    for anchor in (patch.origin, patch.target):
-        points = anchor.points[0][:, :, None]
-        if len(anchor.points) > 1:
-            points = points + np.tensordot(anchor.points[1:], poses.weights, axes=(0, 1))
-        place, scaled = np.zeros((3, len(times))), np.zeros(len(times))
-        for number, point, weight in zip(
-            np.searchsorted(poses.joints, anchor.joints), points, anchor.weights, strict=True
-        ):
-            for column in range(4):
-                place += poses.rows[number][:, column] * point[column]
-            scaled += weight * poses.scales[number]
-        places.append(place)
+    places = [_place(anchor, poses, len(times)) for anchor in (patch.origin, patch.target)]
+    scales = [np.zeros(len(times)), np.zeros(len(times))]
+    for scaled, anchor in zip(scales, (patch.origin, patch.target), strict=True):
         # Scale: cube roots of determinants against rest, by influence.
-        scales.append(scaled)
+        for number, weight in zip(np.searchsorted(poses.joints, anchor.joints), anchor.weights, strict=True):
+            scaled += weight * poses.scales[number]
     scale = (scales[0] + scales[1]) / 2.0
     hidden = scale < _LEAST_SCALE
     distances = np.sqrt(np.sum((places[1] - places[0]) ** 2, axis=0)) / np.where(hidden, 1.0, scale)
     return np.where(hidden, np.inf, distances), rest_lengths_over_time(patch, rig, clip, times)
+
+
+def _place(anchor: Anchor, poses: AnchorPoses, count: int) -> Floats:
+    """(3, frames) where `count` poses take an anchor, world space."""
+    acting = np.flatnonzero(anchor.points[1:].any(axis=(1, 2)))
+    weights, points = poses.weights[:, acting], anchor.points[np.append(0, 1 + acting)]
+    place = np.zeros((3, count))
+    # Of joints that nothing moves, together: a point and what each morph target adds.
+    still = np.zeros((1 + len(acting), 3))
+    for number, point in zip(np.searchsorted(poses.joints, anchor.joints), points.transpose(1, 0, 2), strict=True):
+        rows = poses.rows[number]
+        if rows.shape[2] == 1:
+            still += np.einsum("mc,rc->mr", point, rows[:, :, 0])
+            continue
+        morphed = point[0, :, None]
+        if len(acting):
+            morphed = morphed + np.einsum("mc,fm->cf", point[1:], weights)
+        for column in range(4):
+            place += rows[:, column] * morphed[column]
+    if len(acting):
+        place += np.einsum("mr,fm->rf", still[1:], weights)
+    place += still[0, :, None]
+    return place
 
 
 def rest_lengths_over_time(patch: Patch, rig: Rig, clip: Clip | None, times: Floats) -> Floats:

@@ -26,9 +26,11 @@ from numpy.typing import NDArray
 
 from wrinklecli.config import Length, ToolsFile, WrinkleTool
 from wrinklecli.deform import (
+    Activity,
     Carrier,
     Shape,
     activities,
+    activity,
     carry,
     compress,
     displacements,
@@ -51,7 +53,7 @@ from wrinklecli.patch import (
 from wrinklecli.pose import Clip, Rig, joint_matrices, read_rig
 from wrinklecli.refine import Refinement, contacts_of, influence_count, refine
 from wrinklecli.surface import distinct_values, read_surface
-from wrinklecli.tracks import Signal, clip_grid, key_times, moving_nodes, smooth
+from wrinklecli.tracks import Signal, clip_grid, key_times, moving_nodes, smooth, turns
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -69,7 +71,9 @@ _MOST_MATRICES = 2**22
 _MOST_FRAMES = 1_000_000
 # Coordinates of displacements that are compressed at once: bounds the memory.
 _MOST_COORDINATES = 2**20
-# Quarter points of an interval and the rest of the chain share the error bound.
+# Between a clip's own keys, to begin with; halved where that is too long. Against 1 this takes 0.4 to 0.9 of the poses.
+_FRAMES_OF_A_QUARTIC = 4
+# Points looked at inside an interval and the rest of the chain share the error bound.
 _SAMPLING_SHARE = 0.5
 _COMPRESSION_SHARE = 0.25
 # Dropped keys: their errors are everywhere along a track, those of the samples only where a wrinkle starts.
@@ -165,12 +169,14 @@ class Motion:
         times: (frames,) seconds.
         weights: (frames, targets) of the wrinkles.
         keys: (keys,) the frames that a track needs, straight between them.
+        seen: What each tool does at these times.
     """
 
     clip: Clip
     times: Floats
     weights: Floats
     keys: Ints
+    seen: tuple[Activity, ...]
 
 
 def plan_mesh(
@@ -280,9 +286,12 @@ def sample_clips(
             times.append(clip_grid(clip, None, fps=fps))
             keys.append(np.arange(len(times[-1])))
         else:
+            bends = turns(clip, rig)
 
-            def signal_on(breaks: Floats, clip: Clip = clip, end: int = end) -> Signal:
-                progress("sampling", end - math.ceil((clip.end - breaks[0]) * fps), ends[-1])
+            def signal_on(grid: Floats, clip: Clip = clip, end: int = end, bends: Floats = bends) -> Signal:
+                progress("sampling", end - math.ceil((clip.end - grid[0]) * fps), ends[-1])
+                within = bends[(bends > grid[0]) & (bends < grid[-1])]
+                breaks = distinct_values(np.concatenate([grid[::_FRAMES_OF_A_QUARTIC], grid[-1:], within]))
                 return _signals(plan, clip, breaks, tolerance)
 
             if take < len(times):
@@ -293,18 +302,19 @@ def sample_clips(
             keys.append(found[1])
         progress("sampling", end, ends[-1])
     bases: list[Basis] = []
-    followed = [_weights_of_all(plan, plan.carriers, clip, at) for clip, at in zip(chosen, times, strict=True)]
+    patches = [each.patch for each in plan.carriers]
+    seen = [tuple(activities(patches, rig, plan.rest, clip, at)) for clip, at in zip(chosen, times, strict=True)]
     for number, carrier in enumerate(plan.carriers):
         if carrier.patch.tool.attachment == "skin":
             shapes = shapes_of(carrier, fine, with_normals=plan.has_normals)
-            weights = [each[number] for each in followed]
+            weights = [_weights(carrier, clip, each[number]) for clip, each in zip(chosen, seen, strict=True)]
         else:
             shapes, weights = _compressed(plan, carrier, list(zip(chosen, times, strict=True)))
         bases.append(Basis(carrier, tuple(_named(carrier, shapes)), tuple(weights)))
     motions = []
-    for index, (clip, at, kept) in enumerate(zip(chosen, times, keys, strict=True)):
+    for index, (clip, at, kept, done) in enumerate(zip(chosen, times, keys, seen, strict=True)):
         columns = [basis.written(basis.weights[index]) for basis in bases]
-        motions.append(Motion(clip, at, np.concatenate(columns, axis=1), kept))
+        motions.append(Motion(clip, at, np.concatenate(columns, axis=1), kept, done))
     return bases, motions
 
 
@@ -384,16 +394,13 @@ def _signals(plan: Plan, clip: Clip, breaks: Floats, tolerance: float) -> Signal
 
 def skin_weights(plan: Plan, carrier: Carrier, clip: Clip | None, times: Floats) -> Floats:
     """(frames, shapes) morph weights of a skin-attached tool in a clip; none for the stored pose."""
-    return _weights_of_all(plan, [carrier], clip, times)[0]
+    return _weights(carrier, clip, activity(carrier.patch, plan.rig, plan.rest, clip, times))
 
 
-def _weights_of_all(plan: Plan, carriers: Sequence[Carrier], clip: Clip | None, times: Floats) -> list[Floats]:
-    """As `skin_weights`, of several tools."""
-    patches = [each.patch for each in carriers]
-    return [
-        patch.clip_strength(clip) * weights_of(patch.curve, seen.amplitudes).reshape(len(times), -1)
-        for patch, seen in zip(patches, activities(patches, plan.rig, plan.rest, clip, times), strict=True)
-    ]
+def _weights(carrier: Carrier, clip: Clip | None, seen: Activity) -> Floats:
+    """(frames, shapes) morph weights of what a skin-attached tool does."""
+    patch = carrier.patch
+    return patch.clip_strength(clip) * weights_of(patch.curve, seen.amplitudes).reshape(len(seen.amplitudes), -1)
 
 
 def _compressed(

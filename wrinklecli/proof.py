@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from wrinklecli.deform import Activity, Carrier, activities, displaced_normals, displacements, turn_to
+from wrinklecli.deform import Activity, Carrier, displaced_normals, displacements, further_activities, turn_to
 from wrinklecli.document import Document, Json
 from wrinklecli.draft import Draft
 from wrinklecli.encode import Part, parts_of, shared_vertices
@@ -182,7 +182,9 @@ def compare(
     clip = motion.clip
     written = next(each for each in proof.clips if each.index == clip.index)
     every = _all_times(motion.times)
-    activities_ = activities([each.patch for each in carriers], rig, rest, clip, every)
+    activities_ = further_activities(
+        [each.patch for each in carriers], rig, rest, clip, every, known=motion.seen, known_at=motion.times
+    )
     chosen = _chosen_times(every, activities_)
     times, amplitudes = every[chosen], [each.amplitudes[chosen] for each in activities_]
     weights = fine.dense_weights(proof.vertices, len(rig.joints))

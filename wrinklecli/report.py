@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from wrinklecli.budget import texture_bytes
 from wrinklecli.config import ToolsFile
-from wrinklecli.deform import Activity, Carrier, activities
+from wrinklecli.deform import Activity, Carrier
 from wrinklecli.document import Document
 from wrinklecli.encode import METHOD
 from wrinklecli.patch import Patch
@@ -117,14 +117,9 @@ def make_report(
             entry["keys"] = entry.get("keys", 0) + len(motion.keys)
             if motion.clip.name in each.residuals:
                 entry["residual"] = describe_residual(each.residuals[motion.clip.name])
-        patches = [basis.carrier.patch for basis in each.bases]
-        every = [activities(patches, rig, plan.rest, motion.clip, motion.times) for motion in each.motions]
         for number, basis in enumerate(each.bases):
             patch = basis.carrier.patch
-            seen = [
-                (motion.clip, motion.times, of_tools[number])
-                for motion, of_tools in zip(each.motions, every, strict=True)
-            ]
+            seen = [(motion.clip, motion.times, motion.seen[number]) for motion in each.motions]
             warnings += placement_warnings(plan, basis.carrier) + warnings_of(basis.carrier, seen)
             tools.append(
                 {
