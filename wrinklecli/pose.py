@@ -452,10 +452,10 @@ def _at(values: Floats, places: Ints) -> Floats:
 def _slerp(points: Floats, before: Ints, t: Floats) -> Floats:
     """(4, frames) rotations at shares t (frames,) of the intervals `before` (frames,) between (4, keys) unit ones."""
     start, stop = points[:, :-1], points[:, 1:]
-    cosine = np.sum(start * stop, axis=0)
+    cosine = np.einsum("cf,cf->f", start, stop)
     stop = np.where(cosine < 0, -stop, stop)
     # Halves of sum and difference: the arc cosine of the product loses half the digits of a small angle.
-    angle = 2.0 * np.arctan2(*(np.sqrt(np.sum(each**2, axis=0)) for each in (stop - start, stop + start)))
+    angle = 2.0 * np.arctan2(*(np.sqrt(np.einsum("cf,cf->f", each, each)) for each in (stop - start, stop + start)))
     sine = np.sin(angle)
     # Below this angle the division loses more digits than a straight line does.
     near = sine < 1e-6
@@ -472,7 +472,7 @@ def _slerp(points: Floats, before: Ints, t: Floats) -> Floats:
 
 def _normalised(quaternions: Floats) -> Floats:
     """(4, …) of unit length; no turn where all are 0."""
-    lengths = np.sqrt(np.sum(quaternions * quaternions, axis=0))
+    lengths = np.sqrt(np.einsum("c...,c...->...", quaternions, quaternions))
     unturned = np.array([0.0, 0.0, 0.0, 1.0]).reshape(4, *[1] * (quaternions.ndim - 1))
     return np.where(lengths > 0, quaternions / np.where(lengths > 0, lengths, 1.0), unturned)
 

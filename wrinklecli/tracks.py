@@ -134,7 +134,7 @@ def _bisected(grid: Floats, signal: Signal, tolerance: float) -> tuple[Floats, F
             first, last, final = at[:-1], at[1:], at[-1:]
         middles = _stored((low + high) / 2.0)
         divisible = (middles > low) & (middles < high) & (level < _BISECTIONS)
-        middle_error = np.abs(first + _MIDDLE * (last - first) - between).max(axis=1, initial=0.0)
+        middle_error = _greatest(np.abs(first + _MIDDLE * (last - first) - between))
         wide = divisible & (middle_error > tolerance)
         left, count = np.flatnonzero(~wide), _CHUNK // len(_OTHERS)
         for part in (left[k : k + count] for k in range(0, len(left), count)):
@@ -171,8 +171,14 @@ def _farthest(first: Floats, last: Floats, shares: Floats, values: Floats) -> Fl
     lines = shares[:, None] * (last - first)[:, None]
     lines += first[:, None]
     lines -= values
-    found: Floats = np.abs(lines, out=lines).reshape(len(lines), -1).max(axis=1, initial=0.0)
-    return found
+    return _greatest(np.abs(lines, out=lines))
+
+
+def _greatest(numbers: Floats) -> Floats:
+    """(n,) of (n, …), or 0. Along rows of a few numbers `max` takes eight times as long."""
+    columns = np.ascontiguousarray(numbers.reshape(len(numbers), -1).T)
+    greatest: Floats = np.maximum.reduce(columns, axis=0, initial=0.0)
+    return greatest
 
 
 def _in_chunks(signal: Signal, times: Floats) -> Floats:
@@ -181,8 +187,9 @@ def _in_chunks(signal: Signal, times: Floats) -> Floats:
 
 def _thinned(times: Floats, values: Floats, tolerance: float) -> Ints:
     """(keys,) which times straight lines need, first and last among them; values as `_bisected` gives them."""
-    moving = (values[1:] != values[:-1]).reshape(len(times) - 1, _PER_INTERVAL, -1).any(axis=1)
-    still = ~moving.any(axis=1)
+    differ = values[1:] != values[:-1]
+    moving = np.logical_or.reduce([differ[k::_PER_INTERVAL] for k in range(_PER_INTERVAL)])
+    still = ~np.logical_or.reduce(np.ascontiguousarray(moving.T))
     changes = np.flatnonzero(np.diff(still)) + 1
     bounds = np.concatenate([[0], changes, [len(still)]])
     # Where nothing changes the ends are enough; elsewhere lanes begin, side by side.
@@ -320,7 +327,7 @@ def smooth(function: Signal, breaks: Floats, tolerance: float) -> Signal:
         # (intervals, 5, values) from the constant to the fourth power.
         powers = np.matmul(inverse, through)
         # The last Chebyshev coefficient of a quartic on an interval is that of its fourth power over 128.
-        wide = (np.abs(powers[:, 4]).max(axis=1) > 128.0 * tolerance) & (level < _FIT_HALVINGS)
+        wide = (_greatest(np.abs(powers[:, 4])) > 128.0 * tolerance) & (level < _FIT_HALVINGS)
         kept.append((starts[~wide], (ends - starts)[~wide], powers[~wide]))
         if not wide.any():
             break
