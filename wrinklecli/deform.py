@@ -55,7 +55,7 @@ _FULL_ROWS = 8
 _PARTS = 64
 _ROUNDS = 9
 # Anchors' joints and morph weights, times frames, posed at once: bounds the memory.
-_ANCHORS_AT_ONCE = 2**17
+_ANCHORS_AT_ONCE = 2**16
 # Triangles, times frames, posed at once for `attachment: patch`: what stays in a core's cache.
 _POSED_AT_ONCE = 2**16
 # Anchors of a posed patch nearer than this over their distance at rest coincide.
