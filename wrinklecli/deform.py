@@ -409,7 +409,7 @@ def _joined(parts: Sequence[Activity], order: Ints | None = None) -> Activity:
 
     def joined(arrays: Iterable[Floats]) -> Floats:
         together = np.concatenate(list(arrays))
-        return together if order is None else together[order]
+        return together if order is None else together.take(order, axis=0)
 
     return Activity(
         distances=joined(each.distances for each in parts),

@@ -594,7 +594,8 @@ def lengths_over_time(
             scaled += weight * poses.scales[number]
     scale = (scales[0] + scales[1]) / 2.0
     hidden = scale < _LEAST_SCALE
-    distances = np.sqrt(np.sum((places[1] - places[0]) ** 2, axis=0)) / np.where(hidden, 1.0, scale)
+    apart = places[1] - places[0]
+    distances = np.sqrt(np.einsum("xf,xf->f", apart, apart)) / np.where(hidden, 1.0, scale)
     return np.where(hidden, np.inf, distances), rest_lengths_over_time(patch, rig, clip, times)
 
 

@@ -257,10 +257,11 @@ def _chosen_times(every: Floats, activities_: Sequence[Activity]) -> Ints:
     """Which times to compare at, rising: an even choice, each tool's tallest and shortest, and where tracks bend."""
     picked = set(np.linspace(0, len(every) - 1, min(_FRAMES, len(every))).astype(int).tolist())
     for seen in activities_:
-        picked.add(int(np.argmax(np.abs(seen.amplitudes))) // seen.amplitudes[0].size)
+        sizes = np.abs(seen.amplitudes)
+        picked.add(int(np.argmax(sizes)) // sizes[0].size)
         picked.add(int(np.argmax(seen.shortenings)))
         # The straight line through the neighbours misses most here.
-        tall = np.abs(seen.amplitudes).sum(axis=(1, 2))
+        tall = np.einsum("fgm->f", sizes)
         bend = np.abs(tall[2:] - 2 * tall[1:-1] + tall[:-2])
         # A few are sorted, not all.
         least = np.partition(bend, -_BENDS)[-_BENDS] if len(bend) > _BENDS else 0.0
