@@ -199,6 +199,7 @@ def refine(
     normals[under] = rest.normals_at(under)
 
     def shows(level: Level) -> Bools:
+        """Mark edges along which a patch leaves some of its height."""
         shown = np.zeros(len(level.edges), bool)
         for patch in patches:
             edges = distinct_values(level.triangle_edges[patch.members[level.parents]])
