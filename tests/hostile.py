@@ -356,7 +356,7 @@ def _damage_numbers(chance: random.Random, gltf: Json) -> None:
     numbers = [(at, key) for at, key in _values([item]) if isinstance(at[key], int | float)]
     if numbers:
         at, key = chance.choice(numbers)
-        near = [at[key] - 1, at[key] + 1, at[key] * 2, at[key] // 2] if math.isfinite(at[key]) else []
+        near = [at[key] - 1, at[key] + 1, at[key] * 2, at[key] // 2] if abs(at[key]) < math.inf else []
         at[key] = chance.choice([*near, chance.choice([*_SMALL, *_LARGE, *_REALS])])
     if kind == "accessors" and isinstance(item, dict) and chance.random() < 0.2:
         item.pop("bufferView", None)

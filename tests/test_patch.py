@@ -99,12 +99,25 @@ def test_triangles_that_are_too_far_need_not_be_looked_at(seed: int, apart: floa
     rng = np.random.default_rng(seed)
     # Of few numbers, so that many triangles are equally near; vertex 0 has none.
     positions = rng.integers(-3, 4, (20, 3)) * rng.choice([0.1, 1.0]) + apart * rng.normal(size=3)
-    triangles = rng.integers(1, 20, (30, 3))
+    triangles = rng.integers(1, 20, (30, 3))[rng.integers(0, 30, 50)]
     point = positions[0] + rng.choice([0.0, 0.05, 1.0]) * rng.integers(-1, 2, 3)
     for found, wanted in zip(
         closest_point(positions, triangles, point), _closest_of(positions, triangles, point), strict=True
     ):
         assert np.array_equal(found, wanted)
+
+
+def test_repeated_triangles_are_looked_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[int] = []
+
+    def closest_of(positions: Floats, triangles: NDArray[np.intp], point: Floats) -> tuple[int, Floats, Floats]:
+        seen.append(len(triangles))
+        return _closest_of(positions, triangles, point)
+
+    monkeypatch.setattr("wrinklecli.patch._closest_of", closest_of)
+    triangles = np.tile([[0, 0, 0], [0, 1, 2]], (50, 1))
+    triangle, _, _ = closest_point(np.eye(3), triangles, np.array([0.2, 0.3, 0.4]))
+    assert (triangle, seen) == (1, [2])
 
 
 def test_of_equally_near_triangles_the_first_is_taken() -> None:

@@ -27,7 +27,7 @@ from wrinklecli.pose import (
     transform,
 )
 from wrinklecli.skin import cross
-from wrinklecli.surface import Surface, distinct_values, face_normals, normals_at, unit, vertex_normals
+from wrinklecli.surface import Surface, distinct, distinct_values, face_normals, normals_at, unit, vertex_normals
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -414,6 +414,8 @@ def closest_point(positions: Floats, triangles: Ints, point: Floats) -> tuple[in
     reach = np.sqrt(np.sum((positions - point) ** 2, axis=1)[triangles[:, 0]].min())
     reach += _ROUNDING * (reach + np.abs(positions).max())
     near = np.flatnonzero(_meeting(positions, point - reach, point + reach, triangles))
+    # A file of a few bytes may repeat one triangle a million times.
+    near = near[np.sort(distinct(triangles[near])[0])]
     triangle, barycentrics, place = _closest_of(positions, triangles[near], point)
     return int(near[triangle]), barycentrics, place
 
