@@ -56,7 +56,7 @@ _CLOSER = np.array([0.3, 0.7])
 # Of the tolerance.
 _ALMOST = 0.75
 # Points of an interval that are kept, from its start on.
-_SHARES = np.array([0.0, 0.2, 0.5, 0.8])
+_SHARES = np.sort(np.append(_OTHERS, [0.0, _MIDDLE]))
 _PER_INTERVAL = len(_SHARES)
 # Points that a straight line is tried through at once.
 _AHEAD = 4 * _PER_INTERVAL
@@ -147,7 +147,7 @@ def _bisected(grid: Floats, signal: Signal, tolerance: float) -> tuple[Floats, F
                 which = part[doubtful]
                 closer = low[which, None] + _CLOSER * (high - low)[which, None]
                 found = signal(closer.reshape(-1)).reshape(*closer.shape, -1)
-                error[doubtful] = _farthest(first.take(which, axis=0), last.take(which, axis=0), _CLOSER, found)
+                error[doubtful] = _farthest(begin[doubtful], end[doubtful], _CLOSER, found)
             wide[part] = divisible[part] & (error > tolerance)
             done = np.flatnonzero(~wide[part])
             pieces = begin[:, None], others[:, :1], between.take(part, axis=0)[:, None], others[:, 1:]
