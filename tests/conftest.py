@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from clients import install
+from kit.clients import install
 
 np.seterr(all="raise", under="ignore")
 settings.register_profile("same", derandomize=True, deadline=None, max_examples=60)

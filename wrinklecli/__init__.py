@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from wrinklecli.pipeline import bake as bake
+    from wrinklecli.baking.pipeline import bake as bake
 
 __all__ = ["bake"]
 
@@ -11,7 +11,7 @@ __all__ = ["bake"]
 def __getattr__(name: str) -> Any:
     # Lazily: importing the package for `wrinkle --help` must not import numpy.
     if name == "bake":
-        from wrinklecli.pipeline import bake
+        from wrinklecli.baking.pipeline import bake
 
         return bake
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
-    from wrinklecli.config import Length
-    from wrinklecli.document import Document
+    from wrinklecli.gltf.document import Document
+    from wrinklecli.tools.read import Length
 
 # Lines of each kind of difference in a failed test's message.
 _LINES = 10
@@ -78,9 +78,9 @@ class WrinkleGolden:
         Raises:
             ValueError: The golden is no .glb, or the tolerance is no length.
         """
-        from wrinklecli.compare import DEFAULT_FPS, DEFAULT_TOLERANCE, compare
-        from wrinklecli.document import read_document
         from wrinklecli.errors import WrinkleError
+        from wrinklecli.gltf.document import read_document
+        from wrinklecli.review.diff.motion import DEFAULT_FPS, DEFAULT_TOLERANCE, compare
 
         kept = self._folder / golden
         if kept.suffix.lower() != ".glb":
@@ -119,8 +119,8 @@ class WrinkleGolden:
 
 def _keep(document: "Document", path: Path) -> None:
     """Write a document as one file: the same bytes where it is one, else with all its parts embedded."""
-    from wrinklecli.document import GLB_MAGIC, read_file
-    from wrinklecli.draft import Draft, replace_bytes
+    from wrinklecli.gltf.document import GLB_MAGIC, read_file
+    from wrinklecli.gltf.writer import Draft, replace_bytes
 
     data = read_file(document.path)
     apart = len(document.files) > 1 or any("uri" in image for image in document.items("images"))
@@ -131,7 +131,7 @@ def _keep(document: "Document", path: Path) -> None:
 
 
 def _length(tolerance: float | str) -> "Length":
-    from wrinklecli.config import Length
+    from wrinklecli.tools.read import Length
 
     percent = isinstance(tolerance, str) and tolerance.endswith("%")
     try:

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from wrinklecli.document import read_document
-from wrinklecli.draft import INDEX_DATA, VERTEX_DATA, Draft, index_type
-from wrinklecli.surface import read_triangles, unit
+from wrinklecli.character.surface import read_triangles, unit
+from wrinklecli.gltf.document import read_document
+from wrinklecli.gltf.writer import INDEX_DATA, VERTEX_DATA, Draft, index_type
 
 Floats = NDArray[np.float64]
 

@@ -42,13 +42,13 @@ import numpy as np  # noqa: E402
 from assets import finer, longer  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 
-from wrinklecli.config import Length, load_tools  # noqa: E402
-from wrinklecli.deform import activities, shapes_of, weights_of  # noqa: E402
-from wrinklecli.document import read_document  # noqa: E402
-from wrinklecli.plan import Plan, plan_mesh  # noqa: E402
-from wrinklecli.pose import Clip, joint_matrices, morph_weights, read_clips  # noqa: E402
-from wrinklecli.skin import pose, prepare  # noqa: E402
-from wrinklecli.surface import read_triangles  # noqa: E402
+from wrinklecli.baking.plan import Plan, plan_mesh  # noqa: E402
+from wrinklecli.character.pose import Clip, joint_matrices, morph_weights, read_clips  # noqa: E402
+from wrinklecli.character.skin import pose, prepare  # noqa: E402
+from wrinklecli.character.surface import read_triangles  # noqa: E402
+from wrinklecli.gltf.document import read_document  # noqa: E402
+from wrinklecli.method.shapes import activities, shapes_of, weights_of  # noqa: E402
+from wrinklecli.tools.read import Length, load_tools  # noqa: E402
 
 Floats = NDArray[np.float64]
 
@@ -309,7 +309,7 @@ def density(places: Places) -> Iterator[Row]:
     dense = finer(asset, folder / "dense.glb", keep=(centre, 0.06), rounds=2)
     tools = written(folder / "hand.yaml", HAND)
     copy = (
-        "import sys; from wrinklecli.document import read_document; from wrinklecli.draft import Draft\n"
+        "import sys; from wrinklecli.gltf.document import read_document; from wrinklecli.gltf.writer import Draft\n"
         "Draft(read_document(sys.argv[1])).write(sys.argv[2])"
     )
     fine, copied = timed(

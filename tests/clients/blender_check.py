@@ -23,7 +23,7 @@ from typing import Any
 import bpy
 import numpy as np
 from numpy.typing import NDArray
-from test_encode import Gltf
+from test_morphs import Gltf
 
 Floats = NDArray[np.float64]
 

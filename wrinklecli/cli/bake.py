@@ -122,9 +122,9 @@ def bake(
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
 
     from wrinklecli import bake as run
-    from wrinklecli.draft import replace_bytes
+    from wrinklecli.baking.pipeline import refuse_overwriting
     from wrinklecli.errors import BakeError
-    from wrinklecli.pipeline import refuse_overwriting
+    from wrinklecli.gltf.writer import replace_bytes
 
     extra = [path for path in (report, timings, depfile) if path is not None]
     refuse_overwriting([asset, tools, *([output] if output else [])], extra)

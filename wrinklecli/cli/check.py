@@ -36,11 +36,11 @@ def check(asset: str, tools: str, plot: str | None, as_json: bool, strict: bool,
     if plot is not None and not plot.lower().endswith((".png", ".svg")):
         raise click.BadParameter(f"{plot!r} ends neither in .png nor .svg", param_hint="--plot")
 
-    from wrinklecli.check import check as run
-    from wrinklecli.draft import replace_bytes
+    from wrinklecli.baking.pipeline import refuse_overwriting
     from wrinklecli.errors import RefusedError
-    from wrinklecli.pipeline import refuse_overwriting
-    from wrinklecli.plot import draw_check, refuse_without_matplotlib
+    from wrinklecli.gltf.writer import replace_bytes
+    from wrinklecli.review.check import check as run
+    from wrinklecli.review.plot import draw_check, refuse_without_matplotlib
 
     if plot is not None:
         refuse_without_matplotlib()

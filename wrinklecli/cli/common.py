@@ -42,7 +42,7 @@ def write_text(output: str | None, text: str) -> None:
     if output is None or output == "-":
         click.echo(text, nl=False)
         return
-    from wrinklecli.draft import replace_bytes
+    from wrinklecli.gltf.writer import replace_bytes
 
     replace_bytes(output, text.encode())
 
@@ -63,7 +63,7 @@ def length(_context: click.Context, parameter: click.Parameter, value: str | Non
     """A length in scene units, or per cent."""
     if value is None:
         return None
-    from wrinklecli.config import Length
+    from wrinklecli.tools.read import Length
 
     percent = value.endswith("%")
     try:

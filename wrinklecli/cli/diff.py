@@ -9,7 +9,7 @@ import click
 from wrinklecli.cli.common import FILE, Progress, emit, emit_json, fps_option, length
 
 if TYPE_CHECKING:
-    from wrinklecli.compare import Comparison
+    from wrinklecli.review.diff.motion import Comparison
 
 # Lines of one kind; --verbose shows all.
 _LINES = 10
@@ -65,8 +65,8 @@ def diff(a: str, b: str, *, as_json: bool, quiet: bool, verbose: bool, **options
 
     Exit codes: 0 the same; 1 different; 2 could not be compared, or wrong usage; 70 a bug.
     """  # noqa: D301
-    from wrinklecli.compare import compare
     from wrinklecli.errors import WrinkleError
+    from wrinklecli.review.diff.motion import compare
 
     try:
         with Progress(quiet=quiet) as progress:

@@ -22,7 +22,7 @@ def inspect(asset: str, allow_external: bool, as_json: bool) -> None:
 
     Exit codes: 0 done; 1 the input is at fault; 2 wrong usage; 70 a bug.
     """
-    from wrinklecli.inspect import inspect as run
+    from wrinklecli.review.inspect import inspect as run
 
     data = run(asset, allow_external=allow_external)
     if as_json:

@@ -34,7 +34,7 @@ def _point(context: click.Context, parameter: click.Parameter, value: str | None
 def _views(_context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[str, ...]:
     if value is None:
         return ()
-    from wrinklecli.viewpoint import FACING, parse_view
+    from wrinklecli.review.preview.camera import FACING, parse_view
 
     names = tuple(value.split(","))
     for name in names:
@@ -147,8 +147,8 @@ def preview(
     if names and len(names) != count:
         raise click.UsageError(f"'--labels' has {len(names)}, not {count}.")
 
-    from wrinklecli.preview import preview as run
-    from wrinklecli.render import Style
+    from wrinklecli.review.preview.preview import preview as run
+    from wrinklecli.review.preview.render import Style
 
     options["times"] = options["times"] or ()
     with Progress(quiet=quiet) as progress:

@@ -17,6 +17,6 @@ def schema(output: str) -> None:
 
     Exit codes: 0 done; 1 FILE cannot be written; 2 wrong usage; 70 a bug.
     """
-    from wrinklecli.schema import TOOLS_SCHEMA
+    from wrinklecli.tools.schema import TOOLS_SCHEMA
 
     write_text(output, json.dumps(TOOLS_SCHEMA, indent=2, ensure_ascii=False) + "\n")

@@ -8,7 +8,7 @@ import click
 from wrinklecli.cli.common import FILE, Progress, emit_json, fps_option, say, warn, write_text
 
 if TYPE_CHECKING:
-    from wrinklecli.suggest import Suggestion, Suggestions
+    from wrinklecli.review.suggest.suggest import Suggestion, Suggestions
 
 
 @click.command(
@@ -48,9 +48,9 @@ def suggest(asset: str, output: str | None, as_json: bool, quiet: bool, **option
     if as_json and output == "-":
         raise click.UsageError("'--json' and '-o -' both want standard output.")
 
+    from wrinklecli.baking.pipeline import refuse_overwriting
     from wrinklecli.errors import AssetError
-    from wrinklecli.pipeline import refuse_overwriting
-    from wrinklecli.suggest import suggest as run
+    from wrinklecli.review.suggest.suggest import suggest as run
 
     to_file = output is not None and output != "-"
     if output is not None and to_file:

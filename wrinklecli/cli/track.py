@@ -56,7 +56,7 @@ def track(baked: str, anims: tuple[str, ...], folder: str, quiet: bool, verbose:
         if not path.lower().endswith((".glb", ".gltf")):
             raise click.BadParameter(f"{path!r} ends neither in .glb nor .gltf", param_hint="ANIM")
 
-    from wrinklecli.track import track as run
+    from wrinklecli.baking.track import track as run
 
     for made in run(baked, anims, folder, **options):
         if quiet:

@@ -1,0 +1,313 @@
+"""Engine budgets: nothing changes where they hold, little where they are made to, nothing is written else."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from test_morphs import (
+    BACK,
+    BROW,
+    PALM,
+    ROOT,
+    Editor,
+    Gltf,
+    Json,
+    anchor_distances,
+    bake_once,
+    described,
+    edited,
+    sample,
+    wrinkle_columns,
+    write_tools,
+)
+
+import wrinklecli
+from wrinklecli.baking import morphs as encode
+from wrinklecli.baking import proof
+from wrinklecli.baking.budget import BUDGETS
+from wrinklecli.cli import main
+from wrinklecli.errors import RefusedError
+from wrinklecli.numeric import piecewise as tracks
+
+# Twelve targets, as many at a time.
+ROUGH: Json = {**PALM, "profile": "polyline", "details": [0.2, 0.1], "strategy": "origin", "bumps": 3}
+TIMES = np.linspace(0.0, 2.0, 97)
+
+
+def active(file: Gltf, node: str) -> int:
+    """Most targets of a weight other than 0 at and between keys, in any clip."""
+    most = 0
+    for clip in file.json["animations"]:
+        _, values = file.keys(clip["name"], node)
+        shown = values != 0
+        most = max(most, int((shown[:-1] | shown[1:]).sum(axis=1).max()))
+    return most
+
+
+def report_of(tmp_path: Path, asset: Path, *tools: Json, **options: Any) -> Json:
+    made = wrinklecli.bake(asset, write_tools(tmp_path / "tools.yaml", *tools), tmp_path / "out.glb", **options)
+    return made.data
+
+
+@pytest.mark.parametrize("engine", sorted(BUDGETS))
+def test_what_is_within_a_budget_stays_as_it_is(engine: str) -> None:
+    plain, held = bake_once("wrist", PALM, BACK), bake_once("wrist", PALM, BACK, engine=engine)
+    assert plain.path.read_bytes() == held.path.read_bytes()
+
+
+def test_spec8_reduces_to_eight_at_a_time(tmp_path: Path) -> None:
+    plain, held = bake_once("wrist", ROUGH), bake_once("wrist", ROUGH, engine="spec8")
+    assert active(plain, "wrist") > 8
+    assert active(held, "wrist") <= 8
+    tallest = report_of(tmp_path, sample("wrist"), ROUGH)["tallest_wrinkle"]
+    for clip in ("flex", "extend"):
+        apart = np.linalg.norm(plain.pose("wrist", clip, TIMES) - held.pose("wrist", clip, TIMES), axis=2)
+        assert apart.max() < 0.01 * tallest
+    assert np.abs(held.keys("flex", "wrist")[1]).max() <= 1 + 1e-6
+
+
+def test_the_report_says_what_was_reduced(tmp_path: Path) -> None:
+    data = report_of(tmp_path, sample("wrist"), ROUGH, engine="spec8")
+    (mesh,) = data["engine"]["meshes"]
+    (reduced,) = mesh["reduced"]
+    out = Gltf(tmp_path / "out.glb")
+    assert data["engine"]["name"] == "spec8"
+    assert data["engine"]["limits"]["active"] == 8
+    assert reduced["tool"] == "palm"
+    assert reduced["from"] == len(bake_once("wrist", ROUGH).deltas("wrist"))
+    assert reduced["to"] == mesh["targets"] == len(out.deltas("wrist")) == len(data["tools"][0]["targets"])
+    assert 0 < reduced["error"] <= 0.25 * data["meshes"][0]["max_error"]
+    assert mesh["active"] == active(out, "wrist")
+
+
+def test_reduced_targets_do_not_depend_on_the_clips() -> None:
+    """Whether a tool is reduced does: `extend` alone needs few at a time. How it is, does not."""
+    both, one = bake_once("wrist", ROUGH, engine="spec8"), bake_once("wrist", ROUGH, engine="spec8", clips=["flex"])
+    assert np.array_equal(both.deltas("wrist"), one.deltas("wrist"))
+    assert described(both) == described(one)
+
+
+def test_extras_play_reduced_targets() -> None:
+    held = bake_once("wrist", ROUGH, engine="spec8")
+    (tool,) = held.json["nodes"][0]["extras"]["wrinkle"]["tools"]
+    names = held.mesh("wrist")["extras"]["targetNames"]
+    assert tool["targets"] == names
+    times, values = held.keys("flex", "wrist")
+    shortenings = 1 - anchor_distances(held, tool, "wrist", "flex", times) / tool["rest_length"]
+    table = np.array(tool["weights"])
+    for column in range(len(names)):
+        replayed = np.interp(shortenings, tool["shortenings"], table[:, column])
+        assert np.abs(values[:, column] - replayed).max() < 0.02
+
+
+IN_TURN: Json = {**BROW, "strategy": "origin", "bumps": 5, "mirror": "x", "name": "brow.L"}
+
+
+@pytest.mark.parametrize(
+    ("asset", "tools"),
+    [
+        ("head", [{**BROW, "strategy": "origin", "bumps": 9}]),
+        ("head", [IN_TURN]),
+        ("head", [{**BROW, "strategy": "both_ends", "bumps": 20, "clips": {"raise_brows": 0.4}}]),
+        ("head", [{**BROW, "strategy": "origin", "bumps": 9, "clips": {"raise_brows": -0.5}}]),
+        ("wrist", [{**PALM, "strategy": "origin", "bumps": 12, "max_height": "2%"}, {**BACK, "bumps": 3}]),
+        ("wrist", [{**PALM, "strategy": "origin", "bumps": 12, "max_height": "2%", "rest_length": "85%"}]),
+    ],
+)
+def test_bumps_that_rise_in_turn_take_two_targets_at_a_time(asset: str, tools: list[Json]) -> None:
+    """Exactly as before, at and between keys, by as many targets."""
+    plain, held = bake_once(asset, *tools), bake_once(asset, *tools, engine="spec8")
+    assert active(plain, asset) > 8 >= active(held, asset)
+    assert held.mesh(asset)["extras"]["targetNames"] == plain.mesh(asset)["extras"]["targetNames"]
+    for clip in (each["name"] for each in plain.json["animations"]):
+        times, values = held.keys(clip, asset)
+        assert values.min() > -1 - 1e-6
+        assert values.max() < 1 + 1e-6
+        tallest = np.linalg.norm(plain.deltas(asset), axis=2).max()
+        # Each is within 1 % of the method; at the keys of both they are the same, but for weights that are left out.
+        every = np.union1d(times[:: 1 + len(times) // 100], np.linspace(times[0], times[-1], 43))
+        both = np.intersect1d(times, plain.keys(clip, asset)[0])
+        for at, share in ((every, 2e-2), (both[:: 1 + len(both) // 60], 1e-3)):
+            apart = np.linalg.norm(plain.pose(asset, clip, at) - held.pose(asset, clip, at), axis=2)
+            assert apart.max() < share * tallest
+        turned = np.sum(plain.normals(asset, clip, every[::8]) * held.normals(asset, clip, every[::8]), axis=2)
+        assert turned.min() > np.cos(np.radians(0.5))
+
+
+def test_the_forehead_of_the_samples_plays_with_eight_targets(tmp_path: Path) -> None:
+    tools = ROOT / "configs" / "head.yaml"
+    made = wrinklecli.bake(sample("head"), tools, tmp_path / "out.glb", engine="spec8", details=True)
+    out = Gltf(tmp_path / "out.glb")
+    (mesh,) = made.data["engine"]["meshes"]
+    assert mesh["active"] == active(out, "head") <= 8
+    # POSITION and NORMAL of each.
+    assert mesh["active_attributes"] == 2 * mesh["active"]
+    assert [each["error"] for each in mesh["reduced"]] == [0, 0, 0]
+    assert max(each["at_once"] for each in mesh["reduced"]) == 2
+    raised = next(each for each in made.data["clips"] if each["name"] == "raise_brows")
+    assert 0 < raised["residual"]["weights"] <= made.data["meshes"][0]["max_error"]
+
+
+def test_targets_in_turn_do_not_depend_on_the_clips() -> None:
+    every, none = (
+        bake_once("head", IN_TURN, engine="spec8"),
+        bake_once("head", IN_TURN, engine="spec8", clips=["think"]),
+    )
+    assert active(none, "head") <= 8
+    plain = bake_once("head", IN_TURN)
+    # Whether it is asked for depends on them; what comes of it does not.
+    assert np.array_equal(none.deltas("head"), plain.deltas("head"))
+    assert not np.array_equal(every.deltas("head"), plain.deltas("head"))
+    assert every.json["nodes"][0]["extras"]["wrinkle"]["tools"][0]["targets"] == [
+        f"wrinkle_brow_L_{k}" for k in range(1, 6)
+    ]
+
+
+@pytest.mark.parametrize("tool", [ROUGH, {**BROW, "strategy": "origin", "bumps": 9}])
+def test_heights_of_other_shapes_are_proven_at_all_times(
+    tool: Json, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A single key that is wrong, at a time at which no positions are compared."""
+    widen = tracks.widen
+    asset, clip = ("wrist", "flex") if tool is ROUGH else ("head", "raise_brows")
+
+    def no_positions(*_: Any) -> Any:
+        return np.zeros(1, np.intp)
+
+    def wrong(channel: Any, rig: Any, clip: Any, times: Any, weights: Any) -> Any:
+        changed = weights.copy()
+        changed[len(weights) // 2] *= 0.97
+        return widen(channel, rig, clip, times, changed)
+
+    monkeypatch.setattr(proof, "_chosen_times", no_positions)
+    report_of(tmp_path, sample(asset), tool, engine="spec8", clips=[clip])
+    monkeypatch.setattr(encode, "widen", wrong)
+    with pytest.raises(RefusedError, match="the file would be off by"):
+        report_of(tmp_path, sample(asset), tool, engine="spec8", clips=[clip])
+
+
+MANY = [{**PALM, "name": f"palm{number}"} for number in range(9)]
+
+
+def test_what_cannot_be_held_is_refused_and_nothing_written(tmp_path: Path) -> None:
+    """Nine tools, of which each needs a target of its own."""
+    with pytest.raises(RefusedError) as caught:
+        report_of(tmp_path, sample("wrist"), *MANY, engine="spec8")
+    assert caught.value.exit_code == 3
+    assert "wrist: needs 9 morph targets at once in flex" in str(caught.value)
+    assert "1 of palm0, 1 of palm1" in str(caught.value)
+    assert "--engine spec8 allows 8" in str(caught.value)
+    assert "fewer tools on this mesh" in str(caught.value)
+    assert not (tmp_path / "out.glb").exists()
+
+
+def test_more_targets_than_three_takes_are_refused(tmp_path: Path) -> None:
+    def many_targets(editor: Editor) -> None:
+        for primitive in editor.json["meshes"][0]["primitives"]:
+            index = primitive["attributes"]["POSITION"]
+            count = editor.json["accessors"][index]["count"]
+            zeros = {"componentType": 5126, "count": count, "type": "VEC3", "min": [0, 0, 0], "max": [0, 0, 0]}
+            editor.json["accessors"].append(zeros)
+            primitive["targets"] = [{"POSITION": len(editor.json["accessors"]) - 1}] * 256
+
+    with pytest.raises(RefusedError, match=r"has 257 morph targets, 256 of them the asset's own.*allows 256"):
+        report_of(tmp_path, edited("wrist", many_targets), PALM, engine="three")
+
+
+@pytest.mark.parametrize("strengths", [{"flex": -0.5}, {"flex": 2.0}, {"flex": -1.5, "extend": 0.5}])
+@pytest.mark.parametrize("base", [PALM, ROUGH])
+def test_unity_gets_weights_from_0_to_1_and_the_same_motion(base: Json, strengths: Json) -> None:
+    tool = {**base, "clips": strengths}
+    plain, held = bake_once("wrist", tool), bake_once("wrist", tool, engine="unity")
+    columns = wrinkle_columns(held, "wrist")
+    for clip in ("flex", "extend"):
+        values = held.keys(clip, "wrist")[1][:, columns]
+        assert values.min() >= 0
+        assert values.max() <= 1
+        apart = plain.pose("wrist", clip, TIMES) - held.pose("wrist", clip, TIMES)
+        assert np.abs(apart).max() < 1e-7
+        turned = np.sum(plain.normals("wrist", clip, TIMES[::8]) * held.normals("wrist", clip, TIMES[::8]), axis=2)
+        assert turned.min() > 1 - 1e-6
+    names = held.mesh("wrist")["extras"]["targetNames"]
+    assert names == [f"wrinkle_palm_{number}" for number in range(1, len(names) + 1)]
+
+
+def test_unity_splits_targets_of_posed_displacements() -> None:
+    tool = {**PALM, "attachment": "patch"}
+    plain, held = bake_once("wrist", tool), bake_once("wrist", tool, engine="unity")
+    assert plain.keys("flex", "wrist")[1].min() < 0
+    assert held.keys("flex", "wrist")[1].min() >= 0
+    assert np.abs(plain.pose("wrist", "flex", TIMES) - held.pose("wrist", "flex", TIMES)).max() < 1e-6
+
+
+def _second_joints(editor: Editor, share: float) -> None:
+    """A share of each vertex's heaviest weight moves to JOINTS_1, on the first joint."""
+    for primitive in editor.json["meshes"][0]["primitives"]:
+        attributes = primitive["attributes"]
+        accessor = editor.json["accessors"][attributes["WEIGHTS_0"]]
+        count, view = accessor["count"], editor.json["bufferViews"][accessor["bufferView"]]
+        start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
+        weights = np.frombuffer(bytes(editor.data), "<f4", 4 * count, start).reshape(-1, 4).copy()
+        second = np.zeros((count, 4), np.float32)
+        second[:, 0] = share * weights[:, 0]
+        weights[:, 0] -= second[:, 0]
+        attributes["WEIGHTS_0"] = editor.accessor(weights)
+        attributes["WEIGHTS_1"] = editor.accessor(second)
+        attributes["JOINTS_1"] = editor.accessor(np.zeros((count, 4), np.uint8))
+
+
+def empty_second_set(editor: Editor) -> None:
+    _second_joints(editor, 0.0)
+
+
+def full_second_set(editor: Editor) -> None:
+    _second_joints(editor, 0.5)
+
+
+def test_three_gets_four_joints_for_new_vertices() -> None:
+    asset = edited("wrist", empty_second_set)
+    held = bake_once(asset, PALM, engine="three")
+    old = len(Gltf(asset).attribute("wrist", "POSITION"))
+    new = held.attribute("wrist", "WEIGHTS_1")[old:]
+    assert len(new)
+    assert not new.any()
+    assert held.attribute("wrist", "WEIGHTS_0")[old:].sum(axis=1) == pytest.approx(1, abs=1e-6)
+
+
+def test_vertices_of_more_joints_than_three_reads_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(RefusedError, match="vertices of more than 4 joints, which --engine three would put off by"):
+        report_of(tmp_path, edited("wrist", full_second_set), PALM, engine="three")
+    assert not (tmp_path / "out.glb").exists()
+
+
+def test_gpu_bytes_are_those_of_float_textures(tmp_path: Path) -> None:
+    """targets x vertices x (POSITION, NORMAL) x 16 bytes, however sparse the file."""
+    made = wrinklecli.bake(sample("head"), write_tools(tmp_path / "tools.yaml", BROW), tmp_path / "out.glb")
+    out = Gltf(tmp_path / "out.glb")
+    targets, vertices, _ = out.deltas("head").shape
+    assert made.data["meshes"][0]["gpu_bytes"] == targets * vertices * 2 * 16
+    assert f"{targets * vertices * 32 / 1e6:.1f} MB of targets on a GPU" in made.summary
+
+
+def test_the_command_line_refuses_with_its_exit_code(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tools = write_tools(tmp_path / "tools.yaml", *MANY)
+    arguments = [
+        "wrinkle",
+        "bake",
+        str(sample("wrist")),
+        str(tools),
+        "-o",
+        str(tmp_path / "out.glb"),
+        "--engine",
+        "spec8",
+    ]
+    monkeypatch.setattr(sys, "argv", arguments)
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 3
+    assert "--engine spec8 allows 8" in capsys.readouterr().err
+    assert not (tmp_path / "out.glb").exists()

@@ -1,0 +1,395 @@
+"""Per-frame geometry: what a clip shows when, and that it is what morph targets would show."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from test_morphs import (
+    BACK,
+    BROW,
+    PALM,
+    Editor,
+    Floats,
+    Gltf,
+    Json,
+    aside,
+    bake_config,
+    bake_once,
+    edited,
+    sample,
+    two_meshes,
+    without_animations,
+    without_normals,
+    wrinkle_columns,
+    write_tools,
+)
+
+import wrinklecli
+from kit.clients import assert_valid
+from wrinklecli.baking import frames
+from wrinklecli.character.surface import unit
+from wrinklecli.errors import WrinkleError
+
+MATERIALS = (["mtllib"], ["usemtl"])
+SAMPLES = [("wrist", "wrist"), ("head", "head"), ("trousers", "trousers")]
+
+
+def frame_nodes(file: Gltf, name: str) -> list[int]:
+    """The nodes of a mesh's frames, clip after clip, in order."""
+    (group,) = (node for node in file.json["nodes"] if node.get("name") == f"{name}_frames")
+    return list(group["children"])
+
+
+def shown(file: Gltf, nodes: list[int], clip: str | None, times: Floats) -> list[list[int]]:
+    """For each time the frames (places in `nodes`) whose scale is not 0; a scale in between is a fault."""
+    columns = []
+    for node in nodes:
+        played = file.played(clip, node, "scale", times)
+        scale = np.tile(file.json["nodes"][node].get("scale", [1, 1, 1]), (len(times), 1)) if played is None else played
+        assert np.isin(scale, (0, 1)).all()
+        assert (scale == scale[:, :1]).all()
+        columns.append(scale[:, 0] == 1)
+    return [np.flatnonzero(row).tolist() for row in np.stack(columns, axis=1)]
+
+
+def clip_times(file: Gltf, name: str, nodes: list[int]) -> dict[str, tuple[int, Floats]]:
+    """For each clip the place of its first frame and its frames' times: each is shown from its own key."""
+    starts = {}
+    for animation in file.json["animations"]:
+        clip = animation["name"]
+        prefix = f"{name}_{clip}_"
+        own = [k for k, node in enumerate(nodes) if file.json["nodes"][node]["name"].startswith(prefix)]
+        if not own:
+            continue
+        begins = []
+        for k in own:
+            times, scales = file.keys(clip, nodes[k], "scale")
+            (begin,) = times[scales[:, 0] == 1]
+            begins.append(begin)
+        assert own == list(range(own[0], own[0] + len(own)))
+        starts[clip] = (own[0], np.array(begins))
+    return starts
+
+
+@pytest.mark.parametrize(("asset", "config"), SAMPLES)
+def test_each_frame_is_shown_exactly_during_its_interval(asset: str, config: str) -> None:
+    file = bake_config(asset, config, mode="frames", fps=10)
+    nodes = frame_nodes(file, asset)
+    clips = clip_times(file, asset, nodes)
+    assert list(clips) == [animation["name"] for animation in file.json["animations"]]
+    assert sum(len(times) for _, times in clips.values()) == len(nodes)
+    assert shown(file, nodes, None, np.zeros(1)) == [[0]]
+    for clip, (first, begins) in clips.items():
+        assert (np.diff(begins) > 0).all()
+        assert np.diff(begins).max() < 0.1 + 1e-6
+        middles = (begins[1:] + begins[:-1]) / 2
+        for times in (begins, middles, np.array([begins[-1] + 1.0])):
+            wanted = first + np.searchsorted(begins, times, side="right") - 1
+            assert shown(file, nodes, clip, times) == [[k] for k in wanted]
+
+
+@pytest.mark.parametrize(("asset", "config"), SAMPLES)
+def test_frames_are_what_morph_targets_show(asset: str, config: str) -> None:
+    file, morphed = (bake_config(asset, config, mode=mode, fps=10) for mode in ("frames", "morph"))
+    nodes = frame_nodes(file, asset)
+    for clip, (first, times) in clip_times(file, asset, nodes).items():
+        posed, normals = morphed.pose(asset, clip, times), morphed.normals(asset, clip, times)
+        size = np.ptp(posed.reshape(-1, 3), axis=0).max()
+        # Between their keys, tracks take a quarter of --max-error, 1 % of the tallest wrinkle.
+        between = 0.005 * np.linalg.norm(morphed.deltas(asset)[wrinkle_columns(morphed, asset)], axis=2).max()
+        keyed = np.isin(np.float32(times), np.float32(morphed.keys(clip, asset)[0]))
+        assert keyed.sum() >= 4
+        for k in range(len(times)):
+            node = nodes[first + k]
+            apart = np.abs(file.attribute(node, "POSITION") - posed[k]).max()
+            assert apart < 1e-6 * size + (0.0 if keyed[k] else between)
+            # Two unit vectors as float32; angles in radians.
+            turned = np.abs(file.attribute(node, "NORMAL") - normals[k]).max()
+            assert turned < 2e-4 + (0.0 if keyed[k] else 0.02)
+            assert np.array_equal(file.triangles(node), morphed.triangles(asset))
+    coordinates = file.attribute(nodes[0], "TEXCOORD_0")
+    assert np.array_equal(coordinates, morphed.attribute(asset, "TEXCOORD_0"))
+
+
+def test_frames_of_patch_attachment_are_its_own_method() -> None:
+    """Morph targets compress all frames together, to --max-error; frames take the same shapes."""
+    tool = {**PALM, "attachment": "patch", "bumps": 2, "clips": {"extend": 0}}
+    file, morphed = (bake_once("wrist", tool, mode=mode, fps=10) for mode in ("frames", "morph"))
+    nodes = frame_nodes(file, "wrist")
+    tallest = 0.0
+    for clip, (first, times) in clip_times(file, "wrist", nodes).items():
+        posed = morphed.pose("wrist", clip, times)
+        flat = Gltf(morphed.path)
+        for animation in flat.json["animations"]:
+            animation["channels"] = [c for c in animation["channels"] if c["target"]["path"] != "weights"]
+        tallest = max(tallest, np.linalg.norm(posed - flat.pose("wrist", clip, times), axis=2).max())
+        for k in range(len(times)):
+            gap = np.linalg.norm(file.attribute(nodes[first + k], "POSITION") - posed[k], axis=1).max()
+            assert gap < 0.01 * 0.004
+    assert tallest > 0.003
+
+
+def test_a_clip_that_was_not_baked_shows_one_frame_throughout() -> None:
+    file = bake_config("wrist", "wrist", mode="frames", fps=5, clips=["extend"])
+    nodes = frame_nodes(file, "wrist")
+    assert list(clip_times(file, "wrist", nodes)) == ["extend"]
+    assert shown(file, nodes, "flex", np.linspace(0, 2, 9)) == [[0]] * 9
+    assert_valid(file.path)
+
+
+def test_the_skinned_mesh_is_gone_and_the_skeleton_stays() -> None:
+    before, file = Gltf(sample("head")), bake_config("head", "head", mode="frames", fps=5)
+    assert "mesh" not in file.json["nodes"][0]
+    assert "skin" not in file.json["nodes"][0]
+    assert "weights" not in file.json["nodes"][0]
+    for node, old in zip(file.json["nodes"][1:], before.json["nodes"][1:], strict=False):
+        assert node == old
+    times = np.linspace(0, 3, 13)
+    count = len(before.json["nodes"])
+    for clip in ("raise_brows", "think"):
+        moved, still = (each.matrices(clip, times)[:, 1:count] for each in (file, before))
+        assert np.array_equal(moved, still)
+        assert not [c for c in file.clip(clip)["channels"] if c["target"]["path"] == "weights"]
+    assert_valid(file.path)
+
+
+def test_frames_of_a_mesh_without_normals() -> None:
+    asset = edited("wrist", without_normals)
+    file, morphed = (bake_once(asset, PALM, mode=mode, fps=5) for mode in ("frames", "morph"))
+    nodes = frame_nodes(file, "wrist")
+    (first, times) = clip_times(file, "wrist", nodes)["flex"]
+    assert "NORMAL" not in file.mesh(nodes[0])["primitives"][0]["attributes"]
+    posed = morphed.pose("wrist", "flex", times)
+    for k in range(len(times)):
+        assert np.abs(file.attribute(nodes[first + k], "POSITION") - posed[k]).max() < 4e-7
+    assert_valid(file.path)
+
+
+def test_frames_of_a_mesh_without_any_clip_are_refused() -> None:
+    """With nothing to play the mesh would vanish."""
+    with pytest.raises(WrinkleError, match="no clip"):
+        bake_once(edited("wrist", without_animations), PALM, mode="frames")
+
+
+def one_moves(editor: Editor) -> None:
+    """Two meshes; flex moves the wrist alone, extend both."""
+    two_meshes(editor)
+    flex = editor.json["animations"][0]
+    count = next(k for k, node in enumerate(editor.json["nodes"]) if node["name"] == "twin")
+    flex["channels"] = [channel for channel in flex["channels"] if channel["target"]["node"] < count]
+
+
+def test_two_meshes_of_which_a_clip_moves_one() -> None:
+    """The still one is shown as it is stored."""
+    asset, tools = edited("wrist", one_moves), ({**PALM, "node": "wrist"}, aside(BACK))
+    file, morphed = (bake_once(asset, *tools, mode=mode, fps=10) for mode in ("frames", "morph"))
+    assert_valid(file.path)
+    times = np.linspace(0, 2, 21)
+    for name in ("wrist", "twin"):
+        nodes = frame_nodes(file, name)
+        for clip in ("flex", "extend"):
+            posed = morphed.pose(name, clip, times)
+            visible = shown(file, nodes, clip, times + 1e-4)
+            assert all(len(each) == 1 for each in visible)
+            for (k,), wanted in zip(visible, posed, strict=True):
+                assert np.abs(file.attribute(nodes[k], "POSITION") - wanted).max() < 1e-6
+
+
+# Files
+
+
+def read_frame(path: Path) -> trimesh.Trimesh:
+    loaded: Any = trimesh.load(path, process=False)
+    return loaded.to_geometry() if isinstance(loaded, trimesh.Scene) else loaded
+
+
+@pytest.mark.parametrize("kind", ["obj", "ply", "glb"])
+def test_a_file_for_each_frame(kind: str, tmp_path: Path) -> None:
+    tools = write_tools(tmp_path / "tools.yaml", PALM)
+    folder = tmp_path / "a" / "frames"
+    wrinklecli.bake(sample("wrist"), tools, frames_dir=folder, frames_format=kind, mode="frames", fps=4)
+    morphed = bake_once("wrist", PALM, fps=4)
+    times = np.linspace(0, 2, 9)
+    names = [f"{clip}_{k:04d}.{kind}" for clip in ("extend", "flex") for k in range(len(times))]
+    found = sorted(path.name for path in folder.iterdir() if path.suffix == f".{kind}")
+    assert found == names
+    for clip in ("flex", "extend"):
+        posed = morphed.pose("wrist", clip, times)
+        for k in range(0, len(times), 2):
+            mesh = read_frame(folder / f"{clip}_{k:04d}.{kind}")
+            if kind == "obj":
+                # trimesh splits OBJ vertices by corner, and may put them in another order.
+                corners = posed[k][morphed.triangles("wrist")]
+                assert mesh.faces.shape == corners.shape[:2]
+                assert np.abs(mesh.vertices[mesh.faces] - corners).max() < 1e-6
+            else:
+                assert np.abs(mesh.vertices - posed[k]).max() < 1e-6
+                assert np.array_equal(mesh.faces, morphed.triangles("wrist"))
+
+
+def test_files_beside_morph_targets(tmp_path: Path) -> None:
+    tools = write_tools(tmp_path / "tools.yaml", PALM)
+    wrinklecli.bake(sample("wrist"), tools, tmp_path / "out.glb", frames_dir=tmp_path / "f", frames_format="ply", fps=4)
+    reference = bake_once("wrist", PALM, fps=4)
+    assert (tmp_path / "out.glb").read_bytes() == reference.path.read_bytes()
+    frames = sorted((tmp_path / "f").glob("flex_*.ply"))
+    assert len(frames) == 9
+    posed = reference.pose("wrist", "flex", np.linspace(0, 2, 9))
+    for path, wanted in zip(frames, posed, strict=True):
+        assert np.abs(read_frame(path).vertices - wanted).max() < 1e-6
+
+
+@pytest.mark.parametrize("with_normals", [True, False])
+@pytest.mark.parametrize("with_uvs", [True, False])
+def test_obj_files_are_trimesh_s_without_its_materials(with_normals: bool, with_uvs: bool) -> None:
+    chance = np.random.default_rng(1)
+    triangles, uvs = np.array([[0, 1, 2], [2, 1, 3]]), chance.random((4, 2)) if with_uvs else None
+    write = frames._writer(triangles, uvs, "obj")
+    for _ in range(3):
+        normals = unit(chance.normal(size=(4, 3))) if with_normals else None
+        posed = [frames._Posed(chance.random((4, 3)), normals, None)]
+        whole = frames._exported(posed, triangles, uvs, "obj").decode().splitlines()
+        assert write(posed).decode().splitlines() == [
+            line for line in whole if not line.startswith(("mtllib", "usemtl"))
+        ]
+
+
+def test_obj_files_have_their_coordinates_and_normals(tmp_path: Path) -> None:
+    tools = write_tools(tmp_path / "tools.yaml", PALM)
+    wrinklecli.bake(sample("wrist"), tools, frames_dir=tmp_path, mode="frames", fps=1, clips=["flex"])
+    lines = (tmp_path / "flex_0001.obj").read_text().splitlines()
+    counts = {kind: sum(line.startswith(f"{kind} ") for line in lines) for kind in ("v", "vn", "vt", "f")}
+    morphed = bake_once("wrist", PALM, fps=1)
+    assert counts["v"] == len(morphed.attribute("wrist", "POSITION"))
+    assert counts["f"] == len(morphed.triangles("wrist"))
+    assert counts["vn"] > 0
+    assert counts["vt"] > 0
+    coordinates = np.array([line.split()[1:3] for line in lines if line.startswith("vt ")], float)
+    wanted = morphed.attribute("wrist", "TEXCOORD_0") * [1, -1] + [0, 1]
+    assert np.abs(np.unique(coordinates.round(5), axis=0) - np.unique(wanted.round(5), axis=0)).max() < 2e-5
+
+
+def renamed(editor: Editor) -> None:
+    """Clips whose names differ only in characters that a file name may not have."""
+    for animation, name in zip(editor.json["animations"], ("a b", "a/b"), strict=True):
+        animation["name"] = name
+
+
+def test_clips_with_odd_names_do_not_overwrite_each_other(tmp_path: Path) -> None:
+    tools = write_tools(tmp_path / "tools.yaml", PALM)
+    folder = tmp_path / "frames"
+    wrinklecli.bake(edited("wrist", renamed), tools, frames_dir=folder, frames_format="ply", mode="frames", fps=2)
+    assert len(list(folder.iterdir())) == 10
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["frames", "tools.yaml"]
+
+
+def test_files_of_two_meshes_of_which_a_clip_moves_one(tmp_path: Path) -> None:
+    """Every file holds both meshes, the still one as stored."""
+    tools = write_tools(tmp_path / "tools.yaml", {**PALM, "node": "wrist"}, aside(BACK))
+    folder = tmp_path / "frames"
+    wrinklecli.bake(edited("wrist", one_moves), tools, frames_dir=folder, frames_format="ply", mode="frames", fps=2)
+    assert len(list(folder.glob("flex_*.ply"))) == len(list(folder.glob("extend_*.ply"))) == 5
+    for path in folder.iterdir():
+        vertices = read_frame(path).vertices
+        assert vertices[:, 2].min() < 0 < 0.9 < vertices[:, 2].max()
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_no_partial_folder(there: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tools = write_tools(tmp_path / "tools.yaml", PALM)
+    folder = tmp_path / "frames"
+    if there:
+        folder.mkdir()
+        (folder / "flex_0000.obj").write_text("old")
+    write, written = Path.write_bytes, []
+
+    def full(self: Path, data: bytes) -> int:
+        written.append(self)
+        if len(written) > 3:
+            raise OSError(28, "No space left on device")
+        return write(self, data)
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(WrinkleError, match="No space left on device"):
+        wrinklecli.bake(sample("wrist"), tools, tmp_path / "out.glb", frames_dir=folder, mode="frames", fps=4)
+    monkeypatch.undo()
+    assert len(written) == 4
+    left = sorted(str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file())
+    assert left == (["frames/flex_0000.obj", "tools.yaml"] if there else ["tools.yaml"])
+    if there:
+        assert (folder / "flex_0000.obj").read_text() == "old"
+
+
+def test_no_frames_where_the_output_cannot_be_written(tmp_path: Path) -> None:
+    """Both or none."""
+    tools = write_tools(tmp_path / "tools.yaml", PALM)
+    with pytest.raises(WrinkleError):
+        wrinklecli.bake(
+            sample("wrist"),
+            tools,
+            tmp_path / "absent" / "out.glb",
+            frames_dir=tmp_path / "frames",
+            mode="frames",
+            fps=2,
+        )
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["tools.yaml"]
+
+
+def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
+    tools = write_tools(tmp_path / "tools.yaml", PALM)
+    with pytest.raises(WrinkleError) as caught:
+        wrinklecli.bake(sample("wrist"), tools, frames_dir=tools, mode="frames", fps=2)
+    (line,) = caught.value.lines
+    assert line.startswith(f"{tools}: cannot be written")
+
+
+def test_the_first_frame_of_a_morphing_head(tmp_path: Path) -> None:
+    """Old morph targets are in the frames, too."""
+    file, source = bake_once("head", BROW, mode="frames", fps=10), Gltf(sample("head"))
+    nodes = frame_nodes(file, "head")
+    first, times = clip_times(file, "head", nodes)["raise_brows"]
+    flat = source.pose("head", "raise_brows", times)
+    old = flat.shape[1]
+    top = int(np.argmax(np.abs(flat - flat[0]).max(axis=(1, 2))))
+    patch: Json = {"low": np.array(BROW["origin"]) - 0.05, "high": np.array(BROW["target"]) + 0.05}
+    outside = ~((flat[0] > patch["low"]) & (flat[0] < patch["high"])).all(axis=1)
+    moved = np.abs(flat[top] - flat[0]).max(axis=1) > 1e-3
+    assert (outside & moved).sum() > 50
+    found = file.attribute(nodes[first + top], "POSITION")[:old]
+    assert np.abs(found - flat[top])[outside].max() < 1e-6
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize("fails", ["a file", "OUT"])
+def test_frames_that_fail_half_way_leave_all_as_it_was(
+    fails: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those already in place are taken back, and what they replaced returns."""
+    tools, out, folder = write_tools(tmp_path / "tools.yaml", PALM), tmp_path / "out.glb", tmp_path / "frames"
+    folder.mkdir()
+    out.write_bytes(b"old")
+    (folder / "flex_0001.obj").write_bytes(b"old frame")
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    real = os.replace
+
+    def replace(source: Any, target: Any) -> None:
+        if Path(target) == (folder / "flex_0003.obj" if fails == "a file" else out):
+            raise OSError(28, "No space left on device")
+        real(source, target)
+
+    monkeypatch.setattr(os, "replace", replace)
+    with pytest.raises(WrinkleError, match="No space left"):
+        wrinklecli.bake(sample("wrist"), tools, out, max_levels=0, fps=4, frames_dir=folder, clips=["flex"])
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+    assert [path.name for path in folder.iterdir()] == ["flex_0001.obj"]
+
+
+def test_folders_above_the_frames_are_taken_away_too(tmp_path: Path) -> None:
+    tools = write_tools(tmp_path / "tools.yaml", PALM)
+    with pytest.raises(WrinkleError):
+        wrinklecli.bake(sample("wrist"), tools, tmp_path / "missing" / "out.glb", max_levels=0, fps=4, clips=["flex"],
+                        frames_dir=tmp_path / "a" / "b")  # fmt: skip
+    assert [path.name for path in tmp_path.iterdir()] == ["tools.yaml"]

@@ -1,0 +1,412 @@
+"""`wrinkle track`: the body in one file, each clip in another."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from test_cli import Wrinkle
+from test_morphs import (
+    BROW,
+    ROOT,
+    Editor,
+    Gltf,
+    Json,
+    bake_config,
+    bake_once,
+    bystanders,
+    differences,
+    edited,
+    sample,
+    wrinkle_columns,
+)
+
+from kit.clients import assert_valid, drive
+from wrinklecli.baking.track import Tracked, track
+from wrinklecli.errors import AssetError, BakeError
+from wrinklecli.gltf.document import read_document
+
+# By default weights are right to 1 % of the greatest, those of a bake to the same; float32 adds a little.
+CLOSE = 0.01 + 0.01 + 1e-3
+
+
+def body_of(name: str, tools: str = "") -> Gltf:
+    """A sample with wrinkles, and no tracks."""
+    return bake_config(name, tools or name, tracks="none")
+
+
+def config(name: str) -> Json:
+    found: Json = yaml.safe_load((ROOT / "configs" / f"{name}.yaml").read_text())
+    return found
+
+
+def skeleton_only(editor: Editor) -> None:
+    """Joints and clips, as Mixamo gives them: neither mesh nor skin; the nodes in another order, one more above."""
+    gltf = editor.json
+    for key in ("meshes", "skins", "materials"):
+        gltf.pop(key, None)
+    count = len(gltf["nodes"])
+    turned = list(reversed(range(count)))
+    gltf["nodes"] = [gltf["nodes"][k] for k in turned]
+    gone = next(k for k, node in enumerate(gltf["nodes"]) if "mesh" in node)
+    del gltf["nodes"][gone]["mesh"], gltf["nodes"][gone]["skin"]
+    gltf["nodes"][gone]["name"] = "leftover"
+    for node in gltf["nodes"]:
+        if "children" in node:
+            node["children"] = [turned.index(child) for child in node["children"]]
+    gltf["scenes"] = [{"nodes": [turned.index(node) for node in gltf["scenes"][0]["nodes"]]}]
+    for animation in gltf["animations"]:
+        for channel in animation["channels"]:
+            channel["target"]["node"] = turned.index(channel["target"]["node"])
+
+
+def in_centimetres(editor: Editor) -> None:
+    """The same rig, a hundred times as large."""
+    skeleton_only(editor)
+    gltf = editor.json
+    gltf["nodes"].append({"name": "Armature", "scale": [100, 100, 100], "children": gltf["scenes"][0]["nodes"]})
+    gltf["scenes"][0]["nodes"] = [len(gltf["nodes"]) - 1]
+
+
+def idle(editor: Editor) -> None:
+    """A second clip that moves nothing above the knees' anchors."""
+    skeleton_only(editor)
+    gltf = editor.json
+    gltf["nodes"].append({"name": "camera"})
+    first = gltf["animations"][0]
+    sampler = first["samplers"][first["channels"][0]["sampler"]]
+    path = first["channels"][0]["target"]["path"]
+    channel = {"sampler": 0, "target": {"node": len(gltf["nodes"]) - 1, "path": path}}
+    gltf["animations"].append({"name": "pan", "samplers": [sampler], "channels": [channel]})
+
+
+def renamed(editor: Editor) -> None:
+    skeleton_only(editor)
+    for node in editor.json["nodes"]:
+        node["name"] = f"rig:{node['name']}"
+
+
+def one_renamed(editor: Editor) -> None:
+    skeleton_only(editor)
+    next(node for node in editor.json["nodes"] if node["name"] == "shin.L")["name"] = "shinL"
+
+
+def run(body: Gltf, anim: Path, folder: Path) -> tuple[Gltf, Tracked]:
+    (made,) = track(body.path, [anim], folder)
+    return Gltf(Path(made.path)), made
+
+
+def assert_tracks(made: Gltf, whole: Gltf, node: str, clip: str) -> None:
+    """The weights of a body whose clip was baked, at its keys and between."""
+    keys, _ = whole.keys(clip, node)
+    times = np.union1d(keys, (keys[1:] + keys[:-1]) / 2)
+    expected, found = (file.weights(node, clip, times) for file in (whole, made))
+    assert made.mesh(node)["extras"]["targetNames"] == whole.mesh(node)["extras"]["targetNames"]
+    assert expected[:, wrinkle_columns(whole, node)].max() > 0.1
+    assert np.abs(found - expected).max() < CLOSE
+
+
+@pytest.mark.parametrize("change", [skeleton_only, in_centimetres])
+@pytest.mark.parametrize(("name", "clips"), [("trousers", ["squat", "walk"]), ("wrist", ["flex", "extend"])])
+def test_a_clip_in_a_file_of_its_own_gets_the_weights_that_baking_gives(
+    name: str, clips: list[str], change: Callable[[Editor], None], tmp_path: Path
+) -> None:
+    body, whole = body_of(name), bake_config(name, name)
+    made, report = run(body, edited(name, change), tmp_path / "new" / "folder")
+    assert not report.warnings
+    assert list(report.clips) == [clip["name"] for clip in whole.json["animations"]]
+    for clip in clips:
+        if whole.weights(name, clip, whole.keys(clip, name)[0]).max() > 0.1:
+            assert_tracks(made, whole, name, clip)
+    assert_valid(made.path)
+
+
+def with_bystanders(editor: Editor) -> None:
+    """A skeleton in a file that has much else in it."""
+    skeleton_only(editor)
+    corners = editor.accessor(np.float32([[0, 0, 0], [1, 0, 0], [0, 1, 0]]), min=[0, 0, 0], max=[1, 1, 0])
+    editor.json["meshes"] = [{"name": "prop", "primitives": [{"attributes": {"POSITION": corners}}]}]
+    bystanders(editor)
+
+
+def as_it_was(made: Gltf, before: Gltf) -> Json:
+    """The document without what is meant to be new: a stub, and at the end of each clip one channel."""
+    gltf: Json = json.loads(json.dumps(made.json))
+    stub = len(before.json["nodes"])
+    assert gltf["nodes"].pop()["mesh"] == len(gltf["meshes"]) - 1
+    gltf["meshes"].pop()
+    assert gltf["scenes"][gltf.get("scene", 0)]["nodes"].pop() == stub
+    for animation in gltf["animations"]:
+        if animation["channels"][-1]["target"] == {"node": stub, "path": "weights"}:
+            assert animation["channels"].pop()["sampler"] == len(animation["samplers"]) - 1
+            animation["samplers"].pop()
+    for key in ("accessors", "bufferViews"):
+        del gltf[key][len(before.json[key]) :]
+    if "meshes" not in before.json:
+        assert gltf.pop("meshes") == []
+    gltf["buffers"][0]["byteLength"] = before.json["buffers"][0]["byteLength"]
+    return gltf
+
+
+@pytest.mark.parametrize("change", [skeleton_only, in_centimetres, idle, with_bystanders])
+def test_nothing_else_changes_and_the_stub_costs_no_bytes(change: Callable[[Editor], None], tmp_path: Path) -> None:
+    anim = edited("trousers", change)
+    before, (made, _) = Gltf(anim), run(body_of("trousers"), anim, tmp_path)
+    count = len(before.json["nodes"])
+    assert list(differences(before.json, as_it_was(made, before))) == []
+    assert made.json["nodes"][count] == {"name": "trousers", "mesh": len(made.json["meshes"]) - 1}
+    (primitive,) = made.json["meshes"][-1]["primitives"]
+    assert "bufferView" not in made.json["accessors"][primitive["attributes"]["POSITION"]]
+    for index in range(len(before.json["bufferViews"])):
+        assert before.view_bytes(index) == made.view_bytes(index)
+    added = made.json["bufferViews"][len(before.json["bufferViews"]) :]
+    tracks = [made.keys(clip, count) for clip in ("squat", "walk")]
+    assert sum(view["byteLength"] for view in added) == 4 * sum(times.size + values.size for times, values in tracks)
+
+
+def test_keys_are_as_few_as_a_bakes(tmp_path: Path) -> None:
+    whole = bake_config("trousers", "trousers")
+    made, _ = run(body_of("trousers"), edited("trousers", skeleton_only), tmp_path)
+    (coarse,) = track(body_of("trousers").path, [edited("trousers", skeleton_only)], tmp_path / "b", max_error=0.03)
+    for clip in ("squat", "walk"):
+        counts = [len(file.keys(clip, "trousers")[0]) for file in (whole, made, Gltf(Path(coarse.path)))]
+        assert counts[1] < 1.5 * counts[0]
+        assert counts[2] < 0.7 * counts[1]
+
+
+def test_an_error_below_the_tables_own_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="1/256"):
+        track(body_of("trousers").path, [sample("trousers")], tmp_path, max_error=1 / 256)
+
+
+def test_buffers_outside_the_folder_are_read_on_request_only(tmp_path: Path) -> None:
+    (tmp_path / "clips").mkdir()
+    before = Gltf(edited("trousers", skeleton_only))
+    document = {**before.json, "buffers": [{**before.json["buffers"][0], "uri": "../clip.bin"}]}
+    (tmp_path / "clip.bin").write_bytes(before.buffers[0])
+    anim = tmp_path / "clips" / "walk.gltf"
+    anim.write_text(json.dumps(document))
+    with pytest.raises(AssetError, match="outside"):
+        track(body_of("trousers").path, [anim], tmp_path / "out")
+    (made,) = track(body_of("trousers").path, [anim], tmp_path / "out", allow_external=True)
+    assert_tracks(Gltf(Path(made.path)), bake_config("trousers", "trousers"), "trousers", "walk")
+
+
+@pytest.mark.parametrize("name", ["trousers", "wrist", "head"])
+def test_three_js_drives_the_body_by_name(name: str, tmp_path: Path) -> None:
+    body, whole = body_of(name), bake_config(name, name)
+    # Of the head a clip moves the face itself, which needs its mesh.
+    made, report = run(body, sample(name) if name == "head" else edited(name, skeleton_only), tmp_path)
+    for clip in report.clips:
+        times, values = whole.keys(clip, name)
+        found = drive(body.path, anim=made.path, node=name, clip=clip, times=times.tolist())
+        for column, target in zip(values.T, whole.mesh(name)["extras"]["targetNames"], strict=True):
+            assert np.abs(found[target][:, 0] - column).max() < CLOSE
+
+
+def two_parts(editor: Editor) -> None:
+    (primitive,) = editor.json["meshes"][0]["primitives"]
+    editor.json["meshes"][0]["primitives"].append(dict(primitive))
+    editor.json["meshes"][0]["name"] = "skin"
+
+
+def test_three_js_drives_every_part_of_a_body(tmp_path: Path) -> None:
+    tools: Json = {"name": "palm", "origin": [-0.032, -0.022, 0.0], "target": [0.028, -0.0205, 0.0], "width": 0.065}
+    body = bake_once(edited("wrist", two_parts), tools, tracks="none")
+    made, _ = run(body, edited("wrist", skeleton_only), tmp_path)
+    found = drive(body.path, anim=made.path, node="wrist", clip="flex", times=[0.0, 1.0])
+    assert found["wrinkle_palm_1"].shape == (2, 2)
+    assert found["wrinkle_palm_1"][1].min() > 0.1
+    assert_valid(made.path)
+
+
+@pytest.mark.parametrize("name", ["trousers", "head"])
+def test_the_files_own_body_takes_the_tracks(name: str, tmp_path: Path) -> None:
+    """The original, with the mesh that the body had before: it keeps its weights and gets targets that do nothing."""
+    whole = bake_config(name, name)
+    made, report = run(body_of(name), sample(name), tmp_path)
+    before = Gltf(sample(name))
+    assert not report.warnings
+    assert len(made.json["nodes"]) == len(before.json["nodes"])
+    times = np.linspace(0.0, 2.0, 101)
+    for clip in report.clips:
+        assert np.allclose(made.pose(name, clip, times), before.pose(name, clip, times), atol=1e-6)
+        if whole.weights(name, clip, times)[:, wrinkle_columns(whole, name)].max() > 0.1:
+            assert_tracks(made, whole, name, clip)
+    assert_valid(made.path)
+
+
+@pytest.mark.parametrize("name", ["trousers", "head"])
+def test_a_body_with_the_targets_gets_its_tracks_anew(name: str, tmp_path: Path) -> None:
+    whole = bake_config(name, name)
+    made, _ = run(whole, whole.path, tmp_path)
+    for clip in whole.json["animations"]:
+        if whole.weights(name, clip["name"], whole.keys(clip["name"], name)[0])[:, wrinkle_columns(whole, name)].any():
+            assert_tracks(made, whole, name, clip["name"])
+    assert made.json["meshes"] == whole.json["meshes"]
+    assert_valid(made.path)
+
+
+@pytest.mark.parametrize("clip", ["think", "raise_brows"])
+@pytest.mark.parametrize("strategy", ["everywhere", "origin", "both_ends"])
+@pytest.mark.parametrize(
+    "rest_length",
+    [
+        {"keys": {"think": [[0.0, "100%"], [1.4, "118%"], [3.0, "100%"]], "raise_brows": [[0, "90%"], [2, "125%"]]}},
+        {"morph": "browsUp", "full": "115%"},
+        {"morph": "browsUp", "full": "85%"},
+    ],
+)
+def test_strengths_and_rest_lengths_of_a_clip(rest_length: Json, strategy: str, clip: str, tmp_path: Path) -> None:
+    tool: Json = {**BROW, "bumps": 5, "strategy": strategy, "rest_length": rest_length, "clips": {"think": 0.5}}
+    whole = bake_once("head", tool)
+    made, report = run(bake_once("head", tool, tracks="none"), sample("head"), tmp_path)
+    assert not report.warnings
+    if clip == "raise_brows" or "keys" in rest_length:
+        assert_tracks(made, whole, "head", clip)
+    else:
+        assert not made.weights("head", clip, np.linspace(0, 3, 31)).any()
+
+
+@pytest.mark.parametrize("clip", ["think", "raise_brows"])
+def test_keyed_rest_lengths_of_a_sample(clip: str, tmp_path: Path) -> None:
+    made, report = run(body_of("head", "head_keyed"), sample("head"), tmp_path)
+    assert not report.warnings
+    assert_tracks(made, bake_config("head", "head_keyed"), "head", clip)
+
+
+def test_what_is_left_out_is_said(tmp_path: Path) -> None:
+    body = body_of("trousers")
+    made, report = run(body, edited("trousers", one_renamed), tmp_path)
+    assert any("knee.L" in line and "'shin.L'" in line for line in report.warnings)
+    assert made.weights("trousers", "squat", [0.5, 1.0, 1.5]).any()
+    made, report = run(body, edited("trousers", idle), tmp_path)
+    assert report.clips == ("squat", "walk")
+    assert any("pan" in line for line in report.warnings)
+
+
+def test_a_name_that_three_js_would_change_is_said(tmp_path: Path) -> None:
+    def scene_of_its_name(editor: Editor) -> None:
+        editor.json["scenes"][0]["name"] = "trousers"
+
+    body = bake_once(edited("trousers", scene_of_its_name), top=config("trousers"), tracks="none")
+    _, report = run(body, edited("trousers", skeleton_only), tmp_path)
+    assert any("three.js" in line for line in report.warnings)
+
+
+def test_no_joint_in_common_is_an_error_and_writes_nothing(tmp_path: Path) -> None:
+    body = bake_config("trousers", "trousers")
+    fine, strange = edited("trousers", skeleton_only), edited("trousers", renamed)
+    with pytest.raises(AssetError, match="joints"):
+        track(body.path, [fine, strange], tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_body_without_wrinkles(tmp_path: Path) -> None:
+    with pytest.raises(AssetError, match="carries no wrinkles"):
+        track(sample("trousers"), [sample("trousers")], tmp_path)
+
+
+@pytest.mark.parametrize("value", [None, {}, {"tools": [{}]}, {"tools": [{"name": "x", "origin": 3}]}])
+def test_extras_that_are_not_ours(value: object, tmp_path: Path) -> None:
+    editor = Editor(Gltf(bake_config("trousers", "trousers").path))
+    editor.json["nodes"][0]["extras"]["wrinkle"] = value
+    with pytest.raises(AssetError, match="wrinkle"):
+        track(editor.save(tmp_path / "body.glb"), [sample("trousers")], tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"bumps": []},
+        {"bumps": [0]},
+        {"intervals": 10**400},
+        {"parts": [1, 0]},
+        {"rises": [[1]]},
+        {"capacities": None},
+        {"mix": [[1, 2]]},
+        {"taut": "x"},
+    ],
+    ids=json.dumps,
+)
+def test_a_curve_that_is_not_ours(wrong: Json, tmp_path: Path) -> None:
+    editor = Editor(Gltf(body_of("head", "head_keyed").path))
+    node = next(node for node in editor.json["nodes"] if "extras" in node)
+    node["extras"]["wrinkle"]["tools"][0]["curve"] |= wrong
+    with pytest.raises(AssetError, match="wrinkle"):
+        track(editor.save(tmp_path / "body.glb"), [sample("head")], tmp_path / "out")
+
+
+def test_a_mesh_with_other_targets_of_the_same_name(tmp_path: Path) -> None:
+    editor = Editor(Gltf(sample("head")))
+    editor.json["nodes"][0]["name"] = "trousers"
+    editor.json["nodes"] += [{"name": name} for name in ("pelvis", "thigh.L", "shin.L", "thigh.R", "shin.R")]
+    with pytest.raises(AssetError, match="other morph targets"):
+        track(bake_config("trousers", "trousers").path, [editor.save(tmp_path / "a.glb")], tmp_path / "out")
+
+
+def test_inputs_are_not_overwritten(tmp_path: Path) -> None:
+    body = bake_config("trousers", "trousers")
+    anim = tmp_path / "squat.glb"
+    anim.write_bytes(sample("trousers").read_bytes())
+    with pytest.raises(BakeError, match="overwritten"):
+        track(body.path, [anim], tmp_path)
+    with pytest.raises(BakeError, match="two inputs"):
+        track(body.path, [anim, sample("trousers").parent / "trousers.glb", anim], tmp_path / "out")
+    assert anim.read_bytes() == sample("trousers").read_bytes()
+
+
+def test_same_input_same_bytes(tmp_path: Path) -> None:
+    body, anim = bake_config("trousers", "trousers"), edited("trousers", skeleton_only)
+    outputs = [track(body.path, [anim], tmp_path / name)[0].path for name in ("a", "b")]
+    assert Path(outputs[0]).read_bytes() == Path(outputs[1]).read_bytes()
+    assert read_document(outputs[0]).gltf["asset"] == read_document(anim).gltf["asset"]
+
+
+@pytest.fixture
+def wrinkle(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Wrinkle:
+    monkeypatch.chdir(tmp_path)
+    return Wrinkle(capfd, monkeypatch)
+
+
+def test_from_the_command_line(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    body, anim = body_of("trousers").path, edited("trousers", skeleton_only)
+    ran = wrinkle("track", body, anim, "-o", "out")
+    assert (ran.code, ran.out) == (0, "")
+    assert ran.lines == [f"out/{anim.name}: 2 clips: squat, walk"]
+    assert [path.name for path in (tmp_path / "out").iterdir()] == [anim.name]
+    assert wrinkle("track", body, anim, "-o", "out", "-q").lines == []
+    ran = wrinkle("track", body, edited("trousers", idle), "-o", "out", "--fps", "12")
+    assert ran.code == 0
+    assert ran.lines[0].startswith("warning: ")
+    ran = wrinkle("track", body, anim, "-o", "out", "-v", "--max-error", "2%", "--allow-external")
+    assert ran.code == 0
+    assert ran.lines[0] == "knee.L on trousers: targets wrinkle_knee_L_1, wrinkle_knee_L_2, wrinkle_knee_L_3"
+    assert len(ran.lines) == 5
+
+
+def test_warnings_refuse_on_request(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    body = body_of("trousers").path
+    ran = wrinkle("track", body, edited("trousers", skeleton_only), edited("trousers", idle), "-o", "out", "--strict")
+    assert ran.code == 3
+    assert any("pan" in line for line in ran.lines)
+    assert not (tmp_path / "out").exists()
+    assert wrinkle("track", body, edited("trousers", skeleton_only), "-o", "out", "--strict").code == 0
+
+
+def test_faults_on_the_command_line(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    body, strange = body_of("trousers").path, edited("trousers", renamed)
+    assert wrinkle("track", body, strange, "-o", "out").code == 1
+    assert wrinkle("track", body, "absent.glb", "-o", "out").code == 1
+    assert wrinkle("track", body, "-o", "out").code == 2
+    assert wrinkle("track", body, strange).code == 2
+    assert wrinkle("track", body, "walk.fbx", "-o", "out").code == 2
+    assert wrinkle("track", body, strange, "-o", "out", "--fps", "nan").code == 2
+    for wrong in ("1", "0.39%", "nan%", "x%", "101%"):
+        assert wrinkle("track", body, strange, "-o", "out", "--max-error", wrong).code == 2
+    assert not (tmp_path / "out").exists()
+    (tmp_path / "file").touch()
+    ran = wrinkle("track", body, edited("trousers", skeleton_only), "-o", "file")
+    assert (ran.code, len(ran.lines)) == (1, 1)

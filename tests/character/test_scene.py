@@ -1,0 +1,82 @@
+"""Every primitive of a scene, posed."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_morphs import Editor, edited, sample, shared_mesh, two_meshes, two_parts
+
+from kit.clients import pose_with_normals
+from wrinklecli.character.pose import read_clips
+from wrinklecli.character.scene import Part, pose_part, read_scene, scene_nodes
+from wrinklecli.errors import AssetError
+from wrinklecli.gltf.document import read_document
+
+
+@pytest.mark.parametrize(
+    ("asset", "clip"),
+    [
+        (lambda: sample("wrist"), "flex"),
+        (lambda: sample("head"), "raise_brows"),
+        (lambda: sample("trousers"), "squat"),
+        (lambda: edited("wrist", two_parts), "extend"),
+        (lambda: edited("wrist", shared_mesh), "flex"),
+        (lambda: edited("wrist", two_meshes), "flex"),
+    ],
+)
+def test_parts_are_posed_as_three_poses_them(asset: Callable[[], Path], clip: str) -> None:
+    path = asset()
+    document = read_document(path)
+    found = next(each for each in read_clips(document) if each.name == clip)
+    times = np.linspace(found.start, found.end, 5)
+    by_node: dict[int, list[Part]] = {}
+    for part in read_scene(document):
+        by_node.setdefault(part.rig.node, []).append(part)
+    assert by_node
+    for node, parts in by_node.items():
+        posed = [pose_part(part, found, times) for part in parts]
+        positions, normals = pose_with_normals(path, node=node, clip=found.index, times=times.tolist())
+        ours = np.concatenate([each.positions for each in posed], axis=1)
+        assert np.abs(ours - positions).max() < 4e-6 * np.abs(positions).max()
+        turned = np.concatenate([each.normals for each in posed if each.normals is not None], axis=1)
+        # three.js turns normals by the joints' matrices themselves, which rigid joints make the same but where blended.
+        assert np.median(np.sum(turned * normals, axis=2)) > 0.9999
+        assert not any(each.hidden.any() or each.mirrored.any() for each in posed)
+
+
+def test_only_the_default_scene_is_shown() -> None:
+    def aside(editor: Editor) -> None:
+        gltf = editor.json
+        gltf["scenes"] = [{"nodes": []}, {"nodes": [0]}]
+        gltf["scene"] = 1
+
+    document = read_document(edited("wrist", aside))
+    children = document.items("nodes")[0].get("children", [])
+    assert scene_nodes(document)[0] == 0
+    assert set(children) <= set(scene_nodes(document))
+    del document.gltf["scenes"]
+    assert scene_nodes(document) == list(range(len(document.items("nodes"))))
+
+
+def test_a_node_scaled_to_nothing_is_hidden_and_one_mirrored_winds_the_other_way() -> None:
+    document = read_document(sample("wrist"))
+    node = next(each for each in document.items("nodes") if "mesh" in each)
+    node.pop("skin")
+    for scale, hidden, mirrored in (((0, 0, 0), True, False), ((-1, 1, 1), False, True), ((1, 1, 1), False, False)):
+        node["scale"] = list(scale)
+        (part,) = read_scene(document)
+        posed = pose_part(part, None, np.zeros(1))
+        assert (posed.hidden[0], posed.mirrored[0]) == (hidden, mirrored)
+        if mirrored:
+            a, b, c = (posed.positions[0][part.triangles[:, k]] for k in range(3))
+            assert posed.normals is not None
+            facing = np.sum(np.cross(b - a, c - a) * posed.normals[0][part.triangles[:, 0]], axis=1)
+            assert (facing < 0).mean() > 0.99
+
+
+def test_a_scene_that_names_no_node_is_said() -> None:
+    document = read_document(sample("wrist"))
+    document.gltf["scenes"] = [{"nodes": [99999]}]
+    with pytest.raises(AssetError, match="99999"):
+        read_scene(document)

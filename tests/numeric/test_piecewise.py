@@ -1,0 +1,395 @@
+"""Weight tracks: samples as close as straight lines need, and old channels that play as they did."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from kit.builders import as_document, limb_asset
+from wrinklecli.character.pose import Channel, Clip, Rig, read_clips, read_rig, sample
+from wrinklecli.numeric import piecewise as tracks
+from wrinklecli.numeric.piecewise import (
+    Signal,
+    Track,
+    clip_grid,
+    key_points,
+    key_times,
+    moving_nodes,
+    pad,
+    smooth,
+    widen,
+)
+
+Floats = NDArray[np.float64]
+
+
+def limb(**options: Any) -> tuple[Rig, Clip]:
+    document = as_document(limb_asset(rings=3, sides=4, **options))
+    return read_rig(document, 0), read_clips(document)[0]
+
+
+def stored(times: Any) -> Floats:
+    return np.asarray(times).astype(np.float32).astype(np.float64)
+
+
+def played(track: Track, times: Floats) -> Floats:
+    """What a player shows of a written track."""
+    return sample(Channel(0, 0, "weights", track.times, track.values, track.interpolation), times)
+
+
+def weights_of(track: Track) -> Floats:
+    return track.values[:, 1] if track.interpolation == "CUBICSPLINE" else track.values
+
+
+def sampled(clip: Clip, rig: Rig, signal: Signal, *, fps: float, tolerance: float) -> tuple[Floats, Floats]:
+    """Times, and those of them that are keys, of one tolerance."""
+    times, keys = key_times(clip, rig, lambda _: signal, fps=fps, tolerance=tolerance, thinning=tolerance)
+    assert keys[0] == 0
+    assert keys[-1] == len(times) - 1
+    assert (np.diff(keys) > 0).all()
+    return times, times[keys]
+
+
+# --- Where to sample ---
+
+
+@pytest.mark.parametrize(("start", "tolerance"), [(0.31234, 0.01), (0.9, 0.02), (0.0, 0.05), (1.999, 0.005)])
+def test_quarter_points_of_every_interval_are_within_the_tolerance(start: float, tolerance: float) -> None:
+    """Heights start like a square root; here one rises in the middle of a clip, and one comes to an end.
+
+    Between keys h apart a square root is off by 0.4 √h at the most.
+    """
+    rig, clip = limb()
+
+    def signal(times: Floats) -> Floats:
+        rising = np.sqrt(np.maximum(times - start, 0))
+        return np.stack([rising, 0.5 * np.sqrt(np.maximum(start - times, 0)), np.minimum(rising, 0.25)], axis=1)
+
+    times, _ = sampled(clip, rig, signal, fps=10, tolerance=tolerance)
+    assert (np.diff(times) > 0).all()
+    assert np.array_equal(times, stored(times))
+    values = signal(times)
+    for share in (0.25, 0.5, 0.75):
+        inner = times[:-1] + share * np.diff(times)
+        error = np.abs((1 - share) * values[:-1] + share * values[1:] - signal(inner))
+        assert error.max() <= tolerance
+    # Only where it is needed: a uniform grid of this quality would take hundreds of times more.
+    assert len(times) < 21 + 60
+
+
+@given(st.floats(0.0, 1.0), st.floats(1e-3, 0.1), st.booleans())
+def test_a_root_that_starts_anywhere_is_hardly_further_off_than_it_looks(
+    start: float, tolerance: float, falling: bool
+) -> None:
+    """The three to five points inside an interval find at least 1 / 1.7 of the error: seven even ones, 1 / 1.9."""
+
+    def signal(times: Floats) -> Floats:
+        return np.sqrt(np.maximum(start - times if falling else times - start, 0.0))[:, None]
+
+    times, _ = key_points(np.array([0.0, 1.0]), signal, tolerance=tolerance, thinning=tolerance)
+    inner = times[:-1] + np.linspace(0, 1, 65)[:, None] * np.diff(times)
+    lines = np.interp(inner, times, signal(times)[:, 0])
+    assert np.abs(lines - signal(inner.reshape(-1)).reshape(inner.shape)).max() <= 1.7 * tolerance
+
+
+def test_straight_signal_needs_no_more_than_the_grid() -> None:
+    rig, clip = limb()
+    times, _ = sampled(clip, rig, lambda t: t[:, None] * [1.0, -2.0], fps=7, tolerance=1e-9)
+    assert np.array_equal(times, clip_grid(clip, rig, fps=7))
+
+
+def test_intervals_to_halve_are_asked_for_in_their_middle() -> None:
+    """Three points inside each interval that is kept, seldom five; one inside others, and the new end."""
+    rig, clip = limb()
+    asked = []
+
+    def signal(times: Floats) -> Floats:
+        asked.append(len(times))
+        return np.sqrt(500 * times % 1.0)[:, None]
+
+    times, _ = sampled(clip, rig, signal, fps=1000, tolerance=0.02)
+    assert len(times) > 8 * 2000
+    assert sum(asked) < 10 * len(times)
+
+
+def test_endless_bisection_ends() -> None:
+    rig, clip = limb()
+    times, _ = sampled(clip, rig, lambda t: (t > 0.77).astype(float)[:, None], fps=10, tolerance=1e-3)
+    near = times[np.abs(times - 0.77) < 0.1]
+    assert (np.diff(times) > 0).all()
+    # A tenth of a second halved as often as allowed; float32 times there are 6e-8 apart.
+    assert np.diff(near).min() == pytest.approx(0.1 / 2**tracks._BISECTIONS, abs=1.2e-7)
+
+
+def points_of(times: Floats) -> Floats:
+    """The times and the three points between each two that are looked into."""
+    inner = times[:-1, None] + tracks._SHARES * np.diff(times)[:, None]
+    return np.append(inner.reshape(-1), times[-1])
+
+
+def worst_between(keys: Floats, signal: Any, points: Floats) -> Floats:
+    """(intervals of keys,) greatest error of straight lines at the points inside each."""
+    values = signal(keys)
+    lines = np.stack([np.interp(points, keys, column) for column in values.T], axis=1)
+    errors = np.abs(lines - signal(points)).max(axis=1)
+    which = np.clip(np.searchsorted(keys, points, side="right") - 1, 0, len(keys) - 2)
+    worst = np.zeros(len(keys) - 1)
+    np.maximum.at(worst, which, errors)
+    return worst
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(1e-3, 0.3), st.integers(1, 5))
+def test_dropped_keys_leave_lines_that_are_right(seed: int, tolerance: float, columns: int) -> None:
+    """Waves and square roots of any start; all but neighbours that were too far apart already."""
+    rng = np.random.default_rng(seed)
+    speeds, starts = rng.uniform(0, 12, columns), rng.uniform(-0.5, 2.5, columns)
+
+    def signal(times: Floats) -> Floats:
+        after = np.maximum(times[:, None] - starts, 0.0)
+        return 0.5 * np.sin(speeds * times[:, None]) + np.sqrt(after)
+
+    rig, clip = limb()
+    times, keys = sampled(clip, rig, signal, fps=30, tolerance=tolerance)
+    wrong = worst_between(keys, signal, points_of(times)) > tolerance * (1 + 1e-9)
+    together = np.searchsorted(times, keys)
+    assert (np.diff(together)[wrong] == 1).all()
+    assert np.array_equal(keys, sampled(clip, rig, signal, fps=30, tolerance=tolerance)[1])
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(1e-3, 0.1), st.floats(1e-3, 0.1))
+def test_no_key_could_be_left_out(seed: int, tolerance: float, thinning: float) -> None:
+    """From each key the next is the furthest that a straight line reaches, but for the ends of lanes."""
+    rng = np.random.default_rng(seed)
+    waves = rng.uniform(0, 12, (2, 3))
+
+    def signal(times: Floats) -> Floats:
+        return np.sin(waves[0] * times[:, None] + waves[1])
+
+    rig, clip = limb()
+    times, keys = key_times(clip, rig, lambda _: signal, fps=30, tolerance=tolerance, thinning=thinning)
+    points = points_of(times)
+    for k in range(len(keys) - 2):
+        if keys[k + 1] % tracks._LANE:
+            longer = times[[keys[k], keys[k + 1] + 1]]
+            inside = points[(points >= longer[0]) & (points <= longer[1])]
+            assert worst_between(longer, signal, inside)[0] > thinning * (1 - 1e-9)
+
+
+def test_straight_lines_keep_their_corners_alone() -> None:
+    rig, clip = limb()
+
+    def signal(times: Floats) -> Floats:
+        return np.stack([np.abs(times - 1.0), np.maximum(times - 1.5, 0.0)], axis=1)
+
+    assert sampled(clip, rig, signal, fps=20, tolerance=1e-6)[1].tolist() == [0.0, 1.0, 1.5, 2.0]
+
+
+def test_where_nothing_moves_there_are_two_keys_however_long() -> None:
+    rig, clip = limb()
+    long = replace(clip, end=500.0)
+
+    def signal(times: Floats) -> Floats:
+        return np.where(np.abs(times[:, None] - 300.0) < 1.0, np.sin(times[:, None]), np.sin(300.0) * 0 + 0.5)
+
+    times, keys = sampled(long, rig, lambda t: np.full((len(t), 2), 0.25), fps=30, tolerance=1e-6)
+    assert len(times) > 15_000
+    assert keys[[0, -1]].tolist() == [0.0, 500.0]
+    # The ends of what is sampled at once are keys too.
+    assert len(keys) <= 2 + len(times) // tracks._STRETCH
+    _, keys = sampled(long, rig, signal, fps=30, tolerance=1e-3)
+    assert np.sum((keys > 299) & (keys < 301)) > len(keys) / 2
+
+
+def test_smooth_heights_need_few_keys() -> None:
+    """Over a line of length h a parabola of curvature c is off by c h²/8: here h may be 0.28."""
+    rig, clip = limb()
+    times, keys = sampled(clip, rig, lambda t: t[:, None] ** 2, fps=30, tolerance=0.02)
+    assert len(times) == 61
+    assert len(keys) <= 2 + np.ceil(2 / 0.28)
+
+
+def test_jumps_keep_both_their_keys() -> None:
+    rig, clip = limb(interpolation="STEP")
+    _, keys = sampled(clip, rig, lambda t: np.floor(t)[:, None], fps=30, tolerance=0.01)
+    before = np.nextafter(np.float32([1, 2]), np.float32(0)).astype(np.float64)
+    assert keys.tolist() == [0.0, before[0], 1.0, before[1], 2.0]
+
+
+@pytest.mark.parametrize("end", [0.0, 1e-3])
+def test_the_ends_are_never_dropped(end: float) -> None:
+    rig, clip = limb()
+    short = replace(clip, channels=(), end=end)
+    times, keys = sampled(short, rig, lambda t: np.zeros((len(t), 3)), fps=30, tolerance=1.0)
+    assert times.tolist() == keys.tolist() == np.unique([0.0, np.float32(end)]).tolist()
+
+
+# --- Smooth functions from few samples ---
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_smooth_functions_are_right_within_the_tolerance(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    speeds, phases = rng.uniform(0, 6, 3), rng.uniform(0, 7, 3)
+    asked = []
+
+    def function(times: Floats) -> Floats:
+        asked.append(len(times))
+        return np.abs(np.sin(speeds * times[:, None] + phases)) + 0.1 * times[:, None]
+
+    # It bends where a sine is 0: there are breaks.
+    bends = np.concatenate(
+        [(np.pi * np.arange(-3, 9) - phase) / speed for speed, phase in zip(speeds, phases, strict=True)]
+    )
+    breaks = np.unique(np.concatenate([np.linspace(0, 2, 61), bends[(bends > 0) & (bends < 2)]]))
+    fitted = smooth(function, breaks, 1e-7)
+    assert sum(asked) < 12 * len(breaks)
+    times = np.linspace(0, 2, 1001)
+    assert np.abs(fitted(times) - function(times)).max() < 1e-7
+
+
+def test_what_is_not_finite_is_asked_for_itself() -> None:
+    def function(times: Floats) -> Floats:
+        return np.where(times > 1.0, np.inf, times)[:, None]
+
+    assert smooth(function, np.linspace(0, 2, 5), 1e-9) is function
+
+
+def test_fast_motion_is_sampled_closer() -> None:
+    fitted = smooth(lambda t: np.sin(40 * t)[:, None], np.linspace(0, 2, 7), 1e-6)
+    times = np.linspace(0, 2, 1001)
+    assert np.abs(fitted(times)[:, 0] - np.sin(40 * times)).max() < 1e-5
+
+
+@pytest.mark.parametrize("fps", [0.1, 1.0, 24.0, 29.97, 1000.0])
+def test_grid_begins_and_ends_with_the_clip_and_takes_its_keys(fps: float) -> None:
+    rig, clip = limb(morphs=1, morph_clip="LINEAR")
+    times = clip_grid(clip, rig, fps=fps)
+    assert (np.diff(times) > 0).all()
+    assert times[0] == 0.0
+    assert times[-1] == 2.0
+    assert np.isin(stored([0.3, 0.7, 1.0, 1.5]), times).all()
+    assert np.isin(stored(np.arange(int(2 * fps) + 1) / fps), times).all()
+    assert np.diff(times).max() <= 1 / fps + 1e-6
+    assert len(clip_grid(clip, None, fps=fps)) <= int(2 * fps) + 2
+
+
+def test_grid_of_a_clip_that_does_not_begin_at_0() -> None:
+    _, clip = limb()
+    late = replace(clip, start=5.25, end=5.25 + 2 / 3)
+    times = clip_grid(late, None, fps=3)
+    assert times == pytest.approx([5.25, 5.25 + 1 / 3, 5.25 + 2 / 3], abs=1e-6)
+
+
+def test_jumps_are_keyed_on_both_sides() -> None:
+    rig, clip = limb(interpolation="STEP")
+    times = clip_grid(clip, rig, fps=1)
+    before = np.nextafter(np.float32([1, 2]), np.float32(0)).astype(np.float64)
+    assert times.tolist() == [0.0, before[0], 1.0, before[1], 2.0]
+
+
+def test_moving_nodes_are_joints_their_ancestors_and_the_mesh() -> None:
+    asset = limb_asset(rings=3, sides=4, joints=3, root={})
+    asset.gltf["nodes"].append({"name": "hat"})
+    assert moving_nodes(read_rig(as_document(asset), 0)) == {0, 1, 2, 3, 4}
+
+
+# --- Old channels, widened ---
+
+
+def random_weights(rng: np.random.Generator, times: Floats) -> Floats:
+    return rng.uniform(0, 1, (len(times), 2))
+
+
+@pytest.mark.parametrize("interpolation", ["LINEAR", "STEP", "CUBICSPLINE"])
+@pytest.mark.parametrize("seed", range(5))
+def test_old_weights_play_as_before_and_new_ones_run_straight(interpolation: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    rig, clip = limb(morphs=3, morph_clip=interpolation)
+    channel = clip.channel(0, "weights")
+    assert channel is not None
+    # New keys before, between, at and after the old ones.
+    times = np.unique(stored(np.concatenate([rng.uniform(-0.2, 2.0, 12), channel.times[1:3]])))
+    fresh = random_weights(rng, times)
+    track = widen(channel, rig, clip, times, fresh)
+    assert track.interpolation == ("CUBICSPLINE" if interpolation == "CUBICSPLINE" else "LINEAR")
+    assert np.array_equal(track.times, stored(track.times))
+    assert (np.diff(track.times) > 0).all()
+    assert np.isin(times, track.times).all()
+    assert np.isin(channel.times, track.times).all()
+    at = np.concatenate([rng.uniform(-0.5, 2.5, 200), channel.times, times])
+    if interpolation == "STEP":
+        # But for one float32 step before each jump, in which LINEAR keys cross over.
+        jumps = channel.times[1:]
+        step = np.nextafter(jumps.astype(np.float32), np.float32(-np.inf)).astype(np.float64)
+        at = at[~((at[:, None] > step) & (at[:, None] < jumps)).any(axis=1)]
+        at = np.concatenate([at, step])
+    result = played(track, at)
+    # Values are below 2, so this is a few roundings; splitting a cubic costs some more of them.
+    assert result[:, :3] == pytest.approx(sample(channel, at), abs=1e-12)
+    wanted = np.stack([np.interp(at, times, column) for column in fresh.T], axis=1)
+    assert result[:, 3:] == pytest.approx(wanted, abs=1e-12)
+
+
+@given(
+    keys=st.lists(st.integers(0, 200), min_size=1, max_size=5, unique=True),
+    fresh=st.lists(st.integers(-20, 220), min_size=1, max_size=5, unique=True),
+    interpolation=st.sampled_from(["LINEAR", "STEP", "CUBICSPLINE"]),
+    seed=st.integers(0, 99),
+)
+def test_any_keys_can_be_joined(keys: list[int], fresh: list[int], interpolation: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    rig, clip = limb(morphs=1, clip=None, morph_clip="LINEAR")
+    times, key_times = stored(np.sort(fresh) / 64), stored(np.sort(keys) / 64)
+    shape = (len(keys), 3, 1) if interpolation == "CUBICSPLINE" else (len(keys), 1)
+    channel = Channel(0, 0, "weights", key_times, rng.normal(size=shape), interpolation)
+    its_clip = replace(clip, channels=(channel,))
+    track = widen(channel, rig, its_clip, times, random_weights(rng, times))
+    # 1/64 s apart, so that no sample falls in the float32 step before a jump.
+    at = np.arange(-30, 240) / 64 + 1 / 200
+    assert played(track, at)[:, :1] == pytest.approx(sample(channel, at), abs=1e-11)
+
+
+def test_step_of_keys_one_float_apart() -> None:
+    rig, clip = limb(morphs=1, clip=None, morph_clip="STEP")
+    first = np.float32(0.5)
+    times = np.array([first, np.nextafter(first, np.float32(1)), 1.0], np.float64)
+    channel = Channel(0, 0, "weights", times, np.array([[0.0], [1.0], [0.25]]), "STEP")
+    track = widen(channel, rig, replace(clip, channels=(channel,)), np.array([0.0, 2.0]), np.zeros((2, 1)))
+    assert (np.diff(track.times) > 0).all()
+    assert np.array_equal(played(track, times)[:, 0], [0.0, 1.0, 0.25])
+
+
+def test_without_a_channel_old_weights_stay_as_stored() -> None:
+    rig, clip = limb(morphs=2, weights_at="node")
+    times = np.array([0.0, 0.5, 2.0])
+    fresh = np.array([[0.0], [0.5], [1.0]])
+    track = widen(None, rig, clip, times, fresh)
+    assert track.interpolation == "LINEAR"
+    assert np.array_equal(track.times, times)
+    assert np.array_equal(track.values, [[0.5, 0.5, 0.0], [0.5, 0.5, 0.5], [0.5, 0.5, 1.0]])
+
+
+@pytest.mark.parametrize("interpolation", ["LINEAR", "STEP", "CUBICSPLINE"])
+def test_no_new_targets_is_no_fault(interpolation: str) -> None:
+    rig, clip = limb(morphs=2, morph_clip=interpolation)
+    channel = clip.channel(0, "weights")
+    assert channel is not None
+    track = widen(channel, rig, clip, np.array([0.0, 1.0]), np.zeros((2, 0)))
+    assert weights_of(track).shape == (len(track.times), 2)
+
+
+@pytest.mark.parametrize("interpolation", ["LINEAR", "STEP", "CUBICSPLINE"])
+def test_padding_keeps_keys_and_interpolation_and_holds_new_weights(interpolation: str) -> None:
+    _, clip = limb(morphs=2, morph_clip=interpolation)
+    channel = clip.channel(0, "weights")
+    assert channel is not None
+    track = pad(channel, np.array([0.25, 0.0, 1.0]))
+    assert track.interpolation == interpolation
+    assert np.array_equal(track.times, channel.times)
+    at = np.linspace(-0.5, 2.5, 61)
+    assert np.array_equal(played(track, at)[:, :2], sample(channel, at))
+    assert played(track, at)[:, 2:] == pytest.approx(np.tile([0.25, 0.0, 1.0], (61, 1)), abs=1e-15)

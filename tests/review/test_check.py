@@ -1,0 +1,483 @@
+"""`wrinkle check`: what it measures, what it warns of, its tables, JSON and pictures."""
+
+import json
+import os
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from test_cli import Wrinkle, files, wrinkle
+from test_morphs import BACK, PALM, ROOT, Json, sample
+
+import wrinklecli
+from kit.builders import RADIUS, Asset, limb, limb_asset, tool, write_tools
+from wrinklecli.baking import warnings as placement
+from wrinklecli.errors import WrinkleError
+from wrinklecli.gltf.document import read_document
+from wrinklecli.review.check import Check, check
+
+__all__ = ["wrinkle"]  # a fixture
+
+Floats = NDArray[np.float64]
+
+WRIST = str(sample("wrist"))
+REACH = 0.4  # of the tool on a sheet, scene units to either side of the middle
+
+
+def sheet(path: Path, *profiles: Sequence[Sequence[float]], clip: bool = True) -> Path:
+    """A mesh of ribbons, each an (x, y) line drawn out along z from -0.5 to 0.5; the clip halves its x.
+
+    What lies to the left of a line, seen towards +z, is its outside: +y of one that runs to +x.
+    """
+    positions, faces = [], []
+    depths = np.linspace(-0.5, 0.5, 11)
+    for profile in profiles:
+        line = np.array(profile, np.float64)
+        start = sum(len(each) for each in positions)
+        points = [(x, y, z) for x, y in line for z in depths]
+        for k in range(len(line) - 1):
+            for j in range(len(depths) - 1):
+                a = start + k * len(depths) + j
+                b, c, d = a + 1, a + len(depths), a + len(depths) + 1
+                faces += [(a, b, c), (b, d, c)]
+        positions.append(np.array(points))
+    every = np.concatenate(positions)
+    asset = Asset()
+    asset.append(
+        "meshes",
+        {
+            "primitives": [
+                {
+                    "attributes": {"POSITION": asset.accessor(every)},
+                    "indices": asset.accessor(np.ravel(faces), "u2"),
+                    "targets": [{"POSITION": asset.accessor(every * [-0.5, 0.0, 0.0])}],
+                }
+            ]
+        },
+    )
+    asset.append("nodes", {"mesh": 0, "name": "sheet"})
+    if clip:
+        animation: Json = {"name": "squeeze"}
+        asset.channel(animation, 0, "weights", [0.0, 1.0, 1.5], [[0.0], [1.0], [0.0]])
+        asset.append("animations", animation)
+    return asset.write(path)
+
+
+def arc(degrees: float) -> Floats:
+    """A profile that is an arc between (-REACH, 0) and (REACH, 0), and goes on a little."""
+    half = np.radians(degrees) / 2
+    radius = REACH / np.sin(half)
+    angles = np.linspace(-1.05 * half, 1.05 * half, 85)
+    return np.stack([radius * np.sin(angles), radius * (np.cos(angles) - np.cos(half))], axis=1)
+
+
+def line(start: float, stop: float, y: float = 0.0) -> Floats:
+    return np.stack([np.linspace(start, stop, 21), np.full(21, y)], axis=1)
+
+
+def across(y: float = 0.0, **keys: Any) -> Json:
+    """The tool from one end of a sheet to the other."""
+    return {"name": "tool", "origin": [-REACH, y, 0.0], "target": [REACH, y, 0.0], "width": 0.3, "bumps": 2, **keys}
+
+
+def checked(asset: Path, *tools: Json, **options: Any) -> Check:
+    return check(asset, write_tools(asset.parent / "tools.yaml", *tools), **options)
+
+
+def warnings(asset: Path, *tools: Json, about: str, **options: Any) -> list[str]:
+    """The warnings with these words in them."""
+    return [line for line in checked(asset, *tools, **options).warnings if about in line]
+
+
+# --- What is measured ---
+
+
+@pytest.mark.parametrize("levels", [0, None])
+def test_it_says_what_a_bake_then_does(levels: int | None, tmp_path: Path) -> None:
+    tools = write_tools(tmp_path / "tools.yaml", PALM, {**BACK, "strategy": "both_ends"})
+    found = check(WRIST, tools, max_levels=levels)
+    report = wrinklecli.bake(WRIST, tools, tmp_path / "out.glb", max_levels=levels, details=True)
+    (mesh,), (baked,) = found.data["meshes"], report.data["meshes"]
+    assert mesh["vertices"] + mesh["new_vertices"] == baked["vertices"]
+    assert mesh["triangles"] + mesh["new_triangles"] == baked["triangles"]
+    assert mesh["levels"] == baked["levels"]
+    for ours, theirs in zip(found.data["tools"], report.data["tools"], strict=True):
+        assert ours["moved_vertices"] == theirs["moved_vertices"]
+        assert ours["rest_length"] == pytest.approx(theirs["rest_length"])
+        assert [ours[end]["off"] for end in ("origin", "target")] == pytest.approx(theirs["anchor_distances"])
+        for clip in ours["clips"]:
+            (entry,) = (each for each in report.data["clips"] if each["name"] == clip["name"])
+            (frames,) = (each for each in entry["tools"] if each["name"] == ours["name"])
+            shares = 1 - np.array(frames["distance"]) / frames["rest_length"]
+            # The bake looks closer: between the frames, where wrinkles start or end.
+            assert clip["shortening"] == pytest.approx([shares.min(), shares.max()], abs=2e-3)
+            assert entry["times"][int(shares.argmax())] == pytest.approx(clip["time"], abs=1 / 30)
+            assert clip["height"] == pytest.approx(frames["tallest"], rel=1e-3)
+
+
+def test_it_warns_of_all_that_a_bake_warns_of(tmp_path: Path) -> None:
+    asset = limb(tmp_path / "limb.glb", morphs=1)
+    tools = [
+        tool(name="twice", strength=2.0, clips={"absent": 1.0}),
+        tool(name="far", origin=[-0.4, RADIUS + 0.1, 0.0]),
+        tool(name="still", origin=[-0.95, RADIUS, 0.0], target=[-0.65, RADIUS, 0.0]),
+        tool(name="full", max_height="1%"),
+    ]
+    found = checked(asset, *tools, max_levels=1)
+    report = wrinklecli.bake(asset, tmp_path / "tools.yaml", tmp_path / "out.glb", max_levels=1)
+    assert len(report.warnings) >= 7
+    for words in (
+        "strength 2",
+        "no clip 'absent'",
+        "% of its segment",
+        "never shortens",
+        "not absorbed",
+        "at max_levels 1",
+    ):
+        assert [line for line in report.warnings if words in line], words
+    shown = {line.split(" is not absorbed")[0] for line in found.warnings}
+    assert {line.split(" is not absorbed")[0] for line in report.warnings} <= shown
+
+
+def test_edges_split_are_the_new_vertices_where_one_tool_splits_them(tmp_path: Path) -> None:
+    asset = limb(tmp_path / "limb.glb", seam=False)
+    data = checked(asset, tool()).data
+    assert data["tools"][0]["edges_split"] > 100
+    # Closing the refinement splits a few edges beside the patch as well.
+    assert (
+        0.9 * data["meshes"][0]["new_vertices"] <= data["tools"][0]["edges_split"] <= data["meshes"][0]["new_vertices"]
+    )
+    assert checked(asset, tool(), max_levels=0).data["tools"][0]["edges_split"] == 0
+
+
+@pytest.mark.parametrize("primitives", [1, 3])
+@pytest.mark.parametrize("up", ["y", "z"])
+def test_anchors_are_where_the_named_vertex_is_in_the_file_s_axes(up: str, primitives: int, tmp_path: Path) -> None:
+    asset = limb(tmp_path / "limb.glb", primitives=primitives)
+    x, height = 0.41, RADIUS + 0.01
+    place = [x, height, 0.0] if up == "y" else [x, 0.0, height]
+    ends: Json = {"origin": [-place[0], *place[1:]], "target": place}
+    tools = write_tools(tmp_path / "tools.yaml", tool(**ends, snap="vertex"), up=up)
+    (found,) = check(asset, tools).data["tools"]
+    document = read_document(asset)
+    stored = document.items("meshes")[0]["primitives"]
+    for end in ("origin", "target"):
+        anchor = found[end]
+        x, y, z = document.accessor(stored[anchor["primitive"]]["attributes"]["POSITION"])[anchor["vertex"]]
+        assert anchor["position"] == pytest.approx([x, y, z] if up == "y" else [x, -z, y])
+        assert anchor["off"] == pytest.approx(np.linalg.norm(np.array(anchor["position"]) - ends[end]), abs=1e-6)
+    assert {found["origin"]["primitive"], found["target"]["primitive"]} == ({0} if primitives == 1 else {0, 2})
+
+
+def test_overlaps_are_the_vertices_that_both_tools_move(tmp_path: Path) -> None:
+    asset = limb(tmp_path / "limb.glb")
+    tools = [
+        tool(name="a"),
+        tool(name="b", origin=[0.0, RADIUS, 0.0], target=[0.6, RADIUS, 0.0]),
+        tool(name="c", origin=[-0.4, -RADIUS, 0.0], target=[0.4, -RADIUS, 0.0]),
+    ]
+    found = checked(asset, *tools)
+    moved = [set(each.carrier.vertices.tolist()) for each in found.tools]
+    shared = len(moved[0] & moved[1])
+    assert shared > 10
+    assert [each["overlaps"] for each in found.data["tools"]] == [
+        [{"tool": "b", "vertices": shared}],
+        [{"tool": "a", "vertices": shared}],
+        [],
+    ]
+
+
+def test_stretching_is_negative_and_a_hidden_character_has_no_shortening(tmp_path: Path) -> None:
+    asset = limb_asset()
+    animation: Json = {"name": "hide"}
+    asset.channel(animation, 1, "scale", [0.0, 1.0], [[0.0] * 3] * 2)
+    asset.append("animations", animation)
+    outer = tool(origin=[-0.4, -RADIUS, 0.0], target=[0.4, -RADIUS, 0.0])
+    clips = checked(asset.write(tmp_path / "limb.glb"), outer, max_levels=0).data["tools"][0]["clips"]
+    assert clips[0]["name"] == "fold"
+    assert clips[0]["shortening"][0] < -0.15
+    assert clips[0]["shortening"][1] == pytest.approx(0.0, abs=1e-6)
+    assert clips[1] == {
+        "name": "hide",
+        "strength": 1.0,
+        "shortening": None,
+        "time": None,
+        "unabsorbed": 0.0,
+        "height": 0.0,
+    }
+
+
+def test_problems_of_all_tools_on_all_meshes_are_reported_at_once(tmp_path: Path) -> None:
+    asset = limb_asset()
+    asset.append("nodes", {"name": "twin", "mesh": 0, "skin": 0})
+    path = asset.write(tmp_path / "limb.glb")
+    off: Json = {"origin": [0.0, 9.0, 0.0]}
+    tools = [tool(name=f"{node}{k}", node=node, **off) for node in ("limb", "twin") for k in range(2)]
+    for run in (check, wrinklecli.bake):
+        with pytest.raises(WrinkleError) as caught:
+            run(path, write_tools(tmp_path / "tools.yaml", *tools))
+        assert [line.split(".origin")[0].rpartition(" ")[2] for line in caught.value.lines] == [
+            f"tools[{k}]" for k in range(4)
+        ]
+
+
+# --- What is wrong with places ---
+
+
+@pytest.mark.parametrize("degrees", [20.0, 90.0, 130.0, 150.0, 165.0])
+def test_a_segment_across_a_bulge_is_warned_of_by_how_long_the_surface_below_is(degrees: float, tmp_path: Path) -> None:
+    half = np.radians(degrees) / 2
+    lines = warnings(sheet(tmp_path / "a.glb", arc(degrees)), across(), about="times as long")
+    wanted = half / np.sin(half)
+    assert lines == (
+        [f"tool: the surface below its segment is {wanted:.2f} times as long: it reaches across a fold"]
+        if wanted > 1.3
+        else []
+    )
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.02, 0.3])
+def test_a_segment_over_a_gap_is_warned_of_by_its_share(gap: float, tmp_path: Path) -> None:
+    asset = sheet(tmp_path / "a.glb", line(-0.5, -gap / 2), line(gap / 2, 0.5))
+    lines = warnings(asset, across(), about="has no surface below")
+    assert bool(lines) == (gap > 0.05 * 2 * REACH)
+    if lines:
+        share = float(lines[0].split(" % ")[0].split()[-1])
+        assert share == pytest.approx(100 * gap / (2 * REACH), abs=2.0)
+
+
+@pytest.mark.parametrize("fold", [0.0, 0.1, 0.2])
+def test_a_patch_over_two_layers_is_warned_of_by_their_share(fold: float, tmp_path: Path) -> None:
+    # Forward on top, back below it, forward again below that: between -fold and fold there are two layers that face up.
+    lines_ = [line(-0.5, fold, 0.1), line(fold, -fold, 0.05), line(-fold, 0.5, 0.0)] if fold else [line(-0.5, 0.5)]
+    asset = sheet(tmp_path / "a.glb", np.concatenate(lines_))
+    ends: Json = {"origin": [-REACH, 0.1 if fold else 0.0, 0.0], "target": [REACH, 0.0, 0.0]}
+    lines = warnings(asset, across(**ends), about="two layers")
+    assert bool(lines) == (fold > 0)
+    if lines:
+        share = float(lines[0].split(" % ")[0].split()[-1])
+        assert share == pytest.approx(100 * 2 * fold / (2 * REACH), abs=8.0)
+
+
+def test_no_sample_s_tool_is_warned_of() -> None:
+    for asset, config in (("wrist", "wrist"), ("head", "head"), ("head", "head_keyed"), ("trousers", "trousers")):
+        assert check(sample(asset), ROOT / "configs" / f"{config}.yaml").warnings == ()
+
+
+@pytest.mark.parametrize("strength", [1.0, -1.0])
+@pytest.mark.parametrize("share", [0.1, 0.9, 1.1])
+def test_wrinkles_taller_than_the_room_are_warned_of(strength: float, share: float, tmp_path: Path) -> None:
+    alone = checked(sheet(tmp_path / "a.glb", line(-0.5, 0.5)), across(strength=strength)).data["tools"][0]
+    height = alone["clips"][0]["height"]
+    room = share * height
+    other = line(0.45, -0.45, room) if strength > 0 else line(-0.45, 0.45, -room)
+    asset = sheet(tmp_path / "a.glb", line(-0.5, 0.5), other)
+    lines = warnings(asset, across(strength=strength), about="opposite surface")
+    assert bool(lines) == (share < 1)
+    if lines:
+        assert f"{height:.3g} where there is room for {room:.3g} at rest, near [" in lines[0]
+    # The other way, there is nothing.
+    assert not warnings(asset, across(strength=-strength), about="opposite surface")
+    # Nor is there where no clip that is looked at raises them so far.
+    calm = {"strength": strength, "clips": {"squeeze": 0.2 * strength}}
+    assert bool(warnings(asset, across(**calm), about="opposite surface")) == (share < 0.2)
+
+
+def test_without_clips_the_tallest_wrinkles_possible_count(tmp_path: Path) -> None:
+    asset = sheet(tmp_path / "a.glb", line(-0.5, 0.5), line(0.45, -0.45, 0.05), clip=False)
+    assert warnings(asset, across(max_height=0.06), about="opposite surface")
+    assert not warnings(asset, across(max_height=0.04), about="opposite surface")
+
+
+def test_a_wrinkle_into_a_limb_has_the_room_of_its_thickness(tmp_path: Path) -> None:
+    asset = limb(tmp_path / "limb.glb", clip=None)
+    deep = tool(origin=[-0.9, RADIUS, 0.0], target=[0.9, RADIUS, 0.0], strength=-1, bumps=1)
+    lines = warnings(asset, {**deep, "max_height": 2.1 * RADIUS}, about="opposite surface")
+    assert f"where there is room for {2 * RADIUS:.3g} at rest" in lines[0]
+    assert not warnings(asset, {**deep, "max_height": 1.9 * RADIUS}, about="opposite surface")
+
+
+def test_collisions_are_the_same_in_small_portions_and_found_among_fewer_vertices(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asset = sheet(tmp_path / "a.glb", line(-0.5, 0.5), line(0.45, -0.45, 0.05))
+    whole = warnings(asset, across(), about="opposite surface")
+    assert len(whole) == 1
+    monkeypatch.setattr(placement, "_CHUNK", 7)
+    assert warnings(asset, across(), about="opposite surface") == whole
+    monkeypatch.setattr(placement, "_MOST_PAIRS", 500)
+    thinned = warnings(asset, across(), about="opposite surface")
+    assert len(thinned) == 1
+    assert thinned != whole
+
+
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize(("shift", "near"), [(0.02, True), (0.07, True), (0.09, False)])
+def test_tools_nearly_on_top_of_each_other_are_warned_of(
+    shift: float, near: bool, turned: bool, tmp_path: Path
+) -> None:
+    asset = sheet(tmp_path / "a.glb", line(-0.5, 0.5))
+    ends = [[-REACH, 0.0, shift], [REACH, 0.0, shift]]
+    second = across(name="other", origin=ends[turned], target=ends[not turned])
+    words = "lie nearly on top of each other"
+    assert warnings(asset, across(), second, about=words) == (
+        ["tool and other: lie nearly on top of each other, and their heights add up"] if near else []
+    )
+    # Those that never act together do not add up.
+    assert not warnings(asset, across(clips={"squeeze": 0}), second, about=words)
+
+
+@pytest.mark.parametrize(("height", "far"), [(0.0, False), (0.03, False), (0.1, True)])
+def test_an_anchor_far_from_the_mesh_is_warned_of(height: float, far: bool, tmp_path: Path) -> None:
+    asset = sheet(tmp_path / "a.glb", line(-0.5, 0.5))
+    lines = warnings(asset, across(origin=[-REACH, height, 0.0]), about="from the mesh")
+    assert bool(lines) == far
+    if far:
+        assert lines[0].startswith("tool: its origin is 0.1 from the mesh, 12 % of its segment")
+
+
+# --- The command ---
+
+
+def test_json_has_these_keys(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    write_tools(tmp_path / "tools.yaml", PALM, BACK)
+    ran = wrinkle("check", WRIST, "tools.yaml", "--json")
+    assert ran.code == 0
+    data = json.loads(ran.out)
+    assert list(data) == ["check", "asset", "tools_file", "meshes", "tools", "warnings"]
+    assert data["check"] == 1
+    assert list(data["meshes"][0]) == ["node", "vertices", "new_vertices", "triangles", "new_triangles", "levels"]
+    assert list(data["tools"][0]) == [
+        "name",
+        "node",
+        "where",
+        "origin",
+        "target",
+        "distance",
+        "rest_length",
+        "width",
+        "bumps",
+        "strategy",
+        "height_limit",
+        "triangles",
+        "edges_split",
+        "moved_vertices",
+        "overlaps",
+        "clips",
+        "warnings",
+    ]
+    assert list(data["tools"][0]["origin"]) == ["position", "off", "primitive", "vertex"]
+    assert list(data["tools"][0]["clips"][0]) == ["name", "strength", "shortening", "time", "unabsorbed", "height"]
+    assert sorted(files(tmp_path)) == ["tools.yaml"]
+
+
+def test_tables_are_on_standard_output_and_nothing_is_written(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    write_tools(tmp_path / "tools.yaml", PALM, BACK)
+    ran = wrinkle("check", WRIST, "tools.yaml", "--clip", "flex", "--max-levels", "0")
+    assert (ran.code, ran.lines) == (0, [])
+    lines = ran.out.splitlines()
+    assert [line for line in lines if line.endswith(" on wrist")] == ["palm on wrist", "back on wrist"]
+    clips = [line for line in lines if line.strip().startswith("flex")]
+    assert [line.split("%")[0].split()[-1] for line in clips] == ["56", "0"]
+    assert "warning: back: never shortens in flex: no wrinkle" in lines
+    assert not [line for line in lines if "extend" in line]
+    assert "\x1b" not in ran.out
+    assert sorted(files(tmp_path)) == ["tools.yaml"]
+
+
+def test_strict_refuses_warnings_and_errors_are_1(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    write_tools(tmp_path / "tools.yaml", PALM, BACK)
+    ran = wrinkle("check", WRIST, "tools.yaml", "--clip", "flex", "--strict")
+    assert ran.code == 3
+    assert "never shortens" in ran.out
+    assert ran.lines == ["tools.yaml: refused by --strict: 2 warnings"]
+    calm = {**PALM, "bumps": 2, "max_height": "none"}
+    write_tools(tmp_path / "calm.yaml", calm)
+    assert wrinkle("check", WRIST, "calm.yaml", "--strict").code == 0
+    write_tools(tmp_path / "bad.yaml", {**PALM, "origin": [9, 9, 9]})
+    failed = wrinkle("check", WRIST, "bad.yaml", "--strict")
+    assert (failed.code, failed.out, len(failed.lines)) == (1, "", 1)
+    assert wrinkle("check", WRIST, "bad.yaml", "--plot", "a.jpg").code == 2
+    assert wrinkle("check", WRIST).code == 2
+
+
+def test_names_cannot_command_a_terminal(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    asset = limb_asset()
+    asset.gltf["nodes"][0]["name"] = "\x1b[31mred\n"
+    asset.gltf["animations"][0]["name"] = "\x1b]0;x\x07"
+    asset.write(tmp_path / "limb.glb")
+    write_tools(tmp_path / "tools.yaml", tool(name="a\nb"))
+    ran = wrinkle("check", "limb.glb", "tools.yaml")
+    assert ran.code == 0
+    assert not set("\x1b\x07") & set(ran.out)
+    assert "a\\nb on \\x1b[31mred\\n" in ran.out
+
+
+# --- The picture ---
+
+
+def test_a_picture_is_the_same_in_every_process(tmp_path: Path) -> None:
+    write_tools(tmp_path / "tools.yaml", PALM, BACK)
+    for kind in ("svg", "png"):
+        made = []
+        for seed in ("1", "2"):
+            (tmp_path / seed).mkdir(exist_ok=True)
+            path = tmp_path / seed / f"plot.{kind}"
+            command = [sys.executable, "-c", "from wrinklecli.cli import main; main()", "check", WRIST, "tools.yaml"]
+            environment = {**os.environ, "PYTHONHASHSEED": seed, "TZ": f"UTC{seed}"}
+            subprocess.run(
+                [*command, "--plot", str(path)], cwd=tmp_path, env=environment, check=True, stdout=subprocess.DEVNULL
+            )
+            made.append(path.read_bytes())
+        assert made[0] == made[1]
+        assert made[0].startswith(b"\x89PNG" if kind == "png" else b"<?xml")
+
+
+def test_a_picture_shows_names_as_they_are(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    asset = limb_asset()
+    asset.gltf["animations"][0]["name"] = "_$\\frac{<a>&"
+    asset.write(tmp_path / "limb.glb")
+    write_tools(tmp_path / "tools.yaml", tool(name="$x$ 額\n\x1b" + "n" * 500), tool(name="keyed", rest_length="120%"))
+    ran = wrinkle("check", "limb.glb", "tools.yaml", "--plot", "a.svg")
+    assert (ran.code, ran.lines) == (0, [])
+    text = (tmp_path / "a.svg").read_text()
+    ET.fromstring(text)
+    # Text is drawn as outlines, with what it says in a comment before each.
+    assert "<!--  _$\\frac{&lt;a&gt;&amp; -->" in text
+    assert "<!-- $x$ \N{CJK UNIFIED IDEOGRAPH-984D}" in text
+    assert "n" * 60 not in text
+
+
+def test_a_clip_and_a_tool_that_never_act_are_drawn_too(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    limb(tmp_path / "limb.glb", clip=None, morphs=1)
+    write_tools(tmp_path / "tools.yaml", tool(details=[0.2], profile="polyline", strategy="origin"))
+    assert wrinkle("check", "limb.glb", "tools.yaml", "--plot", "a.png").code == 0
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_picture_takes_no_input_s_place(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    asset = limb_asset()
+    asset.write(tmp_path / "limb.svg")
+    write_tools(tmp_path / "tools.yaml")
+    before = files(tmp_path)
+    ran = wrinkle("check", "limb.svg", "tools.yaml", "--plot", "./limb.svg")
+    assert ran.code == 1
+    assert "would be overwritten" in ran.lines[0]
+    assert files(tmp_path) == before
+
+
+def test_without_matplotlib_it_says_what_to_install(
+    wrinkle: Wrinkle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    write_tools(tmp_path / "tools.yaml", PALM)
+    ran = wrinkle("check", WRIST, "tools.yaml", "--plot", "a.svg")
+    assert (ran.code, ran.out) == (1, "")
+    assert ran.lines == ["--plot needs matplotlib: pip install 'wrinklecli[plot]'"]
+    assert wrinkle("check", WRIST, "tools.yaml").code == 0

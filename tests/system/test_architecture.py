@@ -1,0 +1,128 @@
+"""The layout is the data flow: rooms import only from those above them, and each library has one door."""
+
+import ast
+import subprocess
+import sys
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+from wrinklecli.cli import cli
+
+PACKAGE = Path(__file__).parents[2] / "wrinklecli"
+# The way of the data. A room is a folder, or a module beside the folders.
+ROOMS = ("errors", "numeric", "tools", "gltf", "character", "method", "baking", "review", "testing", "cli")
+# Who may import a library; any module may import those that are not here.
+DOORS = {
+    "yaml": {"tools/yaml_tree"},
+    "jsonschema_rs": {"tools/read"},
+    "pygltflib": {"gltf/writer"},
+    "DracoPy": {"gltf/draco"},
+    "zstandard": {"gltf/original"},
+    "trimesh": {"baking/frames"},
+    "embreex": {"review/preview/preview", "review/preview/render"},
+    "PIL": {"review/preview/preview", "review/preview/sheet"},
+    "matplotlib": {"review/plot"},
+    "click": {"cli"},
+    "pytest": {"testing"},
+}
+# Still to be mended: imports from a room below.
+BELOW = {("numeric/subdivide", "character"), ("numeric/piecewise", "character")}
+HEAVY = ("numpy", "scipy", "jsonschema_rs", "pygltflib", "trimesh", "yaml", "zstandard", "matplotlib")
+
+
+def place_of(path: Path) -> str:
+    return path.relative_to(PACKAGE).with_suffix("").as_posix()
+
+
+def room_of(path: Path) -> str:
+    return place_of(path).split("/")[0]
+
+
+SOURCES = sorted(path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py")
+
+
+def imports_of(path: Path) -> set[str]:
+    """Full names of the modules that a file imports, anywhere in it."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}:{node.lineno}: imports are absolute"
+            assert node.module is not None
+            # `from wrinklecli.gltf import draco` imports a module, `from wrinklecli.gltf.draco import decode` a name.
+            if node.module.split(".")[0] == "wrinklecli":
+                found |= {f"{node.module}.{alias.name}" for alias in node.names}
+            found.add(node.module)
+    return found
+
+
+def test_rooms_are_the_folders() -> None:
+    assert {room_of(path) for path in SOURCES} == set(ROOMS)
+
+
+@pytest.mark.parametrize(
+    "room", sorted(path.parent for path in PACKAGE.rglob("__init__.py")), ids=lambda path: path.name
+)
+def test_room_says_what_it_is_for(room: Path) -> None:
+    assert ast.get_docstring(ast.parse((room / "__init__.py").read_text()))
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=place_of)
+def test_module_imports_only_from_rooms_above_it(path: Path) -> None:
+    own = ROOMS.index(room_of(path))
+    for name in imports_of(path):
+        if name.split(".")[0] != "wrinklecli" or name == "wrinklecli":
+            continue
+        room = name.split(".")[1]
+        if room == "bake":
+            assert room_of(path) == "cli", "the package's front door is for its users"
+        elif (place_of(path), room) not in BELOW:
+            assert ROOMS.index(room) <= own, f"{place_of(path)} imports {name}, which is not above it"
+
+
+def test_modules_of_a_room_do_not_import_each_other_in_a_circle() -> None:
+    modules = {place_of(path).replace("/", "."): imports_of(path) for path in SOURCES}
+    inner = {name: {each for each in modules if f"wrinklecli.{each}" in found} for name, found in modules.items()}
+    tuple(TopologicalSorter(inner).static_order())  # raises CycleError
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=place_of)
+def test_each_library_has_one_door(path: Path) -> None:
+    libraries = {name.split(".")[0] for name in imports_of(path)} & set(DOORS)
+    wrong = {library for library in libraries if not DOORS[library] & {place_of(path), room_of(path)}}
+    assert not wrong
+
+
+@pytest.mark.parametrize("arguments", [[], ["--help"], ["--version"], *([name, "--help"] for name in cli.commands)])
+def test_help_imports_nothing_heavy(arguments: list[str]) -> None:
+    program = (
+        "import sys\n"
+        "from wrinklecli.cli import main\n"
+        f"sys.argv = ['wrinkle', *{arguments!r}]\n"
+        "try:\n"
+        "    main()\n"
+        "except SystemExit:\n"
+        "    pass\n"
+        f"print('loaded:', *(name for name in {HEAVY!r} if name in sys.modules))\n"
+    )
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert result.stdout.splitlines()[-1] == "loaded:"
+
+
+def test_importing_the_package_imports_nothing_heavy() -> None:
+    program = f"import sys, wrinklecli; print(*(name for name in {HEAVY!r} if name in sys.modules))"
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == ""
+
+
+def test_core_never_prints_and_never_exits() -> None:
+    for path in SOURCES:
+        if room_of(path) == "cli":
+            continue
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Call):
+                called = ast.unparse(node.func)
+                assert called not in ("print", "exit", "sys.exit", "os._exit", "quit", "input"), f"{path}:{node.lineno}"

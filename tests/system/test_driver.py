@@ -1,0 +1,157 @@
+"""The sample driver: it gives clips that were never baked the weights that baking gives them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_morphs import BROW, ROOT, Editor, Gltf, Json, bake_config, bake_once, edited
+from test_track import config
+
+from kit.clients import clip_tracks, drive, gltfpack, optimize
+
+# The table's own straight lines, and what eight digits and float32 add where a height starts.
+TABLE = 1 / 256 + 1e-3
+
+
+def test_the_sample_is_small() -> None:
+    lines = [len((ROOT / "samples" / "driver" / name).read_text().splitlines()) for name in ("index.html", "driver.js")]
+    assert sum(lines) < 150
+
+
+@pytest.mark.parametrize(
+    ("name", "config", "clip"),
+    [
+        ("wrist", "wrist", "flex"),
+        ("wrist", "wrist", "extend"),
+        ("trousers", "trousers", "squat"),
+        ("trousers", "trousers", "walk"),
+        ("head", "head", "raise_brows"),
+    ],
+)
+def test_a_driven_clip_looks_as_if_it_were_baked(name: str, config: str, clip: str) -> None:
+    bare, whole = bake_config(name, config, tracks="none"), bake_config(name, config)
+    assert_driven(bare, whole, name, clip)
+
+
+def assert_driven(bare: Gltf, whole: Gltf, node: str, clip: str, tolerance: float = TABLE) -> None:
+    """The driver's weights on one file are the tracks of another, at their keys, in shares of each tool's tallest."""
+    times, values = whole.keys(clip, node)
+    names = whole.mesh(node)["extras"]["targetNames"]
+    driven = drive(bare.path, node=node, clip=clip, times=times.tolist(), driver=True)
+    assert set(driven) == set(names)
+    heights = np.sqrt(np.sum(whole.deltas(node) ** 2, axis=2)).max(axis=1)
+    tools = whole.json["nodes"][whole.node(node)]["extras"]["wrinkle"]["tools"]
+    assert tools
+    for tool in tools:
+        columns = [names.index(name) for name in tool["targets"]]
+        for k, share in zip(columns, heights[columns] / heights[columns].max(), strict=True):
+            error = share * np.abs(driven[names[k]] - values[:, [k]])
+            assert error.max() < tolerance, (names[k], times[error.max(axis=1).argmax()], error.max())
+
+
+def joint_of_the_bodys_name(editor: Editor) -> None:
+    next(node for node in editor.json["nodes"] if node["name"] == "skull")["name"] = "head"
+
+
+def test_a_body_may_be_named_like_a_joint() -> None:
+    asset = edited("head", joint_of_the_bodys_name)
+    bare, whole = (bake_once(asset, top=config("head"), tracks=tracks) for tracks in ("none", "all"))
+    assert_driven(bare, whole, "head", "raise_brows")
+
+
+def other_bind_space(editor: Editor) -> None:
+    """Inverse bind matrices as after quantisation, which takes positions to another space."""
+    for skin in editor.json["skins"]:
+        accessor = editor.json["accessors"][skin["inverseBindMatrices"]]
+        start = editor.json["bufferViews"][accessor["bufferView"]]["byteOffset"] + accessor.get("byteOffset", 0)
+        old = np.frombuffer(bytes(editor.data), "<f4", 16 * accessor["count"], start).reshape(-1, 4, 4)
+        wider = np.diag(np.float32([3.0, 3.0, 3.0, 1.0]))
+        wider[3, :3] = [0.1, -0.2, 0.3]
+        editor.data[start : start + old.nbytes] = np.float32(wider @ old).tobytes()
+
+
+def test_quantised_positions_do_not_matter(tmp_path: Path) -> None:
+    editor = Editor(Gltf(bake_config("trousers", "trousers", tracks="none").path))
+    other_bind_space(editor)
+    bare = Gltf(editor.save(tmp_path / "quantised.glb"))
+    assert_driven(bare, bake_config("trousers", "trousers"), "trousers", "squat")
+
+
+def with_clip(name: str, clip: str, source: Path) -> Path:
+    """A sample whose clip is as another file has it."""
+    paths = {"quaternion": "rotation", "position": "translation", "morphTargetInfluences": "weights"}
+
+    def change(editor: Editor) -> None:
+        gltf = editor.json
+        channels, samplers = [], []
+        for node, path, times, values in clip_tracks(source, clip):
+            carriers = [k for k, each in enumerate(gltf["nodes"]) if each["name"] == node]
+            if path == "morphTargetInfluences":
+                values = values[:, : len(gltf["meshes"][0]["primitives"][0].get("targets", []))]
+            if not carriers or not values.size:
+                continue
+            kind = {"quaternion": "VEC4", "morphTargetInfluences": "SCALAR"}.get(path, "VEC3")
+            flat = values.reshape(-1, 1) if kind == "SCALAR" else values
+            samplers.append({"input": editor.times(times.tolist()), "output": editor.accessor(flat.astype("<f4"))})
+            target = {"node": carriers[0], "path": paths.get(path, path)}
+            channels.append({"sampler": len(samplers) - 1, "target": target})
+        assert channels
+        gltf["animations"] = [{"name": clip, "channels": channels, "samplers": samplers}]
+
+    return edited(name, change)
+
+
+def optimised(kind: str, path: Path, out: Path) -> Path:
+    if kind == "glTF-Transform":
+        optimize(path, out)
+    else:
+        gltfpack(path, out, *kind.split())
+    return out
+
+
+@pytest.mark.parametrize("kind", ["glTF-Transform", "-ke -kn", "-ke -kn -cc"])
+@pytest.mark.parametrize(("name", "clip"), [("wrist", "flex"), ("trousers", "squat"), ("head", "raise_brows")])
+def test_an_optimiser_may_have_been_over_the_file(name: str, clip: str, kind: str, tmp_path: Path) -> None:
+    """Positions are quantised, bind matrices others. The clip that the optimiser leaves gets what baking it gives.
+
+    It is not the one that went in: resampled, its rotations in 12 to 16 bits, in gltfpack its morph weights in 8.
+    """
+    small = optimised(kind, bake_config(name, name, tracks="none").path, tmp_path / "small.glb")
+    whole = bake_once(with_clip(name, clip, small), top=config(name))
+    assert_driven(Gltf(small), whole, name, clip)
+
+
+def test_gltfpack_stores_morph_weights_in_8_bits(tmp_path: Path) -> None:
+    """What it adds to the table's error, by itself: brows lie up to 1/510 of their way elsewhere.
+
+    That is little for the brows and more for a wrinkle that just starts there, like a square root.
+    """
+    source = bake_config("head", "head", tracks="none")
+    for flags in (["-ke", "-kn"], ["-ke", "-kn", "-noq"], ["-ke", "-kn", "-af", "0"]):
+        gltfpack(source.path, tmp_path / "small.glb", *flags)
+        tracks = clip_tracks(tmp_path / "small.glb", "raise_brows")
+        ((times, values),) = ((t, v) for _, path, t, v in tracks if path == "morphTargetInfluences")
+        assert np.abs(255 * values - np.rint(255 * values)).max() < 1e-4
+        assert np.abs(values[:, :2] - source.weights("head", "raise_brows", times)[:, :2]).max() <= 1 / 510 + 1e-6
+
+
+@pytest.mark.parametrize("clip", ["raise_brows", "think"])
+def test_keyed_rest_lengths_of_a_sample(clip: str) -> None:
+    bare, whole = bake_config("head", "head_keyed", tracks="none"), bake_config("head", "head_keyed")
+    assert_driven(bare, whole, "head", clip)
+
+
+@pytest.mark.parametrize("strategy", ["everywhere", "origin", "both_ends"])
+@pytest.mark.parametrize("look", [{"bumps": 5}, {"bumps": 3, "details": [0.3, 0.2], "profile": "polyline", "gap": 1}])
+@pytest.mark.parametrize(
+    "rest_length",
+    [
+        {"morph": "browsUp", "full": "115%"},
+        {"keys": {"think": [[0.0, "100%"], [1.4, "118%"], [3.0, "100%"]], "raise_brows": [[0, "110%"]]}},
+    ],
+)
+def test_rest_lengths_that_a_morph_target_or_keys_drive(rest_length: Json, look: Json, strategy: str) -> None:
+    tool: Json = {**BROW, **look, "strategy": strategy, "rest_length": rest_length, "clips": {"raise_brows": 0.5}}
+    bare, whole = (bake_once("head", tool, tracks=tracks) for tracks in ("none", "all"))
+    for clip in ("raise_brows", "think"):
+        assert_driven(bare, whole, "head", clip)

@@ -1,0 +1,307 @@
+"""Damaged and malicious input: always a line that says so, never a traceback, a hang, a flood or a stray file."""
+
+import base64
+import errno
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from kit import hostile
+from kit.builders import Asset, limb_asset, tool, write_tools
+from wrinklecli import bake
+from wrinklecli.errors import BakeError, WrinkleError
+from wrinklecli.gltf.document import read_document
+
+Json = dict[str, Any]
+
+CASES = int(os.environ.get("WRINKLE_HOSTILE_CASES", "120"))
+BATCH = 40
+MAIN = "from wrinklecli.cli import main; main()"
+SMALL: Json = {"rings": 7, "sides": 6}
+
+
+@pytest.mark.parametrize("first", range(0, CASES, BATCH))
+def test_damaged_input_is_baked_or_refused(tmp_path: Path, first: int) -> None:
+    for number in range(first, min(first + BATCH, CASES)):
+        case = hostile.make_case(number)
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        try:
+            hostile.run(case, folder)
+        except Exception as error:
+            pytest.fail(f"case {case.name}: {type(error).__name__}: {error}", pytrace=True)
+
+
+@pytest.mark.parametrize("number", range(len(hostile.corpus())))
+def test_corpus_is_sound(tmp_path: Path, number: int) -> None:
+    source = hostile.corpus()[number]
+    asset = hostile.packed(source.gltf, source.data, source.suffix)
+    case = hostile.Case("sound", asset, json.dumps(source.tools).encode(), source.suffix, "out.glb", {"replace": True})
+    assert hostile.run(case, tmp_path) == "done"
+
+
+def refusal(folder: Path, asset: Asset | bytes, *tools: Json, **header: Any) -> str:
+    """The one line that a bake ends in, without much time or memory."""
+    path = folder / "limb.glb"
+    path.write_bytes(asset if isinstance(asset, bytes) else asset.glb())
+    settings = write_tools(folder / "tools.yaml", *tools, **header)
+    with hostile.bounded(seconds=5.0, megabytes=400.0), pytest.raises(WrinkleError) as caught:
+        bake(path, settings, folder / "out.glb")
+    assert sorted(each.name for each in folder.iterdir()) == ["limb.glb", "tools.yaml"]
+    (line,) = caught.value.lines
+    return line
+
+
+@pytest.mark.parametrize("count", [2**21, 2**26, 2**26 + 1, 2**32, 2**53, 2**64])
+def test_small_file_cannot_ask_for_gigabytes(tmp_path: Path, count: int) -> None:
+    gltf = {
+        "asset": {"version": "2.0"},
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "targets": [{}]}]}],
+        "accessors": [{"count": count, "type": "VEC3", "componentType": 5126}],
+    }
+    assert "#/accessors/0" in refusal(tmp_path, json.dumps(gltf).encode())
+
+
+def test_empty_morph_targets_take_no_gigabytes(tmp_path: Path) -> None:
+    asset = limb_asset(**SMALL, morphs=1)
+    asset.gltf["meshes"][0]["primitives"][0]["targets"] += [{}] * 200_000
+    assert "200001 morph targets of 49 vertices" in refusal(tmp_path, asset)
+
+
+def test_repeated_joints_take_no_gigabytes(tmp_path: Path) -> None:
+    asset = limb_asset(**SMALL)
+    asset.gltf["skins"][0]["joints"] += [1] * 50_000
+    del asset.gltf["skins"][0]["inverseBindMatrices"]
+    assert "has 50002 joints; at most 4096" in refusal(tmp_path, asset)
+
+
+def test_repeated_influences_take_no_minutes(tmp_path: Path) -> None:
+    asset = limb_asset(**SMALL)
+    attributes = asset.gltf["meshes"][0]["primitives"][0]["attributes"]
+    for k in range(1, 1000):
+        attributes |= {f"{kind}_{k}": attributes[f"{kind}_0"] for kind in ("JOINTS", "WEIGHTS")}
+    assert "has 1000 sets of joints; at most 16" in refusal(tmp_path, asset)
+
+
+@pytest.mark.parametrize(("count", "message"), [(100_000, "levels deep"), (1, "its own ancestor")])
+def test_long_and_endless_chains_are_refused(tmp_path: Path, count: int, message: str) -> None:
+    asset = limb_asset(**SMALL)
+    first = len(asset.gltf["nodes"])
+    last = 1 if count > 1 else first
+    asset.gltf["nodes"] += [{"children": [first + k + 1]} for k in range(count - 1)] + [{"children": [last]}]
+    assert message in refusal(tmp_path, asset)
+
+
+@pytest.mark.parametrize("end", [1e5, 1e30, 3e38])
+def test_endless_clip_is_refused(tmp_path: Path, end: float) -> None:
+    asset = limb_asset(**SMALL, clip=None)
+    animation: Json = {"name": "for ever"}
+    asset.channel(animation, 2, "rotation", [0.0, end], [[0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.6, 0.8]])
+    asset.append("animations", animation)
+    assert "frames" in refusal(tmp_path, asset)
+
+
+def test_many_vertices_at_one_place_take_no_minutes(tmp_path: Path) -> None:
+    count = 20_000
+    asset = limb_asset(**SMALL)
+    shares = np.linspace(0.0, 1.0, count)
+    asset.gltf["meshes"][0]["primitives"] = [
+        {
+            "attributes": {
+                "POSITION": asset.accessor(np.zeros((count, 3))),
+                "JOINTS_0": asset.accessor(np.tile([0, 1, 0, 0], (count, 1)), "u1"),
+                "WEIGHTS_0": asset.accessor(np.stack([shares, 1 - shares, 0 * shares, 0 * shares], axis=1)),
+            }
+        }
+    ]
+    assert "from the mesh" in refusal(tmp_path, asset)
+
+
+@pytest.mark.parametrize("value", [1e90, 1e200, -1e16])
+def test_transforms_without_meaning_are_refused(tmp_path: Path, value: float) -> None:
+    asset = limb_asset(**SMALL, root={"scale": [value, value, value]})
+    assert refusal(tmp_path, asset).startswith(f"{tmp_path / 'limb.glb'}#/nodes/3: ")
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -1e30])
+def test_inverse_bind_matrices_without_meaning_are_refused(tmp_path: Path, value: float) -> None:
+    asset = limb_asset(**SMALL)
+    index = asset.gltf["skins"][0]["inverseBindMatrices"]
+    view = asset.gltf["bufferViews"][asset.gltf["accessors"][index]["bufferView"]]
+    asset.data[view["byteOffset"] : view["byteOffset"] + 4] = np.float32(value).tobytes()
+    assert f"#/accessors/{index}: holds inverse bind matrices" in refusal(tmp_path, asset)
+
+
+def test_signalling_nan_is_refused_where_it_is(tmp_path: Path) -> None:
+    asset = limb_asset(**SMALL)
+    index = asset.gltf["meshes"][0]["primitives"][0]["attributes"]["POSITION"]
+    view = asset.gltf["bufferViews"][asset.gltf["accessors"][index]["bufferView"]]
+    asset.data[view["byteOffset"] : view["byteOffset"] + 4] = b"\x01\x00\xa0\x7f"
+    assert f"accessor {index} must hold 3 finite numbers" in refusal(tmp_path, asset)
+
+
+def test_products_that_overflow_say_where_in_the_program(tmp_path: Path) -> None:
+    asset = limb_asset(**SMALL)
+    scale = {"scale": [1e14] * 3}
+    first = len(asset.gltf["nodes"])
+    asset.gltf["nodes"] += [{**scale, "children": [first + k + 1]} for k in range(29)] + [{**scale, "children": [1]}]
+    line = refusal(tmp_path, asset)
+    assert "too large or too small to compute with (overflow encountered in" in line
+    assert ".py:" in line
+
+
+@pytest.mark.parametrize(("bumps", "edges"), [(64, 24), (4, 20_000)])
+def test_millions_of_triangles_are_refused(tmp_path: Path, bumps: int, edges: int) -> None:
+    details = [0.1] * 4 if bumps == 64 else []
+    asset = limb_asset() if bumps == 64 else hostile.pole(edges)
+    (tmp_path / "limb.glb").write_bytes(asset.glb())
+    settings = write_tools(
+        tmp_path / "tools.yaml", tool(bumps=bumps, details=details, width=1.0), refinement={"max_levels": 8}
+    )
+    with hostile.bounded(), pytest.raises(WrinkleError) as caught:
+        bake(tmp_path / "limb.glb", settings, tmp_path / "out.glb")
+    (line,) = caught.value.lines
+    assert line.startswith("limb: would have ")
+    assert "triangles at level" in line
+    assert "max_levels, now 8" in line
+
+
+def test_yaml_bomb_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "limb.glb").write_bytes(limb_asset(**SMALL).glb())
+    levels = [f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 10)}]" for k in range(1, 10)]
+    (tmp_path / "tools.yaml").write_text("\n".join(["a0: &a0 [x]", *levels]))
+    with hostile.bounded(seconds=5.0, megabytes=200.0), pytest.raises(WrinkleError, match="aliases are expanded"):
+        bake(tmp_path / "limb.glb", tmp_path / "tools.yaml", tmp_path / "out.glb")
+
+
+def linked(uri: str, *, kind: str = "buffers") -> str:
+    """A limb whose buffer, or an image, is behind a URI."""
+    asset = limb_asset(**SMALL)
+    inside = "data:application/gltf-buffer;base64," + base64.b64encode(asset.data).decode()
+    buffer = {"uri": uri if kind == "buffers" else inside, "byteLength": len(asset.data)}
+    return json.dumps({**asset.gltf, "buffers": [buffer], "images": [{"uri": uri}] if kind == "images" else []})
+
+
+@pytest.mark.parametrize("kind", ["buffers", "images"])
+@pytest.mark.parametrize(
+    "uri",
+    [
+        "../secret.bin",
+        "%2e%2e/secret.bin",
+        "sub/../../secret.bin",
+        "../assets/limb.bin",
+        "{folder}/limb.bin",
+        "{secret}",
+        "file://{secret}",
+        "http://localhost:9/limb.bin",
+        "//localhost/limb.bin",
+        "link.bin",
+        "pipe",
+        "folder",
+        "a%00b",
+    ],
+)
+def test_uri_reads_nothing_outside_the_folder(tmp_path: Path, uri: str, kind: str) -> None:
+    folder, out = tmp_path / "assets", tmp_path / "out"
+    for each in (folder, out, folder / "sub", folder / "folder"):
+        each.mkdir()
+    data = limb_asset(**SMALL).data
+    (tmp_path / "secret.bin").write_bytes(data)
+    (folder / "limb.bin").write_bytes(data)
+    (folder / "link.bin").symlink_to(tmp_path / "secret.bin")
+    os.mkfifo(folder / "pipe")
+    uri = uri.format(folder=folder, secret=tmp_path / "secret.bin")
+    (folder / "limb.gltf").write_text(linked(uri, kind=kind))
+    settings = write_tools(folder / "tools.yaml")
+    before = set(tmp_path.rglob("*"))
+    for name in ("out.glb", "out.gltf"):
+        with hostile.bounded(), pytest.raises(WrinkleError, match=f"limb.gltf#/{kind}/0"):
+            bake(folder / "limb.gltf", settings, out / name)
+    assert set(tmp_path.rglob("*")) == before
+
+
+def test_names_cannot_command_the_terminal(tmp_path: Path) -> None:
+    asset = limb_asset(**SMALL)
+    evil = "\x1b]0;owned\x07\r\n\x1b[31mred\u202e\u2028"
+    asset.gltf["animations"][0]["name"] = evil
+    asset.gltf["nodes"][0]["name"] = evil
+    path, settings = asset.write(tmp_path / "limb.glb"), write_tools(tmp_path / "tools.yaml", tool(node="limb"))
+    for more in ([], ["--clip", evil + "?"]):
+        command = [sys.executable, "-c", MAIN, "bake", path, settings, "-o", tmp_path / "out.glb", *more]
+        ended = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert ended.returncode == 1
+        assert ended.stderr.count("\n") == 1
+        assert ended.stderr.strip("\n").isprintable()
+
+
+def _full(*_: Any, **__: Any) -> Any:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def _read_only(*_: Any, **__: Any) -> Any:
+    raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+
+
+def _after(calls: int, function: Callable[..., Any], fault: Callable[..., Any]) -> Callable[..., Any]:
+    """A function that fails from a call on."""
+    left = [calls]
+
+    def failing(*args: Any, **options: Any) -> Any:
+        left[0] -= 1
+        return function(*args, **options) if left[0] >= 0 else fault()
+
+    return failing
+
+
+@pytest.mark.parametrize("calls", [0, 1, 2, 3])
+@pytest.mark.parametrize(
+    ("module", "name", "fault"),
+    [
+        (os, "fsync", _full),
+        (os, "replace", _full),
+        (os, "mkdir", _read_only),
+        (tempfile, "mkstemp", _read_only),
+    ],
+)
+@pytest.mark.parametrize("name_out", ["out.glb", "out.gltf"])
+def test_full_disk_leaves_the_old_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name_out: str, module: Any, name: str, fault: Any, calls: int
+) -> None:
+    folder, out = tmp_path / "assets", tmp_path / "out"
+    (folder / "textures").mkdir(parents=True)
+    out.mkdir()
+    (folder / "textures" / "skin.png").write_bytes(b"\x89PNG")
+    asset = limb_asset(**SMALL)
+    asset.gltf["images"] = [{"uri": "textures/skin.png"}]
+    asset.write(folder / "limb.gltf")
+    settings = write_tools(folder / "tools.yaml")
+    (out / name_out).write_bytes(b"old")
+    before = set(tmp_path.rglob("*"))
+    monkeypatch.setattr(module, name, _after(calls, getattr(module, name), fault))
+    try:
+        bake(folder / "limb.gltf", settings, out / name_out)
+    except BakeError as error:
+        (line,) = error.lines
+        assert "cannot be" in line
+        assert (out / name_out).read_bytes() == b"old"
+        assert set(tmp_path.rglob("*")) == before
+    else:
+        assert calls or (name, name_out) == ("mkdir", "out.glb")
+        read_document(out / name_out)
+
+
+def test_full_disk_for_temporary_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, settings = limb_asset(**SMALL).write(tmp_path / "limb.glb"), write_tools(tmp_path / "tools.yaml")
+    monkeypatch.setattr(tempfile.SpooledTemporaryFile, "write", _full)
+    with pytest.raises(BakeError, match="cannot be written: No space left"):
+        bake(path, settings, tmp_path / "out.glb")
+    assert not (tmp_path / "out.glb").exists()

@@ -1,0 +1,963 @@
+"""The tools file: its contract, its messages, and that nothing else ever comes out of it."""
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import FrozenInstanceError, asdict, fields
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wrinklecli.errors import ConfigError
+from wrinklecli.tools import schema
+from wrinklecli.tools import yaml_tree as yamltree
+from wrinklecli.tools.read import (
+    Length,
+    Marker,
+    RefinementSettings,
+    RestFrame,
+    RestLengthKeys,
+    RestLengthMorph,
+    Sampling,
+    ToolsFile,
+    WrinkleTool,
+    load_tools,
+    parse_tools,
+)
+from wrinklecli.tools.schema import TOOLS_SCHEMA
+
+FILE = TOOLS_SCHEMA["properties"]
+TOOL = FILE["tools"]["items"]["properties"]
+README = (Path(__file__).parents[2] / "configs" / "README.md").read_text(encoding="utf-8")
+# Lines 1 to 5 of a file with one tool; more keys of the tool follow from line 6 on.
+HEAD = """version: 1
+tools:
+  - name: brow.L
+    origin: [1, 2, 3]
+    target: [1, 4, 3]
+"""
+LENGTHS = "a length from 1e-9 to 1e9 scene units or a percentage from 0.01% to 10000%"
+TEXT = "text, in quotes where YAML would read a number, true, false or null"
+TOOL_KEYS = ", ".join(TOOL)
+FILE_KEYS = "version, up, rest, sampling, refinement, defaults, tools"
+
+EVERYTHING = """\
+version: 1
+up: y
+rest: {clip: walk, time: 0.5}
+sampling: {fps: 24, clips: [walk, run]}
+refinement: {max_levels: 3, edges_per_interval: 4, scheme: midpoint}
+defaults: {attenuation: linear}
+tools:
+  - name: brow.L
+    node: head_male
+    origin: [0.035, 0.845, 0.150]
+    target: {marker: brow_top.L}
+    snap: vertex
+    width: 0.05
+    strategy: both_ends
+    bumps: 5
+    gap: 1
+    max_height: 40%
+    details: [0.2, 0.1]
+    profile: polyline
+    attachment: patch
+    strength: -0.5
+    clips: {walk: 0.3, idle: 0}
+    rest_length: {keys: {frown: [[0, 0.06], [0.5, 110%]]}}
+    enabled: true
+    optional: true
+"""
+
+
+def tool(more: str = "width: 1", **options: str) -> WrinkleTool:
+    """The first tool of HEAD with more keys."""
+    text = options.get("before", "") + HEAD + "".join(f"    {line}\n" for line in more.splitlines())
+    return parse_tools(text).tools[0]
+
+
+def lines_of(text: str, name: str = "t.yaml") -> list[str]:
+    with pytest.raises(ConfigError) as caught:
+        parse_tools(text, name=name)
+    return list(caught.value.lines)
+
+
+def complaints(text: str) -> tuple[str, ...]:
+    """The lines of the error, none for a good file."""
+    try:
+        parse_tools(text)
+    except ConfigError as error:
+        return error.lines
+    return ()
+
+
+def tool_lines(more: str) -> list[str]:
+    return lines_of(HEAD + "".join(f"    {line}\n" for line in more.splitlines()))
+
+
+# --- what a file says ---
+
+
+def test_every_key_arrives():
+    assert parse_tools(EVERYTHING, name="t.yaml") == ToolsFile(
+        path="t.yaml",
+        rest=RestFrame("walk", 0.5),
+        sampling=Sampling(24.0, ("walk", "run")),
+        refinement=RefinementSettings(3, 4, "midpoint"),
+        tools=(
+            WrinkleTool(
+                name="brow.L",
+                node="head_male",
+                origin=(0.035, 0.845, 0.150),
+                target=Marker("brow_top.L"),
+                snap="vertex",
+                width=Length(0.05),
+                strategy="both_ends",
+                bumps=5,
+                gap=1,
+                max_height=Length(40.0, percent=True),
+                details=(0.2, 0.1),
+                profile="polyline",
+                attenuation="linear",
+                attachment="patch",
+                strength=-0.5,
+                clips={"walk": 0.3, "idle": 0.0},
+                rest_length=RestLengthKeys({"frown": ((0.0, Length(0.06)), (0.5, Length(110.0, True)))}),
+                optional=True,
+                where="t.yaml:8: tools[0]",
+            ),
+        ),
+    )
+
+
+def test_the_defaults_of_the_contract():
+    file = parse_tools(HEAD + "    width: 1\n")
+    assert (file.version, file.up, file.rest) == (1, "y", "stored")
+    assert (file.sampling, file.refinement) == (Sampling(30.0, "all"), RefinementSettings(4, 2, "butterfly"))
+    assert file.tools[0] == WrinkleTool(
+        name="brow.L",
+        node=None,
+        origin=(1.0, 2.0, 3.0),
+        target=(1.0, 4.0, 3.0),
+        snap="surface",
+        width=Length(1.0),
+        strategy="everywhere",
+        bumps=4,
+        gap=0,
+        max_height="auto",
+        details=(),
+        profile="smooth",
+        attenuation="bell",
+        attachment="skin",
+        strength=1.0,
+        clips={},
+        rest_length="auto",
+        enabled=True,
+        optional=False,
+        where="<tools>:3: tools[0]",
+    )
+
+
+def test_schema_and_records_agree_on_keys_and_defaults():
+    record = [entry.name for entry in fields(WrinkleTool)]
+    assert [key for key in TOOL if key != "mirror"] == [key for key in record if key != "where"]
+    plain = WrinkleTool(name="a", origin=(0, 0, 0), target=(1, 0, 0), width=Length(1))
+    for key, entry in TOOL.items():
+        if key != "mirror" and "default" in entry:
+            assert as_written(getattr(plain, key)) == entry["default"], key
+    file = ToolsFile(path="", tools=())
+    for key in ("up", "rest", "sampling", "refinement"):
+        assert as_written(getattr(file, key)) == FILE[key]["default"]
+    for key in ("sampling", "refinement"):
+        assert {name: entry["default"] for name, entry in FILE[key]["properties"].items()} == FILE[key]["default"]
+    assert as_written(RestFrame("a")) == {"clip": "a", "time": FILE["rest"]["then"]["properties"]["time"]["default"]}
+    own = {"name", "origin", "target"}
+    assert {key: entry for key, entry in TOOL.items() if key not in own} == FILE["defaults"]["properties"]
+
+
+@pytest.mark.parametrize(
+    ("more", "key", "expected"),
+    [
+        ("width: 80%", "width", Length(80.0, percent=True)),
+        ("width: '.5 %'", "width", Length(0.5, percent=True)),
+        ("width: 1e-3", "width", Length(0.001)),
+        ("width: 3", "width", Length(3.0)),
+        ("width: 1\nmax_height: none", "max_height", None),
+        ("width: 1\nmax_height: null", "max_height", None),
+        ("width: 1\nmax_height:", "max_height", None),
+        ("width: 1\nmax_height: auto", "max_height", "auto"),
+        ("width: 1\nmax_height: 2", "max_height", Length(2.0)),
+        ("width: 1\nnode: null", "node", None),
+        ("width: 1\nnode: 'on'", "node", "on"),
+        ("width: 1\nnode: 2020-01-01", "node", "2020-01-01"),
+        ("width: 1\nnode: 1:30", "node", "1:30"),
+        ("width: 1\nnode: !!str 5", "node", "5"),
+        ("width: 1\nbumps: 3.0", "bumps", 3),
+        ("width: 1\nbumps: !!int 3", "bumps", 3),
+        ("width: 1\noptional: yes", "optional", True),
+        ("width: 1\ndetails: []", "details", ()),
+        ("width: 1\nclips: {on: 0.5, 1: 2, y: 0, null: 1}", "clips", {"on": 0.5, "1": 2, "y": 0, "null": 1}),
+        ("width: 1\nrest_length: 110%", "rest_length", Length(110.0, percent=True)),
+        ("width: 1\nrest_length: 0.06", "rest_length", Length(0.06)),
+        (
+            "width: 1\nrest_length: {morph: browsUp, full: 115%}",
+            "rest_length",
+            RestLengthMorph("browsUp", Length(115.0, percent=True)),
+        ),
+        ("width: 1\nstrength: &s -2\nclips: {a: *s}", "clips", {"a": -2.0}),
+        ("<<: {width: 1, gap: 2}\ngap: 3", "gap", 3),
+        ("<<: [{width: 1, gap: 2}, {gap: 3, bumps: 7}]", "gap", 2),
+        ("<<: [{width: 1, gap: 2}, {gap: 3, bumps: 7}]", "bumps", 7),
+    ],
+)
+def test_values_as_read(more, key, expected):
+    found = getattr(tool(more), key)
+    assert found == expected
+    assert type(found) is type(expected)
+
+
+def test_lengths_resolve():
+    assert Length(0.5).resolve(4.0) == 0.5
+    assert Length(80.0, percent=True).resolve(4.0) == pytest.approx(3.2)
+
+
+def test_defaults_are_inherited_and_replaced_as_a_whole():
+    defaults = "defaults: {width: 80%, bumps: 7, clips: {a: 1, b: 2}, details: [0.1, 0.1]}\n"
+    found = tool("clips: {c: 3}\ndetails: []", before=defaults)
+    assert (found.width, found.bumps) == (Length(80.0, percent=True), 7)
+    assert (found.clips, found.details) == ({"c": 3.0}, ())
+    assert tool("width: 1", before="defaults:\n").bumps == 4
+
+
+def test_strength_in_a_clip():
+    found = tool("width: 1\nstrength: 2\nclips: {walk: 0.5}")
+    assert (found.strength_in("walk"), found.strength_in("run")) == (0.5, 2.0)
+
+
+def test_only_enabled_tools_are_kept_but_all_are_checked():
+    more = "  - {name: b, origin: [0, 0, 0], target: [1, 0, 0], width: 1}\n"
+    assert [found.name for found in parse_tools(f"{HEAD}    width: 1\n    enabled: no\n{more}").tools] == ["b"]
+    assert tool_lines("enabled: false\nwidth: 0") == [f"t.yaml:7: tools[0].width: found 0, expected {LENGTHS}"]
+
+
+def test_records_are_frozen_and_hash():
+    found = tool("width: 1\nrest_length: {keys: {a: [[0, 1]]}}")
+    assert hash(found) == hash(tool("width: 1\nrest_length: {keys: {a: [[0, 1]]}}"))
+    for record in (found, found.width, parse_tools(HEAD + "    width: 1"), Marker("a"), Sampling()):
+        with pytest.raises(FrozenInstanceError):
+            setattr(record, fields(record)[0].name, None)
+
+
+def test_z_up_positions_become_y_up():
+    found = tool("width: 1\nmirror: x", before="up: z\n")
+    assert found.origin == (1.0, 3.0, -2.0)
+    assert parse_tools("up: z\n" + HEAD + "    width: 1\n    mirror: x\n").tools[1].origin == (
+        -1.0,
+        3.0,
+        -2.0,
+    )
+
+
+@given(st.tuples(*[st.floats(-1e9, 1e9)] * 3))
+def test_the_turn_to_y_up_keeps_length_and_turns_back(position):
+    x, y, z = position
+    text = f"version: 1\nup: z\ntools: [{{name: a, origin: [{x}, {y}, {z}], target: {{marker: m}}, width: 1}}]"
+    u, v, w = parse_tools(text).tools[0].origin
+    assert (u, -w, v) == position
+    assert str(w) != "-0.0"
+
+
+# --- mirror ---
+
+
+@pytest.mark.parametrize(
+    ("name", "other"),
+    [
+        ("brow.L", "brow.R"),
+        ("brow.l", "brow.r"),
+        ("brow_R", "brow_L"),
+        ("brow_r", "brow_l"),
+        ("brow.L.001", "brow.R.001"),
+        ("l_brow", "r_brow"),
+        ("left brow", "right brow"),
+        ("leftBrow", "rightBrow"),
+        ("browRight", "browLeft"),
+        ("mixamorig:LeftArm", "mixamorig:RightArm"),
+        ("LEFT_ARM", "RIGHT_ARM"),
+        ("bright.L", "bright.R"),
+        ("ball_l", "ball_r"),
+    ],
+)
+def test_mirror_exchanges_sides(name, other):
+    text = f"version: 1\ntools: [{{name: '{name}', mirror: x, origin: [1, 2, 3], target: [2, 2, 3], width: 1}}]"
+    assert [found.name for found in parse_tools(text).tools] == [name, other]
+
+
+@pytest.mark.parametrize("name", ["brow", "bright", "cleft", "Lip", "browl", "upright", "Leftover"])
+def test_a_name_without_a_side_cannot_be_mirrored(name):
+    text = HEAD.replace("brow.L", name) + "    width: 1\n    mirror: x\n"
+    assert lines_of(text) == [
+        f"t.yaml:3: tools[0].name: found {name}, expected a side to exchange for mirror, such as brow.L or left_brow"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("axis", "up", "expected"),
+    [
+        ("x", "y", (-1.0, 2.0, 3.0)),
+        ("y", "y", (1.0, -2.0, 3.0)),
+        ("z", "y", (1.0, 2.0, -3.0)),
+        ("x", "z", (-1.0, 3.0, -2.0)),
+        ("y", "z", (1.0, 3.0, 2.0)),
+        ("z", "z", (1.0, -3.0, -2.0)),
+    ],
+)
+def test_mirror_negates_the_axis_as_written(axis, up, expected):
+    text = f"up: {up}\n{HEAD}    width: 1\n    mirror: {axis}\n"
+    assert parse_tools(text).tools[1].origin == expected
+
+
+def test_a_mirrored_tool_copies_the_rest_and_names_its_source():
+    text = EVERYTHING.replace("    enabled: true\n", "    mirror: x\n").replace("head_male", "glove_l")
+    source, other = parse_tools(text, name="t.yaml").tools
+    assert (other.name, other.target, other.node) == ("brow.R", Marker("brow_top.R"), "glove_r")
+    assert other.where == "t.yaml:8: tools[0] (mirrored as brow.R)"
+    changed = {"name", "origin", "target", "node", "where"}
+    for entry in fields(WrinkleTool):
+        if entry.name not in changed:
+            assert getattr(other, entry.name) == getattr(source, entry.name)
+
+
+def test_mirror_exchanges_the_driving_morph_target():
+    text = HEAD + "    width: 1\n    mirror: x\n    rest_length: {morph: browUpLeft, full: 115%}\n"
+    assert [found.rest_length.morph for found in parse_tools(text).tools] == ["browUpLeft", "browUpRight"]
+
+
+def test_mirror_twice_is_the_source():
+    text = HEAD + "    width: 1\n    mirror: x\n"
+    there = parse_tools(text).tools[1]
+    back = f"version: 1\ntools: [{{name: {there.name}, origin: {list(there.origin)}, "
+    back += f"target: {list(there.target)}, width: 1, mirror: x}}]"
+    source, again = parse_tools(text).tools[0], parse_tools(back).tools[1]
+    assert (again.name, again.origin, again.target) == (source.name, source.origin, source.target)
+
+
+def test_mirror_order_and_none():
+    more = "  - {name: b.L, origin: [0, 0, 0], target: [1, 0, 0], width: 1, mirror: none}\n"
+    text = f"defaults: {{mirror: x}}\n{HEAD}    width: 1\n{more}"
+    assert [found.name for found in parse_tools(text).tools] == ["brow.L", "brow.R", "b.L"]
+
+
+def test_mirror_collisions():
+    other = "  - {name: brow_R, origin: [0, 0, 0], target: [1, 0, 0], width: 1}\n"
+    assert lines_of(f"{HEAD}    width: 1\n    mirror: x\n{other}") == [
+        "t.yaml:3: tools[0].name: found brow.L, but its mirrored tool would have the name of tools[1]"
+    ]
+    across = HEAD.replace("[1, 2, 3]", "[-1, 2, 3]").replace("[1, 4, 3]", "[1, 2, 3]")
+    for text in (across, HEAD.replace("[1, ", "[0, ")):
+        assert lines_of(f"{text}    width: 1\n    mirror: x\n") == [
+            "t.yaml:3: tools[0].name: found brow.L, but its mirrored tool would lie on itself: remove mirror"
+        ]
+
+
+def test_a_missing_end_does_not_lie_on_itself():
+    text = HEAD.replace("[1, ", "[0, ").replace("    target: [0, 4, 3]\n", "")
+    assert lines_of(f"{text}    width: 1\n    mirror: x\n") == ["t.yaml:3: tools[0].target: required, but missing"]
+
+
+# --- what a file must not say ---
+
+BAD_TOOL_KEYS = [  # one more key on line 6 of HEAD (width on line 7), the line's rest
+    ("widht: 0.05", "tools[0].widht: unknown key, did you mean width?"),
+    ("Bumps: 3", "tools[0].Bumps: unknown key, did you mean bumps?"),
+    ("zzz: 3", f"tools[0].zzz: unknown key, expected {TOOL_KEYS}"),
+    ('"a b\\n": 3', f"tools[0]['a b\\n']: unknown key, expected {TOOL_KEYS}"),
+    ("bumps: 2.5", "tools[0].bumps: found 2.5, expected a whole number from 1 to 64"),
+    ("bumps: 0", "tools[0].bumps: found 0, expected a whole number from 1 to 64"),
+    ("bumps: 65", "tools[0].bumps: found 65, expected a whole number from 1 to 64"),
+    ("bumps: 010", "tools[0].bumps: found 010, expected a whole number from 1 to 64"),
+    ("bumps: '3'", "tools[0].bumps: found '3', expected a whole number from 1 to 64"),
+    ("bumps: true", "tools[0].bumps: found true, expected a whole number from 1 to 64"),
+    ("bumps:", "tools[0].bumps: found nothing, expected a whole number from 1 to 64"),
+    ("bumps: [1]", "tools[0].bumps: found a list of 1, expected a whole number from 1 to 64"),
+    (f"bumps: {'9' * 5000}", f"tools[0].bumps: found {'9' * 39}…, expected a whole number from 1 to 64"),
+    ("gap: -1", "tools[0].gap: found -1, expected a whole number from 0 to 64"),
+    ("max_height: tall", f"tools[0].max_height: found tall, expected auto, none, {LENGTHS}"),
+    (
+        "max_height: atuo",
+        f"tools[0].max_height: found atuo, expected auto, none, {LENGTHS}; did you mean auto?",
+    ),
+    ("max_height: 0%", f"tools[0].max_height: found 0%, expected auto, none, {LENGTHS}"),
+    ("details: [0.5, 0]", "tools[0].details[1]: found 0, expected a number from 0.001 to 0.99"),
+    ("details: 0.5", "tools[0].details: found 0.5, expected a list of up to 4 shares"),
+    (
+        "details: [.1, .1, .1, .1, .1]",
+        "tools[0].details: found a list of 5, expected a list of up to 4 shares",
+    ),
+    (
+        "details: [0.5, 0.5]",
+        "tools[0].details: found a list of 2, expected shares whose sum is at most 0.99, not 1",
+    ),
+    ("snap: on", "tools[0].snap: found on, expected surface or vertex"),
+    ("snap: vertx", "tools[0].snap: found vertx, expected surface or vertex; did you mean vertex?"),
+    ("mirror: w", "tools[0].mirror: found w, expected x, y, z or none"),
+    (
+        "strategy: Both ends",
+        "tools[0].strategy: found Both ends, expected everywhere, origin or both_ends; did you mean both_ends?",
+    ),
+    ("node: no", f"tools[0].node: found no, expected {TEXT}"),
+    ("node: 5", f"tools[0].node: found 5, expected {TEXT}"),
+    ("node: ''", f"tools[0].node: found '', expected {TEXT}"),
+    ("strength: .nan", "tools[0].strength: found .nan, expected a number from -100 to 100"),
+    ("strength: -.inf", "tools[0].strength: found -.inf, expected a number from -100 to 100"),
+    ("strength: 1e400", "tools[0].strength: found 1e400, expected a number from -100 to 100"),
+    ("clips: walk", "tools[0].clips: found walk, expected a mapping of clip names to strengths"),
+    ("clips: {a: x}", "tools[0].clips.a: found x, expected a number from -100 to 100"),
+    ("clips: {'Walk 1': no}", "tools[0].clips['Walk 1']: found no, expected a number from -100 to 100"),
+    ("enabled: maybe", "tools[0].enabled: found maybe, expected true or false"),
+    ("enabled: 1", "tools[0].enabled: found 1, expected true or false"),
+    ("optional: 'yes'", "tools[0].optional: found 'yes', expected true or false"),
+    (
+        "rest_length: {}",
+        f"tools[0].rest_length: found a mapping, expected auto, {LENGTHS}, "
+        "{keys: {CLIP: [[SECONDS, LENGTH], …]}} or {morph: NAME, full: LENGTH}",
+    ),
+    ("rest_length: {morph: a}", "tools[0].rest_length.full: required, but missing"),
+    ("rest_length: {morp: a, full: 1}", "tools[0].rest_length.morp: unknown key, did you mean morph?"),
+    (
+        "rest_length: {keys: {}}",
+        "tools[0].rest_length.keys: found a mapping, expected a mapping of clip names to lists of [seconds, length]",
+    ),
+    (
+        "rest_length: {keys: {a: []}}",
+        "tools[0].rest_length.keys.a: found a list of 0, expected a list of one or more [seconds, length]",
+    ),
+    (
+        "rest_length: {keys: {a: [[1, 1], [1, 2]]}}",
+        "tools[0].rest_length.keys.a: found a list of 2, expected times that rise from key to key, not 1 and then 1",
+    ),
+    (
+        "rest_length: {keys: {a: [[1, 1], [2]]}}",
+        "tools[0].rest_length.keys.a[1]: found a list of 1, expected [seconds, length]",
+    ),
+    (
+        "rest_length: {keys: {a: [[-1, 1]]}}",
+        "tools[0].rest_length.keys.a[0][0]: found -1, expected seconds from 0 to 1e6",
+    ),
+    (
+        'node: "a\\eb\\n"\nnode: x',
+        "tools[0].node: duplicate key, first on line 6",
+    ),
+    ("node: !py x", "tools[0].node: found the tag !py, expected a value without it"),
+    (
+        "node: !!python/object:os.system x",
+        "tools[0].node: found the tag python/object:os.system, expected a value without it",
+    ),
+    ('node: "\\ud800"', "tools[0].node: found '\\ud800', expected valid Unicode"),
+    ("<<: 5", "tools[0]['<<']: expected a mapping to merge"),
+    ("? [a]\n: 5", "tools[0]: found a key that is no text, expected a name"),
+    (
+        'enabled: "\\e[31m' + "x" * 50 + '"',
+        f"tools[0].enabled: found '\\x1b[31m{'x' * 34}…', expected true or false",
+    ),
+]
+
+
+@pytest.mark.parametrize(("more", "expected"), BAD_TOOL_KEYS)
+def test_a_bad_key_is_one_line(more, expected):
+    line = 7 if "duplicate" in expected else 6
+    assert tool_lines(more + "\nwidth: 1") == [f"t.yaml:{line}: {expected}"]
+
+
+BAD_FILES = [
+    ("", ["1: the file is empty, expected a mapping with version and tools"]),
+    ("# nothing\n", ["1: the file is empty, expected a mapping with version and tools"]),
+    ("[1]", [f"1: found a list of 1, expected a mapping of {FILE_KEYS}"]),
+    ("hello", [f"1: found hello, expected a mapping of {FILE_KEYS}"]),
+    ("{}", ["1: version: required, but missing", "1: tools: required, but missing"]),
+    ("a: [", ["1: YAML: expected the node content, but found '<stream end>', while parsing a flow node"]),
+    (
+        "a: 1\n\tb: 2",
+        ["2: YAML: found character '\\t' that cannot start any token, while scanning for the next token"],
+    ),
+    ("a: *b", ["1: YAML: found undefined alias 'b'"]),
+    ("a: 1\n---\nb: 1", ["2: YAML: but found another document, expected a single document in the stream"]),
+    ("a: 1\nb: \x07", ["2: YAML: character U+0007 is not allowed"]),
+    ('a: "\\U00110000"', ["1: YAML: chr() arg not in range(0x110000)"]),
+    ("[" * 5000, ["1: YAML: nested more than 32 levels deep"]),
+    ("- " * 5000, ["1: YAML: nested more than 32 levels deep"]),
+    ("a: &a [*a]", ["1: YAML: nested more than 32 levels deep: an alias stands within its own anchor"]),
+    ("a: &a {<<: *a}", ["1: YAML: nested more than 32 levels deep: an alias stands within its own anchor"]),
+    ("x" * 4_000_001, ["1: found 4,000,001 characters, expected at most 4,000,000"]),
+    ("[" + "1," * 100_001 + "]", ["1: YAML: more than 100,000 values"]),
+]
+
+
+@pytest.mark.parametrize(("text", "expected"), BAD_FILES, ids=[str(i) for i in range(len(BAD_FILES))])
+def test_files_that_are_no_tools_files(text, expected):
+    assert lines_of(text) == [f"t.yaml:{line}" for line in expected]
+
+
+BAD_HEADERS = [
+    ("version: 2", "version: found 2, expected 1, the only version so far"),
+    ("version: true", "version: found true, expected 1, the only version so far"),
+    ("version: '1'", "version: found '1', expected 1, the only version so far"),
+    ("up: x", "up: found x, expected y or z"),
+    ("up: yes", "up: found yes, expected y or z"),
+    ("up: Y", "up: found Y, expected y or z; did you mean y?"),
+    ("rest: bound", "rest: found bound, expected stored, bind or {clip: NAME, time: 0}; did you mean bind?"),
+    ("rest: {time: 1}", "rest.clip: required, but missing"),
+    ("rest: {clip: a, time: -1}", "rest.time: found -1, expected seconds from 0 to 1e6"),
+    ("sampling: 30", "sampling: found 30, expected a mapping of fps, clips"),
+    ("sampling: {fps: 0}", "sampling.fps: found 0, expected a number from 0.1 to 1000"),
+    ("sampling: {clips: walk}", "sampling.clips: found walk, expected all or a list of clip names"),
+    ("sampling: {clips: []}", "sampling.clips: found a list of 0, expected all or a list of clip names"),
+    ("sampling: {clips: [a, 1]}", f"sampling.clips[1]: found 1, expected {TEXT}"),
+    ("sampling: {clips: [a, a]}", "sampling.clips: found a list of 2, expected each clip named once"),
+    ("refinement: {max_lvls: 2}", "refinement.max_lvls: unknown key, did you mean max_levels?"),
+    ("refinement: {zzz: 2}", "refinement.zzz: unknown key, expected max_levels, edges_per_interval, scheme"),
+    (
+        "refinement: {max_levels: 9}",
+        "refinement.max_levels: found 9, expected a whole number from 0 to 8",
+    ),
+    (
+        "refinement: {scheme: loop}",
+        "refinement.scheme: found loop, expected butterfly or midpoint",
+    ),
+    ("defaults: 5", f"defaults: found 5, expected a mapping of {', '.join(FILE['defaults']['properties'])}"),
+    ("defaults: {name: a}", "defaults.name: not inherited, each tool needs its own"),
+    ("defaults: {bumps: 0}", "defaults.bumps: found 0, expected a whole number from 1 to 64"),
+    ("defaults: {bupms: 1}", "defaults.bupms: unknown key, did you mean bumps?"),
+    ("tool: []", "tool: unknown key, did you mean tools?"),
+]
+
+
+@pytest.mark.parametrize(("line", "expected"), BAD_HEADERS)
+def test_a_bad_header_is_one_line(line, expected):
+    head = HEAD.removeprefix("version: 1\n") if line.startswith("version") else HEAD
+    assert lines_of(f"{line}\n{head}    width: 1\n") == [f"t.yaml:1: {expected}"]
+
+
+@pytest.mark.parametrize(
+    ("anchor", "expected"),
+    [
+        ("[1, 2]", ": found a list of 2, expected [x, y, z] or {marker: NODE}"),
+        ("5", ": found 5, expected [x, y, z] or {marker: NODE}"),
+        ("", ": found nothing, expected [x, y, z] or {marker: NODE}"),
+        ("[1, 2, a]", "[2]: found a, expected a number from -1e9 to 1e9"),
+        ("[1, yes, 0]", "[1]: found yes, expected a number from -1e9 to 1e9"),
+        ("[.inf, 0, 0]", "[0]: found .inf, expected a number from -1e9 to 1e9"),
+        ("{marke: a}", ".marke: unknown key, did you mean marker?"),
+        ("{marker: 5}", f".marker: found 5, expected {TEXT}"),
+        ("[1, 2, 3]", ": same as origin, expected another point"),
+    ],
+)
+def test_bad_anchors(anchor, expected):
+    text = HEAD.replace("[1, 4, 3]", anchor) + "    width: 1\n"
+    assert lines_of(text) == [f"t.yaml:5: tools[0].target{expected}"]
+
+
+@pytest.mark.parametrize(
+    ("tools", "expected"),
+    [
+        ("tools:", "tools: found nothing, expected a list of 1 to 1,000 tools"),
+        ("tools: []", "tools: found a list of 0, expected a list of 1 to 1,000 tools"),
+        ("tools: {a: 1}", "tools: found a mapping, expected a list of 1 to 1,000 tools"),
+        ("tools: {a: {name: b, width: [1]}}", "tools: found a mapping, expected a list of 1 to 1,000 tools"),
+        ("tools: [5]", f"tools[0]: found 5, expected a mapping of {TOOL_KEYS}"),
+        (f"tools: [{'1, ' * 1001}]", "tools: found a list of 1001, expected a list of 1 to 1,000 tools"),
+    ],
+)
+def test_bad_lists_of_tools(tools, expected):
+    assert lines_of(f"version: 1\n{tools}") == [f"t.yaml:2: {expected}"]
+
+
+def test_names_must_differ_once_they_are_sanitised():
+    other = "  - {name: brow_L, origin: [0, 0, 0], target: [1, 0, 0], width: 1}\n"
+    assert lines_of(f"{HEAD}    width: 1\n{other}") == [
+        "t.yaml:7: tools[1].name: found brow_L, but tools[0] has that name: they must differ in letters, digits or _"
+    ]
+    assert tool().identifier == "brow_L"
+
+
+def test_everything_wrong_is_reported_at_once_in_the_order_of_lines():
+    assert lines_of(
+        "version: 2\n"
+        "defaults:\n"
+        "  bumps: 0\n"
+        "tools:\n"
+        "  - name: a\n"
+        "    origin: [0, 0, x]\n"
+        "    mirror: x\n"
+        "  - name: a\n"
+        "    widht: 1\n"
+        "    target: [0, 0, 0]\n"
+    ) == [
+        "t.yaml:1: version: found 2, expected 1, the only version so far",
+        "t.yaml:3: defaults.bumps: found 0, expected a whole number from 1 to 64",
+        "t.yaml:5: tools[0].target: required, but missing",
+        "t.yaml:5: tools[0].width: required, but missing",
+        "t.yaml:5: tools[0].name: found a, expected a side to exchange for mirror, such as brow.L or left_brow",
+        "t.yaml:6: tools[0].origin[2]: found x, expected a number from -1e9 to 1e9",
+        "t.yaml:8: tools[1].origin: required, but missing",
+        "t.yaml:8: tools[1].name: found a, but tools[0] has that name: they must differ in letters, digits or _",
+        "t.yaml:9: tools[1].widht: unknown key, did you mean width?",
+    ]
+
+
+def test_all_of_a_key_s_problems_are_reported():
+    assert tool_lines("width: 1\nrest_length:\n  keys:\n    a: [[1, 1], [1, 2], [0, 2]]\n    b: [[2, 1], [1, 2]]") == [
+        "t.yaml:9: tools[0].rest_length.keys.a: found a list of 3, "
+        "expected times that rise from key to key, not 1 and then 1",
+        "t.yaml:10: tools[0].rest_length.keys.b: found a list of 2, "
+        "expected times that rise from key to key, not 2 and then 1",
+    ]
+    assert tool_lines("width: 1\ndetails: [0, 2, .1]\nclips: {a: x, b: 300}") == [
+        "t.yaml:7: tools[0].details[0]: found 0, expected a number from 0.001 to 0.99",
+        "t.yaml:7: tools[0].details[1]: found 2, expected a number from 0.001 to 0.99",
+        "t.yaml:8: tools[0].clips.a: found x, expected a number from -100 to 100",
+        "t.yaml:8: tools[0].clips.b: found 300, expected a number from -100 to 100",
+    ]
+
+
+def test_a_misspelt_default_is_reported_once_and_not_for_each_tool():
+    assert lines_of(f"defaults: {{widht: 1}}\n{HEAD}") == ["t.yaml:1: defaults.widht: unknown key, did you mean width?"]
+    assert lines_of(f"defaults: {{width: no}}\n{HEAD}") == [f"t.yaml:1: defaults.width: found no, expected {LENGTHS}"]
+
+
+def test_alias_bombs_are_refused():
+    lists = "a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]\n"
+    maps = "a0: &a0 {x: 1}\n"
+    for i in range(9):
+        aliases = ", ".join([f"*a{i}"] * 10)
+        lists += f"a{i + 1}: &a{i + 1} [{aliases}]\n"
+        maps += f"a{i + 1}: &a{i + 1} {{<<: [{aliases}]}}\n"
+    for text in (lists, maps):
+        (line,) = lines_of(text)
+        assert line.endswith("YAML: more than 100,000 values once the aliases are expanded")
+
+
+def test_merged_problems_are_reported_at_the_lines_where_they_stand():
+    text = f"version: 1\ntools:\n  - &a\n{HEAD.split('- ')[1].replace('name', '    name', 1)}    bumps: 0\n"
+    text += "    width: 1\n  - <<: *a\n    name: b\n    bumps: 1\n"
+    assert lines_of(text) == [
+        "t.yaml:7: tools[0].bumps: found 0, expected a whole number from 1 to 64",
+    ]
+
+
+# --- files ---
+
+
+def test_load_names_the_file_as_typed(tmp_path, monkeypatch):
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub" / "t.yaml").write_text(HEAD + "    width: 1\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    file = load_tools(Path("sub/t.yaml"))
+    name = os.path.join("sub", "t.yaml")
+    assert (file.path, file.tools[0].where) == (name, f"{name}:3: tools[0]")
+    assert load_tools("./sub/t.yaml").path == "./sub/t.yaml"
+
+
+def test_load_takes_a_byte_order_mark_and_windows_lines(tmp_path):
+    path = tmp_path / "t.yaml"
+    text = HEAD + "    width: 1\n    bumps: x\n"
+    path.write_bytes(b"\xef\xbb\xbf" + text.replace("\n", "\r\n").encode())
+    with pytest.raises(ConfigError) as caught:
+        load_tools(path)
+    assert caught.value.lines == (f"{path}:7: tools[0].bumps: found x, expected a whole number from 1 to 64",)
+
+
+@pytest.mark.parametrize(
+    ("data", "expected"),
+    [
+        (b"a: 1\nb: \xff", ":2: found byte 0xff, expected UTF-8"),
+        ("a: 1".encode("utf-16"), ":1: found byte 0xff, expected UTF-8"),
+        (b"#" * 4_000_001, ": larger than 4 MB, expected YAML"),
+    ],
+    ids=["latin", "utf-16", "large"],
+)
+def test_load_refuses_other_files(tmp_path, data, expected):
+    path = tmp_path / "t.yaml"
+    path.write_bytes(data)
+    with pytest.raises(ConfigError) as caught:
+        load_tools(path)
+    assert caught.value.lines == (f"{path}{expected}",)
+
+
+def test_load_says_why_a_file_cannot_be_read(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder").mkdir()
+    for name, expected in [
+        ("none.yaml", "none.yaml: cannot be read: No such file or directory"),
+        ("folder", "folder: cannot be read: Is a directory"),
+        ("a\0b", "a\\x00b: cannot be read: embedded null"),
+        ("a\nb", "a\\nb: cannot be read: No such file or directory"),
+    ]:
+        with pytest.raises(ConfigError) as caught:
+            load_tools(name)
+        (line,) = caught.value.lines
+        assert line.startswith(expected)
+
+
+def test_numpy_is_not_imported():
+    code = "import sys, wrinklecli.tools.read; sys.exit('numpy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+# --- properties ---
+
+FRAGMENTS = st.sampled_from(
+    [
+        *(
+            "version: 1\n",
+            "tools:\n",
+            "  - name: a\n",
+            "    origin: [0, 0, 0]\n",
+            "    target: ",
+            "defaults: ",
+        ),
+        *(
+            "{",
+            "}",
+            "[",
+            "]",
+            ", ",
+            ": ",
+            "\n",
+            "  ",
+            "- ",
+            "&a ",
+            "*a",
+            "<<: ",
+            "!!int ",
+            "!x ",
+            "? ",
+            "|\n",
+            "'",
+        ),
+        *(
+            '"',
+            "\\",
+            "#",
+            "%",
+            "---\n",
+            "...\n",
+            "on",
+            "~",
+            "1e999",
+            ".nan",
+            "0x1",
+            "mirror",
+            "rest_length: ",
+        ),
+        *(
+            "keys",
+            "morph",
+            "full",
+            "80%",
+            "\t",
+            "\x00",
+            "\ud800",
+            "\x85",
+            "\u2028",
+            "é",
+            "clips: ",
+            "sampling: ",
+        ),
+    ]
+)
+
+
+@given(st.lists(st.one_of(FRAGMENTS, st.text(max_size=4)), max_size=40).map("".join))
+def test_any_text_gives_tools_or_a_config_error(text):
+    for line in complaints(text):
+        assert line.isprintable()
+        assert re.match(r"<tools>:\d+: ", line)
+
+
+VALUES = st.recursive(
+    st.one_of(st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=5)),
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=4),
+        st.dictionaries(
+            st.sampled_from([*TOOL, "keys", "morph", "full", "clip", "marker", "fps"]),
+            inner,
+            max_size=4,
+        ),
+    ),
+    max_leaves=12,
+)
+
+
+@given(
+    st.dictionaries(st.sampled_from(list(FILE)), VALUES),
+    st.lists(st.dictionaries(st.sampled_from(list(TOOL)), VALUES), max_size=3),
+)
+def test_any_values_give_tools_or_a_config_error(header, tools):
+    text = yaml.safe_dump({**header, "version": 1, "tools": tools}, allow_unicode=True)
+    assert all(line.isprintable() for line in complaints(text))
+
+
+LENGTH = st.one_of(
+    st.floats(1e-6, 1e6), st.integers(1, 1000), st.integers(1, 10_000).map(lambda percent: f"{percent}%")
+)
+NAMES = st.text("abcLRxyz_.019 éß", min_size=1, max_size=8)
+ANCHORS = st.one_of(
+    st.lists(st.floats(-1e6, 1e6), min_size=3, max_size=3),
+    NAMES.map(lambda name: {"marker": name}),
+)
+TIMES = st.lists(st.floats(0, 1e6), min_size=1, max_size=4, unique=True).map(sorted)
+OPTIONS = {
+    "node": NAMES,
+    "snap": st.sampled_from(["surface", "vertex"]),
+    "strategy": st.sampled_from(["everywhere", "origin", "both_ends"]),
+    "bumps": st.integers(1, 64),
+    "gap": st.integers(0, 64),
+    "max_height": st.one_of(st.sampled_from(["auto", "none", None]), LENGTH),
+    "details": st.lists(st.floats(0.001, 0.2), max_size=4),
+    "profile": st.sampled_from(["smooth", "polyline"]),
+    "attenuation": st.sampled_from(["bell", "linear"]),
+    "attachment": st.sampled_from(["skin", "patch"]),
+    "strength": st.floats(-100, 100),
+    "clips": st.dictionaries(NAMES, st.floats(-100, 100), max_size=3),
+    "rest_length": st.one_of(
+        st.just("auto"),
+        LENGTH,
+        st.fixed_dictionaries({"morph": NAMES, "full": LENGTH}),
+        st.dictionaries(NAMES, TIMES.map(lambda times: [[time, "90%"] for time in times]), min_size=1, max_size=2).map(
+            lambda keys: {"keys": keys}
+        ),
+    ),
+    "optional": st.booleans(),
+}
+
+
+def as_written(value):
+    """A record's value as a file writes it."""
+    match value:
+        case Length(number, percent):
+            return f"{number!r}%" if percent else number
+        case Marker(node):
+            return {"marker": node}
+        case RestLengthMorph(morph, full):
+            return {"morph": morph, "full": as_written(full)}
+        case RestLengthKeys(keys):
+            return {
+                "keys": {clip: [[time, as_written(length)] for time, length in track] for clip, track in keys.items()}
+            }
+        case Sampling() | RefinementSettings() | RestFrame():
+            return asdict(value)
+        case tuple():
+            return list(value)
+    return value
+
+
+@given(
+    st.fixed_dictionaries({"name": NAMES, "origin": ANCHORS, "width": LENGTH}, optional=OPTIONS),
+)
+def test_what_is_written_is_read(written):
+    written = {**written, "target": {"marker": "the end"}}
+    text = yaml.safe_dump({"version": 1, "tools": [written]}, allow_unicode=True)
+    (read,) = parse_tools(text).tools
+    again = {
+        entry.name: as_written(getattr(read, entry.name)) for entry in fields(WrinkleTool) if entry.name != "where"
+    }
+    (once_more,) = parse_tools(yaml.safe_dump({"version": 1, "tools": [again]})).tools
+    assert {**again, "where": 0} == {
+        entry.name: 0 if entry.name == "where" else as_written(getattr(once_more, entry.name))
+        for entry in fields(WrinkleTool)
+    }
+    for key in ("name", "origin", "node", "bumps", "gap", "details", "strength", "clips", "optional"):
+        if key in written:
+            assert again[key] == written[key]
+
+
+# --- the schema and the reference ---
+
+
+def mappings(part: Any, name: str = "file") -> Iterator[tuple[str, dict[str, Any]]]:
+    """The mappings that a schema names the keys of, each with its key."""
+    if isinstance(part, dict):
+        if "properties" in part and "object" in part.get("type", ()):
+            yield name, part
+        for key, inner in part.items():
+            yield from mappings(inner, key)
+    elif isinstance(part, list):
+        for inner in part:
+            yield from mappings(inner, name)
+
+
+def test_every_key_of_the_schema_is_described_and_no_other_is_let_in():
+    found = list(mappings(TOOLS_SCHEMA))
+    assert len(found) > 10
+    for name, mapping in found:
+        assert mapping["additionalProperties"] is False, name
+        for key, entry in mapping["properties"].items():
+            assert entry.get("description"), key
+
+
+def readme_tables() -> dict[str, dict[str, str]]:
+    """For each heading of the reference its keys and their defaults as written."""
+    tables: dict[str, dict[str, str]] = {}
+    heading = ""
+    for line in README.splitlines():
+        if line.startswith("#"):
+            heading = line.strip("# ")
+        elif match := re.match(r"\| `(\w+)` \| .* \| (`[^`]+`|required|none) \| [^|]+ \|$", line):
+            tables.setdefault(heading, {})[match[1]] = match[2]
+    return tables
+
+
+@pytest.mark.parametrize(
+    ("heading", "keys"),
+    [
+        ("The file", FILE),
+        ("rest", FILE["rest"]["then"]["properties"]),
+        ("sampling", FILE["sampling"]["properties"]),
+        ("refinement", FILE["refinement"]["properties"]),
+        ("tools", TOOL),
+        ("marker", TOOL["origin"]["properties"]),
+        (
+            "Rest lengths",
+            TOOL["rest_length"]["then"]["properties"] | TOOL["rest_length"]["else"]["then"]["properties"],
+        ),
+    ],
+)
+def test_the_reference_names_every_key_and_its_default(heading, keys):
+    expected = {key: entry.get("default", "required") for key, entry in keys.items()}
+    expected |= {key: {} for key in ("sampling", "refinement") if key in keys}  # none of their keys given
+    written = {key: yaml.safe_load(default.strip("`")) for key, default in readme_tables()[heading].items()}
+    written |= {key: None for key, default in written.items() if default == "none"}
+    assert list(written.items()) == list(expected.items())
+
+
+def test_the_examples_of_the_reference_are_valid():
+    example, messages = re.findall(r"```(?:yaml)?\n(.*?)```", README, re.DOTALL)
+    names = [found.name for found in parse_tools(example).tools]
+    assert names == ["brow.L", "brow.R", "knee.L"]
+    for line in messages.splitlines():
+        key = line.rsplit("tools[0].", 1)[1]
+        assert any(expected.endswith(key) for _, expected in BAD_TOOL_KEYS)
+
+
+@pytest.mark.parametrize(
+    ("constant", "words"),
+    [
+        ("MAX_TOOLS", "1 to 1,000 tools"),
+        ("MAX_NODES", "100,000 values"),
+        ("MAX_DEPTH", "32 levels"),
+        ("MAX_BYTES", "4 MB"),
+        ("MAX_DETAILS", "up to 4 shares"),
+    ],
+)
+def test_the_reference_names_the_limits(constant, words):
+    limit = getattr(yamltree if hasattr(yamltree, constant) else schema, constant)
+    number = f"{limit // 1_000_000} MB" if constant == "MAX_BYTES" else f"{limit:,}"
+    assert number in words
+    assert words in README

@@ -1,0 +1,486 @@
+"""What an engine can play: morph targets, weights and joints held to its limits, or the bake refused.
+
+Only what wrinkles add is changed, and only where a limit is exceeded; what the asset itself exceeds is refused
+or, where it is not ours to judge, reported.
+
+Sources:
+    spec8: glTF 2.0 §3.7.2.2: clients should support at least eight morphed attributes, and may play only those
+        of the highest weights where a file has more. How many targets may be stored is not limited. Held to here:
+        eight targets of a weight other than 0 at a time. The specification counts attributes, and says what that
+        means: eight targets of POSITION alone, four with NORMAL, two with TANGENT too. A client that does no more
+        plays a mesh with normals only where the report's `active_attributes` is at most 8.
+    three: three.js r187, `src/renderers/webgl/WebGLMorphtargets.js`: one layer of a float RGBA texture array for
+        each target, of which OpenGL ES 3.0, and so WebGL 2, promises 256 (MAX_ARRAY_TEXTURE_LAYERS). (Weights are
+        a uniform array beside that, one vector each: ES 3.0 promises 256 in all, GPUs have a thousand and more.)
+        `examples/jsm/loaders/GLTFLoader.js` reads JOINTS_0 alone, and `normalizeSkinWeights` makes its weights sum
+        to 1 (https://github.com/mrdoob/three.js/issues/26137). 256 targets are the limit of Filament
+        (CONFIG_MAX_MORPH_TARGET_COUNT, `libs/filabridge/include/private/filament/EngineEnums.h`) and of Bevy 0.19
+        (`bevy_mesh::morph::MAX_MORPH_WEIGHTS`, 64 in 0.17) too.
+    unity: weights of blend shapes are clamped to the range that a model defines, which importers of glTF make 0 to
+        the full shape, unless a project turns that off
+        (https://docs.unity3d.com/ScriptReference/PlayerSettings-legacyClampBlendShapeWeights.html). Their number is
+        not limited.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrinklecli.baking.plan import Basis, Motion, Plan, Target, poses_of, skin_weights, targets_of
+from wrinklecli.character.pose import Clip, blend, morph_weights, transform
+from wrinklecli.character.surface import dense_influences, read_vertices
+from wrinklecli.errors import RefusedError
+from wrinklecli.gltf.document import Document
+from wrinklecli.method.shapes import Shape, further_activities, weight_path
+from wrinklecli.numeric.piecewise import widen
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Json = dict[str, Any]
+Engine = Literal["three", "unity", "spec8"]
+
+# Share of the error bound that fewer shapes may take, as for `attachment: patch`.
+_REDUCTION_SHARE = 0.25
+# Share of that below which a weight may be left out for its target not to count.
+_LEAST_SHARE = 0.1
+# Groups of bumps that act at a time where they rise one after another: one that is full, and the next.
+_IN_TURN = 2
+# Bytes of a texel of four floats, of which three.js keeps one for each vertex, target and attribute.
+_TEXEL_BYTES = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """Limits of an engine; None for none.
+
+    Attributes:
+        targets: Morph targets of a mesh, the asset's own among them.
+        active: Those of a weight other than 0 at a time.
+        influences: Joints of a vertex, all in JOINTS_0.
+        unit_weights: Whether weights must be from 0 to 1.
+    """
+
+    targets: int | None = None
+    active: int | None = None
+    influences: int | None = None
+    unit_weights: bool = False
+
+
+BUDGETS: dict[Engine, Budget] = {
+    "three": Budget(targets=256, influences=4),
+    "unity": Budget(unit_weights=True),
+    "spec8": Budget(active=8),
+}
+
+
+def texture_bytes(plan: Plan, targets: int) -> int:
+    """GPU memory that three.js takes for a mesh's targets, old and new, sparse or not.
+
+    It is targets x vertices x attributes (POSITION, and NORMAL where there is one) x 16 bytes, a texture row's
+    padding left out. Source: three.js r187, `WebGLMorphtargets`.
+    """
+    return targets * len(plan.fine.weld) * _attributes(plan) * _TEXEL_BYTES
+
+
+def _attributes(plan: Plan) -> int:
+    """Attributes of a target."""
+    return 2 if plan.has_normals else 1
+
+
+def fit_budget(
+    document: Document, plan: Plan, bases: list[Basis], motions: list[Motion], clips: Sequence[Clip], engine: Engine
+) -> tuple[list[Basis], list[Motion], Json]:
+    """Hold a mesh's morph targets to what an engine plays.
+
+    Weights outside 0 to 1 cost nothing: a shape that is scaled, and one that goes on with its negative, play
+    the same at all times. Too many targets are reduced, tool by tool, to the fewest that give all heights over the
+    tool's whole range of shortenings within a quarter of the error bound, whatever the clips do. Too many at a time
+    cost nothing where a tool's bumps rise one after another: see `_in_turn`. (Tools that happen to move alike, as
+    mirrored ones may, keep targets of their own: shared ones would change with the clips.)
+
+    Args:
+        document: The source.
+        plan: The tools on a mesh.
+        bases: Their targets.
+        motions: Clips that are baked.
+        clips: All clips, whose poses judge joints.
+        engine: Whose limits.
+
+    Returns:
+        What to write in place of the bases and motions, and what was found, for the report.
+
+    Raises:
+        RefusedError: A limit cannot be held within the error bound.
+    """
+    budget = BUDGETS[engine]
+    name = str(plan.rig.names[plan.rig.node])
+    found: Json = {"node": name, "reduced": []}
+    if budget.influences is not None:
+        found.update(_judge_influences(document, plan, clips, budget.influences, engine))
+    if budget.unit_weights:
+        bases = [_positive(basis) for basis in bases]
+        motions = _remade(bases, motions)
+        found["least_weight"] = min((float(each.weights.min(initial=0.0)) for each in motions), default=0.0)
+        found["greatest_weight"] = max((float(each.weights.max(initial=0.0)) for each in motions), default=0.0)
+        found["least_weight_of_asset"] = min(
+            (float(morph_weights(plan.rig, each.clip, each.times).min(initial=0.0)) for each in motions), default=0.0
+        )
+    if _excess(plan, bases, motions, budget):
+        tolerance = _REDUCTION_SHARE * plan.max_error
+        fewer = [
+            _reduced(basis, tolerance) if budget.active is None else _fewest_at_once(plan, basis, tolerance)
+            for basis in bases
+        ]
+        for old, (basis, error) in zip(bases, fewer, strict=True):
+            if basis is not old:
+                found["reduced"].append(
+                    {
+                        "tool": basis.carrier.patch.tool.name,
+                        "from": len(targets_of([old])),
+                        "to": len(targets_of([basis])),
+                        "at_once": _at_once(basis),
+                        "error": float(f"{error:.3e}"),
+                    }
+                )
+        bases = [basis for basis, _ in fewer]
+        motions = _remade(bases, motions)
+        if budget.active is not None:
+            bases, motions = _keyed_at_turns(plan, bases, motions)
+    excess = _excess(plan, bases, motions, budget)
+    if excess:
+        raise RefusedError(
+            f"{excess}; --engine {engine} allows {budget.targets or budget.active}. Fewer bumps,"
+            " `strategy: everywhere`, fewer tools on this mesh or a larger --max-error would help",
+            where=name,
+        )
+    found["targets"] = len(plan.rig.morph_names) + len(targets_of(bases))
+    found["active"] = max((int(_active(plan, motion)[0].sum()) for motion in motions), default=0)
+    found["active_attributes"] = found["active"] * _attributes(plan)
+    return bases, motions, found
+
+
+def _excess(plan: Plan, bases: Sequence[Basis], motions: Sequence[Motion], budget: Budget) -> str:
+    """What exceeds the limits on targets; empty where they hold."""
+    own = len(plan.rig.morph_names)
+    count = own + len(targets_of(bases))
+    if budget.targets is not None and count > budget.targets:
+        return f"has {count} morph targets, {own} of them the asset's own"
+    if budget.active is not None:
+        for motion in motions:
+            shown, time = _active(plan, motion)
+            if shown.sum() > budget.active:
+                ends = np.cumsum([own, *(len(targets_of([basis])) for basis in bases)])
+                users = ["the asset's own", *(basis.carrier.patch.tool.name for basis in bases)]
+                counts = [int(each.sum()) for each in np.split(shown, ends[:-1])]
+                listed = ", ".join(f"{many} of {user}" for user, many in zip(users, counts, strict=True) if many)
+                return f"needs {int(shown.sum())} morph targets at once in {motion.clip.name} at {time:.3g} s: {listed}"
+    return ""
+
+
+def _active(plan: Plan, motion: Motion) -> tuple[Bools, float]:
+    """(targets,) which have a weight other than 0 when most do, at and between keys, and that time in seconds."""
+    channel = motion.clip.channel(plan.rig.node, "weights")
+    track = widen(channel, plan.rig, motion.clip, motion.times[motion.keys], motion.weights[motion.keys])
+    values = track.values.astype(np.float32).reshape(len(track.times), -1, track.values.shape[-1])
+    shown: Bools = np.any(values != 0, axis=1)
+    # Between two keys, whatever either shows.
+    shown = shown[:-1] | shown[1:] if len(shown) > 1 else shown
+    worst = int(np.argmax(shown.sum(axis=1)))
+    return shown[worst], float(track.times[worst : worst + 2].mean())
+
+
+def _judge_influences(document: Document, plan: Plan, clips: Sequence[Clip], limit: int, engine: Engine) -> Json:
+    """How many of the asset's own vertices lose joints beyond JOINTS_0, and how far off that puts them.
+
+    Raises:
+        RefusedError: Further than the error bound: the asset's own weights are kept as they are.
+    """
+    rig = plan.rig
+    if not rig.skinned:
+        return {"vertices_over_influences": 0, "influence_error": 0.0}
+    stored = read_vertices(document, rig)
+    whole = dense_influences(stored.joints, stored.weights, len(rig.joints))
+    first = np.zeros_like(whole)
+    start = 0
+    for primitive in document.items("meshes")[rig.mesh]["primitives"]:
+        joints, weights = (document.accessor(primitive["attributes"][key]) for key in ("JOINTS_0", "WEIGHTS_0"))
+        rows = start + np.arange(len(joints))
+        for column in range(joints.shape[1]):
+            first[rows, joints[:, column].astype(np.intp)] += weights[:, column]
+        start += len(joints)
+    kept = first.sum(axis=1, keepdims=True)
+    over = np.flatnonzero(((whole > 0) & (first == 0)).any(axis=1))
+    first /= np.where(kept > 0, kept, 1.0)
+    error = 0.0
+    for pose in poses_of(rig, clips) if len(over) else []:
+        want, got = (transform(blend(each[over], pose[None]), stored.positions[over]) for each in (whole, first))
+        error = max(error, float(np.sqrt(np.sum((got - want) ** 2, axis=2)).max()))
+    if error > plan.max_error:
+        raise RefusedError(
+            f"has {len(over)} vertices of more than {limit} joints, which --engine {engine} would put off by"
+            f" {error:.3g}; --max-error allows {plan.max_error:.3g}. Limit the asset to {limit} joints a vertex",
+            where=str(rig.names[rig.node]),
+        )
+    return {"vertices_over_influences": len(over), "influence_error": float(f"{error:.3e}")}
+
+
+def _remade(bases: Sequence[Basis], motions: Sequence[Motion]) -> list[Motion]:
+    made = []
+    for index, motion in enumerate(motions):
+        columns = [basis.written(basis.weights[index]) for basis in bases]
+        made.append(replace(motion, weights=np.concatenate(columns, axis=1)))
+    return made
+
+
+def _path(basis: Basis) -> Floats:
+    """(rows, shapes) weights that a tool's targets take: over all shortenings, or as sampled where it has no curve."""
+    if not basis.from_skin:
+        return np.concatenate(basis.weights) if basis.weights else np.zeros((0, len(basis.targets)))
+    table = basis.of_curve(weight_path(basis.carrier.patch.curve))
+    tool, strength = basis.carrier.patch.tool, basis.carrier.patch.shape_strength
+    factors = [1.0, *(each / strength for each in tool.clips.values())] if strength else [1.0]
+    return np.concatenate([factor * table for factor in factors])
+
+
+def _positive(basis: Basis) -> Basis:
+    """The same motion with weights from 0 to 1: shapes scaled, and those of negative weights gone on with."""
+    path = _path(basis)
+    peaks = np.maximum(np.abs(path).max(axis=0, initial=0.0), 1.0)
+    negative: Bools = np.any(path < 0, axis=0)
+    split = tuple(column for column, target in enumerate(basis.targets) if target is not None and negative[column])
+    if not split and (peaks == 1.0).all():
+        return basis
+    shapes = [
+        None if each is None else _sum([each.shape], np.array([peak]))
+        for each, peak in zip(basis.targets, peaks, strict=True)
+    ]
+    negated = [_sum([shape], np.array([-1.0])) for shape in (shapes[column] for column in split) if shape is not None]
+    scaled = np.diag(peaks)
+    unmix = np.concatenate([scaled, -scaled[list(split)]])
+    return _rebased(basis, [*shapes, *negated], np.diag(1.0 / peaks), unmix, split=split)
+
+
+def _reduced(basis: Basis, tolerance: float) -> tuple[Basis, float]:
+    """A tool's fewest targets that give all heights within a tolerance, and their error; scene units.
+
+    All shapes of a tool together: full bumps of a polyline with details still change a little, all alike. (Each
+    group of bumps by itself: 19 targets at once instead of 12 for five bumps from the origin.)
+
+    Source: C. Eckart, G. Young, *The approximation of one matrix by another of lower rank*, 1936. Differs: the
+    error is the greatest over bumps, which lie side by side, and rows of the table, of the sum over modes.
+    """
+    written = [column for column, target in enumerate(basis.targets) if target is not None]
+    if not basis.from_skin or len(written) < 2:
+        return basis, 0.0
+    old = [target.shape for target in basis.targets if target is not None]
+    heights = np.array([shape.tallest for shape in old])
+    path = _path(basis)[:, written] * heights
+    groups = np.array(written) // basis.carrier.patch.curve.greatest_amplitudes.shape[1]
+    starts = np.flatnonzero(np.diff(groups, prepend=-1))
+    _, _, right = np.linalg.svd(path, full_matrices=False)
+    for rank in range(1, len(written)):
+        axes = right[:rank]
+        missed = np.abs(path - path @ axes.T @ axes)
+        error = float(np.add.reduceat(missed, starts, axis=1).max())
+        if error > tolerance:
+            continue
+        weights = path @ axes.T
+        peaks = weights[np.argmax(np.abs(weights), axis=0), np.arange(rank)]
+        mix = np.zeros((len(basis.targets), rank))
+        mix[written] = heights[:, None] * axes.T / peaks
+        shares = axes * peaks[:, None] / heights
+        unmix = np.zeros((rank, len(basis.targets)))
+        unmix[:, written] = shares
+        return _rebased(basis, [_sum(old, row) for row in shares], mix, unmix), error
+    return basis, 0.0
+
+
+def _fewest_at_once(plan: Plan, basis: Basis, tolerance: float) -> tuple[Basis, float]:
+    """A tool on those shapes of which the fewest act at a time, and their error; the exact ones among equals."""
+    choices = [
+        (basis, 0.0),
+        (_in_turn(basis, _LEAST_SHARE * tolerance / plan.tallest), 0.0),
+        _reduced(basis, tolerance),
+    ]
+    return min(choices, key=lambda choice: _at_once(choice[0]))
+
+
+def _at_once(basis: Basis) -> int:
+    """Most targets of a tool with a weight other than 0 at a time, over all shortenings; all, without a curve."""
+    if not basis.from_skin:
+        return len(targets_of([basis]))
+    shown: Bools = basis.written(basis.of_curve(weight_path(basis.carrier.patch.curve))) != 0
+    return int((shown[:-1] | shown[1:]).sum(axis=1).max())
+
+
+def _in_turn(basis: Basis, least: float) -> Basis:
+    """The same motion with few targets at a time where a tool's bumps rise one after another.
+
+    Each group of bumps rises when those before it are full and stay so. Target k has the first k groups at their
+    full height, so that only the last full one and the one above it, to which it gives way, have weights: what
+    animators call in-betweens. The weights of the amplitudes a are a_k - a_(k+1), of each mode by itself. Targets
+    overlap, so files grow: samples/head.glb with its tools from 2.7 to 4.3 MB.
+
+    Args:
+        basis: The tool, on the shapes of its curve.
+        least: Weights that may be left out.
+    """
+    greatest = basis.carrier.patch.curve.greatest_amplitudes
+    groups, modes = greatest.shape
+    if not basis.from_skin or groups < 2:
+        return basis
+    has = np.array([target is not None for target in basis.targets]).reshape(groups, modes)
+    shares, mix = np.zeros((2, len(basis.targets), len(basis.targets)))
+    numbers = np.arange(groups * modes).reshape(groups, modes)
+    for mode in range(modes):
+        acting = numbers[has[:, mode], mode]
+        heights = greatest[has[:, mode], mode]
+        for k, column in enumerate(acting):
+            # In units of the group's own greatest amplitude.
+            shares[column, acting[: k + 1]] = heights[k] / heights[: k + 1]
+            mix[column, column] = 1.0
+            if k:
+                mix[column, acting[k - 1]] = -heights[k] / heights[k - 1]
+    old = [target.shape for target in basis.targets if target is not None]
+    shapes = [
+        _sum(old, row[has.reshape(-1)]) if target is not None else None
+        for row, target in zip(shares, basis.targets, strict=True)
+    ]
+    return _rebased(basis, shapes, mix, shares, least=least)
+
+
+def _keyed_at_turns(plan: Plan, bases: Sequence[Basis], motions: Sequence[Motion]) -> tuple[list[Basis], list[Motion]]:
+    """Keys where one group of bumps is full and the next begins, so that no interval shows three groups of a tool."""
+    series: list[tuple[Floats, ...]] = []
+    made = []
+    for index, motion in enumerate(motions):
+        times, keys = motion.times, motion.keys
+        weights = [basis.weights[index] for basis in bases]
+        for number, basis in enumerate(bases):
+            while basis.least > 0:
+                turns = _turns(plan, basis, motion.clip, times[keys], weights[number][keys])
+                if not len(turns):
+                    break
+                fresh = np.setdiff1d(turns, times)
+                if len(fresh):
+                    places = np.searchsorted(times, fresh)
+                    for other, each in enumerate(bases):
+                        inserted = _weights_at(plan, each, motion.clip, weights[other], times, fresh)
+                        weights[other] = np.insert(weights[other], places, inserted, axis=0)
+                    keyed = np.union1d(times[keys], turns)
+                    times = np.insert(times, places, fresh)
+                    keys = np.searchsorted(times, keyed)
+                else:
+                    keys = np.union1d(keys, np.searchsorted(times, turns))
+        series.append(tuple(weights))
+        patches = [basis.carrier.patch for basis in bases]
+        seen = further_activities(
+            patches, plan.rig, plan.rest, motion.clip, times, known=motion.seen, known_at=motion.times
+        )
+        made.append(replace(motion, times=times, keys=keys, seen=tuple(seen)))
+    extended = [
+        replace(basis, weights=weights) for basis, weights in zip(bases, zip(*series, strict=True), strict=True)
+    ]
+    return extended, _remade(extended, made)
+
+
+def _turns(plan: Plan, basis: Basis, clip: Clip, keys: Floats, weights: Floats) -> Floats:
+    """Times between keys when one group of a tool is full and no more have begun, where an interval shows three.
+
+    Args:
+        plan: The tools on a mesh.
+        basis: One whose bumps rise in turn.
+        clip: The animation.
+        keys: (keys,) seconds.
+        weights: (keys, shapes).
+
+    Returns:
+        Seconds, rising, float32 values, none a key; nothing where no interval can be helped.
+    """
+
+    def groups(of: Floats) -> Bools:
+        shape = basis.carrier.patch.curve.greatest_amplitudes.shape
+        found: Bools = (of != 0).reshape(len(of), *shape).any(axis=2)
+        return found
+
+    def highest(of: Floats) -> NDArray[np.intp]:
+        """How many groups have risen."""
+        shown = groups(of)
+        numbers: NDArray[np.intp] = np.max(shown * np.arange(1, shown.shape[1] + 1), axis=1)
+        return numbers
+
+    shown, tops = groups(weights), highest(weights)
+    crowded = np.flatnonzero((shown[:-1] | shown[1:]).sum(axis=1) > _IN_TURN)
+    if not len(crowded):
+        return np.zeros(0)
+    rising = tops[crowded + 1] > tops[crowded]
+    near, far = (keys[crowded + side] for side in (~rising, rising))
+    top = np.minimum(tops[crowded], tops[crowded + 1])
+    while True:
+        middle = ((near + far) / 2.0).astype(np.float32).astype(np.float64)
+        inside = (middle != near) & (middle != far)
+        if not inside.any():
+            return np.setdiff1d(near, keys)
+        below = highest(basis.of_curve(skin_weights(plan, basis.carrier, clip, middle))) <= top
+        near, far = np.where(inside & below, middle, near), np.where(inside & ~below, middle, far)
+
+
+def _weights_at(plan: Plan, basis: Basis, clip: Clip, weights: Floats, times: Floats, fresh: Floats) -> Floats:
+    """(fresh, shapes) weights of a tool at more times: its own, or between those sampled where it has no curve."""
+    if basis.from_skin:
+        return basis.of_curve(skin_weights(plan, basis.carrier, clip, fresh))
+    columns = [np.interp(fresh, times, column) for column in weights.T]
+    return np.stack(columns, axis=1) if columns else np.zeros((len(fresh), 0))
+
+
+def _rebased(
+    basis: Basis,
+    shapes: Sequence[Shape | None],
+    mix: Floats,
+    unmix: Floats,
+    *,
+    split: tuple[int, ...] = (),
+    least: float = 0.0,
+) -> Basis:
+    """A tool on other shapes.
+
+    Args:
+        basis: The tool.
+        shapes: In place of its own.
+        mix: (old shapes, new shapes before the split) by which its weights are multiplied.
+        unmix: (new shapes, old shapes) what the new ones are made of.
+        split: Columns whose negative weights drive shapes of their own.
+        least: Weights up to this are 0.
+    """
+    identifier = basis.carrier.patch.tool.identifier
+    numbers = np.cumsum([shape is not None for shape in shapes])
+    targets = tuple(
+        None if shape is None else Target(f"wrinkle_{identifier}_{number}", shape)
+        for shape, number in zip(shapes, numbers, strict=True)
+    )
+    whole = mix if basis.mix is None else basis.mix @ mix
+    made_of = unmix if basis.unmix is None else unmix @ basis.unmix
+    made = replace(basis, targets=targets, mix=whole, split=split, unmix=made_of, least=least)
+    return replace(made, weights=tuple(made.parted(weights @ mix) for weights in basis.weights))
+
+
+def _sum(shapes: Sequence[Shape], factors: Floats) -> Shape:
+    """A weighted sum of shapes."""
+    summed = []
+    for each in ([(s.vertices, s.deltas) for s in shapes], [(s.normal_vertices, s.normal_deltas) for s in shapes]):
+        vertices = np.unique(np.concatenate([where for where, _ in each]))
+        deltas = np.zeros((len(vertices), 3))
+        for factor, (where, values) in zip(factors, each, strict=True):
+            deltas[np.searchsorted(vertices, where)] += factor * values
+        summed.append((vertices, deltas))
+    (vertices, deltas), (normal_vertices, normal_deltas) = summed
+    scale = max(shape.tallest / _longest(shape.deltas) for shape in shapes)
+    tallest = scale * _longest(deltas)
+    return Shape(vertices, deltas, tallest, normal_vertices, normal_deltas)
+
+
+def _longest(deltas: Floats) -> float:
+    return float(np.sqrt(np.sum(deltas**2, axis=1)).max())

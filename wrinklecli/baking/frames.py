@@ -1,0 +1,395 @@
+"""Per-frame geometry: posed, unskinned meshes, as nodes that a clip shows one after another, or as files.
+
+Source: glTF 2.0 §3.7.3.3 (skinning) and §3.11 (STEP). A skinned node must not be hidden by scale, so the
+frames are unskinned and their nodes roots.
+"""
+
+import os
+import re
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrinklecli.baking.morphs import Part, base_normals, encode_mesh, old_values, parts_of
+from wrinklecli.baking.plan import Motion, Progress, Target
+from wrinklecli.character.pose import Rig, joint_matrices, morph_weights
+from wrinklecli.character.skin import pose, prepare
+from wrinklecli.character.surface import unit
+from wrinklecli.errors import BakeError
+from wrinklecli.gltf.document import Document, Json
+from wrinklecli.gltf.writer import VERTEX_DATA, Draft, make_folders
+from wrinklecli.method.refine import Refinement
+from wrinklecli.method.shapes import turn_to
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
+
+# Frames posed at once: bounds the memory.
+_CHUNK = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Frames:
+    """What the posed frames of one node's mesh are made from."""
+
+    rig: Rig
+    fine: Refinement
+    targets: tuple[Target, ...]
+    motions: tuple[Motion, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Posed:
+    """One frame of all glTF vertices, primitive after primitive, world space.
+
+    Normals and tangents are None where no primitive has any, and 0 where a primitive has none.
+    """
+
+    positions: Floats
+    normals: Floats | None
+    tangents: Floats | None
+
+
+def _pose_frames(document: Document, frames: Frames, motion: Motion) -> Iterator[_Posed]:
+    """Pose every frame of a clip by unpruned skin weights, wrinkles included."""
+    rig, fine = frames.rig, frames.fine
+    parts = parts_of(fine)
+    primitives = document.items("meshes")[rig.mesh]["primitives"]
+    welds = np.concatenate([part.weld for part in parts])
+    bases = [base_normals(document, each, part) for each, part in zip(primitives, parts, strict=True)]
+    base = _joined(bases, parts)
+    old_deltas = np.concatenate(
+        [_normal_deltas(document, each, part) for each, part in zip(primitives, parts, strict=True)], axis=1
+    )
+    tangents = _joined([_tangents(document, each, part) for each, part in zip(primitives, parts, strict=True)], parts)
+    weights = fine.dense_weights(np.arange(len(fine.positions)), len(rig.joints))[welds]
+    shapes = np.zeros((len(frames.targets), *fine.positions.shape))
+    for into, target in zip(shapes, frames.targets, strict=True):
+        into[target.shape.vertices] = target.shape.deltas
+    deltas = np.concatenate([fine.morph_deltas, shapes])[:, welds]
+    bent = None
+    if base is not None:
+        bent = np.concatenate([old_deltas, np.zeros((len(frames.targets), *base.shape))])
+        for into, target in zip(bent[len(old_deltas) :], frames.targets, strict=True):
+            vertices, turns = _turned_normals(target, fine, welds, base)
+            into[vertices] = turns
+    skin = prepare(weights, fine.positions[welds], deltas, base, bent)
+    along = None if tangents is None else prepare(weights, tangents[:, :3], np.zeros((0, len(welds), 3)))
+    for start in range(0, len(motion.times), _CHUNK):
+        times = motion.times[start : start + _CHUNK]
+        matrices = joint_matrices(rig, motion.clip, times)
+        played = np.concatenate(
+            [morph_weights(rig, motion.clip, times), motion.weights[start : start + _CHUNK]], axis=1
+        )
+        positions, normals = pose(skin, matrices, played)
+        moved = None
+        if along is not None:
+            # Directions: what moves them does not shift them.
+            turning = matrices * np.array([1.0, 1.0, 1.0, 0.0])
+            moved = pose(along, turning, np.zeros((len(times), 0)))[0]
+        for frame in range(len(times)):
+            handed = None
+            if moved is not None and tangents is not None:
+                handed = np.concatenate([unit(moved[frame].T), tangents[:, 3:]], axis=1)
+            yield _Posed(positions[frame].T, None if normals is None else normals[frame].T, handed)
+
+
+def _normal_deltas(document: Document, primitive: Json, part: Part) -> Floats:
+    """(morph targets, vertices, 3) NORMAL deltas that the source has, those of new vertices mixed."""
+    targets = primitive.get("targets", [])
+    deltas = np.zeros((len(targets), len(part.weld), 3))
+    for row, target in zip(deltas, targets, strict=True):
+        if "NORMAL" in target:
+            old = _old(document, target, "NORMAL", part, 3)
+            row[:] = np.concatenate([old, part.mix(old)])
+    return deltas
+
+
+def _tangents(document: Document, primitive: Json, part: Part) -> Floats | None:
+    """(vertices, 4) TANGENTs of a primitive, those of new vertices mixed; None where it has none."""
+    if "TANGENT" not in primitive["attributes"]:
+        return None
+    old = _old(document, primitive["attributes"], "TANGENT", part, 4)
+    return np.concatenate([old, part.mix_tangents(old)])
+
+
+def _old(document: Document, attributes: Json, name: str, part: Part, size: int) -> Floats:
+    """(old vertices, size) of an attribute or a morph target."""
+    index = attributes[name]
+    return old_values(document, name, index, part, document.where("accessors", index), sizes={name: size})
+
+
+def _joined(attributes: Sequence[Floats | None], parts: Sequence[Part]) -> Floats | None:
+    """An attribute of all primitives, 0 where one lacks it; None where all do."""
+    size = max((each.shape[1] for each in attributes if each is not None), default=0)
+    if not size:
+        return None
+    return np.concatenate(
+        [
+            np.zeros((len(part.weld), size)) if each is None else each
+            for each, part in zip(attributes, parts, strict=True)
+        ]
+    )
+
+
+def _turned_normals(target: Target, fine: Refinement, welds: Ints, base: Floats) -> tuple[Ints, Floats]:
+    """The glTF vertices whose normal a target changes, and by how much at weight 1."""
+    rows = np.full(len(fine.positions), -1, np.intp)
+    rows[target.shape.normal_vertices] = np.arange(len(target.shape.normal_vertices))
+    here = np.flatnonzero(rows[welds] >= 0)
+    deltas = target.shape.normal_deltas[rows[welds[here]]]
+    return here, turn_to(fine.normals[welds[here]], base[here], deltas)
+
+
+def encode_frames(draft: Draft, every: Sequence[Frames], progress: Progress) -> None:
+    """Replace the node of each mesh by one unskinned node for each frame, shown in turn by STEP scale tracks.
+
+    The first frame of the first clip is shown at rest. A clip that was not baked shows that frame throughout.
+
+    Args:
+        draft: The document.
+        every: The meshes.
+        progress: Called with a stage's name, frames done and frames in all.
+    """
+    for frames in every:
+        _encode_node(draft, frames, progress)
+
+
+def _encode_node(draft: Draft, frames: Frames, progress: Progress) -> None:
+    rig = frames.rig
+    encode_mesh(draft, rig, frames.fine, (), sparse=True, stored=np.zeros(0))
+    node = draft.gltf["nodes"][rig.node]
+    template = draft.gltf["meshes"][node["mesh"]]
+    for key in ("mesh", "skin", "weights"):
+        node.pop(key, None)
+    _drop_weight_channels(draft, rig.node)
+    parts = parts_of(frames.fine)
+    bounds = np.cumsum([0] + [len(part.weld) for part in parts])
+    nodes, meshes = draft.gltf["nodes"], draft.gltf["meshes"]
+    group: Json = {"name": f"{rig.names[rig.node]}_frames", "children": []}
+    nodes.append(group)
+    _add_root(draft, rig, len(nodes) - 1)
+    total = sum(len(motion.times) for motion in frames.motions)
+    first, done = len(nodes), 0
+    for motion in frames.motions:
+        start = len(nodes)
+        for posed in _pose_frames(draft.source, frames, motion):
+            meshes.append(_frame_mesh(draft, template, posed, bounds))
+            name = f"{rig.names[rig.node]}_{motion.clip.name}_{len(nodes) - start:04d}"
+            hidden = {} if len(nodes) == first else {"scale": [0.0, 0.0, 0.0]}
+            group["children"].append(len(nodes))
+            nodes.append({"name": name, "mesh": len(meshes) - 1, **hidden})
+            done += 1
+            progress("frames", done, total)
+        _show_in_turn(draft, motion, start, first)
+    baked = {motion.clip.index for motion in frames.motions}
+    for index, animation in enumerate(draft.gltf.get("animations", [])):
+        if index not in baked:
+            _add_scale(draft, animation, first, np.zeros(1), [1.0])
+
+
+def _frame_mesh(draft: Draft, template: Json, posed: _Posed, bounds: Ints) -> Json:
+    primitives = []
+    for index, primitive in enumerate(template["primitives"]):
+        span = slice(bounds[index], bounds[index + 1])
+        attributes = {
+            name: accessor
+            for name, accessor in primitive["attributes"].items()
+            if not name.startswith(("JOINTS_", "WEIGHTS_"))
+        }
+        computed = {"POSITION": posed.positions, "NORMAL": posed.normals, "TANGENT": posed.tangents}
+        for name, values in computed.items():
+            if values is not None and name in primitive["attributes"]:
+                stored = values[span].astype(np.float32)
+                attributes[name] = draft.add(stored, target=VERTEX_DATA, bounds=name == "POSITION")
+        kept = {key: value for key, value in primitive.items() if key not in ("attributes", "targets")}
+        primitives.append({"attributes": attributes, **kept})
+    return {"primitives": primitives}
+
+
+def _drop_weight_channels(draft: Draft, node: int) -> None:
+    """Take out the channels that drove the morph targets of a mesh that is gone, with their samplers."""
+    for animation in draft.gltf.get("animations", []):
+        gone = [
+            channel
+            for channel in animation["channels"]
+            if channel.get("target", {}).get("node") == node and channel["target"].get("path") == "weights"
+        ]
+        animation["channels"] = [channel for channel in animation["channels"] if channel not in gone]
+        used = sorted({channel["sampler"] for channel in animation["channels"]})
+        dropped = {channel["sampler"] for channel in gone} - set(used)
+        kept = [index for index in range(len(animation["samplers"])) if index not in dropped]
+        animation["samplers"] = [animation["samplers"][index] for index in kept]
+        for channel in animation["channels"]:
+            channel["sampler"] = kept.index(channel["sampler"])
+
+
+def _add_root(draft: Draft, rig: Rig, node: int) -> None:
+    """Put a node at the root of every scene that shows the rig's node: frames are in world space."""
+    root = rig.node
+    while rig.parents[root] >= 0:
+        root = int(rig.parents[root])
+    for scene in draft.gltf.get("scenes", []):
+        if root in scene.get("nodes", []):
+            scene["nodes"].append(node)
+
+
+def _show_in_turn(draft: Draft, motion: Motion, start: int, shown: int) -> None:
+    """Scale tracks that show each frame's node from its time to the next frame's."""
+    animation = draft.gltf["animations"][motion.clip.index]
+    times = motion.times
+    for frame in range(len(times)):
+        keys, scales = [], []
+        if frame:
+            keys, scales = [times[0]], [0.0]
+        keys, scales = [*keys, times[frame]], [*scales, 1.0]
+        if frame + 1 < len(times):
+            keys, scales = [*keys, times[frame + 1]], [*scales, 0.0]
+        _add_scale(draft, animation, start + frame, np.array(keys), scales)
+    if start != shown:
+        _add_scale(draft, animation, shown, times[:1], [0.0])
+
+
+def _add_scale(draft: Draft, animation: Json, node: int, times: Floats, scales: Sequence[float]) -> None:
+    output = np.repeat(np.array(scales, np.float32)[:, None], 3, axis=1)
+    sampler = {
+        "input": draft.add(times.astype(np.float32), bounds=True),
+        "interpolation": "STEP",
+        "output": draft.add(output),
+    }
+    animation["samplers"].append(sampler)
+    number = len(animation["samplers"]) - 1
+    animation["channels"].append({"sampler": number, "target": {"node": node, "path": "scale"}})
+
+
+@contextmanager
+def exported_frames(
+    document: Document, every: Sequence[Frames], folder: str | os.PathLike[str], kind: str, progress: Progress
+) -> Iterator[Callable[[], None]]:
+    """Write a file for each frame of each clip, `CLIP_0001.obj`, with positions, normals and UVs, world space.
+
+    Args:
+        document: The source.
+        every: The meshes, all with the same clips; a file holds one frame of them all.
+        folder: Made where it is not there.
+        kind: obj, ply or glb.
+        progress: Called with a stage's name, frames done and frames in all.
+
+    Yields:
+        What puts the files into the folder; uncalled, or where anything fails later, all is left there as it was.
+
+    Raises:
+        BakeError: The folder cannot be written to.
+    """
+    target = Path(folder)
+    made: list[str] = []
+    try:
+        make_folders(os.fspath(target), made)
+        with tempfile.TemporaryDirectory(prefix=".wrinkle-", dir=target) as temporary:
+            names = _export(document, every, Path(temporary), kind, progress)
+
+            old = Path(temporary) / "old"
+            old.mkdir()
+            put_there: list[str] = []
+
+            def put() -> None:
+                for name in names:
+                    put_there.append(name)
+                    if (target / name).is_file():
+                        os.replace(target / name, old / name)
+                    os.replace(Path(temporary) / name, target / name)
+
+            try:
+                yield put
+            except BaseException:
+                for name in put_there:
+                    if not (Path(temporary) / name).exists():
+                        os.unlink(target / name)
+                    if (old / name).exists():
+                        os.replace(old / name, target / name)
+                raise
+    except OSError as error:
+        raise BakeError(f"cannot be written: {error.strerror or error}", where=os.fspath(folder)) from error
+    finally:
+        for each in reversed(made):
+            with suppress(OSError):  # not empty: done
+                os.rmdir(each)
+
+
+def _export(document: Document, every: Sequence[Frames], folder: Path, kind: str, progress: Progress) -> list[str]:
+    """Write the frames' files; their names."""
+    write = _writer(*_joined_topology(document, every), kind)
+    names: list[str] = []
+    stems: set[str] = set()
+    for motions in zip(*(frames.motions for frames in every), strict=True):
+        stem = re.sub(r"[^A-Za-z0-9_.-]", "_", motions[0].clip.name)
+        stem = stem if stem not in stems else f"{stem}_{motions[0].clip.index}"
+        stems.add(stem)
+        posed = [_pose_frames(document, frames, motion) for frames, motion in zip(every, motions, strict=True)]
+        for number, meshes in enumerate(zip(*posed, strict=True)):
+            names.append(f"{stem}_{number:04d}.{kind}")
+            (folder / names[-1]).write_bytes(write(meshes))
+            progress("files", number + 1, len(motions[0].times))
+    return names
+
+
+def _joined_topology(document: Document, every: Sequence[Frames]) -> tuple[Ints, Floats | None]:
+    """(triangles, 3) vertices of all meshes one after another, and (vertices, 2) UVs where every primitive has them."""
+    triangles, uvs, start = [], [], 0
+    for frames in every:
+        primitives = document.items("meshes")[frames.rig.mesh]["primitives"]
+        for primitive, part in zip(primitives, parts_of(frames.fine), strict=True):
+            triangles.append(part.triangles + start)
+            start += len(part.weld)
+            if "TEXCOORD_0" in primitive["attributes"]:
+                old = _old(document, primitive["attributes"], "TEXCOORD_0", part, 2)
+                uvs.append(np.concatenate([old, part.mix(old)]))
+    complete = sum(len(each) for each in uvs) == start
+    # glTF counts v from the top of the image, the other formats from the bottom.
+    return np.concatenate(triangles), np.concatenate(uvs) * [1.0, -1.0] + [0.0, 1.0] if complete else None
+
+
+def _writer(triangles: Ints, uvs: Floats | None, kind: str) -> Callable[[Sequence[_Posed]], bytes]:
+    """What makes a file of a frame, in a format of trimesh's.
+
+    In OBJ, which is text, all frames have the lines of UVs and faces of the first: writing them takes most of the time.
+    """
+    constant = ""
+
+    def write(frame: Sequence[_Posed]) -> bytes:
+        nonlocal constant
+        if kind != "obj":
+            return _exported(frame, triangles, uvs, kind)
+        if not constant:
+            # trimesh names a material file that is not written here.
+            text = re.sub(r"(?m)^(?:mtllib|usemtl) .*\n", "", _exported(frame, triangles, uvs, kind).decode())
+            first = re.search(r"(?m)^(?:vt|f) ", text)
+            constant = text[first.start() if first else len(text) :] + "\n" * (not text.endswith("\n"))
+        # Without triangles and UVs these are the vertices, and a face of nothing.
+        vertices, _, _ = _exported(frame, triangles[:0], None, kind).decode().partition("\nf ")
+        return f"{vertices}\n{constant}".encode()
+
+    return write
+
+
+def _exported(frame: Sequence[_Posed], triangles: Ints, uvs: Floats | None, kind: str) -> bytes:
+    import trimesh
+
+    normals = [mesh.normals for mesh in frame if mesh.normals is not None]
+    complete = len(normals) == len(frame)
+    mesh: Any = trimesh.Trimesh(
+        np.concatenate([mesh.positions for mesh in frame]),
+        triangles,
+        vertex_normals=np.concatenate(normals) if complete else None,
+        visual=None if uvs is None else cast(Any, trimesh.visual.TextureVisuals)(uv=uvs),
+        process=False,
+        validate=False,
+    )
+    data = mesh.export(file_type=kind, **{"vertex_normal" if kind == "ply" else "include_normals": complete})
+    return data.encode() if isinstance(data, str) else bytes(data)

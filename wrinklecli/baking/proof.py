@@ -1,0 +1,312 @@
+"""The written file, evaluated again as an engine would, against the method's own result."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrinklecli.baking.morphs import Part, parts_of, shared_vertices
+from wrinklecli.baking.plan import Basis, Motion, Plan, Progress, takes_of, targets_of
+from wrinklecli.character.pose import Clip, Rig, joint_matrices, morph_weights, read_clips, read_rig
+from wrinklecli.character.skin import pose, prepare
+from wrinklecli.character.surface import dense_influences, distinct_values, read_vertices, unit
+from wrinklecli.errors import RefusedError
+from wrinklecli.gltf.document import Document, Json
+from wrinklecli.gltf.writer import Draft
+from wrinklecli.method.patch import Rest
+from wrinklecli.method.refine import Refinement
+from wrinklecli.method.shapes import Activity, Carrier, displaced_normals, displacements, further_activities, turn_to
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
+
+# Frames of a clip at which whole members are compared, besides its tallest and most folded.
+_FRAMES = 64
+# The keys of each tool at which its track bends most.
+_BENDS = 4
+# Frames posed at once: more where they have fewer vertices than the one, fewer where they have more than the other.
+_CHUNK = 16
+_FEW_VERTICES = 2**15
+_MOST_VERTICES = 2**20
+
+
+@dataclass(frozen=True, slots=True)
+class Residual:
+    """How far the file is from the method in one clip.
+
+    Attributes:
+        position: Largest distance of a vertex, scene units.
+        time: When that is, seconds.
+        weights: Largest error of a tool's height, at and between all keys, scene units.
+        normal: 99th percentile of the angle between the file's and the true normals, degrees; None where
+            the mesh has none.
+    """
+
+    position: float
+    time: float
+    weights: float
+    normal: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Proof:
+    """The file's side of the comparison: what an engine loads for one mesh, at the vertices to compare.
+
+    Attributes:
+        rig: Of the written node.
+        clips: Of the written file.
+        vertices: (vertices,) fine welded vertex of each.
+        positions: (vertices, 3) as stored.
+        deltas: (targets, vertices, 3) as stored.
+        weights: (vertices, joints) as stored, normalised.
+        normals: (vertices, 3) and NORMAL deltas (targets, vertices, 3) as stored; None without NORMAL.
+    """
+
+    rig: Rig
+    clips: tuple[Clip, ...]
+    vertices: Ints
+    positions: Floats
+    deltas: Floats
+    weights: Floats
+    normals: tuple[Floats, Floats] | None
+
+
+def prove(
+    draft: Draft,
+    plan: Plan,
+    bases: list[Basis],
+    motions: Sequence[Motion],
+    *,
+    details: bool,
+    progress: Progress,
+) -> dict[str, Residual]:
+    """Play the draft as an engine would and compare it with the method, clip by clip.
+
+    Raises:
+        RefusedError: A vertex is further off than the plan's bound.
+    """
+    carriers = [basis.carrier for basis in bases]
+    parts = parts_of(plan.fine, shared_vertices(draft.source, plan.rig.mesh, plan.fine))
+    proof = read_back(draft.document(), plan.rig.node, plan.fine, carriers, parts)
+    written = {clip.index: clip for clip in proof.clips}
+    residuals: dict[str, Residual] = {}
+    proven: dict[int, tuple[Clip, Residual]] = {}
+    for number, (motion, take) in enumerate(
+        zip(motions, takes_of(plan, [motion.clip for motion in motions]), strict=True)
+    ):
+        clip = written[motion.clip.index]
+        # The same in the source and in the file as a clip before it.
+        if take not in proven or not clip.moves_as(proven[take][0]):
+            residual = compare(proof, motion, plan.fine, bases, plan.rig, plan.rest, with_normals=details)
+            proven[take] = clip, residual
+        residual = proven[take][1]
+        worst = max(residual.position, residual.weights)
+        if worst > plan.max_error:
+            share = 100 * worst / plan.tallest
+            when = f" at {residual.time:.3g} s" if worst == residual.position else ""
+            raise RefusedError(
+                f"the file would be off by {worst:.3g} ({share:.2g} % of the tallest wrinkle){when};"
+                f" --max-error allows {plan.max_error:.3g}",
+                where=motion.clip.name,
+            )
+        residuals[motion.clip.name] = residual
+        progress("proof", number + 1, len(motions))
+    return residuals
+
+
+def read_back(
+    written: Document, node: int, fine: Refinement, carriers: Sequence[Carrier], parts: Sequence[Part]
+) -> Proof:
+    """Load what the file says of the vertices that wrinkles or refinement touch."""
+    rig = read_rig(written, node)
+    distinct = _distinct(written.items("meshes")[rig.mesh]["primitives"], parts)
+    stored = read_vertices(written, rig, distinct)
+    welds = np.concatenate([parts[number].weld for number in distinct])
+    touched = np.zeros(len(fine.positions), bool)
+    touched[len(fine.surface.positions) :] = True
+    for carrier in carriers:
+        touched[carrier.vertices] = True
+    # A vertex that a new target moves is compared even if no tool asked for it.
+    added = stored.morph_deltas[len(fine.morph_deltas) :].any(axis=(0, 2))
+    chosen = np.flatnonzero(touched[welds] | added)
+    dense = dense_influences(stored.joints[chosen], stored.weights[chosen], len(rig.joints))
+    normals = None
+    if stored.normals is not None and stored.normal_deltas is not None:
+        normals = stored.normals[chosen], stored.normal_deltas[:, chosen]
+    return Proof(
+        rig,
+        read_clips(written),
+        welds[chosen],
+        stored.positions[chosen],
+        stored.morph_deltas[:, chosen],
+        dense,
+        normals,
+    )
+
+
+def _distinct(primitives: Sequence[Json], parts: Sequence[Part]) -> list[int]:
+    """The primitives without those that have the accessors of one before, and so the same vertices."""
+    seen: dict[str, Ints] = {}
+    distinct = []
+    for number, (primitive, part) in enumerate(zip(primitives, parts, strict=True)):
+        key = repr([sorted(primitive["attributes"].items()), primitive.get("targets")])
+        if key not in seen or not np.array_equal(seen[key], part.weld):
+            distinct.append(number)
+        seen.setdefault(key, part.weld)
+    return distinct
+
+
+def compare(
+    proof: Proof,
+    motion: Motion,
+    fine: Refinement,
+    bases: Sequence[Basis],
+    rig: Rig,
+    rest: Rest,
+    *,
+    with_normals: bool,
+) -> Residual:
+    """Compare one clip at and between its keys.
+
+    Args:
+        proof: The file's side.
+        motion: The clip as it was in the source, and the times at which it was sampled.
+        fine: The refined surface; its skin weights are not pruned.
+        bases: All tools.
+        rig: Of the source.
+        rest: The rest pose.
+        with_normals: Also compare normals, which takes several times as long.
+    """
+    carriers = [basis.carrier for basis in bases]
+    clip = motion.clip
+    written = next(each for each in proof.clips if each.index == clip.index)
+    every = _all_times(motion.times)
+    activities_ = further_activities(
+        [each.patch for each in carriers], rig, rest, clip, every, known=motion.seen, known_at=motion.times
+    )
+    chosen = _chosen_times(every, activities_)
+    times, amplitudes = every[chosen], [each.amplitudes[chosen] for each in activities_]
+    weights = fine.dense_weights(proof.vertices, len(rig.joints))
+    acting, stored = np.flatnonzero(weights.any(axis=0)), np.flatnonzero(proof.weights.any(axis=0))
+    method = prepare(weights[:, acting], fine.positions[proof.vertices], fine.morph_deltas[:, proof.vertices])
+    file = prepare(proof.weights[:, stored], proof.positions, proof.deltas)
+    count = max(len(proof.vertices), 1)
+    chunk = min(max(_FEW_VERTICES // count, _CHUNK), max(_MOST_VERTICES // count, 1))
+    worst, worst_time, angles = 0.0, float(times[0]), []
+    for part in (slice(k, k + chunk) for k in range(0, len(times), chunk)):
+        now, heights = times[part], [each[part] for each in amplitudes]
+        moved = _method_displacements(proof, fine, carriers, rig, rest, clip, now, heights)
+        matrices = joint_matrices(rig, clip, now, acting)
+        wanted, _ = pose(method, matrices, morph_weights(rig, clip, now), moved.transpose(0, 2, 1))
+        played = morph_weights(proof.rig, written, now)
+        got, _ = pose(file, joint_matrices(proof.rig, written, now, stored), played)
+        distances = np.sqrt(np.sum((got - wanted) ** 2, axis=1))
+        frame = int(distances.max(axis=1, initial=0.0).argmax())
+        if distances[frame].max(initial=0.0) > worst:
+            worst, worst_time = float(distances[frame].max()), float(now[frame])
+        if with_normals and proof.normals is not None:
+            angles.append(_normal_angles(proof, fine, moved, played))
+    normal = None
+    if angles:
+        together = np.concatenate(angles)
+        normal = float(np.percentile(together, 99)) if len(together) else 0.0
+    return Residual(worst, worst_time, _height_error(proof, written, clip, every, bases, activities_), normal)
+
+
+def _all_times(times: Floats) -> Floats:
+    """(times,) every key and two points between each two, seconds, as an engine's float32 clock shows them."""
+    between = (times[:-1, None] + np.array([0.25, 0.5]) * np.diff(times)[:, None]).reshape(-1)
+    return distinct_values(np.concatenate([times, between.astype(np.float32).astype(np.float64)]))
+
+
+def _height_error(
+    proof: Proof,
+    written: Clip,
+    clip: Clip,
+    times: Floats,
+    bases: Sequence[Basis],
+    seen: Sequence[Activity],
+) -> float:
+    """Largest error of an amplitude that the played weights stand for, scene units; skin-attached tools only."""
+    played = morph_weights(proof.rig, written, times)
+    # By place, not by name: a mesh whose extras are no object stores none.
+    after = len(proof.rig.morph_names) - len(targets_of(bases))
+    worst = 0.0
+    for basis, what in zip(bases, seen, strict=True):
+        patch = basis.carrier.patch
+        shapes = [index for index, target in enumerate(basis.targets) if target is not None]
+        got = played[:, after : after + len(shapes)]
+        after += len(shapes)
+        if not basis.from_skin:
+            continue
+        shown = np.array(shapes, np.intp)
+        if basis.unmix is not None:
+            # An engine's budget asked for other shapes: what they are of the curve's.
+            share = basis.unmix[shapes]
+            shown = np.flatnonzero(share.any(axis=0))
+            got = got @ share[:, shown]
+        greatest, wanted = patch.curve.greatest_amplitudes.reshape(-1), what.amplitudes.reshape(len(times), -1)
+        for column, number in zip(got.T, shown, strict=True):
+            error = column * greatest[number] - patch.clip_strength(clip) * wanted[:, number]
+            worst = max(worst, float(np.abs(error).max(initial=0.0)) * abs(patch.shape_strength))
+    return worst
+
+
+def _chosen_times(every: Floats, activities_: Sequence[Activity]) -> Ints:
+    """Which times to compare at, rising: an even choice, each tool's tallest and shortest, and where tracks bend."""
+    picked = set(np.linspace(0, len(every) - 1, min(_FRAMES, len(every))).astype(int).tolist())
+    for seen in activities_:
+        sizes = np.abs(seen.amplitudes)
+        picked.add(int(np.argmax(sizes)) // sizes[0].size)
+        picked.add(int(np.argmax(seen.shortenings)))
+        # The straight line through the neighbours misses most here.
+        tall = np.einsum("fgm->f", sizes)
+        bend = np.abs(tall[2:] - 2 * tall[1:-1] + tall[:-2])
+        # A few are sorted, not all.
+        least = np.partition(bend, -_BENDS)[-_BENDS] if len(bend) > _BENDS else 0.0
+        most = np.flatnonzero(bend >= least)
+        picked.update((1 + most[np.argsort(-bend[most], kind="stable")[:_BENDS]]).tolist())
+    return np.array(sorted(picked), np.intp)
+
+
+def _method_displacements(
+    proof: Proof,
+    fine: Refinement,
+    carriers: Sequence[Carrier],
+    rig: Rig,
+    rest: Rest,
+    clip: Clip,
+    times: Floats,
+    amplitudes: Sequence[Floats],
+) -> Floats:
+    """(frames, vertices, 3) sum of all tools, at the vertices compared, bind space."""
+    total = np.zeros((len(times), len(proof.vertices), 3))
+    for carrier, each in zip(carriers, amplitudes, strict=True):
+        rows = np.searchsorted(carrier.vertices, proof.vertices)
+        rows = np.minimum(rows, len(carrier.vertices) - 1)
+        here = carrier.vertices[rows] == proof.vertices
+        moved = displacements(carrier, fine, rig, rest, clip, times, each)
+        total[:, here] += moved[:, rows[here]]
+    return total
+
+
+def _normal_angles(proof: Proof, fine: Refinement, moved: Floats, played: Floats) -> Floats:
+    """(frames · vertices,) degrees between the file's normals and true ones, bind space, where they change.
+
+    Those of the wrinkles alone: what the source's own morph targets do to normals is theirs.
+    """
+    assert proof.normals is not None
+    base, deltas = proof.normals
+    old = len(fine.morph_deltas)
+    vertices, first = np.unique(proof.vertices, return_index=True)
+    touched, true = displaced_normals(fine, vertices, moved[:, first])
+    rows = np.searchsorted(touched, proof.vertices)
+    angles = []
+    for frame in range(len(moved)):
+        wanted = turn_to(fine.normals[proof.vertices], unit(base), true[frame, rows])
+        got = unit(base + np.tensordot(played[frame, old:], deltas[old:], axes=1))
+        changed = moved[frame].any(axis=1)
+        cosine = np.clip(np.sum(wanted * got, axis=1)[changed], -1.0, 1.0)
+        angles.append(np.degrees(np.arccos(cosine)))
+    return np.concatenate(angles)

@@ -1,0 +1,90 @@
+"""What a bake took: seconds by stage, memory. Apart from the report, which is the same every time."""
+
+import os
+import sys
+import time
+from collections.abc import Sequence
+
+import numpy as np
+
+from wrinklecli.baking.plan import targets_of
+from wrinklecli.baking.report import Baked
+from wrinklecli.character.surface import distinct_values
+from wrinklecli.gltf.document import Document, Json
+from wrinklecli.numeric.piecewise import clip_grid
+
+VERSION = 1
+# In the order of the pipeline; `plan` attaches and refines, `export` writes the files of --frames-dir.
+STAGES = ("read", "plan", "sample", "budget", "encode", "prove", "report", "export", "write")
+
+
+class StageClock:
+    """Seconds since one moment, shared out among stages: those between two calls of `ends` belong to the stage named.
+
+    Attributes:
+        seconds: By stage, 0 for one that has not run.
+    """
+
+    def __init__(self) -> None:
+        self.seconds = dict.fromkeys(STAGES, 0.0)
+        self._last = time.perf_counter()
+
+    def ends(self, stage: str) -> None:
+        """Count the time since the last call, or the start, as a stage's, which may run several times."""
+        now = time.perf_counter()
+        self.seconds[stage] += now - self._last
+        self._last = now
+
+
+def make_timings(
+    clock: StageClock, document: Document, baked: Sequence[Baked], *, fps: float, bytes_written: int | None
+) -> Json:
+    """Gather what a bake took.
+
+    Args:
+        clock: Of the bake.
+        document: The asset.
+        baked: What was made.
+        fps: Of the grid over the clips.
+        bytes_written: Size of OUT with the files beside it; none without OUT.
+
+    Returns:
+        JSON values; keys as in `wrinkle bake --help`.
+    """
+    clips = {motion.clip.index: motion.clip for each in baked for motion in each.motions}
+    members = [distinct_values(np.concatenate([c.vertices for c in each.plan.carriers])) for each in baked]
+    frames = sum(len(clip_grid(clip, None, fps=fps)) for clip in clips.values())
+    seconds = {stage: round(each, 6) for stage, each in clock.seconds.items()}
+    total = round(sum(seconds.values()), 6)
+    return {
+        "timings": VERSION,
+        "seconds": seconds,
+        "total_seconds": total,
+        "clips": len(clips),
+        "frames": frames,
+        "frames_per_second": round(frames / max(total, 1e-6), 3),
+        "members": sum(len(each) for each in members),
+        "targets": sum(len(targets_of(each.bases)) for each in baked),
+        "bytes_added": _bytes_added(document, bytes_written),
+        "peak_memory_bytes": peak_memory(),
+    }
+
+
+def _bytes_added(document: Document, bytes_written: int | None) -> int | None:
+    """What OUT has more than the asset with its buffers; None without OUT, or where the asset is gone meanwhile."""
+    if bytes_written is None:
+        return None
+    try:
+        return bytes_written - sum(os.path.getsize(path) for path in document.files)
+    except OSError:  # no reason to fail: OUT is written
+        return None
+
+
+def peak_memory() -> int | None:
+    """The most memory that this process has held, bytes; None on Windows."""
+    if sys.platform == "win32":
+        return None
+    import resource
+
+    # Kilobytes, but bytes on macOS.
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)

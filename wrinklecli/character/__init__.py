@@ -1,0 +1,4 @@
+"""A `Document` in; out comes what moves in it, as arrays: rig, clips, poses, welded surface, scene.
+
+This is the character as the animator left it. This room knows no tools and no wrinkles.
+"""

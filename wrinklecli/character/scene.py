@@ -1,0 +1,154 @@
+"""All that a scene shows, posed as an engine would: what `preview`, `diff` and `suggest` look at.
+
+Where the stages of a bake know one mesh as a welded surface, here every primitive of every node is as the file stores
+it: its own vertices, its own normals, its own skin weights.
+
+Source: glTF 2.0 §3.5 (scenes), §3.7.2.2 (morph targets), §3.7.3.3 (skinned meshes).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrinklecli.character.pose import Clip, Rig, joint_matrices, morph_weights, read_rig
+from wrinklecli.character.skin import Skin, pose, prepare
+from wrinklecli.character.surface import Vertices, dense_influences, read_primitive, read_triangles
+from wrinklecli.gltf.document import Document, Json
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One primitive as one node shows it.
+
+    Attributes:
+        rig: What moves it; an unskinned mesh hangs on its own node with weight 1.
+        primitive: Its number in the mesh.
+        where: Its JSON pointer.
+        vertices: As stored, bind space.
+        triangles: (triangles, 3) its vertices; none for points and lines.
+        skin: Its vertices, ready to be posed.
+        colour: (3,) base colour factor of its material, linear RGB.
+        double_sided: Whether its material shows both sides.
+    """
+
+    rig: Rig
+    primitive: int
+    where: str
+    vertices: Vertices
+    triangles: Ints
+    skin: Skin
+    colour: Floats
+    double_sided: bool
+
+    @property
+    def name(self) -> str:
+        """The name of the node."""
+        return self.rig.names[self.rig.node]
+
+
+@dataclass(frozen=True, slots=True)
+class Posed:
+    """A part at some times, world space, scene units.
+
+    Attributes:
+        positions: (frames, vertices, 3).
+        normals: (frames, vertices, 3) unit; None where the file has none, which means flat shading.
+        mirrored: (frames,) whether the node mirrors an unskinned mesh, so that its triangles wind the other way.
+        hidden: (frames,) whether the node is scaled to nothing, as players of per-frame geometry have it.
+    """
+
+    positions: Floats
+    normals: Floats | None
+    mirrored: NDArray[np.bool_]
+    hidden: NDArray[np.bool_]
+
+
+def scene_nodes(document: Document) -> list[int]:
+    """The nodes of the default scene, ascending; all of them where the file has no scene."""
+    nodes, scenes = document.items("nodes"), document.items("scenes")
+    if not scenes:
+        return list(range(len(nodes)))
+    scene = document.item("scenes", document.gltf.get("scene", 0), user=document.path)
+    found: set[int] = set()
+    stack = list(scene.get("nodes", []))
+    while stack:
+        node = stack.pop()
+        if node not in found:
+            found.add(node)
+            stack += document.item("nodes", node, user=document.where("scenes")).get("children", [])
+    return sorted(found)
+
+
+def read_scene(document: Document) -> tuple[Part, ...]:
+    """Every primitive of every node of the default scene, in the document's order.
+
+    Raises:
+        AssetError: A mesh, a skin or the hierarchy is malformed.
+    """
+    nodes = document.items("nodes")
+    parts = []
+    for node in scene_nodes(document):
+        if "mesh" not in nodes[node]:
+            continue
+        rig = read_rig(document, node)
+        for number, primitive in enumerate(document.items("meshes")[rig.mesh].get("primitives", [])):
+            where = document.where("meshes", rig.mesh, "primitives", number)
+            vertices = read_primitive(document, primitive, rig, where)
+            count = len(vertices.positions)
+            material = _material(document, primitive, where)
+            parts.append(
+                Part(
+                    rig=rig,
+                    primitive=number,
+                    where=where,
+                    vertices=vertices,
+                    triangles=read_triangles(document, primitive, count, where),
+                    skin=_skin(vertices, len(rig.joints)),
+                    colour=_base_colour(material),
+                    double_sided=bool(material.get("doubleSided", False)),
+                )
+            )
+    return tuple(parts)
+
+
+def _material(document: Document, primitive: Json, where: str) -> Json:
+    material = document.item("materials", primitive["material"], user=where) if "material" in primitive else {}
+    return material if isinstance(material, dict) else {}
+
+
+def _base_colour(material: Json) -> Floats:
+    """(3,) linear RGB; white where the file says nothing that is a colour, as looks are no reason to refuse it."""
+    try:
+        factor = np.array(material["pbrMetallicRoughness"]["baseColorFactor"], np.float64)
+    except (KeyError, TypeError, ValueError, OverflowError):
+        return np.ones(3)
+    known = factor.ndim == 1 and len(factor) >= 3 and bool(np.isfinite(factor).all())
+    return np.clip(factor[:3], 0.0, 1.0) if known else np.ones(3)
+
+
+def _skin(vertices: Vertices, joint_count: int) -> Skin:
+    weights = dense_influences(vertices.joints, vertices.weights, joint_count)
+    return prepare(weights, vertices.positions, vertices.morph_deltas, vertices.normals, vertices.normal_deltas)
+
+
+def pose_part(part: Part, clip: Clip | None, times: Floats) -> Posed:
+    """Morph and skin a part by its own weights.
+
+    Args:
+        part: Of the scene.
+        clip: The animation; none for the stored pose.
+        times: (frames,) seconds; before the first and after the last key a channel holds.
+    """
+    rig = part.rig
+    matrices = joint_matrices(rig, clip, times)
+    weights = morph_weights(rig, clip, times)
+    determinants = np.linalg.det(matrices[:, 0, :3, :3])
+    mirrored = np.zeros(len(times), bool) if rig.skinned else determinants < 0
+    hidden = np.zeros(len(times), bool) if rig.skinned else determinants == 0
+    positions, normals = pose(part.skin, matrices, weights)
+    turned = None if normals is None else normals.transpose(0, 2, 1)
+    return Posed(positions.transpose(0, 2, 1), turned, mirrored, hidden)

@@ -1,0 +1,389 @@
+"""A mesh's primitives as one welded surface in bind space.
+
+glTF splits vertices at UV and normal seams. Topology, normals and displacement work on welded vertices, so
+that what was one point of the artist's mesh moves as one.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrinklecli.character.pose import MOST, Rig, in_range
+from wrinklecli.errors import AssetError
+from wrinklecli.gltf.document import TRIANGLE_FAN, TRIANGLE_STRIP, TRIANGLES, Document, Json
+from wrinklecli.gltf.draco import EXTENSION
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
+Bools = NDArray[np.bool_]
+Array = NDArray[Any]
+
+# Largest difference of two influences or, over the box's diagonal, of two morph deltas of one point; after Draco, which
+# rounds each primitive on its own, of two positions too.
+_WELD_TOLERANCE = 1e-6
+# Welded vertices at one place that others are compared with, one after another; what is none of them stays alone.
+_MOST_TWINS = 1000
+# Sets of four joints of a vertex; comparing each with each takes the square.
+_MOST_SETS = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Surface:
+    """The triangles of a mesh over welded vertices, bind space.
+
+    Attributes:
+        positions: (vertices, 3) stored positions.
+        morph_deltas: (morph targets, vertices, 3).
+        joints: (vertices, influences) into the rig's joints.
+        weights: (vertices, influences), rows summing to 1; 0 where a vertex has fewer.
+        triangles: (triangles, 3) welded vertices.
+        corners: (triangles, 3) the glTF vertices of the same corners.
+        primitives: (triangles,) the primitive that each triangle came from.
+        weld: (glTF vertices,) the welded vertex of each; primitives follow one another.
+        vertex_starts: (primitives + 1,) the first glTF vertex of each primitive.
+        twins: (vertices,) another welded vertex lies at the same place, moving differently.
+    """
+
+    positions: Floats
+    morph_deltas: Floats
+    joints: Ints
+    weights: Floats
+    triangles: Ints
+    corners: Ints
+    primitives: Ints
+    weld: Ints
+    vertex_starts: Ints
+    twins: Bools
+
+    @property
+    def size(self) -> float:
+        """Diagonal of the bounding box, bind units."""
+        return float(np.linalg.norm(np.ptp(self.positions, axis=0)))
+
+    def dense_weights(self, vertices: Ints, joint_count: int) -> Floats:
+        """(vertices, joints) skin weights of some vertices."""
+        return dense_influences(self.joints[vertices], self.weights[vertices], joint_count)
+
+
+def read_surface(document: Document, rig: Rig) -> Surface:
+    """Weld the primitives of a rig's mesh.
+
+    Two glTF vertices are one where their bind positions are equal to the bit and their skin influences and
+    morph deltas to 1e-6. (Position alone would glue touching lips.)
+
+    Raises:
+        AssetError: An attribute is missing, malformed or not finite, or there is no triangle.
+    """
+    vertices = read_vertices(document, rig)
+    primitives = document.items("meshes")[rig.mesh]["primitives"]
+    counts = np.diff(vertices.starts)
+    where = document.where("meshes", rig.mesh)
+    parts = [
+        read_triangles(document, primitive, int(count), f"{where}/primitives/{index}") + start
+        for index, (primitive, count, start) in enumerate(zip(primitives, counts, vertices.starts[:-1], strict=True))
+    ]
+    corners = np.concatenate(parts)
+    if not len(corners):
+        raise AssetError("has no triangles", where=where)
+    weld, firsts, twins = _weld(vertices, _places(document, primitives, vertices.positions))
+    return Surface(
+        positions=vertices.positions[firsts],
+        morph_deltas=vertices.morph_deltas[:, firsts],
+        joints=vertices.joints[firsts],
+        weights=vertices.weights[firsts],
+        triangles=weld[corners],
+        corners=corners,
+        primitives=np.repeat(np.arange(len(parts)), [len(part) for part in parts]),
+        weld=weld,
+        vertex_starts=vertices.starts,
+        twins=twins,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Vertices:
+    """The glTF vertices of a mesh, primitive after primitive, bind space.
+
+    Attributes:
+        starts: (primitives + 1,) the first vertex of each primitive.
+        positions: (vertices, 3).
+        morph_deltas: (morph targets, vertices, 3).
+        joints: (vertices, influences) into the rig's joints, each once, in rising order.
+        weights: (vertices, influences), rows summing to 1.
+        normals: (vertices, 3); None where a primitive has none.
+        normal_deltas: (morph targets, vertices, 3); None as above.
+    """
+
+    starts: Ints
+    positions: Floats
+    morph_deltas: Floats
+    joints: Ints
+    weights: Floats
+    normals: Floats | None
+    normal_deltas: Floats | None
+
+
+def read_vertices(document: Document, rig: Rig, chosen: Sequence[int] | None = None) -> Vertices:
+    """Read the vertices of a rig's mesh, or of some of its primitives.
+
+    Raises:
+        AssetError: An attribute is missing, malformed or not finite.
+    """
+    primitives = document.items("meshes")[rig.mesh].get("primitives", [])
+    where = document.where("meshes", rig.mesh)
+    if not primitives:
+        raise AssetError("has no primitives", where=where)
+    numbers = range(len(primitives)) if chosen is None else chosen
+    parts = [read_primitive(document, primitives[i], rig, f"{where}/primitives/{i}") for i in numbers]
+    most = max(part.joints.shape[1] for part in parts)
+
+    def padded(rows: Array) -> Array:
+        return np.pad(rows, ((0, 0), (0, most - rows.shape[1])))
+
+    normals = [part.normals for part in parts if part.normals is not None]
+    deltas = [part.normal_deltas for part in parts if part.normal_deltas is not None]
+    complete = len(normals) == len(parts)
+    return Vertices(
+        starts=np.cumsum([0] + [len(part.positions) for part in parts]),
+        positions=np.concatenate([part.positions for part in parts]),
+        morph_deltas=np.concatenate([part.morph_deltas for part in parts], axis=1),
+        joints=np.concatenate([padded(part.joints) for part in parts]),
+        weights=np.concatenate([padded(part.weights) for part in parts]),
+        normals=np.concatenate(normals) if complete else None,
+        normal_deltas=np.concatenate(deltas, axis=1) if complete else None,
+    )
+
+
+def read_primitive(document: Document, primitive: Json, rig: Rig, where: str) -> Vertices:
+    """Read the vertices of one primitive of a rig's mesh.
+
+    Raises:
+        AssetError: An attribute is missing, malformed or not finite.
+    """
+    attributes = primitive.get("attributes", {})
+    if "POSITION" not in attributes:
+        raise AssetError("has no POSITION", where=where)
+    count = len(document.accessor(attributes["POSITION"], user=where))
+    positions = _attribute(document, attributes["POSITION"], count, 3, where)
+    targets = primitive.get("targets", [])
+    if len(targets) != len(rig.morph_weights):
+        raise AssetError(f"has {len(targets)} morph targets, others have {len(rig.morph_weights)}", where=where)
+    document.refuse_excess(len(targets) * count * 3, f"{len(targets)} morph targets of {count} vertices", where=where)
+    document.refuse_excess(
+        len(rig.joints) * count, f"{count} vertices' weights of {len(rig.joints)} joints", where=where
+    )
+
+    def deltas_of(name: str) -> Floats:
+        deltas = np.zeros((len(targets), count, 3))
+        for index, target in enumerate(targets):
+            if name in target:
+                deltas[index] = _attribute(document, target[name], count, 3, where)
+        return deltas
+
+    joints, weights = np.zeros((count, 1), np.intp), np.ones((count, 1))
+    if rig.skinned:
+        joints, weights = _read_influences(document, attributes, count, len(rig.joints), where)
+    has_normals = "NORMAL" in attributes
+    return Vertices(
+        starts=np.array([0, count]),
+        # The sum with 0 makes -0 and 0 one value, as they are one place.
+        positions=positions + 0.0,
+        morph_deltas=deltas_of("POSITION"),
+        joints=joints,
+        weights=weights,
+        normals=_attribute(document, attributes["NORMAL"], count, 3, where) if has_normals else None,
+        normal_deltas=deltas_of("NORMAL") if has_normals else None,
+    )
+
+
+def _attribute(document: Document, index: int, count: int, size: int, where: str) -> Any:
+    values = document.accessor(index, user=where)
+    if values.shape != (count, size) or not in_range(values):
+        message = f"accessor {index} must hold {size} finite numbers up to {MOST:g} for {count} vertices"
+        raise AssetError(message, where=where)
+    return values
+
+
+def influence_sets(attributes: Json) -> int:
+    """How many sets of four joints and weights a primitive has, JOINTS_0 and so on."""
+    sets = 0
+    while f"JOINTS_{sets}" in attributes and f"WEIGHTS_{sets}" in attributes:
+        sets += 1
+    return sets
+
+
+def _read_influences(
+    document: Document, attributes: Json, count: int, joint_count: int, where: str
+) -> tuple[Ints, Floats]:
+    """(vertices, influences) joints and normalised weights, each joint once, in rising order, padded by 0.
+
+    A vertex without weight follows its first joint, as three.js has it.
+    """
+    sets = influence_sets(attributes)
+    if sets > _MOST_SETS:
+        raise AssetError(f"has {sets} sets of joints; at most {_MOST_SETS} are read", where=where)
+    if not sets:
+        raise AssetError("belongs to a skinned node but has no JOINTS_0 and WEIGHTS_0", where=where)
+    joints, weights = (
+        np.concatenate([_attribute(document, attributes[f"{kind}_{k}"], count, 4, where) for k in range(sets)], axis=1)
+        for kind in ("JOINTS", "WEIGHTS")
+    )
+    joints, weights = joints.astype(np.intp), np.maximum(weights.astype(np.float64), 0.0)
+    odd = (weights > 0) & ((joints < 0) | (joints >= joint_count))
+    if odd.any():
+        raise AssetError(f"JOINTS refer to joint {joints[odd][0]} of {joint_count}", where=where)
+    weights[:, 0] = np.where(weights.sum(axis=1) > 0, weights[:, 0], 1.0)
+    joints = np.clip(joints, 0, joint_count - 1)
+    for k in range(1, 4 * sets):
+        for earlier in range(k):
+            same = (joints[:, earlier] == joints[:, k]) & (weights[:, earlier] > 0)
+            weights[same, earlier] += weights[same, k]
+            weights[same, k] = 0.0
+    joints = np.where(weights > 0, joints, joint_count)
+    # Joints and where they were, in one number: sorting is faster than finding an order.
+    keys = np.sort(joints * (4 * sets) + np.arange(4 * sets), axis=1)
+    joints, weights = keys // (4 * sets), np.take_along_axis(weights, keys % (4 * sets), 1)
+    weights /= weights.sum(axis=1, keepdims=True)
+    return np.where(joints == joint_count, 0, joints), weights
+
+
+def read_triangles(document: Document, primitive: Json, count: int, where: str) -> Ints:
+    """(triangles, 3) vertices of a primitive; none for points and lines. Strips and fans become triangles."""
+    mode = primitive.get("mode", TRIANGLES)
+    if mode not in (TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN):
+        return np.zeros((0, 3), np.intp)
+    if "indices" in primitive:
+        stored = document.accessor(primitive["indices"], user=where)
+        if stored.ndim != 1 or stored.dtype.kind != "u" or int(stored.max(initial=0)) >= count:
+            raise AssetError(f"indices must be whole numbers below {count}", where=where)
+        indices = stored.astype(np.intp)
+    else:
+        indices = np.arange(count)
+    # Draco streams hold triangles whatever the mode; of a strip, too.
+    if mode == TRIANGLES or EXTENSION in primitive.get("extensions", {}):
+        return indices[: len(indices) // 3 * 3].reshape(-1, 3)
+    if len(indices) < 3:
+        return np.zeros((0, 3), np.intp)
+    first, second, third = indices[:-2], indices[1:-1], indices[2:]
+    if mode == TRIANGLE_FAN:
+        return np.stack([second, third, np.broadcast_to(indices[0], second.shape)], axis=1)
+    odd = np.arange(len(first)) % 2 == 1
+    return np.stack([first, np.where(odd, third, second), np.where(odd, second, third)], axis=1)
+
+
+def _places(document: Document, primitives: list[Json], positions: Floats) -> Floats:
+    """(vertices, 3) positions to weld by: after Draco, those within the tolerance are those of the first among them."""
+    if not any(document.is_draco(primitive["attributes"]["POSITION"]) for primitive in primitives):
+        return positions
+    # Imported here, as it takes longer than most bakes' welding and few files need it.
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    firsts, which = distinct(positions)
+    places = positions[firsts]
+    tolerance = _WELD_TOLERANCE * float(np.linalg.norm(np.ptp(positions, axis=0)))
+    near = cKDTree(places).query_pairs(tolerance, output_type="ndarray")
+    links = coo_array((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(len(places), len(places)))
+    _, groups = connected_components(links, directed=False)
+    _, firsts = np.unique(groups, return_index=True)
+    return places[firsts[groups[which]]]
+
+
+def distinct(rows: Array) -> tuple[Ints, Ints]:
+    """Where each distinct one of (n, columns) rows is, these rising, and (n,) which of them each row is.
+
+    As `np.unique` along an axis, but several times as fast.
+    """
+    order = np.lexsort(rows.T[::-1])
+    fresh = np.zeros(len(rows), bool)
+    fresh[:1] = True
+    for column in rows.T:
+        ordered = column[order]
+        fresh[1:] |= ordered[1:] != ordered[:-1]
+    which = np.zeros(len(rows), np.intp)
+    which[order] = np.cumsum(fresh) - 1
+    return order[fresh], which
+
+
+def distinct_values(values: Array) -> Array:
+    """The values of an array, each once, rising.
+
+    As `np.unique`, but several times as fast (numpy 2.3 and later hash), and without importing `numpy.ma`, which takes
+    as long as refining a small patch.
+    """
+    ordered = np.sort(values, axis=None)
+    fresh = np.ones(len(ordered), bool)
+    fresh[1:] = ordered[1:] != ordered[:-1]
+    return ordered[fresh]
+
+
+def _weld(vertices: Vertices, positions: Floats) -> tuple[Ints, Ints, Bools]:
+    """Welded vertex of each vertex, the first vertex of each welded one, and which welded ones have twins."""
+    deltas = vertices.morph_deltas
+    joints, weights = vertices.joints, vertices.weights
+    _, place = distinct(positions)
+    tolerance = _WELD_TOLERANCE * max(float(np.linalg.norm(np.ptp(positions, axis=0))), 1e-30)
+    leader = np.full(len(positions), -1, np.intp)
+    pending = np.arange(len(positions))
+    for _ in range(_MOST_TWINS):
+        if not len(pending):
+            break
+        first_here = np.full(int(place.max()) + 1, len(positions), np.intp)
+        np.minimum.at(first_here, place[pending], pending)
+        first = first_here[place[pending]]
+        same = (
+            (joints[pending] == joints[first]).all(axis=1)
+            & (np.abs(weights[pending] - weights[first]) <= _WELD_TOLERANCE).all(axis=1)
+            & (np.abs(deltas[:, pending] - deltas[:, first]) <= tolerance).all(axis=(0, 2))
+        )
+        leader[pending[same]] = first[same]
+        pending = pending[~same]
+    leader[pending] = pending
+    leads = leader == np.arange(len(leader))
+    firsts, weld = np.flatnonzero(leads), (np.cumsum(leads) - 1)[leader]
+    twins = np.bincount(place[firsts])[place[firsts]] > 1
+    return weld, firsts, twins
+
+
+def dense_influences(joints: Ints, weights: Floats, joint_count: int) -> Floats:
+    """(vertices, joints) skin weights of (vertices, influences) joints and their weights."""
+    dense = np.zeros((len(joints), joint_count))
+    for column, shares in zip(joints.T, weights.T, strict=True):
+        dense[np.arange(len(dense)), column] += shares
+    return dense
+
+
+def face_normals(positions: Floats, triangles: Ints) -> Floats:
+    """(triangles, 3) normals of twice the triangles' area in length."""
+    a, b, c = (positions[triangles[:, k]] for k in range(3))
+    return np.cross(b - a, c - a)
+
+
+def vertex_normals(positions: Floats, triangles: Ints) -> Floats:
+    """(vertices, 3) area-weighted unit normals; 0 where a vertex has no area around it."""
+    return unit(_normal_sums(positions, triangles))
+
+
+def normals_at(positions: Floats, triangles: Ints, vertices: Ints) -> Floats:
+    """(chosen, 3) `vertex_normals` of some vertices."""
+    wanted = np.zeros(len(positions), bool)
+    wanted[vertices] = True
+    a, b, c = wanted[triangles].T
+    return unit(_normal_sums(positions, triangles[a | b | c])[vertices])
+
+
+def _normal_sums(positions: Floats, triangles: Ints) -> Floats:
+    """(vertices, 3) sums of the normals of the triangles around each vertex."""
+    faces = face_normals(positions, triangles)
+    sums = [np.bincount(triangles.ravel(), np.repeat(faces[:, k], 3), len(positions)) for k in range(3)]
+    return np.asarray(np.stack(sums, axis=1), np.float64)
+
+
+def unit(vectors: Floats) -> Floats:
+    """Vectors (…, 3) divided by their length; 0 stays 0."""
+    lengths = np.sqrt(np.sum(vectors * vectors, axis=-1, keepdims=True))
+    return np.where(lengths > 0, vectors / np.where(lengths > 0, lengths, 1.0), 0.0)

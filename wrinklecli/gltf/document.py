@@ -1,0 +1,617 @@
+"""glTF documents as they were read: .gltf and .glb bytes to JSON, buffers and accessors.
+
+The JSON is kept as it was parsed, every key in its order; `draft` patches a copy of it.
+
+Source: glTF 2.0 specification, §3.6 (binary data storage), §4 (GLB), §5.1 (accessors);
+    EXT_meshopt_compression, KHR_meshopt_compression and KHR_draco_mesh_compression.
+"""
+
+import base64
+import binascii
+import json
+import math
+import os
+import re
+import struct
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrinklecli.errors import AssetError, listed
+from wrinklecli.gltf import draco, meshopt
+
+Json = dict[str, Any]
+Array = NDArray[Any]
+
+# Primitive modes (§5.24.4) and component types (§5.1.3).
+TRIANGLES = 4
+TRIANGLE_STRIP = 5
+TRIANGLE_FAN = 6
+_COMPONENT_DTYPES: dict[Any, np.dtype[Any]] = {
+    5120: np.dtype("<i1"),
+    5121: np.dtype("<u1"),
+    5122: np.dtype("<i2"),
+    5123: np.dtype("<u2"),
+    5125: np.dtype("<u4"),
+    5126: np.dtype("<f4"),
+}
+COMPONENT_TYPES = {dtype: number for number, dtype in _COMPONENT_DTYPES.items()}
+_TYPE_SIZES: dict[Any, int] = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+SIZE_TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
+
+# What is read of a document: objects by key (`*`: any), arrays by their items, indices and counts as int.
+_SHAPE: Json = {
+    "asset": {"version": str},
+    "extensionsUsed": [str],
+    "extensionsRequired": [str],
+    "scenes": [{"nodes": [int]}],
+    "nodes": [
+        {
+            "name": str,
+            "children": [int],
+            "mesh": int,
+            "skin": int,
+            "matrix": [float],
+            "translation": [float],
+            "rotation": [float],
+            "scale": [float],
+            "weights": [float],
+        }
+    ],
+    "meshes": [
+        {
+            "primitives": [{"attributes": {"*": int}, "indices": int, "mode": int, "targets": [{"*": int}]}],
+            "weights": [float],
+        }
+    ],
+    "skins": [{"joints": [int], "inverseBindMatrices": int}],
+    "animations": [
+        {
+            "name": str,
+            "channels": [{"sampler": int, "target": {"node": int, "path": str}}],
+            "samplers": [{"input": int, "output": int, "interpolation": str}],
+        }
+    ],
+    "accessors": [
+        {
+            "bufferView": int,
+            "byteOffset": int,
+            "componentType": int,
+            "count": int,
+            "type": str,
+            "normalized": bool,
+            "sparse": {
+                "count": int,
+                "indices": {"bufferView": int, "byteOffset": int, "componentType": int},
+                "values": {"bufferView": int, "byteOffset": int},
+            },
+        }
+    ],
+    "bufferViews": [{"buffer": int, "byteOffset": int, "byteLength": int, "byteStride": int}],
+    "buffers": [{"uri": str, "byteLength": int}],
+    "images": [{"uri": str, "bufferView": int, "mimeType": str}],
+}
+_MESHOPT_SHAPE: Json = {
+    "buffer": int,
+    "byteOffset": int,
+    "byteLength": int,
+    "byteStride": int,
+    "count": int,
+    "mode": str,
+    "filter": str,
+}
+_DRACO_SHAPE: Json = {"bufferView": int, "attributes": {"*": int}}
+_SHAPE["bufferViews"][0]["extensions"] = dict.fromkeys(meshopt.EXTENSIONS, _MESHOPT_SHAPE)
+_SHAPE["buffers"][0]["extensions"] = {name: {"fallback": bool} for name in meshopt.EXTENSIONS}
+_SHAPE["meshes"][0]["primitives"][0]["extensions"] = {draco.EXTENSION: _DRACO_SHAPE}
+_KINDS = {int: "a whole number of 0 or more", float: "a number", str: "text", bool: "true or false"}
+
+# Compressions that are decoded where needed; with the next, all extensions of geometry that we understand.
+COMPRESSIONS = (draco.EXTENSION, *meshopt.EXTENSIONS)
+_GEOMETRY_EXTENSIONS = (*COMPRESSIONS, "KHR_mesh_quantization", "EXT_mesh_features")
+# What names of extensions that change geometry, or how it is stored, have in them, and what those of others have.
+_GEOMETRY_WORDS = re.compile(
+    "mesh|primitive|geometry|vertex|skin|morph|subdiv|splat|curve|compress|accessor|buffer", re.IGNORECASE
+)
+_APPEARANCE_WORDS = re.compile("texture|material|image|light", re.IGNORECASE)
+
+GLB_MAGIC = b"glTF"
+JSON_CHUNK = b"JSON"
+BIN_CHUNK = b"BIN\0"
+_DEPTH_LIMIT = 256  # levels of JSON; copying and writing recurse
+_SHOWN = 40  # characters of a found value that a message repeats
+
+# An accessor may claim any count; nothing real has more elements than this.
+_COUNT_LIMIT = 2**26
+# Numbers of 8 bytes that a file may ask for without storing them (zeros, morph deltas, skin weights of all joints):
+# any file so many, and more for each byte of its buffers. Nothing real comes near; 200 bytes cannot ask for gigabytes.
+_FREE_NUMBERS = 2**22
+_NUMBERS_PER_BYTE = 256
+_NUMBERS_LIMIT = 2**28
+
+
+@dataclass(frozen=True)
+class Document:
+    """A glTF asset as it was read: JSON as parsed, buffers as stored.
+
+    Attributes:
+        path: The file, as the user typed it; messages begin with it.
+        gltf: The JSON; never written to.
+        buffers: One bytes-like object for each of the JSON's `buffers`; an empty one for a placeholder, whose views
+            are all compressed into other buffers.
+        files: Every file that was read, the asset first, as typed or joined to its folder.
+        allow_external: Whether buffers and images may lie outside the asset's folder.
+        resources: Images by relative URI, where these do not lie at their places beside `path`: those of an original
+            that a baked file elsewhere was made from. None where they do.
+    """
+
+    path: str
+    gltf: Json
+    buffers: tuple[memoryview, ...]
+    files: tuple[str, ...]
+    allow_external: bool = False
+    resources: dict[str, memoryview] | None = None
+
+    def where(self, *pointer: str | int) -> str:
+        """The place of a JSON value for messages: `hand.glb#/meshes/0`."""
+        return f"{self.path}#/" + "/".join(str(part) for part in pointer)
+
+    def items(self, kind: str) -> list[Json]:
+        """The JSON objects of a top-level array, none where the document has no such array."""
+        found: list[Json] = self.gltf.get(kind, [])
+        return found
+
+    def item(self, kind: str, index: object, *, user: str) -> Json:
+        """One object of a top-level array.
+
+        Raises:
+            AssetError: The index, used by `user` (a place from `where`), is out of range or no integer.
+        """
+        found = self.items(kind)
+        if not isinstance(index, int) or not 0 <= index < len(found):
+            raise AssetError(f"refers to {kind}[{index}], but there are {len(found)}", where=user)
+        return found[index]
+
+    def accessor(self, index: int, *, user: str | None = None) -> Array:
+        """The elements of an accessor, sparse substitutions applied.
+
+        Args:
+            index: Into `accessors`.
+            user: What refers to it, for messages.
+
+        Returns:
+            (count, components), or (count,) for SCALAR: float64 where the components are floats or
+            normalised integers, otherwise the stored integers.
+
+        Raises:
+            AssetError: The accessor, or a view or buffer behind it, is malformed or out of range.
+
+        Source: glTF 2.0 §3.6.2 and, for normalised integers, §3.11. Differs: MAT2 and MAT3 of one- and
+            two-byte components, whose columns are padded, are refused; no geometry or animation uses them.
+        """
+        key = (index,)
+        if key not in self._decoded:
+            accessor = self.item("accessors", index, user=user or self.where("accessors", index))
+            self._decoded[key] = self._decode(accessor, index)
+        return self._decoded[key]
+
+    @cached_property
+    def _decoded(self) -> dict[tuple[int], Array]:
+        return {}
+
+    def refuse_excess(self, numbers: int, what: str, *, where: str) -> None:
+        """Check that the file is large enough to ask for memory, before it is taken.
+
+        Args:
+            numbers: That `what` takes, in all.
+            what: For the message.
+            where: In the document.
+
+        Raises:
+            AssetError: It is not.
+        """
+        stored = sum(len(each) for each in self.buffers)
+        most = min(_NUMBERS_LIMIT, max(_FREE_NUMBERS, _NUMBERS_PER_BYTE * stored))
+        if numbers > most:
+            raise AssetError(
+                f"{what} are {numbers} numbers; a file of {stored} bytes of data may have {most}", where=where
+            )
+
+    def stored(self, index: int) -> Array:
+        """(count, components) elements of an accessor as they are stored, sparse substitutions applied.
+
+        Raises:
+            AssetError: The accessor, or a view or buffer behind it, is malformed or out of range.
+        """
+        return self._stored(self.items("accessors")[index], index)
+
+    def stored_dtype(self, index: int) -> np.dtype[Any]:
+        """The component type that an accessor is stored in."""
+        return _element(self.items("accessors")[index], self.where("accessors", index))[0]
+
+    def is_draco(self, index: int) -> bool:
+        """Whether an accessor's data is in a Draco stream."""
+        return index in self._draco_sources and "bufferView" not in self.items("accessors")[index]
+
+    @cached_property
+    def _draco_sources(self) -> dict[int, tuple[Json, str | None]]:
+        """Accessors of primitives that Draco compressed: the extension, and the attribute's name (indices: None)."""
+        sources: dict[int, tuple[Json, str | None]] = {}
+        count = len(self.items("accessors"))
+        for primitive in draco_primitives(self.gltf):
+            extension = primitive["extensions"][draco.EXTENSION]
+            for name, index in primitive.get("attributes", {}).items():
+                if name in extension.get("attributes", {}) and index < count:
+                    sources.setdefault(index, (extension, name))
+            if primitive.get("indices", count) < count:
+                sources.setdefault(primitive["indices"], (extension, None))
+        return sources
+
+    @cached_property
+    def _draco_meshes(self) -> dict[int, draco.DracoMesh]:
+        return {}
+
+    @cached_property
+    def _decompressed(self) -> dict[int, memoryview]:
+        return {}
+
+    def _draco_elements(self, index: int, dtype: np.dtype[Any], size: int, where: str) -> Array:
+        """(count, size) elements of an accessor of a primitive that Draco compressed."""
+        extension, name = self._draco_sources[index]
+        view = extension.get("bufferView", -1)
+        if view not in self._draco_meshes:
+            self._draco_meshes[view] = draco.decode(
+                self.view(view, user=where), where=self.where("bufferViews", str(view))
+            )
+        mesh = self._draco_meshes[view]
+        values = mesh.indices[:, None] if name is None else mesh.attributes.get(extension["attributes"][name])
+        if values is None or values.shape[1] != size or not len(values):
+            raise AssetError(f"the Draco stream has no {name or 'indices'} of {size} components", where=where)
+        if name is not None and name.startswith("WEIGHTS_") and dtype.kind == "f":
+            # Rounded one by one, they add up to 1 no longer, as glTF 2.0 §3.7.3.3 asks.
+            keys = [key for each, key in extension["attributes"].items() if each.startswith("WEIGHTS_")]
+            sets = [mesh.attributes[key] for key in keys if key in mesh.attributes]
+            sums = np.sum([weights.sum(axis=1, dtype=np.float64) for weights in sets], axis=0)
+            values = (values / np.where(sums > 0, sums, 1.0)[:, None]).astype(values.dtype)
+        if values.dtype.kind in "iu" and dtype.kind in "iu":
+            limits = np.iinfo(dtype)
+            if values.min() < limits.min or values.max() > limits.max:
+                raise AssetError(f"the Draco stream holds numbers that do not fit {dtype.name}", where=where)
+        elif values.dtype != dtype:
+            raise AssetError(f"the Draco stream holds {values.dtype.name}, not {dtype.name}", where=where)
+        return values.astype(dtype)
+
+    def _decode(self, accessor: Json, index: int) -> Array:
+        elements = self._stored(accessor, index)
+        values: Array = elements
+        if elements.dtype.kind == "f":
+            # A signalling NaN is a NaN like any other: who reads the accessor judges it.
+            with np.errstate(invalid="ignore"):
+                values = elements.astype(np.float64)
+        elif accessor.get("normalized"):
+            limit = np.iinfo(elements.dtype).max
+            values = np.maximum(elements / limit, -1.0)
+        values.flags.writeable = False
+        return values[:, 0] if accessor["type"] == "SCALAR" else values
+
+    def _stored(self, accessor: Json, index: int) -> Array:
+        where = self.where("accessors", index)
+        dtype, size = _element(accessor, where)
+        count = _whole(accessor, "count", where, least=1, most=_COUNT_LIMIT)
+        if "bufferView" in accessor:
+            elements = self._view_elements(accessor, "bufferView", dtype, size, count, where).copy()
+        elif index in self._draco_sources:
+            elements = self._draco_elements(index, dtype, size, where)
+        else:
+            self.refuse_excess(count * size, f"{count} elements that are not stored", where=where)
+            elements = np.zeros((count, size), dtype)
+        if (sparse := accessor.get("sparse")) is not None:
+            if not isinstance(sparse, dict):
+                raise AssetError("sparse must be an object", where=where)
+            self._substitute(elements, sparse, dtype, size, where)
+        return elements
+
+    def _substitute(self, elements: Array, sparse: Json, dtype: np.dtype[Any], size: int, where: str) -> None:
+        """Overwrite elements by those of a sparse accessor, in place."""
+        count = _whole(sparse, "count", where, least=1, most=len(elements))
+        indices_part, values_part = sparse.get("indices"), sparse.get("values")
+        if not isinstance(indices_part, dict) or not isinstance(values_part, dict):
+            raise AssetError("sparse needs indices and values", where=where)
+        index_dtype = _COMPONENT_DTYPES.get(indices_part.get("componentType"))
+        if index_dtype is None or index_dtype.kind != "u":
+            raise AssetError("sparse indices must be unsigned integers", where=where)
+        indices = self._view_elements(indices_part, "bufferView", index_dtype, 1, count, where)[:, 0]
+        if int(indices.max()) >= len(elements):
+            raise AssetError(f"sparse index {indices.max()}, but the count is {len(elements)}", where=where)
+        elements[indices] = self._view_elements(values_part, "bufferView", dtype, size, count, where)
+
+    def _view_elements(self, source: Json, key: str, dtype: np.dtype[Any], size: int, count: int, where: str) -> Array:
+        """(count, size) stored elements of a buffer view, not copied."""
+        view_index = source.get(key)
+        data = self.view(view_index, user=where)
+        view, view_where = self.items("bufferViews")[source[key]], self.where("bufferViews", str(view_index))
+        element = dtype.itemsize * size
+        stride = _whole(view, "byteStride", view_where, default=element, least=element, most=252 + element)
+        offset = _whole(source, "byteOffset", where, default=0)
+        if offset + (count - 1) * stride + element > len(data):
+            raise AssetError(
+                f"{count} elements of {stride} bytes from byte {offset} do not fit in"
+                f" bufferViews[{view_index}] of {len(data)} bytes",
+                where=where,
+            )
+        return np.ndarray((count, size), dtype, data, offset, (stride, dtype.itemsize))
+
+    def view(self, index: Any, *, user: str | None = None) -> memoryview:
+        """The bytes of a buffer view, decompressed.
+
+        Raises:
+            AssetError: The view is malformed, or `user` (a place from `where`) refers to none.
+        """
+        where = self.where("bufferViews", str(index))
+        view = self.item("bufferViews", index, user=user or where)
+        length = _whole(view, "byteLength", where, least=1)
+        found = next((each for each in view_parts(view) if each is not view), None)
+        if found is None:
+            return self._span(view, where)
+        if index not in self._decompressed:
+            count, stride = (_whole(found, key, where, least=1, most=_COUNT_LIMIT) for key in ("count", "byteStride"))
+            if count * stride != length:
+                raise AssetError(f"byteLength is {length}, but {count} · {stride} bytes are compressed", where=where)
+            decoded = meshopt.decode(
+                self._span(found, where),
+                count=count,
+                stride=stride,
+                mode=found.get("mode", ""),
+                filter_name=found.get("filter", "NONE"),
+                where=where,
+            )
+            self._decompressed[index] = memoryview(decoded)
+        return self._decompressed[index]
+
+    def _span(self, source: Json, where: str) -> memoryview:
+        """The bytes of a buffer that a view, or the extension that compresses it, shows."""
+        self.item("buffers", source.get("buffer"), user=where)
+        data = self.buffers[source["buffer"]]
+        start = _whole(source, "byteOffset", where, default=0)
+        length = _whole(source, "byteLength", where, least=1)
+        if start + length > len(data):
+            raise AssetError(
+                f"bytes {start} to {start + length} of a buffer of {len(data)}; is the file truncated?", where=where
+            )
+        return data[start : start + length]
+
+
+def _element(accessor: Json, where: str) -> tuple[np.dtype[Any], int]:
+    """Component dtype and component count of an accessor."""
+    dtype = _COMPONENT_DTYPES.get(accessor.get("componentType", 0))
+    size = _TYPE_SIZES.get(accessor.get("type", ""))
+    if dtype is None or size is None:
+        kind = f"{accessor.get('type')!r} of componentType {accessor.get('componentType')!r}"
+        raise AssetError(f"{kind} is not an accessor type of glTF 2.0", where=where)
+    if accessor["type"] in ("MAT2", "MAT3") and dtype.itemsize < 4:
+        raise AssetError("matrices of small integers are not supported", where=where)
+    return dtype, size
+
+
+def _whole(source: Json, key: str, where: str, *, default: int | None = None, least: int = 0, most: int = 2**53) -> int:
+    """A non-negative integer property."""
+    value = source.get(key, default)
+    if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
+        raise AssetError(f"{key} is {value!r}, not an integer of {least} to {most}", where=where)
+    return value
+
+
+def read_document(path: str | os.PathLike[str], *, allow_external: bool = False) -> Document:
+    """Read a .glb or .gltf file and every buffer of it.
+
+    Args:
+        path: The file; told apart by its first bytes, not its name.
+        allow_external: Let buffers and images lie outside the asset's folder, where an asset from elsewhere could
+            name any file of this machine.
+
+    Raises:
+        AssetError: A file is missing, truncated or malformed, or lies outside the asset's folder, itself or where a
+            link leads to.
+    """
+    name = os.fspath(path)
+    data = read_file(name)
+    if bytes(data[:4]) == GLB_MAGIC:
+        json_bytes, binary = _split_glb(data, name)
+    else:
+        json_bytes, binary = data, None
+    gltf = parse_json(bytes(json_bytes), name)
+    files = [name]
+    document = Document(name, gltf, (), ())
+    check_asset(document)
+    buffers = []
+    for index, buffer in enumerate(document.items("buffers")):
+        where = document.where("buffers", index)
+        uri = buffer.get("uri")
+        if uri is None and index == 0 and binary is not None:
+            content = binary
+        elif isinstance(uri, str):
+            content, file = read_uri(uri, name, where, allow_external=allow_external)
+            files += [file] if file else []
+        elif uri is None and _is_placeholder(document, index):
+            buffers.append(memoryview(b""))
+            continue
+        else:
+            raise AssetError("has no data: no uri, and no binary chunk of a .glb", where=where)
+        length = _whole(buffer, "byteLength", where, least=1)
+        if len(content) < length:
+            raise AssetError(f"has {len(content)} bytes of {length}; is the file truncated?", where=where)
+        buffers.append(content[:length])
+    return Document(name, gltf, tuple(buffers), tuple(files), allow_external)
+
+
+def check_asset(document: Document) -> None:
+    """Check that the JSON has the types that the specification asks for, and needs no extension that we cannot read.
+
+    Raises:
+        AssetError: It does not.
+    """
+    _check_shape(document, document.gltf, _SHAPE, ())
+    version = document.gltf.get("asset", {}).get("version")
+    if not isinstance(version, str) or not version.startswith("2."):
+        raise AssetError(f"asset.version is {version!r}; glTF 2.0 is read", where=document.where("asset", "version"))
+    for index, name in enumerate(document.gltf.get("extensionsRequired", [])):
+        about_geometry = _GEOMETRY_WORDS.search(name) and not _APPEARANCE_WORDS.search(name)
+        if about_geometry and name not in _GEOMETRY_EXTENSIONS:
+            raise AssetError(
+                f"{name} changes geometry, but is not understood; understood are {listed(_GEOMETRY_EXTENSIONS)}",
+                where=document.where("extensionsRequired", index),
+            )
+
+
+def _is_placeholder(document: Document, buffer: int) -> bool:
+    """Whether a buffer may go without data: all views that show it are compressed into other buffers."""
+    views = [(view, list(view_parts(view))) for view in document.items("bufferViews")]
+    shown = [parts for view, parts in views if view.get("buffer") == buffer]
+    read = any(part.get("buffer") == buffer for _, parts in views for part in parts[1:])
+    return not read and bool(shown) and all(len(parts) > 1 for parts in shown)
+
+
+def _check_shape(document: Document, value: Any, shape: Any, pointer: tuple[str | int, ...]) -> None:
+    """Check that the JSON that we read has the types of the specification; what we do not read may be anything."""
+    if isinstance(shape, dict):
+        fits = isinstance(value, dict)
+        children = [(key, child, shape.get(key, shape.get("*"))) for key, child in value.items()] if fits else []
+    elif isinstance(shape, list):
+        fits = isinstance(value, list)
+        children = [(index, child, shape[0]) for index, child in enumerate(value)] if fits else []
+    else:
+        accepted = (int, float) if shape is float else shape
+        # An integer of JSON may be too large for a float.
+        fits = not (shape is float and isinstance(value, int) and abs(value) > sys.float_info.max)
+        fits = fits and isinstance(value, accepted) and isinstance(value, bool) == (shape is bool)
+        fits = fits and not (shape is int and value < 0)
+        children = []
+    if not fits:
+        kind = "an object" if isinstance(shape, dict) else "an array" if isinstance(shape, list) else _KINDS[shape]
+        raise AssetError(f"is {repr(value)[:_SHOWN]}, not {kind}", where=document.where(*pointer))
+    for key, child, inner in children:
+        if inner is not None:
+            _check_shape(document, child, inner, (*pointer, key))
+
+
+def read_file(path: str, *, where: str = "") -> memoryview:
+    """The bytes of a file; AssetError, at `where`, if it cannot be read."""
+    try:
+        return memoryview(Path(path).read_bytes())
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise AssetError(f"cannot be read: {reason or error}", where=where or path) from error
+
+
+def _split_glb(data: memoryview, name: str) -> tuple[memoryview, memoryview | None]:
+    """The JSON and BIN chunks of a GLB container (glTF 2.0 §4.4)."""
+    if len(data) < 12:
+        raise AssetError("truncated: shorter than a .glb header", where=name)
+    version, length = struct.unpack_from("<II", data, 4)
+    if version != 2:
+        raise AssetError(f"is a .glb of version {version}; version 2 is read", where=name)
+    if length > len(data):
+        raise AssetError(f"truncated: {len(data)} bytes of {length}", where=name)
+    chunks: dict[bytes, memoryview] = {}
+    offset = 12
+    while offset + 8 <= length:
+        (size,) = struct.unpack_from("<I", data, offset)
+        kind = bytes(data[offset + 4 : offset + 8])
+        if offset + 8 + size > length:
+            raise AssetError(f"truncated: the chunk at byte {offset} ends after the file", where=name)
+        chunks.setdefault(kind, data[offset + 8 : offset + 8 + size])
+        offset += 8 + size
+    if JSON_CHUNK not in chunks:
+        raise AssetError("has no JSON chunk", where=name)
+    return chunks[JSON_CHUNK], chunks.get(BIN_CHUNK)
+
+
+def parse_json(data: bytes, name: str) -> Json:
+    """The JSON object of a document.
+
+    Raises:
+        AssetError: It is none, or is nested too deeply to copy.
+    """
+
+    def refuse(constant: str) -> float:
+        raise ValueError(f"{constant} is no JSON number")
+
+    def finite(digits: str) -> float:
+        value = float(digits)
+        if math.isinf(value):
+            raise ValueError(f"{digits[:_SHOWN]} is too large a number")
+        return value
+
+    try:
+        gltf = json.loads(data.decode("utf-8-sig"), parse_constant=refuse, parse_float=finite)
+    except RecursionError as error:
+        raise AssetError("the JSON is nested too deeply", where=name) from error
+    except ValueError as error:
+        raise AssetError(f"is neither a .glb nor JSON: {error}", where=name) from error
+    if not isinstance(gltf, dict):
+        raise AssetError("the JSON is no object", where=name)
+    level: list[Any] = [gltf]
+    for _ in range(_DEPTH_LIMIT):
+        inside = (each.values() if isinstance(each, dict) else each for each in level)
+        level = [child for children in inside for child in children if isinstance(child, dict | list)]
+        if not level:
+            return gltf
+    raise AssetError(f"the JSON is nested more than {_DEPTH_LIMIT} levels deep", where=name)
+
+
+def read_uri(uri: str, asset: str, where: str, *, allow_external: bool) -> tuple[memoryview, str | None]:
+    """The bytes behind a URI, and the file they came from (none for a data URI)."""
+    if uri.startswith("data:"):
+        head, comma, body = uri.partition(",")
+        try:
+            if not comma or not head.endswith(";base64"):
+                raise ValueError("not base64")
+            return memoryview(base64.b64decode(body, validate=True)), None
+        except (ValueError, binascii.Error) as error:
+            raise AssetError(f"the data URI is malformed: {error}", where=where) from error
+    file = _local_file(uri, asset, where, allow_external=allow_external)
+    if os.path.exists(file) and not (os.path.isfile(file) or os.path.isdir(file)):  # a pipe would be waited for
+        raise AssetError("cannot be read: not a regular file", where=where)
+    return read_file(file, where=where), file
+
+
+def _local_file(uri: str, asset: str, where: str, *, allow_external: bool) -> str:
+    """The file that a URI without a scheme names; below the asset's folder, unless others are allowed."""
+    folder = os.path.dirname(asset)
+    relative = unquote(uri)
+    file = os.path.join(folder, relative)
+    inside = os.path.realpath(folder or ".")
+    if ":" in relative.split("/")[0] or "\0" in relative:
+        raise AssetError(f"uri {uri[:80]!r} is not a file below the asset's folder", where=where)
+    if (leaves_folder(uri) or os.path.commonpath([inside, os.path.realpath(file)]) != inside) and not allow_external:
+        hint = "others are read with --allow-external"
+        raise AssetError(f"uri {uri[:80]!r} is not a file below the asset's folder; {hint}", where=where)
+    return file
+
+
+def leaves_folder(uri: str) -> bool:
+    """Whether a URI's path leaves the folder that it is relative to."""
+    relative = unquote(uri)
+    return os.path.isabs(relative) or os.path.normpath(relative).split(os.sep)[0] == os.pardir
+
+
+def view_parts(view: Json) -> Iterator[Json]:
+    """What of a view refers to bytes of a buffer: itself, and the extension that compresses it."""
+    yield view
+    extensions = view.get("extensions", {})
+    yield from (extensions[name] for name in meshopt.EXTENSIONS if name in extensions)
+
+
+def draco_primitives(gltf: Json) -> Iterator[Json]:
+    """The primitives that Draco compresses."""
+    for mesh in gltf.get("meshes", []):
+        for primitive in mesh.get("primitives", []):
+            if draco.EXTENSION in primitive.get("extensions", {}):
+                yield primitive

@@ -1,0 +1,395 @@
+"""The record of the asset that a baked file was made from: written at the end of the file, and read back.
+
+A bake moves, changes and drops data, so a record holds what of the original is not in the baked file: its JSON, where
+its kept bytes are, and its other bytes. Kept are also those that new data begins or ends with: new vertices follow the
+old ones. Nearly all of the rest is there in another order, which makes the record small: it is compressed with the new
+JSON, and the new data that takes its place, as the dictionary. `zstandard` does that; of the standard library neither
+zlib (a dictionary of 32 KiB) nor lzma (none) can, before Python 3.14.
+
+The record is the last buffer view, and the first node that has got wrinkles refers to it by
+`extras.wrinkle.original`. It begins with a digest of all else in the file, so that a file which anything else has
+rewritten is refused: whatever was changed there would be lost.
+
+Source: RFC 8878 (Zstandard); `zstd --patch-from` does the same with whole files.
+"""
+
+import base64
+import hashlib
+import json
+import struct
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrinklecli.errors import AssetError, BakeError
+from wrinklecli.gltf.document import Document, Json, check_asset, parse_json, read_uri, view_parts
+
+# Bytes [low, high) of a buffer of the original are in the baked file, in this buffer from this byte.
+Span = tuple[int, int, int, int]
+# Bytes [low, high) of the record's buffer.
+Range = tuple[int, int]
+Bytes = bytes | memoryview
+
+# The digest, and how many ranges of the record's buffer, which follow, the dictionary is made of.
+_HEADER = struct.Struct("<32sI")
+_RANGE = struct.Struct("<QQ")
+_DIGEST_BYTES = 32
+_LEAST_RUN = 64  # bytes; a span takes about 20
+_MOST_LONGER = 16  # times: in a track of many more keys and targets little is as before, and indexing it takes long
+_LEVEL = 9  # higher ones take several times as long and save a fifth
+_DICTIONARY_BYTES = 2**27  # bounds time and memory
+_TABLE_LOG = 24  # of zstd's tables, which are to index the dictionary; 64 MiB each
+# What a record may unpack to: a file of zeros does not ask for gigabytes. Nothing real comes near.
+_FREE_BYTES = 2**20
+_BYTES_PER_BYTE = 256
+_BYTES_LIMIT = 2**32
+
+
+def wrinkled(gltf: Json) -> list[int]:
+    """The nodes whose meshes carry wrinkles."""
+    nodes = enumerate(gltf.get("nodes", []))
+    return [
+        k
+        for k, node in nodes
+        if "mesh" in node and isinstance(node.get("extras"), dict) and "wrinkle" in node["extras"]
+    ]
+
+
+def refer(gltf: Json, node: int, view: Json) -> Json:
+    """The JSON with another buffer view, that of a record, and a node that refers to it; a shallow copy."""
+    views, nodes = [*gltf.get("bufferViews", []), view], list(gltf["nodes"])
+    nodes[node] = _with_entry(nodes[node], _entry(nodes[node]) | {"original": len(views) - 1})
+    return gltf | {"nodes": nodes, "bufferViews": views}
+
+
+def pack(
+    source: Document,
+    gltf: Json,
+    contents: Sequence[Sequence[Bytes]],
+    new: bytes,
+    kept: Sequence[Sequence[Span]],
+    *,
+    beside: bool,
+) -> bytes:
+    """Make a record.
+
+    Args:
+        source: The original.
+        gltf: The JSON to be written, with `refer`; of the record's view and its buffer the lengths and the name may
+            be missing.
+        contents: What each buffer of this JSON holds, in pieces; the record's own, what comes before the new data.
+        new: The new data, which the record follows.
+        kept: For each buffer of the original, the spans that are in these, rising.
+        beside: Whether files that the original names by relative URIs can be found from the baked file too.
+    """
+    import zstandard
+
+    bare, buffer = _without_record(gltf), gltf["bufferViews"][-1]["buffer"]
+    start = sum(len(part) for part in contents[buffer])
+    kept, alike = _with_echoes(source, bare, new, (buffer, start), kept)
+    dead: list[Bytes] = []
+    for data, spans in zip(source.buffers, kept, strict=True):
+        at = 0
+        for low, high, _, _ in spans:
+            dead.append(data[at:low])
+            at = high
+        dead.append(data[at:])
+    original: Json = {
+        "gltf": _slim(source, bare),
+        "sizes": [len(data) for data in source.buffers],
+        "kept": kept,
+        "beside": beside,
+    }
+    content = b"".join([_dump(original), b"\n", *dead])
+    dictionary = _dictionary(bare, [new[low - start : high - start] for low, high in alike])
+    bits = (len(dictionary) + len(content)).bit_length()
+    parameters = zstandard.ZstdCompressionParameters.from_level(
+        _LEVEL,
+        source_size=len(content),
+        dict_size=len(dictionary),
+        window_log=min(max(bits, zstandard.WINDOWLOG_MIN), zstandard.WINDOWLOG_MAX),
+        hash_log=min(max(bits, zstandard.HASHLOG_MIN), _TABLE_LOG),
+        chain_log=min(max(bits, zstandard.CHAINLOG_MIN), _TABLE_LOG),
+        write_checksum=True,
+        write_dict_id=False,
+    )
+    raw = zstandard.ZstdCompressionDict(dictionary, dict_type=zstandard.DICT_TYPE_RAWCONTENT)
+    packed = zstandard.ZstdCompressor(dict_data=raw, compression_params=parameters).compress(content)
+    every = [[*parts, new] if number == buffer else parts for number, parts in enumerate(contents)]
+    return b"".join([_HEADER.pack(_digest(bare, every), len(alike)), *(_RANGE.pack(*each) for each in alike), packed])
+
+
+def _with_echoes(
+    source: Document, gltf: Json, new: bytes, place: tuple[int, int], kept: Sequence[Sequence[Span]]
+) -> tuple[list[list[Span]], list[Range]]:
+    """Look for the original's data in the new data that takes its place.
+
+    Args:
+        source: The original.
+        gltf: The JSON to be written.
+        new: The new data.
+        place: The buffer that it is in, and from which byte.
+        kept: For each buffer of the original, the spans that are in the baked file anyway.
+
+    Returns:
+        The spans, with those that new data begins or ends with, and where new data is like the original's otherwise.
+    """
+    buffer, start = place
+    content = np.frombuffer(new, np.uint8)
+    found, alike = [list(each) for each in kept], []
+    # New data has the number of the accessor that it replaces.
+    for old, now in zip(source.items("accessors"), gltf.get("accessors", []), strict=False):
+        for was, becomes in zip(_stored(source.gltf, old), _stored(gltf, now), strict=True):
+            if was is None or was[0] >= len(source.buffers):
+                continue
+            if becomes is None or becomes[0] != buffer or becomes[1] < start:
+                continue
+            (home, low, end, count), (_, at, stop, new_count) = was, becomes
+            # New elements are packed. Where the old ones were not, the bytes differ.
+            end = min(end, low + (stop - at) // max(new_count, 1) * count)
+            before = np.frombuffer(source.buffers[home], np.uint8)[low:end]
+            after = content[at - start : stop - start]
+            head = _alike(before, after)
+            tail = _alike(before[head:][::-1], after[head:][::-1])
+            if head:
+                found[home].append((low, low + head, buffer, at))
+            if tail:
+                found[home].append((low + len(before) - tail, low + len(before), buffer, stop - tail))
+            if head + tail < len(before) and len(after) <= _MOST_LONGER * len(before):
+                alike.append((at + head, stop - tail))
+    return [_apart(spans) for spans in found], sorted(alike)
+
+
+def _stored(gltf: Json, accessor: Json) -> Iterator[tuple[int, int, int, int] | None]:
+    """The buffer, first byte, end of the view and count of an accessor's elements, sparse indices and sparse values.
+
+    None where there are none, or only compressed ones. What is never read may refer to anything.
+    """
+    views, sparse = gltf.get("bufferViews", []), accessor.get("sparse", {})
+    parts = [(accessor, accessor), (sparse.get("indices", {}), sparse), (sparse.get("values", {}), sparse)]
+    for part, counted in parts:
+        number = part.get("bufferView", len(views))
+        view = views[number] if number < len(views) else {}
+        if "buffer" not in view or len(list(view_parts(view))) > 1:
+            yield None
+            continue
+        low = view.get("byteOffset", 0)
+        end = low + view.get("byteLength", 0)
+        yield view["buffer"], low + part.get("byteOffset", 0), end, counted.get("count", 0)
+
+
+def _alike(one: NDArray[np.uint8], other: NDArray[np.uint8]) -> int:
+    """How many bytes two begin with alike; 0 where these are not worth a span."""
+    count = min(len(one), len(other))
+    differ = np.flatnonzero(one[:count] != other[:count])
+    run = int(differ[0]) if len(differ) else count
+    return run if run >= _LEAST_RUN else 0
+
+
+def _apart(spans: Sequence[Span]) -> list[Span]:
+    """The spans, rising, without those that overlap others."""
+    apart: list[Span] = []
+    for span in sorted(spans):
+        if not apart or span[0] >= apart[-1][1]:
+            apart.append(span)
+    return apart
+
+
+def original(document: Document) -> Document:
+    """The asset as it was before any wrinkles were baked into it: its JSON and buffers, bit by bit.
+
+    Args:
+        document: Any asset; one without wrinkles is given back.
+
+    Raises:
+        BakeError: It carries wrinkles, but is not as `bake` wrote it.
+    """
+    limit = min(_BYTES_LIMIT, _FREE_BYTES + _BYTES_PER_BYTE * sum(len(data) for data in document.buffers))
+    while left := wrinkled(document.gltf):
+        where = document.where("nodes", left[0], "extras", "wrinkle")
+        try:
+            document = _unpack(document, left, limit)
+        except (
+            AssetError,
+            ArithmeticError,
+            AttributeError,
+            LookupError,
+            RecursionError,
+            TypeError,
+            ValueError,
+        ) as error:
+            raise BakeError(
+                "the record of the original asset is missing or does not fit: other software has rewritten the file"
+                " since its bake; bake from the original asset",
+                where=where,
+            ) from error
+        # A bake adds a node to these; a record that takes none away would never come to an end.
+        if not set(wrinkled(document.gltf)) < set(left):
+            raise BakeError("the record of the original asset is not what `wrinkle bake` writes", where=where)
+    return document
+
+
+def _unpack(document: Document, nodes: Sequence[int], limit: int) -> Document:
+    """What the record that one of the nodes refers to describes.
+
+    Raises:
+        ValueError: Or others: the file is not as it was written.
+    """
+    import zstandard
+
+    gltf, last = document.gltf, len(document.items("bufferViews")) - 1
+    if last not in [_entry(gltf["nodes"][node]).get("original") for node in nodes]:
+        raise ValueError("no record")
+    record, view = document.view(last), document.items("bufferViews")[last]
+    if len(record) < _HEADER.size:
+        raise ValueError("no header")
+    buffer, offset = view["buffer"], view.get("byteOffset", 0)
+    digest, count = _HEADER.unpack_from(record)
+    body = _HEADER.size + count * _RANGE.size
+    contents: list[list[Bytes]] = [[data] for data in document.buffers]
+    contents[buffer] = [document.buffers[buffer][:offset]]
+    bare = _without_record(gltf)
+    if body > len(record) or offset + len(record) != len(document.buffers[buffer]) or digest != _digest(bare, contents):
+        raise ValueError("rewritten")
+    alike = [document.buffers[buffer][low:high] for low, high in _RANGE.iter_unpack(record[_HEADER.size : body])]
+    if sum(len(part) for part in alike) > offset:
+        raise ValueError("ranges overlap")
+    packed = bytes(record[body:])
+    try:
+        if not 0 < zstandard.frame_content_size(packed) <= limit:
+            raise ValueError("too large")
+        dictionary = _dictionary(bare, alike)
+        raw = zstandard.ZstdCompressionDict(dictionary, dict_type=zstandard.DICT_TYPE_RAWCONTENT)
+        decompressor = zstandard.ZstdDecompressor(dict_data=raw, max_window_size=2**zstandard.WINDOWLOG_MAX)
+        content = decompressor.decompress(packed, allow_extra_data=False)
+    except zstandard.ZstdError as error:
+        raise ValueError("damaged") from error
+    text, _, dead = content.partition(b"\n")
+    made = parse_json(text, document.path)
+    restored: Json = made["gltf"]
+    images = restored.get("images", [])
+    for index, image in enumerate(images):
+        if image is None:
+            images[index] = document.items("images")[index]
+    check_asset(Document(document.path, restored, (), ()))
+    buffers = tuple(_joined(document, memoryview(dead), made["sizes"], made["kept"]))
+    if len(buffers) != len(restored.get("buffers", [])):
+        raise ValueError("another number of buffers")
+    for entry, data in zip(restored.get("buffers", []), buffers, strict=True):
+        if len(data) not in (0, entry["byteLength"]):
+            raise ValueError("a buffer of another length")
+        uri = entry.get("uri", "")
+        if uri.startswith("data:") and uri.endswith(","):
+            entry["uri"] = uri + base64.b64encode(data).decode()
+    restored_document = replace(document, gltf=restored, buffers=buffers)
+    return restored_document if made["beside"] else _carrying_images(restored_document, document)
+
+
+def _joined(
+    document: Document, dead: memoryview, sizes: Sequence[int], kept: Sequence[Sequence[Span]]
+) -> Iterator[memoryview]:
+    """The buffers of an original, from spans that the document keeps and the bytes between them.
+
+    Raises:
+        ValueError: They do not fit together.
+    """
+    left = sum(len(data) for data in document.buffers)  # no span is kept twice
+    taken = 0
+    for size, spans in zip(sizes, kept, strict=True):
+        parts: list[memoryview] = []
+        at = 0
+        for low, high, buffer, offset in [*spans, (size, size, 0, 0)]:
+            left -= high - low
+            if not 0 <= at <= low <= high <= size or min(buffer, offset, left) < 0:
+                raise ValueError("spans overlap")
+            parts.append(dead[taken : taken + low - at])
+            taken += low - at
+            if high > low:
+                parts.append(document.buffers[buffer][offset : offset + high - low])
+            at = high
+        parts = [part for part in parts if len(part)]
+        if sum(len(part) for part in parts) != size:
+            raise ValueError("bytes are missing")
+        yield parts[0] if len(parts) == 1 else memoryview(b"".join(parts))
+    if taken != len(dead):
+        raise ValueError("bytes are left over")
+
+
+def _carrying_images(restored: Document, baked: Document) -> Document:
+    """The original with the images that it named by relative URIs, which the baked file embeds or has beside it."""
+    resources: dict[str, memoryview] = {}
+    files = list(baked.files)
+    for index, (image, copied) in enumerate(zip(restored.items("images"), baked.items("images"), strict=True)):
+        uri = image.get("uri")
+        if not isinstance(uri, str) or uri.startswith("data:"):
+            continue
+        where = baked.where("images", index)
+        if "bufferView" in copied:
+            resources[uri] = baked.view(copied["bufferView"], user=where)
+        else:
+            allowed = baked.allow_external
+            resources[uri], file = read_uri(copied["uri"], baked.path, where, allow_external=allowed)
+            files += [file] if file else []
+    return replace(restored, resources=resources, files=tuple(files))
+
+
+def _entry(node: Json) -> Json:
+    """What a node that carries wrinkles says of them."""
+    entry = node["extras"]["wrinkle"]
+    return entry if isinstance(entry, dict) else {}
+
+
+def _with_entry(node: Json, entry: Json) -> Json:
+    """A node that says something else."""
+    return node | {"extras": node["extras"] | {"wrinkle": entry}}
+
+
+def _without_record(gltf: Json) -> Json:
+    """The JSON without its last buffer view, what refers to that, and the length and name of its buffer."""
+    views: list[Json] = gltf["bufferViews"]
+    nodes, buffers = list(gltf["nodes"]), list(gltf["buffers"])
+    for node in wrinkled(gltf):
+        entry = _entry(nodes[node])
+        if entry.get("original") == len(views) - 1:
+            nodes[node] = _with_entry(nodes[node], {key: value for key, value in entry.items() if key != "original"})
+    buffer = views[-1]["buffer"]
+    buffers[buffer] = {key: value for key, value in buffers[buffer].items() if key not in ("uri", "byteLength")}
+    return gltf | {"nodes": nodes, "bufferViews": views[:-1], "buffers": buffers}
+
+
+def _slim(source: Document, gltf: Json) -> Json:
+    """The original's JSON, without images that are as they were and without the buffers' data in URIs."""
+    slim = dict(source.gltf)
+    if "images" in slim:
+        pairs = zip(slim["images"], gltf["images"], strict=True)
+        slim["images"] = [None if _dump(image) == _dump(written) else image for image, written in pairs]
+    if "buffers" in slim:
+        slim["buffers"] = [dict(buffer) for buffer in slim["buffers"]]
+        for entry, data in zip(slim["buffers"], source.buffers, strict=True):
+            head, _, body = entry.get("uri", "").partition(",")
+            if head.startswith("data:") and base64.b64encode(data).decode() == body:
+                entry["uri"] = f"{head},"
+    return slim
+
+
+def _dictionary(bare: Json, alike: Sequence[Bytes]) -> bytes:
+    """What the original is like: the JSON without images, which may be large, and new data."""
+    text = _dump({key: value for key, value in bare.items() if key != "images"})
+    return b"".join([text, *alike])[:_DICTIONARY_BYTES]
+
+
+def _digest(bare: Json, contents: Sequence[Sequence[Bytes]]) -> bytes:
+    """Of all that a file holds but its record."""
+    digest = hashlib.blake2b(_dump(bare), digest_size=_DIGEST_BYTES)
+    for parts in contents:
+        digest.update(struct.pack("<Q", sum(len(part) for part in parts)))
+        for part in parts:
+            digest.update(part)
+    return digest.digest()
+
+
+def _dump(value: object) -> bytes:
+    """JSON text in ASCII without line breaks; the same for the same value, keys in the same order."""
+    return json.dumps(value, separators=(",", ":"), allow_nan=False).encode()

@@ -1,0 +1,516 @@
+"""The refined surface: enough triangles under every patch to show its wrinkles, refined once, in bind space.
+
+Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004, on mesh refinement. Differs: the
+paper refines the posed mesh on the fly; here refinement acts before skinning, and once, so that the skeleton
+survives; edges are compared with half an interval of the control curve, where the paper compares with one; and
+are not split where hardly any of the height is left.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrinklecli.character.pose import Rig, blend, joint_matrices, read_rig, transform
+from wrinklecli.character.surface import (
+    Surface,
+    dense_influences,
+    distinct,
+    distinct_values,
+    influence_sets,
+    normals_at,
+    read_vertices,
+    unit,
+    vertex_normals,
+)
+from wrinklecli.gltf.document import Document
+from wrinklecli.method.patch import Patch, Rest, carried_normals
+from wrinklecli.numeric.subdivide import Level, Matrix, Subdivision, subdivide
+from wrinklecli.tools.read import RefinementSettings
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
+Bools = NDArray[np.bool_]
+
+# Of products that are computed at once: bounds the memory.
+_NUMBERS_AT_ONCE = 2**20
+# Meshes touch where vertices are this near, over the box's diagonal.
+_CONTACT = 1e-6
+# Skin weights of two anchors further apart than this differ by more than rounding.
+_SAME_SHARES = 1e-6
+# Share of a wrinkle's height that shows.
+_LEAST_SHOWN = 0.01
+# Length of a bone that bends under a tool, where others count 1.
+_BEND = 1000.0
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """A surface refined under its patches; old vertices first, then new ones, welded and glTF vertices alike.
+
+    Attributes:
+        surface: The coarse surface.
+        subdivision: How it was split.
+        positions: (vertices, 3) stored positions, bind space.
+        morph_deltas: (morph targets, vertices, 3).
+        bind_positions: (vertices, 3) positions with the morph weights of the rest pose, bind space.
+        blended: (vertices, 3, 4) bind to world space at rest.
+        rest_positions: (vertices, 3) world space at rest.
+        weights: (new vertices, joints) skin weights before pruning.
+        joints_pruned: (new vertices, influences) the joints that the file can store.
+        weights_pruned: (new vertices, influences).
+        corners: (triangles, 3) glTF vertices.
+        sources: (new glTF vertices, 3) coarse glTF vertices that each is mixed from.
+        shares: (new glTF vertices, 3) of each source, summing to 1.
+        primitives: (new glTF vertices,).
+        weld: (glTF vertices,) the welded vertex of each.
+    """
+
+    surface: Surface
+    subdivision: Subdivision
+    positions: Floats
+    morph_deltas: Floats
+    bind_positions: Floats
+    blended: Floats
+    rest_positions: Floats
+    weights: Floats
+    joints_pruned: Ints
+    weights_pruned: Floats
+    corners: Ints
+    sources: Ints
+    shares: Floats
+    primitives: Ints
+    weld: Ints
+
+    @cached_property
+    def normals(self) -> Floats:
+        """(vertices, 3) unit normals of `bind_positions`, as `normals_at` of every vertex."""
+        return vertex_normals(self.bind_positions, self.triangles)
+
+    def normals_at(self, vertices: Ints) -> Floats:
+        """(chosen, 3) unit normals of `bind_positions`."""
+        return normals_at(self.bind_positions, self.triangles, vertices)
+
+    @cached_property
+    def rest_normals(self) -> Floats:
+        """(vertices, 3) world space at rest, as `rest_normals_at` of every vertex."""
+        return carried_normals(self.blended, self.normals)
+
+    def rest_normals_at(self, vertices: Ints) -> Floats:
+        """(chosen, 3) world space at rest."""
+        return carried_normals(self.blended[vertices], self.normals_at(vertices))
+
+    @property
+    def pruned_count(self) -> int:
+        """How many new welded vertices have fewer joints in the file than their place on the surface asks for."""
+        return int(((self.weights > 0).sum(axis=1) > self.weights_pruned.shape[1]).sum())
+
+    @property
+    def triangles(self) -> Ints:
+        """(triangles, 3) welded vertices."""
+        return self.subdivision.triangles
+
+    @property
+    def triangle_primitives(self) -> Ints:
+        """(triangles,) the primitive of each triangle."""
+        return self.surface.primitives[self.subdivision.parents]
+
+    def dense_weights(self, vertices: Ints, joint_count: int) -> Floats:
+        """(vertices, joints) skin weights before pruning."""
+        old = len(self.surface.positions)
+        dense = np.zeros((len(vertices), joint_count))
+        is_old = vertices < old
+        dense[is_old] = self.surface.dense_weights(vertices[is_old], joint_count)
+        dense[~is_old] = self.weights[vertices[~is_old] - old]
+        return dense
+
+
+def refine(
+    surface: Surface,
+    rest: Rest,
+    patches: Sequence[Patch],
+    rig: Rig,
+    *,
+    settings: RefinementSettings,
+    contacts: Bools,
+    influences: int,
+    poses: Floats,
+    tolerance: float,
+) -> Refinement:
+    """Split the triangles under the patches until the control curves show.
+
+    An edge of a member triangle is split where |Δu| > 1/(n · 2^details · edges_per_interval); but not where less than a
+    hundredth of the height is left along all of it, at the patch's border or on faces that turn away, unless finer
+    splits need it.
+
+    Args:
+        surface: The coarse mesh.
+        rest: Its rest pose.
+        patches: Of all tools on it.
+        rig: Its joints.
+        settings: `refinement` of the tools file.
+        contacts: (vertices,) those that touch another mesh: an edge between two of them is not split.
+        influences: How many joints a vertex of the file can have.
+        poses: (poses, joints, 4, 4) of the asset's clips, bind to world space.
+        tolerance: Scene units. An edge is not split where the midpoint's skin weights, pruned to `influences`,
+            would move it further off in any pose.
+    """
+
+    def wants(level: Level) -> Bools:
+        wanted = np.zeros(len(level.edges), bool)
+        for patch in patches:
+            faces = np.flatnonzero(patch.members[level.parents])
+            vertices, local = np.unique(level.triangles[faces], return_inverse=True)
+            u, v = patch.coordinates(_rest_positions(level, vertices, rest))
+            u_faces, v_faces = u[local.reshape(-1, 3)], v[local.reshape(-1, 3)]
+            meets = (u_faces.max(axis=1) > 0) & (u_faces.min(axis=1) < 1)
+            meets &= (v_faces.max(axis=1) > -1) & (v_faces.min(axis=1) < 1)
+            edges = distinct_values(level.triangle_edges[faces[meets]])
+            ends = np.searchsorted(vertices, level.edges[edges])
+            wanted[edges] |= np.abs(u[ends[:, 1]] - u[ends[:, 0]]) > _greatest_step(patch, settings)
+        return wanted
+
+    distances = joint_distances(rig, patches)
+    members = np.any([patch.members for patch in patches], axis=0)
+    near = np.asarray(np.isin(surface.triangles, surface.triangles[members]).any(axis=1))
+    # Most joints move no vertex of a patch.
+    acting = distinct_values(surface.joints[surface.triangles[near]])
+    dense = _dense_weights(surface, distinct_values(surface.triangles[near]), len(rig.joints), acting)
+    between, moving = distances[np.ix_(acting, acting)], poses[:, acting]
+
+    def forbids(level: Level) -> Bools:
+        """Mark edges along another mesh, and those near a patch whose midpoint has too many joints."""
+        last = int(level.edges.max(initial=0))
+        touching = np.zeros(max(last + 1, len(contacts)), bool)
+        touching[: len(contacts)] = contacts
+        forbidden = touching[level.edges[:, 0]] & touching[level.edges[:, 1]]
+        edges = distinct_values(level.triangle_edges[near[level.parents]])
+        weights = _midpoints(level.linear, level.edges[edges], dense)
+        many = (weights > 0).sum(axis=1) > influences
+        edges, weights = edges[many], weights[many]
+        positions = _midpoints(level.matrix, level.edges[edges], rest.bind_positions)
+        forbidden[edges] |= pruning_errors(weights, positions, between, influences, moving) > tolerance
+        return forbidden
+
+    normals, under = np.zeros((len(surface.positions), 3)), distinct_values(surface.triangles[members])
+    normals[under] = rest.normals_at(under)
+
+    def shows(level: Level) -> Bools:
+        """Mark edges along which a patch leaves some of its height."""
+        shown = np.zeros(len(level.edges), bool)
+        for patch in patches:
+            edges = distinct_values(level.triangle_edges[patch.members[level.parents]])
+            if patch.tool.attachment == "patch":
+                # Projected anew each frame, any of them may come to lie on the patch.
+                shown[edges] = True
+                continue
+            vertices, ends = np.unique(level.edges[edges], return_inverse=True)
+            u, v = patch.coordinates(_rest_positions(level, vertices, rest))
+            cosines = unit(_rows(level.linear, vertices, normals)) @ patch.normal
+            u, v, cosines = (each[ends.reshape(-1, 2)] for each in (u, v, cosines))
+            within = (u.max(axis=1) > 0) & (u.min(axis=1) < 1)
+            nearest = np.where(v[:, 0] * v[:, 1] > 0, np.abs(v).min(axis=1), 0.0)
+            factors = patch.factors(np.full(len(edges), 0.5), nearest, cosines.max(axis=1))
+            shown[edges] |= within & (np.abs(factors) > _LEAST_SHOWN * abs(patch.shape_strength))
+        return shown
+
+    subdivision = subdivide(
+        surface.triangles,
+        len(surface.positions),
+        wants=wants,
+        forbids=forbids,
+        shows=shows,
+        max_levels=settings.max_levels,
+        near=members,
+        scheme=settings.scheme,
+        where=rig.names[rig.node],
+    )
+    return _refined(surface, rest, subdivision, distances, influences)
+
+
+def _greatest_step(patch: Patch, settings: RefinementSettings) -> float:
+    """The largest |Δu| of an edge that shows the patch's control curve."""
+    intervals = patch.curve.interval_count * 2.0 ** len(patch.tool.details)
+    return 1.0 / (intervals * settings.edges_per_interval)
+
+
+def _rest_positions(level: Level, vertices: Ints, rest: Rest) -> Floats:
+    """(vertices, 3) world positions at rest of some vertices of a level."""
+    blended = _rows(level.linear, vertices, rest.blended.reshape(-1, 12)).reshape(1, -1, 3, 4)
+    positions: Floats = transform(blended, _rows(level.matrix, vertices, rest.bind_positions))[0]
+    return positions
+
+
+def _rows(matrix: Matrix | None, vertices: Ints, coarse: Floats) -> Floats:
+    """Some rows of a level's matrix (None: identity) times (coarse vertices, …) values."""
+    return coarse[vertices] if matrix is None else matrix.of_rows(vertices, coarse)
+
+
+def _midpoints(matrix: Matrix | None, edges: Ints, coarse: Floats) -> Floats:
+    """(edges, …) what (coarse vertices, …) values are halfway between the ends of edges of a level."""
+    vertices, ends = np.unique(edges, return_inverse=True)
+    a, b = _rows(matrix, vertices, coarse)[ends.reshape(-1, 2).T]
+    middles: Floats = (a + b) / 2.0
+    return middles
+
+
+def pruning_errors(weights: Floats, positions: Floats, distances: Floats, influences: int, poses: Floats) -> Floats:
+    """(vertices,) how far pruned skin weights move vertices off, at the most.
+
+    Args:
+        weights: (vertices, joints) skin weights before pruning.
+        positions: (vertices, 3) bind space.
+        distances: (joints, joints) in the skeleton.
+        influences: How many joints are kept.
+        poses: (poses, joints, 4, 4) bind to world space.
+    """
+    joints, kept = prune(weights, distances, influences)
+    change = weights.copy()
+    for column in range(influences):
+        change[np.arange(len(change)), joints[:, column]] -= kept[:, column]
+    # What moves a vertex is linear in its position times its weights: one product for all poses.
+    columns = poses[:, :, :3].transpose(1, 3, 2, 0).reshape(4 * len(distances), 3 * len(poses))
+    homogeneous = np.concatenate([positions, np.ones((len(positions), 1))], axis=1)
+    errors = np.zeros(len(weights))
+    chunk = max(_NUMBERS_AT_ONCE // (len(columns) + columns.shape[1]), 1)
+    for rows in (slice(start, start + chunk) for start in range(0, len(weights), chunk)):
+        spread = change[rows, :, None] * homogeneous[rows, None]
+        moved = (spread.reshape(-1, len(columns)) @ columns).reshape(-1, 3, len(poses))
+        errors[rows] = np.sqrt(np.sum(moved**2, axis=1)).max(axis=1)
+    return errors
+
+
+def _dense_weights(surface: Surface, vertices: Ints, joint_count: int, chosen: Ints | slice = slice(None)) -> Floats:
+    """(all vertices, chosen joints) skin weights of some vertices; 0 elsewhere, which takes hardly any memory."""
+    some = surface.dense_weights(vertices, joint_count)[:, chosen]
+    dense = np.zeros((len(surface.positions), some.shape[1]))
+    dense[vertices] = some
+    return dense
+
+
+def _refined(surface: Surface, rest: Rest, subdivision: Subdivision, distances: Floats, influences: int) -> Refinement:
+    old = len(surface.positions)
+    positions = subdivision.positions(surface.positions)
+    deltas = subdivision.positions(surface.morph_deltas)
+    bind = positions + np.tensordot(rest.morph_weights, deltas, axes=1)
+    blended = subdivision.interpolate(rest.blended.reshape(-1, 12)).reshape(-1, 3, 4)
+    weights = np.zeros((0, len(distances)))
+    if subdivision.linear is not None:
+        split = distinct_values(subdivision.linear.columns[subdivision.linear.starts[old] :])
+        dense = _dense_weights(surface, split, len(distances))
+        weights = subdivision.linear.of_rows(np.arange(old, subdivision.vertex_count), dense)
+    joints_pruned, weights_pruned = prune(weights, distances, influences)
+    corners, sources, shares, primitives, weld = _split_corners(surface, subdivision)
+    return Refinement(
+        surface=surface,
+        subdivision=subdivision,
+        positions=positions,
+        morph_deltas=deltas,
+        bind_positions=bind,
+        blended=blended,
+        rest_positions=np.concatenate([rest.positions, transform(blended[None, old:], bind[old:])[0]]),
+        weights=weights,
+        joints_pruned=joints_pruned,
+        weights_pruned=weights_pruned,
+        corners=corners,
+        sources=sources,
+        shares=shares,
+        primitives=primitives,
+        weld=weld,
+    )
+
+
+def _split_corners(surface: Surface, subdivision: Subdivision) -> tuple[Ints, Ints, Floats, Ints, Ints]:
+    """Find the glTF vertices of the fine triangles: corners; new ones' sources, shares, primitives; weld.
+
+    A corner of a fine triangle is a mix of its coarse triangle's corners. Two corners are one glTF vertex
+    where they mix the same glTF vertices of one primitive in the same shares: so a UV seam stays a seam, and
+    what was one vertex along an edge stays one.
+    """
+    old_count = len(surface.weld)
+    changed = subdivision.changed
+    fine_corners = surface.corners[subdivision.parents]
+    parents = subdivision.parents[changed]
+    shares = subdivision.barycentrics[changed].reshape(-1, 3)
+    sources = np.repeat(surface.corners[parents], 3, axis=0)
+    is_new = (shares < 1.0).all(axis=1)
+    corners = sources[np.arange(len(sources)), np.argmax(shares, axis=1)]
+    # Shares are dyadic: whole numbers of 2^-levels, exact as keys. Unused sources count as none.
+    numerators = (shares[is_new] * 2**subdivision.levels).astype(np.intp)
+    used = np.where(numerators > 0, sources[is_new], old_count)
+    order = np.argsort(used, axis=1, kind="stable")
+    used, numerators = np.take_along_axis(used, order, 1), np.take_along_axis(numerators, order, 1)
+    primitive = np.repeat(surface.primitives[parents], 3)[is_new]
+    welded = subdivision.triangles[changed].reshape(-1)[is_new]
+    keys = np.column_stack([welded, primitive, used, numerators])
+    firsts, which = distinct(keys)
+    unique = keys[firsts]
+    corners[is_new] = old_count + which
+    fine_corners[changed] = corners.reshape(-1, 3)
+    picked = np.where(unique[:, 5:] > 0, unique[:, 2:5], 0)
+    return (
+        fine_corners,
+        picked,
+        unique[:, 5:] / 2**subdivision.levels,
+        unique[:, 1],
+        np.concatenate([surface.weld, unique[:, 0]]),
+    )
+
+
+def joint_distances(rig: Rig, patches: Sequence[Patch]) -> Floats:
+    """(joints, joints) how far joints are apart in the skeleton.
+
+    A bone counts 1, and a bone between a tool's two anchors, which bends when the tool wrinkles, far more: there
+    weights must not be mixed. Joints of separate trees are furthest.
+    """
+    count = len(rig.parents)
+    lengths = np.ones(count + 1)
+    lengths[sorted(_bending_nodes(rig, patches))] = _BEND
+    # The parent of all roots, and of itself, is one more node. above[k] holds ancestors of 2^k generations.
+    nowhere = count
+    above = [np.append(np.where(rig.parents >= 0, rig.parents, nowhere), nowhere)]
+    lengths[np.append(above[0][:-1] == nowhere, True)] = 0.0
+    hops = (np.arange(count + 1) != nowhere).astype(np.intp)
+    for _ in range(count.bit_length()):
+        step = above[-1]
+        lengths, hops = lengths + lengths[step], hops + hops[step]
+        above.append(step[step])
+    distances = np.zeros((len(rig.joints), len(rig.joints)))
+    for row, joint in enumerate(rig.joints):
+        a, b = np.full(len(rig.joints), joint), rig.joints
+        lower, higher = np.where(hops[a] >= hops[b], a, b), np.where(hops[a] >= hops[b], b, a)
+        for k, step in reversed(list(enumerate(above))):
+            lower = np.where(hops[lower] - hops[higher] >= 2**k, step[lower], lower)
+        for step in reversed(above):
+            apart = step[lower] != step[higher]
+            lower, higher = np.where(apart, step[lower], lower), np.where(apart, step[higher], higher)
+        common = np.where(lower == higher, lower, above[0][lower])
+        apart = lengths[a] + lengths[b] - 2 * lengths[common]
+        distances[row] = np.where(common == nowhere, _BEND * count, apart)
+    return distances
+
+
+def _chain(rig: Rig, node: int) -> list[int]:
+    """A node, its parent, and so on to the root."""
+    chain = []
+    while node >= 0:
+        chain.append(node)
+        node = int(rig.parents[node])
+    return chain
+
+
+def _bending_nodes(rig: Rig, patches: Sequence[Patch]) -> frozenset[int]:
+    """The nodes that move one anchor of a tool and not the other: below where their main joints part."""
+    nodes: set[int] = set()
+    for patch in patches:
+        difference = np.zeros(len(rig.joints))
+        difference[patch.target.joints] += patch.target.weights
+        difference[patch.origin.joints] -= patch.origin.weights
+        if np.ptp(difference) < _SAME_SHARES:
+            continue  # both anchors hang on the same joints: nothing bends between them
+        ends = (int(rig.joints[np.argmax(difference)]), int(rig.joints[np.argmin(difference)]))
+        nodes |= set(_chain(rig, ends[0])) ^ set(_chain(rig, ends[1]))
+    return frozenset(nodes)
+
+
+def prune(weights: Floats, distances: Floats, influences: int) -> tuple[Ints, Floats]:
+    """Leave each vertex as many joints as the file can store.
+
+    Step by step the influence goes that costs least, weight times distance to the nearest one kept, and its
+    weight to that one, among equally near ones to the heaviest.
+
+    Args:
+        weights: (vertices, joints), rows summing to 1.
+        distances: (joints, joints) in the skeleton.
+        influences: How many to keep.
+
+    Returns:
+        (vertices, influences) joints and weights, heaviest first.
+    """
+    most = max(influences, int((weights > 0).sum(axis=1).max(initial=0)))
+    joints = np.argsort(-weights, axis=1, kind="stable")[:, :most]
+    kept = np.take_along_axis(weights, joints, 1)
+    for _ in range(most - influences):
+        rows = np.flatnonzero((kept > 0).sum(axis=1) > influences)
+        used = kept[rows] > 0
+        apart = distances[joints[rows][:, :, None], joints[rows][:, None, :]]
+        apart = np.where(used[:, None, :] & ~np.eye(joints.shape[1], dtype=bool), apart, np.inf)
+        cost = np.where(used, kept[rows] * apart.min(axis=2), np.inf)
+        dropped = np.argmin(cost, axis=1)
+        every = np.arange(len(rows))
+        kept[rows, np.argmin(apart[every, dropped], axis=1)] += kept[rows, dropped]
+        kept[rows, dropped] = 0.0
+    order = np.argsort(-kept, axis=1, kind="stable")[:, :influences]
+    kept = np.take_along_axis(kept, order, 1)
+    joints = np.where(kept > 0, np.take_along_axis(joints, order, 1), 0)
+    pad = ((0, 0), (0, influences - kept.shape[1]))
+    return np.pad(joints, pad), np.pad(kept, pad)
+
+
+def contacts_of(document: Document, rig: Rig, surface: Surface, rest: Rest) -> Bools:
+    """Mark the vertices that must stay where they are, or a gap would open.
+
+    All vertices are compared, not those of the patches alone: to keep the mesh conforming, refinement goes on beside
+    them, and an edge along another mesh that is split there leaves it too.
+
+    Args:
+        document: With the other meshes.
+        rig: Of this mesh.
+        surface: Welded; vertices with an unwelded twin are marked.
+        rest: Its rest pose.
+
+    Returns:
+        (vertices,) whether a vertex has a twin or touches a vertex of another mesh at rest.
+    """
+    contacts = surface.twins.copy()
+    others = [i for i, node in enumerate(document.items("nodes")) if "mesh" in node and i != rig.node]
+    if not others:
+        return contacts
+    # The size in the world: bind space may be of quantised units.
+    reach = _CONTACT * float(np.linalg.norm(np.ptp(rest.positions, axis=0)))
+    for node in others if reach > 0 else []:
+        other_rig = read_rig(document, node)
+        vertices = read_vertices(document, other_rig)
+        weights = dense_influences(vertices.joints, vertices.weights, len(other_rig.joints))
+        morphed = vertices.positions + np.tensordot(other_rig.morph_weights, vertices.morph_deltas, axes=1)
+        posed = transform(blend(weights, joint_matrices(other_rig, None, np.zeros(1))), morphed)[0]
+        contacts |= _touching(rest.positions, posed, reach)
+    return contacts
+
+
+def _touching(positions: Floats, others: Floats, reach: float) -> Bools:
+    """(vertices,) whether one of (others, 3) lies within `reach` along each axis; up to twice as far it may count too.
+
+    Args:
+        positions: (vertices, 3), of 2^20 times `reach` in extent at the most.
+        others: (others, 3).
+        reach: Side of the cells that both are sorted into.
+    """
+    low, high = positions.min(axis=0) - reach, positions.max(axis=0) + reach
+    others = others[((others >= low) & (others <= high)).all(axis=1)]
+    touching = np.zeros(len(positions), bool)
+    if not len(others):
+        return touching
+    inside = ((positions >= others.min(axis=0) - reach) & (positions <= others.max(axis=0) + reach)).all(axis=1)
+    mine = np.floor((positions[inside] - low) / reach).astype(np.int64)
+    taken = distinct_values(_cell_numbers(np.floor((others - low) / reach).astype(np.int64)))
+    touching[inside] = np.any(
+        [np.isin(_cell_numbers(mine + offset), taken) for offset in product((-1, 0, 1), repeat=3)], axis=0
+    )
+    return touching
+
+
+def _cell_numbers(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(cells,) one number for each (x, y, z), of 20 bits and a sign each."""
+    return cells[:, 0] << 42 | (cells[:, 1] & 0x1FFFFF) << 21 | (cells[:, 2] & 0x1FFFFF)
+
+
+def influence_count(document: Document, rig: Rig) -> int:
+    """How many joints every primitive of a rig's mesh can store for a vertex: 4 for each JOINTS_n."""
+    if not rig.skinned:
+        return 1
+    primitives = document.items("meshes")[rig.mesh]["primitives"]
+    return 4 * min(influence_sets(each["attributes"]) for each in primitives)

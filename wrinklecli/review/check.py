@@ -1,0 +1,230 @@
+"""What each tool would do, without a bake: where it attaches, how far clips shorten it, what it refines."""
+
+import os
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from threadpoolctl import threadpool_limits
+
+from wrinklecli.baking.pipeline import faults_reported, plan_meshes, read_job
+from wrinklecli.baking.plan import Plan, Progress, moving_clips, refuse_many_frames
+from wrinklecli.baking.report import mesh_warnings, warnings_of
+from wrinklecli.baking.warnings import collision, placement_warnings
+from wrinklecli.character.pose import Clip
+from wrinklecli.method.patch import Anchor
+from wrinklecli.method.shapes import Activity, Carrier, activity
+from wrinklecli.numeric.piecewise import clip_grid
+
+Floats = NDArray[np.float64]
+Json = dict[str, Any]
+
+VERSION = 1
+# Decimal digits of measured numbers, as in the report of a bake.
+_DIGITS = 9
+
+
+@dataclass(frozen=True, slots=True)
+class CheckedTool:
+    """One tool, attached, with what clips make of it: what `plot` draws.
+
+    Attributes:
+        carrier: The tool on its mesh.
+        seen: For each clip that moves the mesh, its (frames,) times and what they make of the tool.
+    """
+
+    carrier: Carrier
+    seen: tuple[tuple[Clip, Floats, Activity], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """What the tools of a file would do.
+
+    Attributes:
+        data: For `--json`: JSON values only.
+        warnings: All of them, a line each.
+        inputs: Every file that was read.
+        tools: In the order of `data["tools"]`.
+    """
+
+    data: Json
+    warnings: tuple[str, ...]
+    inputs: tuple[str, ...]
+    tools: tuple[CheckedTool, ...]
+
+
+def check(
+    asset: str | os.PathLike[str],
+    tools: str | os.PathLike[str],
+    *,
+    clips: Sequence[str] = (),
+    only: Sequence[str] = (),
+    fps: float | None = None,
+    max_levels: int | None = None,
+    allow_external: bool = False,
+    progress: Progress = lambda _stage, _done, _total: None,
+) -> Check:
+    """Attach tools, refine their meshes and run their control curves over the clips; bake and write nothing.
+
+    Clips are looked at on the grid of frames joined with their own key times, where a bake also looks in between.
+    Arguments are as of `bake`.
+
+    Raises:
+        WrinkleError: What a bake would raise before it samples clips: of all tools that do not fit, a line each.
+    """
+    with ExitStack() as stack:
+        stack.enter_context(faults_reported(os.fspath(asset)))
+        stack.enter_context(threadpool_limits(limits=1, user_api="blas"))
+        job = read_job(
+            asset, tools, clips=clips, only=only, fps=fps, max_levels=max_levels, allow_external=allow_external
+        )
+        general = list(job.warnings)
+        checked: list[CheckedTool] = []
+        meshes: list[Json] = []
+        described: list[Json] = []
+        for plan in plan_meshes(job):
+            moving = moving_clips(plan, job.clips)
+            refuse_many_frames(plan, moving, fps=job.settings.sampling.fps)
+            grids = [clip_grid(clip, plan.rig, fps=job.settings.sampling.fps) for clip in moving]
+            meshes.append(_describe_mesh(plan))
+            general += mesh_warnings(plan, job.settings, moving, "morph")
+            overlaps = _overlaps(plan)
+            for carrier, overlapping in zip(plan.carriers, overlaps, strict=True):
+                seen = tuple(
+                    (clip, times, activity(carrier.patch, plan.rig, plan.rest, clip, times))
+                    for clip, times in zip(moving, grids, strict=True)
+                )
+                checked.append(CheckedTool(carrier, seen))
+                warnings = placement_warnings(plan, carrier) + warnings_of(carrier, seen)
+                warnings += _collision_warnings(plan, carrier, seen, job.settings.up)
+                described.append(
+                    _describe_tool(plan, carrier, job.settings.up)
+                    | {
+                        "overlaps": overlapping,
+                        "clips": [_describe_clip(carrier, *each) for each in seen],
+                        "warnings": warnings,
+                    }
+                )
+                progress("checking", len(checked), len(job.settings.tools))
+    every = [*general, *(line for tool in described for line in tool["warnings"])]
+    data: Json = {
+        "check": VERSION,
+        "asset": job.document.path,
+        "tools_file": job.settings.path,
+        "meshes": meshes,
+        "tools": described,
+        "warnings": every,
+    }
+    return Check(data, tuple(every), job.inputs, tuple(checked))
+
+
+def _describe_mesh(plan: Plan) -> Json:
+    fine = plan.fine
+    return {
+        "node": plan.rig.names[plan.rig.node],
+        "vertices": len(fine.surface.weld),
+        "new_vertices": len(fine.weld) - len(fine.surface.weld),
+        "triangles": len(fine.surface.triangles),
+        "new_triangles": len(fine.triangles) - len(fine.surface.triangles),
+        "levels": fine.subdivision.levels,
+    }
+
+
+def _describe_tool(plan: Plan, carrier: Carrier, up: str) -> Json:
+    patch, fine = carrier.patch, plan.fine
+    members = np.unique(fine.triangles[patch.members[fine.subdivision.parents]])
+    heights = patch.curve.heights(patch.curve.greatest_amplitudes[None])
+    return {
+        "name": patch.tool.name,
+        "node": plan.rig.names[plan.rig.node],
+        "where": patch.tool.where,
+        "origin": _describe_anchor(plan, patch.origin, up),
+        "target": _describe_anchor(plan, patch.target, up),
+        "distance": _round(patch.span),
+        "rest_length": _round(patch.rest_length),
+        "width": _round(2.0 * patch.half_width),
+        "bumps": patch.tool.bumps,
+        "strategy": patch.tool.strategy,
+        "height_limit": _round(abs(patch.shape_strength) * float(heights.max(initial=0.0))),
+        "triangles": int(patch.members.sum()),
+        "edges_split": int((members >= len(fine.surface.positions)).sum()),
+        "moved_vertices": len(carrier.vertices),
+    }
+
+
+def _describe_anchor(plan: Plan, anchor: Anchor, up: str) -> Json:
+    surface = plan.fine.surface
+    welded = anchor.vertices[np.argmax(anchor.barycentrics)]
+    vertex = int(np.flatnonzero(surface.weld == welded)[0])
+    primitive = int(np.searchsorted(surface.vertex_starts, vertex, side="right")) - 1
+    return {
+        "position": _written(anchor.position, up),
+        "off": _round(anchor.distance),
+        "primitive": primitive,
+        "vertex": vertex - int(surface.vertex_starts[primitive]),
+    }
+
+
+def _describe_clip(carrier: Carrier, clip: Clip, times: Floats, seen: Activity) -> Json:
+    """What one clip makes of a tool; shares are of the rest length, and of no frame where the tool is hidden in all."""
+    strength = carrier.patch.tool.strength_in(clip.name)
+    shown = np.isfinite(seen.distances)
+    if not shown.any():
+        return {"name": clip.name, "strength": strength, "shortening": None, "time": None} | dict.fromkeys(
+            ("unabsorbed", "height"), 0.0
+        )
+    shares = 1.0 - np.where(shown, seen.distances, seen.rest_lengths) / seen.rest_lengths
+    most = int(np.argmax(np.where(shown, shares, -np.inf)))
+    heights = carrier.patch.curve.heights(seen.amplitudes)
+    return {
+        "name": clip.name,
+        "strength": strength,
+        "shortening": [_round(shares[shown].min()), _round(shares[most])],
+        "time": _round(times[most]),
+        "unabsorbed": _round((seen.unabsorbed / seen.rest_lengths).max()),
+        "height": _round(abs(strength) * float(heights.max(initial=0.0))),
+    }
+
+
+def _overlaps(plan: Plan) -> list[list[Json]]:
+    """For each tool of a mesh the others that move some of its vertices, and how many."""
+    counts = [len(carrier.vertices) for carrier in plan.carriers]
+    rows = np.repeat(np.arange(len(counts)), counts)
+    columns = np.concatenate([carrier.vertices for carrier in plan.carriers])
+    moves = csr_array((np.ones(len(rows), np.intp), (rows, columns)), shape=(len(counts), len(plan.fine.positions)))
+    shared = (moves @ moves.T).tocsr()
+    names = [carrier.patch.tool.name for carrier in plan.carriers]
+    found: list[list[Json]] = [[] for _ in names]
+    for one, other, count in sorted(zip(*shared.nonzero(), shared.data, strict=True)):
+        if one != other:
+            found[one].append({"tool": names[other], "vertices": int(count)})
+    return found
+
+
+def _collision_warnings(
+    plan: Plan, carrier: Carrier, seen: Sequence[tuple[Clip, Floats, Activity]], up: str
+) -> list[str]:
+    found = collision(plan, carrier, seen)
+    if found is None:
+        return []
+    at = ", ".join(f"{x:.4g}" for x in _written(found.position, up))
+    return [
+        f"{carrier.patch.tool.name}: wrinkles are taller than the distance to the opposite surface:"
+        f" {found.height:.3g} where there is room for {found.room:.3g} at rest, near [{at}];"
+        f" {found.count} vertices reach it"
+    ]
+
+
+def _written(position: Floats, up: str) -> list[float]:
+    """A position with the axes of the tools file."""
+    x, y, z = (_round(each) for each in position)
+    return [x, y, z] if up == "y" else [x, 0.0 - z, y]
+
+
+def _round(value: float) -> float:
+    return float(f"{float(value):.{_DIGITS}g}")

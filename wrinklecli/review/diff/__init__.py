@@ -1,0 +1,1 @@
+"""Two assets in, their differences out: what the documents mean, and what a viewer sees over time."""

@@ -1,0 +1,323 @@
+"""What is in an asset, from its JSON: meshes, skins, clips, morph targets, extensions, bytes, and baked tools.
+
+No geometry is decoded: counts and durations are those that accessors state.
+"""
+
+import os
+import sys
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator
+from itertools import accumulate, pairwise
+from typing import Any
+from urllib.parse import unquote
+
+from wrinklecli.character.pose import morph_target_names
+from wrinklecli.errors import AssetError, WrinkleError
+from wrinklecli.gltf.document import (
+    COMPRESSIONS,
+    TRIANGLE_FAN,
+    TRIANGLE_STRIP,
+    TRIANGLES,
+    Document,
+    Json,
+    draco_primitives,
+    read_document,
+    read_uri,
+    view_parts,
+)
+from wrinklecli.gltf.draco import EXTENSION as DRACO
+from wrinklecli.gltf.original import original, wrinkled
+from wrinklecli.gltf.writer import accessor_views
+
+VERSION = 1
+_MODES = ("points", "lines", "line loop", "line strip", "triangles", "triangle strip", "triangle fan")
+KINDS = ("geometry", "indices", "morph targets", "animation", "skins", "images", "original", "other")
+
+
+def inspect(asset: str | os.PathLike[str], *, allow_external: bool = False) -> Json:
+    """Describe an asset.
+
+    Args:
+        asset: The .gltf or .glb to read.
+        allow_external: Read buffers outside the asset's folder too, and count the bytes of images there.
+
+    Returns:
+        JSON values only. `bytes` are those stored, compressed where they are so; `original` is what a bake keeps to
+        be replaced, `other` what remains of the files: JSON, padding, and data that is used in no way that we know.
+
+    Raises:
+        AssetError: The asset is malformed.
+    """
+    document = read_document(asset, allow_external=allow_external)
+    gltf = document.gltf
+    about = gltf.get("asset", {})
+    generator = about.get("generator")
+    files, kinds = _bytes(document)
+    meshes = [_describe_mesh(document, index) for index in range(len(document.items("meshes")))]
+    return {
+        "inspect": VERSION,
+        "asset": document.path,
+        "version": about.get("version"),
+        "generator": generator if isinstance(generator, str) else None,
+        "extensions_used": list(gltf.get("extensionsUsed", [])),
+        "extensions_required": list(gltf.get("extensionsRequired", [])),
+        "meshes": meshes,
+        "nodes": len(document.items("nodes")),
+        "deforming": list(_deforming(document, meshes)),
+        "skins": [_describe_skin(document, index) for index in range(len(document.items("skins")))],
+        "clips": list(_clips(document)),
+        "wrinkles": list(_wrinkles(document)),
+        "replaceable": _is_replaceable(document),
+        "files": files,
+        "bytes": kinds,
+    }
+
+
+def _name(item: Json) -> str | None:
+    name = item.get("name")
+    return name if isinstance(name, str) else None
+
+
+def _node_name(document: Document, index: int, user: str) -> str:
+    return _name(document.item("nodes", index, user=user)) or f"node_{index}"
+
+
+def _count(document: Document, index: object, user: str) -> int:
+    count = document.item("accessors", index, user=user).get("count", 0)
+    return count if isinstance(count, int) else 0
+
+
+def _describe_mesh(document: Document, index: int) -> Json:
+    mesh = document.items("meshes")[index]
+    primitives = [
+        _describe_primitive(document, primitive, document.where("meshes", index, "primitives", number))
+        for number, primitive in enumerate(mesh.get("primitives", []))
+    ]
+    return {
+        "name": _name(mesh),
+        "vertices": sum(each["vertices"] for each in primitives),
+        "triangles": sum(each["triangles"] for each in primitives),
+        "morph_targets": morph_target_names(mesh),
+        "primitives": primitives,
+    }
+
+
+def _describe_primitive(document: Document, primitive: Json, where: str) -> Json:
+    attributes = primitive.get("attributes", {})
+    vertices = _count(document, attributes["POSITION"], where) if "POSITION" in attributes else 0
+    corners = _count(document, primitive["indices"], where) if "indices" in primitive else vertices
+    mode = primitive.get("mode", TRIANGLES)
+    by_mode = {TRIANGLES: corners // 3, TRIANGLE_STRIP: max(corners - 2, 0), TRIANGLE_FAN: max(corners - 2, 0)}
+    material = primitive.get("material")
+    name = None
+    if isinstance(material, int) and 0 <= material < len(document.items("materials")):
+        name = _name(document.items("materials")[material])
+    return {
+        "mode": _MODES[mode] if mode < len(_MODES) else str(mode),
+        "vertices": vertices,
+        "triangles": by_mode.get(mode, 0),
+        "attributes": list(attributes),
+        "morph_targets": len(primitive.get("targets", [])),
+        "material": name,
+        "compression": next((name for name in COMPRESSIONS if name in _compressions(document, primitive)), None),
+    }
+
+
+def _compressions(document: Document, primitive: Json) -> set[str]:
+    """The extensions that compress a primitive, or the views of its accessors."""
+    found = set(primitive.get("extensions", {}))
+    used = [*primitive.get("attributes", {}).values(), *([primitive["indices"]] if "indices" in primitive else [])]
+    views = document.items("bufferViews")
+    for index in used:
+        for view in accessor_views(document.item("accessors", index, user=document.path)):
+            if view < len(views):
+                found |= set(views[view].get("extensions", {}))
+    return found
+
+
+def _deforming(document: Document, meshes: list[Json]) -> Iterator[Json]:
+    """The nodes whose mesh has a skin or morph targets: those that a tool can be on."""
+    for index, node in enumerate(document.items("nodes")):
+        if "mesh" not in node:
+            continue
+        where = document.where("nodes", index)
+        document.item("meshes", node["mesh"], user=where)
+        if "skin" in node:
+            document.item("skins", node["skin"], user=where)
+        morphs = len(meshes[node["mesh"]]["morph_targets"])
+        if "skin" in node or morphs:
+            yield {
+                "node": _node_name(document, index, where),
+                "mesh": node["mesh"],
+                "skin": node.get("skin"),
+                "morph_targets": morphs,
+            }
+
+
+def _describe_skin(document: Document, index: int) -> Json:
+    skin = document.items("skins")[index]
+    where = document.where("skins", index)
+    return {"name": _name(skin), "joints": [_node_name(document, joint, where) for joint in skin.get("joints", [])]}
+
+
+def _clips(document: Document) -> Iterator[Json]:
+    """The animations under the names that `--clip` takes, with the times that their accessors state."""
+    names: set[str] = set()
+    for index, animation in enumerate(document.items("animations")):
+        where = document.where("animations", index)
+        samplers, paths = animation.get("samplers", []), Counter[str]()
+        nodes, inputs = set(), set()
+        for channel in animation.get("channels", []):
+            target = channel.get("target", {})
+            if target.get("path") not in ("translation", "rotation", "scale", "weights") or "node" not in target:
+                continue
+            number = channel.get("sampler", -1)
+            if not 0 <= number < len(samplers) or "input" not in samplers[number]:
+                raise AssetError(f"has no sampler {number} with an input", where=where)
+            paths[target["path"]] += 1
+            nodes.add(target["node"])
+            inputs.add(samplers[number]["input"])
+        if not inputs:
+            continue
+        name = _name(animation) or f"animation_{index}"
+        name = f"{name}#{index}" if name in names else name
+        names.add(name)
+        accessors = [document.item("accessors", each, user=where) for each in sorted(inputs)]
+        starts, ends = (_bounds(accessors, key) for key in ("min", "max"))
+        yield {
+            "name": name,
+            "start": min(starts) if starts else None,
+            "end": max(ends) if ends else None,
+            "keys": max(_count(document, each, where) for each in inputs),
+            "nodes": len(nodes),
+            "channels": dict(sorted(paths.items())),
+        }
+
+
+def _bounds(accessors: Iterable[Json], key: str) -> list[float]:
+    """The first numbers of accessors' `min` or `max`, which glTF asks of key times; none where one has none."""
+    try:
+        return [_number(each[key][0]) for each in accessors]
+    except (LookupError, TypeError, ValueError):
+        return []
+
+
+def _wrinkles(document: Document) -> Iterator[Json]:
+    """What a bake has left on each node."""
+    for index, node in enumerate(document.items("nodes")):
+        extras = node.get("extras")
+        if not isinstance(extras, dict) or "wrinkle" not in extras or "mesh" not in node:
+            continue
+        entry = extras["wrinkle"]
+        try:
+            yield {
+                "node": _node_name(document, index, document.where("nodes", index)),
+                "method": entry.get("method"),
+                "tools": [
+                    {
+                        "name": str(tool["name"]),
+                        "origin_joints": [str(joint) for joint in tool["origin"]["joints"]],
+                        "target_joints": [str(joint) for joint in tool["target"]["joints"]],
+                        "rest_length": _number(tool["rest_length"]),
+                        "targets": [str(name) for name in tool["targets"]],
+                    }
+                    for tool in entry["tools"]
+                ],
+                "undriven": [str(name) for name in entry.get("undriven", [])],
+            }
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            where = document.where("nodes", index, "extras", "wrinkle")
+            raise AssetError("is not what `wrinkle bake` writes", where=where) from error
+
+
+def _is_replaceable(document: Document) -> bool | None:
+    """Whether `bake --replace` can take out all wrinkles that the file carries; None where it carries none."""
+    if not wrinkled(document.gltf):
+        return None
+    try:
+        original(document)
+    except WrinkleError:
+        return False
+    return True
+
+
+def _number(value: Any) -> float:
+    """A number of the JSON as a float; ValueError where it is none, or too large."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or abs(value) > sys.float_info.max:
+        raise ValueError(value)
+    return float(value)
+
+
+def _bytes(document: Document) -> tuple[list[Json], Json]:
+    """Every file of the asset with its size, none for an image that cannot be read, and the bytes of each kind."""
+    sizes: dict[str, int | None] = {name: os.path.getsize(name) for name in document.files}
+    kinds = dict.fromkeys(KINDS, 0)
+    for view, users in _view_users(document).items():
+        stored = list(view_parts(document.items("bufferViews")[view]))[-1].get("byteLength", 0)
+        shares = sum(users.values())
+        cuts = [stored * part // shares for part in accumulate(users.values(), initial=0)]
+        for kind, (low, high) in zip(users, pairwise(cuts), strict=True):
+            kinds[kind] += high - low
+    for number, image in enumerate(document.items("images")):
+        if isinstance(image.get("uri"), str):
+            data, name = _image(document, image["uri"], number)
+            kinds["images"] += data or 0
+            if name is not None:
+                sizes.setdefault(name, data)
+    whole = sum(size or 0 for size in sizes.values())
+    kinds["other"] = max(whole - sum(kinds.values()), 0)
+    return [{"name": name, "bytes": size} for name, size in sizes.items()], kinds
+
+
+def _view_users(document: Document) -> dict[int, Counter[str]]:
+    """For each buffer view in use how many elements of which kind it holds."""
+    users: defaultdict[int, Counter[str]] = defaultdict(Counter)
+    views = document.items("bufferViews")
+
+    def use(view: int, kind: str, elements: int) -> None:
+        if view < len(views):
+            users[view][kind] += max(elements, 1)
+
+    kinds: dict[int, str] = {}
+    for index, kind in _accessor_uses(document):
+        if index < len(document.items("accessors")):
+            kinds.setdefault(index, kind)
+    for index, kind in kinds.items():
+        accessor = document.items("accessors")[index]
+        for view in accessor_views(accessor):
+            use(view, kind, accessor.get("count", 0))
+    for primitive in draco_primitives(document.gltf):
+        use(primitive["extensions"][DRACO].get("bufferView", len(views)), "geometry", 1)
+    for image in document.items("images"):
+        use(image.get("bufferView", len(views)), "images", 1)
+    for node in wrinkled(document.gltf):
+        entry = document.items("nodes")[node]["extras"]["wrinkle"]
+        kept = entry.get("original") if isinstance(entry, dict) else None
+        if isinstance(kept, int) and kept >= 0:
+            use(kept, "original", 1)
+    return users
+
+
+def _accessor_uses(document: Document) -> Iterator[tuple[int, str]]:
+    for mesh in document.items("meshes"):
+        for primitive in mesh.get("primitives", []):
+            yield from ((index, "geometry") for index in primitive.get("attributes", {}).values())
+            yield from ((index, "morph targets") for each in primitive.get("targets", []) for index in each.values())
+            if "indices" in primitive:
+                yield primitive["indices"], "indices"
+    for skin in document.items("skins"):
+        if "inverseBindMatrices" in skin:
+            yield skin["inverseBindMatrices"], "skins"
+    for animation in document.items("animations"):
+        for sampler in animation.get("samplers", []):
+            yield from ((sampler[key], "animation") for key in ("input", "output") if key in sampler)
+
+
+def _image(document: Document, uri: str, number: int) -> tuple[int | None, str | None]:
+    """The size of an image behind a URI, if it can be read, and its file."""
+    where = document.where("images", number)
+    try:
+        data, name = read_uri(uri, document.path, where, allow_external=document.allow_external)
+    except AssetError:
+        return None, None if uri.startswith("data:") else os.path.join(os.path.dirname(document.path), unquote(uri))
+    return len(data), name

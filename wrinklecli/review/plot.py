@@ -1,0 +1,167 @@
+"""Pictures of control curves: what each tool's curve does as it shortens, and how high it rises over each clip."""
+
+import importlib.util
+import io
+import warnings
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrinklecli.errors import BakeError, WrinkleError
+from wrinklecli.review.check import Check, CheckedTool
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Floats = NDArray[np.float64]
+
+# Curves of each tool, from rest to its greatest shortening, and that of a tool that nothing shortens.
+_CURVES = 5
+_SHOWN_SHORTENING = 0.5
+# A shortening below this part of the rest length is as good as none.
+_VISIBLE = 1e-3
+# Points of a curve for each control interval and detail level.
+_POINTS = 32
+# Between two of them: over the tallest bump, and at least over the length.
+_SPACING, _LEAST_SPACING = 1.4, 0.06
+# Clips that are named in a legend; the others are grey.
+_NAMED = 8
+_LONGEST_NAME, _LONGEST_TITLE = 24, 60
+# Inches, and dots of each: a row with its gap has 220, and Agg draws 65,536.
+_WIDTH, _ROW, _GAP = 11.0, 2.2, 0.5
+_DOTS = 100
+_MOST_TOOLS = 100
+
+
+def refuse_without_matplotlib() -> None:
+    """Check that matplotlib is there.
+
+    Raises:
+        WrinkleError: It is not.
+    """
+    if importlib.util.find_spec("matplotlib") is None:
+        raise WrinkleError("--plot needs matplotlib: pip install 'wrinklecli[plot]'")
+
+
+def draw_check(checked: Check, kind: str) -> bytes:
+    """Draw every tool of a check: control curves on the left, heights over time on the right.
+
+    Lengths are scene units, on the left the same along both axes.
+
+    Args:
+        checked: The check.
+        kind: `png` or `svg`.
+
+    Returns:
+        The file; the same check gives the same bytes with the same matplotlib.
+
+    Raises:
+        WrinkleError: There are too many tools for one picture, or matplotlib is missing.
+    """
+    refuse_without_matplotlib()
+    if len(checked.tools) > _MOST_TOOLS:
+        raise BakeError(f"{len(checked.tools)} tools; a picture shows {_MOST_TOOLS}: choose some by --tool")
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    settings: dict[Any, Any] = {
+        "svg.hashsalt": "wrinkle",
+        # A $ in a name is no formula.
+        "text.parse_math": False,
+        "font.size": 8.0,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "axes.titlelocation": "left",
+        "axes.titlesize": 9.0,
+        "axes.titleweight": "bold",
+        "legend.frameon": False,
+    }
+    file = io.BytesIO()
+    with warnings.catch_warnings(), mpl.rc_context({**mpl.rcParamsDefault, **settings}):
+        # Names may have characters that the font lacks.
+        warnings.simplefilter("ignore", UserWarning)
+        height = _ROW * len(checked.tools)
+        figure = Figure(figsize=(_WIDTH, height), dpi=_DOTS)
+        # Laid out by hand: matplotlib's own layouts take a second for three rows.
+        grid = figure.subplots(
+            len(checked.tools),
+            2,
+            squeeze=False,
+            width_ratios=[3, 2],
+            gridspec_kw={
+                "left": 0.02,
+                "right": 0.84,
+                "bottom": _GAP / height,
+                "top": 1.0 - 0.5 * _GAP / height,
+                "wspace": 0.25,
+                "hspace": _GAP / (_ROW - _GAP),
+            },
+        )
+        for tool, (left, right) in zip(checked.tools, grid, strict=True):
+            _draw_curves(left, tool)
+            _draw_heights(right, tool)
+        grid[-1, 0].set_xlabel("along the segment, scene units")
+        grid[-1, 1].set_xlabel("time, s")
+        figure.savefig(file, format=kind, metadata={"Date": None} if kind == "svg" else {"Software": None})
+    return file.getvalue()
+
+
+def _draw_curves(axes: "Axes", tool: CheckedTool) -> None:
+    """The control curve from rest to the greatest shortening of all clips."""
+    import matplotlib as mpl
+
+    patch = tool.carrier.patch
+    curve, strength = patch.curve, patch.shape_strength
+    greatest = max((float((seen.shortenings / seen.rest_lengths).max()) for _, _, seen in tool.seen), default=0.0)
+    reached = greatest > _VISIBLE
+    shortenings = np.linspace(0.0, greatest if reached else _SHOWN_SHORTENING, _CURVES)
+    lengths = np.full(len(shortenings), curve.greatest_rest_length)
+    distances = (1.0 - shortenings) * lengths
+    amplitudes, _ = curve.follow(distances, lengths)
+    us = np.linspace(0.0, 1.0, _POINTS * 2 ** len(curve.details) * curve.interval_count + 1)
+    heights = strength * np.einsum("fgm,gmu->fu", amplitudes, curve.shapes(us))
+    colours = mpl.colormaps["viridis_r"](np.linspace(0.35, 1.0, len(shortenings)))
+    # One above the other, shortest on top, each on its own base line.
+    step = max(_SPACING * float(np.ptp(heights, axis=1).max()), _LEAST_SPACING * float(lengths[0]))
+    bases = step * np.arange(len(shortenings))
+    for share, distance, height, base, colour in zip(shortenings, distances, heights, bases, colours, strict=True):
+        # Its middle stays: a bump is above itself.
+        along = lengths[0] / 2.0 + distance * (us - 0.5)
+        axes.plot(along, base + height, color=colour, linewidth=1.2)
+        label = f"{100 * share:.0f} % shorter" if share else "at full length"
+        axes.annotate(label, (lengths[0], base), (6, 0), textcoords="offset points", va="center", color=colour)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_yticks([])
+    axes.spines["left"].set_visible(False)
+    axes.set_title(_cut(patch.tool.name, _LONGEST_TITLE) + ("" if reached else " (no clip shortens it)"))
+
+
+def _draw_heights(axes: "Axes", tool: CheckedTool) -> None:
+    """The height of the tallest bump over the time of each clip."""
+    patch = tool.carrier.patch
+    lines = []
+    for clip, times, seen in tool.seen:
+        heights = patch.tool.strength_in(clip.name) * patch.curve.heights(seen.amplitudes).max(axis=1)
+        lines.append((clip.name, times, heights))
+    named = sorted(range(len(lines)), key=lambda k: -float(np.abs(lines[k][2]).max()))[:_NAMED]
+    for k, (name, times, heights) in enumerate(lines):
+        if k in named:
+            axes.plot(times, heights, linewidth=1.2, label=_cut(name), zorder=3)
+        else:
+            axes.plot(times, heights, linewidth=0.8, color="0.75", zorder=2)
+    axes.axhline(0.0, color="0.6", linewidth=0.6, zorder=1)
+    axes.set_title("height of the tallest bump", fontweight="normal")
+    if lines:
+        others = len(lines) - len(named)
+        title = f"{others} more in grey" if others else None
+        axes.legend(title=title, loc="center left", bbox_to_anchor=(1.0, 0.5), alignment="left")
+    else:
+        axes.text(0.5, 0.5, "no clip moves the mesh", ha="center", va="center", transform=axes.transAxes)
+
+
+def _cut(name: str, limit: int = _LONGEST_NAME) -> str:
+    """A name of an asset in a label: one line, not too long, and not hidden, as labels that begin with _ are."""
+    shown = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in name)
+    shown = shown if len(shown) <= limit else shown[: limit - 1] + "…"
+    return f" {shown}" if shown.startswith("_") else shown

@@ -1,0 +1,1 @@
+"""Assets in, pictures out: a contact sheet or an animation, traced by rays without a display."""

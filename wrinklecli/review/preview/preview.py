@@ -1,0 +1,330 @@
+"""Pictures of assets, baked or not, with or without their tools: a contact sheet over time, or an animation.
+
+Posed as an engine would, then ray cast. Tools are applied as a bake would, in memory; nothing is proved, and no other
+file is written.
+"""
+
+import os
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from wrinklecli.baking.morphs import encode_morphs
+from wrinklecli.baking.pipeline import faults_reported, plan_meshes, read_job, refuse_overwriting
+from wrinklecli.baking.plan import Plan, sample_clips
+from wrinklecli.character.pose import read_clips
+from wrinklecli.errors import AssetError, WrinkleError, listed, nearest
+from wrinklecli.gltf.document import Document, read_document
+from wrinklecli.gltf.writer import Draft, replace_bytes
+from wrinklecli.review.preview.camera import plan_cameras
+from wrinklecli.review.preview.render import Style, render
+from wrinklecli.review.preview.subject import (
+    HEAT,
+    HEAT_TICKS,
+    INKS,
+    Moment,
+    frame_of,
+    heat_colours,
+    read_subject,
+    tool_names,
+)
+
+if TYPE_CHECKING:
+    from wrinklecli.review.preview.sheet import Legend
+
+# Called with a stage's name, steps done and steps in all.
+Progress = Callable[[str, int, int], None]
+
+MOST_MOMENTS = 10_000
+MOST_SIDE = 16_383  # pixels: of a WebP
+MOST_PIXELS = 2**28  # of a sheet, or of all frames of an animation, which are held until the file is written
+_ENDINGS = {".png": "png", ".webp": "webp", ".gif": "gif"}
+
+_SHEET_MOMENTS = 5  # of a clip: its middle, where many are at their greatest, is one
+_SHEET_COLUMNS = 3
+_ANIMATION_FPS = 15.0
+
+
+@dataclass(frozen=True, slots=True)
+class Preview:
+    """What was drawn.
+
+    Attributes:
+        path: The file.
+        size: Of its picture, or of each frame, pixels.
+        moments: How many there are.
+        views: As used; `facing` as the angles that it came to.
+        warnings: A line each.
+    """
+
+    path: str
+    size: tuple[int, int]
+    moments: int
+    views: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def summary(self) -> str:
+        """In a line."""
+        moments = "1 moment" if self.moments == 1 else f"{self.moments} moments"
+        return f"{self.size[0]} × {self.size[1]} pixels, {moments}, seen from {', '.join(self.views)}"
+
+
+def preview(
+    assets: Sequence[str | os.PathLike[str]],
+    out: str | os.PathLike[str],
+    *,
+    tools: str | os.PathLike[str] | None = None,
+    only: Sequence[str] = (),
+    before: bool = False,
+    hide_tools: bool = False,
+    clips: Sequence[str] = (),
+    rest: bool = False,
+    times: Sequence[float] = (),
+    frames: int | None = None,
+    fps: float | None = None,
+    views: Sequence[str] = (),
+    focus: Sequence[float] | None = None,
+    radius: float | None = None,
+    follow: bool = False,
+    size: tuple[int, int] = (800, 600),
+    columns: int | None = None,
+    labels: Sequence[str] = (),
+    heat: bool = False,
+    style: Style | None = None,
+    allow_external: bool = False,
+    progress: Progress = lambda _stage, _done, _total: None,
+) -> Preview:
+    """Draw assets, a contact sheet over time or an animation.
+
+    Args:
+        assets: .gltf or .glb; several are shown side by side, at the same moments and from the same places.
+        out: A .png (a sheet), or a .webp or .gif (an animation).
+        tools: A YAML file of tools, to apply to the one asset and to draw on it.
+        only: Names of these tools; all where left out.
+        before: Show the asset without the tools beside it.
+        hide_tools: Apply the tools, but do not draw them.
+        clips: Names; the first of the first asset where left out.
+        rest: The pose as stored instead.
+        times: Seconds; where left out, moments are spread over each clip.
+        frames: How many moments of each clip.
+        fps: Moments per second: of the clip, and of the animation.
+        views: Names of `VIEWS`, `facing` (the wrinkles' side) or azimuth:elevation in degrees.
+        focus: (3,) the point to look at, world space; where left out, the wrinkles, or else all.
+        radius: Of what to see about it, scene units.
+        follow: The camera moves with the wrinkles, or with the skin that is at `focus` in the stored pose.
+        size: Width and height of each picture, pixels.
+        columns: Moments in a row of a sheet.
+        labels: One for each asset, or for before and after.
+        heat: Colour the surface by its compression against the stored pose.
+        style: How to draw.
+        allow_external: Read buffers and images outside the asset's folder too.
+        progress: Called with a stage's name, steps done and steps in all.
+
+    Raises:
+        AssetError: An asset is at fault, or has nothing to show.
+        WrinkleError: The tools do not fit; the picture would be too large or cannot be written; or Pillow or embreex
+            is missing.
+    """
+    _refuse_missing()
+    from wrinklecli.review.preview import sheet as images
+
+    with ExitStack() as stack:
+        stack.enter_context(faults_reported(os.fspath(assets[0])))
+        # With several BLAS threads sums change their last bits, and pixels with them.
+        stack.enter_context(threadpool_limits(limits=1, user_api="blas"))
+        path = os.fspath(out)
+        kind = _ENDINGS.get(Path(path).suffix.lower())
+        if kind is None:
+            raise WrinkleError(f"ends in none of {', '.join(_ENDINGS)}", where=path)
+        warnings: list[str] = []
+        documents = [read_document(each, allow_external=allow_external) for each in assets]
+        read = [file for document in documents for file in document.files]
+        refuse_overwriting([*read, *([os.fspath(tools)] if tools is not None else [])], [path])
+        moments = _moments(documents[0], kind, clips, rest=rest, times=times, frames=frames, fps=fps)
+        plans: list[Plan] = []
+        if tools is not None:
+            named = list(dict.fromkeys(moment.clip for moment in moments if moment.clip is not None))
+            applied, plans = apply_tools(
+                assets[0],
+                tools,
+                only=only,
+                clips=named,
+                allow_external=allow_external,
+                warnings=warnings,
+                progress=progress,
+            )
+            documents = [*documents, applied] if before else [applied]
+        names = list(labels)
+        if not names and before:
+            names = ["before", "after"]
+        elif not names:
+            names = [Path(document.path).stem for document in documents]
+        subjects = [
+            read_subject(document, name, [] if hide_tools or document is not documents[-1] else plans, warnings)
+            for document, name in zip(documents, names, strict=True)
+        ]
+        legend = _legend(heat, [] if hide_tools else plans)
+        columns = columns or (_SHEET_COLUMNS if len(subjects) == 1 else 1)
+        columns = min(columns, len(moments)) if kind == "png" else 1
+        shown, cameras = plan_cameras(
+            subjects,
+            moments,
+            views,
+            aspect=size[0] / size[1],
+            focus=focus,
+            radius=radius,
+            follow=follow,
+            progress=progress,
+        )
+        rows = -(-len(moments) // columns) if kind == "png" else 1
+        layout = (columns * len(subjects), rows * len(shown))
+        whole = images.sheet_size(*layout, size, legend)
+        _refuse_large(whole, 1 if kind == "png" else len(moments), path)
+        sheets = []
+        for number, moment in enumerate(moments):
+            at = number if kind == "png" else 0
+            if not at:
+                sheets.append(images.Sheet(*layout, size, legend))
+            for column, subject in enumerate(subjects):
+                frame = frame_of(subject, moment, heat=heat)
+                for row, view in enumerate(shown):
+                    picture = render(frame, cameras[row][number], size=size, style=style)
+                    label = "   ".join([subject.label, moment.label, *([view] if len(shown) > 1 else [])])
+                    across, down = at % columns * len(subjects) + column, row * rows + at // columns
+                    sheets[-1].put(across, down, picture, label)
+            progress("drawing", number + 1, len(moments))
+        if kind == "png":
+            data = images.encode_picture(sheets[0].image)
+        else:
+            seconds = 1 / fps if fps else _interval(documents[0], moments, frames, times)
+            data = images.encode_animation([sheet.image for sheet in sheets], kind, seconds=seconds)
+        replace_bytes(path, data)
+        return Preview(path, whole, len(moments), tuple(shown), tuple(dict.fromkeys(warnings)))
+
+
+def _refuse_missing() -> None:
+    try:
+        import embreex.mesh_construction  # noqa: F401
+        import PIL.Image  # noqa: F401
+    except (ImportError, ValueError) as error:  # ValueError: built for another numpy
+        raise WrinkleError(
+            f"pictures need Pillow and embreex ({error}): pip install 'wrinklecli[preview]'", where="preview"
+        ) from error
+
+
+def _refuse_large(size: tuple[int, int], count: int, path: str) -> None:
+    """Check that a picture, or an animation of so many, can be written and held in memory."""
+    if max(size) > MOST_SIDE:
+        raise WrinkleError(f"would have {size[0]} × {size[1]} pixels; at most {MOST_SIDE} each way", where=path)
+    if size[0] * size[1] * count > MOST_PIXELS:
+        most = MOST_PIXELS // (size[0] * size[1])
+        raise WrinkleError(f"would have {count} frames; of {size[0]} × {size[1]} pixels, at most {most}", where=path)
+
+
+def _moments(
+    document: Document,
+    kind: str,
+    names: Sequence[str],
+    *,
+    rest: bool,
+    times: Sequence[float],
+    frames: int | None,
+    fps: float | None,
+) -> list[Moment]:
+    """What to show of an asset: its first clip where nothing is named, the stored pose where it has none."""
+    clips = read_clips(document)
+    known = [clip.name for clip in clips]
+    for name in names:
+        if name not in known:
+            raise AssetError(
+                f"has no clip {name!r}{nearest(name, known)}; there are {listed(known)}", where=document.path
+            )
+    if rest or not clips:
+        return [Moment(None, 0.0)]
+    chosen = [clips[known.index(name)] for name in names] or [clips[0]]
+    found = []
+    for clip in chosen:
+        length = clip.end - clip.start
+        if times:
+            spread = [float(time) for time in times]
+        elif frames is None and (fps is not None or kind != "png"):
+            count = length * (fps or _ANIMATION_FPS)
+            if count > MOST_MOMENTS:
+                raise WrinkleError(
+                    f"clip {clip.name!r} of {length:.4g} s would have {count:.6g} moments; at most {MOST_MOMENTS}",
+                    where=document.path,
+                )
+            # The last moment is left out: where a clip is a cycle, it is the first.
+            spread = [clip.start + number / (fps or _ANIMATION_FPS) for number in range(max(round(count), 1))]
+        else:
+            count = frames or _SHEET_MOMENTS
+            steps = count - 1 if kind == "png" else count
+            spread = [clip.start + length * number / max(steps, 1) for number in range(count)]
+        found += [Moment(clip.name, time) for time in (spread if length > 0 else spread[:1])]
+    if len(found) > MOST_MOMENTS:
+        raise WrinkleError(f"{len(found)} moments are too many; at most {MOST_MOMENTS}", where=document.path)
+    return found
+
+
+def _interval(document: Document, moments: Sequence[Moment], frames: int | None, times: Sequence[float]) -> float:
+    """Seconds from one frame of an animation to the next: so many in each clip's own length, else the usual."""
+    if frames is None or times or moments[0].clip is None:
+        return 1 / _ANIMATION_FPS
+    lengths = [clip.end - clip.start for clip in read_clips(document) if clip.name in {m.clip for m in moments}]
+    return max(sum(lengths) / len(moments), 0.01)
+
+
+def apply_tools(
+    asset: str | os.PathLike[str],
+    tools: str | os.PathLike[str],
+    *,
+    only: Sequence[str] = (),
+    clips: Sequence[str] = (),
+    allow_external: bool = False,
+    warnings: list[str] | None = None,
+    progress: Progress = lambda _stage, _done, _total: None,
+) -> tuple[Document, list[Plan]]:
+    """Bake tools into some clips of an asset, in memory.
+
+    Args:
+        asset: The .gltf or .glb.
+        tools: The YAML file of tools.
+        only: Names of the tools to apply; all where left out.
+        clips: Names of the clips that get weights.
+        allow_external: Read buffers and images outside the asset's folder too.
+        warnings: Those of the tools are added.
+        progress: Called with a stage's name, steps done and steps in all.
+
+    Returns:
+        The asset as the bake would leave it, and the tools on each of its meshes.
+
+    Raises:
+        WrinkleError: The asset or the tools are at fault, or do not go together.
+    """
+    job = read_job(asset, tools, clips=clips, only=only, allow_external=allow_external)
+    if warnings is not None:
+        warnings += job.warnings
+    draft = Draft(job.document)
+    plans = plan_meshes(job)
+    chosen = [clip for clip in job.clips if clip.name in clips]
+    for plan in plans:
+        bases, motions = sample_clips(plan, chosen, fps=job.settings.sampling.fps, mode="morph", progress=progress)
+        encode_morphs(draft, plan, bases, motions, sparse=True)
+    return replace(draft.document(), allow_external=allow_external), plans
+
+
+def _legend(heat: bool, plans: Sequence[Plan]) -> "Legend":
+    from wrinklecli.review.preview.sheet import Legend
+
+    names = tuple((name, INKS[number % len(INKS)]) for number, name in enumerate(tool_names(plans)))
+    if not heat:
+        return Legend(names=names)
+    top = HEAT[-1][0]
+    ticks = tuple((tick / top, f"{tick:.0%}") for tick in HEAT_TICKS)
+    return Legend("compressed by", heat_colours(np.linspace(0, top, 256)), ticks, names)

@@ -1,0 +1,542 @@
+"""The YAML file of wrinkling tools, read into frozen records; all of its problems are reported at once.
+
+Three steps: YAML text to a tree that knows its lines, the tree checked by the JSON Schema of `schema`, what is right
+in it read into records: defaults inherited, mirrored tools made, positions turned to Y-up.
+`configs/README.md` is the reference of the keys.
+
+jsonschema-rs checks, which says of every problem where it is and takes 20 ms to import and check a file; models of
+pydantic's took 200, a fifth of a small bake.
+"""
+
+import difflib
+import functools
+import os
+import re
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Any, Literal, TypeAlias
+
+from jsonschema_rs import Draft202012Validator
+
+from wrinklecli.errors import ConfigError
+from wrinklecli.tools.schema import OWN_KEYS, TOOLS_SCHEMA, Schema
+from wrinklecli.tools.yaml_tree import MAX_BYTES, MAX_SHOWN, Node, Problem, path_to, printable, read_tree
+
+Position: TypeAlias = tuple[float, float, float]
+Place: TypeAlias = tuple[str | int, ...]  # keys and indices that lead to a value
+
+# --- The records that the pipeline reads ---
+
+
+@dataclass(frozen=True, slots=True)
+class Length:
+    """A length in scene units, or per cent of the tool's own rest distance.
+
+    Args:
+        value: Scene units, or 80.0 for `80%`.
+        percent: Whether `value` is a percentage.
+    """
+
+    value: float
+    percent: bool = False
+
+    def resolve(self, rest_distance: float) -> float:
+        """Scene units, given the distance of the tool's anchors at rest in scene units."""
+        return self.value / 100.0 * rest_distance if self.percent else self.value
+
+
+@dataclass(frozen=True, slots=True)
+class Marker:
+    """An anchor given by the position of a node of the asset, such as an exported empty.
+
+    Args:
+        marker: Node whose position at rest is the anchor.
+    """
+
+    marker: str
+
+
+@dataclass(frozen=True, slots=True)
+class RestFrame:
+    """A clip's pose at a time, taken as the rest pose.
+
+    Args:
+        clip: Name of the clip.
+        time: Seconds from its start.
+    """
+
+    clip: str
+    time: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Sampling:
+    """At which times which clips are evaluated.
+
+    Args:
+        fps: Samples per second, joined with the clip's own key times.
+        clips: Names of the clips to bake, or `all`.
+    """
+
+    fps: float = 30.0
+    clips: Literal["all"] | tuple[str, ...] = "all"
+
+
+@dataclass(frozen=True, slots=True)
+class RefinementSettings:
+    """How finely the mesh is subdivided under the wrinkles.
+
+    Args:
+        max_levels: Most times that an edge is halved; 0 keeps the mesh.
+        edges_per_interval: Edges on each control interval, half a bump.
+        scheme: How new vertices are placed.
+    """
+
+    max_levels: int = 4
+    edges_per_interval: int = 2
+    scheme: Literal["butterfly", "midpoint"] = "butterfly"
+
+
+@dataclass(frozen=True, slots=True)
+class RestLengthKeys:
+    """Rest lengths keyed by hand, the paper's forehead; clips that are not named keep the rest distance.
+
+    Args:
+        keys: For each clip its keys: seconds, rising, and the length then.
+    """
+
+    keys: Mapping[str, tuple[tuple[float, Length], ...]] = field(hash=False)
+
+
+@dataclass(frozen=True, slots=True)
+class RestLengthMorph:
+    """A rest length driven by a morph target's weight: the rest distance at 0, `full` at 1.
+
+    Args:
+        morph: Name of the morph target.
+        full: Rest length at weight 1.
+    """
+
+    morph: str
+    full: Length
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WrinkleTool:
+    """One wrinkling tool, defaults and mirror applied.
+
+    Args:
+        name: Unique name.
+        node: Node of the mesh, None where the file leaves it out.
+        origin: World space at rest, Y-up, scene units; or a marker.
+        target: As origin.
+        snap: What anchors go to.
+        width: Full width across the segment.
+        strategy: Which bumps rise first.
+        bumps: Wrinkles along the segment.
+        gap: Flat control intervals between neighbouring bumps.
+        max_height: Highest point of a bump; `auto`; or None for no limit.
+        details: Shares of the shortening for finer wrinkles, each > 0, their sum < 1.
+        profile: Shape of a bump.
+        attenuation: How a wrinkle fades across the width.
+        attachment: `skin`, or the paper's `patch`.
+        strength: Factor of the height.
+        clips: Strength by clip name, in place of `strength`.
+        rest_length: `auto`, a length, or what drives it.
+        enabled: Whether it is baked; a `ToolsFile` keeps only those.
+        optional: Whether an absent node is a note rather than an error.
+        where: Its place in the file for later errors, such as `tools.yaml:12: tools[0]`.
+    """
+
+    name: str
+    node: str | None = None
+    origin: Position | Marker
+    target: Position | Marker
+    snap: Literal["surface", "vertex"] = "surface"
+    width: Length
+    strategy: Literal["everywhere", "origin", "both_ends"] = "everywhere"
+    bumps: int = 4
+    gap: int = 0
+    max_height: Literal["auto"] | Length | None = "auto"
+    details: tuple[float, ...] = ()
+    profile: Literal["smooth", "polyline"] = "smooth"
+    attenuation: Literal["bell", "linear"] = "bell"
+    attachment: Literal["skin", "patch"] = "skin"
+    strength: float = 1.0
+    clips: Mapping[str, float] = field(default_factory=dict, hash=False)
+    rest_length: Literal["auto"] | Length | RestLengthKeys | RestLengthMorph = "auto"
+    enabled: bool = True
+    optional: bool = False
+    where: str = ""
+
+    @property
+    def identifier(self) -> str:
+        """The name in letters, digits and `_`, as in the morph targets `wrinkle_IDENTIFIER_1`; unique too."""
+        return _identifier(self.name)
+
+    def strength_in(self, clip: str) -> float:
+        """The factor of the height while a clip plays."""
+        return self.clips.get(clip, self.strength)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ToolsFile:
+    """A file of tools.
+
+    Args:
+        path: The file as the user typed it.
+        version: Version of the format.
+        up: The up axis of the file; positions here are Y-up already.
+        rest: Pose in which the tools are attached.
+        sampling: At which times which clips are evaluated.
+        refinement: How finely the mesh is subdivided.
+        tools: The enabled tools in the file's order, a mirrored one behind its source.
+    """
+
+    path: str
+    version: int = 1
+    up: Literal["y", "z"] = "y"
+    rest: Literal["stored", "bind"] | RestFrame = "stored"
+    sampling: Sampling = field(default_factory=Sampling)
+    refinement: RefinementSettings = field(default_factory=RefinementSettings)
+    tools: tuple[WrinkleTool, ...]
+
+
+# --- The tree checked by the schema ---
+
+
+@functools.cache
+def _validator() -> Draft202012Validator:
+    return Draft202012Validator(TOOLS_SCHEMA)
+
+
+def _nearest(found: str, known: Iterable[str]) -> str | None:
+    # Longer than any key: no typing error, and difflib takes quadratic time.
+    if len(found) > MAX_SHOWN:
+        return None
+    return next(iter(difflib.get_close_matches(found.lower(), list(known), n=1)), None)
+
+
+def _refusal(node: Node, expected: str) -> str:
+    words = [word for word in re.split(r", | or ", expected.removeprefix("expected ")) if re.fullmatch("[a-z_]+", word)]
+    near = _nearest(node.value, words) if isinstance(node.value, str) else None
+    return f"found {node.shown}, {expected}" + (f"; did you mean {near}?" if near else "")
+
+
+def _at(root: Node, place: Place) -> tuple[Node, str]:
+    """The value at a place, and its path as messages write it."""
+    return functools.reduce(lambda node, step: node.children[step], place, root), functools.reduce(path_to, place, "")
+
+
+def _check(root: Node) -> tuple[list[Problem], set[Place]]:
+    """The problems that the schema has with the tree, and the places of what it refuses and of all around that."""
+    unknown: dict[Place, Schema] = {}  # where a mapping has keys that are not these
+    missing: dict[Place, list[str]] = {}
+    refused: dict[Place, str] = {}
+    for error in _validator().iter_errors(root.value):
+        place = tuple(error.instance_path)
+        schema: Any = TOOLS_SCHEMA
+        for step in error.schema_path[:-1]:
+            schema = schema[step]
+        match error.schema_path[-1]:
+            case "additionalProperties":
+                unknown[place] = schema["properties"]
+            case "required":
+                missing[place] = [*missing.get(place, ()), *schema["required"]]
+            case _:
+                mapping = f"expected a mapping of {', '.join(schema.get('properties', ()))}"
+                refused.setdefault(place, schema.get("errorMessage", mapping))
+    wrong = {place[:depth] for place in (*unknown, *missing, *refused) for depth in range(len(place) + 1)}
+    problems: list[Problem] = []
+    meant: set[tuple[Place, str | None]] = set()
+    for place, known in unknown.items():
+        node, path = _at(root, place)
+        for key in (str(key) for key in node.children if key not in known):
+            near = _nearest(key, known)
+            meant.add((place, near))
+            wrong.add((*place, key))
+            message = f"unknown key, did you mean {near}?" if near else f"unknown key, expected {', '.join(known)}"
+            if place == ("defaults",) and key in OWN_KEYS:
+                message = "not inherited, each tool needs its own"
+            problems.append(Problem(node.children[key].line, path_to(path, key), message))
+    for place, keys in missing.items():
+        node, path = _at(root, place)
+        for key in dict.fromkeys(keys):
+            # Not reported beside the misspelt key that was meant to be it, here or in the defaults.
+            if key not in node.children and not {(place, key), (("defaults",), key)} & meant:
+                problems.append(Problem(node.line, path_to(path, key), "required, but missing"))
+    for place, expected in refused.items():
+        if not any(place[:depth] in refused for depth in range(len(place))):
+            node, path = _at(root, place)
+            problems.append(Problem(node.line, path, _refusal(node, expected)))
+    return problems, wrong
+
+
+# --- What the schema accepts, read ---
+
+
+def _parts(value: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: _READ[key](part) if key in _READ else part for key, part in value.items()}
+
+
+def _length(value: float | str) -> Length:
+    return Length(float(value.rstrip("%")), percent=True) if isinstance(value, str) else Length(float(value))
+
+
+def _anchor(value: Any) -> Position | Marker:
+    if isinstance(value, dict):
+        return Marker(**value)
+    x, y, z = map(float, value)
+    return (x, y, z)
+
+
+def _max_height(value: Any) -> Literal["auto"] | Length | None:
+    if value in ("auto", "none", None):
+        return "auto" if value == "auto" else None
+    return _length(value)
+
+
+def _clips(value: Any) -> Literal["all"] | tuple[str, ...] | dict[str, float]:
+    """The clips to sample, or the strengths in clips."""
+    if isinstance(value, dict):
+        return {clip: float(strength) for clip, strength in value.items()}
+    return "all" if value == "all" else tuple(value)
+
+
+def _keys(value: Mapping[str, Any]) -> dict[str, tuple[tuple[float, Length], ...]]:
+    return {clip: tuple((float(time), _length(length)) for time, length in keys) for clip, keys in value.items()}
+
+
+def _rest_length(value: Any) -> Literal["auto"] | Length | RestLengthKeys | RestLengthMorph:
+    if isinstance(value, dict):
+        return RestLengthKeys(**_parts(value)) if "keys" in value else RestLengthMorph(**_parts(value))
+    return "auto" if value == "auto" else _length(value)
+
+
+# How a key's value becomes a record's, wherever the key stands; those that are not here stay as they are.
+_READ: Mapping[str, Callable[[Any], Any]] = {
+    "version": int,
+    "rest": lambda value: RestFrame(**_parts(value)) if isinstance(value, dict) else value,
+    "time": float,
+    "sampling": lambda value: Sampling(**_parts(value)),
+    "fps": float,
+    "clips": _clips,
+    "refinement": lambda value: RefinementSettings(**_parts(value)),
+    "max_levels": int,
+    "edges_per_interval": int,
+    "origin": _anchor,
+    "target": _anchor,
+    "width": _length,
+    "bumps": int,
+    "gap": int,
+    "max_height": _max_height,
+    "details": lambda value: tuple(map(float, value)),
+    "strength": float,
+    "rest_length": _rest_length,
+    "keys": _keys,
+    "full": _length,
+}
+
+
+def _odd(key: str, value: Any) -> Iterator[tuple[Place, str]]:
+    """What is wrong with a key's value though the schema accepts it: where below the key, and what was expected."""
+    if key == "details" and sum(value) > 0.99:
+        yield (), f"expected shares whose sum is at most 0.99, not {sum(value):g}"
+    if key == "rest_length" and isinstance(value, dict):
+        for clip, keys in value.get("keys", {}).items():
+            for (before, _), (after, _) in pairwise(keys):
+                if after <= before:
+                    yield ("keys", clip), f"expected times that rise from key to key, not {before:g} and then {after:g}"
+                    break
+
+
+def _read(root: Node, place: Place, wrong: Collection[Place]) -> tuple[dict[str, Any], list[Problem]]:
+    """What a mapping of the file says, and what is wrong with it that the schema has no words for.
+
+    Args:
+        root: The file.
+        place: Where the mapping is.
+        wrong: Places that are left out.
+    """
+    values: dict[str, Any] = {}
+    problems: list[Problem] = []
+    node, _ = _at(root, place)
+    for key, value in node.value.items() if isinstance(node.value, dict) else ():
+        if (*place, key) in wrong:
+            continue
+        odd = [(_at(root, (*place, key, *below)), expected) for below, expected in _odd(key, value)]
+        problems += [Problem(part.line, path, _refusal(part, expected)) for (part, path), expected in odd]
+        if not odd:
+            values |= _parts({key: value})
+    return values, problems
+
+
+# --- Tools of the other side ---
+
+_SIDES = {"L": "R", "l": "r", "Left": "Right", "left": "right", "LEFT": "RIGHT"}
+_OTHER_SIDE = _SIDES | {right: left for left, right in _SIDES.items()}
+# A letter stands alone between separators, a word is no part of another (bright, cleft, Leftover).
+_SIDE = re.compile(
+    r"(?:^|(?<=[._\- :]))[LRlr](?=$|[._\- :])|(?:Left|Right)(?![a-z])|"
+    r"(?<![A-Za-z])(?:left|right)(?![a-z])|(?<![A-Z])(?:LEFT|RIGHT)(?![A-Z])"
+)
+
+
+def _identifier(name: str) -> str:
+    return re.sub(r"[^A-Za-z0-9_]", "_", name)
+
+
+def _exchange_sides(name: str) -> str:
+    return _SIDE.sub(lambda match: _OTHER_SIDE[match[0]], name)
+
+
+def split_side(name: str) -> tuple[str, str]:
+    """A name without its first side, and `L` or `R` for that; nothing where `mirror` would find none to exchange."""
+    match = _SIDE.search(name)
+    if match is None:
+        return name, ""
+    return name[: match.start()] + name[match.end() :], match[0][0].upper()
+
+
+def _mirror_anchor(anchor: Position | Marker, axis: str) -> Position | Marker:
+    if isinstance(anchor, Marker):
+        return Marker(_exchange_sides(anchor.marker))
+    x, y, z = (0.0 - value if axis == name else value for name, value in zip("xyz", anchor, strict=True))
+    return (x, y, z)
+
+
+def _mirrored(values: Mapping[str, Any], axis: str) -> dict[str, Any]:
+    """The keys of the tool on the other side: whatever names one side names the other."""
+    other = dict(values)
+    other["name"] = _exchange_sides(values["name"])
+    for key in ("origin", "target"):
+        if key in values:
+            other[key] = _mirror_anchor(values[key], axis)
+    if isinstance(values.get("node"), str):
+        other["node"] = _exchange_sides(values["node"])
+    if isinstance(driver := values.get("rest_length"), RestLengthMorph):
+        other["rest_length"] = replace(driver, morph=_exchange_sides(driver.morph))
+    return other
+
+
+def _ends(values: Mapping[str, Any]) -> set[Position | Marker]:
+    return {values["origin"], values["target"]}
+
+
+def _y_up(anchor: Position | Marker, up: str) -> Position | Marker:
+    if up == "y" or isinstance(anchor, Marker):
+        return anchor
+    x, y, z = anchor
+    return (x, z, 0.0 - y)
+
+
+def _tools(
+    root: Node, defaults: Mapping[str, Any], wrong: Collection[Place]
+) -> tuple[list[tuple[dict[str, Any], str, int]], list[Problem]]:
+    """All tools in the file's axes, mirrored ones too: keys that the file gives, path and line of each."""
+    node = root.children.get("tools")
+    if node is None or not isinstance(node.value, list):
+        return [], []  # what stands there the schema has not looked into
+    problems: list[Problem] = []
+    tools: list[tuple[dict[str, Any], str, Node]] = []
+    owners: dict[str, str] = {}  # who has an identifier
+    for i, child in node.children.items():
+        path = path_to("tools", i)
+        values, found = _read(root, ("tools", i), wrong)
+        problems += found
+        values = {**defaults, **values}
+        tools.append((values, path, child))
+        if "name" in values:
+            owner = owners.setdefault(_identifier(values["name"]), path)
+            if owner != path:
+                name = child.children["name"]
+                message = f"found {name.shown}, but {owner} has that name: they must differ in letters, digits or _"
+                problems.append(Problem(name.line, f"{path}.name", message))
+        if "origin" in values and values["origin"] == values.get("target"):
+            line = child.children["target"].line
+            problems.append(Problem(line, f"{path}.target", "same as origin, expected another point"))
+    result: list[tuple[dict[str, Any], str, int]] = []
+    for values, path, child in tools:
+        axis = values.pop("mirror", None)
+        result.append((values, path, child.line))
+        if axis in (None, "none") or "name" not in values:
+            continue
+        other = _mirrored(values, axis)
+        shown, message = child.children["name"].shown, ""
+        if other["name"] == values["name"]:
+            message = f"found {shown}, expected a side to exchange for mirror, such as brow.L or left_brow"
+        elif (identifier := _identifier(other["name"])) in owners:
+            message = f"found {shown}, but its mirrored tool would have the name of {owners[identifier]}"
+        elif {"origin", "target"} <= set(values) and _ends(other) == _ends(values):
+            message = f"found {shown}, but its mirrored tool would lie on itself: remove mirror"
+        if message:
+            problems.append(Problem(child.children["name"].line, f"{path}.name", message))
+        owners.setdefault(_identifier(other["name"]), f"the tool mirrored from {path}")
+        note = f"{path} (mirrored as {printable(other['name'])})"
+        result.append((other, note, child.line))
+    return result, problems
+
+
+def parse_tools(text: str, *, name: str = "<tools>") -> ToolsFile:
+    """Read tools from YAML text.
+
+    Args:
+        text: The YAML.
+        name: What error messages call it.
+
+    Raises:
+        ConfigError: All problems of the text, a line each, in the order of its lines.
+    """
+    shown_name = printable(name, len(name))
+    root, problems = read_tree(text)
+    header: dict[str, Any] = {}
+    tools: list[tuple[dict[str, Any], str, int]] = []
+    if root is not None:
+        refused, wrong = _check(root)
+        header, odd = _read(root, (), {*wrong, ("defaults",), ("tools",)})
+        defaults, odd_defaults = _read(root, ("defaults",), wrong) if "defaults" in root.children else ({}, [])
+        tools, odd_tools = _tools(root, defaults, wrong)
+        problems += [*refused, *odd, *odd_defaults, *odd_tools]
+    if problems:
+        raise ConfigError.of_all(
+            ConfigError(problem.message, where=f"{shown_name}:{problem.line}: {problem.path}".rstrip(": "))
+            for problem in sorted(problems, key=lambda problem: problem.line)
+        )
+    up = header.get("up", "y")
+    records = (
+        WrinkleTool(
+            **values | {key: _y_up(values[key], up) for key in ("origin", "target")},
+            where=f"{shown_name}:{line}: {path}",
+        )
+        for values, path, line in tools
+    )
+    return ToolsFile(path=name, **header, tools=tuple(tool for tool in records if tool.enabled))
+
+
+def load_tools(path: str | os.PathLike[str]) -> ToolsFile:
+    """Read a file of tools.
+
+    Args:
+        path: The file; messages repeat it as it is given.
+
+    Raises:
+        ConfigError: The file cannot be read, or all of its problems, a line each, in the order of its lines.
+    """
+    name = os.fspath(path)
+    shown_name = printable(name, len(name))
+    try:
+        with open(path, "rb") as file:
+            data = file.read(MAX_BYTES + 1)
+    except (OSError, ValueError) as error:  # ValueError: a null character in the path
+        reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
+        raise ConfigError(f"cannot be read: {reason}", where=shown_name) from None
+    if len(data) > MAX_BYTES:
+        raise ConfigError(f"larger than {MAX_BYTES // 1_000_000} MB, expected YAML", where=shown_name)
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        message = f"found byte 0x{data[error.start]:02x}, expected UTF-8"
+        raise ConfigError(message, where=f"{shown_name}:{line}") from None
+    return parse_tools(text, name=name)
