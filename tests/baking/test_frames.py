@@ -30,8 +30,8 @@ from test_morphs import (
 import wrinklecli
 from kit.clients import assert_valid
 from wrinklecli.baking import frames
-from wrinklecli.character.surface import unit
 from wrinklecli.errors import WrinkleError
+from wrinklecli.numeric.arrays import unit
 
 MATERIALS = (["mtllib"], ["usemtl"])
 SAMPLES = [("wrist", "wrist"), ("head", "head"), ("trousers", "trousers")]

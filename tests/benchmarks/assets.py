@@ -5,9 +5,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from wrinklecli.character.surface import read_triangles, unit
+from wrinklecli.character.surface import read_triangles
 from wrinklecli.gltf.document import read_document
 from wrinklecli.gltf.writer import INDEX_DATA, VERTEX_DATA, Draft, index_type
+from wrinklecli.numeric.arrays import unit
 
 Floats = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ import pytest
 
 from wrinklecli.character.pose import blend, transform
 from wrinklecli.character.skin import pose, prepare
-from wrinklecli.character.surface import unit
+from wrinklecli.numeric.arrays import unit
 
 
 def a_skin(seed: int, *, vertices: int = 300, joints: int = 7, shapes: int = 4, frames: int = 11):

@@ -10,18 +10,9 @@ from numpy.typing import NDArray
 
 from kit.builders import MODES, RADIUS, Asset, as_document, limb_asset, limb_positions
 from wrinklecli.character.pose import read_rig
-from wrinklecli.character.surface import (
-    Surface,
-    distinct,
-    distinct_values,
-    face_normals,
-    normals_at,
-    read_surface,
-    read_triangles,
-    unit,
-    vertex_normals,
-)
+from wrinklecli.character.surface import Surface, read_surface, read_triangles
 from wrinklecli.errors import AssetError
+from wrinklecli.numeric.arrays import distinct, distinct_values, face_normals, normals_at, unit, vertex_normals
 
 Floats = NDArray[np.float64]
 

@@ -21,11 +21,12 @@ from kit import hostile
 from kit.builders import LENGTH, RADIUS, Asset, limb, limb_asset
 from wrinklecli import bake
 from wrinklecli.character.pose import Clip, read_clips, read_rig
-from wrinklecli.character.surface import read_surface, unit
+from wrinklecli.character.surface import read_surface
 from wrinklecli.cli import cli
 from wrinklecli.errors import AssetError, BakeError, WrinkleError
 from wrinklecli.gltf.document import read_document
 from wrinklecli.method.patch import attach_tools, lengths_over_time, rest_pose
+from wrinklecli.numeric.arrays import unit
 from wrinklecli.review.suggest.strain import (
     Gauge,
     along_directions,

@@ -35,10 +35,9 @@ from wrinklecli.character.surface import dense_influences, read_vertices
 from wrinklecli.errors import RefusedError
 from wrinklecli.gltf.document import Document
 from wrinklecli.method.shapes import Shape, further_activities, weight_path
+from wrinklecli.numeric.arrays import Bools, Floats
 from wrinklecli.numeric.piecewise import widen
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 Json = dict[str, Any]
 Engine = Literal["three", "unity", "spec8"]
 

@@ -14,21 +14,17 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrinklecli.baking.morphs import Part, base_normals, encode_mesh, old_values, parts_of
 from wrinklecli.baking.plan import Motion, Progress, Target
 from wrinklecli.character.pose import Rig, joint_matrices, morph_weights
 from wrinklecli.character.skin import pose, prepare
-from wrinklecli.character.surface import unit
 from wrinklecli.errors import BakeError
 from wrinklecli.gltf.document import Document, Json
 from wrinklecli.gltf.writer import VERTEX_DATA, Draft, make_folders
 from wrinklecli.method.refine import Refinement
 from wrinklecli.method.shapes import turn_to
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
+from wrinklecli.numeric.arrays import Floats, Ints, unit
 
 # Frames posed at once: bounds the memory.
 _CHUNK = 16

@@ -8,11 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrinklecli.baking.plan import Basis, Motion, Plan, Target, skin_weights, targets_of
 from wrinklecli.character.pose import Clip, Rig, morph_target_names, read_clips
-from wrinklecli.character.surface import distinct_values, unit
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import TRIANGLES, Document, Json
 from wrinklecli.gltf.draco import EXTENSION
@@ -21,12 +19,9 @@ from wrinklecli.method.lookup import tabulate, weight_table
 from wrinklecli.method.patch import Anchor, Patch
 from wrinklecli.method.refine import Refinement
 from wrinklecli.method.shapes import Shape, turn_to
+from wrinklecli.numeric.arrays import Array, Floats, Ints, distinct_values, unit
 from wrinklecli.numeric.piecewise import Track, pad, widen
 from wrinklecli.tools.read import RestLengthKeys, RestLengthMorph
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
-Array = NDArray[Any]
 
 # Raised only when the geometry that the same asset and tools give changes.
 METHOD = 1

@@ -22,10 +22,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrinklecli.character.pose import Clip, Rig, joint_matrices, read_rig
-from wrinklecli.character.surface import distinct_values, read_surface
+from wrinklecli.character.surface import read_surface
 from wrinklecli.errors import AssetError, BakeError
 from wrinklecli.gltf.document import Document
 from wrinklecli.method.patch import (
@@ -33,7 +32,6 @@ from wrinklecli.method.patch import (
     anchor_joints,
     anchor_poses,
     attach_tools,
-    determinants,
     lengths_over_time,
     rest_lengths_over_time,
     rest_pose,
@@ -52,11 +50,10 @@ from wrinklecli.method.shapes import (
     shapes_of,
     weights_of,
 )
+from wrinklecli.numeric.arrays import Floats, Ints, determinants, distinct_values
 from wrinklecli.numeric.piecewise import Signal, clip_grid, key_times, moving_nodes, smooth, turns
 from wrinklecli.tools.read import Length, ToolsFile, WrinkleTool
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
 Mode = Literal["morph", "frames"]
 # Called with a stage's name, steps done and steps in all.
 Progress = Callable[[str, int, int], None]

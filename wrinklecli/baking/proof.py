@@ -4,22 +4,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrinklecli.baking.morphs import Part, parts_of, shared_vertices
 from wrinklecli.baking.plan import Basis, Motion, Plan, Progress, takes_of, targets_of
 from wrinklecli.character.pose import Clip, Rig, joint_matrices, morph_weights, read_clips, read_rig
 from wrinklecli.character.skin import pose, prepare
-from wrinklecli.character.surface import dense_influences, distinct_values, read_vertices, unit
+from wrinklecli.character.surface import dense_influences, read_vertices
 from wrinklecli.errors import RefusedError
 from wrinklecli.gltf.document import Document, Json
 from wrinklecli.gltf.writer import Draft
 from wrinklecli.method.patch import Rest
 from wrinklecli.method.refine import Refinement
 from wrinklecli.method.shapes import Activity, Carrier, displaced_normals, displacements, further_activities, turn_to
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
+from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, unit
 
 # Frames of a clip at which whole members are compared, besides its tallest and most folded.
 _FRAMES = 64

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrinklecli.baking.budget import texture_bytes
 from wrinklecli.baking.morphs import METHOD
@@ -16,9 +15,9 @@ from wrinklecli.character.pose import Clip
 from wrinklecli.gltf.document import Document
 from wrinklecli.method.patch import Patch
 from wrinklecli.method.shapes import Activity, Carrier
+from wrinklecli.numeric.arrays import Floats
 from wrinklecli.tools.read import ToolsFile
 
-Floats = NDArray[np.float64]
 Json = dict[str, Any]
 
 VERSION = 1

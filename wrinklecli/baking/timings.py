@@ -9,8 +9,8 @@ import numpy as np
 
 from wrinklecli.baking.plan import targets_of
 from wrinklecli.baking.report import Baked
-from wrinklecli.character.surface import distinct_values
 from wrinklecli.gltf.document import Document, Json
+from wrinklecli.numeric.arrays import distinct_values
 from wrinklecli.numeric.piecewise import clip_grid
 
 VERSION = 1

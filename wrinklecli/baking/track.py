@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrinklecli.baking.morphs import encode_track, own_mesh
 from wrinklecli.baking.pipeline import faults_reported, refuse_overwriting
@@ -20,9 +19,8 @@ from wrinklecli.errors import AssetError, BakeError, RefusedError, listed, neare
 from wrinklecli.gltf.document import Document, Json, read_document
 from wrinklecli.gltf.writer import Draft
 from wrinklecli.method.lookup import TABLE_ERROR, CurveTable
+from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.piecewise import Signal, Track, key_times, moving_nodes, pad, widen
-
-Floats = NDArray[np.float64]
 
 # Of what the error bound leaves beside the table's own error, the part of the samples and that of dropped keys.
 _SAMPLING_SHARE = 2 / 3

@@ -11,9 +11,7 @@ from wrinklecli.baking.plan import Plan
 from wrinklecli.character.pose import Clip
 from wrinklecli.method.patch import Patch
 from wrinklecli.method.shapes import Activity, Carrier
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
+from wrinklecli.numeric.arrays import Floats, Ints
 
 # An anchor that snaps by more than this part of its segment lies elsewhere than where it was put.
 _FAR = 0.05

@@ -9,13 +9,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document, Json
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
+from wrinklecli.numeric.arrays import Floats, Ints
 
 # Of nodes, one below the other, and of joints in a skin: time and memory grow with them, and nothing real has as many.
 _MOST_LEVELS = 4096

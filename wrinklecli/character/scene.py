@@ -15,9 +15,7 @@ from wrinklecli.character.pose import Clip, Rig, joint_matrices, morph_weights, 
 from wrinklecli.character.skin import Skin, pose, prepare
 from wrinklecli.character.surface import Vertices, dense_influences, read_primitive, read_triangles
 from wrinklecli.gltf.document import Document, Json
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
+from wrinklecli.numeric.arrays import Floats, Ints
 
 
 @dataclass(frozen=True, slots=True)

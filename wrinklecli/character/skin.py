@@ -15,9 +15,8 @@ matrices themselves: their normals lean where joints scale or shear.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from wrinklecli.numeric.arrays import Floats, cross, dot
 
 # Vertices times frames that are posed at once. Of half as many, products are slow; twice as many leave the cache, and
 # the allocator gives their memory back each time.
@@ -83,7 +82,7 @@ def pose(skin: Skin, matrices: Floats, weights: Floats, offsets: Floats | None =
     factors = np.concatenate([np.ones((len(matrices), 1)), weights], axis=1)
     rows = np.ascontiguousarray(matrices[:, :, :3].transpose(2, 3, 0, 1))
     a, b, c = rows[:, :3]
-    mirroring = bool((_dot(a, cross(b, c)) < 0).any())
+    mirroring = bool((dot(a, cross(b, c)) < 0).any())
     for block in (slice(k, k + _CHUNK) for k in range(0, positions.shape[2], _CHUNK)):
         shares = skin.weights[:, block]
         vertex_count = shares.shape[1]
@@ -96,10 +95,10 @@ def pose(skin: Skin, matrices: Floats, weights: Floats, offsets: Floats | None =
             if offsets is not None:
                 bind += offsets[now, :, block].transpose(1, 0, 2)
             for row, into in zip(blended, positions[now, :, block].transpose(1, 0, 2), strict=True):
-                np.add(_dot(row[:3], bind), row[3], out=into)
+                np.add(dot(row[:3], bind), row[3], out=into)
             if normals is not None and skin.turns is not None:
                 turned = _turned(blended[:, :3], factors[now] @ skin.turns[:, :, block], mirroring=mirroring)
-                lengths = np.sqrt(_dot(turned, turned))
+                lengths = np.sqrt(dot(turned, turned))
                 lengths[lengths == 0] = 1.0
                 # A division takes as long as several products.
                 np.reciprocal(lengths, out=lengths)
@@ -119,24 +118,6 @@ def _turned(matrices: Floats, normals: Floats, *, mirroring: bool) -> list[Float
     for k in range(3):
         cofactors = cross(matrices[(k + 1) % 3], matrices[(k + 2) % 3])
         if k == 0 and mirroring:
-            signs = np.sign(_dot(matrices[0], cofactors))
-        turned.append(_dot(cofactors, normals))
+            signs = np.sign(dot(matrices[0], cofactors))
+        turned.append(dot(cofactors, normals))
     return turned if signs is None else [each * signs for each in turned]
-
-
-def cross(a: Floats, b: Floats) -> list[Floats]:
-    """Three (…) coordinates of the cross product of (3, …) vectors."""
-    products = []
-    for k in range(3):
-        product = a[(k + 1) % 3] * b[(k + 2) % 3]
-        product -= a[(k + 2) % 3] * b[(k + 1) % 3]
-        products.append(product)
-    return products
-
-
-def _dot(a: Floats | list[Floats], b: Floats | list[Floats]) -> Floats:
-    """(…) of (3, …) vectors."""
-    total: Floats = a[0] * b[0]
-    total += a[1] * b[1]
-    total += a[2] * b[2]
-    return total

@@ -9,17 +9,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrinklecli.character.pose import MOST, Rig, in_range
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import TRIANGLE_FAN, TRIANGLE_STRIP, TRIANGLES, Document, Json
 from wrinklecli.gltf.draco import EXTENSION
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
-Bools = NDArray[np.bool_]
-Array = NDArray[Any]
+from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, distinct
 
 # Largest difference of two influences or, over the box's diagonal, of two morph deltas of one point; after Draco, which
 # rounds each primitive on its own, of two positions too.
@@ -293,34 +288,6 @@ def _places(document: Document, primitives: list[Json], positions: Floats) -> Fl
     return places[firsts[groups[which]]]
 
 
-def distinct(rows: Array) -> tuple[Ints, Ints]:
-    """Where each distinct one of (n, columns) rows is, these rising, and (n,) which of them each row is.
-
-    As `np.unique` along an axis, but several times as fast.
-    """
-    order = np.lexsort(rows.T[::-1])
-    fresh = np.zeros(len(rows), bool)
-    fresh[:1] = True
-    for column in rows.T:
-        ordered = column[order]
-        fresh[1:] |= ordered[1:] != ordered[:-1]
-    which = np.zeros(len(rows), np.intp)
-    which[order] = np.cumsum(fresh) - 1
-    return order[fresh], which
-
-
-def distinct_values(values: Array) -> Array:
-    """The values of an array, each once, rising.
-
-    As `np.unique`, but several times as fast (numpy 2.3 and later hash), and without importing `numpy.ma`, which takes
-    as long as refining a small patch.
-    """
-    ordered = np.sort(values, axis=None)
-    fresh = np.ones(len(ordered), bool)
-    fresh[1:] = ordered[1:] != ordered[:-1]
-    return ordered[fresh]
-
-
 def _weld(vertices: Vertices, positions: Floats) -> tuple[Ints, Ints, Bools]:
     """Welded vertex of each vertex, the first vertex of each welded one, and which welded ones have twins."""
     deltas = vertices.morph_deltas
@@ -355,35 +322,3 @@ def dense_influences(joints: Ints, weights: Floats, joint_count: int) -> Floats:
     for column, shares in zip(joints.T, weights.T, strict=True):
         dense[np.arange(len(dense)), column] += shares
     return dense
-
-
-def face_normals(positions: Floats, triangles: Ints) -> Floats:
-    """(triangles, 3) normals of twice the triangles' area in length."""
-    a, b, c = (positions[triangles[:, k]] for k in range(3))
-    return np.cross(b - a, c - a)
-
-
-def vertex_normals(positions: Floats, triangles: Ints) -> Floats:
-    """(vertices, 3) area-weighted unit normals; 0 where a vertex has no area around it."""
-    return unit(_normal_sums(positions, triangles))
-
-
-def normals_at(positions: Floats, triangles: Ints, vertices: Ints) -> Floats:
-    """(chosen, 3) `vertex_normals` of some vertices."""
-    wanted = np.zeros(len(positions), bool)
-    wanted[vertices] = True
-    a, b, c = wanted[triangles].T
-    return unit(_normal_sums(positions, triangles[a | b | c])[vertices])
-
-
-def _normal_sums(positions: Floats, triangles: Ints) -> Floats:
-    """(vertices, 3) sums of the normals of the triangles around each vertex."""
-    faces = face_normals(positions, triangles)
-    sums = [np.bincount(triangles.ravel(), np.repeat(faces[:, k], 3), len(positions)) for k in range(3)]
-    return np.asarray(np.stack(sums, axis=1), np.float64)
-
-
-def unit(vectors: Floats) -> Floats:
-    """Vectors (…, 3) divided by their length; 0 stays 0."""
-    lengths = np.sqrt(np.sum(vectors * vectors, axis=-1, keepdims=True))
-    return np.where(lengths > 0, vectors / np.where(lengths > 0, lengths, 1.0), 0.0)

@@ -22,13 +22,12 @@ from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrinklecli.errors import AssetError, listed
 from wrinklecli.gltf import draco, meshopt
+from wrinklecli.numeric.arrays import Array
 
 Json = dict[str, Any]
-Array = NDArray[Any]
 
 # Primitive modes (§5.24.4) and component types (§5.1.3).
 TRIANGLES = 4

@@ -5,14 +5,11 @@ primitives never ask for it.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrinklecli.errors import AssetError
-
-Array = NDArray[Any]
+from wrinklecli.numeric.arrays import Array
 
 EXTENSION = "KHR_draco_mesh_compression"
 

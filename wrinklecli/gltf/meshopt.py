@@ -6,16 +6,14 @@ Source: EXT_meshopt_compression and KHR_meshopt_compression, appendices A (bitst
 """
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wrinklecli.errors import AssetError, listed
+from wrinklecli.numeric.arrays import Array, Floats
 
-Array = NDArray[Any]
 Bytes = NDArray[np.uint8]
-Floats = NDArray[np.float64]
 
 EXTENSIONS = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 

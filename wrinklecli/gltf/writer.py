@@ -32,7 +32,6 @@ from wrinklecli.gltf.document import (
     GLB_MAGIC,
     JSON_CHUNK,
     SIZE_TYPES,
-    Array,
     Document,
     Json,
     draco_primitives,
@@ -42,6 +41,7 @@ from wrinklecli.gltf.document import (
     view_parts,
 )
 from wrinklecli.gltf.original import Span, pack, refer, wrinkled
+from wrinklecli.numeric.arrays import Array
 
 VERTEX_DATA: int = pygltflib.ARRAY_BUFFER
 INDEX_DATA: int = pygltflib.ELEMENT_ARRAY_BUFFER

@@ -27,10 +27,8 @@ from typing import Literal
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
+from wrinklecli.numeric.arrays import Floats, Ints
 
 Strategy = Literal["everywhere", "origin", "both_ends"]
 Profile = Literal["smooth", "polyline"]

@@ -15,14 +15,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from wrinklecli.character.surface import distinct_values
 from wrinklecli.method.curve import TAUT, ControlCurve
 from wrinklecli.method.shapes import group_starts, weights_at, weights_of
+from wrinklecli.numeric.arrays import Floats, distinct_values
 from wrinklecli.numeric.piecewise import key_points
-
-Floats = NDArray[np.float64]
 
 TABLE_ERROR = 1 / 256
 """Greatest error of a weight that is looked up, of the greatest weight."""

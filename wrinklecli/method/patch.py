@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrinklecli.character.pose import (
     Clip,
@@ -23,28 +22,27 @@ from wrinklecli.character.pose import (
     node_rows,
     transform,
 )
-from wrinklecli.character.skin import cross
-from wrinklecli.character.surface import (
-    Surface,
+from wrinklecli.character.surface import Surface
+from wrinklecli.errors import BakeError, ConfigError, WrinkleError, listed, nearest
+from wrinklecli.method.curve import ControlCurve, plan_curve
+from wrinklecli.numeric.arrays import (
+    Bools,
+    Floats,
+    Ints,
+    determinants,
     distinct,
     distinct_values,
     face_normals,
+    inverses,
     normals_at,
+    singular,
     unit,
     vertex_normals,
 )
-from wrinklecli.errors import BakeError, ConfigError, WrinkleError, listed, nearest
-from wrinklecli.method.curve import ControlCurve, plan_curve
 from wrinklecli.tools.read import Marker, RestLengthKeys, RestLengthMorph, ToolsFile, WrinkleTool
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
-Bools = NDArray[np.bool_]
 
 # An anchor further from the mesh than this part of its segment was meant for somewhere else.
 _ANCHOR_REACH = 0.25
-# Singular values of a blended matrix further apart than this cannot be undone.
-_SINGULAR = 1e-3
 # Errors of distances to a point, over the extent, are far smaller.
 _ROUNDING = 1e-9
 # Facing factor: displacement fades in between these cosines of vertex and patch normal.
@@ -228,34 +226,6 @@ def carried_normals(blended: Floats, normals: Floats) -> Floats:
     Right for mirrored and scaled matrices too; 0 where the matrix is singular.
     """
     return unit(np.einsum("vji,vj->vi", inverses(blended), normals))
-
-
-def inverses(blended: Floats) -> Floats:
-    """(vertices, 3, 3) inverses of the linear parts of (vertices, 3, 4); 0 where near singular."""
-    # By cofactors: as exact as LAPACK where matrices are far from singular, and several times as fast.
-    a, b, c = np.moveaxis(blended[:, :, :3], 0, 2)
-    columns = np.array([cross(b, c), cross(c, a), cross(a, b)])
-    regular = ~singular(blended)
-    determinant = np.where(regular, np.sum(a * columns[0], axis=0), 1.0)
-    return np.where(regular, columns / determinant, 0.0).transpose(2, 1, 0)
-
-
-def singular(blended: Floats) -> Bools:
-    """(vertices,) whether the smallest singular value is below 1/1000 of the largest."""
-    linear = blended[:, :, :3]
-    # The product of the three is |det|, and none exceeds the Frobenius norm: most matrices need no decomposition.
-    norms = np.sqrt(np.sum(linear * linear, axis=(1, 2)))
-    near: Bools = np.abs(determinants(linear)) <= 2.0 * _SINGULAR * norms**3
-    values = np.linalg.svd(linear[near], compute_uv=False)
-    near[near] = values[:, 2] <= _SINGULAR * values[:, 0]
-    return near
-
-
-def determinants(matrices: Floats) -> Floats:
-    """(…,) of (…, 3, 3)."""
-    (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(matrices, (-2, -1), (0, 1))
-    found: Floats = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
-    return found
 
 
 def attach_tools(

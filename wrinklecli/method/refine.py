@@ -15,25 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrinklecli.character.pose import Rig, blend, joint_matrices, read_rig, transform
-from wrinklecli.character.surface import (
-    Surface,
-    dense_influences,
-    distinct,
-    distinct_values,
-    influence_sets,
-    normals_at,
-    read_vertices,
-    unit,
-    vertex_normals,
-)
+from wrinklecli.character.surface import Surface, dense_influences, influence_sets, read_vertices
 from wrinklecli.gltf.document import Document
 from wrinklecli.method.patch import Patch, Rest, carried_normals
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct, distinct_values, normals_at, unit, vertex_normals
 from wrinklecli.numeric.subdivide import Level, Matrix, Subdivision, subdivide
 from wrinklecli.tools.read import RefinementSettings
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
-Bools = NDArray[np.bool_]
 
 # Of products that are computed at once: bounds the memory.
 _NUMBERS_AT_ONCE = 2**20

@@ -17,31 +17,27 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrinklecli.character.pose import Clip, Rig, joint_matrices, morph_weights
-from wrinklecli.character.skin import cross
-from wrinklecli.character.surface import distinct_values, vertex_normals
 from wrinklecli.errors import BakeError
 from wrinklecli.method.curve import TAUT, ControlCurve
-from wrinklecli.method.patch import (
-    Patch,
-    Rest,
-    anchor_joints,
-    anchor_poses,
-    determinants,
-    inverses,
-    lengths_over_time,
-    singular,
-)
+from wrinklecli.method.patch import Patch, Rest, anchor_joints, anchor_poses, lengths_over_time
 from wrinklecli.method.refine import Refinement
+from wrinklecli.numeric.arrays import (
+    Bools,
+    Floats,
+    Ints,
+    cross,
+    determinants,
+    distinct_values,
+    inverses,
+    singular,
+    vertex_normals,
+)
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
-Bools = NDArray[np.bool_]
 
 # A share of a tool's height too small to be seen or stored; vertices below it do not move.
 _LEAST_SHARE = 1e-6

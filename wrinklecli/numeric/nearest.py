@@ -10,13 +10,12 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+
+from wrinklecli.numeric.arrays import Floats, Ints
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
 
 # Centroids looked at first for each point; twice as many until nothing nearer can be left.
 _FIRST = 8

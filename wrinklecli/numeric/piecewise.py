@@ -23,15 +23,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrinklecli.character.pose import Channel, Clip, Rig, morph_weights, sample
-from wrinklecli.character.surface import distinct_values
 from wrinklecli.errors import BakeError
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
-Bools = NDArray[np.bool_]
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
 
 # How often an interval between two keys may be halved for the heights to be right between them. Where a wrinkle
 # starts, each halving takes only a factor of 1.4 from the error: five times left 1.2 % of the tallest wrinkle, ten

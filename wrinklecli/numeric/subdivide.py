@@ -31,14 +31,9 @@ from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-from wrinklecli.character.surface import distinct, distinct_values
 from wrinklecli.errors import BakeError
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
-Bools = NDArray[np.bool_]
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct, distinct_values
 
 # Triangles of a level: real-time characters have a tenth, and a level of these takes about 2 GB.
 _MOST_TRIANGLES = 500_000

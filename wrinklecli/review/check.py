@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from threadpoolctl import threadpool_limits
 
@@ -18,9 +17,9 @@ from wrinklecli.baking.warnings import collision, placement_warnings
 from wrinklecli.character.pose import Clip
 from wrinklecli.method.patch import Anchor
 from wrinklecli.method.shapes import Activity, Carrier, activity
+from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.piecewise import clip_grid
 
-Floats = NDArray[np.float64]
 Json = dict[str, Any]
 
 VERSION = 1

@@ -6,7 +6,6 @@ import warnings
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrinklecli.errors import BakeError, WrinkleError
 from wrinklecli.review.check import Check, CheckedTool
@@ -14,7 +13,6 @@ from wrinklecli.review.check import Check, CheckedTool
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Floats = NDArray[np.float64]
 
 # Curves of each tool, from rest to its greatest shortening, and that of a tool that nothing shortens.
 _CURVES = 5

@@ -13,14 +13,12 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrinklecli.character.pose import Channel, Clip, morph_target_names, read_clips, read_rig, sample
 from wrinklecli.character.surface import dense_influences, read_primitive
 from wrinklecli.errors import AssetError
-from wrinklecli.gltf.document import COMPRESSIONS, TRIANGLES, Array, Document, Json, read_uri
-
-Floats = NDArray[np.float64]
+from wrinklecli.gltf.document import COMPRESSIONS, TRIANGLES, Document, Json, read_uri
+from wrinklecli.numeric.arrays import Array, Floats
 
 Kind = Literal["structure", "value", "geometry", "image", "animation", "pose"]
 _Place = tuple[str | int, ...]

@@ -15,14 +15,11 @@ from wrinklecli.character.pose import Clip, joint_matrices, read_clips
 from wrinklecli.character.scene import Part, pose_part, read_scene
 from wrinklecli.errors import AssetError, listed, nearest
 from wrinklecli.gltf.document import Document, read_document
+from wrinklecli.numeric.arrays import Bools, Floats, Ints
 from wrinklecli.numeric.nearest import farthest
 from wrinklecli.numeric.piecewise import clip_grid
 from wrinklecli.review.diff.documents import Difference, Limits, document_differences
 from wrinklecli.tools.read import Length
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
-Bools = NDArray[np.bool_]
 
 Progress = Callable[[str, int, int], None]
 # Told how many times, or what share of one, are done.

@@ -4,16 +4,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrinklecli.character.scene import pose_part
-from wrinklecli.character.surface import vertex_normals
 from wrinklecli.errors import AssetError
+from wrinklecli.numeric.arrays import Bools, Floats, vertex_normals
 from wrinklecli.review.preview.render import Camera, facing, seen
 from wrinklecli.review.preview.subject import Moment, Subject
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 # Called with a stage's name, steps done and steps in all.
 Progress = Callable[[str, int, int], None]
 

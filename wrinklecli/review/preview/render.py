@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-from wrinklecli.character.surface import unit
+from wrinklecli.numeric.arrays import unit
 
 Floats = NDArray[Any]  # float64 for geometry, float32 for rays and light
 Ints = NDArray[np.intp]

@@ -9,19 +9,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrinklecli.baking.morphs import parts_of
 from wrinklecli.baking.plan import Plan
 from wrinklecli.character.pose import Clip, morph_weights, read_clips
 from wrinklecli.character.scene import Part, pose_part, read_scene
-from wrinklecli.character.surface import face_normals, unit
 from wrinklecli.errors import AssetError, listed, nearest
 from wrinklecli.gltf.document import Document, Json, read_uri
+from wrinklecli.numeric.arrays import Floats, Ints, face_normals, unit
 from wrinklecli.review.preview.render import Frame, Mark, Texture
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
 Colour = tuple[float, float, float]
 
 # Compression, 1 - the smallest principal stretch, and its colour, sRGB.

@@ -9,11 +9,11 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrinklecli.character.pose import Clip, Rig, morph_weights, node_matrices
-from wrinklecli.character.surface import Surface, unit
+from wrinklecli.character.surface import Surface
 from wrinklecli.method.patch import Rest, closest_point
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, unit
 from wrinklecli.review.suggest.strain import (
     LEAST_SCALE,
     Gauge,
@@ -24,10 +24,6 @@ from wrinklecli.review.suggest.strain import (
     posed,
     principal,
 )
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
-Bools = NDArray[np.bool_]
 
 # Regions that are looked into, of a mesh.
 _MOST_REGIONS = 50

@@ -18,12 +18,9 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from wrinklecli.character.pose import Clip, Rig, joint_matrices, morph_weights
-from wrinklecli.character.surface import Surface, face_normals, unit
+from wrinklecli.character.surface import Surface
 from wrinklecli.method.patch import Rest
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
-Bools = NDArray[np.bool_]
+from wrinklecli.numeric.arrays import Floats, Ints, face_normals, unit
 
 # Radius of the neighbourhood over which strain is averaged, of the diagonal of the mesh's box: 27 mm of a person.
 _RADIUS = 0.015

@@ -12,7 +12,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from wrinklecli.baking.pipeline import faults_reported
@@ -22,13 +21,13 @@ from wrinklecli.character.surface import read_surface
 from wrinklecli.errors import AssetError, BakeError, WrinkleError, listed, nearest
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.method.patch import Patch, attach_tools, lengths_over_time, rest_pose
+from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.piecewise import moving_nodes
 from wrinklecli.review.suggest.folds import LEAST_LOSS, Fold, MeasuredMesh, driver_of, find_folds, lay, pose_unscaled
 from wrinklecli.review.suggest.strain import read_gauge, scan, spread_sites
 from wrinklecli.tools.read import Length, ToolsFile, WrinkleTool, parse_tools, split_side
 from wrinklecli.tools.yaml_tree import printable
 
-Floats = NDArray[np.float64]
 # Called with a stage's name, steps done and steps in all.
 Progress = Callable[[str, int, int], None]
 
