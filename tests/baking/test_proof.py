@@ -39,8 +39,8 @@ def method(plan: plan_module.Plan, asset: Path, clip: str, times: Floats) -> Flo
     rig, fine = plan.rig, plan.fine
     (found,) = (each for each in read_clips(read_document(asset)) if each.name == clip)
     bind = fine.positions + np.tensordot(morph_weights(rig, found, times), fine.morph_deltas, axes=1)
-    for carrier in plan.carriers:
-        bind[:, carrier.vertices] += displacements(carrier, fine, rig, plan.rest, found, times)
+    for carried in plan.carried_patches:
+        bind[:, carried.vertices] += displacements(carried, fine, rig, plan.rest, found, times)
     weights = fine.dense_weights(np.arange(len(fine.positions)), len(rig.joints))
     moved = transform(blend(weights, joint_matrices(rig, found, times)), bind)
     starts, old = fine.surface.vertex_starts, len(fine.surface.weld)

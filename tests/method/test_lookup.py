@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from wrinklecli.method.curve import ControlCurve, Profile, Strategy, plan_curve
-from wrinklecli.method.lookup import TABLE_ERROR, tabulate, weight_table
+from wrinklecli.method.lookup import TABLE_ERROR, tabulate_curve, tabulate_weights
 from wrinklecli.method.shapes import weights_of
 
 Floats = NDArray[np.float64]
@@ -60,7 +60,7 @@ def test_weights_that_are_looked_up_are_right_to_the_stated_error(
     strategy: Strategy, profile: Profile, details: tuple[float, ...], height: float
 ) -> None:
     curve = planned(strategy, profile, details, height)
-    table = tabulate(curve, 0.9 * LENGTH, 1.2 * LENGTH)
+    table = tabulate_curve(curve, 0.9 * LENGTH, 1.2 * LENGTH)
     distances, lengths = everywhere(curve, (0.9, 1.2))
     wanted = weights_of(curve, curve.follow(distances, lengths)[0]).reshape(len(lengths), -1)
     assert np.abs(table.weights(distances, lengths) - wanted).max() <= TABLE_ERROR * np.abs(wanted).max()
@@ -69,7 +69,7 @@ def test_weights_that_are_looked_up_are_right_to_the_stated_error(
 @pytest.mark.parametrize(("bumps", "gap"), [(1, 0), (2, 3), (12, 0), (64, 1)])
 def test_any_number_of_bumps(bumps: int, gap: int) -> None:
     curve = planned("origin", bumps=bumps, gap=gap, height=0.25 / bumps)
-    table = tabulate(curve, LENGTH, 1.2 * LENGTH)
+    table = tabulate_curve(curve, LENGTH, 1.2 * LENGTH)
     distances, lengths = everywhere(curve, (1.0, 1.2))
     wanted = weights_of(curve, curve.follow(distances, lengths)[0]).reshape(len(lengths), -1)
     assert np.abs(table.weights(distances, lengths) - wanted).max() <= TABLE_ERROR
@@ -85,7 +85,7 @@ def test_one_table_is_right_between_its_rows_and_has_few(
     strategy: Strategy, profile: Profile, details: tuple[float, ...], height: float
 ) -> None:
     curve = planned(strategy, profile, details, height, longest=1.0)
-    rows, table = weight_table(curve, lambda weights: weights.reshape(len(weights), -1))
+    rows, table = tabulate_weights(curve, lambda weights: weights.reshape(len(weights), -1))
     assert (rows[0], rows[-1]) == (0.0, 1.0)
     assert len(rows) <= 4 + 20 * len(curve.groups) * (1 + len(details))
     # Between all rows, and close behind each: that is where roots start.
@@ -100,7 +100,7 @@ def test_one_table_is_right_between_its_rows_and_has_few(
 def test_targets_may_be_mixtures_and_positive_only() -> None:
     curve = planned("both_ends")
     mix = np.array([[1.0, 0.5, 0.0], [0.0, 1.0, -2.0], [0.0, -1.0, 2.0]])
-    table = tabulate(curve, LENGTH, 1.2 * LENGTH, mix=mix, positive=True)
+    table = tabulate_curve(curve, LENGTH, 1.2 * LENGTH, mix=mix, positive=True)
     distances, lengths = everywhere(curve, (1.0, 1.2))
     own = weights_of(curve, curve.follow(distances, lengths)[0]).reshape(len(lengths), -1)
     wanted = np.maximum(own @ mix.T, 0.0)
@@ -110,10 +110,10 @@ def test_targets_may_be_mixtures_and_positive_only() -> None:
 
 def test_bumps_without_height_stay_flat() -> None:
     curve = planned("origin", height=0.0)
-    table = tabulate(curve, LENGTH, 1.2 * LENGTH)
+    table = tabulate_curve(curve, LENGTH, 1.2 * LENGTH)
     assert not table.weights(np.linspace(0.0, LENGTH, 9), np.full(9, LENGTH)).any()
 
 
 def test_a_stretched_segment_has_no_weights() -> None:
-    table = tabulate(planned("both_ends"), LENGTH, 1.2 * LENGTH)
+    table = tabulate_curve(planned("both_ends"), LENGTH, 1.2 * LENGTH)
     assert not table.weights(np.array([1.2, 1.3, 5.0]) * LENGTH, np.full(3, 1.2 * LENGTH)).any()

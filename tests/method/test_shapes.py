@@ -17,7 +17,7 @@ from wrinklecli.method.curve import plan_curve
 from wrinklecli.method.refine import Refinement
 from wrinklecli.method.shapes import (
     Activity,
-    Carrier,
+    CarriedPatch,
     activities,
     activity,
     carry,
@@ -52,20 +52,20 @@ def placed(root: Any, **keys: Any) -> dict[str, Any]:
     return tool(**ends, **{"width": "40%", **keys})
 
 
-def carried(prepared: Prepared, *, pinned: Any = None) -> tuple[Carrier, Refinement]:
+def carry_patch(prepared: Prepared, *, pinned: Any = None) -> tuple[CarriedPatch, Refinement]:
     fine = prepared.refined()
     pins = np.zeros(len(prepared.surface.positions), bool) if pinned is None else pinned
     return carry(prepared.patch, fine, pins), fine
 
 
-def moved(prepared: Prepared, carrier: Carrier, fine: Refinement, times: Any) -> Floats:
-    return displacements(carrier, fine, prepared.rig, prepared.rest, prepared.clip, np.asarray(times, float))
+def moved(prepared: Prepared, carried: CarriedPatch, fine: Refinement, times: Any) -> Floats:
+    return displacements(carried, fine, prepared.rig, prepared.rest, prepared.clip, np.asarray(times, float))
 
 
-def scattered(carrier: Carrier, fine: Refinement, displacement: Floats) -> Floats:
-    """(frames, fine vertices, 3), 0 where the carrier has no vertex."""
+def scattered(carried: CarriedPatch, fine: Refinement, displacement: Floats) -> Floats:
+    """(frames, fine vertices, 3), 0 where the tool moves no vertex."""
     every = np.zeros((len(displacement), len(fine.positions), 3))
-    every[:, carrier.vertices] = displacement
+    every[:, carried.vertices] = displacement
     return every
 
 
@@ -80,10 +80,10 @@ def test_displacement_at_rest_has_the_intended_height_along_the_world_normal(
 ) -> None:
     asked = placed(root, rest_length=MORE, strategy=strategy, strength=strength, attenuation="linear", bumps=3, gap=1)
     prepared = prepare(limb_asset(rings=15, sides=12, root=root), asked)
-    carrier, fine = carried(prepared)
+    carried, fine = carry_patch(prepared)
     patch, span = prepared.patch, prepared.patch.span
-    (displacement,) = moved(prepared, carrier, fine, [0.0])
-    world = np.einsum("vab,vb->va", fine.blended[carrier.vertices, :, :3], displacement)
+    (displacement,) = moved(prepared, carried, fine, [0.0])
+    world = np.einsum("vab,vb->va", fine.blended[carried.vertices, :, :3], displacement)
     # The tool's own formula, from the curve's amplitudes: bumps of two intervals of 8, gaps of one.
     curve = plan_curve(
         bumps=3,
@@ -97,15 +97,15 @@ def test_displacement_at_rest_has_the_intended_height_along_the_world_normal(
     )
     lengths = np.array([1.2 * span])
     amplitudes, _ = curve.follow(np.array([span]), lengths)
-    u, v = patch.coordinates(fine.rest_positions[carrier.vertices])
+    u, v = patch.coordinates(fine.rest_positions[carried.vertices])
     heights = np.zeros(len(u))
     for group, bumps in enumerate(curve.groups):
         for bump in bumps:
             tau = (8 * u - 3 * bump) / 2
             heights += np.where((tau > 0) & (tau < 1), amplitudes[0, group, 0] * np.sin(np.pi * tau) ** 2, 0)
-    facing = np.clip((fine.rest_normals[carrier.vertices] @ patch.normal - 0.2) / 0.4, 0, 1)
+    facing = np.clip((fine.rest_normals[carried.vertices] @ patch.normal - 0.2) / 0.4, 0, 1)
     signed = strength * heights * (1 - np.abs(v)) * facing**2 * (3 - 2 * facing)
-    wanted = signed[:, None] * fine.rest_normals[carrier.vertices]
+    wanted = signed[:, None] * fine.rest_normals[carried.vertices]
     assert np.abs(signed).max() > 0.01 * span, "the case is one"
     assert world == pytest.approx(wanted, abs=1e-9 * span)  # the smooth curve's own precision
 
@@ -113,18 +113,18 @@ def test_displacement_at_rest_has_the_intended_height_along_the_world_normal(
 @pytest.mark.parametrize("root", ROOTS, ids=str)
 def test_wrinkles_point_out_of_the_limb(root: Any) -> None:
     prepared = prepare(limb_asset(rings=15, sides=12, root=root), placed(root, rest_length=MORE))
-    carrier, fine = carried(prepared)
-    (displacement,) = moved(prepared, carrier, fine, [0.0])
-    outward = fine.bind_positions[carrier.vertices] * [0, 1, 1]
+    carried, fine = carry_patch(prepared)
+    (displacement,) = moved(prepared, carried, fine, [0.0])
+    outward = fine.bind_positions[carried.vertices] * [0, 1, 1]
     assert (np.sum(displacement * outward, axis=1) >= 0).all()
 
 
 @pytest.mark.parametrize("attachment", ["skin", "patch"])
 def test_nothing_moves_without_shortening(attachment: str) -> None:
     prepared = prepare(limb_asset(rings=9, sides=8), tool(attachment=attachment))
-    carrier, fine = carried(prepared)
-    assert not moved(prepared, carrier, fine, [0.0, 2.0]).any()
-    assert moved(prepared, carrier, fine, [1.0]).any()
+    carried, fine = carry_patch(prepared)
+    assert not moved(prepared, carried, fine, [0.0, 2.0]).any()
+    assert moved(prepared, carried, fine, [1.0]).any()
 
 
 @pytest.mark.parametrize("attachment", ["skin", "patch"])
@@ -142,29 +142,29 @@ def test_moving_turning_and_scaling_the_character_makes_no_wrinkles(attachment: 
     asset.channel(animation, 3, path, [0, 1], values)
     asset.append("animations", animation)
     prepared = prepare(asset, tool(attachment=attachment))
-    carrier, fine = carried(prepared)
-    assert not moved(prepared, carrier, fine, np.linspace(0, 1, 7)).any()
+    carried, fine = carry_patch(prepared)
+    assert not moved(prepared, carried, fine, np.linspace(0, 1, 7)).any()
 
 
 def test_only_vertices_on_the_patch_move() -> None:
     prepared = prepare(limb_asset(rings=15, sides=12), tool(rest_length=MORE))
-    carrier, fine = carried(prepared)
+    carried, fine = carry_patch(prepared)
     u, v = prepared.patch.coordinates(fine.rest_positions)
     on_patch = (u >= 0) & (u <= 1) & (np.abs(v) <= 1) & (fine.rest_normals @ prepared.patch.normal > 0.2)
-    assert on_patch[carrier.vertices].all()
+    assert on_patch[carried.vertices].all()
     # All that lie well inside do: near its edges the attenuation falls below what can be seen.
     inner = (u >= 0) & (u <= 1) & (np.abs(v) <= 0.99) & (fine.rest_normals @ prepared.patch.normal > 0.25)
-    assert np.isin(np.flatnonzero(inner), carrier.vertices).all()
-    assert (np.diff(carrier.vertices) > 0).all()
+    assert np.isin(np.flatnonzero(inner), carried.vertices).all()
+    assert (np.diff(carried.vertices) > 0).all()
 
 
 def test_pinned_vertices_stay_and_their_neighbours_do_not() -> None:
     prepared = prepare(limb_asset(rings=15, sides=12), tool(rest_length=MORE))
-    free, _ = carried(prepared)
+    free, _ = carry_patch(prepared)
     old = free.vertices[free.vertices < len(prepared.surface.positions)]
     pinned = np.zeros(len(prepared.surface.positions), bool)
     pinned[old[::2]] = True
-    held, _ = carried(prepared, pinned=pinned)
+    held, _ = carry_patch(prepared, pinned=pinned)
     assert not np.isin(old[::2], held.vertices).any()
     others = np.setdiff1d(free.vertices, old[::2])
     assert np.array_equal(held.vertices, others)
@@ -174,7 +174,7 @@ def test_pinned_vertices_stay_and_their_neighbours_do_not() -> None:
 def test_tool_that_moves_nothing_is_refused() -> None:
     prepared = prepare(limb_asset(rings=9, sides=8), refinement={"max_levels": 0})
     with pytest.raises(BakeError, match=r"tools\.yaml:1: tools\[0\]: moves no vertex"):
-        carried(prepared, pinned=np.ones(len(prepared.surface.positions), bool))
+        carry_patch(prepared, pinned=np.ones(len(prepared.surface.positions), bool))
 
 
 def test_vertices_of_singular_joints_stay_and_are_counted() -> None:
@@ -183,15 +183,15 @@ def test_vertices_of_singular_joints_stay_and_are_counted() -> None:
     asset.gltf["nodes"][2]["scale"] = [1, 1, 1e-5]
     asset.gltf["nodes"][3]["scale"] = [1, 1, 1e5]
     prepared = prepare(asset, tool(origin=[-0.7, RADIUS, 0], target=[0.7, RADIUS, 0], width=0.2))
-    carrier, fine = carried(prepared)
+    carried, fine = carry_patch(prepared)
     values = np.linalg.svd(fine.blended[:, :, :3], compute_uv=False)
     singular = values[:, 2] < 1e-3 * values[:, 0]
     u, v = prepared.patch.coordinates(fine.rest_positions)
     member = np.unique(fine.triangles[prepared.patch.members[fine.subdivision.parents]])
     stuck = [m for m in member if singular[m] and 0 < u[m] < 1 and abs(v[m]) < 1]
     assert stuck, "the case is one"
-    assert not np.isin(stuck, carrier.vertices).any()
-    assert carrier.stuck == len(stuck)
+    assert not np.isin(stuck, carried.vertices).any()
+    assert carried.stuck == len(stuck)
 
 
 def test_tools_that_overlap_add_up() -> None:
@@ -215,7 +215,7 @@ def test_strength_in_a_clip_takes_the_place_of_the_tool_s(strength: float) -> No
     asset = limb_asset(rings=9, sides=8)
     plain = prepare(asset, tool(strength=0.25))
     other = prepare(asset, tool(strength=strength, clips={"fold": 0.25}))
-    results = [moved(each, *carried(each), [0.5, 1.0]) for each in (plain, other)]
+    results = [moved(each, *carry_patch(each), [0.5, 1.0]) for each in (plain, other)]
     assert results[1] == pytest.approx(results[0], abs=1e-15)
 
 
@@ -233,8 +233,8 @@ def test_projected_anew_at_rest_is_carried_by_the_skin(root: Any, profile: str) 
             placed(root, rest_length=MORE, attachment=attachment, profile=profile),
             refinement={"max_levels": 0},
         )
-        carrier, fine = carried(prepared)
-        results.append(scattered(carrier, fine, moved(prepared, carrier, fine, [0.0])))
+        carried, fine = carry_patch(prepared)
+        results.append(scattered(carried, fine, moved(prepared, carried, fine, [0.0])))
     assert np.abs(results[0]).max() > 0.01, "the case is one"
     assert results[1] == pytest.approx(results[0], abs=1e-12)
 
@@ -242,9 +242,9 @@ def test_projected_anew_at_rest_is_carried_by_the_skin(root: Any, profile: str) 
 def test_projected_anew_a_pinned_vertex_stays_too() -> None:
     prepared = prepare(limb_asset(rings=15, sides=12), tool(rest_length=MORE, attachment="patch"))
     pinned = np.zeros(len(prepared.surface.positions), bool)
-    free, fine = carried(prepared)
+    free, fine = carry_patch(prepared)
     pinned[free.vertices[free.vertices < len(pinned)]] = True
-    held, _ = carried(prepared, pinned=pinned)
+    held, _ = carry_patch(prepared, pinned=pinned)
     every = scattered(held, fine, moved(prepared, held, fine, [0.0, 0.5]))
     assert every.any()
     assert not every[:, : len(pinned)][:, pinned].any()
@@ -254,14 +254,14 @@ def test_projected_anew_a_pinned_vertex_stays_too() -> None:
 def test_projected_anew_a_frame_depends_on_no_other(strategy: str, monkeypatch: pytest.MonkeyPatch) -> None:
     asset = limb_asset(rings=9, sides=8, morphs=1, morph_clip="LINEAR")
     prepared = prepare(asset, tool(attachment="patch", strategy=strategy))
-    carrier, fine = carried(prepared)
+    carried, fine = carry_patch(prepared)
     times = np.linspace(0.0, 2.0, 12)
-    together = moved(prepared, carrier, fine, times)
+    together = moved(prepared, carried, fine, times)
     assert together.any()
-    alone = np.concatenate([moved(prepared, carrier, fine, [time]) for time in times])
+    alone = np.concatenate([moved(prepared, carried, fine, [time]) for time in times])
     assert alone == pytest.approx(together, abs=1e-12)
     monkeypatch.setattr("wrinklecli.method.shapes._POSED_AT_ONCE", 1)
-    assert moved(prepared, carrier, fine, times) == pytest.approx(together, abs=1e-12)
+    assert moved(prepared, carried, fine, times) == pytest.approx(together, abs=1e-12)
 
 
 # --- Activity ---
@@ -313,26 +313,26 @@ def test_activity_is_the_curve_s_answer_to_the_anchors() -> None:
 @pytest.mark.parametrize("strategy", ["everywhere", "origin", "both_ends"])
 def test_shapes_times_weights_are_the_displacements(strategy: str) -> None:
     prepared = prepare(limb_asset(rings=15, sides=12), tool(strategy=strategy, bumps=5))
-    carrier, fine = carried(prepared)
+    carried, fine = carry_patch(prepared)
     times = np.linspace(0, 2, 11)
     weights = weights_of(
         prepared.patch.curve, activity(prepared.patch, prepared.rig, prepared.rest, prepared.clip, times).amplitudes
     ).reshape(11, -1)
     total = np.zeros((11, len(fine.positions), 3))
-    for column, shape in enumerate(shapes_of(carrier, fine, with_normals=False)):
+    for column, shape in enumerate(shapes_of(carried, fine, with_normals=False)):
         assert shape is not None
         assert not len(shape.normal_vertices)
         total[:, shape.vertices] += weights[:, column, None, None] * shape.deltas
     # A vertex below 1e-6 of its shape's tallest is left out of it.
     bound = 1e-6 * np.abs(total).max()
-    assert np.abs(total - scattered(carrier, fine, moved(prepared, carrier, fine, times))).max() <= bound
+    assert np.abs(total - scattered(carried, fine, moved(prepared, carried, fine, times))).max() <= bound
 
 
 def test_tallest_is_the_largest_world_displacement() -> None:
     root = {"scale": [2, 2, 2]}
     prepared = prepare(limb_asset(rings=25, sides=24, root=root), placed(root))
-    carrier, fine = carried(prepared)
-    (shape,) = shapes_of(carrier, fine, with_normals=False)
+    carried, fine = carry_patch(prepared)
+    (shape,) = shapes_of(carried, fine, with_normals=False)
     assert shape is not None
     world = np.einsum("vab,vb->va", fine.blended[shape.vertices, :, :3], shape.deltas)
     assert shape.tallest == pytest.approx(np.linalg.norm(world, axis=1).max(), rel=1e-12)
@@ -349,8 +349,8 @@ def test_fitted_normals_follow_the_wrinkled_surface(height: str, median: float, 
     prepared = prepare(
         limb_asset(rings=25, sides=24), tool(max_height=height, bumps=4), refinement={"edges_per_interval": 4}
     )
-    carrier, fine = carried(prepared)
-    (shape,) = shapes_of(carrier, fine, with_normals=True)
+    carried, fine = carry_patch(prepared)
+    (shape,) = shapes_of(carried, fine, with_normals=True)
     assert shape is not None
     weights = np.array([0.25, 0.5, 0.75, 1.0])
     touched, true = displaced_normals(fine, shape.vertices, weights[:, None, None] * shape.deltas)
@@ -369,10 +369,10 @@ def test_fitted_normals_follow_the_wrinkled_surface(height: str, median: float, 
 
 def test_normals_change_on_all_faces_of_moved_vertices_and_nowhere_else() -> None:
     prepared = prepare(limb_asset(rings=15, sides=12))
-    carrier, fine = carried(prepared)
-    (shape,) = shapes_of(carrier, fine, with_normals=True)
+    carried, fine = carry_patch(prepared)
+    (shape,) = shapes_of(carried, fine, with_normals=True)
     assert shape is not None
-    around = np.unique(fine.triangles[np.isin(fine.triangles, carrier.vertices).any(axis=1)])
+    around = np.unique(fine.triangles[np.isin(fine.triangles, carried.vertices).any(axis=1)])
     assert np.isin(shape.normal_vertices, around).all()
     assert not np.isin(around, shape.vertices).all(), "the ring around the wrinkles turns without moving"
     assert not np.isin(shape.normal_vertices, shape.vertices).all()
@@ -380,8 +380,8 @@ def test_normals_change_on_all_faces_of_moved_vertices_and_nowhere_else() -> Non
 
 def test_normals_of_undisplaced_vertices_are_the_surface_s() -> None:
     prepared = prepare(limb_asset(rings=15, sides=12))
-    carrier, fine = carried(prepared)
-    touched, normals = displaced_normals(fine, carrier.vertices, np.zeros((1, len(carrier.vertices), 3)))
+    carried, fine = carry_patch(prepared)
+    touched, normals = displaced_normals(fine, carried.vertices, np.zeros((1, len(carried.vertices), 3)))
     assert normals[0] == pytest.approx(fine.normals[touched], abs=1e-14)
 
 

@@ -144,8 +144,8 @@ def method(plan: Plan, asset: Path, clip: int, times: Floats) -> Floats:
     document = read_document(asset)
     (found,) = (each for each in read_clips(document) if each.index == clip)
     bind = fine.positions + np.tensordot(morph_weights(rig, found, times), fine.morph_deltas, axes=1)
-    for carrier in plan.carriers:
-        bind[:, carrier.vertices] += displacements(carrier, fine, rig, plan.rest, found, times)
+    for carried in plan.carried_patches:
+        bind[:, carried.vertices] += displacements(carried, fine, rig, plan.rest, found, times)
     weights = fine.dense_weights(np.arange(len(fine.positions)), len(rig.joints))
     moved = transform(blend(weights, joint_matrices(rig, found, times)), bind)
     # Primitives that share their vertices share the new ones too.

@@ -146,7 +146,7 @@ def test_only_joints_that_move_anchors_are_evaluated(baker: Baker, monkeypatch: 
     planned, _ = baker.sample(folding(3, joints=6))
     rig = planned.rig
     wanted = set()
-    for joint in anchor_joints([each.patch for each in planned.carriers]):
+    for joint in anchor_joints([each.patch for each in planned.carried_patches]):
         node = int(rig.joints[joint])
         while node >= 0:
             wanted.add(node)

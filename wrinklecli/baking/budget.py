@@ -137,7 +137,7 @@ def fit_budget(
             if basis is not old:
                 found["reduced"].append(
                     {
-                        "tool": basis.carrier.patch.tool.name,
+                        "tool": basis.carried.patch.tool.name,
                         "from": len(targets_of([old])),
                         "to": len(targets_of([basis])),
                         "at_once": _at_once(basis),
@@ -172,7 +172,7 @@ def _excess(plan: Plan, bases: Sequence[Basis], motions: Sequence[Motion], budge
             shown, time = _active(plan, motion)
             if shown.sum() > budget.active:
                 ends = np.cumsum([own, *(len(targets_of([basis])) for basis in bases)])
-                users = ["the asset's own", *(basis.carrier.patch.tool.name for basis in bases)]
+                users = ["the asset's own", *(basis.carried.patch.tool.name for basis in bases)]
                 counts = [int(each.sum()) for each in np.split(shown, ends[:-1])]
                 listed = ", ".join(f"{many} of {user}" for user, many in zip(users, counts, strict=True) if many)
                 return f"needs {int(shown.sum())} morph targets at once in {motion.clip.name} at {time:.3g} s: {listed}"
@@ -238,8 +238,8 @@ def _path(basis: Basis) -> Floats:
     """(rows, shapes) weights that a tool's targets take: over all shortenings, or as sampled where it has no curve."""
     if not basis.from_skin:
         return np.concatenate(basis.weights) if basis.weights else np.zeros((0, len(basis.targets)))
-    table = basis.of_curve(weight_path(basis.carrier.patch.curve))
-    tool, strength = basis.carrier.patch.tool, basis.carrier.patch.shape_strength
+    table = basis.of_curve(weight_path(basis.carried.patch.curve))
+    tool, strength = basis.carried.patch.tool, basis.carried.patch.shape_strength
     factors = [1.0, *(each / strength for each in tool.clips.values())] if strength else [1.0]
     return np.concatenate([factor * table for factor in factors])
 
@@ -277,7 +277,7 @@ def _reduced(basis: Basis, tolerance: float) -> tuple[Basis, float]:
     old = [target.shape for target in basis.targets if target is not None]
     heights = np.array([shape.tallest for shape in old])
     path = _path(basis)[:, written] * heights
-    groups = np.array(written) // basis.carrier.patch.curve.greatest_amplitudes.shape[1]
+    groups = np.array(written) // basis.carried.patch.curve.greatest_amplitudes.shape[1]
     starts = np.flatnonzero(np.diff(groups, prepend=-1))
     _, _, right = np.linalg.svd(path, full_matrices=False)
     for rank in range(1, len(written)):
@@ -311,7 +311,7 @@ def _at_once(basis: Basis) -> int:
     """Most targets of a tool with a weight other than 0 at a time, over all shortenings; all, without a curve."""
     if not basis.from_skin:
         return len(targets_of([basis]))
-    shown: Bools = basis.written(basis.of_curve(weight_path(basis.carrier.patch.curve))) != 0
+    shown: Bools = basis.written(basis.of_curve(weight_path(basis.carried.patch.curve))) != 0
     return int((shown[:-1] | shown[1:]).sum(axis=1).max())
 
 
@@ -327,7 +327,7 @@ def _in_turn(basis: Basis, least: float) -> Basis:
         basis: The tool, on the shapes of its curve.
         least: Weights that may be left out.
     """
-    greatest = basis.carrier.patch.curve.greatest_amplitudes
+    greatest = basis.carried.patch.curve.greatest_amplitudes
     groups, modes = greatest.shape
     if not basis.from_skin or groups < 2:
         return basis
@@ -375,7 +375,7 @@ def _keyed_at_turns(plan: Plan, bases: Sequence[Basis], motions: Sequence[Motion
                 else:
                     keys = np.union1d(keys, np.searchsorted(times, turns))
         series.append(tuple(weights))
-        patches = [basis.carrier.patch for basis in bases]
+        patches = [basis.carried.patch for basis in bases]
         seen = further_activities(
             patches, plan.rig, plan.rest, motion.clip, times, known=motion.seen, known_at=motion.times
         )
@@ -401,7 +401,7 @@ def _turns(plan: Plan, basis: Basis, clip: Clip, keys: Floats, weights: Floats) 
     """
 
     def groups(of: Floats) -> Bools:
-        shape = basis.carrier.patch.curve.greatest_amplitudes.shape
+        shape = basis.carried.patch.curve.greatest_amplitudes.shape
         found: Bools = (of != 0).reshape(len(of), *shape).any(axis=2)
         return found
 
@@ -423,14 +423,14 @@ def _turns(plan: Plan, basis: Basis, clip: Clip, keys: Floats, weights: Floats) 
         inside = (middle != near) & (middle != far)
         if not inside.any():
             return np.setdiff1d(near, keys)
-        below = highest(basis.of_curve(skin_weights(plan, basis.carrier, clip, middle))) <= top
+        below = highest(basis.of_curve(skin_weights(plan, basis.carried, clip, middle))) <= top
         near, far = np.where(inside & below, middle, near), np.where(inside & ~below, middle, far)
 
 
 def _weights_at(plan: Plan, basis: Basis, clip: Clip, weights: Floats, times: Floats, fresh: Floats) -> Floats:
     """(fresh, shapes) weights of a tool at more times: its own, or between those sampled where it has no curve."""
     if basis.from_skin:
-        return basis.of_curve(skin_weights(plan, basis.carrier, clip, fresh))
+        return basis.of_curve(skin_weights(plan, basis.carried, clip, fresh))
     columns = [np.interp(fresh, times, column) for column in weights.T]
     return np.stack(columns, axis=1) if columns else np.zeros((len(fresh), 0))
 
@@ -454,7 +454,7 @@ def _rebased(
         split: Columns whose negative weights drive shapes of their own.
         least: Weights up to this are 0.
     """
-    identifier = basis.carrier.patch.tool.identifier
+    identifier = basis.carried.patch.tool.identifier
     numbers = np.cumsum([shape is not None for shape in shapes])
     targets = tuple(
         None if shape is None else Target(f"wrinkle_{identifier}_{number}", shape)

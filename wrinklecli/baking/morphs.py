@@ -15,7 +15,7 @@ from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import TRIANGLES, Document, Json
 from wrinklecli.gltf.draco import EXTENSION
 from wrinklecli.gltf.writer import INDEX_DATA, VERTEX_DATA, Draft, index_type, used_joints
-from wrinklecli.method.lookup import tabulate, weight_table
+from wrinklecli.method.lookup import tabulate_curve, tabulate_weights
 from wrinklecli.method.patch import Anchor, Patch
 from wrinklecli.method.refine import Refinement
 from wrinklecli.method.shapes import Shape, turn_to
@@ -126,7 +126,7 @@ def encode_morphs(
     # In the stored pose nothing is wrinkled, unless the tools file names another pose as rest.
     known = np.zeros(len(targets))
     if all(each.from_skin for each in bases):
-        stored = [each.written(each.of_curve(skin_weights(plan, each.carrier, None, np.zeros(1)))) for each in bases]
+        stored = [each.written(each.of_curve(skin_weights(plan, each.carried, None, np.zeros(1)))) for each in bases]
         known = np.concatenate(stored, axis=1)[0]
     groups = shared_vertices(draft.source, rig.mesh, plan.fine)
     encode_mesh(draft, rig, plan.fine, targets, sparse=sparse, stored=known, tangents=tangents, groups=groups)
@@ -482,7 +482,7 @@ def encode_extras(draft: Draft, plan: Plan, bases: Sequence[Basis]) -> None:
             }
             for basis in bases
             if basis.from_skin
-            for patch in (basis.carrier.patch,)
+            for patch in (basis.carried.patch,)
         ],
         **({"undriven": undriven} if undriven else {}),
     }
@@ -513,7 +513,7 @@ def _strengths_json(patch: Patch) -> Json:
 
 
 def _table_json(basis: Basis) -> Json:
-    rows, weights = weight_table(basis.carrier.patch.curve, lambda each: basis.written(basis.of_curve(each)))
+    rows, weights = tabulate_weights(basis.carried.patch.curve, lambda each: basis.written(basis.of_curve(each)))
     return {
         "shortenings": [_digits(value) for value in rows],
         "weights": [[_digits(value, _TABLE_DIGITS) for value in row] for row in weights],
@@ -522,7 +522,7 @@ def _table_json(basis: Basis) -> Json:
 
 def _curve_json(basis: Basis) -> Json:
     """The control curve for all rest lengths that keys or a morph target give it."""
-    patch = basis.carrier.patch
+    patch = basis.carried.patch
     wanted = patch.tool.rest_length
     lengths = [patch.span]
     if isinstance(wanted, RestLengthMorph):
@@ -532,7 +532,7 @@ def _curve_json(basis: Basis) -> Json:
     count = patch.curve.greatest_amplitudes.size
     mix = np.eye(count) if basis.mix is None else basis.mix
     mix = basis.written(np.concatenate([mix, -mix[:, list(basis.split)]], axis=1)).T
-    table = tabulate(patch.curve, min(lengths), max(lengths), mix=mix, positive=bool(basis.split))
+    table = tabulate_curve(patch.curve, min(lengths), max(lengths), mix=mix, positive=bool(basis.split))
     limited = {"distances": table.distances, "capacities": table.capacities} if len(table.distances) else {}
     return {
         "curve": {

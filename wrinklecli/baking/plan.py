@@ -39,7 +39,7 @@ from wrinklecli.method.patch import (
 from wrinklecli.method.refine import Refinement, contacts_of, influence_count, refine
 from wrinklecli.method.shapes import (
     Activity,
-    Carrier,
+    CarriedPatch,
     Shape,
     activities,
     activity,
@@ -87,7 +87,7 @@ class Plan:
         rig: Of the node.
         rest: The rest pose.
         fine: The refined surface.
-        carriers: Of each tool.
+        carried_patches: The tools, on the refined surface.
         tallest: Height of the tallest wrinkle that the tools can make, scene units.
         max_error: Scene units.
         scale: World over bind units, at rest.
@@ -97,7 +97,7 @@ class Plan:
     rig: Rig
     rest: Rest
     fine: Refinement
-    carriers: tuple[Carrier, ...]
+    carried_patches: tuple[CarriedPatch, ...]
     tallest: float
     max_error: float
     scale: float
@@ -117,7 +117,7 @@ class Basis:
     """One tool's morph targets.
 
     Attributes:
-        carrier: The tool.
+        carried: The tool.
         targets: One for each shape; None for a shape that never shows, which is not written.
         weights: For each sampled clip, (frames, shapes).
         mix: (the curve's shapes, shapes) where an engine's budget asks for other shapes than the curve's.
@@ -126,7 +126,7 @@ class Basis:
         least: Weights up to this are written as 0.
     """
 
-    carrier: Carrier
+    carried: CarriedPatch
     targets: tuple[Target | None, ...]
     weights: tuple[Floats, ...]
     mix: Floats | None = None
@@ -137,7 +137,7 @@ class Basis:
     @property
     def from_skin(self) -> bool:
         """Whether weights follow from the anchors' distance alone."""
-        return self.carrier.patch.tool.attachment == "skin"
+        return self.carried.patch.tool.attachment == "skin"
 
     def of_curve(self, weights: Floats) -> Floats:
         """(frames, shapes) weights of the targets from (frames, …) weights of the curve's amplitudes."""
@@ -216,10 +216,10 @@ def plan_mesh(
         poses=poses_of(rig, clips, distinct_values(surface.joints)),
         tolerance=_SAMPLING_SHARE * bound,
     )
-    carriers, problems = [], []
+    carried_patches, problems = [], []
     for patch in patches:
         try:
-            carriers.append(carry(patch, fine, contacts))
+            carried_patches.append(carry(patch, fine, contacts))
         except BakeError as error:
             problems.append(error)
     if problems:
@@ -227,7 +227,7 @@ def plan_mesh(
     # The median; numpy's imports numpy.ma, which takes longer than all of this.
     scales = np.sort(np.cbrt(np.abs(determinants(rest.blended[:, :, :3]))))
     scale = float(scales[[(len(scales) - 1) // 2, len(scales) // 2]].mean())
-    return Plan(rig, rest, fine, tuple(carriers), tallest, bound, scale, _has_normals(document, rig.mesh))
+    return Plan(rig, rest, fine, tuple(carried_patches), tallest, bound, scale, _has_normals(document, rig.mesh))
 
 
 def poses_of(rig: Rig, clips: Sequence[Clip], joints: Ints | None = None) -> Floats:
@@ -299,15 +299,15 @@ def sample_clips(
             keys.append(found[1])
         progress("sampling", end, ends[-1])
     bases: list[Basis] = []
-    patches = [each.patch for each in plan.carriers]
+    patches = [each.patch for each in plan.carried_patches]
     seen = [tuple(activities(patches, rig, plan.rest, clip, at)) for clip, at in zip(chosen, times, strict=True)]
-    for number, carrier in enumerate(plan.carriers):
-        if carrier.patch.tool.attachment == "skin":
-            shapes = shapes_of(carrier, fine, with_normals=plan.has_normals)
-            weights = [_weights(carrier, clip, each[number]) for clip, each in zip(chosen, seen, strict=True)]
+    for number, carried in enumerate(plan.carried_patches):
+        if carried.patch.tool.attachment == "skin":
+            shapes = shapes_of(carried, fine, with_normals=plan.has_normals)
+            weights = [_weights(carried, clip, each[number]) for clip, each in zip(chosen, seen, strict=True)]
         else:
-            shapes, weights = _compressed(plan, carrier, list(zip(chosen, times, strict=True)))
-        bases.append(Basis(carrier, tuple(_named(carrier, shapes)), tuple(weights)))
+            shapes, weights = _compressed(plan, carried, list(zip(chosen, times, strict=True)))
+        bases.append(Basis(carried, tuple(_named(carried, shapes)), tuple(weights)))
     motions = []
     for index, (clip, at, kept, done) in enumerate(zip(chosen, times, keys, seen, strict=True)):
         columns = [basis.written(basis.weights[index]) for basis in bases]
@@ -317,7 +317,7 @@ def sample_clips(
 
 def takes_of(plan: Plan, clips: Sequence[Clip]) -> list[int]:
     """For each clip the first that moves the mesh and its wrinkles alike: converters write a take under two names."""
-    named = {name for each in plan.carriers for name in (*each.patch.tool.clips, *each.patch.keyed_clips)}
+    named = {name for each in plan.carried_patches for name in (*each.patch.tool.clips, *each.patch.keyed_clips)}
     likely: dict[tuple[str, float, float, int], list[int]] = {}
     takes = []
     for index, clip in enumerate(clips):
@@ -333,7 +333,7 @@ def takes_of(plan: Plan, clips: Sequence[Clip]) -> list[int]:
 def moving_clips(plan: Plan, clips: Sequence[Clip]) -> list[Clip]:
     """The clips that move a mesh or key the rest length of a tool on it."""
     moving = moving_nodes(plan.rig)
-    driven = {name for each in plan.carriers for name in each.patch.keyed_clips}
+    driven = {name for each in plan.carried_patches for name in each.patch.keyed_clips}
     return [clip for clip in clips if clip.name in driven or any(c.node in moving for c in clip.channels)]
 
 
@@ -353,7 +353,7 @@ def refuse_many_frames(plan: Plan, clips: Sequence[Clip], *, fps: float) -> None
 
 def _overlaps(plan: Plan) -> int:
     """How many tools move one vertex at the most: there, their errors add up."""
-    moved = np.concatenate([carrier.vertices for carrier in plan.carriers])
+    moved = np.concatenate([carried.vertices for carried in plan.carried_patches])
     return int(np.bincount(moved).max())
 
 
@@ -364,7 +364,7 @@ def _signals(plan: Plan, clip: Clip, breaks: Floats, tolerance: float) -> Signal
     the distances, and they tell the heights.
     """
     rig, rest = plan.rig, plan.rest
-    patches = [each.patch for each in plan.carriers]
+    patches = [each.patch for each in plan.carried_patches]
     # Where a height starts, √(x D) for x the length of an interval, an error of D shows most.
     slack = min(tolerance**2 * each.curve.interval_count / (16 * each.rest_length) for each in patches)
 
@@ -376,11 +376,11 @@ def _signals(plan: Plan, clip: Clip, breaks: Floats, tolerance: float) -> Signal
 
     def signals(times: Floats) -> Floats:
         values = []
-        for carrier, found in zip(plan.carriers, near(times).T, strict=True):
-            patch = carrier.patch
+        for carried, found in zip(plan.carried_patches, near(times).T, strict=True):
+            patch = carried.patch
             amplitudes, _ = patch.curve.follow(found, rest_lengths_over_time(patch, rig, clip, times))
             if patch.tool.attachment == "patch":
-                moved = displacements(carrier, plan.fine, rig, rest, clip, times, amplitudes)
+                moved = displacements(carried, plan.fine, rig, rest, clip, times, amplitudes)
                 values.append(_PER_COORDINATE * plan.scale * moved.reshape(len(times), -1))
             else:
                 values.append(patch.clip_strength(clip) * patch.shape_strength * amplitudes.reshape(len(times), -1))
@@ -389,19 +389,19 @@ def _signals(plan: Plan, clip: Clip, breaks: Floats, tolerance: float) -> Signal
     return signals
 
 
-def skin_weights(plan: Plan, carrier: Carrier, clip: Clip | None, times: Floats) -> Floats:
+def skin_weights(plan: Plan, carried: CarriedPatch, clip: Clip | None, times: Floats) -> Floats:
     """(frames, shapes) morph weights of a skin-attached tool in a clip; none for the stored pose."""
-    return _weights(carrier, clip, activity(carrier.patch, plan.rig, plan.rest, clip, times))
+    return _weights(carried, clip, activity(carried.patch, plan.rig, plan.rest, clip, times))
 
 
-def _weights(carrier: Carrier, clip: Clip | None, seen: Activity) -> Floats:
+def _weights(carried: CarriedPatch, clip: Clip | None, seen: Activity) -> Floats:
     """(frames, shapes) morph weights of what a skin-attached tool does."""
-    patch = carrier.patch
+    patch = carried.patch
     return patch.clip_strength(clip) * weights_of(patch.curve, seen.amplitudes).reshape(len(seen.amplitudes), -1)
 
 
 def _compressed(
-    plan: Plan, carrier: Carrier, sampled: Sequence[tuple[Clip, Floats]]
+    plan: Plan, carried: CarriedPatch, sampled: Sequence[tuple[Clip, Floats]]
 ) -> tuple[list[Shape | None], list[Floats]]:
     """Shapes and weights of displacements that are new in each frame, all clips together.
 
@@ -410,20 +410,20 @@ def _compressed(
     """
     if not sampled:
         return [], []
-    chunk = max(_MOST_COORDINATES // (3 * len(carrier.vertices)), 1)
+    chunk = max(_MOST_COORDINATES // (3 * len(carried.vertices)), 1)
     series = (
-        displacements(carrier, plan.fine, plan.rig, plan.rest, clip, times[k : k + chunk])
+        displacements(carried, plan.fine, plan.rig, plan.rest, clip, times[k : k + chunk])
         for clip, times in sampled
         for k in range(0, len(times), chunk)
     )
     tolerance = _COMPRESSION_SHARE * plan.max_error / plan.scale / _PER_COORDINATE
-    together, deltas = compress(series, tolerance, where=carrier.patch.tool.where)
+    together, deltas = compress(series, tolerance, where=carried.patch.tool.where)
     weights = np.split(together, np.cumsum([len(times) for _, times in sampled])[:-1])
     even = np.linspace(0, len(together) - 1, 16).astype(int)
     rows = distinct_values(np.concatenate([even, np.argmax(together, axis=0)]))
     shapes = make_shapes(
         plan.fine,
-        carrier.vertices,
+        carried.vertices,
         deltas,
         tallest=plan.scale * np.sqrt(np.sum(deltas**2, axis=2)).max(axis=1, initial=0.0),
         samples=together[rows] if plan.has_normals else None,
@@ -436,12 +436,12 @@ def targets_of(bases: Iterable[Basis]) -> tuple[Target, ...]:
     return tuple(target for basis in bases for target in basis.targets if target is not None)
 
 
-def _named(carrier: Carrier, shapes: Iterable[Shape | None]) -> Iterable[Target | None]:
+def _named(carried: CarriedPatch, shapes: Iterable[Shape | None]) -> Iterable[Target | None]:
     """Targets `wrinkle_TOOL_1`, `wrinkle_TOOL_2` … for the shapes that there are."""
     number = 0
     for shape in shapes:
         number += shape is not None
-        yield None if shape is None else Target(f"wrinkle_{carrier.patch.tool.identifier}_{number}", shape)
+        yield None if shape is None else Target(f"wrinkle_{carried.patch.tool.identifier}_{number}", shape)
 
 
 def _has_normals(document: Document, mesh: int) -> bool:

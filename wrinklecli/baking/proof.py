@@ -15,7 +15,14 @@ from wrinklecli.gltf.document import Document, Json
 from wrinklecli.gltf.writer import Draft
 from wrinklecli.method.patch import Rest
 from wrinklecli.method.refine import Refinement
-from wrinklecli.method.shapes import Activity, Carrier, displaced_normals, displacements, further_activities, turn_to
+from wrinklecli.method.shapes import (
+    Activity,
+    CarriedPatch,
+    displaced_normals,
+    displacements,
+    further_activities,
+    turn_to,
+)
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, unit
 
 # Frames of a clip at which whole members are compared, besides its tallest and most folded.
@@ -83,9 +90,9 @@ def prove(
     Raises:
         RefusedError: A vertex is further off than the plan's bound.
     """
-    carriers = [basis.carrier for basis in bases]
+    carried_patches = [basis.carried for basis in bases]
     parts = parts_of(plan.fine, shared_vertices(draft.source, plan.rig.mesh, plan.fine))
-    proof = read_back(draft.document(), plan.rig.node, plan.fine, carriers, parts)
+    proof = read_back(draft.document(), plan.rig.node, plan.fine, carried_patches, parts)
     written = {clip.index: clip for clip in proof.clips}
     residuals: dict[str, Residual] = {}
     proven: dict[int, tuple[Clip, Residual]] = {}
@@ -113,7 +120,7 @@ def prove(
 
 
 def read_back(
-    written: Document, node: int, fine: Refinement, carriers: Sequence[Carrier], parts: Sequence[Part]
+    written: Document, node: int, fine: Refinement, carried_patches: Sequence[CarriedPatch], parts: Sequence[Part]
 ) -> Proof:
     """Load what the file says of the vertices that wrinkles or refinement touch."""
     rig = read_rig(written, node)
@@ -122,8 +129,8 @@ def read_back(
     welds = np.concatenate([parts[number].weld for number in distinct])
     touched = np.zeros(len(fine.positions), bool)
     touched[len(fine.surface.positions) :] = True
-    for carrier in carriers:
-        touched[carrier.vertices] = True
+    for carried in carried_patches:
+        touched[carried.vertices] = True
     # A vertex that a new target moves is compared even if no tool asked for it.
     added = stored.morph_deltas[len(fine.morph_deltas) :].any(axis=(0, 2))
     chosen = np.flatnonzero(touched[welds] | added)
@@ -175,12 +182,12 @@ def compare(
         rest: The rest pose.
         with_normals: Also compare normals, which takes several times as long.
     """
-    carriers = [basis.carrier for basis in bases]
+    carried_patches = [basis.carried for basis in bases]
     clip = motion.clip
     written = next(each for each in proof.clips if each.index == clip.index)
     every = _all_times(motion.times)
     activities_ = further_activities(
-        [each.patch for each in carriers], rig, rest, clip, every, known=motion.seen, known_at=motion.times
+        [each.patch for each in carried_patches], rig, rest, clip, every, known=motion.seen, known_at=motion.times
     )
     chosen = _chosen_times(every, activities_)
     times, amplitudes = every[chosen], [each.amplitudes[chosen] for each in activities_]
@@ -193,7 +200,7 @@ def compare(
     worst, worst_time, angles = 0.0, float(times[0]), []
     for part in (slice(k, k + chunk) for k in range(0, len(times), chunk)):
         now, heights = times[part], [each[part] for each in amplitudes]
-        moved = _method_displacements(proof, fine, carriers, rig, rest, clip, now, heights)
+        moved = _method_displacements(proof, fine, carried_patches, rig, rest, clip, now, heights)
         matrices = joint_matrices(rig, clip, now, acting)
         wanted, _ = pose(method, matrices, morph_weights(rig, clip, now), moved.transpose(0, 2, 1))
         played = morph_weights(proof.rig, written, now)
@@ -231,7 +238,7 @@ def _height_error(
     after = len(proof.rig.morph_names) - len(targets_of(bases))
     worst = 0.0
     for basis, what in zip(bases, seen, strict=True):
-        patch = basis.carrier.patch
+        patch = basis.carried.patch
         shapes = [index for index, target in enumerate(basis.targets) if target is not None]
         got = played[:, after : after + len(shapes)]
         after += len(shapes)
@@ -270,7 +277,7 @@ def _chosen_times(every: Floats, activities_: Sequence[Activity]) -> Ints:
 def _method_displacements(
     proof: Proof,
     fine: Refinement,
-    carriers: Sequence[Carrier],
+    carried_patches: Sequence[CarriedPatch],
     rig: Rig,
     rest: Rest,
     clip: Clip,
@@ -279,11 +286,11 @@ def _method_displacements(
 ) -> Floats:
     """(frames, vertices, 3) sum of all tools, at the vertices compared, bind space."""
     total = np.zeros((len(times), len(proof.vertices), 3))
-    for carrier, each in zip(carriers, amplitudes, strict=True):
-        rows = np.searchsorted(carrier.vertices, proof.vertices)
-        rows = np.minimum(rows, len(carrier.vertices) - 1)
-        here = carrier.vertices[rows] == proof.vertices
-        moved = displacements(carrier, fine, rig, rest, clip, times, each)
+    for carried, each in zip(carried_patches, amplitudes, strict=True):
+        rows = np.searchsorted(carried.vertices, proof.vertices)
+        rows = np.minimum(rows, len(carried.vertices) - 1)
+        here = carried.vertices[rows] == proof.vertices
+        moved = displacements(carried, fine, rig, rest, clip, times, each)
         total[:, here] += moved[:, rows[here]]
     return total
 

@@ -14,7 +14,7 @@ from wrinklecli.baking.warnings import placement_warnings, twin_warnings
 from wrinklecli.character.pose import Clip
 from wrinklecli.gltf.document import Document
 from wrinklecli.method.patch import Patch
-from wrinklecli.method.shapes import Activity, Carrier
+from wrinklecli.method.shapes import Activity, CarriedPatch
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.tools.read import ToolsFile
 
@@ -117,17 +117,17 @@ def make_report(
             if motion.clip.name in each.residuals:
                 entry["residual"] = describe_residual(each.residuals[motion.clip.name])
         for number, basis in enumerate(each.bases):
-            patch = basis.carrier.patch
+            patch = basis.carried.patch
             seen = [(motion.clip, motion.times, motion.seen[number]) for motion in each.motions]
-            warnings += placement_warnings(plan, basis.carrier) + warnings_of(basis.carrier, seen)
+            warnings += placement_warnings(plan, basis.carried) + warnings_of(basis.carried, seen)
             tools.append(
                 {
                     "name": patch.tool.name,
                     "node": rig.names[rig.node],
                     "rest_length": patch.rest_length,
                     "anchor_distances": [patch.origin.distance, patch.target.distance],
-                    "moved_vertices": len(basis.carrier.vertices),
-                    "stuck_vertices": basis.carrier.stuck,
+                    "moved_vertices": len(basis.carried.vertices),
+                    "stuck_vertices": basis.carried.stuck,
                     "targets": [target.name for target in basis.targets if target is not None],
                 }
             )
@@ -221,15 +221,15 @@ def mesh_warnings(plan: Plan, settings: ToolsFile, clips: Sequence[Clip], mode: 
     ]
 
 
-def warnings_of(carrier: Carrier, clips: Sequence[tuple[Clip, Floats, Activity]]) -> list[str]:
+def warnings_of(carried: CarriedPatch, clips: Sequence[tuple[Clip, Floats, Activity]]) -> list[str]:
     """What a user should know of one tool, over all clips baked."""
-    patch = carrier.patch
+    patch = carried.patch
     where = patch.tool.name
     warnings = []
     if patch.clip_strength(None) * patch.shape_strength not in (1.0, -1.0):
         warnings.append(f"{where}: strength {patch.tool.strength:g} does not keep the length of the surface")
-    if carrier.stuck:
-        warnings.append(f"{where}: {carrier.stuck} vertices stay put: singular at rest")
+    if carried.stuck:
+        warnings.append(f"{where}: {carried.stuck} vertices stay put: singular at rest")
     if not clips:
         return warnings
     if max(float((seen.shortenings / seen.rest_lengths).max()) for _, _, seen in clips) < _VISIBLE:

@@ -52,7 +52,7 @@ def make_timings(
         JSON values; keys as in `wrinkle bake --help`.
     """
     clips = {motion.clip.index: motion.clip for each in baked for motion in each.motions}
-    members = [distinct_values(np.concatenate([c.vertices for c in each.plan.carriers])) for each in baked]
+    members = [distinct_values(np.concatenate([c.vertices for c in each.plan.carried_patches])) for each in baked]
     frames = sum(len(clip_grid(clip, None, fps=fps)) for clip in clips.values())
     seconds = {stage: round(each, 6) for stage, each in clock.seconds.items()}
     total = round(sum(seconds.values()), 6)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from wrinklecli.baking.plan import Plan
 from wrinklecli.character.pose import Clip
 from wrinklecli.method.patch import Patch
-from wrinklecli.method.shapes import Activity, Carrier
+from wrinklecli.method.shapes import Activity, CarriedPatch
 from wrinklecli.numeric.arrays import Floats, Ints
 
 # An anchor that snaps by more than this part of its segment lies elsewhere than where it was put.
@@ -35,9 +35,9 @@ _CHUNK = 2**18
 _MOST_PAIRS = 2**23
 
 
-def placement_warnings(plan: Plan, carrier: Carrier) -> list[str]:
+def placement_warnings(plan: Plan, carried: CarriedPatch) -> list[str]:
     """What is wrong with the place of one tool: anchors far off, and a patch that reaches across a fold."""
-    patch = carrier.patch
+    patch = carried.patch
     name = patch.tool.name
     warnings = [
         f"{name}: its {key} is {anchor.distance:.3g} from the mesh, {100 * anchor.distance / patch.span:.0f} % of its"
@@ -145,7 +145,7 @@ def twin_warnings(plan: Plan, clips: Sequence[Clip]) -> list[str]:
         strengths = [(first.tool.strength_in(name), second.tool.strength_in(name)) for name in names]
         return any(a and b for a, b in strengths or [(first.tool.strength, second.tool.strength)])
 
-    patches = [carrier.patch for carrier in plan.carriers]
+    patches = [carried.patch for carried in plan.carried_patches]
     spans = np.array([patch.span for patch in patches])
     ends = np.array([[patch.origin.position, patch.target.position] for patch in patches])
     # Whichever way round the two segments are.
@@ -176,14 +176,14 @@ class Collision:
     position: Floats
 
 
-def collision(plan: Plan, carrier: Carrier, seen: Sequence[tuple[Clip, Floats, Activity]]) -> Collision | None:
+def collision(plan: Plan, carried: CarriedPatch, seen: Sequence[tuple[Clip, Floats, Activity]]) -> Collision | None:
     """Compare a tool's wrinkles at rest with the distance to what lies opposite, along the normals.
 
     Opposite lies any triangle of the same mesh, but for those of the vertex itself and what touches it there.
 
     Args:
         plan: Of the mesh.
-        carrier: The tool.
+        carried: The tool.
         seen: What clips make of it; where there is none, the tallest wrinkles possible count.
     """
     from scipy.spatial import cKDTree
@@ -194,11 +194,11 @@ def collision(plan: Plan, carrier: Carrier, seen: Sequence[tuple[Clip, Floats, A
     radii = np.sqrt(((corners - middles[:, None]) ** 2).sum(axis=2).max(axis=1))
     size = float(np.linalg.norm(np.ptp(fine.rest_positions, axis=0)))
     count, worst = 0, None
-    for way, peaks in zip((1.0, -1.0), _peaks(carrier, seen), strict=True):
+    for way, peaks in zip((1.0, -1.0), _peaks(carried, seen), strict=True):
         tall = np.flatnonzero(peaks > _LOW * peaks.max(initial=0.0))
         if not len(tall):
             continue
-        vertices, heights = carrier.vertices[tall], peaks[tall]
+        vertices, heights = carried.vertices[tall], peaks[tall]
         starts, rays = fine.rest_positions[vertices], way * fine.rest_normals[vertices]
         reach = radii + 0.5 * float(heights.max())
         tree = cKDTree(starts + 0.5 * heights[:, None] * rays)
@@ -228,17 +228,17 @@ def collision(plan: Plan, carrier: Carrier, seen: Sequence[tuple[Clip, Floats, A
     return None if worst is None else Collision(count, *worst)
 
 
-def _peaks(carrier: Carrier, seen: Sequence[tuple[Clip, Floats, Activity]]) -> tuple[Floats, Floats]:
+def _peaks(carried: CarriedPatch, seen: Sequence[tuple[Clip, Floats, Activity]]) -> tuple[Floats, Floats]:
     """(vertices,) how far each vertex of a tool is moved outwards, and inwards, at the most, scene units."""
-    patch, curve = carrier.patch, carrier.patch.curve
-    shapes = curve.shapes(carrier.us)
-    moved = [np.zeros(len(carrier.us))]
+    patch, curve = carried.patch, carried.patch.curve
+    shapes = curve.shapes(carried.us)
+    moved = [np.zeros(len(carried.us))]
     if not seen:
-        moved.append(np.einsum("gm,gmv->v", curve.greatest_amplitudes, shapes) * carrier.magnitudes)
+        moved.append(np.einsum("gm,gmv->v", curve.greatest_amplitudes, shapes) * carried.magnitudes)
     for clip, _, each in seen:
         tallest = curve.heights(each.amplitudes).argmax(axis=0)
         rows = np.stack([each.amplitudes[tallest[bumps[0]], k] for k, bumps in enumerate(curve.groups)])
-        moved.append(patch.clip_strength(clip) * np.einsum("gm,gmv->v", rows, shapes) * carrier.magnitudes)
+        moved.append(patch.clip_strength(clip) * np.einsum("gm,gmv->v", rows, shapes) * carried.magnitudes)
     return np.max(moved, axis=0), -np.min(moved, axis=0)
 
 

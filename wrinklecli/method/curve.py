@@ -364,8 +364,8 @@ class SmoothProfile:
 
     ratios: Floats
     peak: float
-    to_amplitude: "Table"
-    to_shortening: "Table"
+    to_amplitude: "Interpolant"
+    to_shortening: "Interpolant"
 
     def amplitudes(self, shortenings: Floats, intervals: Floats, max_height: float) -> Floats:
         """(..., 1) A of mean over τ of √((2x)² + (A g')²) = 2x + D, from D and x; scene units."""
@@ -478,7 +478,7 @@ def _quadrature(breaks: Floats) -> tuple[Floats, Floats]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Table:
+class Interpolant:
     """A smooth function on [0, 1]: a polynomial of degree 6 on each of many equal pieces.
 
     One Chebyshev series for all, of 35 to 128 terms, takes three to ten times as long.
@@ -503,7 +503,7 @@ class Table:
         return value
 
 
-def _interpolate(function: Callable[[Floats], Floats]) -> Table:
+def _interpolate(function: Callable[[Floats], Floats]) -> Interpolant:
     """A table of a function on [0, 1]: of its Chebyshev series, as long as `FIT_ERROR` asks for."""
     coefficients = np.zeros(1)
     for degree in (63, 127, 255, 511):
@@ -519,7 +519,7 @@ def _interpolate(function: Callable[[Floats], Floats]) -> Table:
     nodes = (1 - np.cos(np.pi * np.arange(7) / 6)) / 2
     inverse = np.linalg.inv(np.vander(nodes, increasing=True))
     places = (np.arange(_PIECES)[:, None] + nodes) / _PIECES
-    return Table(np.ascontiguousarray(inverse @ chebyshev.chebval(2 * places - 1, series).T))
+    return Interpolant(np.ascontiguousarray(inverse @ chebyshev.chebval(2 * places - 1, series).T))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

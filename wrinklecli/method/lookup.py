@@ -1,6 +1,6 @@
 """A control curve as tables of numbers, for players that look its heights up while the rest length changes.
 
-Where the rest length is constant, heights depend on one number, and a table of weights will do (`weight_table`).
+Where the rest length is constant, heights depend on one number, and a table of weights will do (`tabulate_weights`).
 Otherwise they depend on two, distance and rest length, and straight lines between several such tables are wrong
 where a group of bumps starts: heights start like a square root there, and the start moves. (To be right to 1/256
 would take about a hundred tables.) But what one bump does depends on one number each time: what it takes when full
@@ -98,7 +98,7 @@ class CurveTable:
         return np.where(np.abs(made) > self.least, made, 0.0)
 
 
-def weight_table(curve: ControlCurve, weights: Callable[[Floats], Floats]) -> tuple[Floats, Floats]:
+def tabulate_weights(curve: ControlCurve, weights: Callable[[Floats], Floats]) -> tuple[Floats, Floats]:
     """Tabulate weights against shortening at the nominal rest length, as coarsely as `TABLE_ERROR` allows.
 
     Heights start like a square root, each group of bumps where the one before it is full: there rows lie close
@@ -123,7 +123,7 @@ def weight_table(curve: ControlCurve, weights: Callable[[Floats], Floats]) -> tu
     return points[rows], signal(points[rows])
 
 
-def tabulate(
+def tabulate_curve(
     curve: ControlCurve, shortest: float, longest: float, *, mix: Floats | None = None, positive: bool = False
 ) -> CurveTable:
     """Tabulate a curve for a range of rest lengths, as finely as `TABLE_ERROR` asks for.

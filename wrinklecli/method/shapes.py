@@ -68,7 +68,7 @@ _LEAST_COSINE = 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class Carrier:
+class CarriedPatch:
     """What carries one tool's curve to vertices: fixed for `attachment: skin`.
 
     Attributes:
@@ -111,7 +111,7 @@ class Shape:
     normal_deltas: Floats
 
 
-def carry(patch: Patch, fine: Refinement, pinned: Bools) -> Carrier:
+def carry(patch: Patch, fine: Refinement, pinned: Bools) -> CarriedPatch:
     """Attach the vertices under a patch to it, at rest.
 
     Args:
@@ -135,13 +135,13 @@ def carry(patch: Patch, fine: Refinement, pinned: Bools) -> Carrier:
     # Projected anew each frame, any member may come to lie on the patch.
     chosen = regular & (moving if patch.tool.attachment == "skin" else True)
     vertices = members[chosen]
-    carried = np.einsum("vij,vj->vi", inverses(fine.blended[vertices]), normals[chosen])
-    return Carrier(
+    normals_bind = np.einsum("vij,vj->vi", inverses(fine.blended[vertices]), normals[chosen])
+    return CarriedPatch(
         patch=patch,
         vertices=vertices,
         us=u[chosen],
         magnitudes=magnitudes[chosen],
-        directions=carried * magnitudes[chosen, None],
+        directions=normals_bind * magnitudes[chosen, None],
         free=~pinned[np.minimum(vertices, len(pinned) - 1)] | (vertices >= len(pinned)),
         # Where the blend is singular there is no normal either, and no magnitude.
         stuck=int(((u >= 0) & (u <= 1) & (np.abs(v) <= 1) & ~regular).sum()),
@@ -169,7 +169,7 @@ class Activity:
 
 
 def displacements(
-    carrier: Carrier,
+    carried: CarriedPatch,
     fine: Refinement,
     rig: Rig,
     rest: Rest,
@@ -177,36 +177,36 @@ def displacements(
     times: Floats,
     amplitudes: Floats | None = None,
 ) -> Floats:
-    """(frames, vertices, 3) what the method displaces a carrier's vertices by, bind space.
+    """(frames, vertices, 3) what the method displaces a tool's vertices by, bind space.
 
     `amplitudes` are those of the tool's activity at these times, where they are known.
     """
-    patch = carrier.patch
+    patch = carried.patch
     if amplitudes is None:
         amplitudes = activity(patch, rig, rest, clip, times).amplitudes
     amplitudes = patch.clip_strength(clip) * amplitudes
     if patch.tool.attachment == "patch":
-        return _posed_displacements(carrier, fine, rig, clip, times, amplitudes)
-    heights = np.einsum("fgm,gmv->fv", amplitudes, patch.curve.shapes(carrier.us))
-    moved: Floats = heights[..., None] * carrier.directions
+        return _posed_displacements(carried, fine, rig, clip, times, amplitudes)
+    heights = np.einsum("fgm,gmv->fv", amplitudes, patch.curve.shapes(carried.us))
+    moved: Floats = heights[..., None] * carried.directions
     return moved
 
 
-def shapes_of(carrier: Carrier, fine: Refinement, *, with_normals: bool) -> list[Shape | None]:
+def shapes_of(carried: CarriedPatch, fine: Refinement, *, with_normals: bool) -> list[Shape | None]:
     """A shape for each group of bumps and mode of their profile, in the order of the curve's amplitudes.
 
     One that never rises, or moves no vertex, is None.
     """
-    curve = carrier.patch.curve
-    scaled = curve.shapes(carrier.us) * curve.greatest_amplitudes[..., None]
+    curve = carried.patch.curve
+    scaled = curve.shapes(carried.us) * curve.greatest_amplitudes[..., None]
     path = weight_path(curve)
     shapes: list[Shape | None] = []
     for group, heights in enumerate(scaled):
         shapes += make_shapes(
             fine,
-            carrier.vertices,
-            heights[..., None] * carrier.directions,
-            tallest=np.abs(heights * carrier.magnitudes).max(axis=1),
+            carried.vertices,
+            heights[..., None] * carried.directions,
+            tallest=np.abs(heights * carried.magnitudes).max(axis=1),
             samples=_rising_samples(path[:, group]) if with_normals else None,
         )
     return shapes
@@ -468,12 +468,12 @@ def _ring(patch: Patch, members: Ints, fine: Refinement) -> Ring:
 
 
 def _posed_displacements(
-    carrier: Carrier, fine: Refinement, rig: Rig, clip: Clip | None, times: Floats, amplitudes: Floats
+    carried: CarriedPatch, fine: Refinement, rig: Rig, clip: Clip | None, times: Floats, amplitudes: Floats
 ) -> Floats:
     """Displacements as the paper words them: (u, v), normals and patch of each posed frame, pulled back.
 
     Args:
-        carrier: The tool and its members.
+        carried: The tool and its members.
         fine: The refined surface.
         rig: Of the mesh.
         clip: The animation; none for the stored pose.
@@ -484,23 +484,23 @@ def _posed_displacements(
         (frames, vertices, 3) bind space: the posed displacement times the inverse of the blended matrix; 0
         where that is singular.
     """
-    moved = np.zeros((len(times), len(carrier.vertices), 3))
+    moved = np.zeros((len(times), len(carried.vertices), 3))
     acting = np.flatnonzero(amplitudes.any(axis=(1, 2)))
     if not len(acting):
         return moved
-    ring = carrier.ring
+    ring = carried.ring
     assert ring is not None
     chunk = max(_POSED_AT_ONCE // len(ring.triangles), 1)
     for part in (acting[k : k + chunk] for k in range(0, len(acting), chunk)):
-        moved[part] = _posed_at_once(carrier, ring, fine, rig, clip, times[part], amplitudes[part])
+        moved[part] = _posed_at_once(carried, ring, fine, rig, clip, times[part], amplitudes[part])
     return moved
 
 
 def _posed_at_once(
-    carrier: Carrier, ring: Ring, fine: Refinement, rig: Rig, clip: Clip | None, times: Floats, amplitudes: Floats
+    carried: CarriedPatch, ring: Ring, fine: Refinement, rig: Rig, clip: Clip | None, times: Floats, amplitudes: Floats
 ) -> Floats:
     """As `_posed_displacements`, of few frames. Inside, frames are the last axis and x, y, z the first."""
-    patch = carrier.patch
+    patch = carried.patch
     matrices = joint_matrices(rig, clip, times, ring.joints)[:, :, :3].transpose(2, 3, 1, 0)
     blended = np.matmul(ring.weights, np.ascontiguousarray(matrices))
     bind = fine.positions[ring.vertices].T[:, :, None]
@@ -533,12 +533,12 @@ def _posed_at_once(
     relative = posed[:, ring.members] - ends[0][0][:, None]
     u = np.sum(relative * along[:, None], axis=0) / span
     v = np.sum(relative * np.stack(cross(along, facing))[:, None], axis=0) / patch.half_width
-    factors = patch.factors(u, v, np.sum(normals * facing[:, None], axis=0)) * carrier.free[:, None] * apart
+    factors = patch.factors(u, v, np.sum(normals * facing[:, None], axis=0)) * carried.free[:, None] * apart
     lengths = factors * patch.curve.rises(np.clip(u, 0.0, 1.0), amplitudes)
     members, frames = np.nonzero(lengths)
     linear = blended[:, :3, ring.members[members], frames].transpose(2, 0, 1)
     pushed = lengths[members, frames, None] * normals[:, members, frames].T
-    moved = np.zeros((len(times), len(carrier.vertices), 3))
+    moved = np.zeros((len(times), len(carried.vertices), 3))
     moved[frames, members] = np.einsum("vij,vj->vi", inverses(linear), pushed)
     return moved
 

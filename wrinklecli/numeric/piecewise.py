@@ -6,7 +6,7 @@ channel is widened: it keeps its own keys and interpolation where that loses not
 Tried, in processor seconds that 24,000 frames more of samples/wrist.glb (two tools) cost a bake: joints posed for
 every point looked into, one matrix after another, keys found one after another: 10.2. Distances as quartics of few
 poses (`smooth`), points shared by bisection and thinning, keys found in lanes side by side, bumps from tables
-(`curve.Table`) and tools posed together: 0.5. Intervals to halve known by their middles, lines that end soon found
+(`Interpolant`) and tools posed together: 0.5. Intervals to halve known by their middles, lines that end soon found
 value by value (`_ending`), and `pose` with components first: 0.35, and for samples/head.glb 1.9 times as fast. Three
 or five points inside an interval in place of seven, quartics of four frames each, full bumps without look-ups, and
 activities handed on to proof and report: 0.8 of that for wrist, head and trousers alike. Stretches and chunks of 8,192

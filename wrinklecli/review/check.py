@@ -16,7 +16,7 @@ from wrinklecli.baking.report import mesh_warnings, warnings_of
 from wrinklecli.baking.warnings import collision, placement_warnings
 from wrinklecli.character.pose import Clip
 from wrinklecli.method.patch import Anchor
-from wrinklecli.method.shapes import Activity, Carrier, activity
+from wrinklecli.method.shapes import Activity, CarriedPatch, activity
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.piecewise import clip_grid
 
@@ -32,11 +32,11 @@ class CheckedTool:
     """One tool, attached, with what clips make of it: what `plot` draws.
 
     Attributes:
-        carrier: The tool on its mesh.
+        carried: The tool on its mesh.
         seen: For each clip that moves the mesh, its (frames,) times and what they make of the tool.
     """
 
-    carrier: Carrier
+    carried: CarriedPatch
     seen: tuple[tuple[Clip, Floats, Activity], ...]
 
 
@@ -93,19 +93,19 @@ def check(
             meshes.append(_describe_mesh(plan))
             general += mesh_warnings(plan, job.settings, moving, "morph")
             overlaps = _overlaps(plan)
-            for carrier, overlapping in zip(plan.carriers, overlaps, strict=True):
+            for carried, overlapping in zip(plan.carried_patches, overlaps, strict=True):
                 seen = tuple(
-                    (clip, times, activity(carrier.patch, plan.rig, plan.rest, clip, times))
+                    (clip, times, activity(carried.patch, plan.rig, plan.rest, clip, times))
                     for clip, times in zip(moving, grids, strict=True)
                 )
-                checked.append(CheckedTool(carrier, seen))
-                warnings = placement_warnings(plan, carrier) + warnings_of(carrier, seen)
-                warnings += _collision_warnings(plan, carrier, seen, job.settings.up)
+                checked.append(CheckedTool(carried, seen))
+                warnings = placement_warnings(plan, carried) + warnings_of(carried, seen)
+                warnings += _collision_warnings(plan, carried, seen, job.settings.up)
                 described.append(
-                    _describe_tool(plan, carrier, job.settings.up)
+                    _describe_tool(plan, carried, job.settings.up)
                     | {
                         "overlaps": overlapping,
-                        "clips": [_describe_clip(carrier, *each) for each in seen],
+                        "clips": [_describe_clip(carried, *each) for each in seen],
                         "warnings": warnings,
                     }
                 )
@@ -134,8 +134,8 @@ def _describe_mesh(plan: Plan) -> Json:
     }
 
 
-def _describe_tool(plan: Plan, carrier: Carrier, up: str) -> Json:
-    patch, fine = carrier.patch, plan.fine
+def _describe_tool(plan: Plan, carried: CarriedPatch, up: str) -> Json:
+    patch, fine = carried.patch, plan.fine
     members = np.unique(fine.triangles[patch.members[fine.subdivision.parents]])
     heights = patch.curve.heights(patch.curve.greatest_amplitudes[None])
     return {
@@ -152,7 +152,7 @@ def _describe_tool(plan: Plan, carrier: Carrier, up: str) -> Json:
         "height_limit": _round(abs(patch.shape_strength) * float(heights.max(initial=0.0))),
         "triangles": int(patch.members.sum()),
         "edges_split": int((members >= len(fine.surface.positions)).sum()),
-        "moved_vertices": len(carrier.vertices),
+        "moved_vertices": len(carried.vertices),
     }
 
 
@@ -169,9 +169,9 @@ def _describe_anchor(plan: Plan, anchor: Anchor, up: str) -> Json:
     }
 
 
-def _describe_clip(carrier: Carrier, clip: Clip, times: Floats, seen: Activity) -> Json:
+def _describe_clip(carried: CarriedPatch, clip: Clip, times: Floats, seen: Activity) -> Json:
     """What one clip makes of a tool; shares are of the rest length, and of no frame where the tool is hidden in all."""
-    strength = carrier.patch.tool.strength_in(clip.name)
+    strength = carried.patch.tool.strength_in(clip.name)
     shown = np.isfinite(seen.distances)
     if not shown.any():
         return {"name": clip.name, "strength": strength, "shortening": None, "time": None} | dict.fromkeys(
@@ -179,7 +179,7 @@ def _describe_clip(carrier: Carrier, clip: Clip, times: Floats, seen: Activity) 
         )
     shares = 1.0 - np.where(shown, seen.distances, seen.rest_lengths) / seen.rest_lengths
     most = int(np.argmax(np.where(shown, shares, -np.inf)))
-    heights = carrier.patch.curve.heights(seen.amplitudes)
+    heights = carried.patch.curve.heights(seen.amplitudes)
     return {
         "name": clip.name,
         "strength": strength,
@@ -192,12 +192,12 @@ def _describe_clip(carrier: Carrier, clip: Clip, times: Floats, seen: Activity) 
 
 def _overlaps(plan: Plan) -> list[list[Json]]:
     """For each tool of a mesh the others that move some of its vertices, and how many."""
-    counts = [len(carrier.vertices) for carrier in plan.carriers]
+    counts = [len(carried.vertices) for carried in plan.carried_patches]
     rows = np.repeat(np.arange(len(counts)), counts)
-    columns = np.concatenate([carrier.vertices for carrier in plan.carriers])
+    columns = np.concatenate([carried.vertices for carried in plan.carried_patches])
     moves = csr_array((np.ones(len(rows), np.intp), (rows, columns)), shape=(len(counts), len(plan.fine.positions)))
     shared = (moves @ moves.T).tocsr()
-    names = [carrier.patch.tool.name for carrier in plan.carriers]
+    names = [carried.patch.tool.name for carried in plan.carried_patches]
     found: list[list[Json]] = [[] for _ in names]
     for one, other, count in sorted(zip(*shared.nonzero(), shared.data, strict=True)):
         if one != other:
@@ -206,14 +206,14 @@ def _overlaps(plan: Plan) -> list[list[Json]]:
 
 
 def _collision_warnings(
-    plan: Plan, carrier: Carrier, seen: Sequence[tuple[Clip, Floats, Activity]], up: str
+    plan: Plan, carried: CarriedPatch, seen: Sequence[tuple[Clip, Floats, Activity]], up: str
 ) -> list[str]:
-    found = collision(plan, carrier, seen)
+    found = collision(plan, carried, seen)
     if found is None:
         return []
     at = ", ".join(f"{x:.4g}" for x in _written(found.position, up))
     return [
-        f"{carrier.patch.tool.name}: wrinkles are taller than the distance to the opposite surface:"
+        f"{carried.patch.tool.name}: wrinkles are taller than the distance to the opposite surface:"
         f" {found.height:.3g} where there is room for {found.room:.3g} at rest, near [{at}];"
         f" {found.count} vertices reach it"
     ]

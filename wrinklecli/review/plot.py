@@ -109,7 +109,7 @@ def _draw_curves(axes: "Axes", tool: CheckedTool) -> None:
     """The control curve from rest to the greatest shortening of all clips."""
     import matplotlib as mpl
 
-    patch = tool.carrier.patch
+    patch = tool.carried.patch
     curve, strength = patch.curve, patch.shape_strength
     greatest = max((float((seen.shortenings / seen.rest_lengths).max()) for _, _, seen in tool.seen), default=0.0)
     reached = greatest > _VISIBLE
@@ -137,7 +137,7 @@ def _draw_curves(axes: "Axes", tool: CheckedTool) -> None:
 
 def _draw_heights(axes: "Axes", tool: CheckedTool) -> None:
     """The height of the tallest bump over the time of each clip."""
-    patch = tool.carrier.patch
+    patch = tool.carried.patch
     lines = []
     for clip, times, seen in tool.seen:
         heights = patch.tool.strength_in(clip.name) * patch.curve.heights(seen.amplitudes).max(axis=1)

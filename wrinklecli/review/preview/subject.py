@@ -165,7 +165,7 @@ class Subject:
 
 def tool_names(plans: Sequence[Plan]) -> list[str]:
     """The names of all tools, in the order of their colours."""
-    return [carrier.patch.tool.name for plan in plans for carrier in plan.carriers]
+    return [carried.patch.tool.name for plan in plans for carried in plan.carried_patches]
 
 
 def heat_colours(losses: Floats) -> Floats:
@@ -325,8 +325,8 @@ def _marks(part: Part, plans: Sequence[Plan]) -> Iterator[Mark]:
             parents = np.flatnonzero(fine.surface.primitives == part.primitive)
             welded = refined.weld[part.triangles]
         outwards = fine.rest_normals[welded].sum(axis=1)
-        for carrier in plan.carriers:
-            patch = carrier.patch
+        for carried in plan.carried_patches:
+            patch = carried.patch
             # Around the members too, for the ends of the segment lie on the rectangle's edge.
             coarse = fine.surface.triangles
             near = np.any(np.isin(coarse, coarse[patch.members]), axis=1)
