@@ -20,6 +20,7 @@ DOORS = {
     "pygltflib": {"gltf/writer"},
     "DracoPy": {"gltf/draco"},
     "zstandard": {"gltf/original"},
+    "threadpoolctl": {"numeric/guard"},
     "trimesh": {"baking/frames"},
     "embreex": {"review/preview/preview", "review/preview/render"},
     "PIL": {"review/preview/preview", "review/preview/sheet"},

@@ -16,7 +16,7 @@ from typing import Any, cast
 import numpy as np
 
 from wrinklecli.baking.morphs import Part, base_normals, encode_mesh, old_values, parts_of
-from wrinklecli.baking.plan import Motion, Progress, Target
+from wrinklecli.baking.plan import Motion, Target
 from wrinklecli.character.pose import Rig, joint_matrices, morph_weights
 from wrinklecli.character.skin import pose, prepare
 from wrinklecli.errors import BakeError
@@ -25,6 +25,7 @@ from wrinklecli.gltf.writer import VERTEX_DATA, Draft, make_folders
 from wrinklecli.method.refine import Refinement
 from wrinklecli.method.shapes import turn_to
 from wrinklecli.numeric.arrays import Floats, Ints, unit
+from wrinklecli.numeric.guard import Progress
 
 # Frames posed at once: bounds the memory.
 _CHUNK = 16

@@ -1,20 +1,15 @@
 """The whole bake: read, attach, refine, sample, encode, prove, write."""
 
 import os
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
-from traceback import extract_tb
 from typing import Literal
 
-import numpy as np
-from threadpoolctl import threadpool_limits
-
-import wrinklecli
 from wrinklecli.baking.budget import BUDGETS, Engine, fit_budget
 from wrinklecli.baking.frames import Frames, encode_frames, exported_frames
 from wrinklecli.baking.morphs import encode_morphs
-from wrinklecli.baking.plan import Basis, Mode, Motion, Plan, Progress, plan_mesh, sample_clips, targets_of
+from wrinklecli.baking.plan import Basis, Mode, Motion, Plan, plan_mesh, sample_clips, targets_of
 from wrinklecli.baking.proof import Residual, prove
 from wrinklecli.baking.report import Baked, Report, make_report
 from wrinklecli.baking.timings import StageClock, make_timings
@@ -23,6 +18,7 @@ from wrinklecli.errors import AssetError, BakeError, ConfigError, RefusedError, 
 from wrinklecli.gltf.document import Document, Json, read_document
 from wrinklecli.gltf.original import original
 from wrinklecli.gltf.writer import Draft
+from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.tools.read import Length, RestLengthKeys, ToolsFile, WrinkleTool, load_tools
 
 DEFAULT_MAX_ERROR = Length(1.0, percent=True)
@@ -72,7 +68,7 @@ def bake(
     strict: bool = False,
     replace: bool = False,
     details: bool = False,
-    progress: Progress = lambda _stage, _done, _total: None,
+    progress: Progress = no_progress,
 ) -> Report:
     """Bake wrinkles into an animated asset.
 
@@ -110,9 +106,7 @@ def bake(
     """
     clock = StageClock()
     with ExitStack() as stack:
-        stack.enter_context(faults_reported(os.fspath(asset)))
-        # With several BLAS threads sums change their last bits, and so would the file.
-        stack.enter_context(threadpool_limits(limits=1, user_api="blas"))
+        stack.enter_context(guarded(os.fspath(asset)))
         job = read_job(
             asset,
             tools,
@@ -181,33 +175,6 @@ def bake(
         written = report.bytes_written if out is not None else None
         report.timings = make_timings(clock, document, baked, fps=fps_wanted, bytes_written=written)
         return report
-
-
-@contextmanager
-def faults_reported(asset: str) -> Iterator[None]:
-    """Stop where numbers leave the range of floats or memory ends, and say so: NaN would go unseen into the file.
-
-    Raises:
-        AssetError: A number overflowed or has no value.
-        BakeError: There is too little memory.
-    """
-    try:
-        with np.errstate(all="raise", under="ignore"):
-            yield
-    except (ArithmeticError, np.linalg.LinAlgError) as error:
-        own = [
-            each
-            for each in extract_tb(error.__traceback__)
-            if each.filename.startswith(os.path.dirname(wrinklecli.__file__))
-        ]
-        place = f", {os.path.basename(own[-1].filename)}:{own[-1].lineno}" if own else ""
-        message = (
-            "holds numbers, or the tools file does, that are too large or too small to compute with"
-            f" ({error}{place}); if they look right, it is a fault of wrinkle's"
-        )
-        raise AssetError(message, where=asset) from error
-    except MemoryError as error:
-        raise BakeError("takes more memory than there is", where=asset) from error
 
 
 def read_job(

@@ -17,7 +17,7 @@ Arrays are small, to stay in a core's cache, so threads wait for the interpreter
 
 import math
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -51,12 +51,11 @@ from wrinklecli.method.shapes import (
     weights_of,
 )
 from wrinklecli.numeric.arrays import Floats, Ints, determinants, distinct_values
+from wrinklecli.numeric.guard import Progress
 from wrinklecli.numeric.piecewise import Signal, clip_grid, key_times, moving_nodes, smooth, turns
 from wrinklecli.tools.read import Length, ToolsFile, WrinkleTool
 
 Mode = Literal["morph", "frames"]
-# Called with a stage's name, steps done and steps in all.
-Progress = Callable[[str, int, int], None]
 
 # Products of skinning round a few times; below this many units in the last place float32 sets the limit.
 _FLOAT32_STEPS = 8

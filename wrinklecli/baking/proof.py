@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrinklecli.baking.morphs import Part, parts_of, shared_vertices
-from wrinklecli.baking.plan import Basis, Motion, Plan, Progress, takes_of, targets_of
+from wrinklecli.baking.plan import Basis, Motion, Plan, takes_of, targets_of
 from wrinklecli.character.pose import Clip, Rig, joint_matrices, morph_weights, read_clips, read_rig
 from wrinklecli.character.skin import pose, prepare
 from wrinklecli.character.surface import dense_influences, read_vertices
@@ -24,6 +24,7 @@ from wrinklecli.method.shapes import (
     turn_to,
 )
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, unit
+from wrinklecli.numeric.guard import Progress
 
 # Frames of a clip at which whole members are compared, besides its tallest and most folded.
 _FRAMES = 64

@@ -13,13 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wrinklecli.baking.morphs import encode_track, own_mesh
-from wrinklecli.baking.pipeline import faults_reported, refuse_overwriting
+from wrinklecli.baking.pipeline import refuse_overwriting
 from wrinklecli.character.pose import Clip, Rig, morph_target_names, morph_weights, node_matrices, read_clips, read_rig
 from wrinklecli.errors import AssetError, BakeError, RefusedError, listed, nearest
 from wrinklecli.gltf.document import Document, Json, read_document
 from wrinklecli.gltf.writer import Draft
 from wrinklecli.method.lookup import TABLE_ERROR, CurveTable
 from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.guard import guarded
 from wrinklecli.numeric.piecewise import Signal, Track, key_times, moving_nodes, pad, widen
 
 # Of what the error bound leaves beside the table's own error, the part of the samples and that of dropped keys.
@@ -192,7 +193,7 @@ def track(
         document = read_document(anim, allow_external=allow_external)
         inputs += document.files
         draft = Draft(document)
-        with faults_reported(document.path):
+        with guarded(document.path):
             results.append(_track_file(draft, bodies, pace, output))
         drafts.append(draft)
     warnings = [line for result in results for line in result.warnings]

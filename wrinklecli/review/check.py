@@ -2,22 +2,21 @@
 
 import os
 from collections.abc import Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_array
-from threadpoolctl import threadpool_limits
 
-from wrinklecli.baking.pipeline import faults_reported, plan_meshes, read_job
-from wrinklecli.baking.plan import Plan, Progress, moving_clips, refuse_many_frames
+from wrinklecli.baking.pipeline import plan_meshes, read_job
+from wrinklecli.baking.plan import Plan, moving_clips, refuse_many_frames
 from wrinklecli.baking.report import mesh_warnings, warnings_of
 from wrinklecli.baking.warnings import collision, placement_warnings
 from wrinklecli.character.pose import Clip
 from wrinklecli.method.patch import Anchor
 from wrinklecli.method.shapes import Activity, CarriedPatch, activity
 from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.piecewise import clip_grid
 
 Json = dict[str, Any]
@@ -66,7 +65,7 @@ def check(
     fps: float | None = None,
     max_levels: int | None = None,
     allow_external: bool = False,
-    progress: Progress = lambda _stage, _done, _total: None,
+    progress: Progress = no_progress,
 ) -> Check:
     """Attach tools, refine their meshes and run their control curves over the clips; bake and write nothing.
 
@@ -76,9 +75,7 @@ def check(
     Raises:
         WrinkleError: What a bake would raise before it samples clips: of all tools that do not fit, a line each.
     """
-    with ExitStack() as stack:
-        stack.enter_context(faults_reported(os.fspath(asset)))
-        stack.enter_context(threadpool_limits(limits=1, user_api="blas"))
+    with guarded(os.fspath(asset)):
         job = read_job(
             asset, tools, clips=clips, only=only, fps=fps, max_levels=max_levels, allow_external=allow_external
         )

@@ -8,20 +8,18 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
-from wrinklecli.baking.pipeline import faults_reported
 from wrinklecli.character.pose import Clip, joint_matrices, read_clips
 from wrinklecli.character.scene import Part, pose_part, read_scene
 from wrinklecli.errors import AssetError, listed, nearest
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
+from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.nearest import farthest
 from wrinklecli.numeric.piecewise import clip_grid
 from wrinklecli.review.diff.documents import Difference, Limits, document_differences
 from wrinklecli.tools.read import Length
 
-Progress = Callable[[str, int, int], None]
 # Told how many times, or what share of one, are done.
 _Advance = Callable[[float], None]
 
@@ -123,7 +121,7 @@ def compare(
     clips: Sequence[str] = (),
     fps: float = DEFAULT_FPS,
     allow_external: bool = False,
-    progress: Progress = lambda _stage, _done, _total: None,
+    progress: Progress = no_progress,
 ) -> Comparison:
     """Compare two assets.
 
@@ -153,15 +151,14 @@ def compare(
     documents = [read_document(path, allow_external=allow_external) for path in (a, b)]
     sides = []
     for document in documents:
-        with faults_reported(document.path):
+        with guarded(document.path):
             sides.append(_Side(document, read_scene(document), read_clips(document)))
     names = list(dict.fromkeys(clip.name for side in sides for clip in side.clips))
     for name in clips:
         if name not in names:
             where = f"{documents[0].path} and {documents[1].path}"
             raise AssetError(f"have no clip {name!r}{nearest(name, names)}; there are {listed(names)}", where=where)
-    # Several threads of small matrix products wait for each other longer than they work.
-    with faults_reported(f"{documents[0].path} and {documents[1].path}"), threadpool_limits(limits=1, user_api="blas"):
+    with guarded(f"{documents[0].path} and {documents[1].path}"):
         return _compare(sides[0], sides[1], tolerance, posed, clips, fps, progress)
 
 

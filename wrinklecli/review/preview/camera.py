@@ -1,6 +1,6 @@
 """Where a preview looks from: what to frame at each moment, and from which side."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,11 +8,9 @@ import numpy as np
 from wrinklecli.character.scene import pose_part
 from wrinklecli.errors import AssetError
 from wrinklecli.numeric.arrays import Bools, Floats, vertex_normals
+from wrinklecli.numeric.guard import Progress, no_progress
 from wrinklecli.review.preview.render import Camera, facing, seen
 from wrinklecli.review.preview.subject import Moment, Subject
-
-# Called with a stage's name, steps done and steps in all.
-Progress = Callable[[str, int, int], None]
 
 FACING = "facing"
 # Azimuth and elevation, degrees.
@@ -85,7 +83,7 @@ def plan_cameras(
     focus: Sequence[float] | None = None,
     radius: float | None = None,
     follow: bool = False,
-    progress: Progress = lambda _stage, _done, _total: None,
+    progress: Progress = no_progress,
 ) -> tuple[list[str], list[list[Camera]]]:
     """Cameras that all subjects share.
 

@@ -5,22 +5,21 @@ file is written.
 """
 
 import os
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from wrinklecli.baking.morphs import encode_morphs
-from wrinklecli.baking.pipeline import faults_reported, plan_meshes, read_job, refuse_overwriting
+from wrinklecli.baking.pipeline import plan_meshes, read_job, refuse_overwriting
 from wrinklecli.baking.plan import Plan, sample_clips
 from wrinklecli.character.pose import read_clips
 from wrinklecli.errors import AssetError, WrinkleError, listed, nearest
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.writer import Draft, replace_bytes
+from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.review.preview.camera import plan_cameras
 from wrinklecli.review.preview.render import Style, render
 from wrinklecli.review.preview.subject import (
@@ -37,8 +36,6 @@ from wrinklecli.review.preview.subject import (
 if TYPE_CHECKING:
     from wrinklecli.review.preview.sheet import Legend
 
-# Called with a stage's name, steps done and steps in all.
-Progress = Callable[[str, int, int], None]
 
 MOST_MOMENTS = 10_000
 MOST_SIDE = 16_383  # pixels: of a WebP
@@ -98,7 +95,7 @@ def preview(
     heat: bool = False,
     style: Style | None = None,
     allow_external: bool = False,
-    progress: Progress = lambda _stage, _done, _total: None,
+    progress: Progress = no_progress,
 ) -> Preview:
     """Draw assets, a contact sheet over time or an animation.
 
@@ -134,10 +131,7 @@ def preview(
     _refuse_missing()
     from wrinklecli.review.preview import sheet as images
 
-    with ExitStack() as stack:
-        stack.enter_context(faults_reported(os.fspath(assets[0])))
-        # With several BLAS threads sums change their last bits, and pixels with them.
-        stack.enter_context(threadpool_limits(limits=1, user_api="blas"))
+    with guarded(os.fspath(assets[0])):
         path = os.fspath(out)
         kind = _ENDINGS.get(Path(path).suffix.lower())
         if kind is None:
@@ -288,7 +282,7 @@ def apply_tools(
     clips: Sequence[str] = (),
     allow_external: bool = False,
     warnings: list[str] | None = None,
-    progress: Progress = lambda _stage, _done, _total: None,
+    progress: Progress = no_progress,
 ) -> tuple[Document, list[Plan]]:
     """Bake tools into some clips of an asset, in memory.
 

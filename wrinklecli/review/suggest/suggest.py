@@ -7,14 +7,11 @@ shortens is left out, and one whose mirror image across x = 0 shortens too becom
 
 import math
 import os
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
-from wrinklecli.baking.pipeline import faults_reported
 from wrinklecli.character.pose import Clip, morph_target_names, read_clips, read_rig
 from wrinklecli.character.scene import scene_nodes
 from wrinklecli.character.surface import read_surface
@@ -22,14 +19,12 @@ from wrinklecli.errors import AssetError, BakeError, WrinkleError, listed, neare
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.method.patch import Patch, attach_tools, lengths_over_time, rest_pose
 from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.piecewise import moving_nodes
 from wrinklecli.review.suggest.folds import LEAST_LOSS, Fold, MeasuredMesh, driver_of, find_folds, lay, pose_unscaled
 from wrinklecli.review.suggest.strain import read_gauge, scan, spread_sites
 from wrinklecli.tools.read import Length, ToolsFile, WrinkleTool, parse_tools, split_side
 from wrinklecli.tools.yaml_tree import printable
-
-# Called with a stage's name, steps done and steps in all.
-Progress = Callable[[str, int, int], None]
 
 # Poses of a clip, at most: what compresses does so for longer than the 200th part of a clip.
 _MOST_POSES = 200
@@ -118,7 +113,7 @@ def suggest(
     node: str | None = None,
     fps: float = 30.0,
     allow_external: bool = False,
-    progress: Progress = lambda _stage, _done, _total: None,
+    progress: Progress = no_progress,
 ) -> Suggestions:
     """Find where clips compress an asset's surfaces, and lay tools there.
 
@@ -135,10 +130,7 @@ def suggest(
         AssetError: The asset is at fault, or already carries wrinkles; it has no such clip or node.
         BakeError: Mesh and clips are too large to measure.
     """
-    with ExitStack() as stack:
-        stack.enter_context(faults_reported(os.fspath(asset)))
-        # As in a bake: with several BLAS threads sums change their last bits, and one day a rounded number.
-        stack.enter_context(threadpool_limits(limits=1, user_api="blas"))
+    with guarded(os.fspath(asset)):
         document = read_document(asset, allow_external=allow_external)
         chosen = _chosen_clips(document, clips)
         notes: list[str] = []
