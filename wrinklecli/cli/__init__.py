@@ -9,9 +9,9 @@ import click
 
 from wrinklecli.cli.bake import bake
 from wrinklecli.cli.check import check
-from wrinklecli.cli.common import say
 from wrinklecli.cli.diff import diff
 from wrinklecli.cli.inspect import inspect
+from wrinklecli.cli.output import say
 from wrinklecli.cli.preview import preview
 from wrinklecli.cli.schema import schema
 from wrinklecli.cli.suggest import suggest

@@ -8,7 +8,19 @@ from typing import Any
 
 import click
 
-from wrinklecli.cli.common import FILE, Progress, fps_option, length, say, warn
+from wrinklecli.cli.options import (
+    FILE,
+    allow_external_option,
+    clip_option,
+    fps_option,
+    length,
+    max_levels_option,
+    quiet_option,
+    strict_option,
+    tool_option,
+    verbose_option,
+)
+from wrinklecli.cli.output import Progress, say, warn
 
 
 @click.command(
@@ -25,8 +37,8 @@ from wrinklecli.cli.common import FILE, Progress, fps_option, length, say, warn
     show_default=True,
     help="morph: keep the skin, add morph targets and their weights. frames: a posed mesh for each frame.",
 )
-@click.option("--clip", "clips", metavar="NAME", multiple=True, help="Bake only this clip; may be repeated.")
-@click.option("--tool", "only", metavar="NAME", multiple=True, help="Bake only this tool; may be repeated.")
+@clip_option("Bake only this clip; may be repeated.")
+@tool_option("Bake only this tool; may be repeated.")
 @fps_option("Frames per second; overrides sampling.fps (30).")
 @click.option(
     "--max-error",
@@ -36,7 +48,7 @@ from wrinklecli.cli.common import FILE, Progress, fps_option, length, say, warn
     callback=length,
     help="Refuse a file that is off by more: scene units, or per cent of the tallest wrinkle.",
 )
-@click.option("--max-levels", type=click.IntRange(0, 8), help="Overrides refinement.max_levels; 0 does not refine.")
+@max_levels_option()
 @click.option(
     "--accessors",
     type=click.Choice(["sparse", "dense"]),
@@ -71,13 +83,13 @@ from wrinklecli.cli.common import FILE, Progress, fps_option, length, say, warn
     "--timings", type=FILE, metavar="FILE.json", help="Write what it took: seconds by stage, frames per second, memory."
 )
 @click.option("--depfile", type=FILE, metavar="FILE.d", help="Write the files that OUT depends on, for Make and Ninja.")
-@click.option("--allow-external", is_flag=True, help="Read buffers and images outside the asset's folder too.")
+@allow_external_option()
 @click.option(
     "--replace", is_flag=True, help="Where ASSET is the output of a bake: bake its original, as if from another folder."
 )
-@click.option("--strict", is_flag=True, help="Treat warnings as refusals (exit code 3).")
-@click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
-@click.option("-v", "--verbose", is_flag=True, help="Print a line for each tool.")
+@strict_option()
+@quiet_option()
+@verbose_option()
 def bake(
     asset: str,
     tools: str,

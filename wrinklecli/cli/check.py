@@ -4,7 +4,17 @@ from typing import Any
 
 import click
 
-from wrinklecli.cli.common import FILE, Progress, emit, emit_json, fps_option
+from wrinklecli.cli.options import (
+    FILE,
+    allow_external_option,
+    clip_option,
+    fps_option,
+    json_option,
+    max_levels_option,
+    strict_option,
+    tool_option,
+)
+from wrinklecli.cli.output import Progress, emit, emit_json
 
 
 @click.command(
@@ -13,14 +23,14 @@ from wrinklecli.cli.common import FILE, Progress, emit, emit_json, fps_option
 )
 @click.argument("asset", type=FILE)
 @click.argument("tools", type=FILE)
-@click.option("--clip", "clips", metavar="NAME", multiple=True, help="Look at this clip only; may be repeated.")
-@click.option("--tool", "only", metavar="NAME", multiple=True, help="Look at this tool only; may be repeated.")
+@clip_option("Look at this clip only; may be repeated.")
+@tool_option("Look at this tool only; may be repeated.")
 @fps_option("Frames per second; overrides sampling.fps (30).")
-@click.option("--max-levels", type=click.IntRange(0, 8), help="Overrides refinement.max_levels; 0 does not refine.")
-@click.option("--allow-external", is_flag=True, help="Read buffers and images outside the asset's folder too.")
+@max_levels_option()
+@allow_external_option()
 @click.option("--plot", type=FILE, metavar="FILE.png|svg", help="Draw control curves, and heights over each clip.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
-@click.option("--strict", is_flag=True, help="Treat warnings as refusals (exit code 3).")
+@json_option("Print JSON instead of tables.")
+@strict_option()
 def check(asset: str, tools: str, plot: str | None, as_json: bool, strict: bool, **options: Any) -> None:
     """Say what the tools of TOOLS (YAML) would do to ASSET (glTF), and what is wrong with them. Bakes nothing.
 

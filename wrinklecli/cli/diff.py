@@ -6,7 +6,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from wrinklecli.cli.common import FILE, Progress, emit, emit_json, fps_option, length
+from wrinklecli.cli.options import (
+    FILE,
+    allow_external_option,
+    clip_option,
+    fps_option,
+    json_option,
+    length,
+    quiet_option,
+    verbose_option,
+)
+from wrinklecli.cli.output import Progress, emit, emit_json
 
 if TYPE_CHECKING:
     from wrinklecli.review.diff.motion import Comparison
@@ -31,12 +41,12 @@ _LINES = 10
     " diagonal). The default is eight float32 roundings, which is what the same bake may differ by between processors.",
 )
 @click.option("--posed", is_flag=True, help="Compare only what a viewer sees move: posed positions over time.")
-@click.option("--clip", "clips", metavar="NAME", multiple=True, help="Compare only this clip; may be repeated.")
+@clip_option("Compare only this clip; may be repeated.")
 @fps_option("Frames per second of the times to compare at, besides all keys.", default=30.0)
-@click.option("--allow-external", is_flag=True, help="Read buffers and images outside the assets' folders too.")
-@click.option("--json", "as_json", is_flag=True, help="Print the comparison as JSON.")
-@click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors: the exit code says it.")
-@click.option("-v", "--verbose", is_flag=True, help=f"Print every difference, not {_LINES} of each kind.")
+@allow_external_option("Read buffers and images outside the assets' folders too.")
+@json_option("Print the comparison as JSON.")
+@quiet_option("Print nothing but errors: the exit code says it.")
+@verbose_option(f"Print every difference, not {_LINES} of each kind.")
 def diff(a: str, b: str, *, as_json: bool, quiet: bool, verbose: bool, **options: Any) -> None:
     """Compare two assets (glTF), a golden A and a fresh bake B.
 

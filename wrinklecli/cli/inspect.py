@@ -4,13 +4,14 @@ from typing import Any
 
 import click
 
-from wrinklecli.cli.common import FILE, emit, emit_json
+from wrinklecli.cli.options import FILE, allow_external_option, json_option
+from wrinklecli.cli.output import emit, emit_json
 
 
 @click.command(short_help="What is in an asset.", epilog="Example: wrinkle inspect samples/trousers.glb")
 @click.argument("asset", type=FILE)
-@click.option("--allow-external", is_flag=True, help="Read buffers and images outside the asset's folder too.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a tree.")
+@allow_external_option()
+@json_option("Print JSON instead of a tree.")
 def inspect(asset: str, allow_external: bool, as_json: bool) -> None:
     """Say what is in ASSET (glTF): meshes, what deforms them, clips, bytes; of a baked file, its tools.
 

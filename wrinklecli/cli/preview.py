@@ -6,7 +6,8 @@ from typing import Any
 
 import click
 
-from wrinklecli.cli.common import FILE, Progress, fps_option, say, warn
+from wrinklecli.cli.options import FILE, allow_external_option, clip_option, fps_option, quiet_option, tool_option
+from wrinklecli.cli.output import Progress, say, warn
 
 _SIDE = (16, 16_383)  # pixels of a picture
 
@@ -71,11 +72,11 @@ def _above_0(_context: click.Context, parameter: click.Parameter, value: float |
     "-o", "--output", type=FILE, metavar="OUT", required=True, help="A .png: a sheet. A .webp or .gif: an animation."
 )
 @click.option("--tools", type=FILE, metavar="TOOLS", help="Apply these tools (YAML) without a bake, and draw them.")
-@click.option("--tool", "only", metavar="NAME", multiple=True, help="Only this tool of TOOLS; may be repeated.")
+@tool_option("Only this tool of TOOLS; may be repeated.")
 @click.option("--before", is_flag=True, help="Show ASSET without the tools beside it.")
 @click.option("--hide-tools", is_flag=True, help="Apply the tools, but do not draw them.")
 @click.option("--heat", is_flag=True, help="Colour the surface by its compression against the stored pose.")
-@click.option("--clip", "clips", metavar="NAME", multiple=True, help="Default: the first clip. May be repeated.")
+@clip_option("Default: the first clip. May be repeated.")
 @click.option("--rest", is_flag=True, help="The pose as stored, no clip.")
 @click.option(
     "--times", metavar="S,S…", callback=_numbers, help="Seconds. Default: 5 of a clip; of an animation, all of it."
@@ -102,8 +103,8 @@ def _above_0(_context: click.Context, parameter: click.Parameter, value: float |
 @click.option("--wire", is_flag=True, help="Draw the triangles' edges.")
 @click.option("--clay", is_flag=True, help="Grey, whatever the materials say.")
 @click.option("--backfaces", is_flag=True, help="Paint triangles seen from behind red.")
-@click.option("--allow-external", is_flag=True, help="Read buffers and images outside the asset's folder too.")
-@click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
+@allow_external_option()
+@quiet_option()
 def preview(
     assets: tuple[str, ...],
     output: str,

@@ -4,7 +4,8 @@ import json
 
 import click
 
-from wrinklecli.cli.common import FILE, write_text
+from wrinklecli.cli.options import FILE
+from wrinklecli.cli.output import write_text
 
 
 @click.command(short_help="JSON Schema of the tools file.", epilog="Example: wrinkle schema -o tools.schema.json")

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from wrinklecli.cli.common import FILE, Progress, emit_json, fps_option, say, warn, write_text
+from wrinklecli.cli.options import FILE, allow_external_option, clip_option, fps_option, json_option, quiet_option
+from wrinklecli.cli.output import Progress, emit_json, say, warn, write_text
 
 if TYPE_CHECKING:
     from wrinklecli.review.suggest.suggest import Suggestion, Suggestions
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 )
 @click.argument("asset", type=FILE)
 @click.option("-o", "--output", type=FILE, metavar="OUT", help="The YAML file; left out, or '-': standard output.")
-@click.option("--clip", "clips", metavar="NAME", multiple=True, help="Look at this clip only; may be repeated.")
+@clip_option("Look at this clip only; may be repeated.")
 @click.option(
     "--count",
     type=click.IntRange(1, 500),
@@ -28,9 +29,9 @@ if TYPE_CHECKING:
 )
 @click.option("--node", metavar="NAME", help="Look at the mesh of this node only.")
 @fps_option("Poses per second, but 200 of a clip at most.", default=30.0)
-@click.option("--allow-external", is_flag=True, help="Read buffers outside the asset's folder too.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON to standard output; YAML goes to -o alone.")
-@click.option("-q", "--quiet", is_flag=True, help="Print no table and no notes.")
+@allow_external_option("Read buffers outside the asset's folder too.")
+@json_option("Print JSON to standard output; YAML goes to -o alone.")
+@quiet_option("Print no table and no notes.")
 def suggest(asset: str, output: str | None, as_json: bool, quiet: bool, **options: Any) -> None:
     """Find where the clips of ASSET (glTF) compress its surface most, and write a tools file for `wrinkle bake`.
 

@@ -4,7 +4,8 @@ from typing import Any
 
 import click
 
-from wrinklecli.cli.common import FILE, fps_option, say, warn
+from wrinklecli.cli.options import FILE, allow_external_option, fps_option, quiet_option, strict_option, verbose_option
+from wrinklecli.cli.output import say, warn
 
 # Per cent: 1/256, the error of the table of weights in the node's extras.
 _LEAST_ERROR = 0.390625
@@ -40,10 +41,10 @@ def _share(_context: click.Context, parameter: click.Parameter, value: str) -> f
     callback=_share,
     help="Greatest error of a weight, per cent of the greatest; more needs fewer keys.",
 )
-@click.option("--allow-external", is_flag=True, help="Read buffers and images outside the files' folders too.")
-@click.option("--strict", is_flag=True, help="Treat warnings as refusals (exit code 3).")
-@click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
-@click.option("-v", "--verbose", is_flag=True, help="Print a line for each tool.")
+@allow_external_option("Read buffers and images outside the files' folders too.")
+@strict_option()
+@quiet_option()
+@verbose_option()
 def track(baked: str, anims: tuple[str, ...], folder: str, quiet: bool, verbose: bool, **options: Any) -> None:
     """Add the wrinkles of BAKED, a body that `wrinkle bake` has written, to clips kept in other files.
 

@@ -1,15 +1,11 @@
-"""What the commands share: checks of options, output that names cannot break out of, progress on a terminal."""
+"""What commands print: lines that names cannot break out of, JSON, warnings, a bar of progress on a terminal."""
 
 import json
-import math
 import os
 import sys
-from collections.abc import Callable
-from typing import IO, Any, TypeVar
+from typing import IO, Any
 
 import click
-
-_Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
 def printable(line: str) -> str:
@@ -50,45 +46,6 @@ def write_text(output: str | None, text: str) -> None:
 def _colours(stream: IO[str]) -> bool | None:
     """None leaves the choice to the stream: colours on a terminal only. See no-color.org."""
     return False if os.environ.get("NO_COLOR") else None if stream.isatty() else False
-
-
-def _number(_context: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
-    """A number: `nan` is in no range and outside none."""
-    if value is not None and math.isnan(value):
-        raise click.BadParameter("'nan' is not a number", param=parameter)
-    return value
-
-
-def length(_context: click.Context, parameter: click.Parameter, value: str | None) -> Any:
-    """A length in scene units, or per cent."""
-    if value is None:
-        return None
-    from wrinklecli.tools.read import Length
-
-    percent = value.endswith("%")
-    try:
-        found = float(value.removesuffix("%"))
-    except ValueError:
-        found = -1.0
-    if not 0 < found < float("inf"):
-        raise click.BadParameter(f"{value!r} is neither a length above 0 nor a percentage such as 1%", param=parameter)
-    return Length(found, percent=percent)
-
-
-def fps_option(text: str, *, default: float | None = None) -> Callable[[_Function], _Function]:
-    """The option `--fps`, with a help text."""
-    return click.option(
-        "--fps",
-        type=click.FloatRange(0.1, 1000),
-        default=default,
-        show_default=default is not None,
-        callback=_number,
-        help=text,
-    )
-
-
-# A file by name, which shells complete; whether it is there is for the core to say.
-FILE = click.Path(readable=False)
 
 
 class Progress:

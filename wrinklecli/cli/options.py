@@ -1,0 +1,91 @@
+"""The options that several commands have, each declared once."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import click
+
+# Decorates a command's function, as `click.option(…)` does.
+Option = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+# A file by name, which shells complete; whether it is there is for the core to say.
+FILE = click.Path(readable=False)
+
+
+def clip_option(text: str) -> Option:
+    """`--clip`, the names of clips: `clips`."""
+    return click.option("--clip", "clips", metavar="NAME", multiple=True, help=text)
+
+
+def tool_option(text: str) -> Option:
+    """`--tool`, the names of tools: `only`."""
+    return click.option("--tool", "only", metavar="NAME", multiple=True, help=text)
+
+
+def fps_option(text: str, *, default: float | None = None) -> Option:
+    """`--fps`, frames per second."""
+    return click.option(
+        "--fps",
+        type=click.FloatRange(0.1, 1000),
+        default=default,
+        show_default=default is not None,
+        callback=_number,
+        help=text,
+    )
+
+
+def max_levels_option() -> Option:
+    """`--max-levels`, in place of the tools file's."""
+    text = "Overrides refinement.max_levels; 0 does not refine."
+    return click.option("--max-levels", type=click.IntRange(0, 8), help=text)
+
+
+def allow_external_option(
+    text: str = "Read buffers and images outside the asset's folder too.",
+) -> Option:
+    """`--allow-external`."""
+    return click.option("--allow-external", is_flag=True, help=text)
+
+
+def json_option(text: str) -> Option:
+    """`--json`: `as_json`."""
+    return click.option("--json", "as_json", is_flag=True, help=text)
+
+
+def strict_option() -> Option:
+    """`--strict`."""
+    return click.option("--strict", is_flag=True, help="Treat warnings as refusals (exit code 3).")
+
+
+def quiet_option(text: str = "Print nothing but errors.") -> Option:
+    """`-q`, `--quiet`."""
+    return click.option("-q", "--quiet", is_flag=True, help=text)
+
+
+def verbose_option(text: str = "Print a line for each tool.") -> Option:
+    """`-v`, `--verbose`."""
+    return click.option("-v", "--verbose", is_flag=True, help=text)
+
+
+def length(_context: click.Context, parameter: click.Parameter, value: str | None) -> Any:
+    """A length in scene units, or per cent."""
+    if value is None:
+        return None
+    from wrinklecli.tools.read import Length
+
+    percent = value.endswith("%")
+    try:
+        found = float(value.removesuffix("%"))
+    except ValueError:
+        found = -1.0
+    if not 0 < found < float("inf"):
+        raise click.BadParameter(f"{value!r} is neither a length above 0 nor a percentage such as 1%", param=parameter)
+    return Length(found, percent=percent)
+
+
+def _number(_context: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
+    """A number: `nan` is in no range and outside none."""
+    if value is not None and math.isnan(value):
+        raise click.BadParameter("'nan' is not a number", param=parameter)
+    return value
