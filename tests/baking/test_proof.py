@@ -12,7 +12,7 @@ from test_morphs import BROW, PALM, Floats, Gltf, Json, edited, sample, sharp_ke
 import wrinklecli
 from wrinklecli.baking import morphs as encode
 from wrinklecli.baking import plan as plan_module
-from wrinklecli.baking.plan import Target
+from wrinklecli.baking.targets import Target
 from wrinklecli.character.pose import blend, joint_matrices, morph_weights, read_clips, transform
 from wrinklecli.errors import RefusedError
 from wrinklecli.gltf.document import read_document

@@ -29,7 +29,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from wrinklecli.baking.plan import Basis, Motion, Plan, Target, poses_of, skin_weights, targets_of
+from wrinklecli.baking.plan import Motion, Plan, poses_of, skin_weights
+from wrinklecli.baking.targets import Remix, TargetSet, named_targets, targets_of
 from wrinklecli.character.pose import Clip, blend, morph_weights, transform
 from wrinklecli.character.surface import dense_influences, read_vertices
 from wrinklecli.errors import RefusedError
@@ -90,8 +91,13 @@ def _attributes(plan: Plan) -> int:
 
 
 def fit_budget(
-    document: Document, plan: Plan, bases: list[Basis], motions: list[Motion], clips: Sequence[Clip], engine: Engine
-) -> tuple[list[Basis], list[Motion], Json]:
+    document: Document,
+    plan: Plan,
+    target_sets: list[TargetSet],
+    motions: list[Motion],
+    clips: Sequence[Clip],
+    engine: Engine,
+) -> tuple[list[TargetSet], list[Motion], Json]:
     """Hold a mesh's morph targets to what an engine plays.
 
     Weights outside 0 to 1 cost nothing: a shape that is scaled, and one that goes on with its negative, play
@@ -103,13 +109,13 @@ def fit_budget(
     Args:
         document: The source.
         plan: The tools on a mesh.
-        bases: Their targets.
+        target_sets: Their targets.
         motions: Clips that are baked.
         clips: All clips, whose poses judge joints.
         engine: Whose limits.
 
     Returns:
-        What to write in place of the bases and motions, and what was found, for the report.
+        What to write in place of the target sets and motions, and what was found, for the report.
 
     Raises:
         RefusedError: A limit cannot be held within the error bound.
@@ -120,59 +126,59 @@ def fit_budget(
     if budget.influences is not None:
         found.update(_judge_influences(document, plan, clips, budget.influences, engine))
     if budget.unit_weights:
-        bases = [_positive(basis) for basis in bases]
-        motions = _remade(bases, motions)
+        target_sets = [_positive(target_set) for target_set in target_sets]
+        motions = _remade(target_sets, motions)
         found["least_weight"] = min((float(each.weights.min(initial=0.0)) for each in motions), default=0.0)
         found["greatest_weight"] = max((float(each.weights.max(initial=0.0)) for each in motions), default=0.0)
         found["least_weight_of_asset"] = min(
             (float(morph_weights(plan.rig, each.clip, each.times).min(initial=0.0)) for each in motions), default=0.0
         )
-    if _excess(plan, bases, motions, budget):
+    if _excess(plan, target_sets, motions, budget):
         tolerance = _REDUCTION_SHARE * plan.max_error
         fewer = [
-            _reduced(basis, tolerance) if budget.active is None else _fewest_at_once(plan, basis, tolerance)
-            for basis in bases
+            _reduced(target_set, tolerance) if budget.active is None else _fewest_at_once(plan, target_set, tolerance)
+            for target_set in target_sets
         ]
-        for old, (basis, error) in zip(bases, fewer, strict=True):
-            if basis is not old:
+        for old, (target_set, error) in zip(target_sets, fewer, strict=True):
+            if target_set is not old:
                 found["reduced"].append(
                     {
-                        "tool": basis.carried.patch.tool.name,
+                        "tool": target_set.carried.patch.tool.name,
                         "from": len(targets_of([old])),
-                        "to": len(targets_of([basis])),
-                        "at_once": _at_once(basis),
+                        "to": len(targets_of([target_set])),
+                        "at_once": _at_once(target_set),
                         "error": float(f"{error:.3e}"),
                     }
                 )
-        bases = [basis for basis, _ in fewer]
-        motions = _remade(bases, motions)
+        target_sets = [target_set for target_set, _ in fewer]
+        motions = _remade(target_sets, motions)
         if budget.active is not None:
-            bases, motions = _keyed_at_turns(plan, bases, motions)
-    excess = _excess(plan, bases, motions, budget)
+            target_sets, motions = _keyed_at_turns(plan, target_sets, motions)
+    excess = _excess(plan, target_sets, motions, budget)
     if excess:
         raise RefusedError(
             f"{excess}; --engine {engine} allows {budget.targets or budget.active}. Fewer bumps,"
             " `strategy: everywhere`, fewer tools on this mesh or a larger --max-error would help",
             where=name,
         )
-    found["targets"] = len(plan.rig.morph_names) + len(targets_of(bases))
+    found["targets"] = len(plan.rig.morph_names) + len(targets_of(target_sets))
     found["active"] = max((int(_active(plan, motion)[0].sum()) for motion in motions), default=0)
     found["active_attributes"] = found["active"] * _attributes(plan)
-    return bases, motions, found
+    return target_sets, motions, found
 
 
-def _excess(plan: Plan, bases: Sequence[Basis], motions: Sequence[Motion], budget: Budget) -> str:
+def _excess(plan: Plan, target_sets: Sequence[TargetSet], motions: Sequence[Motion], budget: Budget) -> str:
     """What exceeds the limits on targets; empty where they hold."""
     own = len(plan.rig.morph_names)
-    count = own + len(targets_of(bases))
+    count = own + len(targets_of(target_sets))
     if budget.targets is not None and count > budget.targets:
         return f"has {count} morph targets, {own} of them the asset's own"
     if budget.active is not None:
         for motion in motions:
             shown, time = _active(plan, motion)
             if shown.sum() > budget.active:
-                ends = np.cumsum([own, *(len(targets_of([basis])) for basis in bases)])
-                users = ["the asset's own", *(basis.carried.patch.tool.name for basis in bases)]
+                ends = np.cumsum([own, *(len(targets_of([target_set])) for target_set in target_sets)])
+                users = ["the asset's own", *(target_set.carried.patch.tool.name for target_set in target_sets)]
                 counts = [int(each.sum()) for each in np.split(shown, ends[:-1])]
                 listed = ", ".join(f"{many} of {user}" for user, many in zip(users, counts, strict=True) if many)
                 return f"needs {int(shown.sum())} morph targets at once in {motion.clip.name} at {time:.3g} s: {listed}"
@@ -226,43 +232,43 @@ def _judge_influences(document: Document, plan: Plan, clips: Sequence[Clip], lim
     return {"vertices_over_influences": len(over), "influence_error": float(f"{error:.3e}")}
 
 
-def _remade(bases: Sequence[Basis], motions: Sequence[Motion]) -> list[Motion]:
+def _remade(target_sets: Sequence[TargetSet], motions: Sequence[Motion]) -> list[Motion]:
     made = []
     for index, motion in enumerate(motions):
-        columns = [basis.written(basis.weights[index]) for basis in bases]
+        columns = [target_set.written(target_set.weights[index]) for target_set in target_sets]
         made.append(replace(motion, weights=np.concatenate(columns, axis=1)))
     return made
 
 
-def _path(basis: Basis) -> Floats:
+def _path(target_set: TargetSet) -> Floats:
     """(rows, shapes) weights that a tool's targets take: over all shortenings, or as sampled where it has no curve."""
-    if not basis.from_skin:
-        return np.concatenate(basis.weights) if basis.weights else np.zeros((0, len(basis.targets)))
-    table = basis.of_curve(weight_path(basis.carried.patch.curve))
-    tool, strength = basis.carried.patch.tool, basis.carried.patch.shape_strength
+    if not target_set.from_skin:
+        return np.concatenate(target_set.weights) if target_set.weights else np.zeros((0, len(target_set.targets)))
+    table = target_set.shape_weights(weight_path(target_set.carried.patch.curve))
+    tool, strength = target_set.carried.patch.tool, target_set.carried.patch.shape_strength
     factors = [1.0, *(each / strength for each in tool.clips.values())] if strength else [1.0]
     return np.concatenate([factor * table for factor in factors])
 
 
-def _positive(basis: Basis) -> Basis:
+def _positive(target_set: TargetSet) -> TargetSet:
     """The same motion with weights from 0 to 1: shapes scaled, and those of negative weights gone on with."""
-    path = _path(basis)
+    path = _path(target_set)
     peaks = np.maximum(np.abs(path).max(axis=0, initial=0.0), 1.0)
     negative: Bools = np.any(path < 0, axis=0)
-    split = tuple(column for column, target in enumerate(basis.targets) if target is not None and negative[column])
+    split = tuple(column for column, target in enumerate(target_set.targets) if target is not None and negative[column])
     if not split and (peaks == 1.0).all():
-        return basis
+        return target_set
     shapes = [
         None if each is None else _sum([each.shape], np.array([peak]))
-        for each, peak in zip(basis.targets, peaks, strict=True)
+        for each, peak in zip(target_set.targets, peaks, strict=True)
     ]
     negated = [_sum([shape], np.array([-1.0])) for shape in (shapes[column] for column in split) if shape is not None]
     scaled = np.diag(peaks)
     unmix = np.concatenate([scaled, -scaled[list(split)]])
-    return _rebased(basis, [*shapes, *negated], np.diag(1.0 / peaks), unmix, split=split)
+    return _remixed(target_set, [*shapes, *negated], Remix(np.diag(1.0 / peaks), unmix, split=split))
 
 
-def _reduced(basis: Basis, tolerance: float) -> tuple[Basis, float]:
+def _reduced(target_set: TargetSet, tolerance: float) -> tuple[TargetSet, float]:
     """A tool's fewest targets that give all heights within a tolerance, and their error; scene units.
 
     All shapes of a tool together: full bumps of a polyline with details still change a little, all alike. (Each
@@ -271,13 +277,13 @@ def _reduced(basis: Basis, tolerance: float) -> tuple[Basis, float]:
     Source: C. Eckart, G. Young, *The approximation of one matrix by another of lower rank*, 1936. Differs: the
     error is the greatest over bumps, which lie side by side, and rows of the table, of the sum over modes.
     """
-    written = [column for column, target in enumerate(basis.targets) if target is not None]
-    if not basis.from_skin or len(written) < 2:
-        return basis, 0.0
-    old = [target.shape for target in basis.targets if target is not None]
+    written = [column for column, target in enumerate(target_set.targets) if target is not None]
+    if not target_set.from_skin or len(written) < 2:
+        return target_set, 0.0
+    old = [target.shape for target in target_set.targets if target is not None]
     heights = np.array([shape.tallest for shape in old])
-    path = _path(basis)[:, written] * heights
-    groups = np.array(written) // basis.carried.patch.curve.greatest_amplitudes.shape[1]
+    path = _path(target_set)[:, written] * heights
+    groups = np.array(written) // target_set.carried.patch.curve.greatest_amplitudes.shape[1]
     starts = np.flatnonzero(np.diff(groups, prepend=-1))
     _, _, right = np.linalg.svd(path, full_matrices=False)
     for rank in range(1, len(written)):
@@ -288,34 +294,34 @@ def _reduced(basis: Basis, tolerance: float) -> tuple[Basis, float]:
             continue
         weights = path @ axes.T
         peaks = weights[np.argmax(np.abs(weights), axis=0), np.arange(rank)]
-        mix = np.zeros((len(basis.targets), rank))
+        mix = np.zeros((len(target_set.targets), rank))
         mix[written] = heights[:, None] * axes.T / peaks
         shares = axes * peaks[:, None] / heights
-        unmix = np.zeros((rank, len(basis.targets)))
+        unmix = np.zeros((rank, len(target_set.targets)))
         unmix[:, written] = shares
-        return _rebased(basis, [_sum(old, row) for row in shares], mix, unmix), error
-    return basis, 0.0
+        return _remixed(target_set, [_sum(old, row) for row in shares], Remix(mix, unmix)), error
+    return target_set, 0.0
 
 
-def _fewest_at_once(plan: Plan, basis: Basis, tolerance: float) -> tuple[Basis, float]:
+def _fewest_at_once(plan: Plan, target_set: TargetSet, tolerance: float) -> tuple[TargetSet, float]:
     """A tool on those shapes of which the fewest act at a time, and their error; the exact ones among equals."""
     choices = [
-        (basis, 0.0),
-        (_in_turn(basis, _LEAST_SHARE * tolerance / plan.tallest), 0.0),
-        _reduced(basis, tolerance),
+        (target_set, 0.0),
+        (_in_turn(target_set, _LEAST_SHARE * tolerance / plan.tallest), 0.0),
+        _reduced(target_set, tolerance),
     ]
     return min(choices, key=lambda choice: _at_once(choice[0]))
 
 
-def _at_once(basis: Basis) -> int:
+def _at_once(target_set: TargetSet) -> int:
     """Most targets of a tool with a weight other than 0 at a time, over all shortenings; all, without a curve."""
-    if not basis.from_skin:
-        return len(targets_of([basis]))
-    shown: Bools = basis.written(basis.of_curve(weight_path(basis.carried.patch.curve))) != 0
+    if not target_set.from_skin:
+        return len(targets_of([target_set]))
+    shown: Bools = target_set.written(target_set.shape_weights(weight_path(target_set.carried.patch.curve))) != 0
     return int((shown[:-1] | shown[1:]).sum(axis=1).max())
 
 
-def _in_turn(basis: Basis, least: float) -> Basis:
+def _in_turn(target_set: TargetSet, least: float) -> TargetSet:
     """The same motion with few targets at a time where a tool's bumps rise one after another.
 
     Each group of bumps rises when those before it are full and stay so. Target k has the first k groups at their
@@ -324,15 +330,15 @@ def _in_turn(basis: Basis, least: float) -> Basis:
     overlap, so files grow: samples/head.glb with its tools from 2.7 to 4.3 MB.
 
     Args:
-        basis: The tool, on the shapes of its curve.
+        target_set: The tool, on the shapes of its curve.
         least: Weights that may be left out.
     """
-    greatest = basis.carried.patch.curve.greatest_amplitudes
+    greatest = target_set.carried.patch.curve.greatest_amplitudes
     groups, modes = greatest.shape
-    if not basis.from_skin or groups < 2:
-        return basis
-    has = np.array([target is not None for target in basis.targets]).reshape(groups, modes)
-    shares, mix = np.zeros((2, len(basis.targets), len(basis.targets)))
+    if not target_set.from_skin or groups < 2:
+        return target_set
+    has = np.array([target is not None for target in target_set.targets]).reshape(groups, modes)
+    shares, mix = np.zeros((2, len(target_set.targets), len(target_set.targets)))
     numbers = np.arange(groups * modes).reshape(groups, modes)
     for mode in range(modes):
         acting = numbers[has[:, mode], mode]
@@ -343,30 +349,32 @@ def _in_turn(basis: Basis, least: float) -> Basis:
             mix[column, column] = 1.0
             if k:
                 mix[column, acting[k - 1]] = -heights[k] / heights[k - 1]
-    old = [target.shape for target in basis.targets if target is not None]
+    old = [target.shape for target in target_set.targets if target is not None]
     shapes = [
         _sum(old, row[has.reshape(-1)]) if target is not None else None
-        for row, target in zip(shares, basis.targets, strict=True)
+        for row, target in zip(shares, target_set.targets, strict=True)
     ]
-    return _rebased(basis, shapes, mix, shares, least=least)
+    return _remixed(target_set, shapes, Remix(mix, shares, least=least))
 
 
-def _keyed_at_turns(plan: Plan, bases: Sequence[Basis], motions: Sequence[Motion]) -> tuple[list[Basis], list[Motion]]:
+def _keyed_at_turns(
+    plan: Plan, target_sets: Sequence[TargetSet], motions: Sequence[Motion]
+) -> tuple[list[TargetSet], list[Motion]]:
     """Keys where one group of bumps is full and the next begins, so that no interval shows three groups of a tool."""
     series: list[tuple[Floats, ...]] = []
     made = []
     for index, motion in enumerate(motions):
         times, keys = motion.times, motion.keys
-        weights = [basis.weights[index] for basis in bases]
-        for number, basis in enumerate(bases):
-            while basis.least > 0:
-                turns = _turns(plan, basis, motion.clip, times[keys], weights[number][keys])
+        weights = [target_set.weights[index] for target_set in target_sets]
+        for number, target_set in enumerate(target_sets):
+            while target_set.remix is not None and target_set.remix.least > 0:
+                turns = _turns(plan, target_set, motion.clip, times[keys], weights[number][keys])
                 if not len(turns):
                     break
                 fresh = np.setdiff1d(turns, times)
                 if len(fresh):
                     places = np.searchsorted(times, fresh)
-                    for other, each in enumerate(bases):
+                    for other, each in enumerate(target_sets):
                         inserted = _weights_at(plan, each, motion.clip, weights[other], times, fresh)
                         weights[other] = np.insert(weights[other], places, inserted, axis=0)
                     keyed = np.union1d(times[keys], turns)
@@ -375,23 +383,24 @@ def _keyed_at_turns(plan: Plan, bases: Sequence[Basis], motions: Sequence[Motion
                 else:
                     keys = np.union1d(keys, np.searchsorted(times, turns))
         series.append(tuple(weights))
-        patches = [basis.carried.patch for basis in bases]
+        patches = [target_set.carried.patch for target_set in target_sets]
         seen = further_activities(
             patches, plan.rig, plan.rest, motion.clip, times, known=motion.seen, known_at=motion.times
         )
         made.append(replace(motion, times=times, keys=keys, seen=tuple(seen)))
     extended = [
-        replace(basis, weights=weights) for basis, weights in zip(bases, zip(*series, strict=True), strict=True)
+        replace(target_set, weights=weights)
+        for target_set, weights in zip(target_sets, zip(*series, strict=True), strict=True)
     ]
     return extended, _remade(extended, made)
 
 
-def _turns(plan: Plan, basis: Basis, clip: Clip, keys: Floats, weights: Floats) -> Floats:
+def _turns(plan: Plan, target_set: TargetSet, clip: Clip, keys: Floats, weights: Floats) -> Floats:
     """Times between keys when one group of a tool is full and no more have begun, where an interval shows three.
 
     Args:
         plan: The tools on a mesh.
-        basis: One whose bumps rise in turn.
+        target_set: One whose bumps rise in turn.
         clip: The animation.
         keys: (keys,) seconds.
         weights: (keys, shapes).
@@ -401,7 +410,7 @@ def _turns(plan: Plan, basis: Basis, clip: Clip, keys: Floats, weights: Floats) 
     """
 
     def groups(of: Floats) -> Bools:
-        shape = basis.carried.patch.curve.greatest_amplitudes.shape
+        shape = target_set.carried.patch.curve.greatest_amplitudes.shape
         found: Bools = (of != 0).reshape(len(of), *shape).any(axis=2)
         return found
 
@@ -423,47 +432,22 @@ def _turns(plan: Plan, basis: Basis, clip: Clip, keys: Floats, weights: Floats) 
         inside = (middle != near) & (middle != far)
         if not inside.any():
             return np.setdiff1d(near, keys)
-        below = highest(basis.of_curve(skin_weights(plan, basis.carried, clip, middle))) <= top
+        below = highest(target_set.shape_weights(skin_weights(plan, target_set.carried, clip, middle))) <= top
         near, far = np.where(inside & below, middle, near), np.where(inside & ~below, middle, far)
 
 
-def _weights_at(plan: Plan, basis: Basis, clip: Clip, weights: Floats, times: Floats, fresh: Floats) -> Floats:
+def _weights_at(plan: Plan, target_set: TargetSet, clip: Clip, weights: Floats, times: Floats, fresh: Floats) -> Floats:
     """(fresh, shapes) weights of a tool at more times: its own, or between those sampled where it has no curve."""
-    if basis.from_skin:
-        return basis.of_curve(skin_weights(plan, basis.carried, clip, fresh))
+    if target_set.from_skin:
+        return target_set.shape_weights(skin_weights(plan, target_set.carried, clip, fresh))
     columns = [np.interp(fresh, times, column) for column in weights.T]
     return np.stack(columns, axis=1) if columns else np.zeros((len(fresh), 0))
 
 
-def _rebased(
-    basis: Basis,
-    shapes: Sequence[Shape | None],
-    mix: Floats,
-    unmix: Floats,
-    *,
-    split: tuple[int, ...] = (),
-    least: float = 0.0,
-) -> Basis:
-    """A tool on other shapes.
-
-    Args:
-        basis: The tool.
-        shapes: In place of its own.
-        mix: (old shapes, new shapes before the split) by which its weights are multiplied.
-        unmix: (new shapes, old shapes) what the new ones are made of.
-        split: Columns whose negative weights drive shapes of their own.
-        least: Weights up to this are 0.
-    """
-    identifier = basis.carried.patch.tool.identifier
-    numbers = np.cumsum([shape is not None for shape in shapes])
-    targets = tuple(
-        None if shape is None else Target(f"wrinkle_{identifier}_{number}", shape)
-        for shape, number in zip(shapes, numbers, strict=True)
-    )
-    whole = mix if basis.mix is None else basis.mix @ mix
-    made_of = unmix if basis.unmix is None else unmix @ basis.unmix
-    made = replace(basis, targets=targets, mix=whole, split=split, unmix=made_of, least=least)
-    return replace(made, weights=tuple(made.parted(weights @ mix) for weights in basis.weights))
+def _remixed(target_set: TargetSet, shapes: Sequence[Shape | None], remix: Remix) -> TargetSet:
+    """A tool on other shapes than its own, which are those of its curve."""
+    weights = tuple(remix.weights(each) for each in target_set.weights)
+    return replace(target_set, targets=named_targets(target_set.carried, shapes), weights=weights, remix=remix)
 
 
 def _sum(shapes: Sequence[Shape], factors: Floats) -> Shape:

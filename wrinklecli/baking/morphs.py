@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from wrinklecli.baking.plan import Basis, Motion, Plan, Target, skin_weights, targets_of
+from wrinklecli.baking.plan import Motion, Plan, skin_weights
+from wrinklecli.baking.targets import Target, TargetSet, targets_of
 from wrinklecli.character.pose import Clip, Rig, morph_target_names, read_clips
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import TRIANGLES, Document, Json
@@ -118,19 +119,28 @@ def parts_of(fine: Refinement, groups: Sequence[int] | None = None) -> list[Part
 
 
 def encode_morphs(
-    draft: Draft, plan: Plan, bases: list[Basis], motions: Sequence[Motion], *, sparse: bool, tangents: bool = False
+    draft: Draft,
+    plan: Plan,
+    target_sets: list[TargetSet],
+    motions: Sequence[Motion],
+    *,
+    sparse: bool,
+    tangents: bool = False,
 ) -> None:
     """Put meshes, targets, tracks and extras into the draft."""
     rig = plan.rig
-    targets = targets_of(bases)
+    targets = targets_of(target_sets)
     # In the stored pose nothing is wrinkled, unless the tools file names another pose as rest.
     known = np.zeros(len(targets))
-    if all(each.from_skin for each in bases):
-        stored = [each.written(each.of_curve(skin_weights(plan, each.carried, None, np.zeros(1)))) for each in bases]
+    if all(each.from_skin for each in target_sets):
+        stored = [
+            each.written(each.shape_weights(skin_weights(plan, each.carried, None, np.zeros(1))))
+            for each in target_sets
+        ]
         known = np.concatenate(stored, axis=1)[0]
     groups = shared_vertices(draft.source, rig.mesh, plan.fine)
     encode_mesh(draft, rig, plan.fine, targets, sparse=sparse, stored=known, tangents=tangents, groups=groups)
-    encode_extras(draft, plan, bases)
+    encode_extras(draft, plan, target_sets)
     baked = {motion.clip.index for motion in motions}
     for clip in read_clips(draft.source):
         channel = clip.channel(rig.node, "weights")
@@ -450,7 +460,7 @@ def encode_track(draft: Draft, clip: Clip, node: int, track: Track) -> None:
         animation["channels"].append({"sampler": number, "target": {"node": node, "path": "weights"}})
 
 
-def encode_extras(draft: Draft, plan: Plan, bases: Sequence[Basis]) -> None:
+def encode_extras(draft: Draft, plan: Plan, target_sets: Sequence[TargetSet]) -> None:
     """Write the tools into the node's extras, enough to play wrinkles for a clip that was never baked.
 
     An engine poses both anchors (the sum over joints of weight · matrix · position, where the matrix is the joint's
@@ -466,7 +476,9 @@ def encode_extras(draft: Draft, plan: Plan, bases: Sequence[Basis]) -> None:
     node = draft.gltf["nodes"][rig.node]
     if not isinstance(node.setdefault("extras", {}), dict):
         return
-    undriven = [target.name for target in targets_of(basis for basis in bases if not basis.from_skin)]
+    undriven = [
+        target.name for target in targets_of(target_set for target_set in target_sets if not target_set.from_skin)
+    ]
     node["extras"]["wrinkle"] = {
         "method": METHOD,
         "tools": [
@@ -477,12 +489,12 @@ def encode_extras(draft: Draft, plan: Plan, bases: Sequence[Basis]) -> None:
                 "rest_length": _digits(patch.rest_length),
                 **_driven_json(patch),
                 **_strengths_json(patch),
-                "targets": [target.name for target in targets_of([basis])],
-                **(_table_json(basis) if _is_constant(patch) else _curve_json(basis)),
+                "targets": [target.name for target in targets_of([target_set])],
+                **(_table_json(target_set) if _is_constant(patch) else _curve_json(target_set)),
             }
-            for basis in bases
-            if basis.from_skin
-            for patch in (basis.carried.patch,)
+            for target_set in target_sets
+            if target_set.from_skin
+            for patch in (target_set.carried.patch,)
         ],
         **({"undriven": undriven} if undriven else {}),
     }
@@ -512,27 +524,29 @@ def _strengths_json(patch: Patch) -> Json:
     return {"strengths": factors} if factors else {}
 
 
-def _table_json(basis: Basis) -> Json:
-    rows, weights = tabulate_weights(basis.carried.patch.curve, lambda each: basis.written(basis.of_curve(each)))
+def _table_json(target_set: TargetSet) -> Json:
+    rows, weights = tabulate_weights(
+        target_set.carried.patch.curve, lambda each: target_set.written(target_set.shape_weights(each))
+    )
     return {
         "shortenings": [_digits(value) for value in rows],
         "weights": [[_digits(value, _TABLE_DIGITS) for value in row] for row in weights],
     }
 
 
-def _curve_json(basis: Basis) -> Json:
+def _curve_json(target_set: TargetSet) -> Json:
     """The control curve for all rest lengths that keys or a morph target give it."""
-    patch = basis.carried.patch
+    patch = target_set.carried.patch
     wanted = patch.tool.rest_length
     lengths = [patch.span]
     if isinstance(wanted, RestLengthMorph):
         lengths.append(wanted.full.resolve(patch.span))
     if isinstance(wanted, RestLengthKeys):
         lengths += [length.resolve(patch.span) for keys in wanted.keys.values() for _, length in keys]
-    count = patch.curve.greatest_amplitudes.size
-    mix = np.eye(count) if basis.mix is None else basis.mix
-    mix = basis.written(np.concatenate([mix, -mix[:, list(basis.split)]], axis=1)).T
-    table = tabulate_curve(patch.curve, min(lengths), max(lengths), mix=mix, positive=bool(basis.split))
+    remix = target_set.remix
+    mix = np.eye(patch.curve.greatest_amplitudes.size) if remix is None else remix.signed_mix
+    positive = remix is not None and bool(remix.split)
+    table = tabulate_curve(patch.curve, min(lengths), max(lengths), mix=target_set.written(mix).T, positive=positive)
     limited = {"distances": table.distances, "capacities": table.capacities} if len(table.distances) else {}
     return {
         "curve": {
@@ -544,7 +558,7 @@ def _curve_json(basis: Basis) -> Json:
             "rises": [[_digits(value) for value in row] for row in table.rises],
             "mix": [[_digits(value) for value in row] for row in table.mix],
             **({"positive": True} if table.positive else {}),
-            **({"least": _digits(basis.least)} if basis.least else {}),
+            **({"least": _digits(remix.least)} if remix is not None and remix.least else {}),
         }
     }
 

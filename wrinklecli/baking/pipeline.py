@@ -9,9 +9,10 @@ from typing import Literal
 from wrinklecli.baking.budget import BUDGETS, Engine, fit_budget
 from wrinklecli.baking.frames import Frames, encode_frames, exported_frames
 from wrinklecli.baking.morphs import encode_morphs
-from wrinklecli.baking.plan import Basis, Mode, Motion, Plan, plan_mesh, sample_clips, targets_of
+from wrinklecli.baking.plan import Mode, Motion, Plan, plan_mesh, sample_clips
 from wrinklecli.baking.proof import Residual, prove
 from wrinklecli.baking.report import Baked, Report, make_report
+from wrinklecli.baking.targets import TargetSet, targets_of
 from wrinklecli.baking.timings import StageClock, make_timings
 from wrinklecli.character.pose import Clip, morph_target_names, read_clips
 from wrinklecli.errors import AssetError, BakeError, ConfigError, RefusedError, WrinkleError, listed, nearest
@@ -130,28 +131,30 @@ def bake(
         clock.ends("plan")
         for plan in plans:
             motions: list[Motion] = []
-            bases: list[Basis] = []
+            target_sets: list[TargetSet] = []
             residuals: dict[str, Residual] = {}
             if frames_dir is not None or mode == "frames":
-                bases, motions = sample_clips(plan, job.clips, fps=fps_wanted, mode="frames", progress=progress)
+                target_sets, motions = sample_clips(plan, job.clips, fps=fps_wanted, mode="frames", progress=progress)
                 if not motions:
                     raise BakeError("has no clip: there is no frame to write", where=document.path)
-                frames.append(Frames(plan.rig, plan.fine, targets_of(bases), tuple(motions)))
+                frames.append(Frames(plan.rig, plan.fine, targets_of(target_sets), tuple(motions)))
                 clock.ends("sample")
             if mode == "morph" and out is not None:
-                bases, motions = sample_clips(plan, job.clips, fps=fps_wanted, mode="morph", progress=progress)
+                target_sets, motions = sample_clips(plan, job.clips, fps=fps_wanted, mode="morph", progress=progress)
                 clock.ends("sample")
                 if engine is not None:
-                    bases, motions, budget = fit_budget(document, plan, bases, motions, job.every_clip, engine)
+                    target_sets, motions, budget = fit_budget(
+                        document, plan, target_sets, motions, job.every_clip, engine
+                    )
                     budgets.append(budget)
                     clock.ends("budget")
                 tracked = motions if tracks == "all" else ()
-                encode_morphs(draft, plan, bases, tracked, sparse=accessors == "sparse", tangents=morph_tangents)
+                encode_morphs(draft, plan, target_sets, tracked, sparse=accessors == "sparse", tangents=morph_tangents)
                 clock.ends("encode")
                 if tracks == "all":
-                    residuals = prove(draft, plan, bases, motions, details=details, progress=progress)
+                    residuals = prove(draft, plan, target_sets, motions, details=details, progress=progress)
                     clock.ends("prove")
-            baked.append(Baked(plan, bases, motions, residuals))
+            baked.append(Baked(plan, target_sets, motions, residuals))
         report = make_report(document, settings, mode, baked, warnings, details=details)
         if engine is not None:
             report.data["engine"] = {"name": engine, "limits": asdict(BUDGETS[engine]), "meshes": budgets}

@@ -17,12 +17,13 @@ Arrays are small, to stay in a core's cache, so threads wait for the interpreter
 
 import math
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
+from wrinklecli.baking.targets import TargetSet, named_targets
 from wrinklecli.character.pose import Clip, Rig, joint_matrices, read_rig
 from wrinklecli.character.surface import read_surface
 from wrinklecli.errors import AssetError, BakeError
@@ -101,59 +102,6 @@ class Plan:
     max_error: float
     scale: float
     has_normals: bool
-
-
-@dataclass(frozen=True, slots=True)
-class Target:
-    """A morph target to write: its name and shape."""
-
-    name: str
-    shape: Shape
-
-
-@dataclass(frozen=True, slots=True)
-class Basis:
-    """One tool's morph targets.
-
-    Attributes:
-        carried: The tool.
-        targets: One for each shape; None for a shape that never shows, which is not written.
-        weights: For each sampled clip, (frames, shapes).
-        mix: (the curve's shapes, shapes) where an engine's budget asks for other shapes than the curve's.
-        split: Columns of that product whose negative weights drive shapes of their own, which follow.
-        unmix: (shapes, the curve's shapes) what these shapes are made of; None where they are the curve's.
-        least: Weights up to this are written as 0.
-    """
-
-    carried: CarriedPatch
-    targets: tuple[Target | None, ...]
-    weights: tuple[Floats, ...]
-    mix: Floats | None = None
-    split: tuple[int, ...] = ()
-    unmix: Floats | None = None
-    least: float = 0.0
-
-    @property
-    def from_skin(self) -> bool:
-        """Whether weights follow from the anchors' distance alone."""
-        return self.carried.patch.tool.attachment == "skin"
-
-    def of_curve(self, weights: Floats) -> Floats:
-        """(frames, shapes) weights of the targets from (frames, …) weights of the curve's amplitudes."""
-        flat = weights.reshape(len(weights), -1)
-        return flat if self.mix is None else self.parted(flat @ self.mix)
-
-    def parted(self, weights: Floats) -> Floats:
-        """(frames, shapes) weights, the negative ones of `split` columns in columns of their own, the least as 0."""
-        columns = list(self.split)
-        kept = np.where(np.abs(weights) > self.least, weights, 0.0)
-        apart = np.maximum(-kept[:, columns], 0.0)
-        kept[:, columns] = np.maximum(kept[:, columns], 0.0)
-        return np.concatenate([kept, apart], axis=1)
-
-    def written(self, weights: Floats) -> Floats:
-        """The columns of (frames, shapes) weights that have a target."""
-        return weights[:, [index for index, target in enumerate(self.targets) if target is not None]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,7 +205,7 @@ def poses_of(rig: Rig, clips: Sequence[Clip], joints: Ints | None = None) -> Flo
 
 def sample_clips(
     plan: Plan, clips: Sequence[Clip], *, fps: float, mode: Mode, progress: Progress
-) -> tuple[list[Basis], list[Motion]]:
+) -> tuple[list[TargetSet], list[Motion]]:
     """Run the tools over the clips that move their mesh.
 
     Args:
@@ -297,7 +245,7 @@ def sample_clips(
             times.append(found[0])
             keys.append(found[1])
         progress("sampling", end, ends[-1])
-    bases: list[Basis] = []
+    target_sets: list[TargetSet] = []
     patches = [each.patch for each in plan.carried_patches]
     seen = [tuple(activities(patches, rig, plan.rest, clip, at)) for clip, at in zip(chosen, times, strict=True)]
     for number, carried in enumerate(plan.carried_patches):
@@ -306,12 +254,12 @@ def sample_clips(
             weights = [_weights(carried, clip, each[number]) for clip, each in zip(chosen, seen, strict=True)]
         else:
             shapes, weights = _compressed(plan, carried, list(zip(chosen, times, strict=True)))
-        bases.append(Basis(carried, tuple(_named(carried, shapes)), tuple(weights)))
+        target_sets.append(TargetSet(carried, named_targets(carried, shapes), tuple(weights)))
     motions = []
     for index, (clip, at, kept, done) in enumerate(zip(chosen, times, keys, seen, strict=True)):
-        columns = [basis.written(basis.weights[index]) for basis in bases]
+        columns = [target_set.written(target_set.weights[index]) for target_set in target_sets]
         motions.append(Motion(clip, at, np.concatenate(columns, axis=1), kept, done))
-    return bases, motions
+    return target_sets, motions
 
 
 def takes_of(plan: Plan, clips: Sequence[Clip]) -> list[int]:
@@ -428,19 +376,6 @@ def _compressed(
         samples=together[rows] if plan.has_normals else None,
     )
     return shapes, weights
-
-
-def targets_of(bases: Iterable[Basis]) -> tuple[Target, ...]:
-    """The morph targets of all tools, in order."""
-    return tuple(target for basis in bases for target in basis.targets if target is not None)
-
-
-def _named(carried: CarriedPatch, shapes: Iterable[Shape | None]) -> Iterable[Target | None]:
-    """Targets `wrinkle_TOOL_1`, `wrinkle_TOOL_2` … for the shapes that there are."""
-    number = 0
-    for shape in shapes:
-        number += shape is not None
-        yield None if shape is None else Target(f"wrinkle_{carried.patch.tool.identifier}_{number}", shape)
 
 
 def _has_normals(document: Document, mesh: int) -> bool:

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrinklecli.baking.morphs import Part, parts_of, shared_vertices
-from wrinklecli.baking.plan import Basis, Motion, Plan, takes_of, targets_of
+from wrinklecli.baking.plan import Motion, Plan, takes_of
+from wrinklecli.baking.targets import TargetSet, targets_of
 from wrinklecli.character.pose import Clip, Rig, joint_matrices, morph_weights, read_clips, read_rig
 from wrinklecli.character.skin import pose, prepare
 from wrinklecli.character.surface import dense_influences, read_vertices
@@ -80,7 +81,7 @@ class Proof:
 def prove(
     draft: Draft,
     plan: Plan,
-    bases: list[Basis],
+    target_sets: list[TargetSet],
     motions: Sequence[Motion],
     *,
     details: bool,
@@ -91,7 +92,7 @@ def prove(
     Raises:
         RefusedError: A vertex is further off than the plan's bound.
     """
-    carried_patches = [basis.carried for basis in bases]
+    carried_patches = [target_set.carried for target_set in target_sets]
     parts = parts_of(plan.fine, shared_vertices(draft.source, plan.rig.mesh, plan.fine))
     proof = read_back(draft.document(), plan.rig.node, plan.fine, carried_patches, parts)
     written = {clip.index: clip for clip in proof.clips}
@@ -103,7 +104,7 @@ def prove(
         clip = written[motion.clip.index]
         # The same in the source and in the file as a clip before it.
         if take not in proven or not clip.moves_as(proven[take][0]):
-            residual = compare(proof, motion, plan.fine, bases, plan.rig, plan.rest, with_normals=details)
+            residual = compare(proof, motion, plan.fine, target_sets, plan.rig, plan.rest, with_normals=details)
             proven[take] = clip, residual
         residual = proven[take][1]
         worst = max(residual.position, residual.weights)
@@ -166,7 +167,7 @@ def compare(
     proof: Proof,
     motion: Motion,
     fine: Refinement,
-    bases: Sequence[Basis],
+    target_sets: Sequence[TargetSet],
     rig: Rig,
     rest: Rest,
     *,
@@ -178,12 +179,12 @@ def compare(
         proof: The file's side.
         motion: The clip as it was in the source, and the times at which it was sampled.
         fine: The refined surface; its skin weights are not pruned.
-        bases: All tools.
+        target_sets: All tools.
         rig: Of the source.
         rest: The rest pose.
         with_normals: Also compare normals, which takes several times as long.
     """
-    carried_patches = [basis.carried for basis in bases]
+    carried_patches = [target_set.carried for target_set in target_sets]
     clip = motion.clip
     written = next(each for each in proof.clips if each.index == clip.index)
     every = _all_times(motion.times)
@@ -216,7 +217,7 @@ def compare(
     if angles:
         together = np.concatenate(angles)
         normal = float(np.percentile(together, 99)) if len(together) else 0.0
-    return Residual(worst, worst_time, _height_error(proof, written, clip, every, bases, activities_), normal)
+    return Residual(worst, worst_time, _height_error(proof, written, clip, every, target_sets, activities_), normal)
 
 
 def _all_times(times: Floats) -> Floats:
@@ -230,25 +231,25 @@ def _height_error(
     written: Clip,
     clip: Clip,
     times: Floats,
-    bases: Sequence[Basis],
+    target_sets: Sequence[TargetSet],
     seen: Sequence[Activity],
 ) -> float:
     """Largest error of an amplitude that the played weights stand for, scene units; skin-attached tools only."""
     played = morph_weights(proof.rig, written, times)
     # By place, not by name: a mesh whose extras are no object stores none.
-    after = len(proof.rig.morph_names) - len(targets_of(bases))
+    after = len(proof.rig.morph_names) - len(targets_of(target_sets))
     worst = 0.0
-    for basis, what in zip(bases, seen, strict=True):
-        patch = basis.carried.patch
-        shapes = [index for index, target in enumerate(basis.targets) if target is not None]
+    for target_set, what in zip(target_sets, seen, strict=True):
+        patch = target_set.carried.patch
+        shapes = [index for index, target in enumerate(target_set.targets) if target is not None]
         got = played[:, after : after + len(shapes)]
         after += len(shapes)
-        if not basis.from_skin:
+        if not target_set.from_skin:
             continue
         shown = np.array(shapes, np.intp)
-        if basis.unmix is not None:
+        if target_set.remix is not None:
             # An engine's budget asked for other shapes: what they are of the curve's.
-            share = basis.unmix[shapes]
+            share = target_set.remix.unmix[shapes]
             shown = np.flatnonzero(share.any(axis=0))
             got = got @ share[:, shown]
         greatest, wanted = patch.curve.greatest_amplitudes.reshape(-1), what.amplitudes.reshape(len(times), -1)

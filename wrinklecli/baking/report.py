@@ -8,8 +8,9 @@ import numpy as np
 
 from wrinklecli.baking.budget import texture_bytes
 from wrinklecli.baking.morphs import METHOD
-from wrinklecli.baking.plan import Basis, Mode, Motion, Plan, targets_of
+from wrinklecli.baking.plan import Mode, Motion, Plan
 from wrinklecli.baking.proof import Residual
+from wrinklecli.baking.targets import TargetSet, targets_of
 from wrinklecli.baking.warnings import placement_warnings, twin_warnings
 from wrinklecli.character.pose import Clip
 from wrinklecli.gltf.document import Document
@@ -73,7 +74,7 @@ class Baked:
     """All that was made of one node's mesh; residuals by clip."""
 
     plan: Plan
-    bases: list[Basis]
+    target_sets: list[TargetSet]
     motions: list[Motion]
     residuals: dict[str, Residual]
 
@@ -116,19 +117,19 @@ def make_report(
             entry["keys"] = entry.get("keys", 0) + len(motion.keys)
             if motion.clip.name in each.residuals:
                 entry["residual"] = describe_residual(each.residuals[motion.clip.name])
-        for number, basis in enumerate(each.bases):
-            patch = basis.carried.patch
+        for number, target_set in enumerate(each.target_sets):
+            patch = target_set.carried.patch
             seen = [(motion.clip, motion.times, motion.seen[number]) for motion in each.motions]
-            warnings += placement_warnings(plan, basis.carried) + warnings_of(basis.carried, seen)
+            warnings += placement_warnings(plan, target_set.carried) + warnings_of(target_set.carried, seen)
             tools.append(
                 {
                     "name": patch.tool.name,
                     "node": rig.names[rig.node],
                     "rest_length": patch.rest_length,
                     "anchor_distances": [patch.origin.distance, patch.target.distance],
-                    "moved_vertices": len(basis.carried.vertices),
-                    "stuck_vertices": basis.carried.stuck,
-                    "targets": [target.name for target in basis.targets if target is not None],
+                    "moved_vertices": len(target_set.carried.vertices),
+                    "stuck_vertices": target_set.carried.stuck,
+                    "targets": [target.name for target in target_set.targets if target is not None],
                 }
             )
             if details:
@@ -154,7 +155,7 @@ def make_report(
 
 def _gpu_bytes(baked: Baked) -> int:
     """What all morph targets of a mesh take on the GPU, those of the asset among them."""
-    return texture_bytes(baked.plan, len(baked.plan.rig.morph_names) + len(targets_of(baked.bases)))
+    return texture_bytes(baked.plan, len(baked.plan.rig.morph_names) + len(targets_of(baked.target_sets)))
 
 
 def _counted(count: int, one: str, many: str = "") -> str:

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from wrinklecli.baking.plan import targets_of
 from wrinklecli.baking.report import Baked
+from wrinklecli.baking.targets import targets_of
 from wrinklecli.gltf.document import Document, Json
 from wrinklecli.numeric.arrays import distinct_values
 from wrinklecli.numeric.piecewise import clip_grid
@@ -64,7 +64,7 @@ def make_timings(
         "frames": frames,
         "frames_per_second": round(frames / max(total, 1e-6), 3),
         "members": sum(len(each) for each in members),
-        "targets": sum(len(targets_of(each.bases)) for each in baked),
+        "targets": sum(len(targets_of(each.target_sets)) for each in baked),
         "bytes_added": _bytes_added(document, bytes_written),
         "peak_memory_bytes": peak_memory(),
     }

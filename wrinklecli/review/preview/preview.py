@@ -308,8 +308,10 @@ def apply_tools(
     plans = plan_meshes(job)
     chosen = [clip for clip in job.clips if clip.name in clips]
     for plan in plans:
-        bases, motions = sample_clips(plan, chosen, fps=job.settings.sampling.fps, mode="morph", progress=progress)
-        encode_morphs(draft, plan, bases, motions, sparse=True)
+        target_sets, motions = sample_clips(
+            plan, chosen, fps=job.settings.sampling.fps, mode="morph", progress=progress
+        )
+        encode_morphs(draft, plan, target_sets, motions, sparse=True)
     return replace(draft.document(), allow_external=allow_external), plans
 
 

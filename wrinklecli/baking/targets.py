@@ -1,0 +1,94 @@
+"""Morph targets of a tool: their names, shapes, weights in each clip, and other shapes that an engine asks for."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrinklecli.method.shapes import CarriedPatch, Shape
+from wrinklecli.numeric.arrays import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A morph target to write: its name and shape."""
+
+    name: str
+    shape: Shape
+
+
+@dataclass(frozen=True, slots=True)
+class Remix:
+    """Shapes in place of the control curve's own, which play the same within an engine's limits.
+
+    Attributes:
+        mix: (curve's shapes, shapes before the split) what weights of the curve's shapes are multiplied by.
+        unmix: (shapes, curve's shapes) what the new shapes are made of.
+        split: Columns of `mix` whose negative weights drive shapes of their own, which follow.
+        least: Weights up to this are 0.
+    """
+
+    mix: Floats
+    unmix: Floats
+    split: tuple[int, ...] = ()
+    least: float = 0.0
+
+    def weights(self, of_curve: Floats) -> Floats:
+        """(frames, shapes) weights of the new shapes from (frames, curve's shapes) weights of the curve's."""
+        mixed = of_curve @ self.mix
+        kept = np.where(np.abs(mixed) > self.least, mixed, 0.0)
+        columns = list(self.split)
+        negative = np.maximum(-kept[:, columns], 0.0)
+        kept[:, columns] = np.maximum(kept[:, columns], 0.0)
+        return np.concatenate([kept, negative], axis=1)
+
+    @property
+    def signed_mix(self) -> Floats:
+        """(curve's shapes, shapes) the mix with the split columns' negatives: weights, where those below 0 are 0."""
+        return np.concatenate([self.mix, -self.mix[:, list(self.split)]], axis=1)
+
+
+@dataclass(frozen=True, slots=True)
+class TargetSet:
+    """One tool's morph targets.
+
+    Attributes:
+        carried: The tool on the refined surface.
+        targets: One for each shape; None for a shape that moves no vertex, which is not written.
+        weights: For each sampled clip, (frames, shapes).
+        remix: Where the shapes are others than the control curve's, as an engine asked for.
+    """
+
+    carried: CarriedPatch
+    targets: tuple[Target | None, ...]
+    weights: tuple[Floats, ...]
+    remix: Remix | None = None
+
+    @property
+    def from_skin(self) -> bool:
+        """Whether weights follow from the anchors' distance alone."""
+        return self.carried.patch.tool.attachment == "skin"
+
+    def shape_weights(self, of_curve: Floats) -> Floats:
+        """(frames, shapes) weights of the shapes from (frames, …) weights of the control curve's."""
+        flat = of_curve.reshape(len(of_curve), -1)
+        return flat if self.remix is None else self.remix.weights(flat)
+
+    def written(self, weights: Floats) -> Floats:
+        """The columns of (frames, shapes) weights that have a target."""
+        return weights[:, [index for index, target in enumerate(self.targets) if target is not None]]
+
+
+def named_targets(carried: CarriedPatch, shapes: Iterable[Shape | None]) -> tuple[Target | None, ...]:
+    """Targets `wrinkle_TOOL_1`, `wrinkle_TOOL_2` … for the shapes that there are."""
+    targets: list[Target | None] = []
+    number = 0
+    for shape in shapes:
+        number += shape is not None
+        targets.append(None if shape is None else Target(f"wrinkle_{carried.patch.tool.identifier}_{number}", shape))
+    return tuple(targets)
+
+
+def targets_of(target_sets: Iterable[TargetSet]) -> tuple[Target, ...]:
+    """The morph targets of all tools, in order."""
+    return tuple(target for each in target_sets for target in each.targets if target is not None)
