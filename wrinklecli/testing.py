@@ -19,7 +19,7 @@ import pytest
 
 if TYPE_CHECKING:
     from wrinklecli.gltf.document import Document
-    from wrinklecli.tools.read import Length
+    from wrinklecli.tools.records import Length
 
 # Lines of each kind of difference in a failed test's message.
 _LINES = 10
@@ -131,7 +131,7 @@ def _keep(document: "Document", path: Path) -> None:
 
 
 def _length(tolerance: float | str) -> "Length":
-    from wrinklecli.tools.read import Length
+    from wrinklecli.tools.records import Length
 
     percent = isinstance(tolerance, str) and tolerance.endswith("%")
     try:

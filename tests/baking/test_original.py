@@ -46,7 +46,7 @@ from wrinklecli.errors import BakeError
 from wrinklecli.gltf import original as restore
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.writer import Draft
-from wrinklecli.tools.read import Length
+from wrinklecli.tools.records import Length
 
 FINER: Json = {**PALM, "name": "other", "strategy": "both_ends", "bumps": 4, "width": 0.05}
 FINER_LIMB: Json = {**LIMB, "bumps": 2}

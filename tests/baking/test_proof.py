@@ -18,7 +18,8 @@ from wrinklecli.errors import RefusedError
 from wrinklecli.gltf.document import read_document
 from wrinklecli.method.shapes import displacements
 from wrinklecli.numeric import piecewise as tracks
-from wrinklecli.tools.read import Length, load_tools
+from wrinklecli.tools.read import load_tools
+from wrinklecli.tools.records import Length
 
 
 def planned(asset: Path, tools: Path, **options: Any) -> plan_module.Plan:

@@ -48,7 +48,8 @@ from wrinklecli.character.skin import pose, prepare  # noqa: E402
 from wrinklecli.character.surface import read_triangles  # noqa: E402
 from wrinklecli.gltf.document import read_document  # noqa: E402
 from wrinklecli.method.shapes import activities, shapes_of, weights_of  # noqa: E402
-from wrinklecli.tools.read import Length, load_tools  # noqa: E402
+from wrinklecli.tools.read import load_tools  # noqa: E402
+from wrinklecli.tools.records import Length  # noqa: E402
 
 Floats = NDArray[np.float64]
 

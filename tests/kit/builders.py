@@ -22,7 +22,8 @@ from wrinklecli.character.surface import Surface, read_surface
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.method.patch import Patch, Rest, attach_tools, rest_pose
 from wrinklecli.method.refine import Refinement, refine
-from wrinklecli.tools.read import ToolsFile, parse_tools
+from wrinklecli.tools.read import parse_tools
+from wrinklecli.tools.records import ToolsFile
 
 Json = dict[str, Any]
 Array = NDArray[Any]

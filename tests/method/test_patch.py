@@ -26,7 +26,7 @@ from wrinklecli.character.surface import read_surface
 from wrinklecli.errors import BakeError, ConfigError, WrinkleError
 from wrinklecli.method.patch import _closest_of, carried_normals, closest_point, lengths_over_time, rest_pose
 from wrinklecli.numeric.arrays import face_normals, inverses, singular, vertex_normals
-from wrinklecli.tools.read import Length, ToolsFile
+from wrinklecli.tools.records import Length, ToolsFile
 
 Floats = NDArray[np.float64]
 

@@ -27,7 +27,7 @@ from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.gltf.document import read_document
 from wrinklecli.gltf.writer import Draft
 from wrinklecli.review.diff.motion import Comparison, compare
-from wrinklecli.tools.read import Length
+from wrinklecli.tools.records import Length
 
 Json = dict[str, Any]
 

@@ -38,7 +38,8 @@ from wrinklecli.review.suggest.strain import (
     strain,
 )
 from wrinklecli.review.suggest.suggest import Suggestion, Suggestions, suggest
-from wrinklecli.tools.read import ToolsFile, WrinkleTool, load_tools, parse_tools
+from wrinklecli.tools.read import load_tools, parse_tools
+from wrinklecli.tools.records import ToolsFile, WrinkleTool
 
 Json = dict[str, Any]
 Floats = NDArray[np.float64]

@@ -23,7 +23,8 @@ from wrinklecli.character.pose import blend, joint_matrices, morph_weights, read
 from wrinklecli.gltf.document import read_document
 from wrinklecli.method.shapes import displacements
 from wrinklecli.numeric.piecewise import clip_grid
-from wrinklecli.tools.read import Length, load_tools
+from wrinklecli.tools.read import load_tools
+from wrinklecli.tools.records import Length
 
 ASSETS = ROOT.parent / "shared" / "assets"
 SAMPLES = {"wrist": "wrist", "head": "head", "head_keyed": "head", "trousers": "trousers"}

@@ -17,7 +17,8 @@ from hypothesis import strategies as st
 from wrinklecli.errors import ConfigError
 from wrinklecli.tools import schema
 from wrinklecli.tools import yaml_tree as yamltree
-from wrinklecli.tools.read import (
+from wrinklecli.tools.read import load_tools, parse_tools
+from wrinklecli.tools.records import (
     Length,
     Marker,
     RefinementSettings,
@@ -27,8 +28,6 @@ from wrinklecli.tools.read import (
     Sampling,
     ToolsFile,
     WrinkleTool,
-    load_tools,
-    parse_tools,
 )
 from wrinklecli.tools.schema import TOOLS_SCHEMA
 
@@ -220,11 +219,6 @@ def test_values_as_read(more, key, expected):
     found = getattr(tool(more), key)
     assert found == expected
     assert type(found) is type(expected)
-
-
-def test_lengths_resolve():
-    assert Length(0.5).resolve(4.0) == 0.5
-    assert Length(80.0, percent=True).resolve(4.0) == pytest.approx(3.2)
 
 
 def test_defaults_are_inherited_and_replaced_as_a_whole():

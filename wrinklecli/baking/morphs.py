@@ -22,7 +22,7 @@ from wrinklecli.method.refine import Refinement
 from wrinklecli.method.shapes import Shape, turn_to
 from wrinklecli.numeric.arrays import Array, Floats, Ints, distinct_values, unit
 from wrinklecli.numeric.piecewise import Track, pad, widen
-from wrinklecli.tools.read import RestLengthKeys, RestLengthMorph
+from wrinklecli.tools.records import RestLengthKeys, RestLengthMorph
 
 # Raised only when the geometry that the same asset and tools give changes.
 METHOD = 1

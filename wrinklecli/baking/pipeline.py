@@ -20,7 +20,8 @@ from wrinklecli.gltf.document import Document, Json, read_document
 from wrinklecli.gltf.original import original
 from wrinklecli.gltf.writer import Draft
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
-from wrinklecli.tools.read import Length, RestLengthKeys, ToolsFile, WrinkleTool, load_tools
+from wrinklecli.tools.read import load_tools
+from wrinklecli.tools.records import Length, RestLengthKeys, ToolsFile, WrinkleTool
 
 DEFAULT_MAX_ERROR = Length(1.0, percent=True)
 

@@ -54,7 +54,7 @@ from wrinklecli.method.shapes import (
 from wrinklecli.numeric.arrays import Floats, Ints, determinants, distinct_values
 from wrinklecli.numeric.guard import Progress
 from wrinklecli.numeric.piecewise import Signal, clip_grid, key_times, moving_nodes, smooth, turns
-from wrinklecli.tools.read import Length, ToolsFile, WrinkleTool
+from wrinklecli.tools.records import Length, ToolsFile, WrinkleTool
 
 Mode = Literal["morph", "frames"]
 

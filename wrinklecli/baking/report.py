@@ -17,7 +17,7 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.method.patch import Patch
 from wrinklecli.method.shapes import Activity, CarriedPatch
 from wrinklecli.numeric.arrays import Floats
-from wrinklecli.tools.read import ToolsFile
+from wrinklecli.tools.records import ToolsFile
 
 Json = dict[str, Any]
 

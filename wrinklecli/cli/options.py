@@ -72,7 +72,7 @@ def length(_context: click.Context, parameter: click.Parameter, value: str | Non
     """A length in scene units, or per cent."""
     if value is None:
         return None
-    from wrinklecli.tools.read import Length
+    from wrinklecli.tools.records import Length
 
     percent = value.endswith("%")
     try:

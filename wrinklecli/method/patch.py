@@ -39,7 +39,7 @@ from wrinklecli.numeric.arrays import (
     unit,
     vertex_normals,
 )
-from wrinklecli.tools.read import Marker, RestLengthKeys, RestLengthMorph, ToolsFile, WrinkleTool
+from wrinklecli.tools.records import Marker, RestLengthKeys, RestLengthMorph, ToolsFile, WrinkleTool
 
 # An anchor further from the mesh than this part of its segment was meant for somewhere else.
 _ANCHOR_REACH = 0.25

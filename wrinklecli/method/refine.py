@@ -20,7 +20,7 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.method.patch import Patch, Rest, carried_normals
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct, distinct_values, normals_at, unit, vertex_normals
 from wrinklecli.numeric.subdivide import Level, Matrix, Subdivision, subdivide
-from wrinklecli.tools.read import RefinementSettings
+from wrinklecli.tools.records import RefinementSettings
 
 # Of products that are computed at once: bounds the memory.
 _NUMBERS_AT_ONCE = 2**20

@@ -13,195 +13,31 @@ import functools
 import os
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any, Literal, TypeAlias
 
 from jsonschema_rs import Draft202012Validator
 
 from wrinklecli.errors import ConfigError
+from wrinklecli.tools.mirror import mirrored
+from wrinklecli.tools.records import (
+    Length,
+    Marker,
+    Position,
+    RefinementSettings,
+    RestFrame,
+    RestLengthKeys,
+    RestLengthMorph,
+    Sampling,
+    ToolsFile,
+    WrinkleTool,
+    identifier,
+    parse_length,
+)
 from wrinklecli.tools.schema import OWN_KEYS, TOOLS_SCHEMA, Schema
 from wrinklecli.tools.yaml_tree import MAX_BYTES, MAX_SHOWN, Node, Problem, path_to, printable, read_tree
 
-Position: TypeAlias = tuple[float, float, float]
 Place: TypeAlias = tuple[str | int, ...]  # keys and indices that lead to a value
-
-# --- The records that the pipeline reads ---
-
-
-@dataclass(frozen=True, slots=True)
-class Length:
-    """A length in scene units, or per cent of the tool's own rest distance.
-
-    Args:
-        value: Scene units, or 80.0 for `80%`.
-        percent: Whether `value` is a percentage.
-    """
-
-    value: float
-    percent: bool = False
-
-    def resolve(self, rest_distance: float) -> float:
-        """Scene units, given the distance of the tool's anchors at rest in scene units."""
-        return self.value / 100.0 * rest_distance if self.percent else self.value
-
-
-@dataclass(frozen=True, slots=True)
-class Marker:
-    """An anchor given by the position of a node of the asset, such as an exported empty.
-
-    Args:
-        marker: Node whose position at rest is the anchor.
-    """
-
-    marker: str
-
-
-@dataclass(frozen=True, slots=True)
-class RestFrame:
-    """A clip's pose at a time, taken as the rest pose.
-
-    Args:
-        clip: Name of the clip.
-        time: Seconds from its start.
-    """
-
-    clip: str
-    time: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class Sampling:
-    """At which times which clips are evaluated.
-
-    Args:
-        fps: Samples per second, joined with the clip's own key times.
-        clips: Names of the clips to bake, or `all`.
-    """
-
-    fps: float = 30.0
-    clips: Literal["all"] | tuple[str, ...] = "all"
-
-
-@dataclass(frozen=True, slots=True)
-class RefinementSettings:
-    """How finely the mesh is subdivided under the wrinkles.
-
-    Args:
-        max_levels: Most times that an edge is halved; 0 keeps the mesh.
-        edges_per_interval: Edges on each control interval, half a bump.
-        scheme: How new vertices are placed.
-    """
-
-    max_levels: int = 4
-    edges_per_interval: int = 2
-    scheme: Literal["butterfly", "midpoint"] = "butterfly"
-
-
-@dataclass(frozen=True, slots=True)
-class RestLengthKeys:
-    """Rest lengths keyed by hand, the paper's forehead; clips that are not named keep the rest distance.
-
-    Args:
-        keys: For each clip its keys: seconds, rising, and the length then.
-    """
-
-    keys: Mapping[str, tuple[tuple[float, Length], ...]] = field(hash=False)
-
-
-@dataclass(frozen=True, slots=True)
-class RestLengthMorph:
-    """A rest length driven by a morph target's weight: the rest distance at 0, `full` at 1.
-
-    Args:
-        morph: Name of the morph target.
-        full: Rest length at weight 1.
-    """
-
-    morph: str
-    full: Length
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WrinkleTool:
-    """One wrinkling tool, defaults and mirror applied.
-
-    Args:
-        name: Unique name.
-        node: Node of the mesh, None where the file leaves it out.
-        origin: World space at rest, Y-up, scene units; or a marker.
-        target: As origin.
-        snap: What anchors go to.
-        width: Full width across the segment.
-        strategy: Which bumps rise first.
-        bumps: Wrinkles along the segment.
-        gap: Flat control intervals between neighbouring bumps.
-        max_height: Highest point of a bump; `auto`; or None for no limit.
-        details: Shares of the shortening for finer wrinkles, each > 0, their sum < 1.
-        profile: Shape of a bump.
-        attenuation: How a wrinkle fades across the width.
-        attachment: `skin`, or the paper's `patch`.
-        strength: Factor of the height.
-        clips: Strength by clip name, in place of `strength`.
-        rest_length: `auto`, a length, or what drives it.
-        enabled: Whether it is baked; a `ToolsFile` keeps only those.
-        optional: Whether an absent node is a note rather than an error.
-        where: Its place in the file for later errors, such as `tools.yaml:12: tools[0]`.
-    """
-
-    name: str
-    node: str | None = None
-    origin: Position | Marker
-    target: Position | Marker
-    snap: Literal["surface", "vertex"] = "surface"
-    width: Length
-    strategy: Literal["everywhere", "origin", "both_ends"] = "everywhere"
-    bumps: int = 4
-    gap: int = 0
-    max_height: Literal["auto"] | Length | None = "auto"
-    details: tuple[float, ...] = ()
-    profile: Literal["smooth", "polyline"] = "smooth"
-    attenuation: Literal["bell", "linear"] = "bell"
-    attachment: Literal["skin", "patch"] = "skin"
-    strength: float = 1.0
-    clips: Mapping[str, float] = field(default_factory=dict, hash=False)
-    rest_length: Literal["auto"] | Length | RestLengthKeys | RestLengthMorph = "auto"
-    enabled: bool = True
-    optional: bool = False
-    where: str = ""
-
-    @property
-    def identifier(self) -> str:
-        """The name in letters, digits and `_`, as in the morph targets `wrinkle_IDENTIFIER_1`; unique too."""
-        return _identifier(self.name)
-
-    def strength_in(self, clip: str) -> float:
-        """The factor of the height while a clip plays."""
-        return self.clips.get(clip, self.strength)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ToolsFile:
-    """A file of tools.
-
-    Args:
-        path: The file as the user typed it.
-        version: Version of the format.
-        up: The up axis of the file; positions here are Y-up already.
-        rest: Pose in which the tools are attached.
-        sampling: At which times which clips are evaluated.
-        refinement: How finely the mesh is subdivided.
-        tools: The enabled tools in the file's order, a mirrored one behind its source.
-    """
-
-    path: str
-    version: int = 1
-    up: Literal["y", "z"] = "y"
-    rest: Literal["stored", "bind"] | RestFrame = "stored"
-    sampling: Sampling = field(default_factory=Sampling)
-    refinement: RefinementSettings = field(default_factory=RefinementSettings)
-    tools: tuple[WrinkleTool, ...]
-
 
 # --- The tree checked by the schema ---
 
@@ -280,10 +116,6 @@ def _parts(value: Mapping[str, Any]) -> dict[str, Any]:
     return {key: _READ[key](part) if key in _READ else part for key, part in value.items()}
 
 
-def _length(value: float | str) -> Length:
-    return Length(float(value.rstrip("%")), percent=True) if isinstance(value, str) else Length(float(value))
-
-
 def _anchor(value: Any) -> Position | Marker:
     if isinstance(value, dict):
         return Marker(**value)
@@ -294,7 +126,7 @@ def _anchor(value: Any) -> Position | Marker:
 def _max_height(value: Any) -> Literal["auto"] | Length | None:
     if value in ("auto", "none", None):
         return "auto" if value == "auto" else None
-    return _length(value)
+    return parse_length(value)
 
 
 def _clips(value: Any) -> Literal["all"] | tuple[str, ...] | dict[str, float]:
@@ -305,13 +137,13 @@ def _clips(value: Any) -> Literal["all"] | tuple[str, ...] | dict[str, float]:
 
 
 def _keys(value: Mapping[str, Any]) -> dict[str, tuple[tuple[float, Length], ...]]:
-    return {clip: tuple((float(time), _length(length)) for time, length in keys) for clip, keys in value.items()}
+    return {clip: tuple((float(time), parse_length(length)) for time, length in keys) for clip, keys in value.items()}
 
 
 def _rest_length(value: Any) -> Literal["auto"] | Length | RestLengthKeys | RestLengthMorph:
     if isinstance(value, dict):
         return RestLengthKeys(**_parts(value)) if "keys" in value else RestLengthMorph(**_parts(value))
-    return "auto" if value == "auto" else _length(value)
+    return "auto" if value == "auto" else parse_length(value)
 
 
 # How a key's value becomes a record's, wherever the key stands; those that are not here stay as they are.
@@ -327,7 +159,7 @@ _READ: Mapping[str, Callable[[Any], Any]] = {
     "edges_per_interval": int,
     "origin": _anchor,
     "target": _anchor,
-    "width": _length,
+    "width": parse_length,
     "bumps": int,
     "gap": int,
     "max_height": _max_height,
@@ -335,7 +167,7 @@ _READ: Mapping[str, Callable[[Any], Any]] = {
     "strength": float,
     "rest_length": _rest_length,
     "keys": _keys,
-    "full": _length,
+    "full": parse_length,
 }
 
 
@@ -372,52 +204,7 @@ def _read(root: Node, place: Place, wrong: Collection[Place]) -> tuple[dict[str,
     return values, problems
 
 
-# --- Tools of the other side ---
-
-_SIDES = {"L": "R", "l": "r", "Left": "Right", "left": "right", "LEFT": "RIGHT"}
-_OTHER_SIDE = _SIDES | {right: left for left, right in _SIDES.items()}
-# A letter stands alone between separators, a word is no part of another (bright, cleft, Leftover).
-_SIDE = re.compile(
-    r"(?:^|(?<=[._\- :]))[LRlr](?=$|[._\- :])|(?:Left|Right)(?![a-z])|"
-    r"(?<![A-Za-z])(?:left|right)(?![a-z])|(?<![A-Z])(?:LEFT|RIGHT)(?![A-Z])"
-)
-
-
-def _identifier(name: str) -> str:
-    return re.sub(r"[^A-Za-z0-9_]", "_", name)
-
-
-def _exchange_sides(name: str) -> str:
-    return _SIDE.sub(lambda match: _OTHER_SIDE[match[0]], name)
-
-
-def split_side(name: str) -> tuple[str, str]:
-    """A name without its first side, and `L` or `R` for that; nothing where `mirror` would find none to exchange."""
-    match = _SIDE.search(name)
-    if match is None:
-        return name, ""
-    return name[: match.start()] + name[match.end() :], match[0][0].upper()
-
-
-def _mirror_anchor(anchor: Position | Marker, axis: str) -> Position | Marker:
-    if isinstance(anchor, Marker):
-        return Marker(_exchange_sides(anchor.marker))
-    x, y, z = (0.0 - value if axis == name else value for name, value in zip("xyz", anchor, strict=True))
-    return (x, y, z)
-
-
-def _mirrored(values: Mapping[str, Any], axis: str) -> dict[str, Any]:
-    """The keys of the tool on the other side: whatever names one side names the other."""
-    other = dict(values)
-    other["name"] = _exchange_sides(values["name"])
-    for key in ("origin", "target"):
-        if key in values:
-            other[key] = _mirror_anchor(values[key], axis)
-    if isinstance(values.get("node"), str):
-        other["node"] = _exchange_sides(values["node"])
-    if isinstance(driver := values.get("rest_length"), RestLengthMorph):
-        other["rest_length"] = replace(driver, morph=_exchange_sides(driver.morph))
-    return other
+# --- The tools ---
 
 
 def _ends(values: Mapping[str, Any]) -> set[Position | Marker]:
@@ -448,7 +235,7 @@ def _tools(
         values = {**defaults, **values}
         tools.append((values, path, child))
         if "name" in values:
-            owner = owners.setdefault(_identifier(values["name"]), path)
+            owner = owners.setdefault(identifier(values["name"]), path)
             if owner != path:
                 name = child.children["name"]
                 message = f"found {name.shown}, but {owner} has that name: they must differ in letters, digits or _"
@@ -462,17 +249,17 @@ def _tools(
         result.append((values, path, child.line))
         if axis in (None, "none") or "name" not in values:
             continue
-        other = _mirrored(values, axis)
+        other = mirrored(values, axis)
         shown, message = child.children["name"].shown, ""
         if other["name"] == values["name"]:
             message = f"found {shown}, expected a side to exchange for mirror, such as brow.L or left_brow"
-        elif (identifier := _identifier(other["name"])) in owners:
-            message = f"found {shown}, but its mirrored tool would have the name of {owners[identifier]}"
+        elif (taken := identifier(other["name"])) in owners:
+            message = f"found {shown}, but its mirrored tool would have the name of {owners[taken]}"
         elif {"origin", "target"} <= set(values) and _ends(other) == _ends(values):
             message = f"found {shown}, but its mirrored tool would lie on itself: remove mirror"
         if message:
             problems.append(Problem(child.children["name"].line, f"{path}.name", message))
-        owners.setdefault(_identifier(other["name"]), f"the tool mirrored from {path}")
+        owners.setdefault(identifier(other["name"]), f"the tool mirrored from {path}")
         note = f"{path} (mirrored as {printable(other['name'])})"
         result.append((other, note, child.line))
     return result, problems

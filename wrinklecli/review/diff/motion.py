@@ -18,7 +18,7 @@ from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.nearest import farthest
 from wrinklecli.numeric.piecewise import clip_grid
 from wrinklecli.review.diff.documents import Difference, Limits, document_differences
-from wrinklecli.tools.read import Length
+from wrinklecli.tools.records import Length
 
 # Told how many times, or what share of one, are done.
 _Advance = Callable[[float], None]

@@ -23,7 +23,9 @@ from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.piecewise import moving_nodes
 from wrinklecli.review.suggest.folds import LEAST_LOSS, Fold, MeasuredMesh, driver_of, find_folds, lay, pose_unscaled
 from wrinklecli.review.suggest.strain import read_gauge, scan, spread_sites
-from wrinklecli.tools.read import Length, ToolsFile, WrinkleTool, parse_tools, split_side
+from wrinklecli.tools.mirror import split_side
+from wrinklecli.tools.read import parse_tools
+from wrinklecli.tools.records import Length, ToolsFile, WrinkleTool
 from wrinklecli.tools.yaml_tree import printable
 
 # Poses of a clip, at most: what compresses does so for longer than the 200th part of a clip.

@@ -1,0 +1,204 @@
+"""What a file of wrinkling tools says, as frozen records: lengths, anchors, tools, and the settings of a bake.
+
+`read` makes them. `configs/README.md` is the reference of the keys.
+"""
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
+
+Position: TypeAlias = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Length:
+    """A length in scene units, or per cent of the tool's own rest distance.
+
+    Args:
+        value: Scene units, or 80.0 for `80%`.
+        percent: Whether `value` is a percentage.
+    """
+
+    value: float
+    percent: bool = False
+
+    def resolve(self, rest_distance: float) -> float:
+        """Scene units, given the distance of the tool's anchors at rest in scene units."""
+        return self.value / 100.0 * rest_distance if self.percent else self.value
+
+
+def parse_length(value: float | str) -> Length:
+    """A length as people write it: 0.02, `0.02` or `80%`.
+
+    Raises:
+        ValueError: It is no finite length above 0.
+    """
+    percent = isinstance(value, str) and value.endswith("%")
+    found = float(value.removesuffix("%") if isinstance(value, str) else value)
+    if not 0 < found < math.inf:
+        raise ValueError(f"{value!r} is no length above 0")
+    return Length(found, percent=percent)
+
+
+@dataclass(frozen=True, slots=True)
+class Marker:
+    """An anchor given by the position of a node of the asset, such as an exported empty.
+
+    Args:
+        marker: Node whose position at rest is the anchor.
+    """
+
+    marker: str
+
+
+@dataclass(frozen=True, slots=True)
+class RestFrame:
+    """A clip's pose at a time, taken as the rest pose.
+
+    Args:
+        clip: Name of the clip.
+        time: Seconds from its start.
+    """
+
+    clip: str
+    time: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Sampling:
+    """At which times which clips are evaluated.
+
+    Args:
+        fps: Samples per second, joined with the clip's own key times.
+        clips: Names of the clips to bake, or `all`.
+    """
+
+    fps: float = 30.0
+    clips: Literal["all"] | tuple[str, ...] = "all"
+
+
+@dataclass(frozen=True, slots=True)
+class RefinementSettings:
+    """How finely the mesh is subdivided under the wrinkles.
+
+    Args:
+        max_levels: Most times that an edge is halved; 0 keeps the mesh.
+        edges_per_interval: Edges on each control interval, half a bump.
+        scheme: How new vertices are placed.
+    """
+
+    max_levels: int = 4
+    edges_per_interval: int = 2
+    scheme: Literal["butterfly", "midpoint"] = "butterfly"
+
+
+@dataclass(frozen=True, slots=True)
+class RestLengthKeys:
+    """Rest lengths keyed by hand, the paper's forehead; clips that are not named keep the rest distance.
+
+    Args:
+        keys: For each clip its keys: seconds, rising, and the length then.
+    """
+
+    keys: Mapping[str, tuple[tuple[float, Length], ...]] = field(hash=False)
+
+
+@dataclass(frozen=True, slots=True)
+class RestLengthMorph:
+    """A rest length driven by a morph target's weight: the rest distance at 0, `full` at 1.
+
+    Args:
+        morph: Name of the morph target.
+        full: Rest length at weight 1.
+    """
+
+    morph: str
+    full: Length
+
+
+def identifier(name: str) -> str:
+    """A tool's name in letters, digits and `_`."""
+    return re.sub(r"[^A-Za-z0-9_]", "_", name)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WrinkleTool:
+    """One wrinkling tool, defaults and mirror applied.
+
+    Args:
+        name: Unique name.
+        node: Node of the mesh, None where the file leaves it out.
+        origin: World space at rest, Y-up, scene units; or a marker.
+        target: As origin.
+        snap: What anchors go to.
+        width: Full width across the segment.
+        strategy: Which bumps rise first.
+        bumps: Wrinkles along the segment.
+        gap: Flat control intervals between neighbouring bumps.
+        max_height: Highest point of a bump; `auto`; or None for no limit.
+        details: Shares of the shortening for finer wrinkles, each > 0, their sum < 1.
+        profile: Shape of a bump.
+        attenuation: How a wrinkle fades across the width.
+        attachment: `skin`, or the paper's `patch`.
+        strength: Factor of the height.
+        clips: Strength by clip name, in place of `strength`.
+        rest_length: `auto`, a length, or what drives it.
+        enabled: Whether it is baked; a `ToolsFile` keeps only those.
+        optional: Whether an absent node is a note rather than an error.
+        where: Its place in the file for later errors, such as `tools.yaml:12: tools[0]`.
+    """
+
+    name: str
+    node: str | None = None
+    origin: Position | Marker
+    target: Position | Marker
+    snap: Literal["surface", "vertex"] = "surface"
+    width: Length
+    strategy: Literal["everywhere", "origin", "both_ends"] = "everywhere"
+    bumps: int = 4
+    gap: int = 0
+    max_height: Literal["auto"] | Length | None = "auto"
+    details: tuple[float, ...] = ()
+    profile: Literal["smooth", "polyline"] = "smooth"
+    attenuation: Literal["bell", "linear"] = "bell"
+    attachment: Literal["skin", "patch"] = "skin"
+    strength: float = 1.0
+    clips: Mapping[str, float] = field(default_factory=dict, hash=False)
+    rest_length: Literal["auto"] | Length | RestLengthKeys | RestLengthMorph = "auto"
+    enabled: bool = True
+    optional: bool = False
+    where: str = ""
+
+    @property
+    def identifier(self) -> str:
+        """The name in letters, digits and `_`, as in the morph targets `wrinkle_IDENTIFIER_1`; unique too."""
+        return identifier(self.name)
+
+    def strength_in(self, clip: str) -> float:
+        """The factor of the height while a clip plays."""
+        return self.clips.get(clip, self.strength)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ToolsFile:
+    """A file of tools.
+
+    Args:
+        path: The file as the user typed it.
+        version: Version of the format.
+        up: The up axis of the file; positions here are Y-up already.
+        rest: Pose in which the tools are attached.
+        sampling: At which times which clips are evaluated.
+        refinement: How finely the mesh is subdivided.
+        tools: The enabled tools in the file's order, a mirrored one behind its source.
+    """
+
+    path: str
+    version: int = 1
+    up: Literal["y", "z"] = "y"
+    rest: Literal["stored", "bind"] | RestFrame = "stored"
+    sampling: Sampling = field(default_factory=Sampling)
+    refinement: RefinementSettings = field(default_factory=RefinementSettings)
+    tools: tuple[WrinkleTool, ...]
