@@ -131,13 +131,10 @@ def _keep(document: "Document", path: Path) -> None:
 
 
 def _length(tolerance: float | str) -> "Length":
-    from wrinklecli.tools.records import Length
+    from wrinklecli.tools.records import parse_length
 
-    percent = isinstance(tolerance, str) and tolerance.endswith("%")
     try:
-        value = float(tolerance.removesuffix("%") if isinstance(tolerance, str) else tolerance)
-    except ValueError:
-        value = -1.0
-    if not 0 < value < float("inf"):
-        raise ValueError(f"the tolerance {tolerance!r} is neither a length above 0 nor a percentage such as '0.01%'")
-    return Length(value, percent=percent)
+        return parse_length(tolerance)
+    except ValueError as error:
+        message = f"the tolerance {tolerance!r} is neither a length above 0 nor a percentage such as '0.01%'"
+        raise ValueError(message) from error

@@ -72,16 +72,13 @@ def length(_context: click.Context, parameter: click.Parameter, value: str | Non
     """A length in scene units, or per cent."""
     if value is None:
         return None
-    from wrinklecli.tools.records import Length
+    from wrinklecli.tools.records import parse_length
 
-    percent = value.endswith("%")
     try:
-        found = float(value.removesuffix("%"))
-    except ValueError:
-        found = -1.0
-    if not 0 < found < float("inf"):
-        raise click.BadParameter(f"{value!r} is neither a length above 0 nor a percentage such as 1%", param=parameter)
-    return Length(found, percent=percent)
+        return parse_length(value)
+    except ValueError as error:
+        message = f"{value!r} is neither a length above 0 nor a percentage such as 1%"
+        raise click.BadParameter(message, param=parameter) from error
 
 
 def _number(_context: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
