@@ -22,7 +22,7 @@ from wrinklecli.tools.read import load_tools
 from wrinklecli.tools.records import Length
 
 
-def planned(asset: Path, tools: Path, **options: Any) -> plan_module.Plan:
+def planned(asset: Path, tools: Path, **options: Any) -> plan_module.MeshPlan:
     """The plan of a bake of one mesh."""
     document, settings = read_document(asset), load_tools(tools)
     return plan_module.plan_mesh(
@@ -35,7 +35,7 @@ def planned(asset: Path, tools: Path, **options: Any) -> plan_module.Plan:
     )
 
 
-def method(plan: plan_module.Plan, asset: Path, clip: str, times: Floats) -> Floats:
+def method(plan: plan_module.MeshPlan, asset: Path, clip: str, times: Floats) -> Floats:
     """(times, glTF vertices, 3) what the method itself makes of a clip: no pruning, no targets, no tracks."""
     rig, fine = plan.rig, plan.fine
     (found,) = (each for each in read_clips(read_document(asset)) if each.name == clip)

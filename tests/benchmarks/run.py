@@ -42,7 +42,7 @@ import numpy as np  # noqa: E402
 from assets import finer, longer  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 
-from wrinklecli.baking.plan import Plan, plan_mesh  # noqa: E402
+from wrinklecli.baking.plan import MeshPlan, plan_mesh  # noqa: E402
 from wrinklecli.character.pose import Clip, joint_matrices, morph_weights, read_clips  # noqa: E402
 from wrinklecli.character.skin import pose, prepare  # noqa: E402
 from wrinklecli.character.surface import read_triangles  # noqa: E402
@@ -165,7 +165,7 @@ def bake(asset: Path, tools: Path, out: Path, *options: str) -> float:
     return run("bake", asset, tools, "-o", out, "-q", *options, code=WRINKLE)
 
 
-def planned(sample: str, levels: int) -> tuple[Plan, Clip]:
+def planned(sample: str, levels: int) -> tuple[MeshPlan, Clip]:
     """A sample's tools, attached and refined, and its first clip."""
     document = read_document(ROOT / "samples" / f"{sample}.glb")
     settings = load_tools(ROOT / "configs" / f"{sample}.yaml")

@@ -18,7 +18,7 @@ from test_morphs import ROOT, Floats, Gltf, Json, sample
 import wrinklecli
 from kit.clients import compare_with_three, optimize, pose, pose_each, validate
 from wrinklecli.baking.morphs import parts_of, shared_vertices
-from wrinklecli.baking.plan import Plan, plan_mesh
+from wrinklecli.baking.plan import MeshPlan, plan_mesh
 from wrinklecli.character.pose import blend, joint_matrices, morph_weights, read_clips, transform
 from wrinklecli.gltf.document import read_document
 from wrinklecli.method.shapes import displacements
@@ -133,13 +133,13 @@ def test_no_errors_and_no_new_kinds_of_warnings(name: str, folder: Path) -> None
 
 
 @cache
-def planned(found: Case) -> Plan:
+def planned(found: Case) -> MeshPlan:
     document, settings = read_document(found.asset), load_tools(found.tools)
     (clips, one) = (read_clips(document), Length(1.0, percent=True))
     return plan_mesh(document, found.node, list(settings.tools), settings, clips, one)
 
 
-def method(plan: Plan, asset: Path, clip: int, times: Floats) -> Floats:
+def method(plan: MeshPlan, asset: Path, clip: int, times: Floats) -> Floats:
     """(times, glTF vertices, 3) what the method itself makes of a clip: no pruning, no targets, no tracks."""
     rig, fine = plan.rig, plan.fine
     document = read_document(asset)

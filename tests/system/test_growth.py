@@ -12,7 +12,7 @@ from test_morphs import Gltf
 
 from kit.builders import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, RADIUS, Asset, limb_asset, tool, write_tools
 from wrinklecli import bake
-from wrinklecli.baking import pipeline, plan, proof
+from wrinklecli.baking import pipeline, plan, proof, sample
 from wrinklecli.character import pose
 from wrinklecli.gltf import writer as draft
 from wrinklecli.method.patch import anchor_joints
@@ -72,11 +72,11 @@ class Baker:
     def written(self, asset: Asset) -> Path:
         return asset.write(self.folder / "asset.glb")
 
-    def sample(self, asset: Asset) -> tuple[plan.Plan, plan.Motion]:
+    def sample(self, asset: Asset) -> tuple[plan.MeshPlan, sample.Motion]:
         """The asset's mesh with its tool, and its clip, sampled."""
         job = pipeline.read_job(self.written(asset), self.tools)
         (planned,) = pipeline.plan_meshes(job)
-        _, (motion,) = plan.sample_clips(planned, job.clips, fps=FPS, mode="morph", progress=lambda *_: None)
+        _, (motion,) = sample.sample_clips(planned, job.clips, fps=FPS, mode="morph", progress=lambda *_: None)
         return planned, motion
 
     def bake(self, asset: Asset, **options: Any) -> tuple[Gltf, int]:
@@ -186,7 +186,7 @@ def test_a_long_clip_is_sampled_in_stretches(baker: Baker, monkeypatch: pytest.M
 
 
 def test_sampling_moves_no_vertex(baker: Baker, monkeypatch: pytest.MonkeyPatch) -> None:
-    moved = counting(monkeypatch, plan, "displacements", lambda *_: None)
+    moved = counting(monkeypatch, sample, "displacements", lambda *_: None)
     baker.sample(folding(3))
     assert moved == []
 
@@ -207,7 +207,7 @@ def test_the_proof_poses_as_much_of_any_clip_and_of_any_mesh(baker: Baker, monke
 
 
 def test_a_take_of_several_names_is_looked_into_once(baker: Baker, monkeypatch: pytest.MonkeyPatch) -> None:
-    sampled = counting(monkeypatch, plan, "key_times", lambda clip, *_, **__: clip.name)
+    sampled = counting(monkeypatch, sample, "key_times", lambda clip, *_, **__: clip.name)
     proven = counting(monkeypatch, proof, "compare", lambda _proof, motion, *_, **__: motion.clip.name)
     asset = folding(3)
     (fold,) = asset.gltf["animations"]

@@ -29,7 +29,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from wrinklecli.baking.plan import Motion, Plan, poses_of, skin_weights
+from wrinklecli.baking.plan import MeshPlan, poses_of
+from wrinklecli.baking.sample import Motion, skin_weights
 from wrinklecli.baking.targets import Remix, TargetSet, named_targets, targets_of
 from wrinklecli.character.pose import Clip, blend, morph_weights, transform
 from wrinklecli.character.surface import dense_influences, read_vertices
@@ -76,7 +77,7 @@ BUDGETS: dict[Engine, Budget] = {
 }
 
 
-def texture_bytes(plan: Plan, targets: int) -> int:
+def texture_bytes(plan: MeshPlan, targets: int) -> int:
     """GPU memory that three.js takes for a mesh's targets, old and new, sparse or not.
 
     It is targets x vertices x attributes (POSITION, and NORMAL where there is one) x 16 bytes, a texture row's
@@ -85,14 +86,14 @@ def texture_bytes(plan: Plan, targets: int) -> int:
     return targets * len(plan.fine.weld) * _attributes(plan) * _TEXEL_BYTES
 
 
-def _attributes(plan: Plan) -> int:
+def _attributes(plan: MeshPlan) -> int:
     """Attributes of a target."""
     return 2 if plan.has_normals else 1
 
 
 def fit_budget(
     document: Document,
-    plan: Plan,
+    plan: MeshPlan,
     target_sets: list[TargetSet],
     motions: list[Motion],
     clips: Sequence[Clip],
@@ -167,7 +168,7 @@ def fit_budget(
     return target_sets, motions, found
 
 
-def _excess(plan: Plan, target_sets: Sequence[TargetSet], motions: Sequence[Motion], budget: Budget) -> str:
+def _excess(plan: MeshPlan, target_sets: Sequence[TargetSet], motions: Sequence[Motion], budget: Budget) -> str:
     """What exceeds the limits on targets; empty where they hold."""
     own = len(plan.rig.morph_names)
     count = own + len(targets_of(target_sets))
@@ -185,7 +186,7 @@ def _excess(plan: Plan, target_sets: Sequence[TargetSet], motions: Sequence[Moti
     return ""
 
 
-def _active(plan: Plan, motion: Motion) -> tuple[Bools, float]:
+def _active(plan: MeshPlan, motion: Motion) -> tuple[Bools, float]:
     """(targets,) which have a weight other than 0 when most do, at and between keys, and that time in seconds."""
     channel = motion.clip.channel(plan.rig.node, "weights")
     track = widen(channel, plan.rig, motion.clip, motion.times[motion.keys], motion.weights[motion.keys])
@@ -197,7 +198,7 @@ def _active(plan: Plan, motion: Motion) -> tuple[Bools, float]:
     return shown[worst], float(track.times[worst : worst + 2].mean())
 
 
-def _judge_influences(document: Document, plan: Plan, clips: Sequence[Clip], limit: int, engine: Engine) -> Json:
+def _judge_influences(document: Document, plan: MeshPlan, clips: Sequence[Clip], limit: int, engine: Engine) -> Json:
     """How many of the asset's own vertices lose joints beyond JOINTS_0, and how far off that puts them.
 
     Raises:
@@ -303,7 +304,7 @@ def _reduced(target_set: TargetSet, tolerance: float) -> tuple[TargetSet, float]
     return target_set, 0.0
 
 
-def _fewest_at_once(plan: Plan, target_set: TargetSet, tolerance: float) -> tuple[TargetSet, float]:
+def _fewest_at_once(plan: MeshPlan, target_set: TargetSet, tolerance: float) -> tuple[TargetSet, float]:
     """A tool on those shapes of which the fewest act at a time, and their error; the exact ones among equals."""
     choices = [
         (target_set, 0.0),
@@ -358,7 +359,7 @@ def _in_turn(target_set: TargetSet, least: float) -> TargetSet:
 
 
 def _keyed_at_turns(
-    plan: Plan, target_sets: Sequence[TargetSet], motions: Sequence[Motion]
+    plan: MeshPlan, target_sets: Sequence[TargetSet], motions: Sequence[Motion]
 ) -> tuple[list[TargetSet], list[Motion]]:
     """Keys where one group of bumps is full and the next begins, so that no interval shows three groups of a tool."""
     series: list[tuple[Floats, ...]] = []
@@ -395,7 +396,7 @@ def _keyed_at_turns(
     return extended, _remade(extended, made)
 
 
-def _turns(plan: Plan, target_set: TargetSet, clip: Clip, keys: Floats, weights: Floats) -> Floats:
+def _turns(plan: MeshPlan, target_set: TargetSet, clip: Clip, keys: Floats, weights: Floats) -> Floats:
     """Times between keys when one group of a tool is full and no more have begun, where an interval shows three.
 
     Args:
@@ -436,7 +437,9 @@ def _turns(plan: Plan, target_set: TargetSet, clip: Clip, keys: Floats, weights:
         near, far = np.where(inside & below, middle, near), np.where(inside & ~below, middle, far)
 
 
-def _weights_at(plan: Plan, target_set: TargetSet, clip: Clip, weights: Floats, times: Floats, fresh: Floats) -> Floats:
+def _weights_at(
+    plan: MeshPlan, target_set: TargetSet, clip: Clip, weights: Floats, times: Floats, fresh: Floats
+) -> Floats:
     """(fresh, shapes) weights of a tool at more times: its own, or between those sampled where it has no curve."""
     if target_set.from_skin:
         return target_set.shape_weights(skin_weights(plan, target_set.carried, clip, fresh))

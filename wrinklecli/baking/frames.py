@@ -16,7 +16,7 @@ from typing import Any, cast
 import numpy as np
 
 from wrinklecli.baking.morphs import Part, base_normals, encode_mesh, old_values, parts_of
-from wrinklecli.baking.plan import Motion
+from wrinklecli.baking.sample import Motion
 from wrinklecli.baking.targets import Target
 from wrinklecli.character.pose import Rig, joint_matrices, morph_weights
 from wrinklecli.character.skin import pose, prepare

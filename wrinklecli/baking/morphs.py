@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from wrinklecli.baking.plan import Motion, Plan, skin_weights
+from wrinklecli.baking.plan import MeshPlan
+from wrinklecli.baking.sample import Motion, skin_weights
 from wrinklecli.baking.targets import Target, TargetSet, targets_of
 from wrinklecli.character.pose import Clip, Rig, morph_target_names, read_clips
 from wrinklecli.errors import AssetError
@@ -120,7 +121,7 @@ def parts_of(fine: Refinement, groups: Sequence[int] | None = None) -> list[Part
 
 def encode_morphs(
     draft: Draft,
-    plan: Plan,
+    plan: MeshPlan,
     target_sets: list[TargetSet],
     motions: Sequence[Motion],
     *,
@@ -460,7 +461,7 @@ def encode_track(draft: Draft, clip: Clip, node: int, track: Track) -> None:
         animation["channels"].append({"sampler": number, "target": {"node": node, "path": "weights"}})
 
 
-def encode_extras(draft: Draft, plan: Plan, target_sets: Sequence[TargetSet]) -> None:
+def encode_extras(draft: Draft, plan: MeshPlan, target_sets: Sequence[TargetSet]) -> None:
     """Write the tools into the node's extras, enough to play wrinkles for a clip that was never baked.
 
     An engine poses both anchors (the sum over joints of weight · matrix · position, where the matrix is the joint's
@@ -563,7 +564,7 @@ def _curve_json(target_set: TargetSet) -> Json:
     }
 
 
-def _anchor_json(anchor: Anchor, plan: Plan) -> Json:
+def _anchor_json(anchor: Anchor, plan: MeshPlan) -> Json:
     """An anchor in the spaces of its joints; `scales` are those of the joints at rest."""
     rig = plan.rig
     points = anchor.points[..., :3] / anchor.weights[:, None]

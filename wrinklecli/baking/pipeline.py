@@ -9,9 +9,10 @@ from typing import Literal
 from wrinklecli.baking.budget import BUDGETS, Engine, fit_budget
 from wrinklecli.baking.frames import Frames, encode_frames, exported_frames
 from wrinklecli.baking.morphs import encode_morphs
-from wrinklecli.baking.plan import Mode, Motion, Plan, plan_mesh, sample_clips
+from wrinklecli.baking.plan import MeshPlan, Mode, plan_mesh
 from wrinklecli.baking.proof import Residual, prove
 from wrinklecli.baking.report import Baked, Report, make_report
+from wrinklecli.baking.sample import Motion, sample_clips
 from wrinklecli.baking.targets import TargetSet, targets_of
 from wrinklecli.baking.timings import StageClock, make_timings
 from wrinklecli.character.pose import Clip, morph_target_names, read_clips
@@ -209,13 +210,13 @@ def read_job(
     return Job(settings, document, inputs, every_clip, tuple(chosen), by_node, tuple(warnings))
 
 
-def plan_meshes(job: Job, max_error: Length = DEFAULT_MAX_ERROR, *, influences: int | None = None) -> list[Plan]:
+def plan_meshes(job: Job, max_error: Length = DEFAULT_MAX_ERROR, *, influences: int | None = None) -> list[MeshPlan]:
     """Attach the tools of every mesh and refine it, as `plan_mesh` does.
 
     Raises:
         WrinkleError: Of all tools that do not fit, a line each.
     """
-    plans: list[Plan] = []
+    plans: list[MeshPlan] = []
     problems: list[WrinkleError] = []
     for node, tools in job.by_node.items():
         try:

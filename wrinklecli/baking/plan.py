@@ -1,21 +1,5 @@
-"""The tools on one mesh: attached, refined, sampled. What encode, frames and proof read.
+"""The tools on one mesh, attached and refined: what follows from mesh and tools alone, whichever clips are baked."""
 
-`plan_mesh` depends on mesh and tools only; `sample_clips` adds time.
-
-Tried: threads, two on two cores, CPython 3.11. Bytes were the same. Best of five bakes of ten clips of 4 or of 100 s
-each (samples/trousers.glb, head.glb, wrist.glb), as times the speed of one thread:
-
-    sampling, clip by clip                    0.86 to 0.94
-    proof, clip by clip                       0.83 to 0.97
-    the whole bake, with both                 0.87 to 0.94
-    skin.pose, 16 frames at a time            0.93 to 1.01
-    for comparison, sampling in two processes 1.3 to 1.8
-
-Arrays are small, to stay in a core's cache, so threads wait for the interpreter's lock. Bakes side by side, as by
-`make -j`, use all cores.
-"""
-
-import math
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,37 +7,21 @@ from typing import Literal
 
 import numpy as np
 
-from wrinklecli.baking.targets import TargetSet, named_targets
 from wrinklecli.character.pose import Clip, Rig, joint_matrices, read_rig
 from wrinklecli.character.surface import read_surface
 from wrinklecli.errors import AssetError, BakeError
 from wrinklecli.gltf.document import Document
 from wrinklecli.method.patch import (
     Rest,
-    anchor_joints,
-    anchor_poses,
     attach_tools,
-    lengths_over_time,
-    rest_lengths_over_time,
     rest_pose,
 )
 from wrinklecli.method.refine import Refinement, contacts_of, influence_count, refine
 from wrinklecli.method.shapes import (
-    Activity,
     CarriedPatch,
-    Shape,
-    activities,
-    activity,
     carry,
-    compress,
-    displacements,
-    make_shapes,
-    shapes_of,
-    weights_of,
 )
 from wrinklecli.numeric.arrays import Floats, Ints, determinants, distinct_values
-from wrinklecli.numeric.guard import Progress
-from wrinklecli.numeric.piecewise import Signal, clip_grid, key_times, moving_nodes, smooth, turns
 from wrinklecli.tools.records import Length, ToolsFile, WrinkleTool
 
 Mode = Literal["morph", "frames"]
@@ -64,23 +32,12 @@ _FLOAT32_STEPS = 8
 _POSES = 33
 # Fewer where these matrices of all clips and joints would take more than half a gigabyte.
 _MOST_MATRICES = 2**22
-# Of all clips that are baked at once: nine hours at 30 a second.
-_MOST_FRAMES = 1_000_000
-# Coordinates of displacements that are compressed at once: bounds the memory.
-_MOST_COORDINATES = 2**20
-# Between a clip's own keys, to begin with; halved where that is too long. Against 1 this takes 0.4 to 0.9 of the poses.
-_FRAMES_OF_A_QUARTIC = 4
-# Points looked at inside an interval and the rest of the chain share the error bound.
-_SAMPLING_SHARE = 0.5
-_COMPRESSION_SHARE = 0.25
-# Dropped keys: their errors are everywhere along a track, those of the samples only where a wrinkle starts.
-_KEYS_SHARE = 0.25
-# A vector whose three coordinates are each off by 1 is off by this.
-_PER_COORDINATE = 3.0**0.5
+# Share of the error bound for pruned skin weights; heights between keys have the rest: see `sample`.
+_PRUNING_SHARE = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class MeshPlan:
     """The tools on one node's mesh, attached and refined: everything but time.
 
     Attributes:
@@ -104,25 +61,6 @@ class Plan:
     has_normals: bool
 
 
-@dataclass(frozen=True, slots=True)
-class Motion:
-    """One clip, sampled.
-
-    Attributes:
-        clip: The animation.
-        times: (frames,) seconds.
-        weights: (frames, targets) of the wrinkles.
-        keys: (keys,) the frames that a track needs, straight between them.
-        seen: What each tool does at these times.
-    """
-
-    clip: Clip
-    times: Floats
-    weights: Floats
-    keys: Ints
-    seen: tuple[Activity, ...]
-
-
 def plan_mesh(
     document: Document,
     node: int,
@@ -132,7 +70,7 @@ def plan_mesh(
     max_error: Length,
     *,
     influences: int | None = None,
-) -> Plan:
+) -> MeshPlan:
     """Attach tools to the mesh of a node and refine it: what depends on mesh and tools only.
 
     New vertices have at most as many joints as the asset's sets of them can hold, or `influences`.
@@ -161,7 +99,7 @@ def plan_mesh(
         contacts=contacts,
         influences=min(influence_count(document, rig), influences or sys.maxsize),
         poses=poses_of(rig, clips, distinct_values(surface.joints)),
-        tolerance=_SAMPLING_SHARE * bound,
+        tolerance=_PRUNING_SHARE * bound,
     )
     carried_patches, problems = [], []
     for patch in patches:
@@ -174,7 +112,7 @@ def plan_mesh(
     # The median; numpy's imports numpy.ma, which takes longer than all of this.
     scales = np.sort(np.cbrt(np.abs(determinants(rest.blended[:, :, :3]))))
     scale = float(scales[[(len(scales) - 1) // 2, len(scales) // 2]].mean())
-    return Plan(rig, rest, fine, tuple(carried_patches), tallest, bound, scale, _has_normals(document, rig.mesh))
+    return MeshPlan(rig, rest, fine, tuple(carried_patches), tallest, bound, scale, _has_normals(document, rig.mesh))
 
 
 def poses_of(rig: Rig, clips: Sequence[Clip], joints: Ints | None = None) -> Floats:
@@ -201,181 +139,6 @@ def poses_of(rig: Rig, clips: Sequence[Clip], joints: Ints | None = None) -> Flo
             rig, clip, np.linspace(clip.start, clip.end, count), chosen
         )
     return poses
-
-
-def sample_clips(
-    plan: Plan, clips: Sequence[Clip], *, fps: float, mode: Mode, progress: Progress
-) -> tuple[list[TargetSet], list[Motion]]:
-    """Run the tools over the clips that move their mesh.
-
-    Args:
-        plan: The tools.
-        clips: To sample; `morph` leaves out those that do not move the mesh.
-        fps: Of the grid.
-        mode: `frames` takes the grid alone, `morph` what straight lines between keys need.
-        progress: Called with a stage's name, frames done and frames in all.
-
-    Returns:
-        Each tool's shapes, and each clip's weights over all of them.
-    """
-    rig, fine = plan.rig, plan.fine
-    chosen = list(clips) if mode == "frames" else moving_clips(plan, clips)
-    refuse_many_frames(plan, chosen, fps=fps)
-    bound = plan.max_error / _overlaps(plan)
-    tolerance = _SAMPLING_SHARE * bound
-    ends = np.ceil(np.cumsum([1.0 + (clip.end - clip.start) * fps for clip in chosen])).astype(int).tolist()
-    times, keys = [], []
-    for clip, end, take in zip(chosen, ends, takes_of(plan, chosen), strict=True):
-        if mode == "frames":
-            times.append(clip_grid(clip, None, fps=fps))
-            keys.append(np.arange(len(times[-1])))
-        else:
-            bends = turns(clip, rig)
-
-            def signal_on(grid: Floats, clip: Clip = clip, end: int = end, bends: Floats = bends) -> Signal:
-                progress("sampling", end - math.ceil((clip.end - grid[0]) * fps), ends[-1])
-                within = bends[(bends > grid[0]) & (bends < grid[-1])]
-                breaks = distinct_values(np.concatenate([grid[::_FRAMES_OF_A_QUARTIC], grid[-1:], within]))
-                return _signals(plan, clip, breaks, tolerance)
-
-            if take < len(times):
-                found = times[take], keys[take]
-            else:
-                found = key_times(clip, rig, signal_on, fps=fps, tolerance=tolerance, thinning=_KEYS_SHARE * bound)
-            times.append(found[0])
-            keys.append(found[1])
-        progress("sampling", end, ends[-1])
-    target_sets: list[TargetSet] = []
-    patches = [each.patch for each in plan.carried_patches]
-    seen = [tuple(activities(patches, rig, plan.rest, clip, at)) for clip, at in zip(chosen, times, strict=True)]
-    for number, carried in enumerate(plan.carried_patches):
-        if carried.patch.tool.attachment == "skin":
-            shapes = shapes_of(carried, fine, with_normals=plan.has_normals)
-            weights = [_weights(carried, clip, each[number]) for clip, each in zip(chosen, seen, strict=True)]
-        else:
-            shapes, weights = _compressed(plan, carried, list(zip(chosen, times, strict=True)))
-        target_sets.append(TargetSet(carried, named_targets(carried, shapes), tuple(weights)))
-    motions = []
-    for index, (clip, at, kept, done) in enumerate(zip(chosen, times, keys, seen, strict=True)):
-        columns = [target_set.written(target_set.weights[index]) for target_set in target_sets]
-        motions.append(Motion(clip, at, np.concatenate(columns, axis=1), kept, done))
-    return target_sets, motions
-
-
-def takes_of(plan: Plan, clips: Sequence[Clip]) -> list[int]:
-    """For each clip the first that moves the mesh and its wrinkles alike: converters write a take under two names."""
-    named = {name for each in plan.carried_patches for name in (*each.patch.tool.clips, *each.patch.keyed_clips)}
-    likely: dict[tuple[str, float, float, int], list[int]] = {}
-    takes = []
-    for index, clip in enumerate(clips):
-        key = (clip.name if clip.name in named else "", clip.start, clip.end, len(clip.channels))
-        earlier = likely.setdefault(key, [])
-        take = next((other for other in earlier if clip.moves_as(clips[other])), index)
-        if take == index:
-            earlier.append(index)
-        takes.append(take)
-    return takes
-
-
-def moving_clips(plan: Plan, clips: Sequence[Clip]) -> list[Clip]:
-    """The clips that move a mesh or key the rest length of a tool on it."""
-    moving = moving_nodes(plan.rig)
-    driven = {name for each in plan.carried_patches for name in each.patch.keyed_clips}
-    return [clip for clip in clips if clip.name in driven or any(c.node in moving for c in clip.channels)]
-
-
-def refuse_many_frames(plan: Plan, clips: Sequence[Clip], *, fps: float) -> None:
-    """Check that clips are short enough to be sampled together.
-
-    Raises:
-        BakeError: They are not.
-    """
-    frames = sum((clip.end - clip.start) * fps for clip in clips)
-    if frames > _MOST_FRAMES:
-        raise BakeError(
-            f"{len(clips)} clips have {frames:.6g} frames at {fps:.6g} per second; at once {_MOST_FRAMES:,} may be",
-            where=plan.rig.names[plan.rig.node],
-        )
-
-
-def _overlaps(plan: Plan) -> int:
-    """How many tools move one vertex at the most: there, their errors add up."""
-    moved = np.concatenate([carried.vertices for carried in plan.carried_patches])
-    return int(np.bincount(moved).max())
-
-
-def _signals(plan: Plan, clip: Clip, breaks: Floats, tolerance: float) -> Signal:
-    """What must be right between keys within a stretch of a clip, of all tools, scene units.
-
-    Heights start like square roots of the anchors' distances, which are smooth between the breaks: few poses tell
-    the distances, and they tell the heights.
-    """
-    rig, rest = plan.rig, plan.rest
-    patches = [each.patch for each in plan.carried_patches]
-    # Where a height starts, √(x D) for x the length of an interval, an error of D shows most.
-    slack = min(tolerance**2 * each.curve.interval_count / (16 * each.rest_length) for each in patches)
-
-    def distances(times: Floats) -> Floats:
-        poses = anchor_poses(anchor_joints(patches), rig, rest, clip, times)
-        return np.stack([lengths_over_time(each, rig, rest, clip, times, poses)[0] for each in patches], axis=1)
-
-    near = smooth(distances, breaks, slack)
-
-    def signals(times: Floats) -> Floats:
-        values = []
-        for carried, found in zip(plan.carried_patches, near(times).T, strict=True):
-            patch = carried.patch
-            amplitudes, _ = patch.curve.follow(found, rest_lengths_over_time(patch, rig, clip, times))
-            if patch.tool.attachment == "patch":
-                moved = displacements(carried, plan.fine, rig, rest, clip, times, amplitudes)
-                values.append(_PER_COORDINATE * plan.scale * moved.reshape(len(times), -1))
-            else:
-                values.append(patch.clip_strength(clip) * patch.shape_strength * amplitudes.reshape(len(times), -1))
-        return np.concatenate(values, axis=1)
-
-    return signals
-
-
-def skin_weights(plan: Plan, carried: CarriedPatch, clip: Clip | None, times: Floats) -> Floats:
-    """(frames, shapes) morph weights of a skin-attached tool in a clip; none for the stored pose."""
-    return _weights(carried, clip, activity(carried.patch, plan.rig, plan.rest, clip, times))
-
-
-def _weights(carried: CarriedPatch, clip: Clip | None, seen: Activity) -> Floats:
-    """(frames, shapes) morph weights of what a skin-attached tool does."""
-    patch = carried.patch
-    return patch.clip_strength(clip) * weights_of(patch.curve, seen.amplitudes).reshape(len(seen.amplitudes), -1)
-
-
-def _compressed(
-    plan: Plan, carried: CarriedPatch, sampled: Sequence[tuple[Clip, Floats]]
-) -> tuple[list[Shape | None], list[Floats]]:
-    """Shapes and weights of displacements that are new in each frame, all clips together.
-
-    Raises:
-        BakeError: They have too many.
-    """
-    if not sampled:
-        return [], []
-    chunk = max(_MOST_COORDINATES // (3 * len(carried.vertices)), 1)
-    series = (
-        displacements(carried, plan.fine, plan.rig, plan.rest, clip, times[k : k + chunk])
-        for clip, times in sampled
-        for k in range(0, len(times), chunk)
-    )
-    tolerance = _COMPRESSION_SHARE * plan.max_error / plan.scale / _PER_COORDINATE
-    together, deltas = compress(series, tolerance, where=carried.patch.tool.where)
-    weights = np.split(together, np.cumsum([len(times) for _, times in sampled])[:-1])
-    even = np.linspace(0, len(together) - 1, 16).astype(int)
-    rows = distinct_values(np.concatenate([even, np.argmax(together, axis=0)]))
-    shapes = make_shapes(
-        plan.fine,
-        carried.vertices,
-        deltas,
-        tallest=plan.scale * np.sqrt(np.sum(deltas**2, axis=2)).max(axis=1, initial=0.0),
-        samples=together[rows] if plan.has_normals else None,
-    )
-    return shapes, weights
 
 
 def _has_normals(document: Document, mesh: int) -> bool:

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrinklecli.baking.morphs import Part, parts_of, shared_vertices
-from wrinklecli.baking.plan import Motion, Plan, takes_of
+from wrinklecli.baking.plan import MeshPlan
+from wrinklecli.baking.sample import Motion, takes_of
 from wrinklecli.baking.targets import TargetSet, targets_of
 from wrinklecli.character.pose import Clip, Rig, joint_matrices, morph_weights, read_clips, read_rig
 from wrinklecli.character.skin import pose, prepare
@@ -80,7 +81,7 @@ class Proof:
 
 def prove(
     draft: Draft,
-    plan: Plan,
+    plan: MeshPlan,
     target_sets: list[TargetSet],
     motions: Sequence[Motion],
     *,

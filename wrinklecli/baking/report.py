@@ -8,8 +8,9 @@ import numpy as np
 
 from wrinklecli.baking.budget import texture_bytes
 from wrinklecli.baking.morphs import METHOD
-from wrinklecli.baking.plan import Mode, Motion, Plan
+from wrinklecli.baking.plan import MeshPlan, Mode
 from wrinklecli.baking.proof import Residual
+from wrinklecli.baking.sample import Motion
 from wrinklecli.baking.targets import TargetSet, targets_of
 from wrinklecli.baking.warnings import placement_warnings, twin_warnings
 from wrinklecli.character.pose import Clip
@@ -73,7 +74,7 @@ class Report:
 class Baked:
     """All that was made of one node's mesh; residuals by clip."""
 
-    plan: Plan
+    plan: MeshPlan
     target_sets: list[TargetSet]
     motions: list[Motion]
     residuals: dict[str, Residual]
@@ -204,7 +205,7 @@ def describe_residual(residual: Residual) -> Json:
     }
 
 
-def mesh_warnings(plan: Plan, settings: ToolsFile, clips: Sequence[Clip], mode: Mode) -> list[str]:
+def mesh_warnings(plan: MeshPlan, settings: ToolsFile, clips: Sequence[Clip], mode: Mode) -> list[str]:
     """What a user should know of a mesh with all its tools, over the clips baked."""
     rig = plan.rig
     where = rig.names[rig.node]

@@ -7,7 +7,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from wrinklecli.baking.plan import Plan
+from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.character.pose import Clip
 from wrinklecli.method.patch import Patch
 from wrinklecli.method.shapes import Activity, CarriedPatch
@@ -35,7 +35,7 @@ _CHUNK = 2**18
 _MOST_PAIRS = 2**23
 
 
-def placement_warnings(plan: Plan, carried: CarriedPatch) -> list[str]:
+def placement_warnings(plan: MeshPlan, carried: CarriedPatch) -> list[str]:
     """What is wrong with the place of one tool: anchors far off, and a patch that reaches across a fold."""
     patch = carried.patch
     name = patch.tool.name
@@ -78,7 +78,7 @@ class Ground:
     doubled: float
 
 
-def ground_under(plan: Plan, patch: Patch) -> Ground:
+def ground_under(plan: MeshPlan, patch: Patch) -> Ground:
     """Cut the members of a patch by planes along it."""
     fine = plan.fine
     vertices, local = np.unique(fine.triangles[patch.members[fine.subdivision.parents]], return_inverse=True)
@@ -134,7 +134,7 @@ def _layers(ends: Floats, points: Floats) -> NDArray[np.bool_]:
     return layers
 
 
-def twin_warnings(plan: Plan, clips: Sequence[Clip]) -> list[str]:
+def twin_warnings(plan: MeshPlan, clips: Sequence[Clip]) -> list[str]:
     """Pairs of tools that make their wrinkles at one place, where their heights add up.
 
     Not those that never act in the same of (all) clips.
@@ -176,7 +176,7 @@ class Collision:
     position: Floats
 
 
-def collision(plan: Plan, carried: CarriedPatch, seen: Sequence[tuple[Clip, Floats, Activity]]) -> Collision | None:
+def collision(plan: MeshPlan, carried: CarriedPatch, seen: Sequence[tuple[Clip, Floats, Activity]]) -> Collision | None:
     """Compare a tool's wrinkles at rest with the distance to what lies opposite, along the normals.
 
     Opposite lies any triangle of the same mesh, but for those of the vertex itself and what touches it there.

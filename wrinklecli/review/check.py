@@ -9,8 +9,9 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from wrinklecli.baking.pipeline import plan_meshes, read_job
-from wrinklecli.baking.plan import Plan, moving_clips, refuse_many_frames
+from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.report import mesh_warnings, warnings_of
+from wrinklecli.baking.sample import moving_clips, refuse_many_frames
 from wrinklecli.baking.warnings import collision, placement_warnings
 from wrinklecli.character.pose import Clip
 from wrinklecli.method.patch import Anchor
@@ -119,7 +120,7 @@ def check(
     return Check(data, tuple(every), job.inputs, tuple(checked))
 
 
-def _describe_mesh(plan: Plan) -> Json:
+def _describe_mesh(plan: MeshPlan) -> Json:
     fine = plan.fine
     return {
         "node": plan.rig.names[plan.rig.node],
@@ -131,7 +132,7 @@ def _describe_mesh(plan: Plan) -> Json:
     }
 
 
-def _describe_tool(plan: Plan, carried: CarriedPatch, up: str) -> Json:
+def _describe_tool(plan: MeshPlan, carried: CarriedPatch, up: str) -> Json:
     patch, fine = carried.patch, plan.fine
     members = np.unique(fine.triangles[patch.members[fine.subdivision.parents]])
     heights = patch.curve.heights(patch.curve.greatest_amplitudes[None])
@@ -153,7 +154,7 @@ def _describe_tool(plan: Plan, carried: CarriedPatch, up: str) -> Json:
     }
 
 
-def _describe_anchor(plan: Plan, anchor: Anchor, up: str) -> Json:
+def _describe_anchor(plan: MeshPlan, anchor: Anchor, up: str) -> Json:
     surface = plan.fine.surface
     welded = anchor.vertices[np.argmax(anchor.barycentrics)]
     vertex = int(np.flatnonzero(surface.weld == welded)[0])
@@ -187,7 +188,7 @@ def _describe_clip(carried: CarriedPatch, clip: Clip, times: Floats, seen: Activ
     }
 
 
-def _overlaps(plan: Plan) -> list[list[Json]]:
+def _overlaps(plan: MeshPlan) -> list[list[Json]]:
     """For each tool of a mesh the others that move some of its vertices, and how many."""
     counts = [len(carried.vertices) for carried in plan.carried_patches]
     rows = np.repeat(np.arange(len(counts)), counts)
@@ -203,7 +204,7 @@ def _overlaps(plan: Plan) -> list[list[Json]]:
 
 
 def _collision_warnings(
-    plan: Plan, carried: CarriedPatch, seen: Sequence[tuple[Clip, Floats, Activity]], up: str
+    plan: MeshPlan, carried: CarriedPatch, seen: Sequence[tuple[Clip, Floats, Activity]], up: str
 ) -> list[str]:
     found = collision(plan, carried, seen)
     if found is None:

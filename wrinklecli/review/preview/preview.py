@@ -14,7 +14,8 @@ import numpy as np
 
 from wrinklecli.baking.morphs import encode_morphs
 from wrinklecli.baking.pipeline import plan_meshes, read_job, refuse_overwriting
-from wrinklecli.baking.plan import Plan, sample_clips
+from wrinklecli.baking.plan import MeshPlan
+from wrinklecli.baking.sample import sample_clips
 from wrinklecli.character.pose import read_clips
 from wrinklecli.errors import AssetError, WrinkleError, listed, nearest
 from wrinklecli.gltf.document import Document, read_document
@@ -141,7 +142,7 @@ def preview(
         read = [file for document in documents for file in document.files]
         refuse_overwriting([*read, *([os.fspath(tools)] if tools is not None else [])], [path])
         moments = _moments(documents[0], kind, clips, rest=rest, times=times, frames=frames, fps=fps)
-        plans: list[Plan] = []
+        plans: list[MeshPlan] = []
         if tools is not None:
             named = list(dict.fromkeys(moment.clip for moment in moments if moment.clip is not None))
             applied, plans = apply_tools(
@@ -283,7 +284,7 @@ def apply_tools(
     allow_external: bool = False,
     warnings: list[str] | None = None,
     progress: Progress = no_progress,
-) -> tuple[Document, list[Plan]]:
+) -> tuple[Document, list[MeshPlan]]:
     """Bake tools into some clips of an asset, in memory.
 
     Args:
@@ -315,7 +316,7 @@ def apply_tools(
     return replace(draft.document(), allow_external=allow_external), plans
 
 
-def _legend(heat: bool, plans: Sequence[Plan]) -> "Legend":
+def _legend(heat: bool, plans: Sequence[MeshPlan]) -> "Legend":
     from wrinklecli.review.preview.sheet import Legend
 
     names = tuple((name, INKS[number % len(INKS)]) for number, name in enumerate(tool_names(plans)))

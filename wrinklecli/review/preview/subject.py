@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wrinklecli.baking.morphs import parts_of
-from wrinklecli.baking.plan import Plan
+from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.character.pose import Clip, morph_weights, read_clips
 from wrinklecli.character.scene import Part, pose_part, read_scene
 from wrinklecli.errors import AssetError, listed, nearest
@@ -163,7 +163,7 @@ class Subject:
             )
 
 
-def tool_names(plans: Sequence[Plan]) -> list[str]:
+def tool_names(plans: Sequence[MeshPlan]) -> list[str]:
     """The names of all tools, in the order of their colours."""
     return [carried.patch.tool.name for plan in plans for carried in plan.carried_patches]
 
@@ -180,7 +180,7 @@ def _linear(colours: Floats) -> Floats:
     return np.where(colours < 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
 
 
-def read_subject(document: Document, label: str, plans: Sequence[Plan], warnings: list[str]) -> Subject:
+def read_subject(document: Document, label: str, plans: Sequence[MeshPlan], warnings: list[str]) -> Subject:
     """Read what of an asset can be seen.
 
     Args:
@@ -310,7 +310,7 @@ def _attribute(document: Document, primitive: Json, name: str, count: int, size:
     return values[:, :size].astype(np.float64)
 
 
-def _marks(part: Part, plans: Sequence[Plan]) -> Iterator[Mark]:
+def _marks(part: Part, plans: Sequence[MeshPlan]) -> Iterator[Mark]:
     """The tools on a part."""
     names = tool_names(plans)
     for plan in plans:

@@ -1,0 +1,237 @@
+"""What tools do over time: the times of every clip that need a sample, and the weights of all shapes at them."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrinklecli.baking.plan import MeshPlan, Mode
+from wrinklecli.baking.targets import TargetSet, named_targets
+from wrinklecli.character.pose import Clip
+from wrinklecli.errors import BakeError
+from wrinklecli.method.patch import anchor_joints, anchor_poses, lengths_over_time, rest_lengths_over_time
+from wrinklecli.method.shapes import (
+    Activity,
+    CarriedPatch,
+    Shape,
+    activities,
+    activity,
+    compress,
+    displacements,
+    make_shapes,
+    shapes_of,
+    weights_of,
+)
+from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
+from wrinklecli.numeric.guard import Progress
+from wrinklecli.numeric.piecewise import Signal, clip_grid, key_times, moving_nodes, smooth, turns
+
+# Of all clips that are baked at once: nine hours at 30 a second.
+_MOST_FRAMES = 1_000_000
+# Coordinates of displacements that are compressed at once: bounds the memory.
+_MOST_COORDINATES = 2**20
+# Between a clip's own keys, to begin with; halved where that is too long. Against 1 this takes 0.4 to 0.9 of the poses.
+_FRAMES_OF_A_QUARTIC = 4
+# Shares of the error bound. Points looked at inside an interval; pruned skin weights have the rest: see `plan`.
+_SAMPLING_SHARE = 0.5
+# Of fewer shapes than there are frames, `attachment: patch`.
+_COMPRESSION_SHARE = 0.25
+# Dropped keys: their errors are everywhere along a track, those of the samples only where a wrinkle starts.
+_KEYS_SHARE = 0.25
+# A vector whose three coordinates are each off by 1 is off by this.
+_PER_COORDINATE = 3.0**0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """One clip, sampled.
+
+    Attributes:
+        clip: The animation.
+        times: (frames,) seconds.
+        weights: (frames, targets) of the wrinkles.
+        keys: (keys,) the frames that a track needs, straight between them.
+        seen: What each tool does at these times.
+    """
+
+    clip: Clip
+    times: Floats
+    weights: Floats
+    keys: Ints
+    seen: tuple[Activity, ...]
+
+
+def sample_clips(
+    plan: MeshPlan, clips: Sequence[Clip], *, fps: float, mode: Mode, progress: Progress
+) -> tuple[list[TargetSet], list[Motion]]:
+    """Run the tools over the clips that move their mesh.
+
+    Args:
+        plan: The tools.
+        clips: To sample; `morph` leaves out those that do not move the mesh.
+        fps: Of the grid.
+        mode: `frames` takes the grid alone, `morph` what straight lines between keys need.
+        progress: Called with a stage's name, frames done and frames in all.
+
+    Returns:
+        Each tool's shapes, and each clip's weights over all of them.
+    """
+    rig, fine = plan.rig, plan.fine
+    chosen = list(clips) if mode == "frames" else moving_clips(plan, clips)
+    refuse_many_frames(plan, chosen, fps=fps)
+    bound = plan.max_error / _overlaps(plan)
+    tolerance = _SAMPLING_SHARE * bound
+    ends = np.ceil(np.cumsum([1.0 + (clip.end - clip.start) * fps for clip in chosen])).astype(int).tolist()
+    times, keys = [], []
+    for clip, end, take in zip(chosen, ends, takes_of(plan, chosen), strict=True):
+        if mode == "frames":
+            times.append(clip_grid(clip, None, fps=fps))
+            keys.append(np.arange(len(times[-1])))
+        else:
+            bends = turns(clip, rig)
+
+            def signal_on(grid: Floats, clip: Clip = clip, end: int = end, bends: Floats = bends) -> Signal:
+                progress("sampling", end - math.ceil((clip.end - grid[0]) * fps), ends[-1])
+                within = bends[(bends > grid[0]) & (bends < grid[-1])]
+                breaks = distinct_values(np.concatenate([grid[::_FRAMES_OF_A_QUARTIC], grid[-1:], within]))
+                return _signals(plan, clip, breaks, tolerance)
+
+            if take < len(times):
+                found = times[take], keys[take]
+            else:
+                found = key_times(clip, rig, signal_on, fps=fps, tolerance=tolerance, thinning=_KEYS_SHARE * bound)
+            times.append(found[0])
+            keys.append(found[1])
+        progress("sampling", end, ends[-1])
+    target_sets: list[TargetSet] = []
+    patches = [each.patch for each in plan.carried_patches]
+    seen = [tuple(activities(patches, rig, plan.rest, clip, at)) for clip, at in zip(chosen, times, strict=True)]
+    for number, carried in enumerate(plan.carried_patches):
+        if carried.patch.tool.attachment == "skin":
+            shapes = shapes_of(carried, fine, with_normals=plan.has_normals)
+            weights = [_weights(carried, clip, each[number]) for clip, each in zip(chosen, seen, strict=True)]
+        else:
+            shapes, weights = _compressed(plan, carried, list(zip(chosen, times, strict=True)))
+        target_sets.append(TargetSet(carried, named_targets(carried, shapes), tuple(weights)))
+    motions = []
+    for index, (clip, at, kept, done) in enumerate(zip(chosen, times, keys, seen, strict=True)):
+        columns = [target_set.written(target_set.weights[index]) for target_set in target_sets]
+        motions.append(Motion(clip, at, np.concatenate(columns, axis=1), kept, done))
+    return target_sets, motions
+
+
+def takes_of(plan: MeshPlan, clips: Sequence[Clip]) -> list[int]:
+    """For each clip the first that moves the mesh and its wrinkles alike: converters write a take under two names."""
+    named = {name for each in plan.carried_patches for name in (*each.patch.tool.clips, *each.patch.keyed_clips)}
+    likely: dict[tuple[str, float, float, int], list[int]] = {}
+    takes = []
+    for index, clip in enumerate(clips):
+        key = (clip.name if clip.name in named else "", clip.start, clip.end, len(clip.channels))
+        earlier = likely.setdefault(key, [])
+        take = next((other for other in earlier if clip.moves_as(clips[other])), index)
+        if take == index:
+            earlier.append(index)
+        takes.append(take)
+    return takes
+
+
+def moving_clips(plan: MeshPlan, clips: Sequence[Clip]) -> list[Clip]:
+    """The clips that move a mesh or key the rest length of a tool on it."""
+    moving = moving_nodes(plan.rig)
+    driven = {name for each in plan.carried_patches for name in each.patch.keyed_clips}
+    return [clip for clip in clips if clip.name in driven or any(c.node in moving for c in clip.channels)]
+
+
+def refuse_many_frames(plan: MeshPlan, clips: Sequence[Clip], *, fps: float) -> None:
+    """Check that clips are short enough to be sampled together.
+
+    Raises:
+        BakeError: They are not.
+    """
+    frames = sum((clip.end - clip.start) * fps for clip in clips)
+    if frames > _MOST_FRAMES:
+        raise BakeError(
+            f"{len(clips)} clips have {frames:.6g} frames at {fps:.6g} per second; at once {_MOST_FRAMES:,} may be",
+            where=plan.rig.names[plan.rig.node],
+        )
+
+
+def _overlaps(plan: MeshPlan) -> int:
+    """How many tools move one vertex at the most: there, their errors add up."""
+    moved = np.concatenate([carried.vertices for carried in plan.carried_patches])
+    return int(np.bincount(moved).max())
+
+
+def _signals(plan: MeshPlan, clip: Clip, breaks: Floats, tolerance: float) -> Signal:
+    """What must be right between keys within a stretch of a clip, of all tools, scene units.
+
+    Heights start like square roots of the anchors' distances, which are smooth between the breaks: few poses tell
+    the distances, and they tell the heights.
+    """
+    rig, rest = plan.rig, plan.rest
+    patches = [each.patch for each in plan.carried_patches]
+    # Where a height starts, √(x D) for x the length of an interval, an error of D shows most.
+    slack = min(tolerance**2 * each.curve.interval_count / (16 * each.rest_length) for each in patches)
+
+    def distances(times: Floats) -> Floats:
+        poses = anchor_poses(anchor_joints(patches), rig, rest, clip, times)
+        return np.stack([lengths_over_time(each, rig, rest, clip, times, poses)[0] for each in patches], axis=1)
+
+    near = smooth(distances, breaks, slack)
+
+    def signals(times: Floats) -> Floats:
+        values = []
+        for carried, found in zip(plan.carried_patches, near(times).T, strict=True):
+            patch = carried.patch
+            amplitudes, _ = patch.curve.follow(found, rest_lengths_over_time(patch, rig, clip, times))
+            if patch.tool.attachment == "patch":
+                moved = displacements(carried, plan.fine, rig, rest, clip, times, amplitudes)
+                values.append(_PER_COORDINATE * plan.scale * moved.reshape(len(times), -1))
+            else:
+                values.append(patch.clip_strength(clip) * patch.shape_strength * amplitudes.reshape(len(times), -1))
+        return np.concatenate(values, axis=1)
+
+    return signals
+
+
+def skin_weights(plan: MeshPlan, carried: CarriedPatch, clip: Clip | None, times: Floats) -> Floats:
+    """(frames, shapes) morph weights of a skin-attached tool in a clip; none for the stored pose."""
+    return _weights(carried, clip, activity(carried.patch, plan.rig, plan.rest, clip, times))
+
+
+def _weights(carried: CarriedPatch, clip: Clip | None, seen: Activity) -> Floats:
+    """(frames, shapes) morph weights of what a skin-attached tool does."""
+    patch = carried.patch
+    return patch.clip_strength(clip) * weights_of(patch.curve, seen.amplitudes).reshape(len(seen.amplitudes), -1)
+
+
+def _compressed(
+    plan: MeshPlan, carried: CarriedPatch, sampled: Sequence[tuple[Clip, Floats]]
+) -> tuple[list[Shape | None], list[Floats]]:
+    """Shapes and weights of displacements that are new in each frame, all clips together.
+
+    Raises:
+        BakeError: They have too many.
+    """
+    if not sampled:
+        return [], []
+    chunk = max(_MOST_COORDINATES // (3 * len(carried.vertices)), 1)
+    series = (
+        displacements(carried, plan.fine, plan.rig, plan.rest, clip, times[k : k + chunk])
+        for clip, times in sampled
+        for k in range(0, len(times), chunk)
+    )
+    tolerance = _COMPRESSION_SHARE * plan.max_error / plan.scale / _PER_COORDINATE
+    together, deltas = compress(series, tolerance, where=carried.patch.tool.where)
+    weights = np.split(together, np.cumsum([len(times) for _, times in sampled])[:-1])
+    even = np.linspace(0, len(together) - 1, 16).astype(int)
+    rows = distinct_values(np.concatenate([even, np.argmax(together, axis=0)]))
+    shapes = make_shapes(
+        plan.fine,
+        carried.vertices,
+        deltas,
+        tallest=plan.scale * np.sqrt(np.sum(deltas**2, axis=2)).max(axis=1, initial=0.0),
+        samples=together[rows] if plan.has_normals else None,
+    )
+    return shapes, weights
