@@ -6,24 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_morphs import (
-    BACK,
-    BROW,
-    PALM,
-    ROOT,
-    Editor,
-    Gltf,
-    Json,
-    anchor_distances,
-    bake_once,
-    described,
-    edited,
-    sample,
-    wrinkle_columns,
-    write_tools,
-)
 
 import wrinklecli
+from kit.bakes import bake_once
+from kit.limb import write_tools
+from kit.places import ROOT
+from kit.player import Gltf, Json, anchor_distances, described, wrinkle_columns
+from kit.samples import BACK, BROW, PALM, Editor, edited, sample
 from wrinklecli.baking import morphs as encode
 from wrinklecli.baking import proof
 from wrinklecli.baking.budget import BUDGETS

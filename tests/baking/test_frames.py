@@ -7,28 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from test_morphs import (
-    BACK,
-    BROW,
-    PALM,
-    Editor,
-    Floats,
-    Gltf,
-    Json,
-    aside,
-    bake_config,
-    bake_once,
-    edited,
-    sample,
-    two_meshes,
-    without_animations,
-    without_normals,
-    wrinkle_columns,
-    write_tools,
-)
 
 import wrinklecli
+from kit.bakes import bake_config, bake_once
 from kit.clients import assert_valid
+from kit.limb import write_tools
+from kit.player import Floats, Gltf, Json, wrinkle_columns
+from kit.samples import BACK, BROW, PALM, Editor, aside, edited, sample, two_meshes, without_animations, without_normals
 from wrinklecli.baking import frames
 from wrinklecli.errors import WrinkleError
 from wrinklecli.numeric.arrays import unit

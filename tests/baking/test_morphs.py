@@ -7,542 +7,46 @@ import atexit
 import json
 import re
 import shutil
-import struct
-import tempfile
-from base64 import b64decode
-from collections.abc import Callable, Iterator, Sequence
-from functools import cache
+from collections.abc import Callable
 from itertools import chain
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
 
 import numpy as np
 import pytest
-import yaml
 from numpy.typing import NDArray
 
 import wrinklecli
+from kit.bakes import bake_config, bake_once
 from kit.clients import assert_valid, compare_with_three
+from kit.limb import write_tools
+from kit.places import FOLDER
+from kit.player import DTYPES, WIDTHS, Floats, Gltf, Json, anchor_distances, described, differences, wrinkle_columns
+from kit.samples import (
+    BACK,
+    BROW,
+    PALM,
+    Editor,
+    aside,
+    bystanders,
+    edited,
+    sample,
+    shared_mesh,
+    sharp_keys,
+    spline_keys,
+    three_materials,
+    two_meshes,
+    two_parts,
+    unnamed_targets,
+    with_tangents,
+    without_normals,
+)
 from wrinklecli.gltf.writer import accessor_references
 
-Floats = NDArray[np.float64]
-Json = dict[str, Any]
-
-ROOT = Path(__file__).resolve().parents[2]
-FOLDER = Path(tempfile.mkdtemp(prefix="wrinkle-tests-"))
 atexit.register(shutil.rmtree, FOLDER, ignore_errors=True)
-
-DTYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
-DEFAULTS = {"translation": [0, 0, 0], "rotation": [0, 0, 0, 1], "scale": [1, 1, 1]}
-
-# The tool of configs/wrist.yaml on the palm's side; the clip flex shortens it by 56 %, extend stretches it.
-PALM: Json = {"name": "palm", "origin": [-0.032, -0.022, 0.0], "target": [0.028, -0.0205, 0.0], "width": 0.065}
-BACK: Json = {"name": "back", "origin": [-0.030, 0.0220, 0.0], "target": [0.030, 0.0198, 0.0], "width": 0.065}
-BROW: Json = {"name": "brow", "origin": [0.028, 0.2400, 0.0847], "target": [0.028, 0.2880, 0.0635], "width": 0.056}
-
-
-class Gltf:
-    """A glTF file, read and played by the specification alone, in float64."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._arrays: dict[int, Floats] = {}
-        content = path.read_bytes()
-        chunk = b""
-        if content[:4] == b"glTF":
-            (size,) = struct.unpack_from("<I", content, 12)
-            self.json: Json = json.loads(content[20 : 20 + size])
-            chunk = content[28 + size :]
-        else:
-            self.json = json.loads(content)
-        self.buffers = []
-        for buffer in self.json.get("buffers", []):
-            uri = buffer.get("uri")
-            data = chunk if uri is None else b""
-            if uri is not None:
-                embedded = uri.startswith("data:")
-                data = b64decode(uri.partition(",")[2]) if embedded else (path.parent / unquote(uri)).read_bytes()
-            self.buffers.append(data)
-
-    def view_bytes(self, index: int) -> bytes:
-        view = self.json["bufferViews"][index]
-        start = view.get("byteOffset", 0)
-        return self.buffers[view["buffer"]][start : start + view["byteLength"]]
-
-    def _elements(self, source: Json, dtype: str, width: int, count: int) -> NDArray[Any]:
-        view = self.json["bufferViews"][source["bufferView"]]
-        start = view.get("byteOffset", 0) + source.get("byteOffset", 0)
-        size = np.dtype(dtype).itemsize
-        stride = view.get("byteStride", size * width)
-        data = self.buffers[view["buffer"]]
-        return np.ndarray((count, width), dtype, data, start, (stride, size)).copy()
-
-    def stored(self, index: int) -> NDArray[Any]:
-        """(count, components) as stored, sparse elements in place."""
-        accessor = self.json["accessors"][index]
-        dtype, width, count = DTYPES[accessor["componentType"]], WIDTHS[accessor["type"]], accessor["count"]
-        values = np.zeros((count, width), dtype)
-        if "bufferView" in accessor:
-            values = self._elements(accessor, dtype, width, count)
-        if sparse := accessor.get("sparse"):
-            at = self._elements(sparse["indices"], DTYPES[sparse["indices"]["componentType"]], 1, sparse["count"])
-            values[at[:, 0]] = self._elements(sparse["values"], dtype, width, sparse["count"])
-        return values
-
-    def array(self, index: int) -> Floats:
-        """(count, components) as meant: normalised integers are fractions."""
-        if index not in self._arrays:
-            values = self.stored(index)
-            if self.json["accessors"][index].get("normalized"):
-                self._arrays[index] = np.maximum(values / np.iinfo(values.dtype).max, -1.0)
-            else:
-                self._arrays[index] = values.astype(np.float64)
-        return self._arrays[index]
-
-    def node(self, name: str | int) -> int:
-        """The node with a mesh of that name."""
-        if isinstance(name, int):
-            return name
-        (index,) = (i for i, node in enumerate(self.json["nodes"]) if node.get("name") == name and "mesh" in node)
-        return index
-
-    def mesh(self, node: str | int) -> Json:
-        return self.json["meshes"][self.json["nodes"][self.node(node)]["mesh"]]
-
-    def clip(self, name: str | int | None) -> Json:
-        if name is None:
-            return {"channels": [], "samplers": []}
-        animations = self.json["animations"]
-        return animations[name] if isinstance(name, int) else next(a for a in animations if a.get("name") == name)
-
-    def sampler(self, clip: str | int | None, node: int, path: str) -> Json | None:
-        animation = self.clip(clip)
-        wanted = {"node": node, "path": path}
-        found = [c for c in animation["channels"] if {k: c["target"].get(k) for k in wanted} == wanted]
-        assert len(found) <= 1, "two channels of one property"
-        return animation["samplers"][found[0]["sampler"]] if found else None
-
-    def keys(self, clip: str | int, node: str | int, path: str = "weights") -> tuple[Floats, Floats]:
-        """(keys,) times and (keys, …) values of a channel."""
-        sampler = self.sampler(clip, self.node(node), path)
-        assert sampler is not None
-        times = self.array(sampler["input"])[:, 0]
-        return times, self.array(sampler["output"]).reshape(len(times), -1)
-
-    def played(self, clip: str | int | None, node: int, path: str, times: Sequence[float] | Floats) -> Floats | None:
-        """(times, components) of a property; none where the clip does not animate it."""
-        sampler = self.sampler(clip, node, path)
-        if sampler is None:
-            return None
-        keys, values = self.array(sampler["input"])[:, 0], self.array(sampler["output"])
-        kind = sampler.get("interpolation", "LINEAR")
-        values = values.reshape(len(keys), 3 if kind == "CUBICSPLINE" else 1, -1)
-        return np.array([_between(keys, values, kind, path, float(time)) for time in times])
-
-    def weights(self, node: str | int, clip: str | int | None, times: Sequence[float] | Floats) -> Floats:
-        """(times, targets)."""
-        index = self.node(node)
-        count = len(self.mesh(index)["primitives"][0].get("targets", []))
-        stored = self.json["nodes"][index].get("weights", self.mesh(index).get("weights", [0.0] * count))
-        played = self.played(clip, index, "weights", times)
-        return np.tile(np.array(stored, np.float64), (len(times), 1)) if played is None else played
-
-    def matrices(self, clip: str | int | None, times: Sequence[float] | Floats) -> Floats:
-        """(times, nodes, 4, 4) to world space."""
-        nodes = self.json["nodes"]
-        local = np.zeros((len(times), len(nodes), 4, 4))
-        parents = {child: i for i, node in enumerate(nodes) for child in node.get("children", [])}
-        for index, node in enumerate(nodes):
-            if "matrix" in node:
-                local[:, index] = np.array(node["matrix"], np.float64).reshape(4, 4).T
-                continue
-            parts = {}
-            for path, default in DEFAULTS.items():
-                played = self.played(clip, index, path, times)
-                stored = np.array(node.get(path, default), np.float64)
-                parts[path] = np.tile(stored, (len(times), 1)) if played is None else played
-            for frame in range(len(times)):
-                local[frame, index, :3, :3] = _rotation(parts["rotation"][frame]) * parts["scale"][frame]
-            local[:, index, :3, 3] = parts["translation"]
-            local[:, index, 3, 3] = 1.0
-        world = local.copy()
-        for index in range(len(nodes)):
-            above = parents.get(index)
-            while above is not None:
-                world[:, index] = local[:, above] @ world[:, index]
-                above = parents.get(above)
-        return world
-
-    def attribute(self, node: str | int, name: str) -> Floats:
-        """(vertices, components), the primitives one after another."""
-        return np.concatenate([self.array(p["attributes"][name]) for p in self.mesh(node)["primitives"]])
-
-    def deltas(self, node: str | int, name: str = "POSITION") -> Floats:
-        """(targets, vertices, 3)."""
-        per_primitive = []
-        for primitive in self.mesh(node)["primitives"]:
-            count = self.json["accessors"][primitive["attributes"]["POSITION"]]["count"]
-            zeros = np.zeros((count, 3))
-            targets = primitive.get("targets", [])
-            rows = [self.array(each[name]) if name in each else zeros for each in targets]
-            per_primitive.append(np.array(rows).reshape(len(rows), count, 3))
-        return np.concatenate(per_primitive, axis=1)
-
-    def triangles(self, node: str | int) -> NDArray[np.int64]:
-        """(triangles, 3), the primitives one after another."""
-        start, parts = 0, []
-        for primitive in self.mesh(node)["primitives"]:
-            count = self.json["accessors"][primitive["attributes"]["POSITION"]]["count"]
-            indices = self.stored(primitive["indices"])[:, 0] if "indices" in primitive else np.arange(count)
-            parts.append(indices.astype(np.int64).reshape(-1, 3) + start)
-            start += count
-        return np.concatenate(parts)
-
-    def blended(self, node: str | int, clip: str | int | None, times: Sequence[float] | Floats) -> Floats:
-        """(times, vertices, 4, 4) each vertex's matrix from bind to world space."""
-        index = self.node(node)
-        world = self.matrices(clip, times)
-        carrier = self.json["nodes"][index]
-        count = len(self.attribute(index, "POSITION"))
-        if "skin" not in carrier:
-            return np.broadcast_to(world[:, index, None], (len(times), count, 4, 4))
-        skin = self.json["skins"][carrier["skin"]]
-        inverse = np.tile(np.eye(4), (len(skin["joints"]), 1, 1))
-        if "inverseBindMatrices" in skin:
-            inverse = self.array(skin["inverseBindMatrices"]).reshape(-1, 4, 4).transpose(0, 2, 1)
-        palette = world[:, skin["joints"]] @ inverse
-        dense = np.zeros((count, len(skin["joints"])))
-        names = self.mesh(index)["primitives"][0]["attributes"]
-        for number in range(sum(name.startswith("JOINTS_") for name in names)):
-            joints = self.attribute(index, f"JOINTS_{number}").astype(int)
-            for column, weights in zip(joints.T, self.attribute(index, f"WEIGHTS_{number}").T, strict=True):
-                dense[np.arange(count), column] += weights
-        # A vertex without weight follows its first joint, as in three.js.
-        weightless = np.flatnonzero(dense.sum(axis=1) == 0)
-        dense[weightless, self.attribute(index, "JOINTS_0").astype(int)[weightless, 0]] = 1.0
-        dense /= dense.sum(axis=1, keepdims=True)
-        return np.einsum("vj,tjab->tvab", dense, palette)
-
-    def pose(self, node: str | int, clip: str | int | None, times: Sequence[float] | Floats) -> Floats:
-        """(times, vertices, 3) world space."""
-        morphed = self.attribute(node, "POSITION") + np.tensordot(
-            self.weights(node, clip, times), self.deltas(node), axes=1
-        )
-        matrices = self.blended(node, clip, times)
-        return np.einsum("tvab,tvb->tva", matrices[..., :3, :3], morphed) + matrices[..., :3, 3]
-
-    def normals(self, node: str | int, clip: str | int | None, times: Sequence[float] | Floats) -> Floats:
-        """(times, vertices, 3) unit, world space."""
-        bent = self.attribute(node, "NORMAL") + np.tensordot(
-            self.weights(node, clip, times), self.deltas(node, "NORMAL"), axes=1
-        )
-        inverse = np.linalg.inv(self.blended(node, clip, times)[..., :3, :3])
-        turned = np.einsum("tvba,tvb->tva", inverse, bent)
-        return turned / np.linalg.norm(turned, axis=2, keepdims=True)
-
-
-def _between(keys: Floats, values: Floats, kind: str, path: str, time: float) -> Floats:
-    points = values[:, 1] if kind == "CUBICSPLINE" else values[:, 0]
-    if time <= keys[0] or len(keys) == 1:
-        return points[0]
-    if time >= keys[-1]:
-        return points[-1]
-    k = int(np.searchsorted(keys, time, side="right")) - 1
-    span = keys[k + 1] - keys[k]
-    t = (time - keys[k]) / span
-    if kind == "STEP":
-        return points[k]
-    if kind == "CUBICSPLINE":
-        out, into = span * values[k, 2], span * values[k + 1, 0]
-        hermite = (2 * t**3 - 3 * t**2 + 1) * points[k] + (t**3 - 2 * t**2 + t) * out
-        hermite = hermite + (-2 * t**3 + 3 * t**2) * points[k + 1] + (t**3 - t**2) * into
-        return hermite / np.linalg.norm(hermite) if path == "rotation" else hermite
-    if path == "rotation":
-        a, b = (q / np.linalg.norm(q) for q in (points[k], points[k + 1]))
-        b = -b if a @ b < 0 else b
-        angle = np.arccos(min(float(a @ b), 1.0))
-        if angle < 1e-7:
-            return (1 - t) * a + t * b
-        return (np.sin((1 - t) * angle) * a + np.sin(t * angle) * b) / np.sin(angle)
-    return (1 - t) * points[k] + t * points[k + 1]
-
-
-def _rotation(quaternion: Floats) -> Floats:
-    x, y, z, w = quaternion / np.linalg.norm(quaternion)
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + 2 * w * cross + 2 * cross @ cross
-
-
-def sample(name: str) -> Path:
-    return ROOT / "samples" / f"{name}.glb"
-
-
-def write_tools(path: Path, *tools: Json, **top: Any) -> Path:
-    """A tools file of these tools, and other top-level keys."""
-    path.write_text(yaml.safe_dump({"version": 1, "tools": list(tools), **top}))
-    return path
-
-
-@cache
-def _baked(asset: Path, text: str, options: str) -> Path:
-    folder = Path(tempfile.mkdtemp(dir=FOLDER))
-    tools = folder / "tools.yaml"
-    tools.write_text(text)
-    wrinklecli.bake(asset, tools, folder / "out.glb", **json.loads(options))
-    return folder / "out.glb"
-
-
-@cache
-def _read(path: Path) -> Gltf:
-    """A file that no test changes, read once."""
-    return Gltf(path)
-
-
-def bake_once(asset: Path | str, *tools: Json, top: Json | None = None, **options: Any) -> Gltf:
-    """Bake an asset (or a sample by its name); the same bake is made only once."""
-    asset = sample(asset) if isinstance(asset, str) else asset
-    text = yaml.safe_dump({"version": 1, "tools": list(tools), **(top or {})})
-    return _read(_baked(asset, text, json.dumps(options, sort_keys=True)))
-
-
-def bake_config(asset: str, config: str, **options: Any) -> Gltf:
-    """Bake a sample with one of the bundled tools files."""
-    text = (ROOT / "configs" / f"{config}.yaml").read_text()
-    return _read(_baked(sample(asset), text, json.dumps(options, sort_keys=True)))
-
-
-class Editor:
-    """A document to change before it is baked."""
-
-    def __init__(self, source: Gltf) -> None:
-        self.json = source.json
-        self.data = bytearray(source.buffers[0])
-
-    def view(self, data: bytes) -> int:
-        self.data += bytes(-len(self.data) % 4)
-        self.json["bufferViews"].append({"buffer": 0, "byteOffset": len(self.data), "byteLength": len(data)})
-        self.data += data
-        return len(self.json["bufferViews"]) - 1
-
-    def accessor(self, values: NDArray[Any], **more: Any) -> int:
-        """(count, components) in the type to store."""
-        kind = next(key for key, width in WIDTHS.items() if width == values.shape[1])
-        component = next(key for key, dtype in DTYPES.items() if np.dtype(dtype) == values.dtype)
-        entry = {"bufferView": self.view(values.tobytes()), "componentType": component, "count": len(values)}
-        self.json["accessors"].append({**entry, "type": kind, **more})
-        return len(self.json["accessors"]) - 1
-
-    def times(self, values: Sequence[float]) -> int:
-        stored = np.array(values, np.float32)[:, None]
-        return self.accessor(stored, min=[float(stored.min())], max=[float(stored.max())])
-
-    def save(self, path: Path) -> Path:
-        self.data += bytes(-len(self.data) % 4)
-        self.json["buffers"][0]["byteLength"] = len(self.data)
-        text = json.dumps(self.json).encode()
-        text += b" " * (-len(text) % 4)
-        head = struct.pack("<4sII", b"glTF", 2, 28 + len(text) + len(self.data))
-        chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(self.data), b"BIN\0")
-        path.write_bytes(head + chunks + self.data)
-        return path
-
-
-@cache
-def edited(name: str, change: Callable[[Editor], None]) -> Path:
-    """A sample with a change, made once."""
-    editor = Editor(Gltf(sample(name)))
-    change(editor)
-    return editor.save(Path(tempfile.mkdtemp(dir=FOLDER)) / f"{name}_{change.__name__}.glb")
-
-
-def wrinkle_columns(file: Gltf, node: str | int) -> list[int]:
-    names = file.mesh(node)["extras"]["targetNames"]
-    return [index for index, name in enumerate(names) if name.startswith("wrinkle_")]
-
-
-def described(file: Gltf) -> list[Json]:
-    """The nodes, but for the number of the buffer view with the original, which there are fewer or more before."""
-    nodes: list[Json] = json.loads(json.dumps(file.json["nodes"]))
-    for node in nodes:
-        if "wrinkle" in node.get("extras", {}):
-            assert node["extras"]["wrinkle"].pop("original") == len(file.json["bufferViews"]) - 1
-    return nodes
-
-
-def anchor_places(file: Gltf, anchor: Json, node: str | int, clip: str | int | None, times: Floats) -> Floats:
-    """(times, 3) of an anchor in a node's extras, by what the extras say alone."""
-    names = [each.get("name") for each in file.json["nodes"]]
-    world = file.matrices(clip, times)
-    morph_weights = file.weights(node, clip, times)
-    targets = file.mesh(node)["extras"]["targetNames"]
-    place = np.zeros((len(times), 3))
-    for number, (joint, weight) in enumerate(zip(anchor["joints"], anchor["weights"], strict=True)):
-        points = np.tile(np.array(anchor["positions"][number]), (len(times), 1))
-        for name, moves in anchor.get("morphs", {}).items():
-            points = points + morph_weights[:, [targets.index(name)]] * np.array(moves[number])
-        matrices = world[:, names.index(joint)]
-        place += weight * (np.einsum("tab,tb->ta", matrices[:, :3, :3], points) + matrices[:, :3, 3])
-    return place
-
-
-def anchor_distances(file: Gltf, tool: Json, node: str | int, clip: str | int | None, times: Floats) -> Floats:
-    """(times,) distance of a tool's anchors by the node's extras."""
-    ends = [anchor_places(file, tool[end], node, clip, times) for end in ("origin", "target")]
-    return np.linalg.norm(ends[1] - ends[0], axis=1)
-
-
-def differences(before: Any, after: Any, path: str = "") -> Iterator[str]:
-    """JSON paths at which two documents differ, the elements that only one has by their own path."""
-    if isinstance(before, dict) and isinstance(after, dict):
-        kept = [key for key in before if key in after]
-        replaced = re.match(r"/(accessors|bufferViews)/", path)
-        assert replaced or kept == [key for key in after if key in before], f"{path}: order of keys"
-        for key in {**before, **after}:
-            if key in before and key in after:
-                yield from differences(before[key], after[key], f"{path}/{key}")
-            else:
-                yield f"{path}/{key}"
-    elif isinstance(before, list) and isinstance(after, list):
-        for index in range(max(len(before), len(after))):
-            if index < min(len(before), len(after)):
-                yield from differences(before[index], after[index], f"{path}/{index}")
-            else:
-                yield f"{path}/{index}"
-    elif before != after or type(before) is not type(after):
-        yield path
 
 
 # What follows are assets: changes of the samples.
-
-
-def bystanders(editor: Editor) -> None:
-    """A second mesh, a picture, unknown keys, extras and a camera, none of which wrinkles concern."""
-    gltf = editor.json
-    corners = np.float32([[0, 1, 0], [1, 1, 0], [0, 2, 0]])
-    position = editor.accessor(corners, min=[0, 1, 0], max=[1, 2, 0], name="corners", extras={"of": "the sign"})
-    joints = editor.accessor(np.uint8([[7, 0, 0, 0]] * 3), name="_FEATURE")
-    del joints
-    gltf["meshes"].insert(1, {"name": "sign", "primitives": [{"attributes": {"POSITION": position}}], "extras": 3})
-    gltf["nodes"].append({"name": "sign", "mesh": 1, "camera": 0, "extras": {"price": None, "list": []}})
-    gltf["cameras"] = [{"type": "perspective", "perspective": {"yfov": 0.8, "znear": 0.01}, "extras": {}}]
-    gltf["scenes"][0]["nodes"].append(len(gltf["nodes"]) - 1)
-    picture = b"\x89PNG\r\n\x1a\n" + bytes(range(201))
-    gltf["images"] = [{"bufferView": editor.view(picture), "mimeType": "image/png", "name": "ä"}]
-    gltf["samplers"] = [{"name": "nearest"}]
-    gltf["extras"] = {"nothing": None, "kept": [1, 2.5, "三"]}
-    gltf["futureKey"] = {"deep": [{"accessor": 1}]}
-    gltf["asset"]["copyright"] = "someone"
-    gltf["extensionsUsed"] = ["VENDOR_unheard_of"]
-    gltf["extensions"] = {"VENDOR_unheard_of": {"level": "high"}}
-    gltf["nodes"][0]["extras"] = {"rigger": "me"}
-    gltf["animations"][0]["extras"] = {"loop": True}
-
-
-def without_normals(editor: Editor) -> None:
-    for primitive in editor.json["meshes"][0]["primitives"]:
-        del primitive["attributes"]["NORMAL"]
-
-
-def without_animations(editor: Editor) -> None:
-    del editor.json["animations"]
-
-
-def two_parts(editor: Editor) -> None:
-    """Every other triangle in a primitive of its own, over the same vertices; the first has more attributes."""
-    (primitive,) = editor.json["meshes"][0]["primitives"]
-    accessor = editor.json["accessors"][primitive["indices"]]
-    view = editor.json["bufferViews"][accessor["bufferView"]]
-    stored = np.frombuffer(bytes(editor.data), "<u2", accessor["count"], view["byteOffset"]).reshape(-1, 3)
-    count = editor.json["accessors"][primitive["attributes"]["POSITION"]]["count"]
-    rng = np.random.default_rng(1)
-    second = {**primitive, "attributes": dict(primitive["attributes"])}
-    for part, faces in ((primitive, stored[::2]), (second, stored[1::2])):
-        part["indices"] = editor.accessor(np.ascontiguousarray(faces).reshape(-1, 1))
-    fresh = primitive["attributes"]
-    fresh["COLOR_0"] = editor.accessor(rng.integers(0, 256, (count, 4), np.uint8), normalized=True)
-    fresh["TEXCOORD_1"] = editor.accessor(rng.integers(0, 65536, (count, 2)).astype(np.uint16), normalized=True)
-    fresh["_ID"] = editor.accessor(rng.integers(0, 60000, (count, 2)).astype(np.uint16))
-    tangents = np.tile(np.float32([1, 0, 0, -1]), (count, 1))
-    fresh["TANGENT"] = editor.accessor(tangents)
-    editor.json["meshes"][0]["primitives"].append(second)
-
-
-def three_materials(editor: Editor) -> None:
-    """Three primitives over the same vertices, as exporters write them: the wrist, the hand, the forearm."""
-    (primitive,) = editor.json["meshes"][0]["primitives"]
-    arrays = [
-        editor.json["accessors"][index]
-        | {"view": editor.json["bufferViews"][editor.json["accessors"][index]["bufferView"]]}
-        for index in (primitive["indices"], primitive["attributes"]["POSITION"])
-    ]
-    triangles, positions = (
-        np.frombuffer(bytes(editor.data), dtype, size * each["count"], each["view"]["byteOffset"]).reshape(-1, 3)
-        for each, dtype, size in zip(arrays, ("<u2", "<f4"), (1, 3), strict=True)
-    )
-    along = positions[triangles, 0].mean(axis=1)
-    middle = np.abs(along) < 0.02
-    parts = [triangles[middle], triangles[~middle & (along > 0)], triangles[~middle & (along < 0)]]
-    editor.json["materials"] = [{"name": name} for name in ("wrist", "hand", "forearm")]
-    editor.json["meshes"][0]["primitives"] = [
-        {**primitive, "indices": editor.accessor(np.ascontiguousarray(part).reshape(-1, 1)), "material": number}
-        for number, part in enumerate(parts)
-    ]
-
-
-def shared_mesh(editor: Editor) -> None:
-    """A twin, one unit aside, shows the same mesh on a skeleton of its own, moved alike."""
-    gltf = editor.json
-    (skin,) = gltf["skins"]
-    count = len(gltf["nodes"])
-    for node in json.loads(json.dumps(gltf["nodes"])):
-        node["children"] = [child + count for child in node.get("children", [])] or None
-        gltf["nodes"].append({key: value for key, value in node.items() if value is not None})
-        gltf["nodes"][-1]["name"] = "twin" if "mesh" in node else f"{node['name']}.twin"
-    root = gltf["nodes"][count + 1]
-    root["translation"][2] += 1.0
-    gltf["nodes"][count]["skin"] = 1
-    gltf["skins"].append({**skin, "joints": [joint + count for joint in skin["joints"]]})
-    if "skeleton" in skin:
-        gltf["skins"][1]["skeleton"] = skin["skeleton"] + count
-    gltf["scenes"][0]["nodes"] += [node + count for node in gltf["scenes"][0]["nodes"]]
-    for animation in gltf["animations"]:
-        for channel in list(animation["channels"]):
-            target = channel["target"]
-            animation["channels"].append({**channel, "target": {**target, "node": target["node"] + count}})
-
-
-def two_meshes(editor: Editor) -> None:
-    """A twin with a mesh of its own, over the same accessors."""
-    shared_mesh(editor)
-    editor.json["meshes"].append(json.loads(json.dumps(editor.json["meshes"][0])))
-    next(node for node in editor.json["nodes"] if node["name"] == "twin")["mesh"] = 1
-
-
-def aside(tool: Json, **changes: Any) -> Json:
-    """A tool for the twin."""
-    ends = {end: [*tool[end][:2], tool[end][2] + 1.0] for end in ("origin", "target")}
-    return {**tool, **ends, "node": "twin", **changes}
-
-
-def sharp_keys(editor: Editor) -> None:
-    """raise_brows with three keys that jump."""
-    _own_brow_track(editor, "STEP", [0.0, 0.5, 1.25, 2.0], [[0, 0], [0.8, 0.1], [0.3, 0], [0, 0.5]])
-
-
-def spline_keys(editor: Editor) -> None:
-    """raise_brows on a spline that overshoots."""
-    values = [[0, 0], [0.4, 0], [0.5, 0.3], [0.9, 0.1], [0, 0], [-2, 1], [1, 0], [0, 0], [0.5, 0.5]]
-    _own_brow_track(editor, "CUBICSPLINE", [0.0, 0.7, 2.0], values)
-
-
-def _own_brow_track(editor: Editor, kind: str, times: Sequence[float], values: Sequence[Sequence[float]]) -> None:
-    animation = editor.json["animations"][0]
-    assert animation["name"] == "raise_brows"
-    output = editor.accessor(np.array(values, np.float32).reshape(-1, 1))
-    animation["samplers"] = [{"input": editor.times(times), "interpolation": kind, "output": output}]
-    animation["channels"] = [{"sampler": 0, "target": {"node": 0, "path": "weights"}}]
 
 
 # Targets
@@ -772,20 +276,6 @@ def test_a_base_without_normals_stays_so() -> None:
     assert_valid(after.path)
 
 
-def with_tangents(editor: Editor) -> None:
-    """Tangents along the limb, of either handedness."""
-    for primitive in editor.json["meshes"][0]["primitives"]:
-        accessor = editor.json["accessors"][primitive["attributes"]["NORMAL"]]
-        view = editor.json["bufferViews"][accessor["bufferView"]]
-        start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
-        normals = np.frombuffer(bytes(editor.data), "<f4", 3 * accessor["count"], start).reshape(-1, 3).astype(float)
-        axis = np.where(np.abs(normals[:, :1]) < 0.9, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
-        along = axis - np.sum(axis * normals, axis=1, keepdims=True) * normals
-        along /= np.linalg.norm(along, axis=1, keepdims=True)
-        hands = np.where(normals[:, 1:2] > 0, 1.0, -1.0)
-        primitive["attributes"]["TANGENT"] = editor.accessor(np.hstack([along, hands]).astype(np.float32))
-
-
 TANGENTIAL: Json = {**PALM, "strategy": "both_ends", "bumps": 5}
 
 
@@ -832,10 +322,6 @@ def test_tangent_targets_come_on_request_and_where_the_base_has_them() -> None:
         accessor = asked.json["accessors"][target["TANGENT"]]
         assert accessor["type"] == "VEC3"
         assert 0 < accessor["sparse"]["count"] < 0.7 * accessor["count"]
-
-
-def unnamed_targets(editor: Editor) -> None:
-    del editor.json["meshes"][0]["extras"]["targetNames"]
 
 
 def half_named_targets(editor: Editor) -> None:

@@ -12,16 +12,19 @@ from typing import Any
 
 import pytest
 import zstandard
-from test_compressed import EVERY, fixture
-from test_inputs import PNG, crowd, place, scattered
-from test_inputs import TOOL as LIMB
-from test_morphs import (
+
+import wrinklecli
+from kit.asset import pack_glb, read_glb
+from kit.bakes import bake_config, place
+from kit.clients import optimize, validate
+from kit.compressed import EVERY, compressed_sample
+from kit.limb import limb_asset, tool, write_tools
+from kit.player import Json
+from kit.samples import (
     BACK,
     BROW,
     PALM,
-    Json,
     aside,
-    bake_config,
     bystanders,
     edited,
     sample,
@@ -34,12 +37,8 @@ from test_morphs import (
     unnamed_targets,
     with_tangents,
     without_normals,
-    write_tools,
 )
-
-import wrinklecli
-from kit.builders import limb_asset, pack_glb, read_glb
-from kit.clients import optimize, validate
+from kit.variants import PNG, crowd, scattered
 from wrinklecli import cli
 from wrinklecli.baking.track import track
 from wrinklecli.errors import BakeError
@@ -49,6 +48,7 @@ from wrinklecli.gltf.writer import Draft
 from wrinklecli.tools.records import Length
 
 FINER: Json = {**PALM, "name": "other", "strategy": "both_ends", "bumps": 4, "width": 0.05}
+LIMB = tool(bumps=3)
 FINER_LIMB: Json = {**LIMB, "bumps": 2}
 KNEE: Json = {"name": "knee", "origin": [0.104, 0.635, -0.091], "target": [0.104, 0.365, -0.084], "width": 0.24}
 KEYED: Json = {**BROW, "rest_length": {"keys": {"raise_brows": [[0, "100%"], [1, "130%"], [2, "100%"]]}}}
@@ -124,7 +124,7 @@ CASES: dict[str, Case] = {
     "interleaved": (lambda: limb(interleave=True), [LIMB], {}, [FINER_LIMB]),
     "sparse": (lambda: limb(sparse="base", morphs=1, morph_clip="STEP"), [LIMB], {}, [FINER_LIMB]),
     "strip": (lambda: limb(".gltf", mode="strip"), [LIMB], {}, [FINER_LIMB]),
-    **{name: (lambda name=name: fixture(name), [PALM], {}, [FINER]) for name in EVERY},  # type: ignore[misc]
+    **{name: (lambda name=name: compressed_sample(name), [PALM], {}, [FINER]) for name in EVERY},  # type: ignore[misc]
 }
 
 

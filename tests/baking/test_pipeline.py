@@ -9,27 +9,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_morphs import (
-    BACK,
-    BROW,
-    PALM,
-    ROOT,
-    Editor,
-    Gltf,
-    Json,
-    anchor_distances,
-    bake_config,
-    bake_once,
-    described,
-    edited,
-    sample,
-    without_animations,
-    wrinkle_columns,
-    write_tools,
-)
 
 import wrinklecli
+from kit.bakes import bake_config, bake_once
 from kit.clients import assert_valid
+from kit.limb import write_tools
+from kit.places import ROOT
+from kit.player import Gltf, Json, anchor_distances, described, wrinkle_columns
+from kit.samples import BACK, BROW, PALM, Editor, edited, sample, without_animations
 from wrinklecli.errors import WrinkleError
 
 STRATEGIES = {"everywhere": 1, "both_ends": 3, "origin": 5}

@@ -7,9 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_morphs import BROW, PALM, Floats, Gltf, Json, edited, sample, sharp_keys, write_tools
 
 import wrinklecli
+from kit.limb import write_tools
+from kit.player import Floats, Gltf, Json
+from kit.samples import BROW, PALM, edited, sample, sharp_keys
 from wrinklecli.baking import morphs as encode
 from wrinklecli.baking import plan as plan_module
 from wrinklecli.baking.targets import Target

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 import wrinklecli
-from kit.builders import limb, limb_asset, tool, write_tools
+from kit.limb import limb, limb_asset, tool, write_tools
 from wrinklecli.baking import timings
 from wrinklecli.baking.report import Report
 from wrinklecli.cli import cli

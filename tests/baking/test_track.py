@@ -6,24 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
-from test_cli import Wrinkle
-from test_morphs import (
-    BROW,
-    ROOT,
-    Editor,
-    Gltf,
-    Json,
-    bake_config,
-    bake_once,
-    bystanders,
-    differences,
-    edited,
-    sample,
-    wrinkle_columns,
-)
 
+from kit.bakes import bake_config, bake_once
 from kit.clients import assert_valid, drive
+from kit.command import Wrinkle
+from kit.player import Gltf, Json, differences, wrinkle_columns
+from kit.samples import BROW, Editor, bystanders, config, edited, sample
 from wrinklecli.baking.track import Tracked, track
 from wrinklecli.errors import AssetError, BakeError
 from wrinklecli.gltf.document import read_document
@@ -35,11 +23,6 @@ CLOSE = 0.01 + 0.01 + 1e-3
 def body_of(name: str, tools: str = "") -> Gltf:
     """A sample with wrinkles, and no tracks."""
     return bake_config(name, tools or name, tracks="none")
-
-
-def config(name: str) -> Json:
-    found: Json = yaml.safe_load((ROOT / "configs" / f"{name}.yaml").read_text())
-    return found
 
 
 def skeleton_only(editor: Editor) -> None:
@@ -363,12 +346,6 @@ def test_same_input_same_bytes(tmp_path: Path) -> None:
     outputs = [track(body.path, [anim], tmp_path / name)[0].path for name in ("a", "b")]
     assert Path(outputs[0]).read_bytes() == Path(outputs[1]).read_bytes()
     assert read_document(outputs[0]).gltf["asset"] == read_document(anim).gltf["asset"]
-
-
-@pytest.fixture
-def wrinkle(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Wrinkle:
-    monkeypatch.chdir(tmp_path)
-    return Wrinkle(capfd, monkeypatch)
 
 
 def test_from_the_command_line(wrinkle: Wrinkle, tmp_path: Path) -> None:

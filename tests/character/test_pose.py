@@ -9,7 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from kit.builders import Asset, as_document, limb_asset
+from kit.asset import Asset
+from kit.limb import limb_asset
+from kit.prepared import as_document
 from wrinklecli.character.pose import (
     Channel,
     Rig,

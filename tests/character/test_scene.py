@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_morphs import Editor, edited, sample, shared_mesh, two_meshes, two_parts
 
 from kit.clients import pose_with_normals
+from kit.samples import Editor, edited, sample, shared_mesh, two_meshes, two_parts
 from wrinklecli.character.pose import read_clips
 from wrinklecli.character.scene import Part, pose_part, read_scene, scene_nodes
 from wrinklecli.errors import AssetError

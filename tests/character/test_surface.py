@@ -8,7 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from kit.builders import MODES, RADIUS, Asset, as_document, limb_asset, limb_positions
+from kit.asset import MODES, Asset
+from kit.limb import RADIUS, limb_asset, limb_positions
+from kit.prepared import as_document
 from wrinklecli.character.pose import read_rig
 from wrinklecli.character.surface import Surface, read_surface, read_triangles
 from wrinklecli.errors import AssetError

@@ -9,73 +9,23 @@ import struct
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from test_morphs import (
-    BACK,
-    BROW,
-    PALM,
-    ROOT,
-    Editor,
-    Gltf,
-    Json,
-    anchor_distances,
-    bake_once,
-    edited,
-    sample,
-    write_tools,
-)
 
-from wrinklecli import cli
+from kit.bakes import bake_once
+from kit.command import Ran, Wrinkle, files
+from kit.limb import write_tools
+from kit.places import ROOT
+from kit.player import Gltf, Json, anchor_distances
+from kit.samples import BACK, BROW, PALM, Editor, edited, sample
 from wrinklecli.baking import pipeline
 
 WRIST = str(sample("wrist"))
 # 38 % of the segment at a height of 15 %: nothing is left unabsorbed in flex, so nothing is warned of.
 CALM: Json = {**PALM, "bumps": 2, "max_height": "none"}
-
-
-@dataclass(frozen=True)
-class Ran:
-    """What a run of `wrinkle` did."""
-
-    code: int
-    out: str
-    lines: list[str]
-
-
-class Wrinkle:
-    """Runs the command in this process, in a folder of its own."""
-
-    def __init__(self, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-        self._capfd, self._monkeypatch = capfd, monkeypatch
-
-    def __call__(self, *arguments: str | Path) -> Ran:
-        self._monkeypatch.setattr(sys, "argv", ["wrinkle", *map(str, arguments)])
-        self._capfd.readouterr()
-        code: Any = 0
-        try:
-            cli.main()
-        except SystemExit as exit_:
-            code = exit_.code or 0
-        captured = self._capfd.readouterr()
-        return Ran(code, captured.out, captured.err.splitlines())
-
-
-@pytest.fixture
-def wrinkle(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Wrinkle]:
-    handler = signal.getsignal(signal.SIGTERM)
-    monkeypatch.chdir(tmp_path)
-    yield Wrinkle(capfd, monkeypatch)
-    signal.signal(signal.SIGTERM, handler)
-
-
-def files(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 # Done

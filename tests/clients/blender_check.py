@@ -3,7 +3,7 @@
 In a virtual environment of Python 3.11:
 
     pip install bpy -e '.[test]'
-    PYTHONPATH=tests:tests/clients python tests/clients/blender_check.py BAKED.glb NODE CLIP [FPS]
+    PYTHONPATH=tests python tests/clients/blender_check.py BAKED.glb NODE CLIP [FPS]
 
 Prints the greatest distance of a vertex at times of the clip, scene units; above 1e-5 of the mesh's size it fails.
 
@@ -23,7 +23,8 @@ from typing import Any
 import bpy
 import numpy as np
 from numpy.typing import NDArray
-from test_morphs import Gltf
+
+from kit.player import Gltf
 
 Floats = NDArray[np.float64]
 

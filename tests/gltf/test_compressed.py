@@ -17,19 +17,20 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
-from test_morphs import BACK, PALM, ROOT, Editor, Floats, Gltf, Json, bake_once, shared_mesh, write_tools
 
 import wrinklecli
+from kit.bakes import bake_once
 from kit.clients import assert_valid, pose, validate
+from kit.compressed import DECODED, EVERY, MESHOPT, compressed_sample
+from kit.limb import write_tools
+from kit.places import ROOT
+from kit.player import Floats, Gltf, Json
+from kit.samples import BACK, PALM, Editor, shared_mesh
 from wrinklecli.character.pose import read_rig
 from wrinklecli.character.surface import read_surface
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document, read_document
 
-DATA = Path(__file__).parents[1] / "data"
-DECODED: dict[str, list[str]] = json.loads((DATA / "decoded.json").read_text())
-MESHOPT = sorted(DECODED)
-EVERY = [*MESHOPT, "gltf_transform_draco"]
 DRACO = "KHR_draco_mesh_compression"
 
 # Metres. A bake follows its input, which is off by up to half a step of the weights, 1/255, of the way of the hand,
@@ -37,10 +38,6 @@ DRACO = "KHR_draco_mesh_compression"
 TOLERANCE = 2e-4
 TOOLS = (PALM, BACK)
 TIMES = (0.0, 0.5, 1.0)
-
-
-def fixture(name: str) -> Path:
-    return DATA / f"{name}.glb"
 
 
 def mesh_node(document: Document) -> int:
@@ -57,7 +54,7 @@ def elements(document: Document, index: int) -> NDArray[Any]:
 
 @pytest.mark.parametrize("name", MESHOPT)
 def test_views_decode_to_the_same_bytes(name: str) -> None:
-    document = read_document(fixture(name))
+    document = read_document(compressed_sample(name))
     views = compressed_views(document.gltf)
     found = [hashlib.sha256(document.view(index)).hexdigest() for index in views]
     assert found == DECODED[name]
@@ -65,7 +62,7 @@ def test_views_decode_to_the_same_bytes(name: str) -> None:
 
 @pytest.mark.parametrize("name", EVERY)
 def test_the_surface_is_that_of_the_original(name: str) -> None:
-    plain, packed = (read_document(path) for path in (ROOT / "samples" / "wrist.glb", fixture(name)))
+    plain, packed = (read_document(path) for path in (ROOT / "samples" / "wrist.glb", compressed_sample(name)))
     rigs = [read_rig(document, mesh_node(document)) for document in (plain, packed)]
     surfaces = [read_surface(document, rig) for document, rig in zip((plain, packed), rigs, strict=True)]
     assert len(surfaces[0].positions) == len(surfaces[1].positions)
@@ -82,7 +79,7 @@ def test_the_surface_is_that_of_the_original(name: str) -> None:
 
 @pytest.mark.parametrize("name", EVERY)
 def test_bakes_are_valid_and_pose_as_the_original_does(name: str) -> None:
-    out = bake_once(fixture(name), *TOOLS).path
+    out = bake_once(compressed_sample(name), *TOOLS).path
     assert_valid(out)
     expected = bake_once("wrist", *TOOLS)
     node = mesh_node(read_document(out))
@@ -96,8 +93,8 @@ def test_bakes_are_valid_and_pose_as_the_original_does(name: str) -> None:
 
 @pytest.mark.parametrize("name", EVERY)
 def test_the_touched_mesh_is_plain_and_the_rest_as_it_was(name: str) -> None:
-    out = bake_once(fixture(name), *TOOLS).path
-    before, after = read_document(fixture(name)), read_document(out)
+    out = bake_once(compressed_sample(name), *TOOLS).path
+    before, after = read_document(compressed_sample(name)), read_document(out)
     (primitive,) = after.items("meshes")[after.items("nodes")[mesh_node(after)]["mesh"]]["primitives"]
     for index in (*primitive["attributes"].values(), primitive["indices"]):
         view = after.items("bufferViews")[after.items("accessors")[index]["bufferView"]]
@@ -119,7 +116,9 @@ def test_the_touched_mesh_is_plain_and_the_rest_as_it_was(name: str) -> None:
 @pytest.mark.parametrize("levels", [0, 4])
 def test_no_warnings_that_plain_files_lack(name: str, levels: int) -> None:
     """Draco rounds weights to 0 and leaves the joints, which the validator warns of."""
-    before, after = validate([fixture(name), bake_once(fixture(name), *TOOLS, max_levels=levels).path])
+    before, after = validate(
+        [compressed_sample(name), bake_once(compressed_sample(name), *TOOLS, max_levels=levels).path]
+    )
     known = {message["code"] for message in before.messages}
     fresh = [each for each in after.messages if each["severity"] <= 1 and each["code"] not in known]
     assert not fresh, after.lines()
@@ -128,12 +127,12 @@ def test_no_warnings_that_plain_files_lack(name: str, levels: int) -> None:
 @pytest.mark.parametrize("levels", [0, 4])
 def test_a_strip_in_draco_is_read_as_its_triangles(levels: int, tmp_path: Path) -> None:
     """Its decoder gives triangles; the mode is what they were before."""
-    editor = Editor(Gltf(fixture("gltf_transform_draco")))
+    editor = Editor(Gltf(compressed_sample("gltf_transform_draco")))
     (primitive,) = editor.json["meshes"][0]["primitives"]
     assert primitive.get("mode", 4) == 4
     primitive["mode"] = 5
     strip = bake_once(editor.save(tmp_path / "strip.glb"), *TOOLS, max_levels=levels)
-    listed = bake_once(fixture("gltf_transform_draco"), *TOOLS, max_levels=levels)
+    listed = bake_once(compressed_sample("gltf_transform_draco"), *TOOLS, max_levels=levels)
     (primitive,) = strip.json["meshes"][0]["primitives"]
     assert primitive.get("mode", 4) == 4
     assert np.array_equal(strip.triangles(0), listed.triangles(0))
@@ -144,8 +143,8 @@ def test_a_strip_in_draco_is_read_as_its_triangles(levels: int, tmp_path: Path) 
 
 
 def twin(name: str, path: Path, change: Callable[[Json], None] = lambda _: None) -> Path:
-    """A fixture with an unskinned second mesh over the same accessors, 5 m aside."""
-    editor = Editor(Gltf(fixture(name)))
+    """A compressed_sample with an unskinned second mesh over the same accessors, 5 m aside."""
+    editor = Editor(Gltf(compressed_sample(name)))
     gltf = editor.json
     gltf["meshes"].append(json.loads(json.dumps(gltf["meshes"][0])))
     attributes = gltf["meshes"][1]["primitives"][0]["attributes"]
@@ -183,7 +182,7 @@ def test_an_untouched_mesh_stays_compressed(name: str, ending: str, tmp_path: Pa
 @pytest.mark.parametrize("ending", [".glb", ".gltf"])
 @pytest.mark.parametrize("name", ["gltf_transform_meshopt", "gltf_transform_draco"])
 def test_a_mesh_of_two_nodes_stays_compressed_for_the_other(name: str, ending: str, tmp_path: Path) -> None:
-    editor = Editor(Gltf(fixture(name)))
+    editor = Editor(Gltf(compressed_sample(name)))
     shared_mesh(editor)
     asset, out = editor.save(tmp_path / "in.glb"), tmp_path / f"out{ending}"
     wrinklecli.bake(asset, write_tools(tmp_path / "tools.yaml", {**PALM, "node": "wrist"}), out)
@@ -220,8 +219,8 @@ def test_placeholders_may_come_first(out: str, tmp_path: Path) -> None:
 
 def test_nothing_compressed_is_left_where_every_view_is_replaced(tmp_path: Path) -> None:
     """The placeholder and the names of the extension go with the last view that needs them."""
-    editor = Editor(Gltf(fixture("gltf_transform_meshopt")))
-    document = read_document(fixture("gltf_transform_meshopt"))
+    editor = Editor(Gltf(compressed_sample("gltf_transform_meshopt")))
+    document = read_document(compressed_sample("gltf_transform_meshopt"))
     mesh = editor.json["meshes"][0]["primitives"][0]
     kept = {mesh["indices"], *mesh["attributes"].values()}
     for index, accessor in enumerate(editor.json["accessors"]):
@@ -251,7 +250,7 @@ def test_nothing_compressed_is_left_where_every_view_is_replaced(tmp_path: Path)
 def test_frames_of_a_compressed_mesh(name: str, tmp_path: Path) -> None:
     tools = write_tools(tmp_path / "tools.yaml", *TOOLS, sampling={"fps": 2})
     out = tmp_path / "frames.glb"
-    wrinklecli.bake(fixture(name), tools, out, mode="frames")
+    wrinklecli.bake(compressed_sample(name), tools, out, mode="frames")
     assert_valid(out)
     assert DRACO not in read_document(out).gltf.get("extensionsUsed", [])
 
@@ -291,7 +290,7 @@ def weights_of(path: Path) -> Floats:
 
 
 def test_rounded_weights_add_up_to_one_again() -> None:
-    assert np.abs(weights_of(fixture("gltf_transform_draco")).sum(axis=1) - 1.0).max() < 1e-6
+    assert np.abs(weights_of(compressed_sample("gltf_transform_draco")).sum(axis=1) - 1.0).max() < 1e-6
 
 
 def test_primitives_that_draco_rounds_apart_weld(tmp_path: Path) -> None:
@@ -310,7 +309,7 @@ def test_primitives_that_draco_rounds_apart_weld(tmp_path: Path) -> None:
     moved = document.accessor(first) + np.float32(1e-7)
     document._decoded[(second,)] = moved
     assert not (moved == document.accessor(first)).all()
-    once = read_document(fixture("gltf_transform_draco"))
+    once = read_document(compressed_sample("gltf_transform_draco"))
     surfaces = [read_surface(each, read_rig(each, mesh_node(each))) for each in (once, document)]
     assert len(surfaces[0].positions) == len(surfaces[1].positions)
 
@@ -318,7 +317,9 @@ def test_primitives_that_draco_rounds_apart_weld(tmp_path: Path) -> None:
 def test_a_missing_decoder_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setitem(sys.modules, "DracoPy", None)
     with pytest.raises(AssetError) as caught:
-        wrinklecli.bake(fixture("gltf_transform_draco"), write_tools(tmp_path / "t.yaml", *TOOLS), tmp_path / "o.glb")
+        wrinklecli.bake(
+            compressed_sample("gltf_transform_draco"), write_tools(tmp_path / "t.yaml", *TOOLS), tmp_path / "o.glb"
+        )
     (line,) = caught.value.lines
     assert DRACO in line
     assert "pip install 'wrinklecli[draco]'" in line
@@ -379,7 +380,7 @@ def test_malformed_extensions_are_refused(change: Json, message: str, tmp_path: 
 
 @pytest.mark.parametrize("name", EVERY)
 def test_damaged_files_are_read_or_refused(name: str, tmp_path: Path) -> None:
-    whole = fixture(name).read_bytes()
+    whole = compressed_sample(name).read_bytes()
     (size,) = struct.unpack_from("<I", whole, 12)
     generator = random.Random(1)
     path = tmp_path / "damaged.glb"

@@ -15,7 +15,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kit.builders import ARRAY_BUFFER, Asset, limb, limb_asset, pack_glb, read_glb
+from kit.asset import ARRAY_BUFFER, Asset, pack_glb, read_glb
+from kit.limb import limb, limb_asset
 from wrinklecli.character.pose import read_clips, read_rig
 from wrinklecli.character.surface import read_surface
 from wrinklecli.errors import AssetError, BakeError, WrinkleError

@@ -24,12 +24,14 @@ from typing import Any
 
 import numpy as np
 
-from kit import builders
+if __name__ == "__main__":
+    sys.path[0] = str(Path(__file__).resolve().parents[1])
+
+from kit.asset import Asset, Json, pack_glb, read_glb
+from kit.limb import RADIUS, limb_asset, limb_weights, tool
 from wrinklecli import bake
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import read_document
-
-Json = dict[str, Any]
 
 SECONDS = 10.0  # of processor time that a bake of a small file may take
 _WAITING = 30.0  # times as long by the clock: other programs may run, but nothing may wait for ever
@@ -72,7 +74,7 @@ class Case:
 @cache
 def corpus() -> list[Source]:
     """Small assets that between them have every feature that is read."""
-    tool, small = builders.tool, {"refinement": {"max_levels": 1}, "sampling": {"fps": 4}}
+    small = {"refinement": {"max_levels": 1}, "sampling": {"fps": 4}}
     limb = {"rings": 7, "sides": 6}
     two = [tool(), tool(name="other", strategy="both_ends", bumps=3, details=[0.2], attachment="patch")]
     morph = tool(strategy="origin", bumps=2, rest_length={"morph": "morph_0", "full": "120%"}, snap="vertex")
@@ -102,7 +104,7 @@ def corpus() -> list[Source]:
     ]
     sources = []
     for suffix, options, tools, header in assets:
-        asset = builders.limb_asset(**limb, **options)
+        asset = limb_asset(**limb, **options)
         asset.gltf["buffers"] = [{"byteLength": len(asset.data)}]
         sources.append(Source(suffix, asset.gltf, bytes(asset.data), {"version": 1, **small, **header, "tools": tools}))
     return [*sources, _baked(sources[0]), *_large()]
@@ -111,23 +113,23 @@ def corpus() -> list[Source]:
 def _large() -> list[Source]:
     """Assets and tools files with much of one thing: clips, tools, edges at a vertex, time, levels."""
     limb = {"rings": 7, "sides": 6}
-    clips = builders.limb_asset(**limb)
+    clips = limb_asset(**limb)
     animation = clips.gltf["animations"][0]
     clips.gltf["animations"] = [{**animation, "name": f"fold {k}"} for k in range(40)]
-    crowd = [builders.tool(name=f"t{k}", bumps=1 + k % 3, width=0.1 + 0.02 * k) for k in range(30)]
-    long = builders.limb_asset(**limb, clip=None)
+    crowd = [tool(name=f"t{k}", bumps=1 + k % 3, width=0.1 + 0.02 * k) for k in range(30)]
+    long = limb_asset(**limb, clip=None)
     times = np.arange(300) / 10.0
     angles = 0.4 * np.abs(np.sin(times))
     turns = np.stack([0 * times, 0 * times, np.sin(angles), np.cos(angles)], axis=1)
     animation = {"name": "long"}
     long.channel(animation, 2, "rotation", times, turns)
     long.append("animations", animation)
-    cases: list[tuple[builders.Asset, list[Json], Json]] = [
-        (clips, [builders.tool()], {"refinement": {"max_levels": 1}, "sampling": {"fps": 4}}),
-        (builders.limb_asset(**limb), crowd, {"refinement": {"max_levels": 1}, "sampling": {"fps": 4}}),
-        (pole(300), [builders.tool(width=1.0)], {"refinement": {"max_levels": 2}, "sampling": {"fps": 4}}),
-        (long, [builders.tool(attachment="patch")], {"refinement": {"max_levels": 1}}),
-        (builders.limb_asset(**limb), [builders.tool(bumps=12)], {"refinement": {"max_levels": 8}}),
+    cases: list[tuple[Asset, list[Json], Json]] = [
+        (clips, [tool()], {"refinement": {"max_levels": 1}, "sampling": {"fps": 4}}),
+        (limb_asset(**limb), crowd, {"refinement": {"max_levels": 1}, "sampling": {"fps": 4}}),
+        (pole(300), [tool(width=1.0)], {"refinement": {"max_levels": 2}, "sampling": {"fps": 4}}),
+        (long, [tool(attachment="patch")], {"refinement": {"max_levels": 1}}),
+        (limb_asset(**limb), [tool(bumps=12)], {"refinement": {"max_levels": 8}}),
     ]
     return [
         Source(
@@ -140,15 +142,15 @@ def _large() -> list[Source]:
     ]
 
 
-def pole(edges: int) -> builders.Asset:
+def pole(edges: int) -> Asset:
     """The limb's skeleton under a disc whose triangles all meet at one vertex."""
-    asset = builders.limb_asset(rings=3, sides=4)
+    asset = limb_asset(rings=3, sides=4)
     angles = np.linspace(0.0, 2 * np.pi, edges, endpoint=False)
-    rim = np.stack([np.cos(angles), np.full(edges, builders.RADIUS), -np.sin(angles)], axis=1)
-    positions = np.concatenate([[[0.0, builders.RADIUS, 0.0]], rim])
+    rim = np.stack([np.cos(angles), np.full(edges, RADIUS), -np.sin(angles)], axis=1)
+    positions = np.concatenate([[[0.0, RADIUS, 0.0]], rim])
     around = 1 + np.arange(edges)
     triangles = np.stack([0 * around, around, 1 + around % edges], axis=1)
-    weights = np.pad(builders.limb_weights(positions[:, 0], 2), ((0, 0), (0, 2)))
+    weights = np.pad(limb_weights(positions[:, 0], 2), ((0, 0), (0, 2)))
     asset.gltf["meshes"][0]["primitives"] = [
         {
             "attributes": {
@@ -170,7 +172,7 @@ def _baked(source: Source) -> Source:
         paths[0].write_bytes(packed(source.gltf, source.data, source.suffix))
         paths[1].write_text(json.dumps(source.tools))
         bake(*paths)
-        gltf, data = builders.read_glb(paths[2].read_bytes())
+        gltf, data = read_glb(paths[2].read_bytes())
     return Source(".glb", gltf, data[: gltf["buffers"][0]["byteLength"]], source.tools)
 
 
@@ -235,7 +237,7 @@ def packed(gltf: Any, data: bytes, suffix: str) -> bytes:
         if isinstance(buffers, list) and buffers and isinstance(buffers[0], dict):
             buffers[0].setdefault("uri", "data:application/gltf-buffer;base64," + base64.b64encode(data).decode())
         return json.dumps(gltf).encode()
-    return builders.pack_glb(json.dumps(gltf).encode(), data)
+    return pack_glb(json.dumps(gltf).encode(), data)
 
 
 def _junk(chance: random.Random) -> Any:

@@ -8,7 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from kit.builders import RADIUS, Asset, Prepared, as_document, limb_asset, prepare, tool
+from kit.asset import Asset
+from kit.limb import RADIUS, limb_asset, tool
+from kit.prepared import Prepared, as_document, prepare
 from wrinklecli.character.pose import joint_matrices, read_rig
 from wrinklecli.method.refine import (
     Refinement,

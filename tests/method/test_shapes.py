@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from kit.builders import RADIUS, Prepared, as_document, limb_asset, prepare, tool
+from kit.limb import RADIUS, limb_asset, tool
+from kit.prepared import Prepared, as_document, prepare
 from wrinklecli.character.pose import node_matrices, read_rig
 from wrinklecli.errors import BakeError
 from wrinklecli.method.curve import plan_curve

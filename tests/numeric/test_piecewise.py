@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from kit.builders import as_document, limb_asset
+from kit.limb import limb_asset
+from kit.prepared import as_document
 from wrinklecli.character.pose import Channel, Clip, Rig, read_clips, read_rig, sample
 from wrinklecli.numeric import piecewise as tracks
 from wrinklecli.numeric.piecewise import (

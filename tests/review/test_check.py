@@ -12,17 +12,18 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from test_cli import Wrinkle, files, wrinkle
-from test_morphs import BACK, PALM, ROOT, Json, sample
 
 import wrinklecli
-from kit.builders import RADIUS, Asset, limb, limb_asset, tool, write_tools
+from kit.asset import Asset
+from kit.command import Wrinkle, files
+from kit.limb import RADIUS, limb, limb_asset, tool, write_tools
+from kit.places import ROOT
+from kit.player import Json
+from kit.samples import BACK, PALM, sample
 from wrinklecli.baking import warnings as placement
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review.check import Check, check
-
-__all__ = ["wrinkle"]  # a fixture
 
 Floats = NDArray[np.float64]
 

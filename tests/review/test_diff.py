@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
-from test_cli import Wrinkle
-from test_cli import wrinkle as wrinkle  # a fixture
-from test_samples import SAMPLES, build
 
 from kit import hostile
-from kit.builders import Asset, limb_asset, tool, write_tools
+from kit.asset import Asset, attribute, stored
+from kit.command import Wrinkle, make_samples
+from kit.limb import limb_asset, tool, write_tools
+from kit.places import SAMPLES
+from kit.variants import PICTURE, SMALL, rich
 from wrinklecli import bake
 from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.gltf.document import read_document
@@ -31,69 +31,10 @@ from wrinklecli.tools.records import Length
 
 Json = dict[str, Any]
 
-PICTURE = b"\x89PNG\r\n\x1a\n" + bytes(range(200))
-SMALL: Json = {"rings": 9, "sides": 8}
-
-
-def rich(**options: Any) -> Asset:
-    """A folding limb with a hat on a node of its own: all kinds of things to differ in."""
-    settings: Json = {"joints": 3, "morphs": 2, "morph_clip": "LINEAR", "weights_at": "mesh", "colors": True}
-    asset = limb_asset(**{**SMALL, **settings, **options})
-    gltf = asset.gltf
-    gltf["asset"] |= {"generator": "a test", "copyright": "someone"}
-    corners = [[0, 1, 0], [1, 1, 0], [0, 2, 0], [1, 2, 0.5]]
-    hat: Json = {
-        "attributes": {"POSITION": asset.accessor(corners, bounds=True), "_ID": asset.accessor([1, 2, 3, 4], "u2")},
-        "indices": asset.accessor([0, 1, 2, 1, 3, 2], "u2"),
-        "material": 1,
-    }
-    asset.append("meshes", {"name": "hat", "primitives": [hat]})
-    node = asset.append("nodes", {"name": "hat", "mesh": 1, "camera": 0, "extras": {"price": 3.5, "tags": ["red"]}})
-    gltf["scenes"][0]["nodes"].append(node)
-    gltf["meshes"][0]["name"] = "limb"
-    gltf["meshes"][0]["primitives"][0]["material"] = 0
-    skin = {"name": "skin", "pbrMetallicRoughness": {"baseColorFactor": [0.8, 0.5, 0.4, 1.0]}}
-    felt = {
-        "name": "felt",
-        "pbrMetallicRoughness": {
-            "baseColorTexture": {"index": 0, "extensions": {"KHR_texture_transform": {"scale": [2, 2]}}}
-        },
-        "extensions": {"KHR_materials_clearcoat": {"clearcoatFactor": 0.25, "clearcoatTexture": {"index": 1}}},
-    }
-    gltf["materials"] = [skin, felt, {"name": "spare"}]
-    gltf["textures"] = [{"source": 0, "sampler": 0}, {"source": 1, "sampler": 0}]
-    gltf["samplers"] = [{"magFilter": 9729, "wrapS": 33071}]
-    gltf["images"] = [
-        {"name": "felt", "mimeType": "image/png", "bufferView": asset.view(PICTURE)},
-        {"name": "coat", "mimeType": "image/png", "bufferView": asset.view(PICTURE[::-1])},
-    ]
-    gltf["cameras"] = [{"type": "perspective", "perspective": {"yfov": 0.8, "znear": 0.01}}]
-    gltf["extensionsUsed"] = ["KHR_texture_transform", "KHR_materials_clearcoat"]
-    gltf["extras"] = {"level": 3, "note": "kept"}
-    nod: Json = {"name": "nod"}
-    asset.channel(nod, node, "translation", [0, 1, 2], [[0, 0, 0], [0, 0.1, 0], [0, 0, 0]])
-    asset.append("animations", nod)
-    return asset
-
-
-def stored(asset: Asset, index: int) -> NDArray[Any]:
-    """The numbers of an accessor, to be written to."""
-    accessor = asset.gltf["accessors"][index]
-    view = asset.gltf["bufferViews"][accessor["bufferView"]]
-    dtype = {5121: "<u1", 5123: "<u2", 5125: "<u4", 5126: "<f4"}[accessor["componentType"]]
-    width = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}[accessor["type"]]
-    size = np.dtype(dtype).itemsize
-    stride = view.get("byteStride", width * size)
-    return np.ndarray((accessor["count"], width), dtype, asset.data, view["byteOffset"], (stride, size))
-
 
 def node(asset: Asset, name: str) -> Json:
     found: Json = next(each for each in asset.gltf["nodes"] if each.get("name") == name)
     return found
-
-
-def attribute(asset: Asset, mesh: int, name: str) -> NDArray[Any]:
-    return stored(asset, asset.gltf["meshes"][mesh]["primitives"][0]["attributes"][name])
 
 
 def compared(folder: Path, a: Asset, b: Asset, **options: Any) -> Comparison:
@@ -1118,24 +1059,24 @@ def test_the_samples_are_checked_and_compared_with_their_golden(tmp_path: Path) 
     golden = samples / "goldens" / "wrist.glb"
     kept = golden.read_bytes()
     assert len(kept) < 200_000
-    ran = build(samples, "test", "-j2")
+    ran = make_samples(samples, "test", "-j2")
     assert "same: at most" in ran.stdout
 
     draft = Draft(read_document(golden))
     draft.gltf["nodes"][0]["extras"]["wrinkle"]["tools"][0]["rest_length"] *= 1.01
     draft.write(golden)
     with pytest.raises(subprocess.CalledProcessError) as caught:
-        build(samples, "golden-check")
+        make_samples(samples, "golden-check")
     assert "/nodes/0/extras/wrinkle/tools/0/rest_length" in caught.value.stdout
 
-    build(samples, "goldens")
+    make_samples(samples, "goldens")
     assert compare(golden, samples / "out" / "golden" / "wrist.glb").same
-    build(samples, "golden-check")
+    make_samples(samples, "golden-check")
 
     config = tmp_path / "configs" / "wrist.yaml"
     wider, count = re.subn(r"width: [0-9.]+", "width: 0.08", config.read_text())
     assert count
     config.write_text(wider)
     with pytest.raises(subprocess.CalledProcessError) as caught:
-        build(samples, "golden-check")
+        make_samples(samples, "golden-check")
     assert "different: at most" in caught.value.stdout

@@ -7,18 +7,18 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from test_cli import Wrinkle, files, wrinkle
-from test_morphs import Gltf, Json, sample
 
 import wrinklecli
 from kit import hostile
-from kit.builders import Asset, limb, limb_asset, tool, write_tools
+from kit.asset import Asset
+from kit.command import Wrinkle, files
+from kit.limb import limb, limb_asset, tool, write_tools
+from kit.player import Gltf, Json
+from kit.samples import sample
 from wrinklecli.character.pose import read_clips
 from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.review.inspect import KINDS, inspect
-
-__all__ = ["wrinkle"]  # a fixture
 
 
 @pytest.mark.parametrize("name", ["wrist", "head", "trousers"])

@@ -18,7 +18,8 @@ from hypothesis.extra import numpy as arrays
 from numpy.typing import NDArray
 from PIL import Image
 
-from kit.builders import ARRAY_BUFFER, Asset, limb_asset, tool, write_tools
+from kit.asset import ARRAY_BUFFER, Asset
+from kit.limb import limb_asset, tool, write_tools
 from wrinklecli import bake, cli
 from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.gltf.document import read_document

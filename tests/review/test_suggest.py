@@ -15,10 +15,11 @@ from click.testing import CliRunner, Result
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from test_morphs import edited, sample, shared_mesh, two_meshes
 
 from kit import hostile
-from kit.builders import LENGTH, RADIUS, Asset, limb, limb_asset
+from kit.asset import Asset
+from kit.limb import LENGTH, RADIUS, limb, limb_asset
+from kit.samples import edited, sample, shared_mesh, two_meshes
 from wrinklecli import bake
 from wrinklecli.character.pose import Clip, read_clips, read_rig
 from wrinklecli.character.surface import read_surface

@@ -10,7 +10,8 @@ import pytest
 
 from wrinklecli.cli import cli
 
-PACKAGE = Path(__file__).parents[2] / "wrinklecli"
+TESTS = Path(__file__).parents[1]
+PACKAGE = TESTS.parent / "wrinklecli"
 # The way of the data. A room is a folder, or a module beside the folders.
 ROOMS = ("errors", "numeric", "tools", "gltf", "character", "method", "baking", "review", "testing", "cli")
 # Who may import a library; any module may import those that are not here.
@@ -127,3 +128,12 @@ def test_core_never_prints_and_never_exits() -> None:
             if isinstance(node, ast.Call):
                 called = ast.unparse(node.func)
                 assert called not in ("print", "exit", "sys.exit", "os._exit", "quit", "input"), f"{path}:{node.lineno}"
+
+
+def test_no_test_imports_another_test_module() -> None:
+    """What several of them need is in the kit."""
+    modules = [path for path in TESTS.rglob("*.py") if "benchmarks" not in path.parts]
+    tests = {path.stem for path in modules if path.stem.startswith("test_")}
+    for path in modules:
+        wanted = {part for name in imports_of(path) for part in name.split(".")}
+        assert not wanted & {*tests, "conftest"}, path

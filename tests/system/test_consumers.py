@@ -4,7 +4,6 @@ Samples always; real assets where the folder `shared/assets` lies beside the rep
 """
 
 from collections import Counter
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -13,18 +12,16 @@ import numpy as np
 import pytest
 import yaml
 from scipy.spatial import cKDTree
-from test_morphs import ROOT, Floats, Gltf, Json, sample
 
 import wrinklecli
 from kit.clients import compare_with_three, optimize, pose, pose_each, validate
-from wrinklecli.baking.morphs import parts_of, shared_vertices
-from wrinklecli.baking.plan import MeshPlan, plan_mesh
-from wrinklecli.character.pose import blend, joint_matrices, morph_weights, read_clips, transform
+from kit.places import ROOT
+from kit.player import Floats, Gltf, Json
+from kit.reference import Case, method, planned
+from kit.samples import sample
+from wrinklecli.character.pose import read_clips
 from wrinklecli.gltf.document import read_document
-from wrinklecli.method.shapes import displacements
 from wrinklecli.numeric.piecewise import clip_grid
-from wrinklecli.tools.read import load_tools
-from wrinklecli.tools.records import Length
 
 ASSETS = ROOT.parent / "shared" / "assets"
 SAMPLES = {"wrist": "wrist", "head": "head", "head_keyed": "head", "trousers": "trousers"}
@@ -63,19 +60,6 @@ TOOLS: dict[str, list[Json]] = {
     ],
     "simple_skin": [{"name": "bend", "origin": [-0.4, 0.6, 0.0], "target": [-0.4, 1.4, 0.0], "width": 0.8, "bumps": 2}],
 }
-
-
-@dataclass(frozen=True)
-class Case:
-    """An asset with tools on its one deforming mesh."""
-
-    asset: Path
-    tools: Path
-    node: int
-
-    @property
-    def clips(self) -> list[int]:
-        return list(range(len(Gltf(self.asset).json["animations"])))
 
 
 def deforming(file: Gltf) -> int:
@@ -130,28 +114,6 @@ def test_no_errors_and_no_new_kinds_of_warnings(name: str, folder: Path) -> None
         assert not fresh, "\n".join(report.lines())
         # Nor does an infringement of a known kind appear in what was valid.
         assert report.errors == 0, "\n".join(report.lines(severity=0))
-
-
-@cache
-def planned(found: Case) -> MeshPlan:
-    document, settings = read_document(found.asset), load_tools(found.tools)
-    (clips, one) = (read_clips(document), Length(1.0, percent=True))
-    return plan_mesh(document, found.node, list(settings.tools), settings, clips, one)
-
-
-def method(plan: MeshPlan, asset: Path, clip: int, times: Floats) -> Floats:
-    """(times, glTF vertices, 3) what the method itself makes of a clip: no pruning, no targets, no tracks."""
-    rig, fine = plan.rig, plan.fine
-    document = read_document(asset)
-    (found,) = (each for each in read_clips(document) if each.index == clip)
-    bind = fine.positions + np.tensordot(morph_weights(rig, found, times), fine.morph_deltas, axes=1)
-    for carried in plan.carried_patches:
-        bind[:, carried.vertices] += displacements(carried, fine, rig, plan.rest, found, times)
-    weights = fine.dense_weights(np.arange(len(fine.positions)), len(rig.joints))
-    moved = transform(blend(weights, joint_matrices(rig, found, times)), bind)
-    # Primitives that share their vertices share the new ones too.
-    parts = parts_of(fine, shared_vertices(document, rig.mesh, fine))
-    return moved[:, np.concatenate([part.weld for part in parts])]
 
 
 def clip_times(file: Gltf, node: int, clip: int) -> Floats:

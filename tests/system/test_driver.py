@@ -4,10 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_morphs import BROW, ROOT, Editor, Gltf, Json, bake_config, bake_once, edited
-from test_track import config
 
+from kit.bakes import bake_config, bake_once
 from kit.clients import clip_tracks, drive, gltfpack, optimize
+from kit.places import ROOT
+from kit.player import Gltf, Json
+from kit.samples import BROW, Editor, config, edited
 
 # The table's own straight lines, and what eight digits and float32 add where a height starts.
 TABLE = 1 / 256 + 1e-3

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_morphs import Gltf
 
-from kit.builders import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, RADIUS, Asset, limb_asset, tool, write_tools
+from kit.asset import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Asset
+from kit.limb import RADIUS, limb_asset, tool, write_tools
+from kit.player import Gltf
 from wrinklecli import bake
 from wrinklecli.baking import pipeline, plan, proof, sample
 from wrinklecli.character import pose

@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 from kit import hostile
-from kit.builders import Asset, limb_asset, tool, write_tools
+from kit.asset import Asset
+from kit.limb import limb_asset, tool, write_tools
 from wrinklecli import bake
 from wrinklecli.errors import BakeError, WrinkleError
 from wrinklecli.gltf.document import read_document

@@ -1,6 +1,6 @@
 """Every form of input that glTF 2.0 allows: it bakes, validly, within --max-error, and all else is as it was.
 
-Each asset is the limb of `builders`, written in another way.
+Each asset is the limb of `kit.limb`, written in another way.
 """
 
 import json
@@ -8,33 +8,24 @@ import os
 import re
 import subprocess
 import sys
-import tempfile
-from base64 import b64decode, b64encode
+from base64 import b64decode
 from collections.abc import Callable, Iterator
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
 import pytest
-from test_consumers import Case, method, planned
-from test_morphs import FOLDER, Gltf, Json, differences
-from test_morphs import wrinkle_columns as columns_of
 
 import wrinklecli
-from kit.builders import (
-    ARRAY_BUFFER,
-    COMPONENTS,
-    ELEMENT_ARRAY_BUFFER,
-    LENGTH,
-    RADIUS,
-    Asset,
-    limb_asset,
-    tool,
-    write_tools,
-)
+from kit.asset import ARRAY_BUFFER, COMPONENTS, ELEMENT_ARRAY_BUFFER, Asset
+from kit.bakes import place
 from kit.clients import assert_valid, validate
+from kit.limb import LENGTH, RADIUS, limb_asset, tool, write_tools
+from kit.player import Gltf, Json, differences
+from kit.player import wrinkle_columns as columns_of
+from kit.reference import Case, method, planned
+from kit.variants import PNG, crowd, scattered
 from wrinklecli.errors import AssetError
 
 Array = np.ndarray[Any, Any]
@@ -43,11 +34,6 @@ Change = Callable[[Asset], None]
 # An error to the validator, which adds up each WEIGHTS_n by itself; players read such files all the same.
 KNOWN = frozenset({"ACCESSOR_WEIGHTS_NON_NORMALIZED"})
 TOOL = tool(bumps=3)
-
-
-def place(asset: Asset, ending: str = ".glb") -> Path:
-    """Write an asset into a folder of its own."""
-    return asset.write(Path(tempfile.mkdtemp(dir=FOLDER)) / f"limb{ending}")
 
 
 def bake(path: Path, *tools: Json, out: str = "out/baked.glb", **options: Any) -> Path:
@@ -655,43 +641,6 @@ def test_forms_of_animation(change: Change | None, options: Json) -> None:
 # Documents
 
 
-def crowd(asset: Asset) -> None:
-    """Extensions, extras, unknown keys, odd names and objects that nobody uses, at every level of the document."""
-    gltf = asset.gltf
-    gltf["asset"] |= {"generator": "by hand", "minVersion": "2.0", "extras": None}
-    gltf["extensionsUsed"] = ["KHR_lights_punctual", "EXT_nobody_knows", "KHR_materials_unlit"]
-    gltf["extensions"] = {
-        "EXT_nobody_knows": {"b": 1, "a": [None, {"deep": [1.50, 1e-7, 12345678901234567890]}]},
-        "KHR_lights_punctual": {"lights": [{"type": "point", "name": "lamp"}]},
-    }
-    gltf["unknown"] = {"z": 1, "a": {}}
-    gltf["extras"] = [None, {}, [], "", 0, 0.0, False, "\u2603 \u00e4"]
-    gltf["cameras"] = [{"type": "orthographic", "orthographic": {"xmag": 1.0, "ymag": 2, "zfar": 3, "znear": 0}}]
-    gltf["samplers"] = [{"name": "", "magFilter": 9728}, {}]
-    gltf["materials"] = [{"extensions": {"KHR_materials_unlit": {}}, "name": "unused"}, {"alphaCutoff": 0.25}]
-    gltf["materials"][1] |= {"alphaMode": "MASK", "unknown": 1}
-    gltf["scenes"].append({"name": "empty", "extras": {"x": 1}})
-    gltf["nodes"].append({"name": "unused", "camera": 0, "unknown": [], "extras": {"wrinkle": "not ours"}})
-    gltf["nodes"][0] |= {"extras": {"rigger": {"z": 1, "a": 2}}, "extensions": {"EXT_nobody_knows": {"node": 0}}}
-    mesh = gltf["meshes"][0]
-    mesh |= {"name": 'limb "mesh"', "unknown": True, "extensions": {"EXT_nobody_knows": {}}}
-    mesh["primitives"][0] |= {"extras": {"part": 1}, "unknown": {"key": 1}, "material": 1}
-    mesh.setdefault("extras", {})["owner"] = "me"
-    stray = asset.accessor([[0, 0, 0], [1, 0, 0], [0, 1, 0]], bounds=True, name="stray", extras={"kept": True})
-    gltf["meshes"].append({"primitives": [{"attributes": {"POSITION": stray}}], "name": "unused"})
-    asset.accessor(np.arange(5), "u2", name="used by nobody")
-    asset.view(bytes(range(99)))
-    gltf["bufferViews"][-1] |= {"name": "used by nobody", "unknown": 1}
-    gltf["skins"][0] |= {"name": "skin", "extras": 1}
-    gltf["animations"][0] |= {"extras": {"loop": True}, "unknown": 0}
-    gltf["animations"][0]["samplers"][0]["extras"] = {"eased": True}
-    gltf["animations"][0]["channels"][0]["extras"] = 7
-    # Unusual orders of keys, at the top and below.
-    for each in (gltf, gltf["nodes"][1], gltf["animations"][0]):
-        for key in sorted(each, reverse=True):
-            each[key] = each.pop(key)
-
-
 @pytest.mark.parametrize("options", [{}, {"morphs": 2, "weights_at": "both", "morph_clip": "LINEAR", "primitives": 2}])
 def test_what_wrinkles_do_not_concern_is_kept_to_the_letter(options: Json) -> None:
     asset = limb_asset(rings=13, **options)
@@ -712,43 +661,6 @@ def test_what_wrinkles_do_not_concern_is_kept_to_the_letter(options: Json) -> No
 
 
 # Buffers and images
-
-PNG = b"\x89PNG\r\n\x1a\n" + bytes(range(50))
-
-
-def scattered(folder: Path) -> Path:
-    """A .gltf with a buffer beside it, one of an encoded name in a folder below and one in a data URI; images alike."""
-    asset = limb_asset(rings=13, morphs=1, morph_clip="LINEAR")
-    asset.gltf["images"] = [
-        {"uri": "skin.png"},
-        {"uri": "my%20pictures/%C3%A4%231.png", "name": "ä"},
-        {"uri": "data:image/png;base64,iVBORw0KGgo="},
-        {"bufferView": asset.view(PNG + b"view"), "mimeType": "image/png"},
-    ]
-    text = json.loads(asset.write(folder / "whole.gltf").read_text())
-    (folder / "whole.gltf").unlink()
-    (folder / "whole.bin").unlink()
-    data = bytes(asset.data)
-    ends = [0, len(data) // 3, 2 * len(data) // 3, len(data)]
-    starts = sorted(view["byteOffset"] for view in text["bufferViews"])
-    cuts = [min(start for start in [*starts, len(data)] if start >= end) for end in ends]
-    parts = [data[low:high] for low, high in pairwise(cuts)]
-    for view in text["bufferViews"]:
-        number = max(k for k in range(3) if cuts[k] <= view["byteOffset"])
-        view |= {"buffer": number, "byteOffset": view["byteOffset"] - cuts[number]}
-    (folder / "my pictures").mkdir()
-    (folder / "skin.png").write_bytes(PNG)
-    (folder / "my pictures" / "ä#1.png").write_bytes(PNG + b"ae")
-    (folder / "plain.bin").write_bytes(parts[0])
-    (folder / "my pictures" / "b%.bin").write_bytes(parts[1])
-    uris = [
-        "plain.bin",
-        "my%20pictures/b%25.bin",
-        "data:application/octet-stream;base64," + b64encode(parts[2]).decode(),
-    ]
-    text["buffers"] = [{"uri": uri, "byteLength": len(part)} for uri, part in zip(uris, parts, strict=True)]
-    (folder / "a.gltf").write_text(json.dumps(text))
-    return folder / "a.gltf"
 
 
 def image_bytes(file: Gltf, index: int) -> bytes:

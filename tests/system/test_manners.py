@@ -13,9 +13,10 @@ from typing import Any
 
 import click
 import pytest
-from test_morphs import PALM, ROOT, sample, write_tools
 
-from kit.builders import limb_asset
+from kit.limb import limb_asset, write_tools
+from kit.places import ROOT
+from kit.samples import PALM, sample
 from wrinklecli.cli import cli
 
 COMMANDS = sorted(cli.commands)

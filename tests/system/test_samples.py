@@ -17,8 +17,10 @@ import pytest
 import yaml
 from numpy.typing import NDArray
 
+from kit.command import make_samples
+from kit.places import SAMPLES
+
 ROOT = Path(__file__).parents[2]
-SAMPLES = ROOT / "samples"
 NAMES = ("wrist", "head", "trousers")
 TRIANGLES = {"wrist": 2480, "head": 21267, "trousers": 6362}
 BORDERS = {"wrist": 1, "head": 1, "trousers": 3}
@@ -204,13 +206,6 @@ def test_anchors_of_the_tools_files_lie_on_the_skin(config: Path) -> None:
             assert heights.min() < 0.001, f"{tool['name']}: {end} is {heights.min():.4f} m off"
 
 
-def build(samples: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    environment = os.environ | {"WRINKLE": str(Path(sys.executable).with_name("wrinkle")), "PYTHON": sys.executable}
-    return subprocess.run(
-        ["make", "-C", str(samples), *arguments], env=environment, check=True, capture_output=True, text=True
-    )
-
-
 def outputs(samples: Path) -> dict[str, int]:
     """Name and time of each baked file."""
     return {path.name: path.stat().st_mtime_ns for path in (samples / "out").glob("*.glb")}
@@ -223,7 +218,7 @@ def test_make_bakes_all_without_a_warning_and_again_only_what_changed(tmp_path: 
     shutil.copytree(ROOT / "configs", configs)
     names = {f"{path.stem}.glb" for path in configs.glob("*.yaml")}
 
-    first = build(samples, "-j4")
+    first = make_samples(samples, "-j4")
     assert outputs(samples).keys() == names
     assert "warning" not in first.stderr
 
@@ -232,18 +227,18 @@ def test_make_bakes_all_without_a_warning_and_again_only_what_changed(tmp_path: 
     for path in [*configs.iterdir(), *samples.glob("*.glb"), *(samples / "out").iterdir()]:
         os.utime(path, (minute_ago, minute_ago))
     before = outputs(samples)
-    build(samples, "-q")
-    build(samples)
+    make_samples(samples, "-q")
+    make_samples(samples)
     assert outputs(samples) == before
 
     (configs / "head_keyed.yaml").touch()
-    build(samples)
+    make_samples(samples)
     after = outputs(samples)
     assert {name for name in names if after[name] != before[name]} == {"head_keyed.glb"}
 
     (samples / "head.glb").touch()
-    build(samples)
+    make_samples(samples)
     assert {name for name, when in outputs(samples).items() if when != after[name]} == {"head.glb", "head_keyed.glb"}
 
-    build(samples, "clean")
+    make_samples(samples, "clean")
     assert not (samples / "out").exists()

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_diff import PICTURE, attribute, rich
 
-from kit.builders import Asset, limb_asset
+from kit.asset import Asset, attribute
+from kit.limb import limb_asset
+from kit.variants import PICTURE, rich
 
 pytest_plugins = ["pytester"]
 

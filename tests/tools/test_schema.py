@@ -10,15 +10,13 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
-from test_cli import Wrinkle, files, wrinkle
-from test_read import ANCHORS, BAD_HEADERS, BAD_TOOL_KEYS, HEAD, LENGTH, NAMES, OPTIONS, README
 
+from kit.command import Wrinkle, files
+from kit.tools_text import ANCHORS, BAD_HEADERS, BAD_TOOL_KEYS, HEAD, LENGTH, NAMES, OPTIONS, README
 from wrinklecli.errors import ConfigError
 from wrinklecli.tools.read import parse_tools
 from wrinklecli.tools.schema import TOOLS_SCHEMA
 from wrinklecli.tools.yaml_tree import read_tree
-
-__all__ = ["wrinkle"]  # a fixture
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 EXAMPLES = sorted(CONFIGS.glob("*.yaml"))

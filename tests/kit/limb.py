@@ -1,201 +1,20 @@
-"""glTF documents built in code for the tests: a limb that folds, and the parts to build others from.
+"""A limb that folds, in every form that glTF allows, and tools for it.
 
 `limb(path, ...)` writes a file; `limb_asset(...)` gives the same as an `Asset`, to be changed before
 `asset.write(path)` or `asset.glb()`. `write_tools(path, tool(...), ...)` writes a tools file for it.
 """
 
-import base64
 import json
-import struct
-from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, Literal
-from urllib.parse import quote
 
 import numpy as np
-from numpy.typing import NDArray
 
-from wrinklecli.character.pose import Clip, Rig, joint_matrices, read_clips, read_rig
-from wrinklecli.character.surface import Surface, read_surface
-from wrinklecli.gltf.document import Document, read_document
-from wrinklecli.method.patch import Patch, Rest, attach_tools, rest_pose
-from wrinklecli.method.refine import Refinement, refine
-from wrinklecli.tools.read import parse_tools
-from wrinklecli.tools.records import ToolsFile
-
-Json = dict[str, Any]
-Array = NDArray[Any]
-Interpolation = Literal["LINEAR", "STEP", "CUBICSPLINE"]
-
-COMPONENTS = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
-TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
-MODES = {"triangles": 4, "strip": 5, "fan": 6}
-ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
+from kit.asset import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, MODES, Array, Asset, Interpolation, Json
 
 LENGTH, RADIUS = 2.0, 0.25  # of the limb, scene units: along x around 0, and around that axis
 BLEND = 0.5  # scene units around each inner joint over which skin weights change over
-
-
-@dataclass
-class Asset:
-    """A glTF document under construction: its JSON and the bytes of its one buffer."""
-
-    gltf: Json = field(default_factory=lambda: {"asset": {"version": "2.0"}})
-    data: bytearray = field(default_factory=bytearray)
-
-    def append(self, kind: str, item: Json) -> int:
-        """Append to a top-level array, and give the index."""
-        items: list[Json] = self.gltf.setdefault(kind, [])
-        items.append(item)
-        return len(items) - 1
-
-    def view(self, data: bytes, *, stride: int | None = None, target: int | None = None) -> int:
-        """Append bytes at a multiple of 4, and a buffer view on them."""
-        self.data += bytes(-len(self.data) % 4)
-        view: Json = {"buffer": 0, "byteOffset": len(self.data), "byteLength": len(data)}
-        self.data += data
-        if stride is not None:
-            view["byteStride"] = stride
-        if target is not None:
-            view["target"] = target
-        return self.append("bufferViews", view)
-
-    def accessor(
-        self,
-        values: Any,
-        dtype: str = "f4",
-        *,
-        normalized: bool = False,
-        bounds: bool = False,
-        target: int | None = None,
-        **more: Any,
-    ) -> int:
-        """Append an accessor of (count,) or (count, components) values with a view of its own."""
-        stored = np.asarray(values).astype(f"<{dtype}")
-        rows = stored.reshape(len(stored), -1)
-        stride = None
-        data = rows.tobytes()
-        if target == ARRAY_BUFFER and rows.itemsize * rows.shape[1] % 4:
-            size = rows.itemsize * rows.shape[1]
-            stride = size + -size % 4
-            data = np.pad(np.frombuffer(data, np.uint8).reshape(-1, size), ((0, 0), (0, stride - size))).tobytes()
-        view = self.view(data, stride=stride, target=target)
-        return self._describe(rows, dtype, view, 0, normalized=normalized, bounds=bounds, **more)
-
-    def interleaved(self, *columns: tuple[Any, str, bool]) -> list[int]:
-        """Append accessors of (values, dtype, normalized) that share one strided view."""
-        parts = [np.asarray(values).astype(f"<{dtype}").reshape(len(values), -1) for values, dtype, _ in columns]
-        bytes_ = [np.frombuffer(part.tobytes(), np.uint8).reshape(len(part), -1) for part in parts]
-        padded = [np.pad(each, ((0, 0), (0, -each.shape[1] % 4))) for each in bytes_]
-        offsets = np.cumsum([0] + [each.shape[1] for each in padded])
-        view = self.view(np.concatenate(padded, axis=1).tobytes(), stride=int(offsets[-1]), target=ARRAY_BUFFER)
-        return [
-            self._describe(part, dtype, view, int(offset), normalized=normalized, bounds=dtype == "f4")
-            for part, (_, dtype, normalized), offset in zip(parts, columns, offsets[:-1], strict=True)
-        ]
-
-    def sparse(self, values: Any, *, base: bool, index_dtype: str = "u2", bounds: bool = True) -> int:
-        """Append float32 values as substitutes: over a dense base of wrong values, or over zeros."""
-        stored = np.asarray(values, "<f4")
-        changed = np.flatnonzero((stored != 0).any(axis=1))
-        index = self.accessor(np.where(stored != 0, 7.0, 0.0)) if base else self.append("accessors", {})
-        described: Json = {"componentType": COMPONENTS["f4"], "count": len(stored), "type": TYPES[stored.shape[1]]}
-        described["sparse"] = {
-            "count": len(changed),
-            "indices": {
-                "bufferView": self.view(changed.astype(f"<{index_dtype}").tobytes()),
-                "componentType": COMPONENTS[index_dtype],
-            },
-            "values": {"bufferView": self.view(stored[changed].tobytes())},
-        }
-        if bounds:
-            described |= {"min": stored.min(axis=0).tolist(), "max": stored.max(axis=0).tolist()}
-        self.gltf["accessors"][index] |= described
-        return index
-
-    def _describe(
-        self, rows: Array, dtype: str, view: int, offset: int, *, normalized: bool, bounds: bool, **more: Any
-    ) -> int:
-        accessor: Json = {
-            "bufferView": view,
-            "componentType": COMPONENTS[dtype],
-            "count": len(rows),
-            "type": TYPES[rows.shape[1]],
-            **more,
-        }
-        if offset:
-            accessor["byteOffset"] = offset
-        if normalized:
-            accessor["normalized"] = True
-        if bounds:
-            accessor |= {"min": rows.min(axis=0).tolist(), "max": rows.max(axis=0).tolist()}
-        return self.append("accessors", accessor)
-
-    def channel(
-        self,
-        animation: Json,
-        node: int,
-        path: str,
-        times: Any,
-        values: Any,
-        interpolation: Interpolation = "LINEAR",
-    ) -> None:
-        """Append a channel to an animation; values are (keys, …), or (keys, 3, …) for CUBICSPLINE."""
-        width = 1 if path == "weights" else np.shape(values)[-1]
-        sampler = {
-            "input": self.accessor(times, bounds=bool(np.isfinite(times).all())),
-            "output": self.accessor(np.reshape(values, (-1, width))),
-            "interpolation": interpolation,
-        }
-        animation.setdefault("samplers", []).append(sampler)
-        target = {"node": node, "path": path}
-        animation.setdefault("channels", []).append({"sampler": len(animation["samplers"]) - 1, "target": target})
-
-    def glb(self) -> bytes:
-        """The document as a .glb."""
-        gltf = dict(self.gltf)
-        if self.data:
-            gltf["buffers"] = [{"byteLength": len(self.data)}, *gltf.get("buffers", [])[1:]]
-        return pack_glb(json.dumps(gltf).encode(), bytes(self.data))
-
-    def write(self, path: Path, *, buffer: Literal["file", "data", "percent", "folder"] = "file") -> Path:
-        """Write the document; the ending decides between .glb and .gltf.
-
-        Args:
-            path: The file.
-            buffer: Of a .gltf: a file beside it, a data URI, a file with a name to be percent-encoded, or a
-                file in a folder below.
-        """
-        if path.suffix == ".glb":
-            path.write_bytes(self.glb())
-            return path
-        name = {"file": f"{path.stem}.bin", "percent": "my büffer #1%.bin", "folder": "data/a.bin", "data": ""}[buffer]
-        if name:
-            (path.parent / name).parent.mkdir(exist_ok=True)
-            (path.parent / name).write_bytes(self.data)
-            uri = quote(name)
-        else:
-            uri = "data:application/gltf-buffer;base64," + base64.b64encode(self.data).decode()
-        path.write_text(json.dumps({**self.gltf, "buffers": [{"uri": uri, "byteLength": len(self.data)}]}))
-        return path
-
-
-def pack_glb(text: bytes, binary: bytes = b"") -> bytes:
-    """A .glb of a JSON chunk and a binary one, none where it is empty."""
-    text += b" " * (-len(text) % 4)
-    body = struct.pack("<I4s", len(text), b"JSON") + text
-    if binary:
-        binary += bytes(-len(binary) % 4)
-        body += struct.pack("<I4s", len(binary), b"BIN\0") + binary
-    return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body
-
-
-def read_glb(data: bytes) -> tuple[Json, bytes]:
-    """The JSON and the binary chunk of a .glb, read without the code under test."""
-    (size,) = struct.unpack_from("<I", data, 12)
-    return json.loads(data[20 : 20 + size]), data[28 + size :]
 
 
 def _smoothstep(x: Array) -> Array:
@@ -487,60 +306,6 @@ def tool(**keys: Any) -> Json:
 
 
 def write_tools(path: Path, *tools: Json, **header: Any) -> Path:
-    """Write a tools file (YAML that is JSON too), with the limb's default tool where none is given."""
+    """Write a tools file (YAML that is JSON too) with other top-level keys; the limb's tool where none is given."""
     path.write_text(json.dumps({"version": 1, **header, "tools": list(tools) or [tool()]}))
     return path
-
-
-@dataclass(frozen=True)
-class Prepared:
-    """An asset as the stages before the encoding see it."""
-
-    document: Document
-    rig: Rig
-    surface: Surface
-    clips: tuple[Clip, ...]
-    settings: ToolsFile
-    rest: Rest
-    patches: list[Patch]
-
-    @property
-    def patch(self) -> Patch:
-        """The only patch, or the first."""
-        return self.patches[0]
-
-    @property
-    def clip(self) -> Clip:
-        """The only clip, or the first."""
-        return self.clips[0]
-
-    def refined(self, *, tolerance: float = np.inf, contacts: Array | None = None, influences: int = 4) -> Refinement:
-        """The refined surface; no edge is held back by its skin weights."""
-        return refine(
-            self.surface,
-            self.rest,
-            self.patches,
-            self.rig,
-            settings=self.settings.refinement,
-            contacts=np.zeros(len(self.surface.positions), bool) if contacts is None else contacts,
-            influences=influences,
-            poses=joint_matrices(self.rig, None, np.zeros(1)),
-            tolerance=tolerance,
-        )
-
-
-def as_document(asset: Asset) -> Document:
-    """The document that reading the asset gives."""
-    with TemporaryDirectory() as folder:
-        return read_document(asset.write(Path(folder) / "limb.glb"))
-
-
-def prepare(asset: Asset, *tools: Json, node: int = 0, **header: Any) -> Prepared:
-    """Read an asset and attach tools to it, the limb's default tool where none is given."""
-    document = as_document(asset)
-    settings = parse_tools(json.dumps({"version": 1, **header, "tools": list(tools) or [tool()]}), name="tools.yaml")
-    rig, clips = read_rig(document, node), read_clips(document)
-    surface = read_surface(document, rig)
-    rest = rest_pose(surface, rig, settings, clips, list(settings.tools))
-    patches = attach_tools(list(settings.tools), surface, rest, rig, settings, clips)
-    return Prepared(document, rig, surface, clips, settings, rest, patches)

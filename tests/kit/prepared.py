@@ -1,0 +1,73 @@
+"""An asset with tools attached, as the stages between reading and encoding see it."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from kit.asset import Array, Asset, Json
+from kit.limb import tool
+from wrinklecli.character.pose import Clip, Rig, joint_matrices, read_clips, read_rig
+from wrinklecli.character.surface import Surface, read_surface
+from wrinklecli.gltf.document import Document, read_document
+from wrinklecli.method.patch import Patch, Rest, attach_tools, rest_pose
+from wrinklecli.method.refine import Refinement, refine
+from wrinklecli.tools.read import parse_tools
+from wrinklecli.tools.records import ToolsFile
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """An asset as the stages before the encoding see it."""
+
+    document: Document
+    rig: Rig
+    surface: Surface
+    clips: tuple[Clip, ...]
+    settings: ToolsFile
+    rest: Rest
+    patches: list[Patch]
+
+    @property
+    def patch(self) -> Patch:
+        """The only patch, or the first."""
+        return self.patches[0]
+
+    @property
+    def clip(self) -> Clip:
+        """The only clip, or the first."""
+        return self.clips[0]
+
+    def refined(self, *, tolerance: float = np.inf, contacts: Array | None = None, influences: int = 4) -> Refinement:
+        """The refined surface; no edge is held back by its skin weights."""
+        return refine(
+            self.surface,
+            self.rest,
+            self.patches,
+            self.rig,
+            settings=self.settings.refinement,
+            contacts=np.zeros(len(self.surface.positions), bool) if contacts is None else contacts,
+            influences=influences,
+            poses=joint_matrices(self.rig, None, np.zeros(1)),
+            tolerance=tolerance,
+        )
+
+
+def as_document(asset: Asset) -> Document:
+    """The document that reading the asset gives."""
+    with TemporaryDirectory() as folder:
+        return read_document(asset.write(Path(folder) / "limb.glb"))
+
+
+def prepare(asset: Asset, *tools: Json, node: int = 0, **header: Any) -> Prepared:
+    """Read an asset and attach tools to it, the limb's default tool where none is given."""
+    document = as_document(asset)
+    settings = parse_tools(json.dumps({"version": 1, **header, "tools": list(tools) or [tool()]}), name="tools.yaml")
+    rig, clips = read_rig(document, node), read_clips(document)
+    surface = read_surface(document, rig)
+    rest = rest_pose(surface, rig, settings, clips, list(settings.tools))
+    patches = attach_tools(list(settings.tools), surface, rest, rig, settings, clips)
+    return Prepared(document, rig, surface, clips, settings, rest, patches)

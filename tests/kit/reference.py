@@ -1,0 +1,53 @@
+"""What the method itself makes of a clip, vertex by vertex: no pruning, no targets, no tracks."""
+
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from kit.player import Floats, Gltf
+from wrinklecli.baking.morphs import parts_of, shared_vertices
+from wrinklecli.baking.plan import MeshPlan, plan_mesh
+from wrinklecli.character.pose import blend, joint_matrices, morph_weights, read_clips, transform
+from wrinklecli.gltf.document import read_document
+from wrinklecli.method.shapes import displacements
+from wrinklecli.tools.read import load_tools
+from wrinklecli.tools.records import Length
+
+
+@dataclass(frozen=True)
+class Case:
+    """An asset with tools on its one deforming mesh."""
+
+    asset: Path
+    tools: Path
+    node: int
+
+    @property
+    def clips(self) -> list[int]:
+        """The numbers of the asset's clips."""
+        return list(range(len(Gltf(self.asset).json["animations"])))
+
+
+@cache
+def planned(found: Case) -> MeshPlan:
+    """The plan of a case's mesh, made once."""
+    document, settings = read_document(found.asset), load_tools(found.tools)
+    (clips, one) = (read_clips(document), Length(1.0, percent=True))
+    return plan_mesh(document, found.node, list(settings.tools), settings, clips, one)
+
+
+def method(plan: MeshPlan, asset: Path, clip: int, times: Floats) -> Floats:
+    """(times, glTF vertices, 3) what the method itself makes of a clip: no pruning, no targets, no tracks."""
+    rig, fine = plan.rig, plan.fine
+    document = read_document(asset)
+    (found,) = (each for each in read_clips(document) if each.index == clip)
+    bind = fine.positions + np.tensordot(morph_weights(rig, found, times), fine.morph_deltas, axes=1)
+    for carried in plan.carried_patches:
+        bind[:, carried.vertices] += displacements(carried, fine, rig, plan.rest, found, times)
+    weights = fine.dense_weights(np.arange(len(fine.positions)), len(rig.joints))
+    moved = transform(blend(weights, joint_matrices(rig, found, times)), bind)
+    # Primitives that share their vertices share the new ones too.
+    parts = parts_of(fine, shared_vertices(document, rig.mesh, fine))
+    return moved[:, np.concatenate([part.weld for part in parts])]
