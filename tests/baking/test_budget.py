@@ -16,9 +16,9 @@ from kit.samples import BACK, BROW, PALM, Editor, edited, sample
 from wrinklecli.baking import morphs as encode
 from wrinklecli.baking import proof
 from wrinklecli.baking.budget import BUDGETS
+from wrinklecli.character import weight_track
 from wrinklecli.cli import main
 from wrinklecli.errors import RefusedError
-from wrinklecli.numeric import piecewise as tracks
 
 # Twelve targets, as many at a time.
 ROUGH: Json = {**PALM, "profile": "polyline", "details": [0.2, 0.1], "strategy": "origin", "bumps": 3}
@@ -159,7 +159,7 @@ def test_heights_of_other_shapes_are_proven_at_all_times(
     tool: Json, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A single key that is wrong, at a time at which no positions are compared."""
-    widen = tracks.widen
+    widen = weight_track.widen
     asset, clip = ("wrist", "flex") if tool is ROUGH else ("head", "raise_brows")
 
     def no_positions(*_: Any) -> Any:

@@ -15,11 +15,13 @@ from kit.samples import BROW, PALM, edited, sample, sharp_keys
 from wrinklecli.baking import morphs as encode
 from wrinklecli.baking import plan as plan_module
 from wrinklecli.baking.targets import Target
-from wrinklecli.character.pose import blend, joint_matrices, morph_weights, read_clips, transform
+from wrinklecli.character import weight_track
+from wrinklecli.character.clip import read_clips
+from wrinklecli.character.pose import blend, joint_matrices, morph_weights, transform
 from wrinklecli.errors import RefusedError
 from wrinklecli.gltf.document import read_document
 from wrinklecli.method.shapes import displacements
-from wrinklecli.numeric import piecewise as tracks
+from wrinklecli.numeric import piecewise
 from wrinklecli.tools.read import load_tools
 from wrinklecli.tools.records import Length
 
@@ -116,7 +118,7 @@ def thinned(times: Floats, weights: Floats) -> tuple[Floats, Floats]:
 
 @pytest.mark.parametrize("damage", [late, swollen, thinned])
 def test_wrong_weights_are_refused(damage: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    widen = tracks.widen
+    widen = weight_track.widen
 
     def wrong(channel: Any, rig: Any, clip: Any, times: Floats, weights: Floats) -> Any:
         return widen(channel, rig, clip, *damage(times, weights))
@@ -126,7 +128,7 @@ def test_wrong_weights_are_refused(damage: Any, tmp_path: Path, monkeypatch: pyt
 
 
 def test_wrong_old_morph_weights_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    widen = tracks.widen
+    widen = weight_track.widen
 
     def wrong(*arguments: Any) -> Any:
         track = widen(*arguments)
@@ -154,7 +156,7 @@ def test_wrong_skin_weights_of_new_vertices_are_refused(tmp_path: Path, monkeypa
 
 def test_a_bound_below_what_the_file_can_hold_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The bound stands as it was asked for; only float32's own error is not held against the file."""
-    monkeypatch.setattr(tracks, "_BISECTIONS", 0)
+    monkeypatch.setattr(piecewise, "_BISECTIONS", 0)
     refused(tmp_path, sample("wrist"), PALM, max_error=Length(0.01, percent=True))
 
 

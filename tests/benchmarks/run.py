@@ -43,7 +43,8 @@ from assets import finer, longer  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 
 from wrinklecli.baking.plan import MeshPlan, plan_mesh  # noqa: E402
-from wrinklecli.character.pose import Clip, joint_matrices, morph_weights, read_clips  # noqa: E402
+from wrinklecli.character.clip import Clip, read_clips  # noqa: E402
+from wrinklecli.character.pose import joint_matrices, morph_weights  # noqa: E402
 from wrinklecli.character.skin import pose, prepare  # noqa: E402
 from wrinklecli.character.surface import read_triangles  # noqa: E402
 from wrinklecli.gltf.document import read_document  # noqa: E402

@@ -12,19 +12,9 @@ from numpy.typing import NDArray
 from kit.asset import Asset
 from kit.limb import limb_asset
 from kit.prepared import as_document
-from wrinklecli.character.pose import (
-    Channel,
-    Rig,
-    blend,
-    joint_matrices,
-    morph_target_names,
-    morph_weights,
-    node_matrices,
-    read_clips,
-    read_rig,
-    sample,
-    transform,
-)
+from wrinklecli.character.clip import Channel, read_clips, sample
+from wrinklecli.character.pose import blend, joint_matrices, morph_weights, node_matrices, transform
+from wrinklecli.character.rig import Rig, morph_target_names, read_rig
 from wrinklecli.character.surface import read_surface
 from wrinklecli.errors import AssetError
 

@@ -8,7 +8,7 @@ import pytest
 
 from kit.clients import pose_with_normals
 from kit.samples import Editor, edited, sample, shared_mesh, two_meshes, two_parts
-from wrinklecli.character.pose import read_clips
+from wrinklecli.character.clip import read_clips
 from wrinklecli.character.scene import Part, pose_part, read_scene, scene_nodes
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import read_document

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from kit.asset import MODES, Asset
 from kit.limb import RADIUS, limb_asset, limb_positions
 from kit.prepared import as_document
-from wrinklecli.character.pose import read_rig
+from wrinklecli.character.rig import read_rig
 from wrinklecli.character.surface import Surface, read_surface, read_triangles
 from wrinklecli.errors import AssetError
 from wrinklecli.numeric.arrays import distinct, distinct_values, face_normals, normals_at, unit, vertex_normals

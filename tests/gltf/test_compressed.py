@@ -26,7 +26,7 @@ from kit.limb import write_tools
 from kit.places import ROOT
 from kit.player import Floats, Gltf, Json
 from kit.samples import BACK, PALM, Editor, shared_mesh
-from wrinklecli.character.pose import read_rig
+from wrinklecli.character.rig import read_rig
 from wrinklecli.character.surface import read_surface
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document, read_document

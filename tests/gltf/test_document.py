@@ -17,7 +17,8 @@ from hypothesis import strategies as st
 
 from kit.asset import ARRAY_BUFFER, Asset, pack_glb, read_glb
 from kit.limb import limb, limb_asset
-from wrinklecli.character.pose import read_clips, read_rig
+from wrinklecli.character.clip import read_clips
+from wrinklecli.character.rig import read_rig
 from wrinklecli.character.surface import read_surface
 from wrinklecli.errors import AssetError, BakeError, WrinkleError
 from wrinklecli.gltf import writer as draft_module

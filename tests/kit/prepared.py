@@ -10,7 +10,9 @@ import numpy as np
 
 from kit.asset import Array, Asset, Json
 from kit.limb import tool
-from wrinklecli.character.pose import Clip, Rig, joint_matrices, read_clips, read_rig
+from wrinklecli.character.clip import Clip, read_clips
+from wrinklecli.character.pose import joint_matrices
+from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.surface import Surface, read_surface
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.method.patch import Patch, Rest, attach_tools, rest_pose

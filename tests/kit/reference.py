@@ -9,7 +9,8 @@ import numpy as np
 from kit.player import Floats, Gltf
 from wrinklecli.baking.morphs import parts_of, shared_vertices
 from wrinklecli.baking.plan import MeshPlan, plan_mesh
-from wrinklecli.character.pose import blend, joint_matrices, morph_weights, read_clips, transform
+from wrinklecli.character.clip import read_clips
+from wrinklecli.character.pose import blend, joint_matrices, morph_weights, transform
 from wrinklecli.gltf.document import read_document
 from wrinklecli.method.shapes import displacements
 from wrinklecli.tools.read import load_tools

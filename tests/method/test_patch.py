@@ -14,16 +14,9 @@ from numpy.typing import NDArray
 from kit.asset import Asset
 from kit.limb import RADIUS, limb_asset, tool
 from kit.prepared import Prepared, as_document, prepare
-from wrinklecli.character.pose import (
-    Clip,
-    blend,
-    joint_matrices,
-    morph_weights,
-    node_matrices,
-    read_clips,
-    read_rig,
-    transform,
-)
+from wrinklecli.character.clip import Clip, read_clips
+from wrinklecli.character.pose import blend, joint_matrices, morph_weights, node_matrices, transform
+from wrinklecli.character.rig import read_rig
 from wrinklecli.character.surface import read_surface
 from wrinklecli.errors import BakeError, ConfigError, WrinkleError
 from wrinklecli.method.patch import _closest_of, carried_normals, closest_point, lengths_over_time, rest_pose

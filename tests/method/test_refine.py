@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from kit.asset import Asset
 from kit.limb import RADIUS, limb_asset, tool
 from kit.prepared import Prepared, as_document, prepare
-from wrinklecli.character.pose import joint_matrices, read_rig
+from wrinklecli.character.pose import joint_matrices
+from wrinklecli.character.rig import read_rig
 from wrinklecli.method.refine import (
     Refinement,
     contacts_of,

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from kit.limb import RADIUS, limb_asset, tool
 from kit.prepared import Prepared, as_document, prepare
-from wrinklecli.character.pose import node_matrices, read_rig
+from wrinklecli.character.pose import node_matrices
+from wrinklecli.character.rig import read_rig
 from wrinklecli.errors import BakeError
 from wrinklecli.method.curve import plan_curve
 from wrinklecli.method.refine import Refinement

@@ -11,19 +11,11 @@ from numpy.typing import NDArray
 
 from kit.limb import limb_asset
 from kit.prepared import as_document
-from wrinklecli.character.pose import Channel, Clip, Rig, read_clips, read_rig, sample
+from wrinklecli.character.clip import Channel, Clip, clip_grid, read_clips, sample
+from wrinklecli.character.rig import Rig, moving_nodes, read_rig
+from wrinklecli.character.weight_track import Track, pad, widen
 from wrinklecli.numeric import piecewise as tracks
-from wrinklecli.numeric.piecewise import (
-    Signal,
-    Track,
-    clip_grid,
-    key_points,
-    key_times,
-    moving_nodes,
-    pad,
-    smooth,
-    widen,
-)
+from wrinklecli.numeric.piecewise import Signal, key_points, key_times, smooth
 
 Floats = NDArray[np.float64]
 
@@ -48,7 +40,7 @@ def weights_of(track: Track) -> Floats:
 
 def sampled(clip: Clip, rig: Rig, signal: Signal, *, fps: float, tolerance: float) -> tuple[Floats, Floats]:
     """Times, and those of them that are keys, of one tolerance."""
-    times, keys = key_times(clip, rig, lambda _: signal, fps=fps, tolerance=tolerance, thinning=tolerance)
+    times, keys = key_times(clip_grid(clip, rig, fps=fps), lambda _: signal, tolerance=tolerance, thinning=tolerance)
     assert keys[0] == 0
     assert keys[-1] == len(times) - 1
     assert (np.diff(keys) > 0).all()
@@ -171,7 +163,7 @@ def test_no_key_could_be_left_out(seed: int, tolerance: float, thinning: float) 
         return np.sin(waves[0] * times[:, None] + waves[1])
 
     rig, clip = limb()
-    times, keys = key_times(clip, rig, lambda _: signal, fps=30, tolerance=tolerance, thinning=thinning)
+    times, keys = key_times(clip_grid(clip, rig, fps=30), lambda _: signal, tolerance=tolerance, thinning=thinning)
     points = points_of(times)
     for k in range(len(keys) - 2):
         if keys[k + 1] % tracks._LANE:

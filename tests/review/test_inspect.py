@@ -15,7 +15,7 @@ from kit.command import Wrinkle, files
 from kit.limb import limb, limb_asset, tool, write_tools
 from kit.player import Gltf, Json
 from kit.samples import sample
-from wrinklecli.character.pose import read_clips
+from wrinklecli.character.clip import read_clips
 from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.review.inspect import KINDS, inspect

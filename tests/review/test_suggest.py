@@ -21,7 +21,8 @@ from kit.asset import Asset
 from kit.limb import LENGTH, RADIUS, limb, limb_asset
 from kit.samples import edited, sample, shared_mesh, two_meshes
 from wrinklecli import bake
-from wrinklecli.character.pose import Clip, read_clips, read_rig
+from wrinklecli.character.clip import Clip, read_clips
+from wrinklecli.character.rig import read_rig
 from wrinklecli.character.surface import read_surface
 from wrinklecli.cli import cli
 from wrinklecli.errors import AssetError, BakeError, WrinkleError

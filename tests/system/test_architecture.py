@@ -29,8 +29,6 @@ DOORS = {
     "click": {"cli"},
     "pytest": {"testing"},
 }
-# Still to be mended: imports from a room below.
-BELOW = {("numeric/piecewise", "character")}
 HEAVY = ("numpy", "scipy", "jsonschema_rs", "pygltflib", "trimesh", "yaml", "zstandard", "matplotlib")
 
 
@@ -81,7 +79,7 @@ def test_module_imports_only_from_rooms_above_it(path: Path) -> None:
         room = name.split(".")[1]
         if room == "bake":
             assert room_of(path) == "cli", "the package's front door is for its users"
-        elif (place_of(path), room) not in BELOW:
+        else:
             assert ROOMS.index(room) <= own, f"{place_of(path)} imports {name}, which is not above it"
 
 

@@ -19,9 +19,8 @@ from kit.places import ROOT
 from kit.player import Floats, Gltf, Json
 from kit.reference import Case, method, planned
 from kit.samples import sample
-from wrinklecli.character.pose import read_clips
+from wrinklecli.character.clip import clip_grid, read_clips
 from wrinklecli.gltf.document import read_document
-from wrinklecli.numeric.piecewise import clip_grid
 
 ASSETS = ROOT.parent / "shared" / "assets"
 SAMPLES = {"wrist": "wrist", "head": "head", "head_keyed": "head", "trousers": "trousers"}

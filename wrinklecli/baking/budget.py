@@ -32,13 +32,14 @@ from numpy.typing import NDArray
 from wrinklecli.baking.plan import MeshPlan, poses_of
 from wrinklecli.baking.sample import Motion, skin_weights
 from wrinklecli.baking.targets import Remix, TargetSet, named_targets, targets_of
-from wrinklecli.character.pose import Clip, blend, morph_weights, transform
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.pose import blend, morph_weights, transform
 from wrinklecli.character.surface import dense_influences, read_vertices
+from wrinklecli.character.weight_track import widen
 from wrinklecli.errors import RefusedError
 from wrinklecli.gltf.document import Document
 from wrinklecli.method.shapes import Shape, further_activities, weight_path
 from wrinklecli.numeric.arrays import Bools, Floats
-from wrinklecli.numeric.piecewise import widen
 
 Json = dict[str, Any]
 Engine = Literal["three", "unity", "spec8"]

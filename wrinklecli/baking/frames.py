@@ -18,7 +18,8 @@ import numpy as np
 from wrinklecli.baking.morphs import Part, base_normals, encode_mesh, old_values, parts_of
 from wrinklecli.baking.sample import Motion
 from wrinklecli.baking.targets import Target
-from wrinklecli.character.pose import Rig, joint_matrices, morph_weights
+from wrinklecli.character.pose import joint_matrices, morph_weights
+from wrinklecli.character.rig import Rig
 from wrinklecli.character.skin import pose, prepare
 from wrinklecli.errors import BakeError
 from wrinklecli.gltf.document import Document, Json

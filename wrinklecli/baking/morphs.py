@@ -12,7 +12,9 @@ import numpy as np
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.sample import Motion, skin_weights
 from wrinklecli.baking.targets import Target, TargetSet, targets_of
-from wrinklecli.character.pose import Clip, Rig, morph_target_names, read_clips
+from wrinklecli.character.clip import Clip, read_clips
+from wrinklecli.character.rig import Rig, morph_target_names
+from wrinklecli.character.weight_track import Track, pad, widen
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import TRIANGLES, Document, Json
 from wrinklecli.gltf.draco import EXTENSION
@@ -22,7 +24,6 @@ from wrinklecli.method.patch import Anchor, Patch
 from wrinklecli.method.refine import Refinement
 from wrinklecli.method.shapes import Shape, turn_to
 from wrinklecli.numeric.arrays import Array, Floats, Ints, distinct_values, unit
-from wrinklecli.numeric.piecewise import Track, pad, widen
 from wrinklecli.tools.records import RestLengthKeys, RestLengthMorph
 
 # Raised only when the geometry that the same asset and tools give changes.

@@ -15,8 +15,9 @@ from wrinklecli.baking.report import Baked, Report, make_report
 from wrinklecli.baking.sample import Motion, sample_clips
 from wrinklecli.baking.targets import TargetSet, targets_of
 from wrinklecli.baking.timings import StageClock, make_timings
-from wrinklecli.character.pose import Clip, morph_target_names, read_clips
-from wrinklecli.errors import AssetError, BakeError, ConfigError, RefusedError, WrinkleError, listed, nearest
+from wrinklecli.character.clip import Clip, chosen_clips, no_clip, read_clips
+from wrinklecli.character.rig import morph_target_names
+from wrinklecli.errors import BakeError, ConfigError, RefusedError, WrinkleError, listed, nearest
 from wrinklecli.gltf.document import Document, Json, read_document
 from wrinklecli.gltf.original import original
 from wrinklecli.gltf.writer import Draft
@@ -207,7 +208,7 @@ def read_job(
     chosen = _chosen_clips(every_clip, settings, clips, document)
     warnings = _vain_clips(settings, every_clip)
     by_node = _by_node(document, settings, warnings)
-    return Job(settings, document, inputs, every_clip, tuple(chosen), by_node, tuple(warnings))
+    return Job(settings, document, inputs, every_clip, chosen, by_node, tuple(warnings))
 
 
 def plan_meshes(job: Job, max_error: Length = DEFAULT_MAX_ERROR, *, influences: int | None = None) -> list[MeshPlan]:
@@ -251,18 +252,14 @@ def _settings(settings: ToolsFile, only: Sequence[str], fps: float | None, max_l
     return replace(settings, tools=tools, sampling=sampling, refinement=refinement)
 
 
-def _chosen_clips(clips: tuple[Clip, ...], settings: ToolsFile, asked: Sequence[str], document: Document) -> list[Clip]:
+def _chosen_clips(
+    clips: tuple[Clip, ...], settings: ToolsFile, asked: Sequence[str], document: Document
+) -> tuple[Clip, ...]:
     """The clips to bake: those asked for, else those of the tools file, else all."""
     wanted: Sequence[str] = asked
     if not asked and settings.sampling.clips != "all":
         wanted = settings.sampling.clips
-    names = [clip.name for clip in clips]
-    for name in wanted:
-        if name not in names:
-            raise AssetError(
-                f"has no clip {name!r}{nearest(name, names)}; there are {listed(names)}", where=document.path
-            )
-    return [clip for clip in clips if not wanted or clip.name in wanted]
+    return chosen_clips(clips, wanted, where=document.path)
 
 
 def _vain_clips(settings: ToolsFile, clips: tuple[Clip, ...]) -> list[str]:
@@ -272,7 +269,7 @@ def _vain_clips(settings: ToolsFile, clips: tuple[Clip, ...]) -> list[str]:
     for tool in settings.tools:
         keyed = tool.rest_length.keys if isinstance(tool.rest_length, RestLengthKeys) else {}
         warnings += [
-            f"{tool.name}: the asset has no clip {name!r}{nearest(name, names)}; there are {listed(names)}"
+            f"{tool.name}: the asset has {no_clip(name, names)}"
             for name in dict.fromkeys([*tool.clips, *keyed])
             if name not in names
         ]

@@ -7,7 +7,9 @@ from typing import Literal
 
 import numpy as np
 
-from wrinklecli.character.pose import Clip, Rig, joint_matrices, read_rig
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.pose import joint_matrices
+from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.surface import read_surface
 from wrinklecli.errors import AssetError, BakeError
 from wrinklecli.gltf.document import Document

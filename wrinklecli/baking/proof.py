@@ -9,7 +9,9 @@ from wrinklecli.baking.morphs import Part, parts_of, shared_vertices
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.sample import Motion, takes_of
 from wrinklecli.baking.targets import TargetSet, targets_of
-from wrinklecli.character.pose import Clip, Rig, joint_matrices, morph_weights, read_clips, read_rig
+from wrinklecli.character.clip import Clip, read_clips
+from wrinklecli.character.pose import joint_matrices, morph_weights
+from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.skin import pose, prepare
 from wrinklecli.character.surface import dense_influences, read_vertices
 from wrinklecli.errors import RefusedError

@@ -13,7 +13,7 @@ from wrinklecli.baking.proof import Residual
 from wrinklecli.baking.sample import Motion
 from wrinklecli.baking.targets import TargetSet, targets_of
 from wrinklecli.baking.warnings import placement_warnings, twin_warnings
-from wrinklecli.character.pose import Clip
+from wrinklecli.character.clip import Clip
 from wrinklecli.gltf.document import Document
 from wrinklecli.method.patch import Patch
 from wrinklecli.method.shapes import Activity, CarriedPatch

@@ -8,7 +8,8 @@ import numpy as np
 
 from wrinklecli.baking.plan import MeshPlan, Mode
 from wrinklecli.baking.targets import TargetSet, named_targets
-from wrinklecli.character.pose import Clip
+from wrinklecli.character.clip import Clip, clip_grid, turns
+from wrinklecli.character.rig import moving_nodes
 from wrinklecli.errors import BakeError
 from wrinklecli.method.patch import anchor_joints, anchor_poses, lengths_over_time, rest_lengths_over_time
 from wrinklecli.method.shapes import (
@@ -25,7 +26,7 @@ from wrinklecli.method.shapes import (
 )
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
 from wrinklecli.numeric.guard import Progress
-from wrinklecli.numeric.piecewise import Signal, clip_grid, key_times, moving_nodes, smooth, turns
+from wrinklecli.numeric.piecewise import Signal, key_times, smooth
 
 # Of all clips that are baked at once: nine hours at 30 a second.
 _MOST_FRAMES = 1_000_000
@@ -100,7 +101,9 @@ def sample_clips(
             if take < len(times):
                 found = times[take], keys[take]
             else:
-                found = key_times(clip, rig, signal_on, fps=fps, tolerance=tolerance, thinning=_KEYS_SHARE * bound)
+                found = key_times(
+                    clip_grid(clip, rig, fps=fps), signal_on, tolerance=tolerance, thinning=_KEYS_SHARE * bound
+                )
             times.append(found[0])
             keys.append(found[1])
         progress("sampling", end, ends[-1])

@@ -9,9 +9,9 @@ import numpy as np
 
 from wrinklecli.baking.report import Baked
 from wrinklecli.baking.targets import targets_of
+from wrinklecli.character.clip import clip_grid
 from wrinklecli.gltf.document import Document, Json
 from wrinklecli.numeric.arrays import distinct_values
-from wrinklecli.numeric.piecewise import clip_grid
 
 VERSION = 1
 # In the order of the pipeline; `plan` attaches and refines, `export` writes the files of --frames-dir.

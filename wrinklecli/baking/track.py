@@ -14,22 +14,23 @@ import numpy as np
 
 from wrinklecli.baking.morphs import encode_track, own_mesh
 from wrinklecli.baking.pipeline import refuse_overwriting
-from wrinklecli.character.pose import Clip, Rig, morph_target_names, morph_weights, node_matrices, read_clips, read_rig
+from wrinklecli.character.clip import Clip, clip_grid, read_clips
+from wrinklecli.character.pose import LEAST_SCALE, morph_weights, node_matrices
+from wrinklecli.character.rig import Rig, morph_target_names, moving_nodes, read_rig
+from wrinklecli.character.weight_track import Track, pad, widen
 from wrinklecli.errors import AssetError, BakeError, RefusedError, listed, nearest
 from wrinklecli.gltf.document import Document, Json, read_document
 from wrinklecli.gltf.writer import Draft
 from wrinklecli.method.lookup import TABLE_ERROR, CurveTable
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.guard import guarded
-from wrinklecli.numeric.piecewise import Signal, Track, key_times, moving_nodes, pad, widen
+from wrinklecli.numeric.piecewise import Signal, key_times
 
 # Of what the error bound leaves beside the table's own error, the part of the samples and that of dropped keys.
 _SAMPLING_SHARE = 2 / 3
 _KEYS_SHARE = 1 / 3
 # Of a control curve: 64 bumps with gaps of 64, the most of a tools file, have 4,160.
 _MOST_INTERVALS = 10_000
-# Below this scale against rest (a hidden character, say) a tool makes no wrinkles.
-_LEAST_SCALE = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -307,10 +308,8 @@ def _track_body(
                 return signal
 
             times, keys = key_times(
-                clip,
-                rig,
+                clip_grid(clip, rig, fps=pace.fps),
                 signal_on,
-                fps=pace.fps,
                 tolerance=_SAMPLING_SHARE * pace.tolerance,
                 thinning=_KEYS_SHARE * pace.tolerance,
             )
@@ -352,7 +351,7 @@ def _weights(tool: _Tool, rig: Rig, joints: dict[str, int], clip: Clip, times: F
         now = np.cbrt(np.abs(np.linalg.det(matrices[:, :, :3, :3])))
         scales.append((now / end.scales) @ end.weights)
     scale = (scales[0] + scales[1]) / 2.0
-    hidden = scale < _LEAST_SCALE
+    hidden = scale < LEAST_SCALE
     distances = np.linalg.norm(places[1] - places[0], axis=1) / np.where(hidden, 1.0, scale)
     rest_lengths = np.full(len(times), tool.rest_length)
     if clip.name in tool.keys:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrinklecli.baking.plan import MeshPlan
-from wrinklecli.character.pose import Clip
+from wrinklecli.character.clip import Clip
 from wrinklecli.method.patch import Patch
 from wrinklecli.method.shapes import Activity, CarriedPatch
 from wrinklecli.numeric.arrays import Floats, Ints

@@ -11,7 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from wrinklecli.character.pose import Clip, Rig, joint_matrices, morph_weights, read_rig
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.pose import joint_matrices, morph_weights
+from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.skin import Skin, pose, prepare
 from wrinklecli.character.surface import Vertices, dense_influences, read_primitive, read_triangles
 from wrinklecli.gltf.document import Document, Json

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from wrinklecli.character.pose import MOST, Rig, in_range
+from wrinklecli.character.rig import LARGEST, Rig, in_range
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import TRIANGLE_FAN, TRIANGLE_STRIP, TRIANGLES, Document, Json
 from wrinklecli.gltf.draco import EXTENSION
@@ -197,7 +197,7 @@ def read_primitive(document: Document, primitive: Json, rig: Rig, where: str) ->
 def _attribute(document: Document, index: int, count: int, size: int, where: str) -> Any:
     values = document.accessor(index, user=where)
     if values.shape != (count, size) or not in_range(values):
-        message = f"accessor {index} must hold {size} finite numbers up to {MOST:g} for {count} vertices"
+        message = f"accessor {index} must hold {size} finite numbers up to {LARGEST:g} for {count} vertices"
         raise AssetError(message, where=where)
     return values
 

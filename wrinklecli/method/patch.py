@@ -12,9 +12,9 @@ from functools import cached_property
 
 import numpy as np
 
+from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import (
-    Clip,
-    Rig,
+    LEAST_SCALE,
     blend,
     joint_matrices,
     morph_weights,
@@ -22,6 +22,7 @@ from wrinklecli.character.pose import (
     node_rows,
     transform,
 )
+from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
 from wrinklecli.errors import BakeError, ConfigError, WrinkleError, listed, nearest
 from wrinklecli.method.curve import ControlCurve, plan_curve
@@ -47,8 +48,6 @@ _ANCHOR_REACH = 0.25
 _ROUNDING = 1e-9
 # Facing factor: displacement fades in between these cosines of vertex and patch normal.
 _FACING = (0.2, 0.6)
-# Below this scale against rest (a hidden character, say) a tool makes no wrinkles.
-_LEAST_SCALE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -573,7 +572,7 @@ def lengths_over_time(
         for number, weight in zip(np.searchsorted(poses.joints, anchor.joints), anchor.weights, strict=True):
             scaled += weight * poses.scales[number]
     scale = (scales[0] + scales[1]) / 2.0
-    hidden = scale < _LEAST_SCALE
+    hidden = scale < LEAST_SCALE
     apart = places[1] - places[0]
     distances = np.sqrt(np.einsum("xf,xf->f", apart, apart)) / np.where(hidden, 1.0, scale)
     return np.where(hidden, np.inf, distances), rest_lengths_over_time(patch, rig, clip, times)

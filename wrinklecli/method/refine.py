@@ -14,7 +14,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from wrinklecli.character.pose import Rig, blend, joint_matrices, read_rig, transform
+from wrinklecli.character.pose import blend, joint_matrices, transform
+from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.surface import Surface, dense_influences, influence_sets, read_vertices
 from wrinklecli.gltf.document import Document
 from wrinklecli.method.patch import Patch, Rest, carried_normals

@@ -18,7 +18,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from wrinklecli.character.pose import Clip, Rig, joint_matrices, morph_weights
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.pose import joint_matrices, morph_weights
+from wrinklecli.character.rig import Rig
 from wrinklecli.errors import BakeError
 from wrinklecli.method.curve import TAUT, ControlCurve
 from wrinklecli.method.patch import Patch, Rest, anchor_joints, anchor_poses, lengths_over_time

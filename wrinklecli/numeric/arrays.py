@@ -122,3 +122,37 @@ def determinants(matrices: Floats) -> Floats:
     (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(matrices, (-2, -1), (0, 1))
     found: Floats = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
     return found
+
+
+def unit_quaternions(quaternions: Floats) -> Floats:
+    """Quaternions (4, …), x, y, z and w, of unit length; no turn where all are 0."""
+    lengths = np.sqrt(np.einsum("c...,c...->...", quaternions, quaternions))
+    unturned = np.array([0.0, 0.0, 0.0, 1.0]).reshape(4, *[1] * (quaternions.ndim - 1))
+    return np.where(lengths > 0, quaternions / np.where(lengths > 0, lengths, 1.0), unturned)
+
+
+def affine_rows(translations: Floats, rotations: Floats, scales: Floats) -> Floats:
+    """(3, 4, frames) upper rows of the matrices that scale, then rotate, then translate.
+
+    Args:
+        translations: (3, frames); this and the others may have one frame for all.
+        rotations: (4, frames) quaternions (x, y, z, w) of unit length.
+        scales: (3, frames).
+    """
+    x, y, z, w = rotations
+    sx, sy, sz = scales
+    (xx, xy, xz), (yy, yz, zz), (xw, yw, zw) = (x * x, x * y, x * z), (y * y, y * z, z * z), (x * w, y * w, z * w)
+    rows = (
+        ((1 - 2 * (yy + zz)) * sx, 2 * (xy - zw) * sy, 2 * (xz + yw) * sz),
+        (2 * (xy + zw) * sx, (1 - 2 * (xx + zz)) * sy, 2 * (yz - xw) * sz),
+        (2 * (xz - yw) * sx, 2 * (yz + xw) * sy, (1 - 2 * (xx + yy)) * sz),
+    )
+    matrices = np.zeros((3, 4, max(each.shape[1] for each in (translations, rotations, scales))))
+    for row, translation, into in zip(rows, translations, matrices, strict=True):
+        into[0], into[1], into[2], into[3] = *row, translation
+    return matrices
+
+
+def float32_values(values: Floats) -> Floats:
+    """The nearest float32 values, as a file holds them."""
+    return values.astype(np.float32).astype(np.float64)

@@ -1,7 +1,4 @@
-"""Morph weights over time: sampled where wrinkles need it, joined with the channels that a clip already has.
-
-Source: glTF 2.0 §3.11 and appendix C. A weights channel drives all targets of a mesh or none, so an existing
-channel is widened: it keeps its own keys and interpolation where that loses nothing.
+"""Signals over time as straight lines between few keys: intervals are bisected where they bend, then keys thinned.
 
 Tried, in processor seconds that 24,000 frames more of samples/wrist.glb (two tools) cost a bake: joints posed for
 every point looked into, one matrix after another, keys found one after another: 10.2. Distances as quartics of few
@@ -19,14 +16,11 @@ the tolerance 1.7, but 4 % more keys. 1/5, 1/2 and 4/5, where these find 3/4 of 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
-from wrinklecli.character.pose import Channel, Clip, Rig, morph_weights, sample
-from wrinklecli.errors import BakeError
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, float32_values
 
 # How often an interval between two keys may be halved for the heights to be right between them. Where a wrinkle
 # starts, each halving takes only a factor of 1.4 from the error: five times left 1.2 % of the tallest wrinkle, ten
@@ -34,8 +28,6 @@ from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
 _BISECTIONS = 16
 # Of an interval whose quartic is not good enough.
 _FIT_HALVINGS = 6
-# Of one clip: almost two hours at 30 a second.
-_MOST_FRAMES = 200_000
 # Intervals of the grid that are sampled and thinned at once: bounds the memory.
 _STRETCH = 8192
 # Fewer where a signal has many values, as `attachment: patch` has three for each vertex: these in all.
@@ -61,22 +53,21 @@ Signal = Callable[[Floats], Floats]
 
 
 def key_times(
-    clip: Clip, rig: Rig, signal_on: Callable[[Floats], Signal], *, fps: float, tolerance: float, thinning: float
+    grid: Floats, signal_on: Callable[[Floats], Signal], *, tolerance: float, thinning: float
 ) -> tuple[Floats, Ints]:
-    """Times of a clip so close that straight lines between them are right, and which of them to key.
+    """Times so close that straight lines between them are right, and which of them to key.
 
-    Times are first a grid joined with the clip's own keys. Heights start like a square root, so an interval is halved,
-    up to 16 times, until straight lines are right at three points inside it, and at two more where they are almost too
-    far off. Of these times a key is then the furthest to which a straight line from the key before passes all of them
-    and all those three. A root that starts between such points may be 1.7 times the tolerance off there.
+    Times are first those of a grid, such as a clip's frames and its own keys. Heights start like a square root, so an
+    interval is halved, up to 16 times, until straight lines are right at three points inside it, and at two more where
+    they are almost too far off. Of these times a key is then the furthest to which a straight line from the key before
+    passes all of them and all those three. A root that starts between such points may be 1.7 times the tolerance off
+    there.
 
     Args:
-        clip: The animation.
-        rig: What it moves; the keys of its channels are among the times.
-        signal_on: Given the grid times of a stretch of the clip, (frames,) seconds, a function that is right
-            within it, from times to values in scene units.
-        fps: Frames per second of the grid.
-        tolerance: Greatest error of a value between two times, scene units.
+        grid: (frames,) seconds, rising, float32 values; all are among the times.
+        signal_on: Given a stretch of the grid, (frames,) seconds, a function that is right within it, from times to
+            values.
+        tolerance: Greatest error of a value between two times.
         thinning: The same between two keys; exceeded only between two neighbouring times that exceed it already.
 
     Returns:
@@ -90,7 +81,6 @@ def key_times(
     Differs: all values share their keys; and the lines of up to 64 stretches, between which there is a key, are
     found side by side.
     """
-    grid = clip_grid(clip, rig, fps=fps)
     times, keys, count = [grid[:1]], [np.zeros(1, np.intp)], 0
     width = max(signal_on(grid[:2])(grid[:1]).shape[1], 1) if len(grid) > 1 else 1
     stretch = min(max(_MOST_VALUES // (_PER_INTERVAL * width), 1), _STRETCH)
@@ -127,7 +117,7 @@ def _bisected(grid: Floats, signal: Signal, tolerance: float) -> tuple[Floats, F
             first, last = np.concatenate([first, at]), np.concatenate([at, last])
         else:
             first, last, final = at[:-1], at[1:], at[-1:]
-        middles = _stored((low + high) / 2.0)
+        middles = float32_values((low + high) / 2.0)
         divisible = (middles > low) & (middles < high) & (level < _BISECTIONS)
         middle_error = _greatest(np.abs(first + _MIDDLE * (last - first) - between))
         wide = divisible & (middle_error > tolerance)
@@ -346,152 +336,3 @@ def smooth(function: Signal, breaks: Floats, tolerance: float) -> Signal:
         return found.T
 
     return fitted
-
-
-def clip_grid(clip: Clip, rig: Rig | None, *, fps: float) -> Floats:
-    """(frames,) seconds, float32 values: a grid over the clip with its end, and the keys that move a rig.
-
-    Jumps of STEP channels count twice, with the last float32 time before each.
-
-    Raises:
-        BakeError: It would have more than 200,000 frames.
-    """
-    if (clip.end - clip.start) * fps > _MOST_FRAMES:
-        raise BakeError(
-            f"lasts {clip.end - clip.start:.6g} s, at {fps:.6g} frames per second more than {_MOST_FRAMES:,} frames",
-            where=clip.name,
-        )
-    count = int(np.floor((clip.end - clip.start) * fps * (1.0 + 1e-9)))
-    grid: list[Floats] = [clip.start + np.arange(count + 1) / fps, np.array([clip.end])]
-    if rig is not None:
-        grid.append(turns(clip, rig))
-    return distinct_values(_stored(np.concatenate(grid)))
-
-
-def turns(clip: Clip, rig: Rig) -> Floats:
-    """(keys,) seconds, rising, float32 values: between these a clip moves a rig smoothly.
-
-    Jumps of STEP channels count twice, with the last float32 time before each.
-    """
-    moving = moving_nodes(rig)
-    keys = [np.zeros(0)]
-    for channel in clip.channels:
-        if channel.node in moving:
-            keys.append(channel.times)
-            if channel.interpolation == "STEP":
-                keys.append(_just_before(channel.times[1:]))
-    return distinct_values(_stored(np.concatenate(keys)))
-
-
-def _just_before(times: Floats) -> Floats:
-    """The last float32 times before some, when a STEP channel has not jumped yet."""
-    return np.nextafter(times.astype(np.float32), np.float32(-np.inf)).astype(np.float64)
-
-
-def moving_nodes(rig: Rig) -> frozenset[int]:
-    """The nodes whose channels can move a mesh: its joints with their ancestors, and the node itself."""
-    nodes: set[int] = {rig.node}
-    for joint in rig.joints:
-        node = int(joint)
-        while node >= 0 and node not in nodes:
-            nodes.add(node)
-            node = int(rig.parents[node])
-    return frozenset(nodes)
-
-
-def _stored(times: Floats) -> Floats:
-    return times.astype(np.float32).astype(np.float64)
-
-
-@dataclass(frozen=True, slots=True)
-class Track:
-    """A weights channel to write.
-
-    Attributes:
-        times: (keys,) seconds, float32 values.
-        values: (keys, targets), or (keys, 3, targets) for CUBICSPLINE.
-        interpolation: LINEAR, STEP or CUBICSPLINE.
-    """
-
-    times: Floats
-    values: Floats
-    interpolation: str
-
-
-def widen(channel: Channel | None, rig: Rig, clip: Clip, times: Floats, weights: Floats) -> Track:
-    """Join the weights of new targets with what a clip does to a mesh's old ones.
-
-    Args:
-        channel: The clip's weights channel of the mesh's node, if it has one.
-        rig: Of the mesh.
-        clip: The animation.
-        times: (frames,) of the new weights, seconds.
-        weights: (frames, new targets).
-
-    Returns:
-        A channel over old and new targets. LINEAR keeps its values at the union of key times. STEP becomes
-        LINEAR with an extra key one float32 step before each jump. CUBICSPLINE stays: its pieces are split
-        where new keys fall, by Hermite subdivision; new weights get the secants' tangents.
-    """
-    if channel is None:
-        old = morph_weights(rig, None, times)
-        return Track(times, np.concatenate([old, weights], axis=1), "LINEAR")
-    if channel.interpolation == "CUBICSPLINE":
-        return _widen_spline(channel, times, weights)
-    union = distinct_values(np.concatenate([times, channel.times]))
-    if channel.interpolation == "STEP":
-        before = _just_before(channel.times[1:])
-        union = distinct_values(np.concatenate([union, before[before > channel.times[:-1]]]))
-    old = morph_weights(rig, clip, union)
-    return Track(union, np.concatenate([old, _interpolated(union, times, weights)], axis=1), "LINEAR")
-
-
-def pad(channel: Channel, added: Floats) -> Track:
-    """A clip's weights channel with constant weights for new targets, (new targets,) each; its keys are kept."""
-    values = channel.values
-    constant = np.broadcast_to(added, (*values.shape[:-1], len(added))).copy()
-    if channel.interpolation == "CUBICSPLINE":
-        constant[:, [0, 2]] = 0.0
-    return Track(channel.times, np.concatenate([values, constant], axis=-1), channel.interpolation)
-
-
-def _interpolated(at: Floats, times: Floats, weights: Floats) -> Floats:
-    """(keys, targets) of weights linear between times."""
-    columns = [np.interp(at, times, column) for column in weights.T]
-    return np.stack(columns, axis=1) if columns else np.zeros((len(at), 0))
-
-
-def _widen_spline(channel: Channel, times: Floats, weights: Floats) -> Track:
-    union = distinct_values(np.concatenate([times, channel.times]))
-    values = sample(channel, union)
-    into, out = _spline_slopes(channel, union)
-    fresh = _interpolated(union, times, weights)
-    slopes = np.diff(fresh, axis=0) / np.diff(union)[:, None] if len(union) > 1 else np.zeros((0, fresh.shape[1]))
-    edge = np.zeros((1, fresh.shape[1]))
-    # With the secants of both sides as tangents a Hermite piece is its own straight line.
-    fresh_into, fresh_out = np.concatenate([edge, slopes]), np.concatenate([slopes, edge])
-    stacked = [np.concatenate(pair, axis=1) for pair in ((into, fresh_into), (values, fresh), (out, fresh_out))]
-    return Track(union, np.stack(stacked, axis=1), "CUBICSPLINE")
-
-
-def _spline_slopes(channel: Channel, at: Floats) -> tuple[Floats, Floats]:
-    """(keys, targets) derivatives per second of a CUBICSPLINE channel before and after each time."""
-    keys, values = channel.times, channel.values
-    slopes = []
-    for side in ("left", "right"):
-        if len(keys) == 1:
-            slopes.append(np.zeros((len(at), values.shape[2])))
-            continue
-        piece = np.searchsorted(keys, at, side="left" if side == "left" else "right") - 1
-        outside = (piece < 0) | (piece > len(keys) - 2)
-        piece = np.clip(piece, 0, len(keys) - 2)
-        span = (keys[piece + 1] - keys[piece])[:, None]
-        t = (at - keys[piece])[:, None] / span
-        change = values[piece + 1, 1] - values[piece, 1]
-        slope = (
-            6.0 * (t - t * t) * change / span
-            + (1.0 - 4.0 * t + 3.0 * t * t) * values[piece, 2]
-            + (3.0 * t * t - 2.0 * t) * values[piece + 1, 0]
-        )
-        slopes.append(np.where(outside[:, None], 0.0, slope))
-    return slopes[0], slopes[1]

@@ -13,12 +13,11 @@ from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.report import mesh_warnings, warnings_of
 from wrinklecli.baking.sample import moving_clips, refuse_many_frames
 from wrinklecli.baking.warnings import collision, placement_warnings
-from wrinklecli.character.pose import Clip
+from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.method.patch import Anchor
 from wrinklecli.method.shapes import Activity, CarriedPatch, activity
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
-from wrinklecli.numeric.piecewise import clip_grid
 
 Json = dict[str, Any]
 

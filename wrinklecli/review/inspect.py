@@ -11,7 +11,7 @@ from itertools import accumulate, pairwise
 from typing import Any
 from urllib.parse import unquote
 
-from wrinklecli.character.pose import morph_target_names
+from wrinklecli.character.rig import morph_target_names
 from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.gltf.document import (
     COMPRESSIONS,

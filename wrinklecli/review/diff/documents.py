@@ -14,7 +14,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from wrinklecli.character.pose import Channel, Clip, morph_target_names, read_clips, read_rig, sample
+from wrinklecli.character.clip import Channel, Clip, read_clips, sample
+from wrinklecli.character.rig import morph_target_names, read_rig
 from wrinklecli.character.surface import dense_influences, read_primitive
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import COMPRESSIONS, TRIANGLES, Document, Json, read_uri

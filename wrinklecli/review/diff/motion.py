@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrinklecli.character.pose import Clip, joint_matrices, read_clips
+from wrinklecli.character.clip import Clip, clip_grid, no_clip, read_clips
+from wrinklecli.character.pose import joint_matrices
 from wrinklecli.character.scene import Part, pose_part, read_scene
-from wrinklecli.errors import AssetError, listed, nearest
+from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.nearest import farthest
-from wrinklecli.numeric.piecewise import clip_grid
 from wrinklecli.review.diff.documents import Difference, Limits, document_differences
 from wrinklecli.tools.records import Length
 
@@ -157,7 +157,7 @@ def compare(
     for name in clips:
         if name not in names:
             where = f"{documents[0].path} and {documents[1].path}"
-            raise AssetError(f"have no clip {name!r}{nearest(name, names)}; there are {listed(names)}", where=where)
+            raise AssetError(f"have {no_clip(name, names)}", where=where)
     with guarded(f"{documents[0].path} and {documents[1].path}"):
         return _compare(sides[0], sides[1], tolerance, posed, clips, fps, progress)
 

@@ -16,8 +16,8 @@ from wrinklecli.baking.morphs import encode_morphs
 from wrinklecli.baking.pipeline import plan_meshes, read_job, refuse_overwriting
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.sample import sample_clips
-from wrinklecli.character.pose import read_clips
-from wrinklecli.errors import AssetError, WrinkleError, listed, nearest
+from wrinklecli.character.clip import clip_named, read_clips
+from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.writer import Draft, replace_bytes
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
@@ -234,17 +234,11 @@ def _moments(
 ) -> list[Moment]:
     """What to show of an asset: its first clip where nothing is named, the stored pose where it has none."""
     clips = read_clips(document)
-    known = [clip.name for clip in clips]
-    for name in names:
-        if name not in known:
-            raise AssetError(
-                f"has no clip {name!r}{nearest(name, known)}; there are {listed(known)}", where=document.path
-            )
+    named = [clip_named(clips, name, where=document.path) for name in names]
     if rest or not clips:
         return [Moment(None, 0.0)]
-    chosen = [clips[known.index(name)] for name in names] or [clips[0]]
     found = []
-    for clip in chosen:
+    for clip in named or clips[:1]:
         length = clip.end - clip.start
         if times:
             spread = [float(time) for time in times]

@@ -12,9 +12,10 @@ import numpy as np
 
 from wrinklecli.baking.morphs import parts_of
 from wrinklecli.baking.plan import MeshPlan
-from wrinklecli.character.pose import Clip, morph_weights, read_clips
+from wrinklecli.character.clip import Clip, clip_named, read_clips
+from wrinklecli.character.pose import morph_weights
 from wrinklecli.character.scene import Part, pose_part, read_scene
-from wrinklecli.errors import AssetError, listed, nearest
+from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document, Json, read_uri
 from wrinklecli.numeric.arrays import Floats, Ints, face_normals, unit
 from wrinklecli.review.preview.render import Frame, Mark, Texture
@@ -133,13 +134,7 @@ class Subject:
         Raises:
             AssetError: There is none.
         """
-        if name is None:
-            return None
-        names = [clip.name for clip in self.clips]
-        if name not in names:
-            message = f"has no clip {name!r}{nearest(name, names)}; there are {listed(names)}"
-            raise AssetError(message, where=self.document.path)
-        return self.clips[names.index(name)]
+        return None if name is None else clip_named(self.clips, name, where=self.document.path)
 
     def posed(self, moment: Moment) -> Iterator[Body]:
         """The pieces that show at a moment.

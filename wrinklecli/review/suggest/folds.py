@@ -10,12 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrinklecli.character.pose import Clip, Rig, morph_weights, node_matrices
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.pose import LEAST_SCALE, morph_weights, node_matrices
+from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
 from wrinklecli.method.patch import Rest, closest_point
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, unit
 from wrinklecli.review.suggest.strain import (
-    LEAST_SCALE,
     Gauge,
     Peaks,
     Sites,

@@ -17,7 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from wrinklecli.character.pose import Clip, Rig, joint_matrices, morph_weights
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.pose import LEAST_SCALE, joint_matrices, morph_weights
+from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
 from wrinklecli.method.patch import Rest
 from wrinklecli.numeric.arrays import Floats, Ints, face_normals, unit
@@ -36,8 +38,6 @@ _MOST_PARTS = 8
 _SAME_SHEET = 0.3
 # A stretch beyond twice the length counts as twice: slivers of almost no area have any.
 _LONGEST = 2.0
-# Below this scale against rest (a hidden character, say) nothing is measured.
-LEAST_SCALE = 1e-6
 # Triangles times poses that are held at once: 2**18 take 60 MB.
 _CHUNK = 2**18
 

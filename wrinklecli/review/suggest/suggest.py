@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrinklecli.character.pose import Clip, morph_target_names, read_clips, read_rig
+from wrinklecli.character.clip import Clip, chosen_clips, read_clips
+from wrinklecli.character.rig import morph_target_names, moving_nodes, read_rig
 from wrinklecli.character.scene import scene_nodes
 from wrinklecli.character.surface import read_surface
 from wrinklecli.errors import AssetError, BakeError, WrinkleError, listed, nearest
@@ -20,7 +21,6 @@ from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.method.patch import Patch, attach_tools, lengths_over_time, rest_pose
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
-from wrinklecli.numeric.piecewise import moving_nodes
 from wrinklecli.review.suggest.folds import LEAST_LOSS, Fold, MeasuredMesh, driver_of, find_folds, lay, pose_unscaled
 from wrinklecli.review.suggest.strain import read_gauge, scan, spread_sites
 from wrinklecli.tools.mirror import split_side
@@ -134,7 +134,7 @@ def suggest(
     """
     with guarded(os.fspath(asset)):
         document = read_document(asset, allow_external=allow_external)
-        chosen = _chosen_clips(document, clips)
+        chosen = chosen_clips(read_clips(document), clips, where=document.path)
         notes: list[str] = []
         carriers = _carriers(document, node, notes)
         reason = ""
@@ -161,17 +161,6 @@ def suggest(
             text = tools_text(found, os.path.basename(document.path), flat=all(fold.mesh.flat for fold in folds))
             _refuse_unwritable(text, document, found)
         return Suggestions(tuple(found), text, reason, tuple(notes), tuple(document.files))
-
-
-def _chosen_clips(document: Document, asked: Sequence[str]) -> tuple[Clip, ...]:
-    clips = read_clips(document)
-    names = [clip.name for clip in clips]
-    for name in asked:
-        if name not in names:
-            raise AssetError(
-                f"has no clip {name!r}{nearest(name, names)}; there are {listed(names)}", where=document.path
-            )
-    return tuple(clip for clip in clips if not asked or clip.name in asked)
 
 
 def _carriers(document: Document, asked: str | None, notes: list[str]) -> list[_Carrier]:

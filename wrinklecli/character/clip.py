@@ -1,0 +1,269 @@
+"""Clips: animations with their channels, a channel's value at a time, and the times at which to look at a clip.
+
+Source: glTF 2.0 specification, §3.11 and appendix C (animation).
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrinklecli.character.rig import LARGEST, TRANSFORM_DEFAULTS, Rig, in_range, morph_target_names, moving_nodes
+from wrinklecli.errors import AssetError, BakeError, listed, nearest
+from wrinklecli.gltf.document import Document, Json
+from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, float32_values, unit_quaternions
+
+# Of one clip: almost two hours at 30 a second.
+_MOST_FRAMES = 200_000
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """One animated property.
+
+    Attributes:
+        index: Of the channel in its animation.
+        node: The animated node.
+        path: translation, rotation, scale or weights.
+        times: (keys,) seconds, strictly rising.
+        values: (keys, components), or (keys, 3, components) for CUBICSPLINE: in-tangent, value, out-tangent.
+        interpolation: LINEAR, STEP or CUBICSPLINE.
+    """
+
+    index: int
+    node: int
+    path: str
+    times: Floats
+    values: Floats
+    interpolation: str
+
+
+@dataclass(frozen=True, slots=True)
+class Clip:
+    """An animation: the channels that move nodes and morph weights.
+
+    Attributes:
+        index: Of the animation in the document.
+        name: Its name; `animation_0` by index where it has none.
+        channels: Those with a node and a core path.
+        start: Time of the first key, seconds.
+        end: Time of the last key, seconds.
+    """
+
+    index: int
+    name: str
+    channels: tuple[Channel, ...]
+    start: float
+    end: float
+
+    def key_times(self) -> Floats:
+        """(keys,) the rising, distinct key times of all channels, seconds."""
+        return np.unique(np.concatenate([channel.times for channel in self.channels]))
+
+    def moves_as(self, other: "Clip") -> bool:
+        """Whether another clip has the same keys to the bit, by the same numbers of nodes; names may differ."""
+        if len(self.channels) != len(other.channels):
+            return False
+        return all(
+            (a.node, a.path, a.interpolation) == (b.node, b.path, b.interpolation)
+            and np.array_equal(a.times, b.times)
+            and np.array_equal(a.values, b.values)
+            for a, b in zip(self.channels, other.channels, strict=True)
+        )
+
+    def channel(self, node: int, path: str) -> Channel | None:
+        """The channel of a node's property."""
+        return next((c for c in self.channels if c.node == node and c.path == path), None)
+
+
+def read_clips(document: Document) -> tuple[Clip, ...]:
+    """The document's animations, those without any readable channel left out.
+
+    Two animations of one name are told apart by `#` and their index.
+
+    Raises:
+        AssetError: A sampler is malformed.
+    """
+    clips: list[Clip] = []
+    for index, animation in enumerate(document.items("animations")):
+        where = document.where("animations", index)
+        channels = tuple(_read_channels(document, animation, index, where))
+        if not channels:
+            continue
+        name = animation.get("name")
+        name = name if isinstance(name, str) and name else f"animation_{index}"
+        if any(clip.name == name for clip in clips):
+            name = f"{name}#{index}"
+        start = min(float(channel.times[0]) for channel in channels)
+        end = max(float(channel.times[-1]) for channel in channels)
+        clips.append(Clip(index, name, channels, start, end))
+    return tuple(clips)
+
+
+def _read_channels(document: Document, animation: Json, index: int, where: str) -> Iterable[Channel]:
+    samplers = animation.get("samplers", [])
+    for number, channel in enumerate(animation.get("channels", [])):
+        target = channel.get("target", {}) if isinstance(channel, dict) else {}
+        node, path = target.get("node"), target.get("path")
+        if node is None or path not in (*TRANSFORM_DEFAULTS, "weights"):
+            continue
+        document.item("nodes", node, user=where)
+        at = document.where("animations", index, "channels", number)
+        try:
+            sampler = samplers[channel["sampler"]]
+            times, values = (document.accessor(sampler[key], user=at) for key in ("input", "output"))
+            interpolation = sampler.get("interpolation", "LINEAR")
+        except (KeyError, IndexError, TypeError) as error:
+            raise AssetError("has no sampler with input and output", where=at) from error
+        if interpolation not in ("LINEAR", "STEP", "CUBICSPLINE"):
+            raise AssetError(f"interpolation {interpolation!r} is not of glTF 2.0", where=at)
+        groups = 3 if interpolation == "CUBICSPLINE" else 1
+        if times.ndim != 1 or not np.isfinite(times).all() or (np.diff(times) <= 0).any():
+            raise AssetError("key times must rise", where=at)
+        if values.size == 0 or values.size % (len(times) * groups):
+            raise AssetError(f"{len(times)} key times do not fit {values.size} values", where=at)
+        if not in_range(values):
+            raise AssetError(f"a key value is not a finite number, or above {LARGEST:g}", where=at)
+        shape = (len(times), 3, -1) if groups == 3 else (len(times), -1)
+        values = values.reshape(shape)
+        wanted = len(TRANSFORM_DEFAULTS[path]) if path != "weights" else _target_count(document, node)
+        if values.shape[-1] != wanted:
+            raise AssetError(f"a key of {path} has {values.shape[-1]} numbers, not {wanted}", where=at)
+        yield Channel(number, node, path, times, values.astype(np.float64), interpolation)
+
+
+def _target_count(document: Document, node: int) -> int:
+    carrier = document.items("nodes")[node]
+    if "mesh" not in carrier:
+        return 0
+    mesh = document.item("meshes", carrier["mesh"], user=document.where("nodes", node))
+    return len(morph_target_names(mesh))
+
+
+def no_clip(name: str, names: Sequence[str]) -> str:
+    """For a message: that no clip is so named, and which there are."""
+    return f"no clip {name!r}{nearest(name, names)}; there are {listed(names)}"
+
+
+def clip_named(clips: Sequence[Clip], name: str, *, where: str) -> Clip:
+    """The clip of a name.
+
+    Raises:
+        AssetError: There is none; `where` is the asset's path.
+    """
+    names = [clip.name for clip in clips]
+    if name not in names:
+        raise AssetError(f"has {no_clip(name, names)}", where=where)
+    return clips[names.index(name)]
+
+
+def chosen_clips(clips: Sequence[Clip], asked: Sequence[str], *, where: str) -> tuple[Clip, ...]:
+    """The clips that are asked for by name, in the order of the file; all where none is.
+
+    Raises:
+        AssetError: There is no clip of a name; `where` is the asset's path.
+    """
+    names = [clip_named(clips, name, where=where).name for name in asked]
+    return tuple(clip for clip in clips if not names or clip.name in names)
+
+
+def sample(channel: Channel, times: Floats) -> Floats:
+    """(frames, components) of a channel at times in seconds, held before the first and after the last key.
+
+    Rotations are of unit length.
+
+    Source: glTF 2.0, appendix C (LINEAR, with slerp for rotations; STEP; CUBICSPLINE).
+    """
+    keys, values = channel.times, channel.values
+    # Components first, so that all that follows runs along time.
+    points = (values[:, 1] if channel.interpolation == "CUBICSPLINE" else values).T
+    turning = channel.path == "rotation"
+    if len(keys) == 1:
+        return np.tile((unit_quaternions(points) if turning else points).T, (len(times), 1))
+    before = np.clip(np.searchsorted(keys, times, side="right") - 1, 0, len(keys) - 2)
+    # Of a long clip, at a few times, only the keys around them.
+    part = slice(int(before.min(initial=len(keys) - 2)), int(before.max(initial=0)) + 2)
+    keys, values, points, before = keys[part], values[part], points[:, part], before - part.start
+    if turning and channel.interpolation != "CUBICSPLINE":
+        points = unit_quaternions(points)
+    spans = np.diff(keys)
+    t = np.clip((times - _at(keys, before)) / _at(spans, before), 0.0, 1.0)
+    if channel.interpolation == "STEP":
+        return _at(points, before + (t >= 1.0)).T
+    if channel.interpolation == "CUBICSPLINE":
+        leaving, arriving = values[:-1, 2].T * spans, values[1:, 0].T * spans
+        start, stop = points[:, :-1], points[:, 1:]
+        # Horner's scheme, with the polynomial of each interval prepared.
+        squares = -3 * start + 3 * stop - 2 * leaving - arriving
+        cubes = 2 * start - 2 * stop + leaving + arriving
+        blended = ((_at(cubes, before) * t + _at(squares, before)) * t + _at(leaving, before)) * t + _at(start, before)
+        return (unit_quaternions(blended) if turning else blended).T
+    if turning:
+        return _slerp(points, before, t).T
+    return (_at(points, before) + _at(np.diff(points), before) * t).T
+
+
+def _at(values: Floats, places: Ints) -> Floats:
+    """(…, frames) of (…, keys). Clipped, since what has to be able to fail takes longer, and indexing longer still."""
+    return values.take(places, axis=-1, mode="clip")
+
+
+def _slerp(points: Floats, before: Ints, t: Floats) -> Floats:
+    """(4, frames) rotations at shares t (frames,) of the intervals `before` (frames,) between (4, keys) unit ones."""
+    start, stop = points[:, :-1], points[:, 1:]
+    cosine = np.einsum("cf,cf->f", start, stop)
+    stop = np.where(cosine < 0, -stop, stop)
+    # Halves of sum and difference: the arc cosine of the product loses half the digits of a small angle.
+    angle = 2.0 * np.arctan2(*(np.sqrt(np.einsum("cf,cf->f", each, each)) for each in (stop - start, stop + start)))
+    sine = np.sin(angle)
+    # Below this angle the division loses more digits than a straight line does.
+    near = sine < 1e-6
+    inverse = np.where(near, 0.0, 1.0 / np.where(near, 1.0, sine))
+    whole, inverse = _at(angle, before), _at(inverse, before)
+    turned = t * whole
+    first, second = np.sin(whole - turned) * inverse, np.sin(turned) * inverse
+    if near.any():
+        straight = _at(near, before)
+        first, second = np.where(straight, 1.0 - t, first), np.where(straight, t, second)
+    between: Floats = first * _at(start, before) + second * _at(stop, before)
+    return unit_quaternions(between) if near.any() else between
+
+
+def clip_grid(clip: Clip, rig: Rig | None, *, fps: float) -> Floats:
+    """(frames,) seconds, float32 values: a grid over the clip with its end, and the keys that move a rig.
+
+    Jumps of STEP channels count twice, with the last float32 time before each.
+
+    Raises:
+        BakeError: It would have more than 200,000 frames.
+    """
+    if (clip.end - clip.start) * fps > _MOST_FRAMES:
+        raise BakeError(
+            f"lasts {clip.end - clip.start:.6g} s, at {fps:.6g} frames per second more than {_MOST_FRAMES:,} frames",
+            where=clip.name,
+        )
+    count = int(np.floor((clip.end - clip.start) * fps * (1.0 + 1e-9)))
+    grid: list[Floats] = [clip.start + np.arange(count + 1) / fps, np.array([clip.end])]
+    if rig is not None:
+        grid.append(turns(clip, rig))
+    return distinct_values(float32_values(np.concatenate(grid)))
+
+
+def turns(clip: Clip, rig: Rig) -> Floats:
+    """(keys,) seconds, rising, float32 values: between these a clip moves a rig smoothly.
+
+    Jumps of STEP channels count twice, with the last float32 time before each.
+    """
+    moving = moving_nodes(rig)
+    keys = [np.zeros(0)]
+    for channel in clip.channels:
+        if channel.node in moving:
+            keys.append(channel.times)
+            if channel.interpolation == "STEP":
+                keys.append(just_before(channel.times[1:]))
+    return distinct_values(float32_values(np.concatenate(keys)))
+
+
+def just_before(times: Floats) -> Floats:
+    """The last float32 times before some, when a STEP channel has not jumped yet."""
+    return np.nextafter(times.astype(np.float32), np.float32(-np.inf)).astype(np.float64)

@@ -1,0 +1,192 @@
+"""The rig that moves a mesh, as it is stored: hierarchy of nodes, joints, inverse binds, morph weights.
+
+An unskinned mesh is treated as skinned to its own node with weight 1, so that all later stages know one case.
+
+Source: glTF 2.0 specification, §3.5 (nodes), §3.7.3 (skins).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrinklecli.errors import AssetError
+from wrinklecli.gltf.document import Document, Json
+from wrinklecli.numeric.arrays import Floats, Ints, affine_rows, unit_quaternions
+
+# Of nodes, one below the other, and of joints in a skin: time and memory grow with them, and nothing real has as many.
+_MOST_LEVELS = 4096
+_MOST_JOINTS = 4096
+# Of a transform: no real one comes near, and products of a dozen of these are still numbers.
+LARGEST = 1e15
+TRANSFORM_DEFAULTS = {"translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scale": (1.0, 1.0, 1.0)}
+
+
+@dataclass(frozen=True, slots=True)
+class Rig:
+    """What moves the mesh of one node.
+
+    Attributes:
+        node: The node that carries the mesh.
+        mesh: Its mesh.
+        skinned: Whether the node has a skin.
+        joints: (joints,) nodes; the mesh's own node where there is no skin.
+        inverse_binds: (joints, 4, 4) bind space to joint space.
+        parents: (nodes,) each node's parent, -1 for roots.
+        locals: Per node: stored translation, rotation (x, y, z, w) and scale, or the stored 4×4 matrix.
+        rows: (3, 4, nodes) of the stored poses' local matrices.
+        names: Per node.
+        morph_names: Per morph target, from the mesh's `extras.targetNames`.
+        morph_weights: (morph targets,) stored weights, those of the node before those of the mesh.
+    """
+
+    node: int
+    mesh: int
+    skinned: bool
+    joints: Ints
+    inverse_binds: Floats
+    parents: Ints
+    locals: tuple[dict[str, Floats], ...]
+    rows: Floats
+    names: tuple[str, ...]
+    morph_names: tuple[str, ...]
+    morph_weights: Floats
+
+
+def read_rig(document: Document, node: int) -> Rig:
+    """The joints, hierarchy and stored pose that move the mesh of a node.
+
+    Raises:
+        AssetError: The hierarchy has a cycle, or skin or nodes are malformed.
+    """
+    nodes = document.items("nodes")
+    parents = np.full(len(nodes), -1, np.intp)
+    for index, each in enumerate(nodes):
+        for child in each.get("children", []):
+            document.item("nodes", child, user=document.where("nodes", index, "children"))
+            parents[child] = index
+    _refuse_cycles(parents, document)
+    carrier = nodes[node]
+    mesh = document.item("meshes", carrier.get("mesh"), user=document.where("nodes", node))
+    joints, inverse_binds = np.array([node], np.intp), np.eye(4)[None]
+    if "skin" in carrier:
+        joints, inverse_binds = _read_skin(document, carrier["skin"], document.where("nodes", node))
+    primitives = mesh.get("primitives") or [{}]
+    count = len(primitives[0].get("targets", []))
+    weights = np.zeros(count)
+    try:
+        stored = np.array(carrier.get("weights", mesh.get("weights", [])), np.float64).reshape(-1)[:count]
+        weights[: len(stored)] = stored
+        locals_ = tuple(_stored_local(each) for each in nodes)
+    except (TypeError, ValueError) as error:
+        raise AssetError("a node's transform or weights are not numbers", where=document.where("nodes")) from error
+    for index, parts in enumerate(locals_):
+        if not all(in_range(part) for part in parts.values()):
+            message = f"is moved by a number that is not finite, or above {LARGEST:g}"
+            raise AssetError(message, where=document.where("nodes", index))
+    names = tuple(str(each.get("name", f"node_{index}")) for index, each in enumerate(nodes))
+    return Rig(
+        node=node,
+        mesh=carrier["mesh"],
+        skinned="skin" in carrier,
+        joints=joints,
+        inverse_binds=inverse_binds,
+        parents=parents,
+        locals=locals_,
+        rows=_stored_rows(locals_),
+        names=names,
+        morph_names=tuple(morph_target_names(mesh)),
+        morph_weights=weights,
+    )
+
+
+def morph_target_names(mesh: Json) -> list[str]:
+    """A name for each morph target of a mesh: that of `extras.targetNames`, else `target_0` by index."""
+    extras = mesh.get("extras")
+    names = extras.get("targetNames") if isinstance(extras, dict) else None
+    names = names if isinstance(names, list) else []
+    count = len((mesh.get("primitives") or [{}])[0].get("targets", []))
+    return [str(names[k]) if k < len(names) else f"target_{k}" for k in range(count)]
+
+
+def _refuse_cycles(parents: Ints, document: Document) -> None:
+    above, depths = parents.copy(), (parents >= 0).astype(np.intp)
+    # Each round doubles the generations that are looked up: a chain of 100,000 nodes takes 17.
+    for _ in range(len(parents).bit_length()):
+        depths = depths + np.where(above >= 0, depths[above], 0)
+        above = np.where(above >= 0, above[above], -1)
+    if (above >= 0).any():
+        raise AssetError("is its own ancestor", where=document.where("nodes", int(above.argmax())))
+    if depths.max(initial=0) >= _MOST_LEVELS:
+        raise AssetError(
+            f"lies {depths.max()} levels deep; at most {_MOST_LEVELS} are read",
+            where=document.where("nodes", int(depths.argmax())),
+        )
+
+
+def _read_skin(document: Document, index: object, user: str) -> tuple[Ints, Floats]:
+    skin = document.item("skins", index, user=user)
+    where = document.where("skins", str(index))
+    joints = skin.get("joints", [])
+    for joint in joints:
+        document.item("nodes", joint, user=where)
+    if not joints:
+        raise AssetError("has no joints", where=where)
+    if len(joints) > _MOST_JOINTS:
+        raise AssetError(f"has {len(joints)} joints; at most {_MOST_JOINTS} are read", where=where)
+    if "inverseBindMatrices" not in skin:
+        return np.array(joints, np.intp), np.tile(np.eye(4), (len(joints), 1, 1))
+    stored = document.accessor(skin["inverseBindMatrices"], user=where)
+    if stored.shape[1:] != (16,) or len(stored) < len(joints):
+        raise AssetError(f"needs {len(joints)} inverse bind matrices, has {len(stored)}", where=where)
+    if not in_range(stored[: len(joints)]):
+        accessor = document.where("accessors", str(skin["inverseBindMatrices"]))
+        raise AssetError(
+            f"holds inverse bind matrices with a number that is not finite, or above {LARGEST:g}", where=accessor
+        )
+    # glTF stores matrices column by column.
+    return np.array(joints, np.intp), stored[: len(joints)].reshape(-1, 4, 4).transpose(0, 2, 1)
+
+
+def in_range(values: Floats) -> bool:
+    """Whether all numbers are finite and no larger than `LARGEST`."""
+    with np.errstate(invalid="ignore"):
+        return bool((np.abs(values) <= LARGEST).all())
+
+
+def _stored_local(node: Json) -> dict[str, Floats]:
+    if "matrix" in node:
+        return {"matrix": np.array(node["matrix"], np.float64).reshape(4, 4).T}
+    local = {}
+    for path, default in TRANSFORM_DEFAULTS.items():
+        value = np.array(node.get(path, default), np.float64)
+        if value.shape != (len(default),) or not np.isfinite(value).all():
+            raise ValueError(path)
+        local[path] = value
+    return local
+
+
+def _stored_rows(local: Sequence[dict[str, Floats]]) -> Floats:
+    """(3, 4, nodes) of the nodes' local matrices."""
+    rows = np.zeros((3, 4, len(local)))
+    free = [index for index, parts in enumerate(local) if "matrix" not in parts]
+    if free:
+        translations, rotations, scales = (
+            np.array([local[index][path] for index in free]) for path in TRANSFORM_DEFAULTS
+        )
+        rows[:, :, free] = affine_rows(translations.T, unit_quaternions(rotations.T), scales.T)
+    for index, parts in enumerate(local):
+        if "matrix" in parts:
+            rows[:, :, index] = parts["matrix"][:3]
+    return rows
+
+
+def moving_nodes(rig: Rig) -> frozenset[int]:
+    """The nodes whose channels can move a mesh: its joints with their ancestors, and the node itself."""
+    nodes: set[int] = {rig.node}
+    for joint in rig.joints:
+        node = int(joint)
+        while node >= 0 and node not in nodes:
+            nodes.add(node)
+            node = int(rig.parents[node])
+    return frozenset(nodes)

@@ -1,0 +1,110 @@
+"""Weight tracks: the weights of new morph targets, joined with the weights channel that a clip already has.
+
+A weights channel drives all targets of a mesh or none, so an existing channel is widened: it keeps its own keys and
+interpolation where that loses nothing.
+
+Source: glTF 2.0 §3.11 and appendix C.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrinklecli.character.clip import Channel, Clip, just_before, sample
+from wrinklecli.character.pose import morph_weights
+from wrinklecli.character.rig import Rig
+from wrinklecli.numeric.arrays import Floats, distinct_values
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """A weights channel to write.
+
+    Attributes:
+        times: (keys,) seconds, float32 values.
+        values: (keys, targets), or (keys, 3, targets) for CUBICSPLINE.
+        interpolation: LINEAR, STEP or CUBICSPLINE.
+    """
+
+    times: Floats
+    values: Floats
+    interpolation: str
+
+
+def widen(channel: Channel | None, rig: Rig, clip: Clip, times: Floats, weights: Floats) -> Track:
+    """Join the weights of new targets with what a clip does to a mesh's old ones.
+
+    Args:
+        channel: The clip's weights channel of the mesh's node, if it has one.
+        rig: Of the mesh.
+        clip: The animation.
+        times: (frames,) of the new weights, seconds.
+        weights: (frames, new targets).
+
+    Returns:
+        A channel over old and new targets. LINEAR keeps its values at the union of key times. STEP becomes
+        LINEAR with an extra key one float32 step before each jump. CUBICSPLINE stays: its pieces are split
+        where new keys fall, by Hermite subdivision; new weights get the secants' tangents.
+    """
+    if channel is None:
+        old = morph_weights(rig, None, times)
+        return Track(times, np.concatenate([old, weights], axis=1), "LINEAR")
+    if channel.interpolation == "CUBICSPLINE":
+        return _widen_spline(channel, times, weights)
+    union = distinct_values(np.concatenate([times, channel.times]))
+    if channel.interpolation == "STEP":
+        before = just_before(channel.times[1:])
+        union = distinct_values(np.concatenate([union, before[before > channel.times[:-1]]]))
+    old = morph_weights(rig, clip, union)
+    return Track(union, np.concatenate([old, _interpolated(union, times, weights)], axis=1), "LINEAR")
+
+
+def pad(channel: Channel, added: Floats) -> Track:
+    """A clip's weights channel with constant weights for new targets, (new targets,) each; its keys are kept."""
+    values = channel.values
+    constant = np.broadcast_to(added, (*values.shape[:-1], len(added))).copy()
+    if channel.interpolation == "CUBICSPLINE":
+        constant[:, [0, 2]] = 0.0
+    return Track(channel.times, np.concatenate([values, constant], axis=-1), channel.interpolation)
+
+
+def _interpolated(at: Floats, times: Floats, weights: Floats) -> Floats:
+    """(keys, targets) of weights linear between times."""
+    columns = [np.interp(at, times, column) for column in weights.T]
+    return np.stack(columns, axis=1) if columns else np.zeros((len(at), 0))
+
+
+def _widen_spline(channel: Channel, times: Floats, weights: Floats) -> Track:
+    union = distinct_values(np.concatenate([times, channel.times]))
+    values = sample(channel, union)
+    into, out = _spline_slopes(channel, union)
+    fresh = _interpolated(union, times, weights)
+    slopes = np.diff(fresh, axis=0) / np.diff(union)[:, None] if len(union) > 1 else np.zeros((0, fresh.shape[1]))
+    edge = np.zeros((1, fresh.shape[1]))
+    # With the secants of both sides as tangents a Hermite piece is its own straight line.
+    fresh_into, fresh_out = np.concatenate([edge, slopes]), np.concatenate([slopes, edge])
+    stacked = [np.concatenate(pair, axis=1) for pair in ((into, fresh_into), (values, fresh), (out, fresh_out))]
+    return Track(union, np.stack(stacked, axis=1), "CUBICSPLINE")
+
+
+def _spline_slopes(channel: Channel, at: Floats) -> tuple[Floats, Floats]:
+    """(keys, targets) derivatives per second of a CUBICSPLINE channel before and after each time."""
+    keys, values = channel.times, channel.values
+    slopes = []
+    for side in ("left", "right"):
+        if len(keys) == 1:
+            slopes.append(np.zeros((len(at), values.shape[2])))
+            continue
+        piece = np.searchsorted(keys, at, side="left" if side == "left" else "right") - 1
+        outside = (piece < 0) | (piece > len(keys) - 2)
+        piece = np.clip(piece, 0, len(keys) - 2)
+        span = (keys[piece + 1] - keys[piece])[:, None]
+        t = (at - keys[piece])[:, None] / span
+        change = values[piece + 1, 1] - values[piece, 1]
+        slope = (
+            6.0 * (t - t * t) * change / span
+            + (1.0 - 4.0 * t + 3.0 * t * t) * values[piece, 2]
+            + (3.0 * t * t - 2.0 * t) * values[piece + 1, 0]
+        )
+        slopes.append(np.where(outside[:, None], 0.0, slope))
+    return slopes[0], slopes[1]
