@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from numpy.polynomial import legendre
 from scipy.integrate import quad
 
-from wrinklecli.method.curve import TAUT, ControlCurve, PolylineProfile, SmoothProfile, plan_curve
+from wrinklecli.method.curve import TAUT, ControlCurve, plan_curve
+from wrinklecli.method.profile import PolylineProfile, SmoothProfile
 from wrinklecli.numeric.arrays import Floats
 
 NODES, WEIGHTS = legendre.leggauss(24)
