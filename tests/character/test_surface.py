@@ -12,7 +12,7 @@ from kit.asset import MODES, Asset
 from kit.limb import RADIUS, limb_asset, limb_positions
 from kit.prepared import as_document
 from wrinklecli.character.rig import read_rig
-from wrinklecli.character.surface import Surface, read_surface, read_triangles
+from wrinklecli.character.surface import Surface, influence_count, read_surface, read_triangles
 from wrinklecli.errors import AssetError
 from wrinklecli.numeric.arrays import distinct, distinct_values, face_normals, normals_at, unit, vertex_normals
 
@@ -396,3 +396,16 @@ def test_size_is_the_box_s_diagonal() -> None:
     assert surface_of(points(SQUARE * 3)).size == pytest.approx(3 * np.sqrt(2), rel=1e-15)
     position, _ = limb_positions(np.array([0]), np.array([0]), 5, 4)
     assert position.tolist() == [[-1.0, RADIUS, 0.0]]
+
+
+@pytest.mark.parametrize(("options", "count"), [({}, 4), ({"influences": 8}, 8), ({"skinned": False}, 1)])
+def test_influences_that_the_file_can_store(options: dict[str, Any], count: int) -> None:
+    document = as_document(limb_asset(rings=3, sides=4, morphs=1, **options))
+    assert influence_count(document, read_rig(document, 0)) == count
+
+
+def test_influences_are_those_of_the_poorest_primitive() -> None:
+    asset = limb_asset(rings=5, sides=4, influences=8, primitives=2)
+    del asset.gltf["meshes"][0]["primitives"][1]["attributes"]["JOINTS_1"]
+    document = as_document(asset)
+    assert influence_count(document, read_rig(document, 0)) == 4

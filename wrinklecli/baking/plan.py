@@ -10,7 +10,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import joint_matrices
 from wrinklecli.character.rig import Rig, read_rig
-from wrinklecli.character.surface import read_surface
+from wrinklecli.character.surface import influence_count, read_surface
 from wrinklecli.errors import AssetError, BakeError
 from wrinklecli.gltf.document import Document
 from wrinklecli.method.patch import (
@@ -18,7 +18,7 @@ from wrinklecli.method.patch import (
     attach_tools,
     rest_pose,
 )
-from wrinklecli.method.refine import Refinement, contacts_of, influence_count, refine
+from wrinklecli.method.refine import Refinement, contacts_of, refine
 from wrinklecli.method.shapes import (
     CarriedPatch,
     carry,

@@ -322,3 +322,11 @@ def dense_influences(joints: Ints, weights: Floats, joint_count: int) -> Floats:
     for column, shares in zip(joints.T, weights.T, strict=True):
         dense[np.arange(len(dense)), column] += shares
     return dense
+
+
+def influence_count(document: Document, rig: Rig) -> int:
+    """How many joints every primitive of a rig's mesh can store for a vertex: 4 for each JOINTS_n."""
+    if not rig.skinned:
+        return 1
+    primitives = document.items("meshes")[rig.mesh]["primitives"]
+    return 4 * min(influence_sets(each["attributes"]) for each in primitives)

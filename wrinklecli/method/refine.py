@@ -16,23 +16,18 @@ from numpy.typing import NDArray
 
 from wrinklecli.character.pose import blend, joint_matrices, transform
 from wrinklecli.character.rig import Rig, read_rig
-from wrinklecli.character.surface import Surface, dense_influences, influence_sets, read_vertices
+from wrinklecli.character.surface import Surface, dense_influences, read_vertices
 from wrinklecli.gltf.document import Document
 from wrinklecli.method.patch import Patch, Rest, carried_normals
+from wrinklecli.method.prune import joint_distances, prune, pruning_errors
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct, distinct_values, normals_at, unit, vertex_normals
 from wrinklecli.numeric.subdivide import Level, Matrix, Subdivision, subdivide
 from wrinklecli.tools.records import RefinementSettings
 
-# Of products that are computed at once: bounds the memory.
-_NUMBERS_AT_ONCE = 2**20
 # Meshes touch where vertices are this near, over the box's diagonal.
 _CONTACT = 1e-6
-# Skin weights of two anchors further apart than this differ by more than rounding.
-_SAME_SHARES = 1e-6
 # Share of a wrinkle's height that shows.
 _LEAST_SHOWN = 0.01
-# Length of a bone that bends under a tool, where others count 1.
-_BEND = 1000.0
 
 
 @dataclass(frozen=True)
@@ -245,32 +240,6 @@ def _midpoints(matrix: Matrix | None, edges: Ints, coarse: Floats) -> Floats:
     return middles
 
 
-def pruning_errors(weights: Floats, positions: Floats, distances: Floats, influences: int, poses: Floats) -> Floats:
-    """(vertices,) how far pruned skin weights move vertices off, at the most.
-
-    Args:
-        weights: (vertices, joints) skin weights before pruning.
-        positions: (vertices, 3) bind space.
-        distances: (joints, joints) in the skeleton.
-        influences: How many joints are kept.
-        poses: (poses, joints, 4, 4) bind to world space.
-    """
-    joints, kept = prune(weights, distances, influences)
-    change = weights.copy()
-    for column in range(influences):
-        change[np.arange(len(change)), joints[:, column]] -= kept[:, column]
-    # What moves a vertex is linear in its position times its weights: one product for all poses.
-    columns = poses[:, :, :3].transpose(1, 3, 2, 0).reshape(4 * len(distances), 3 * len(poses))
-    homogeneous = np.concatenate([positions, np.ones((len(positions), 1))], axis=1)
-    errors = np.zeros(len(weights))
-    chunk = max(_NUMBERS_AT_ONCE // (len(columns) + columns.shape[1]), 1)
-    for rows in (slice(start, start + chunk) for start in range(0, len(weights), chunk)):
-        spread = change[rows, :, None] * homogeneous[rows, None]
-        moved = (spread.reshape(-1, len(columns)) @ columns).reshape(-1, 3, len(poses))
-        errors[rows] = np.sqrt(np.sum(moved**2, axis=1)).max(axis=1)
-    return errors
-
-
 def _dense_weights(surface: Surface, vertices: Ints, joint_count: int, chosen: Ints | slice = slice(None)) -> Floats:
     """(all vertices, chosen joints) skin weights of some vertices; 0 elsewhere, which takes hardly any memory."""
     some = surface.dense_weights(vertices, joint_count)[:, chosen]
@@ -348,96 +317,6 @@ def _split_corners(surface: Surface, subdivision: Subdivision) -> tuple[Ints, In
     )
 
 
-def joint_distances(rig: Rig, patches: Sequence[Patch]) -> Floats:
-    """(joints, joints) how far joints are apart in the skeleton.
-
-    A bone counts 1, and a bone between a tool's two anchors, which bends when the tool wrinkles, far more: there
-    weights must not be mixed. Joints of separate trees are furthest.
-    """
-    count = len(rig.parents)
-    lengths = np.ones(count + 1)
-    lengths[sorted(_bending_nodes(rig, patches))] = _BEND
-    # The parent of all roots, and of itself, is one more node. above[k] holds ancestors of 2^k generations.
-    nowhere = count
-    above = [np.append(np.where(rig.parents >= 0, rig.parents, nowhere), nowhere)]
-    lengths[np.append(above[0][:-1] == nowhere, True)] = 0.0
-    hops = (np.arange(count + 1) != nowhere).astype(np.intp)
-    for _ in range(count.bit_length()):
-        step = above[-1]
-        lengths, hops = lengths + lengths[step], hops + hops[step]
-        above.append(step[step])
-    distances = np.zeros((len(rig.joints), len(rig.joints)))
-    for row, joint in enumerate(rig.joints):
-        a, b = np.full(len(rig.joints), joint), rig.joints
-        lower, higher = np.where(hops[a] >= hops[b], a, b), np.where(hops[a] >= hops[b], b, a)
-        for k, step in reversed(list(enumerate(above))):
-            lower = np.where(hops[lower] - hops[higher] >= 2**k, step[lower], lower)
-        for step in reversed(above):
-            apart = step[lower] != step[higher]
-            lower, higher = np.where(apart, step[lower], lower), np.where(apart, step[higher], higher)
-        common = np.where(lower == higher, lower, above[0][lower])
-        apart = lengths[a] + lengths[b] - 2 * lengths[common]
-        distances[row] = np.where(common == nowhere, _BEND * count, apart)
-    return distances
-
-
-def _chain(rig: Rig, node: int) -> list[int]:
-    """A node, its parent, and so on to the root."""
-    chain = []
-    while node >= 0:
-        chain.append(node)
-        node = int(rig.parents[node])
-    return chain
-
-
-def _bending_nodes(rig: Rig, patches: Sequence[Patch]) -> frozenset[int]:
-    """The nodes that move one anchor of a tool and not the other: below where their main joints part."""
-    nodes: set[int] = set()
-    for patch in patches:
-        difference = np.zeros(len(rig.joints))
-        difference[patch.target.joints] += patch.target.weights
-        difference[patch.origin.joints] -= patch.origin.weights
-        if np.ptp(difference) < _SAME_SHARES:
-            continue  # both anchors hang on the same joints: nothing bends between them
-        ends = (int(rig.joints[np.argmax(difference)]), int(rig.joints[np.argmin(difference)]))
-        nodes |= set(_chain(rig, ends[0])) ^ set(_chain(rig, ends[1]))
-    return frozenset(nodes)
-
-
-def prune(weights: Floats, distances: Floats, influences: int) -> tuple[Ints, Floats]:
-    """Leave each vertex as many joints as the file can store.
-
-    Step by step the influence goes that costs least, weight times distance to the nearest one kept, and its
-    weight to that one, among equally near ones to the heaviest.
-
-    Args:
-        weights: (vertices, joints), rows summing to 1.
-        distances: (joints, joints) in the skeleton.
-        influences: How many to keep.
-
-    Returns:
-        (vertices, influences) joints and weights, heaviest first.
-    """
-    most = max(influences, int((weights > 0).sum(axis=1).max(initial=0)))
-    joints = np.argsort(-weights, axis=1, kind="stable")[:, :most]
-    kept = np.take_along_axis(weights, joints, 1)
-    for _ in range(most - influences):
-        rows = np.flatnonzero((kept > 0).sum(axis=1) > influences)
-        used = kept[rows] > 0
-        apart = distances[joints[rows][:, :, None], joints[rows][:, None, :]]
-        apart = np.where(used[:, None, :] & ~np.eye(joints.shape[1], dtype=bool), apart, np.inf)
-        cost = np.where(used, kept[rows] * apart.min(axis=2), np.inf)
-        dropped = np.argmin(cost, axis=1)
-        every = np.arange(len(rows))
-        kept[rows, np.argmin(apart[every, dropped], axis=1)] += kept[rows, dropped]
-        kept[rows, dropped] = 0.0
-    order = np.argsort(-kept, axis=1, kind="stable")[:, :influences]
-    kept = np.take_along_axis(kept, order, 1)
-    joints = np.where(kept > 0, np.take_along_axis(joints, order, 1), 0)
-    pad = ((0, 0), (0, influences - kept.shape[1]))
-    return np.pad(joints, pad), np.pad(kept, pad)
-
-
 def contacts_of(document: Document, rig: Rig, surface: Surface, rest: Rest) -> Bools:
     """Mark the vertices that must stay where they are, or a gap would open.
 
@@ -494,11 +373,3 @@ def _touching(positions: Floats, others: Floats, reach: float) -> Bools:
 def _cell_numbers(cells: NDArray[np.int64]) -> NDArray[np.int64]:
     """(cells,) one number for each (x, y, z), of 20 bits and a sign each."""
     return cells[:, 0] << 42 | (cells[:, 1] & 0x1FFFFF) << 21 | (cells[:, 2] & 0x1FFFFF)
-
-
-def influence_count(document: Document, rig: Rig) -> int:
-    """How many joints every primitive of a rig's mesh can store for a vertex: 4 for each JOINTS_n."""
-    if not rig.skinned:
-        return 1
-    primitives = document.items("meshes")[rig.mesh]["primitives"]
-    return 4 * min(influence_sets(each["attributes"]) for each in primitives)
