@@ -119,8 +119,9 @@ class WrinkleGolden:
 
 def _keep(document: "Document", path: Path) -> None:
     """Write a document as one file: the same bytes where it is one, else with all its parts embedded."""
-    from wrinklecli.gltf.document import GLB_MAGIC, read_file
-    from wrinklecli.gltf.writer import Draft, replace_bytes
+    from wrinklecli.gltf.document import GLB_MAGIC
+    from wrinklecli.gltf.files import read_file, replace_bytes
+    from wrinklecli.gltf.writer import Draft
 
     data = read_file(document.path)
     apart = len(document.files) > 1 or any("uri" in image for image in document.items("images"))

@@ -41,7 +41,7 @@ from kit.samples import (
     with_tangents,
     without_normals,
 )
-from wrinklecli.gltf.writer import accessor_references
+from wrinklecli.gltf.references import accessor_references
 
 atexit.register(shutil.rmtree, FOLDER, ignore_errors=True)
 

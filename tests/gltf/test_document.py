@@ -23,7 +23,8 @@ from wrinklecli.character.surface import read_surface
 from wrinklecli.errors import AssetError, BakeError, WrinkleError
 from wrinklecli.gltf import writer as draft_module
 from wrinklecli.gltf.document import Document, read_document
-from wrinklecli.gltf.writer import VERTEX_DATA, Draft, index_type, replace_bytes, replace_file
+from wrinklecli.gltf.files import replace_bytes, replace_file
+from wrinklecli.gltf.writer import VERTEX_DATA, Draft, index_type
 
 Json = dict[str, Any]
 PNG = b"\x89PNG\r\n\x1a\n" + bytes(9)

@@ -22,8 +22,10 @@ from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.skin import pose, prepare
 from wrinklecli.errors import BakeError
-from wrinklecli.gltf.document import Document, Json
-from wrinklecli.gltf.writer import VERTEX_DATA, Draft, make_folders
+from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.files import make_folders
+from wrinklecli.gltf.shape import Json
+from wrinklecli.gltf.writer import VERTEX_DATA, Draft
 from wrinklecli.method.refine import Refinement
 from wrinklecli.method.shapes import turn_to
 from wrinklecli.numeric.arrays import Floats, Ints, unit

@@ -16,8 +16,9 @@ from wrinklecli.character.clip import Clip, read_clips
 from wrinklecli.character.rig import Rig, morph_target_names
 from wrinklecli.character.weight_track import Track, pad, widen
 from wrinklecli.errors import AssetError
-from wrinklecli.gltf.document import TRIANGLES, Document, Json
+from wrinklecli.gltf.document import TRIANGLES, Document
 from wrinklecli.gltf.draco import EXTENSION
+from wrinklecli.gltf.shape import Json
 from wrinklecli.gltf.writer import INDEX_DATA, VERTEX_DATA, Draft, index_type, used_joints
 from wrinklecli.method.lookup import tabulate_curve, tabulate_weights
 from wrinklecli.method.patch import Anchor, Patch

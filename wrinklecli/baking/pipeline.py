@@ -18,8 +18,9 @@ from wrinklecli.baking.timings import StageClock, make_timings
 from wrinklecli.character.clip import Clip, chosen_clips, no_clip, read_clips
 from wrinklecli.character.rig import morph_target_names
 from wrinklecli.errors import BakeError, ConfigError, RefusedError, WrinkleError, listed, nearest
-from wrinklecli.gltf.document import Document, Json, read_document
+from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.original import original
+from wrinklecli.gltf.shape import Json
 from wrinklecli.gltf.writer import Draft
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.tools.read import load_tools

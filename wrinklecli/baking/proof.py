@@ -15,7 +15,8 @@ from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.skin import pose, prepare
 from wrinklecli.character.surface import dense_influences, read_vertices
 from wrinklecli.errors import RefusedError
-from wrinklecli.gltf.document import Document, Json
+from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.shape import Json
 from wrinklecli.gltf.writer import Draft
 from wrinklecli.method.patch import Rest
 from wrinklecli.method.refine import Refinement

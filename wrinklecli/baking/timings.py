@@ -10,7 +10,8 @@ import numpy as np
 from wrinklecli.baking.report import Baked
 from wrinklecli.baking.targets import targets_of
 from wrinklecli.character.clip import clip_grid
-from wrinklecli.gltf.document import Document, Json
+from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import distinct_values
 
 VERSION = 1

@@ -19,7 +19,8 @@ from wrinklecli.character.pose import LEAST_SCALE, morph_weights, node_matrices
 from wrinklecli.character.rig import Rig, morph_target_names, moving_nodes, read_rig
 from wrinklecli.character.weight_track import Track, pad, widen
 from wrinklecli.errors import AssetError, BakeError, RefusedError, listed, nearest
-from wrinklecli.gltf.document import Document, Json, read_document
+from wrinklecli.gltf.document import Document, read_document
+from wrinklecli.gltf.shape import Json
 from wrinklecli.gltf.writer import Draft
 from wrinklecli.method.lookup import TABLE_ERROR, CurveTable
 from wrinklecli.numeric.arrays import Floats

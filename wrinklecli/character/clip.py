@@ -10,7 +10,8 @@ import numpy as np
 
 from wrinklecli.character.rig import LARGEST, TRANSFORM_DEFAULTS, Rig, in_range, morph_target_names, moving_nodes
 from wrinklecli.errors import AssetError, BakeError, listed, nearest
-from wrinklecli.gltf.document import Document, Json
+from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, float32_values, unit_quaternions
 
 # Of one clip: almost two hours at 30 a second.

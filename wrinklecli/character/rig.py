@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrinklecli.errors import AssetError
-from wrinklecli.gltf.document import Document, Json
+from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints, affine_rows, unit_quaternions
 
 # Of nodes, one below the other, and of joints in a skin: time and memory grow with them, and nothing real has as many.

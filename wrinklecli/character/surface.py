@@ -12,8 +12,9 @@ import numpy as np
 
 from wrinklecli.character.rig import LARGEST, Rig, in_range
 from wrinklecli.errors import AssetError
-from wrinklecli.gltf.document import TRIANGLE_FAN, TRIANGLE_STRIP, TRIANGLES, Document, Json
+from wrinklecli.gltf.document import TRIANGLE_FAN, TRIANGLE_STRIP, TRIANGLES, Document
 from wrinklecli.gltf.draco import EXTENSION
+from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, distinct
 
 # Largest difference of two influences or, over the box's diagonal, of two morph deltas of one point; after Draco, which

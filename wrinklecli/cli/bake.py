@@ -136,7 +136,7 @@ def bake(
     from wrinklecli import bake as run
     from wrinklecli.baking.pipeline import refuse_overwriting
     from wrinklecli.errors import BakeError
-    from wrinklecli.gltf.writer import replace_bytes
+    from wrinklecli.gltf.files import replace_bytes
 
     extra = [path for path in (report, timings, depfile) if path is not None]
     refuse_overwriting([asset, tools, *([output] if output else [])], extra)

@@ -48,7 +48,7 @@ def check(asset: str, tools: str, plot: str | None, as_json: bool, strict: bool,
 
     from wrinklecli.baking.pipeline import refuse_overwriting
     from wrinklecli.errors import RefusedError
-    from wrinklecli.gltf.writer import replace_bytes
+    from wrinklecli.gltf.files import replace_bytes
     from wrinklecli.review.check import check as run
     from wrinklecli.review.plot import draw_check, refuse_without_matplotlib
 

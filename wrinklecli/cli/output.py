@@ -38,7 +38,7 @@ def write_text(output: str | None, text: str) -> None:
     if output is None or output == "-":
         click.echo(text, nl=False)
         return
-    from wrinklecli.gltf.writer import replace_bytes
+    from wrinklecli.gltf.files import replace_bytes
 
     replace_bytes(output, text.encode())
 

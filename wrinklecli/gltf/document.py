@@ -6,28 +6,20 @@ Source: glTF 2.0 specification, §3.6 (binary data storage), §4 (GLB), §5.1 (a
     EXT_meshopt_compression, KHR_meshopt_compression and KHR_draco_mesh_compression.
 """
 
-import base64
-import binascii
-import json
-import math
 import os
-import re
 import struct
-import sys
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
 
 import numpy as np
 
-from wrinklecli.errors import AssetError, listed
+from wrinklecli.errors import AssetError
 from wrinklecli.gltf import draco, meshopt
+from wrinklecli.gltf.files import read_file, read_uri
+from wrinklecli.gltf.references import draco_primitives, is_placeholder, view_parts
+from wrinklecli.gltf.shape import Json, check_asset, parse_json, place
 from wrinklecli.numeric.arrays import Array
-
-Json = dict[str, Any]
 
 # Primitive modes (§5.24.4) and component types (§5.1.3).
 TRIANGLES = 4
@@ -45,87 +37,10 @@ COMPONENT_TYPES = {dtype: number for number, dtype in _COMPONENT_DTYPES.items()}
 _TYPE_SIZES: dict[Any, int] = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 SIZE_TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 
-# What is read of a document: objects by key (`*`: any), arrays by their items, indices and counts as int.
-_SHAPE: Json = {
-    "asset": {"version": str},
-    "extensionsUsed": [str],
-    "extensionsRequired": [str],
-    "scenes": [{"nodes": [int]}],
-    "nodes": [
-        {
-            "name": str,
-            "children": [int],
-            "mesh": int,
-            "skin": int,
-            "matrix": [float],
-            "translation": [float],
-            "rotation": [float],
-            "scale": [float],
-            "weights": [float],
-        }
-    ],
-    "meshes": [
-        {
-            "primitives": [{"attributes": {"*": int}, "indices": int, "mode": int, "targets": [{"*": int}]}],
-            "weights": [float],
-        }
-    ],
-    "skins": [{"joints": [int], "inverseBindMatrices": int}],
-    "animations": [
-        {
-            "name": str,
-            "channels": [{"sampler": int, "target": {"node": int, "path": str}}],
-            "samplers": [{"input": int, "output": int, "interpolation": str}],
-        }
-    ],
-    "accessors": [
-        {
-            "bufferView": int,
-            "byteOffset": int,
-            "componentType": int,
-            "count": int,
-            "type": str,
-            "normalized": bool,
-            "sparse": {
-                "count": int,
-                "indices": {"bufferView": int, "byteOffset": int, "componentType": int},
-                "values": {"bufferView": int, "byteOffset": int},
-            },
-        }
-    ],
-    "bufferViews": [{"buffer": int, "byteOffset": int, "byteLength": int, "byteStride": int}],
-    "buffers": [{"uri": str, "byteLength": int}],
-    "images": [{"uri": str, "bufferView": int, "mimeType": str}],
-}
-_MESHOPT_SHAPE: Json = {
-    "buffer": int,
-    "byteOffset": int,
-    "byteLength": int,
-    "byteStride": int,
-    "count": int,
-    "mode": str,
-    "filter": str,
-}
-_DRACO_SHAPE: Json = {"bufferView": int, "attributes": {"*": int}}
-_SHAPE["bufferViews"][0]["extensions"] = dict.fromkeys(meshopt.EXTENSIONS, _MESHOPT_SHAPE)
-_SHAPE["buffers"][0]["extensions"] = {name: {"fallback": bool} for name in meshopt.EXTENSIONS}
-_SHAPE["meshes"][0]["primitives"][0]["extensions"] = {draco.EXTENSION: _DRACO_SHAPE}
-_KINDS = {int: "a whole number of 0 or more", float: "a number", str: "text", bool: "true or false"}
-
-# Compressions that are decoded where needed; with the next, all extensions of geometry that we understand.
-COMPRESSIONS = (draco.EXTENSION, *meshopt.EXTENSIONS)
-_GEOMETRY_EXTENSIONS = (*COMPRESSIONS, "KHR_mesh_quantization", "EXT_mesh_features")
-# What names of extensions that change geometry, or how it is stored, have in them, and what those of others have.
-_GEOMETRY_WORDS = re.compile(
-    "mesh|primitive|geometry|vertex|skin|morph|subdiv|splat|curve|compress|accessor|buffer", re.IGNORECASE
-)
-_APPEARANCE_WORDS = re.compile("texture|material|image|light", re.IGNORECASE)
-
+# Of a .glb (§4.4).
 GLB_MAGIC = b"glTF"
 JSON_CHUNK = b"JSON"
 BIN_CHUNK = b"BIN\0"
-_DEPTH_LIMIT = 256  # levels of JSON; copying and writing recurse
-_SHOWN = 40  # characters of a found value that a message repeats
 
 # An accessor may claim any count; nothing real has more elements than this.
 _COUNT_LIMIT = 2**26
@@ -160,7 +75,7 @@ class Document:
 
     def where(self, *pointer: str | int) -> str:
         """The place of a JSON value for messages: `hand.glb#/meshes/0`."""
-        return f"{self.path}#/" + "/".join(str(part) for part in pointer)
+        return place(self.path, *pointer)
 
     def items(self, kind: str) -> list[Json]:
         """The JSON objects of a top-level array, none where the document has no such array."""
@@ -427,8 +342,8 @@ def read_document(path: str | os.PathLike[str], *, allow_external: bool = False)
         json_bytes, binary = data, None
     gltf = parse_json(bytes(json_bytes), name)
     files = [name]
+    check_asset(gltf, name)
     document = Document(name, gltf, (), ())
-    check_asset(document)
     buffers = []
     for index, buffer in enumerate(document.items("buffers")):
         where = document.where("buffers", index)
@@ -438,7 +353,7 @@ def read_document(path: str | os.PathLike[str], *, allow_external: bool = False)
         elif isinstance(uri, str):
             content, file = read_uri(uri, name, where, allow_external=allow_external)
             files += [file] if file else []
-        elif uri is None and _is_placeholder(document, index):
+        elif uri is None and is_placeholder(gltf, index):
             buffers.append(memoryview(b""))
             continue
         else:
@@ -448,65 +363,6 @@ def read_document(path: str | os.PathLike[str], *, allow_external: bool = False)
             raise AssetError(f"has {len(content)} bytes of {length}; is the file truncated?", where=where)
         buffers.append(content[:length])
     return Document(name, gltf, tuple(buffers), tuple(files), allow_external)
-
-
-def check_asset(document: Document) -> None:
-    """Check that the JSON has the types that the specification asks for, and needs no extension that we cannot read.
-
-    Raises:
-        AssetError: It does not.
-    """
-    _check_shape(document, document.gltf, _SHAPE, ())
-    version = document.gltf.get("asset", {}).get("version")
-    if not isinstance(version, str) or not version.startswith("2."):
-        raise AssetError(f"asset.version is {version!r}; glTF 2.0 is read", where=document.where("asset", "version"))
-    for index, name in enumerate(document.gltf.get("extensionsRequired", [])):
-        about_geometry = _GEOMETRY_WORDS.search(name) and not _APPEARANCE_WORDS.search(name)
-        if about_geometry and name not in _GEOMETRY_EXTENSIONS:
-            raise AssetError(
-                f"{name} changes geometry, but is not understood; understood are {listed(_GEOMETRY_EXTENSIONS)}",
-                where=document.where("extensionsRequired", index),
-            )
-
-
-def _is_placeholder(document: Document, buffer: int) -> bool:
-    """Whether a buffer may go without data: all views that show it are compressed into other buffers."""
-    views = [(view, list(view_parts(view))) for view in document.items("bufferViews")]
-    shown = [parts for view, parts in views if view.get("buffer") == buffer]
-    read = any(part.get("buffer") == buffer for _, parts in views for part in parts[1:])
-    return not read and bool(shown) and all(len(parts) > 1 for parts in shown)
-
-
-def _check_shape(document: Document, value: Any, shape: Any, pointer: tuple[str | int, ...]) -> None:
-    """Check that the JSON that we read has the types of the specification; what we do not read may be anything."""
-    if isinstance(shape, dict):
-        fits = isinstance(value, dict)
-        children = [(key, child, shape.get(key, shape.get("*"))) for key, child in value.items()] if fits else []
-    elif isinstance(shape, list):
-        fits = isinstance(value, list)
-        children = [(index, child, shape[0]) for index, child in enumerate(value)] if fits else []
-    else:
-        accepted = (int, float) if shape is float else shape
-        # An integer of JSON may be too large for a float.
-        fits = not (shape is float and isinstance(value, int) and abs(value) > sys.float_info.max)
-        fits = fits and isinstance(value, accepted) and isinstance(value, bool) == (shape is bool)
-        fits = fits and not (shape is int and value < 0)
-        children = []
-    if not fits:
-        kind = "an object" if isinstance(shape, dict) else "an array" if isinstance(shape, list) else _KINDS[shape]
-        raise AssetError(f"is {repr(value)[:_SHOWN]}, not {kind}", where=document.where(*pointer))
-    for key, child, inner in children:
-        if inner is not None:
-            _check_shape(document, child, inner, (*pointer, key))
-
-
-def read_file(path: str, *, where: str = "") -> memoryview:
-    """The bytes of a file; AssetError, at `where`, if it cannot be read."""
-    try:
-        return memoryview(Path(path).read_bytes())
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise AssetError(f"cannot be read: {reason or error}", where=where or path) from error
 
 
 def _split_glb(data: memoryview, name: str) -> tuple[memoryview, memoryview | None]:
@@ -530,87 +386,3 @@ def _split_glb(data: memoryview, name: str) -> tuple[memoryview, memoryview | No
     if JSON_CHUNK not in chunks:
         raise AssetError("has no JSON chunk", where=name)
     return chunks[JSON_CHUNK], chunks.get(BIN_CHUNK)
-
-
-def parse_json(data: bytes, name: str) -> Json:
-    """The JSON object of a document.
-
-    Raises:
-        AssetError: It is none, or is nested too deeply to copy.
-    """
-
-    def refuse(constant: str) -> float:
-        raise ValueError(f"{constant} is no JSON number")
-
-    def finite(digits: str) -> float:
-        value = float(digits)
-        if math.isinf(value):
-            raise ValueError(f"{digits[:_SHOWN]} is too large a number")
-        return value
-
-    try:
-        gltf = json.loads(data.decode("utf-8-sig"), parse_constant=refuse, parse_float=finite)
-    except RecursionError as error:
-        raise AssetError("the JSON is nested too deeply", where=name) from error
-    except ValueError as error:
-        raise AssetError(f"is neither a .glb nor JSON: {error}", where=name) from error
-    if not isinstance(gltf, dict):
-        raise AssetError("the JSON is no object", where=name)
-    level: list[Any] = [gltf]
-    for _ in range(_DEPTH_LIMIT):
-        inside = (each.values() if isinstance(each, dict) else each for each in level)
-        level = [child for children in inside for child in children if isinstance(child, dict | list)]
-        if not level:
-            return gltf
-    raise AssetError(f"the JSON is nested more than {_DEPTH_LIMIT} levels deep", where=name)
-
-
-def read_uri(uri: str, asset: str, where: str, *, allow_external: bool) -> tuple[memoryview, str | None]:
-    """The bytes behind a URI, and the file they came from (none for a data URI)."""
-    if uri.startswith("data:"):
-        head, comma, body = uri.partition(",")
-        try:
-            if not comma or not head.endswith(";base64"):
-                raise ValueError("not base64")
-            return memoryview(base64.b64decode(body, validate=True)), None
-        except (ValueError, binascii.Error) as error:
-            raise AssetError(f"the data URI is malformed: {error}", where=where) from error
-    file = _local_file(uri, asset, where, allow_external=allow_external)
-    if os.path.exists(file) and not (os.path.isfile(file) or os.path.isdir(file)):  # a pipe would be waited for
-        raise AssetError("cannot be read: not a regular file", where=where)
-    return read_file(file, where=where), file
-
-
-def _local_file(uri: str, asset: str, where: str, *, allow_external: bool) -> str:
-    """The file that a URI without a scheme names; below the asset's folder, unless others are allowed."""
-    folder = os.path.dirname(asset)
-    relative = unquote(uri)
-    file = os.path.join(folder, relative)
-    inside = os.path.realpath(folder or ".")
-    if ":" in relative.split("/")[0] or "\0" in relative:
-        raise AssetError(f"uri {uri[:80]!r} is not a file below the asset's folder", where=where)
-    if (leaves_folder(uri) or os.path.commonpath([inside, os.path.realpath(file)]) != inside) and not allow_external:
-        hint = "others are read with --allow-external"
-        raise AssetError(f"uri {uri[:80]!r} is not a file below the asset's folder; {hint}", where=where)
-    return file
-
-
-def leaves_folder(uri: str) -> bool:
-    """Whether a URI's path leaves the folder that it is relative to."""
-    relative = unquote(uri)
-    return os.path.isabs(relative) or os.path.normpath(relative).split(os.sep)[0] == os.pardir
-
-
-def view_parts(view: Json) -> Iterator[Json]:
-    """What of a view refers to bytes of a buffer: itself, and the extension that compresses it."""
-    yield view
-    extensions = view.get("extensions", {})
-    yield from (extensions[name] for name in meshopt.EXTENSIONS if name in extensions)
-
-
-def draco_primitives(gltf: Json) -> Iterator[Json]:
-    """The primitives that Draco compresses."""
-    for mesh in gltf.get("meshes", []):
-        for primitive in mesh.get("primitives", []):
-            if draco.EXTENSION in primitive.get("extensions", {}):
-                yield primitive

@@ -24,7 +24,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrinklecli.errors import AssetError, BakeError
-from wrinklecli.gltf.document import Document, Json, check_asset, parse_json, read_uri, view_parts
+from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.files import read_uri
+from wrinklecli.gltf.references import view_parts
+from wrinklecli.gltf.shape import Json, check_asset, parse_json
 
 # Bytes [low, high) of a buffer of the original are in the baked file, in this buffer from this byte.
 Span = tuple[int, int, int, int]
@@ -273,7 +276,7 @@ def _unpack(document: Document, nodes: Sequence[int], limit: int) -> Document:
     for index, image in enumerate(images):
         if image is None:
             images[index] = document.items("images")[index]
-    check_asset(Document(document.path, restored, (), ()))
+    check_asset(restored, document.path)
     buffers = tuple(_joined(document, memoryview(dead), made["sizes"], made["kept"]))
     if len(buffers) != len(restored.get("buffers", [])):
         raise ValueError("another number of buffers")

@@ -25,22 +25,20 @@ import pygltflib
 
 from wrinklecli.errors import AssetError, BakeError
 from wrinklecli.gltf import draco, meshopt
-from wrinklecli.gltf.document import (
-    BIN_CHUNK,
-    COMPONENT_TYPES,
-    COMPRESSIONS,
-    GLB_MAGIC,
-    JSON_CHUNK,
-    SIZE_TYPES,
-    Document,
-    Json,
-    draco_primitives,
-    leaves_folder,
-    read_file,
-    read_uri,
-    view_parts,
-)
+from wrinklecli.gltf.document import BIN_CHUNK, COMPONENT_TYPES, GLB_MAGIC, JSON_CHUNK, SIZE_TYPES, Document
+from wrinklecli.gltf.files import leaves_folder, make_folders, read_file, read_uri, replace_bytes, replace_file
 from wrinklecli.gltf.original import Span, pack, refer, wrinkled
+from wrinklecli.gltf.references import (
+    accessor_references,
+    accessor_views,
+    compressions,
+    draco_views,
+    extension_integers,
+    view_parts,
+    view_references,
+    view_span,
+)
+from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Array
 
 VERTEX_DATA: int = pygltflib.ARRAY_BUFFER
@@ -183,7 +181,7 @@ class Draft:
         """Append a copy of a mesh, which shares its accessors, and give its index."""
         copied = copy.deepcopy(self.gltf["meshes"][mesh])
         self._accessor_uses.update(accessor_references({"meshes": [copied]}))
-        self._view_uses.update(_draco_views({"meshes": [copied]}))
+        self._view_uses.update(draco_views({"meshes": [copied]}))
         self.gltf["meshes"].append(copied)
         return len(self.gltf["meshes"]) - 1
 
@@ -313,7 +311,7 @@ class Draft:
         kept: list[tuple[int, int]] = []
         dead: list[tuple[int, int]] = []
         for slot, view in enumerate(self.source.items("bufferViews")):
-            spans = [_view_span(part) for part in view_parts(view) if part.get("buffer") == buffer]
+            spans = [view_span(part) for part in view_parts(view) if part.get("buffer") == buffer]
             (dead if slot in self._dead_views else kept).extend(spans)
         start, length = 0, len(self.source.buffers[buffer])
         for low, high in sorted(dead):
@@ -461,7 +459,7 @@ class Draft:
 
     def _drop_compressions(self, gltf: Json, views: list[Json]) -> None:
         """Take compressions that nothing uses any more out of the lists of extensions; `gltf` is a shallow copy."""
-        gone = _compressions(self.source.gltf) - _compressions(gltf | {"bufferViews": views})
+        gone = compressions(self.source.gltf) - compressions(gltf | {"bufferViews": views})
         for key in ("extensionsUsed", "extensionsRequired"):
             if gone.intersection(gltf.get(key, [])):
                 gltf[key] = [name for name in gltf[key] if name not in gone]
@@ -613,53 +611,6 @@ def _note_new(path: str, made: list[str]) -> None:
         made.append(path)
 
 
-def make_folders(path: str, made: list[str]) -> None:
-    """Make a folder and those above it; they go on the list."""
-    if not path or os.path.isdir(path):
-        return
-    make_folders(os.path.dirname(path), made)
-    if os.path.isdir(path):  # `a/..`, by making `a`
-        return
-    try:
-        os.mkdir(path)
-    except OSError as error:
-        raise BakeError(f"cannot be written: {error.strerror or error}", where=path) from error
-    made.append(path)
-
-
-def replace_file(path: str, write: Callable[[IO[bytes]], object]) -> int:
-    """Write a file completely beside `path`, then put it in its place; its size in bytes.
-
-    Raises:
-        BakeError: It cannot be written; the old file is as it was, and no other is left.
-    """
-    target = os.path.realpath(path)
-    temporary: str | None = None
-    try:
-        descriptor, temporary = tempfile.mkstemp(prefix=".wrinkle-", dir=os.path.dirname(target))
-        with os.fdopen(descriptor, "wb") as file:
-            write(file)
-            file.flush()
-            os.fsync(file.fileno())
-            size = file.tell()
-        mask = os.umask(0)
-        os.umask(mask)
-        os.chmod(temporary, 0o666 & ~mask)
-        os.replace(temporary, target)
-        temporary = None
-    except OSError as error:
-        raise BakeError(f"cannot be written: {error.strerror or error}", where=path) from error
-    finally:
-        if temporary is not None:
-            os.unlink(temporary)
-    return size
-
-
-def replace_bytes(path: str, data: bytes | memoryview) -> int:
-    """Put a file with this content in place of `path`, as `replace_file` does."""
-    return replace_file(path, lambda file: file.write(data))
-
-
 def used_joints(joints: Array, weights: Array, name: str) -> Array:
     """(vertices, 4) joints, those of weight 0 as joint 0: rounding, as Draco's, leaves some behind.
 
@@ -722,66 +673,3 @@ def _dump(gltf: Json, *, indent: int | None = None) -> bytes:
 def _set_offset(view: Json, offset: int) -> None:
     if offset or "byteOffset" in view:
         view["byteOffset"] = offset
-
-
-def _view_span(view: Json) -> tuple[int, int]:
-    start = view.get("byteOffset", 0)
-    return start, start + view.get("byteLength", 0)
-
-
-def _draco_views(gltf: Json) -> Iterator[int]:
-    for primitive in draco_primitives(gltf):
-        if "bufferView" in primitive["extensions"][draco.EXTENSION]:
-            yield primitive["extensions"][draco.EXTENSION]["bufferView"]
-
-
-def _compressions(gltf: Json) -> set[str]:
-    """The compressions that a document's objects use."""
-    users = [*gltf.get("bufferViews", []), *gltf.get("buffers", []), *draco_primitives(gltf)]
-    return {name for user in users for name in user.get("extensions", {}) if name in COMPRESSIONS}
-
-
-def accessor_references(gltf: Json) -> Iterator[int]:
-    """Every use of an accessor that the core specification knows."""
-    for mesh in gltf.get("meshes", []):
-        for primitive in mesh.get("primitives", []):
-            yield from primitive.get("attributes", {}).values()
-            for targets in primitive.get("targets", []):
-                yield from targets.values()
-            if "indices" in primitive:
-                yield primitive["indices"]
-    for skin in gltf.get("skins", []):
-        if "inverseBindMatrices" in skin:
-            yield skin["inverseBindMatrices"]
-    for animation in gltf.get("animations", []):
-        for sampler in animation.get("samplers", []):
-            yield from (sampler[key] for key in ("input", "output") if key in sampler)
-
-
-def accessor_views(accessor: Json) -> Iterator[int]:
-    """The buffer views that an accessor reads."""
-    sparse = accessor.get("sparse", {})
-    for source in (accessor, sparse.get("indices", {}), sparse.get("values", {})):
-        if "bufferView" in source:
-            yield source["bufferView"]
-
-
-def view_references(gltf: Json) -> Iterator[int]:
-    """Every use of a buffer view that we know."""
-    for accessor in gltf.get("accessors", []):
-        yield from accessor_views(accessor)
-    yield from _draco_views(gltf)
-    yield from (image["bufferView"] for image in gltf.get("images", []) if "bufferView" in image)
-
-
-def extension_integers(value: Any, *, inside: bool = False) -> Iterator[int]:
-    """Every integer below any `extensions` object, but those that we understand: a possible reference."""
-    if isinstance(value, dict):
-        for key, child in value.items():
-            if key != "extras" and not (inside and key in COMPRESSIONS):
-                yield from extension_integers(child, inside=inside or key == "extensions")
-    elif isinstance(value, list):
-        for child in value:
-            yield from extension_integers(child, inside=inside)
-    elif inside and isinstance(value, int) and not isinstance(value, bool):
-        yield value

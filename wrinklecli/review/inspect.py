@@ -13,21 +13,12 @@ from urllib.parse import unquote
 
 from wrinklecli.character.rig import morph_target_names
 from wrinklecli.errors import AssetError, WrinkleError
-from wrinklecli.gltf.document import (
-    COMPRESSIONS,
-    TRIANGLE_FAN,
-    TRIANGLE_STRIP,
-    TRIANGLES,
-    Document,
-    Json,
-    draco_primitives,
-    read_document,
-    read_uri,
-    view_parts,
-)
+from wrinklecli.gltf.document import TRIANGLE_FAN, TRIANGLE_STRIP, TRIANGLES, Document, read_document
 from wrinklecli.gltf.draco import EXTENSION as DRACO
+from wrinklecli.gltf.files import read_uri
 from wrinklecli.gltf.original import original, wrinkled
-from wrinklecli.gltf.writer import accessor_views
+from wrinklecli.gltf.references import accessor_views, draco_primitives, view_parts
+from wrinklecli.gltf.shape import COMPRESSIONS, Json
 
 VERSION = 1
 _MODES = ("points", "lines", "line loop", "line strip", "triangles", "triangle strip", "triangle fan")

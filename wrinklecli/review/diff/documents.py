@@ -18,7 +18,9 @@ from wrinklecli.character.clip import Channel, Clip, read_clips, sample
 from wrinklecli.character.rig import morph_target_names, read_rig
 from wrinklecli.character.surface import dense_influences, read_primitive
 from wrinklecli.errors import AssetError
-from wrinklecli.gltf.document import COMPRESSIONS, TRIANGLES, Document, Json, read_uri
+from wrinklecli.gltf.document import TRIANGLES, Document
+from wrinklecli.gltf.files import read_uri
+from wrinklecli.gltf.shape import COMPRESSIONS, Json
 from wrinklecli.numeric.arrays import Array, Floats
 
 Kind = Literal["structure", "value", "geometry", "image", "animation", "pose"]

@@ -19,7 +19,8 @@ from wrinklecli.baking.sample import sample_clips
 from wrinklecli.character.clip import clip_named, read_clips
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import Document, read_document
-from wrinklecli.gltf.writer import Draft, replace_bytes
+from wrinklecli.gltf.files import replace_bytes
+from wrinklecli.gltf.writer import Draft
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.review.preview.camera import plan_cameras
 from wrinklecli.review.preview.render import Style, render

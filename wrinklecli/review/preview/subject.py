@@ -16,7 +16,9 @@ from wrinklecli.character.clip import Clip, clip_named, read_clips
 from wrinklecli.character.pose import morph_weights
 from wrinklecli.character.scene import Part, pose_part, read_scene
 from wrinklecli.errors import AssetError
-from wrinklecli.gltf.document import Document, Json, read_uri
+from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.files import read_uri
+from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints, face_normals, unit
 from wrinklecli.review.preview.render import Frame, Mark, Texture
 

@@ -1,0 +1,98 @@
+"""Which part of a document's JSON refers to what: accessors, buffer views and the bytes of buffers that they show.
+
+Source: glTF 2.0 specification, §3.6; EXT_meshopt_compression and KHR_draco_mesh_compression.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+from wrinklecli.gltf import draco, meshopt
+from wrinklecli.gltf.shape import COMPRESSIONS, Json
+
+
+def view_parts(view: Json) -> Iterator[Json]:
+    """What of a view refers to bytes of a buffer: itself, and the extension that compresses it."""
+    yield view
+    extensions = view.get("extensions", {})
+    yield from (extensions[name] for name in meshopt.EXTENSIONS if name in extensions)
+
+
+def draco_primitives(gltf: Json) -> Iterator[Json]:
+    """The primitives that Draco compresses."""
+    for mesh in gltf.get("meshes", []):
+        for primitive in mesh.get("primitives", []):
+            if draco.EXTENSION in primitive.get("extensions", {}):
+                yield primitive
+
+
+def is_placeholder(gltf: Json, buffer: int) -> bool:
+    """Whether a buffer may go without data: all views that show it are compressed into other buffers."""
+    views = [(view, list(view_parts(view))) for view in gltf.get("bufferViews", [])]
+    shown = [parts for view, parts in views if view.get("buffer") == buffer]
+    read = any(part.get("buffer") == buffer for _, parts in views for part in parts[1:])
+    return not read and bool(shown) and all(len(parts) > 1 for parts in shown)
+
+
+def accessor_references(gltf: Json) -> Iterator[int]:
+    """Every use of an accessor that the core specification knows."""
+    for mesh in gltf.get("meshes", []):
+        for primitive in mesh.get("primitives", []):
+            yield from primitive.get("attributes", {}).values()
+            for targets in primitive.get("targets", []):
+                yield from targets.values()
+            if "indices" in primitive:
+                yield primitive["indices"]
+    for skin in gltf.get("skins", []):
+        if "inverseBindMatrices" in skin:
+            yield skin["inverseBindMatrices"]
+    for animation in gltf.get("animations", []):
+        for sampler in animation.get("samplers", []):
+            yield from (sampler[key] for key in ("input", "output") if key in sampler)
+
+
+def accessor_views(accessor: Json) -> Iterator[int]:
+    """The buffer views that an accessor reads."""
+    sparse = accessor.get("sparse", {})
+    for source in (accessor, sparse.get("indices", {}), sparse.get("values", {})):
+        if "bufferView" in source:
+            yield source["bufferView"]
+
+
+def view_references(gltf: Json) -> Iterator[int]:
+    """Every use of a buffer view that we know."""
+    for accessor in gltf.get("accessors", []):
+        yield from accessor_views(accessor)
+    yield from draco_views(gltf)
+    yield from (image["bufferView"] for image in gltf.get("images", []) if "bufferView" in image)
+
+
+def draco_views(gltf: Json) -> Iterator[int]:
+    """The buffer views that hold Draco streams, one for each use."""
+    for primitive in draco_primitives(gltf):
+        if "bufferView" in primitive["extensions"][draco.EXTENSION]:
+            yield primitive["extensions"][draco.EXTENSION]["bufferView"]
+
+
+def extension_integers(value: Any, *, inside: bool = False) -> Iterator[int]:
+    """Every integer below any `extensions` object, but those that we understand: a possible reference."""
+    if isinstance(value, dict):
+        for key, child in value.items():
+            if key != "extras" and not (inside and key in COMPRESSIONS):
+                yield from extension_integers(child, inside=inside or key == "extensions")
+    elif isinstance(value, list):
+        for child in value:
+            yield from extension_integers(child, inside=inside)
+    elif inside and isinstance(value, int) and not isinstance(value, bool):
+        yield value
+
+
+def compressions(gltf: Json) -> set[str]:
+    """The compressions that a document's objects use."""
+    users = [*gltf.get("bufferViews", []), *gltf.get("buffers", []), *draco_primitives(gltf)]
+    return {name for user in users for name in user.get("extensions", {}) if name in COMPRESSIONS}
+
+
+def view_span(view: Json) -> tuple[int, int]:
+    """The first byte that a view, or the extension that compresses it, shows of its buffer, and the end."""
+    start = view.get("byteOffset", 0)
+    return start, start + view.get("byteLength", 0)
