@@ -1,21 +1,22 @@
-// Morph weights as three.js has them while a clip plays: node drive.mjs < requests.json
-//
-// Standard input is a JSON list of requests:
-//   file    .glb or .gltf with the body
-//   anim    the file with the clip; the body's where left out
-//   clip    name of the animation; null is the pose as stored
-//   times   seconds
-//   node    name of the node with the mesh
-//   drive   whether the page's driver sets the weights each frame
-//   tracks  in place of times, node and drive: give the clip's tracks
-// Standard output is a JSON list of {weights: for each time and part of the mesh those of the targets, targets: names},
-// or of {tracks: [{node, path, times, values}]}, nodes by their names in the file.
+// What three.js has of a clip: morph weights while it plays, and its tracks.
 
 import { AnimationMixer } from 'three';
 import { WrinkleDriver } from '../../samples/driver/driver.js';
 import { load } from './load.mjs';
 
-async function drive({ file, anim, clip, times, node, drive: driven }) {
+/**
+ * Plays a clip.
+ *
+ * file   .glb or .gltf with the body
+ * anim   the file with the clip; the body's where left out
+ * clip   name of the animation; null is the pose as stored
+ * times  seconds
+ * node   name of the node with the mesh
+ * drive  whether the page's driver sets the weights each frame
+ *
+ * Gives {weights: for each time and part of the mesh those of the targets, targets: names}.
+ */
+export async function drive({ file, anim, clip, times, node, drive: driven }) {
   const body = await load(file);
   const clips = (anim ? await load(anim) : body).gltf.animations;
   const found = clips.find(({ name }) => name === clip);
@@ -38,7 +39,8 @@ async function drive({ file, anim, clip, times, node, drive: driven }) {
   return { weights, targets: Object.keys(parts[0].morphTargetDictionary) };
 }
 
-async function tracks({ file, clip }) {
+/** A clip's tracks: [{node, path, times, values}], nodes by their names in the file. */
+export async function tracks(file, clip) {
   const { gltf } = await load(file);
   // gltfpack puts a quantised mesh below its node, without a name; three.js takes the object's number then.
   const named = ({ userData, parent }) => userData.name ?? (parent ? named(parent) : '');
@@ -49,11 +51,5 @@ async function tracks({ file, clip }) {
     const [object, path] = name.split('.');
     return { node: names[object], path, times: [...times], values: [...values] };
   });
-  return { tracks: listed };
+  return listed;
 }
-
-let text = '';
-for await (const part of process.stdin) text += part;
-const answers = [];
-for (const request of JSON.parse(text)) answers.push(await (request.tracks ? tracks : drive)(request));
-console.log(JSON.stringify(answers));

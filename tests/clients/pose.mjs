@@ -1,15 +1,4 @@
-// Poses glTF files with three.js as it would draw them: node pose.mjs < requests.json
-//
-// Standard input is a JSON list of requests:
-//   file      .glb or .gltf
-//   node      name or index of a node with a mesh
-//   clip      name or index of an animation; null is the pose as stored
-//   times     seconds, held at both ends of the clip
-//   vertices  optional list: these alone
-//   output    file to write: float32, (times, vertices, 3) world-space positions, the mesh's primitives one
-//             after another in file order
-//   normals   optional file to write: the same for unit normals
-// Standard output is a JSON list of {vertices: number written, primitives: [vertex counts]}.
+// Poses glTF files with three.js as it would draw them.
 
 import { writeFile } from 'node:fs/promises';
 import { AnimationMixer, Matrix3, Vector3, Vector4 } from 'three';
@@ -46,7 +35,7 @@ function vertexNormal(mesh, index, normalMatrix, target) {
   return target.applyMatrix3(normalMatrix).normalize();
 }
 
-async function pose({ file, node, clip, times, vertices, output, normals }, { json, gltf }) {
+async function posed({ file, node, clip, times, vertices, output, normals }, { json, gltf }) {
   const index = find(json.nodes, node, 'node', file);
   const object = await gltf.parser.getDependency('node', index);
   const meshes = primitives(object, gltf.parser.associations);
@@ -86,12 +75,26 @@ async function pose({ file, node, clip, times, vertices, output, normals }, { js
   return { vertices: chosen.length, primitives: counts };
 }
 
-let text = '';
-for await (const part of process.stdin) text += part;
-const loaded = new Map();
-const answers = [];
-for (const request of JSON.parse(text)) {
-  if (!loaded.has(request.file)) loaded.set(request.file, await load(request.file));
-  answers.push(await pose(request, loaded.get(request.file)));
+/**
+ * Poses nodes of files, each file read once. A request has
+ *
+ * file      .glb or .gltf
+ * node      name or index of a node with a mesh
+ * clip      name or index of an animation; null is the pose as stored
+ * times     seconds, held at both ends of the clip
+ * vertices  optional list: these alone
+ * output    file to write: float32, (times, vertices, 3) world-space positions, the mesh's primitives one after
+ *           another in file order
+ * normals   optional file to write: the same for unit normals
+ *
+ * and its answer {vertices: number written, primitives: [vertex counts]}.
+ */
+export async function pose(requests) {
+  const loaded = new Map();
+  const answers = [];
+  for (const request of requests) {
+    if (!loaded.has(request.file)) loaded.set(request.file, await load(request.file));
+    answers.push(await posed(request, loaded.get(request.file)));
+  }
+  return answers;
 }
-console.log(JSON.stringify(answers));

@@ -4,13 +4,16 @@ They come by `npm ci` from the lock file beside this one, on first use. Without 
 skipped with the reason; where `CI` is set it fails instead.
 """
 
+import atexit
 import json
 import os
 import shutil
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -23,6 +26,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 HERE = Path(__file__).resolve().parents[1] / "clients"
+_PATIENCE = 300.0  # seconds for an answer: other programs may run, but nothing may wait for ever
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,16 +89,69 @@ def requireinstall() -> str:
     return node
 
 
-def _run(script: str, *arguments: str, stdin: str = "") -> str:
-    command = [requireinstall(), str(HERE / script), *arguments]
-    done = subprocess.run(command, input=stdin, capture_output=True, text=True, encoding="utf-8", check=False)
-    assert done.returncode == 0, f"{script}: {done.stderr.strip()[-2000:]}"
-    return done.stdout
+class _Server:
+    """A node process that answers for as long as this one runs: to start one takes longer than most answers."""
+
+    def __init__(self) -> None:
+        self._said = tempfile.TemporaryFile("w+", encoding="utf-8")  # noqa: SIM115
+        self._process = subprocess.Popen(
+            [requireinstall(), str(HERE / "serve.mjs")],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._said,
+            text=True,
+            encoding="utf-8",
+        )
+        atexit.register(self.close)
+
+    def ask(self, line: str) -> str:
+        """The line that answers one; none where the process ended, or had to be ended."""
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        watch = threading.Timer(_PATIENCE, self._process.kill)
+        watch.start()
+        try:
+            self._process.stdin.write(f"{line}\n")
+            self._process.stdin.flush()
+            return self._process.stdout.readline()
+        except BrokenPipeError:
+            return ""
+        finally:
+            watch.cancel()
+
+    def close(self) -> str:
+        """End the process; what it said on standard error."""
+        with suppress(BrokenPipeError, subprocess.TimeoutExpired):
+            self._process.communicate(timeout=5.0)
+        self._process.kill()
+        self._process.wait()
+        if self._said.closed:
+            return ""
+        with self._said:
+            self._said.seek(0)
+            return self._said.read().strip()
+
+
+@cache
+def _server() -> _Server:
+    return _Server()
+
+
+def _ask(module: str, function: str, *arguments: Any) -> Any:
+    """Call a function of a module in `tests/clients`."""
+    reply = _server().ask(json.dumps([module, function, *arguments]))
+    if not reply:
+        said = _server().close()
+        _server.cache_clear()
+        raise AssertionError(f"{module}.mjs: no answer within {_PATIENCE:g} s, or node has ended: {said[-2000:]}")
+    answer = json.loads(reply)
+    assert "error" not in answer, f"{module}.mjs: {answer['error'][-2000:]}"
+    return answer["answer"]
 
 
 def validate(paths: Sequence[Path]) -> list[Report]:
     """Run the Khronos validator over .glb and .gltf files, external buffers and images included."""
-    answers = map(json.loads, _run("validate.mjs", *map(str, paths)).splitlines())
+    answers = [_ask("validate", "validate", str(path)) for path in paths]
     return [
         Report(path, answer["numErrors"], answer["numWarnings"], tuple(answer["messages"]))
         for path, answer in zip(paths, answers, strict=True)
@@ -103,13 +160,15 @@ def validate(paths: Sequence[Path]) -> list[Report]:
 
 def optimize(path: Path, out: Path) -> dict[str, Any]:
     """Run a file through glTF-Transform, as its `optimize --compress meshopt` does; what its `inspect` says of it."""
-    report: dict[str, Any] = json.loads(_run("optimize.mjs", str(path), str(out)))
+    report: dict[str, Any] = _ask("optimize", "optimize", str(path), str(out))
     return report
 
 
 def gltfpack(path: Path, out: Path, *flags: str) -> None:
     """Run a file through gltfpack."""
-    _run("node_modules/gltfpack/cli.js", "-i", str(path), "-o", str(out), *flags)
+    command = [requireinstall(), str(HERE / "node_modules/gltfpack/cli.js"), "-i", str(path), "-o", str(out), *flags]
+    done = subprocess.run(command, capture_output=True, text=True, encoding="utf-8", check=False)
+    assert done.returncode == 0, f"gltfpack: {done.stderr.strip()[-2000:]}"
 
 
 def assert_valid(*paths: Path) -> None:
@@ -163,7 +222,7 @@ def pose_each(file: Path, nodes: Sequence[str | int], *, clip: str | int, times:
             {**request, "node": node, "vertices": None, "output": str(Path(folder, f"{number}.f32"))}
             for number, node in enumerate(nodes)
         ]
-        answers = json.loads(_run("pose.mjs", stdin=json.dumps(requests)))
+        answers = _ask("pose", "pose", requests)
         return [
             np.fromfile(each["output"], np.float32).reshape(len(times), answer["vertices"], 3).astype(np.float64)
             for each, answer in zip(requests, answers, strict=True)
@@ -188,7 +247,7 @@ def _posed(
             "vertices": None if vertices is None else [int(vertex) for vertex in vertices],
             **outputs,
         }
-        (answer,) = json.loads(_run("pose.mjs", stdin=json.dumps([request])))
+        (answer,) = _ask("pose", "pose", [request])
         shape = (len(times), answer["vertices"], 3)
         return [np.fromfile(path, np.float32).reshape(shape).astype(np.float64) for path in outputs.values()]
 
@@ -211,16 +270,15 @@ def drive(
     """
     request = {"file": str(file), "node": node, "clip": clip, "times": [float(time) for time in times], "drive": driver}
     request |= {} if anim is None else {"anim": str(anim)}
-    (answer,) = json.loads(_run("drive.mjs", stdin=json.dumps([request])))
+    answer = _ask("drive", "drive", request)
     weights = np.array(answer["weights"], np.float64)
     return {name: weights[:, :, k] for k, name in enumerate(answer["targets"])}
 
 
 def clip_tracks(file: Path, clip: str) -> list[tuple[str, str, Floats, Floats]]:
     """What three.js reads of a clip: node, property as three.js calls it, (keys,) seconds and (keys, …) values."""
-    (answer,) = json.loads(_run("drive.mjs", stdin=json.dumps([{"file": str(file), "clip": clip, "tracks": True}])))
     found = []
-    for track in answer["tracks"]:
+    for track in _ask("drive", "tracks", str(file), clip):
         times = np.array(track["times"], np.float64)
         found.append((track["node"], track["path"], times, np.array(track["values"]).reshape(len(times), -1)))
     return found

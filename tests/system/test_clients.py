@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from kit import clients
 from kit.clients import assert_valid, compare_with_three, pose, pose_with_normals, validate
 
 # A strip of two triangles, twice as tall as wide. Joint 0 stands at the foot, joint 1 half-way up.
@@ -181,3 +182,12 @@ def test_a_difference_is_said_where(tmp_path: Path) -> None:
 def test_an_unknown_clip_is_said(tmp_path: Path) -> None:
     with pytest.raises(AssertionError, match='no clip "wav"'):
         pose(tiny_glb(tmp_path / "tiny.glb"), node="strip", clip="wav", times=[0.0])
+
+
+def test_node_is_started_again_where_it_gave_no_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tiny_glb(tmp_path / "tiny.glb")
+    with monkeypatch.context() as hasty:
+        hasty.setattr(clients, "_PATIENCE", 0.0)
+        with pytest.raises(AssertionError, match=r"validate\.mjs: no answer within 0 s"):
+            validate([path])
+    assert_valid(path)
