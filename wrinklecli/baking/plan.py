@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from wrinklecli.character.clip import Clip
+from wrinklecli.character.contacts import contacts_of
 from wrinklecli.character.pose import joint_matrices
 from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.surface import influence_count, read_surface
@@ -18,7 +19,7 @@ from wrinklecli.method.patch import (
     attach_tools,
     rest_pose,
 )
-from wrinklecli.method.refine import Refinement, contacts_of, refine
+from wrinklecli.method.refine import Refinement, refine
 from wrinklecli.method.shapes import (
     CarriedPatch,
     carry,
@@ -84,7 +85,7 @@ def plan_mesh(
     surface = read_surface(document, rig)
     rest = rest_pose(surface, rig, settings, clips, tools)
     patches = attach_tools(tools, surface, rest, rig, settings, clips)
-    contacts = contacts_of(document, rig, surface, rest)
+    contacts = contacts_of(document, rig, surface, rest.positions)
     tallest = max(
         abs(patch.shape_strength) * float(patch.curve.heights(patch.curve.greatest_amplitudes[None]).max(initial=0.0))
         for patch in patches

@@ -9,23 +9,18 @@ are not split where hardly any of the height is left.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
-from wrinklecli.character.pose import blend, joint_matrices, transform
-from wrinklecli.character.rig import Rig, read_rig
-from wrinklecli.character.surface import Surface, dense_influences, read_vertices
-from wrinklecli.gltf.document import Document
+from wrinklecli.character.pose import transform
+from wrinklecli.character.rig import Rig
+from wrinklecli.character.surface import Surface
 from wrinklecli.method.patch import Patch, Rest, carried_normals
 from wrinklecli.method.prune import joint_distances, prune, pruning_errors
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct, distinct_values, normals_at, unit, vertex_normals
 from wrinklecli.numeric.subdivide import Level, Matrix, Subdivision, subdivide
 from wrinklecli.tools.records import RefinementSettings
 
-# Meshes touch where vertices are this near, over the box's diagonal.
-_CONTACT = 1e-6
 # Share of a wrinkle's height that shows.
 _LEAST_SHOWN = 0.01
 
@@ -315,61 +310,3 @@ def _split_corners(surface: Surface, subdivision: Subdivision) -> tuple[Ints, In
         unique[:, 1],
         np.concatenate([surface.weld, unique[:, 0]]),
     )
-
-
-def contacts_of(document: Document, rig: Rig, surface: Surface, rest: Rest) -> Bools:
-    """Mark the vertices that must stay where they are, or a gap would open.
-
-    All vertices are compared, not those of the patches alone: to keep the mesh conforming, refinement goes on beside
-    them, and an edge along another mesh that is split there leaves it too.
-
-    Args:
-        document: With the other meshes.
-        rig: Of this mesh.
-        surface: Welded; vertices with an unwelded twin are marked.
-        rest: Its rest pose.
-
-    Returns:
-        (vertices,) whether a vertex has a twin or touches a vertex of another mesh at rest.
-    """
-    contacts = surface.twins.copy()
-    others = [i for i, node in enumerate(document.items("nodes")) if "mesh" in node and i != rig.node]
-    if not others:
-        return contacts
-    # The size in the world: bind space may be of quantised units.
-    reach = _CONTACT * float(np.linalg.norm(np.ptp(rest.positions, axis=0)))
-    for node in others if reach > 0 else []:
-        other_rig = read_rig(document, node)
-        vertices = read_vertices(document, other_rig)
-        weights = dense_influences(vertices.joints, vertices.weights, len(other_rig.joints))
-        morphed = vertices.positions + np.tensordot(other_rig.morph_weights, vertices.morph_deltas, axes=1)
-        posed = transform(blend(weights, joint_matrices(other_rig, None, np.zeros(1))), morphed)[0]
-        contacts |= _touching(rest.positions, posed, reach)
-    return contacts
-
-
-def _touching(positions: Floats, others: Floats, reach: float) -> Bools:
-    """(vertices,) whether one of (others, 3) lies within `reach` along each axis; up to twice as far it may count too.
-
-    Args:
-        positions: (vertices, 3), of 2^20 times `reach` in extent at the most.
-        others: (others, 3).
-        reach: Side of the cells that both are sorted into.
-    """
-    low, high = positions.min(axis=0) - reach, positions.max(axis=0) + reach
-    others = others[((others >= low) & (others <= high)).all(axis=1)]
-    touching = np.zeros(len(positions), bool)
-    if not len(others):
-        return touching
-    inside = ((positions >= others.min(axis=0) - reach) & (positions <= others.max(axis=0) + reach)).all(axis=1)
-    mine = np.floor((positions[inside] - low) / reach).astype(np.int64)
-    taken = distinct_values(_cell_numbers(np.floor((others - low) / reach).astype(np.int64)))
-    touching[inside] = np.any(
-        [np.isin(_cell_numbers(mine + offset), taken) for offset in product((-1, 0, 1), repeat=3)], axis=0
-    )
-    return touching
-
-
-def _cell_numbers(cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(cells,) one number for each (x, y, z), of 20 bits and a sign each."""
-    return cells[:, 0] << 42 | (cells[:, 1] & 0x1FFFFF) << 21 | (cells[:, 2] & 0x1FFFFF)
