@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from kit.player import Floats, Gltf
-from wrinklecli.baking.morphs import parts_of, shared_vertices
 from wrinklecli.baking.plan import MeshPlan, plan_mesh
+from wrinklecli.baking.refined_mesh import primitives_of, shared_vertices
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.pose import blend, joint_matrices, morph_weights, transform
 from wrinklecli.gltf.document import read_document
@@ -50,5 +50,5 @@ def method(plan: MeshPlan, asset: Path, clip: int, times: Floats) -> Floats:
     weights = fine.dense_weights(np.arange(len(fine.positions)), len(rig.joints))
     moved = transform(blend(weights, joint_matrices(rig, found, times)), bind)
     # Primitives that share their vertices share the new ones too.
-    parts = parts_of(fine, shared_vertices(document, rig.mesh, fine))
+    parts = primitives_of(fine, shared_vertices(document, rig.mesh, fine))
     return moved[:, np.concatenate([part.weld for part in parts])]

@@ -15,7 +15,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from wrinklecli.baking.morphs import Part, base_normals, encode_mesh, old_values, parts_of
+from wrinklecli.baking.morphs import encode_mesh
+from wrinklecli.baking.refined_mesh import RefinedPrimitive, base_normals, old_values, primitives_of
 from wrinklecli.baking.sample import Motion
 from wrinklecli.baking.targets import Target
 from wrinklecli.character.pose import joint_matrices, morph_weights
@@ -60,7 +61,7 @@ class _Posed:
 def _pose_frames(document: Document, frames: Frames, motion: Motion) -> Iterator[_Posed]:
     """Pose every frame of a clip by unpruned skin weights, wrinkles included."""
     rig, fine = frames.rig, frames.fine
-    parts = parts_of(fine)
+    parts = primitives_of(fine)
     primitives = document.items("meshes")[rig.mesh]["primitives"]
     welds = np.concatenate([part.weld for part in parts])
     bases = [base_normals(document, each, part) for each, part in zip(primitives, parts, strict=True)]
@@ -101,7 +102,7 @@ def _pose_frames(document: Document, frames: Frames, motion: Motion) -> Iterator
             yield _Posed(positions[frame].T, None if normals is None else normals[frame].T, handed)
 
 
-def _normal_deltas(document: Document, primitive: Json, part: Part) -> Floats:
+def _normal_deltas(document: Document, primitive: Json, part: RefinedPrimitive) -> Floats:
     """(morph targets, vertices, 3) NORMAL deltas that the source has, those of new vertices mixed."""
     targets = primitive.get("targets", [])
     deltas = np.zeros((len(targets), len(part.weld), 3))
@@ -112,7 +113,7 @@ def _normal_deltas(document: Document, primitive: Json, part: Part) -> Floats:
     return deltas
 
 
-def _tangents(document: Document, primitive: Json, part: Part) -> Floats | None:
+def _tangents(document: Document, primitive: Json, part: RefinedPrimitive) -> Floats | None:
     """(vertices, 4) TANGENTs of a primitive, those of new vertices mixed; None where it has none."""
     if "TANGENT" not in primitive["attributes"]:
         return None
@@ -120,13 +121,13 @@ def _tangents(document: Document, primitive: Json, part: Part) -> Floats | None:
     return np.concatenate([old, part.mix_tangents(old)])
 
 
-def _old(document: Document, attributes: Json, name: str, part: Part, size: int) -> Floats:
+def _old(document: Document, attributes: Json, name: str, part: RefinedPrimitive, size: int) -> Floats:
     """(old vertices, size) of an attribute or a morph target."""
     index = attributes[name]
     return old_values(document, name, index, part, document.where("accessors", index), sizes={name: size})
 
 
-def _joined(attributes: Sequence[Floats | None], parts: Sequence[Part]) -> Floats | None:
+def _joined(attributes: Sequence[Floats | None], parts: Sequence[RefinedPrimitive]) -> Floats | None:
     """An attribute of all primitives, 0 where one lacks it; None where all do."""
     size = max((each.shape[1] for each in attributes if each is not None), default=0)
     if not size:
@@ -170,7 +171,7 @@ def _encode_node(draft: Draft, frames: Frames, progress: Progress) -> None:
     for key in ("mesh", "skin", "weights"):
         node.pop(key, None)
     _drop_weight_channels(draft, rig.node)
-    parts = parts_of(frames.fine)
+    parts = primitives_of(frames.fine)
     bounds = np.cumsum([0] + [len(part.weld) for part in parts])
     nodes, meshes = draft.gltf["nodes"], draft.gltf["meshes"]
     group: Json = {"name": f"{rig.names[rig.node]}_frames", "children": []}
@@ -345,7 +346,7 @@ def _joined_topology(document: Document, every: Sequence[Frames]) -> tuple[Ints,
     triangles, uvs, start = [], [], 0
     for frames in every:
         primitives = document.items("meshes")[frames.rig.mesh]["primitives"]
-        for primitive, part in zip(primitives, parts_of(frames.fine), strict=True):
+        for primitive, part in zip(primitives, primitives_of(frames.fine), strict=True):
             triangles.append(part.triangles + start)
             start += len(part.weld)
             if "TEXCOORD_0" in primitive["attributes"]:

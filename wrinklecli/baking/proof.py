@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrinklecli.baking.morphs import Part, parts_of, shared_vertices
 from wrinklecli.baking.plan import MeshPlan
+from wrinklecli.baking.refined_mesh import RefinedPrimitive, primitives_of, shared_vertices
 from wrinklecli.baking.sample import Motion, takes_of
 from wrinklecli.baking.targets import TargetSet, targets_of
 from wrinklecli.character.clip import Clip, read_clips
@@ -97,7 +97,7 @@ def prove(
         RefusedError: A vertex is further off than the plan's bound.
     """
     carried_patches = [target_set.carried for target_set in target_sets]
-    parts = parts_of(plan.fine, shared_vertices(draft.source, plan.rig.mesh, plan.fine))
+    parts = primitives_of(plan.fine, shared_vertices(draft.source, plan.rig.mesh, plan.fine))
     proof = read_back(draft.document(), plan.rig.node, plan.fine, carried_patches, parts)
     written = {clip.index: clip for clip in proof.clips}
     residuals: dict[str, Residual] = {}
@@ -126,7 +126,11 @@ def prove(
 
 
 def read_back(
-    written: Document, node: int, fine: Refinement, carried_patches: Sequence[CarriedPatch], parts: Sequence[Part]
+    written: Document,
+    node: int,
+    fine: Refinement,
+    carried_patches: Sequence[CarriedPatch],
+    parts: Sequence[RefinedPrimitive],
 ) -> Proof:
     """Load what the file says of the vertices that wrinkles or refinement touch."""
     rig = read_rig(written, node)
@@ -155,7 +159,7 @@ def read_back(
     )
 
 
-def _distinct(primitives: Sequence[Json], parts: Sequence[Part]) -> list[int]:
+def _distinct(primitives: Sequence[Json], parts: Sequence[RefinedPrimitive]) -> list[int]:
     """The primitives without those that have the accessors of one before, and so the same vertices."""
     seen: dict[str, Ints] = {}
     distinct = []

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from wrinklecli.baking.budget import texture_bytes
-from wrinklecli.baking.morphs import METHOD
+from wrinklecli.baking.extras import METHOD
 from wrinklecli.baking.plan import MeshPlan, Mode
 from wrinklecli.baking.proof import Residual
 from wrinklecli.baking.sample import Motion

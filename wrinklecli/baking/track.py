@@ -2,7 +2,7 @@
 
 What a bake writes into a node's extras is enough: anchors by the names of joints, and a table of weights.
 
-Source: the extras of `encode.encode_extras`. Differs from a bake: weights are straight between the rows of a table,
+Source: the extras of `extras.encode_extras`. Differs from a bake: weights are straight between the rows of a table,
 right to 1/256 of the greatest.
 """
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrinklecli.baking.morphs import parts_of
 from wrinklecli.baking.plan import MeshPlan
+from wrinklecli.baking.refined_mesh import primitives_of
 from wrinklecli.character.clip import Clip, clip_named, read_clips
 from wrinklecli.character.pose import morph_weights
 from wrinklecli.character.scene import Part, pose_part, read_scene
@@ -314,7 +314,7 @@ def _marks(part: Part, plans: Sequence[MeshPlan]) -> Iterator[Mark]:
         if plan.rig.node != part.rig.node:
             continue
         fine = plan.fine
-        refined = parts_of(fine)[part.primitive]
+        refined = primitives_of(fine)[part.primitive]
         if refined.changed:
             parents = fine.subdivision.parents[fine.triangle_primitives == part.primitive]
             welded = refined.weld[refined.triangles]

@@ -1,0 +1,150 @@
+"""Extras of a baked node: its tools' anchors and tables of weights as JSON, for players of clips never baked."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from wrinklecli.baking.plan import MeshPlan
+from wrinklecli.baking.targets import TargetSet, targets_of
+from wrinklecli.gltf.shape import Json
+from wrinklecli.gltf.writer import Draft
+from wrinklecli.method.lookup import tabulate_curve, tabulate_weights
+from wrinklecli.method.patch import Anchor, Patch
+from wrinklecli.tools.records import RestLengthKeys, RestLengthMorph
+
+# Raised only when the geometry that the same asset and tools give changes.
+METHOD = 1
+
+# Decimal digits of numbers in extras: float32's own.
+_DIGITS = 8
+# Decimal digits of tabulated weights, whose rows are right to about three.
+_TABLE_DIGITS = 5
+
+
+def encode_extras(draft: Draft, plan: MeshPlan, target_sets: Sequence[TargetSet]) -> None:
+    """Write the tools into the node's extras, enough to play wrinkles for a clip that was never baked.
+
+    An engine poses both anchors (the sum over joints of weight · matrix · position, where the matrix is the joint's
+    own, to world space: optimisers that quantise positions change bind space and inverse bind matrices, but not
+    the joints), takes the animated scale out (divides by the mean over anchors of the sum over joints of weight ·
+    cbrt(det matrix) / scale), and finds the targets' `weights` at 1 - distance / rest_length, straight between
+    the rows of `shortenings`, times the clip's factor in `strengths`, if it is there. Where the rest length changes,
+    `curve` takes the place of these rows: see `CurveTable`. `vertices` counts those of
+    each primitive before refinement; new ones follow them. `undriven` are targets of tools that anchors alone do not
+    drive.
+    """
+    rig = plan.rig
+    node = draft.gltf["nodes"][rig.node]
+    if not isinstance(node.setdefault("extras", {}), dict):
+        return
+    undriven = [
+        target.name for target in targets_of(target_set for target_set in target_sets if not target_set.from_skin)
+    ]
+    node["extras"]["wrinkle"] = {
+        "method": METHOD,
+        "tools": [
+            {
+                "name": patch.tool.name,
+                "origin": _anchor_json(patch.origin, plan),
+                "target": _anchor_json(patch.target, plan),
+                "rest_length": _digits(patch.rest_length),
+                **_driven_json(patch),
+                **_strengths_json(patch),
+                "targets": [target.name for target in targets_of([target_set])],
+                **(_table_json(target_set) if _is_constant(patch) else _curve_json(target_set)),
+            }
+            for target_set in target_sets
+            if target_set.from_skin
+            for patch in (target_set.carried.patch,)
+        ],
+        **({"undriven": undriven} if undriven else {}),
+    }
+
+
+def _is_constant(patch: Patch) -> bool:
+    return not isinstance(patch.tool.rest_length, RestLengthKeys | RestLengthMorph)
+
+
+def _driven_json(patch: Patch) -> Json:
+    """What drives the rest length, where it is not constant; lengths in scene units, times in seconds."""
+    wanted = patch.tool.rest_length
+    if isinstance(wanted, RestLengthMorph):
+        return {"rest_length_morph": {"name": wanted.morph, "full": _digits(wanted.full.resolve(patch.span))}}
+    if isinstance(wanted, RestLengthKeys):
+        keys = {
+            clip: [[_digits(time), _digits(length.resolve(patch.span))] for time, length in keys]
+            for clip, keys in wanted.keys.items()
+        }
+        return {"rest_length_keys": keys}
+    return {}
+
+
+def _strengths_json(patch: Patch) -> Json:
+    """Factors on the weights in the clips where the tool has a strength of its own."""
+    factors = {name: _digits(strength / patch.shape_strength) for name, strength in patch.tool.clips.items()}
+    return {"strengths": factors} if factors else {}
+
+
+def _table_json(target_set: TargetSet) -> Json:
+    rows, weights = tabulate_weights(
+        target_set.carried.patch.curve, lambda each: target_set.written(target_set.shape_weights(each))
+    )
+    return {
+        "shortenings": [_digits(value) for value in rows],
+        "weights": [[_digits(value, _TABLE_DIGITS) for value in row] for row in weights],
+    }
+
+
+def _curve_json(target_set: TargetSet) -> Json:
+    """The control curve for all rest lengths that keys or a morph target give it."""
+    patch = target_set.carried.patch
+    wanted = patch.tool.rest_length
+    lengths = [patch.span]
+    if isinstance(wanted, RestLengthMorph):
+        lengths.append(wanted.full.resolve(patch.span))
+    if isinstance(wanted, RestLengthKeys):
+        lengths += [length.resolve(patch.span) for keys in wanted.keys.values() for _, length in keys]
+    remix = target_set.remix
+    mix = np.eye(patch.curve.greatest_amplitudes.size) if remix is None else remix.signed_mix
+    positive = remix is not None and bool(remix.split)
+    table = tabulate_curve(patch.curve, min(lengths), max(lengths), mix=target_set.written(mix).T, positive=positive)
+    limited = {"distances": table.distances, "capacities": table.capacities} if len(table.distances) else {}
+    return {
+        "curve": {
+            "taut": table.taut,
+            "intervals": table.intervals,
+            "bumps": list(table.bumps),
+            **{key: [_digits(value) for value in values] for key, values in limited.items()},
+            "parts": [_digits(value) for value in table.parts],
+            "rises": [[_digits(value) for value in row] for row in table.rises],
+            "mix": [[_digits(value) for value in row] for row in table.mix],
+            **({"positive": True} if table.positive else {}),
+            **({"least": _digits(remix.least)} if remix is not None and remix.least else {}),
+        }
+    }
+
+
+def _anchor_json(anchor: Anchor, plan: MeshPlan) -> Json:
+    """An anchor in the spaces of its joints; `scales` are those of the joints at rest."""
+    rig = plan.rig
+    points = anchor.points[..., :3] / anchor.weights[:, None]
+    binds, rest = rig.inverse_binds[anchor.joints, :3, :3], plan.rest.matrices[anchor.joints, :3, :3]
+    before, bound = np.abs(np.linalg.det(rest)), np.abs(np.linalg.det(binds))
+    scales = np.cbrt(np.where((before > 0) & (bound > 0), before, 1.0) / np.where(bound > 0, bound, 1.0))
+    anchored: Json = {
+        "joints": [rig.names[int(rig.joints[joint])] for joint in anchor.joints],
+        "weights": [_digits(weight) for weight in anchor.weights],
+        "positions": [[_digits(x) for x in point] for point in points[0]],
+        "scales": [_digits(scale) for scale in scales],
+    }
+    if points[1:].any():
+        anchored["morphs"] = {
+            name: [[_digits(x) for x in point] for point in deltas]
+            for name, deltas in zip(rig.morph_names, points[1:], strict=True)
+            if deltas.any()
+        }
+    return anchored
+
+
+def _digits(value: float, digits: int = _DIGITS) -> float:
+    return float(f"{value:.{digits}g}")

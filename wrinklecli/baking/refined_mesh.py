@@ -1,0 +1,236 @@
+"""Refined primitives of a mesh: each one's vertices, and its attributes, old morph targets and indices written anew.
+
+Source: glTF 2.0 §3.7.2.1 (attributes), §3.7.2.2 (morph targets), KHR_mesh_quantization.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from wrinklecli.errors import AssetError
+from wrinklecli.gltf.document import TRIANGLES, Document
+from wrinklecli.gltf.draco import EXTENSION
+from wrinklecli.gltf.shape import Json
+from wrinklecli.gltf.writer import INDEX_DATA, VERTEX_DATA, Draft, index_type, used_joints
+from wrinklecli.method.refine import Refinement
+from wrinklecli.numeric.arrays import Array, Floats, Ints, unit
+
+_VECTORS = ("POSITION", "NORMAL", "TANGENT")
+
+
+@dataclass(frozen=True, slots=True)
+class RefinedPrimitive:
+    """The vertices of one primitive after refinement.
+
+    Attributes:
+        index: Of the primitive.
+        group: The first primitive that reads the same vertices; the new ones are those of the whole group.
+        old: (old vertices,) glTF vertices of the surface, in file order.
+        new: (new vertices,) into the refinement's new glTF vertices.
+        sources: (new vertices, 3) vertices of this primitive that each is mixed from.
+        shares: (new vertices, 3).
+        weld: (vertices,) fine welded vertex of each, old ones first.
+        triangles: (triangles, 3) of this primitive, local vertices.
+        changed: Whether any triangle was split.
+    """
+
+    index: int
+    group: int
+    old: Ints
+    new: Ints
+    sources: Ints
+    shares: Floats
+    weld: Ints
+    triangles: Ints
+    changed: bool
+
+    def mix(self, values: Floats) -> Floats:
+        """(new vertices, …) of (old vertices, …) values."""
+        mixed: Floats = np.einsum("vk,vk...->v...", self.shares, values[self.sources])
+        return mixed
+
+    def mix_tangents(self, tangents: Floats) -> Floats:
+        """(new vertices, 4) of (old vertices, 4): the fourth number is a handedness, which cannot be mixed."""
+        return np.concatenate([unit(self.mix(tangents[:, :3])), tangents[self.heaviest(), 3:]], axis=1)
+
+    def heaviest(self) -> Ints:
+        """(new vertices,) the old vertex that each is nearest to; the first among equals."""
+        nearest: Ints = self.sources[np.arange(len(self.sources)), np.argmax(self.shares, axis=1)]
+        return nearest
+
+
+def shared_vertices(source: Document, mesh: int, fine: Refinement) -> list[int]:
+    """For each primitive of a mesh the first that reads the same vertices, as exporters write them for materials."""
+    starts = fine.surface.vertex_starts
+    firsts: dict[Any, int] = {}
+    groups = []
+    for index, primitive in enumerate(source.items("meshes")[mesh]["primitives"]):
+        key: Any = primitive["attributes"]["POSITION"], fine.weld[starts[index] : starts[index + 1]].tobytes()
+        if primitive.get("mode", TRIANGLES) < TRIANGLES or EXTENSION in primitive.get("extensions", {}):
+            key = index  # more points would show; each Draco stream has vertices of its own
+        groups.append(firsts.setdefault(key, index))
+    return groups
+
+
+def primitives_of(fine: Refinement, groups: Sequence[int] | None = None) -> list[RefinedPrimitive]:
+    """The vertices of each primitive after refinement; `groups` from `shared_vertices`, or each by itself."""
+    starts = fine.surface.vertex_starts
+    old_count = int(starts[-1])
+    owners = np.arange(len(starts) - 1) if groups is None else np.array(groups)
+    parts = []
+    for index, group in enumerate(owners):
+        old = np.arange(starts[index], starts[index + 1])
+        new = np.flatnonzero(owners[fine.primitives] == group)
+        local = np.zeros(old_count + len(fine.primitives), np.intp)
+        local[old] = np.arange(len(old))
+        local[old_count + new] = len(old) + np.arange(len(new))
+        faces = fine.triangle_primitives == index
+        parts.append(
+            RefinedPrimitive(
+                index=index,
+                group=int(group),
+                old=old,
+                new=new,
+                # Shares of 0 may have any source.
+                sources=np.where(fine.shares[new] != 0, fine.sources[new] - starts[fine.primitives[new], None], 0),
+                shares=fine.shares[new],
+                weld=np.concatenate([fine.weld[old], fine.weld[old_count + new]]),
+                triangles=local[fine.corners[faces]],
+                changed=int(faces.sum()) != int((fine.surface.primitives == index).sum()),
+            )
+        )
+    return parts
+
+
+def base_normals(source: Document, primitive: Json, part: RefinedPrimitive) -> Floats | None:
+    """(vertices, 3) unit NORMALs of a primitive, those of new vertices mixed; None where it has none."""
+    if "NORMAL" not in primitive.get("attributes", {}):
+        return None
+    old = unit(source.accessor(primitive["attributes"]["NORMAL"]))
+    return np.concatenate([old, unit(part.mix(old))])
+
+
+def base_tangents(source: Document, primitive: Json, part: RefinedPrimitive) -> Floats | None:
+    """(vertices, 3) TANGENTs of a primitive without their handedness; None where it has none."""
+    if "TANGENT" not in primitive.get("attributes", {}):
+        return None
+    old = source.accessor(primitive["attributes"]["TANGENT"])
+    return np.concatenate([old, part.mix_tangents(old)])[:, :3]
+
+
+def _vertex_accessors(primitive: Json, part: RefinedPrimitive) -> Iterator[tuple[Any, int]]:
+    """Every accessor that refinement replaces, with what it has in common with those of equal content after it."""
+    for name, index in primitive["attributes"].items():
+        yield ("attribute", part.group, name, index), index
+    for number, target in enumerate(primitive.get("targets", [])):
+        for name, index in target.items():
+            yield ("target", part.group, number, name, index), index
+
+
+def drop_repeated(draft: Draft, mesh: Json, parts: Sequence[RefinedPrimitive]) -> None:
+    """Drop all references but the first to accessors whose successors several primitives will share."""
+    seen: set[Any] = set()
+    for part in parts:
+        for key, index in _vertex_accessors(mesh["primitives"][part.index], part) if len(part.new) else ():
+            if key in seen:
+                draft.drop(index)
+            seen.add(key)
+
+
+def refine_primitive(
+    draft: Draft, primitive: Json, part: RefinedPrimitive, fine: Refinement, where: str, written: dict[Any, int]
+) -> None:
+    """Replace a primitive's attributes, old targets and indices by refined ones; `written` are those there already."""
+    attributes = primitive["attributes"]
+    original = dict(attributes)
+    for name, index in original.items():
+        key = ("attribute", part.group, name, index)
+        if key not in written:
+            values, normalized = _refined_attribute(draft, original, name, part, fine, where)
+            written[key] = draft.add(
+                values, target=VERTEX_DATA, normalized=normalized, bounds=name == "POSITION", replaces=index
+            )
+        attributes[name] = written[key]
+    for number, target in enumerate(primitive.get("targets", [])):
+        for name, index in target.items():
+            bounds = name == "POSITION"
+            target_key = ("target", part.group, number, name, index)
+            if target_key in written:
+                target[name] = written[target_key]
+                continue
+            old = old_values(draft.source, name, index, part, where, sizes=dict.fromkeys(_VECTORS, 3))
+            new = fine.morph_deltas[number, part.weld[len(part.old) :]] if name == "POSITION" else part.mix(old)
+            values = np.concatenate([old, new]).astype(np.float32)
+            if "sparse" in draft.source.items("accessors")[index]:
+                changed = np.flatnonzero(values.any(axis=1))
+                target[name] = draft.add_sparse(
+                    changed, values[changed], count=len(values), bounds=bounds, replaces=index
+                )
+            else:
+                target[name] = draft.add(values, target=VERTEX_DATA, bounds=bounds, replaces=index)
+            written[target_key] = target[name]
+    if not part.changed and "indices" in primitive:
+        return
+    if primitive.get("mode", TRIANGLES) != TRIANGLES:
+        del primitive["mode"]
+    indices = part.triangles.reshape(-1).astype(index_type(len(part.weld)))
+    primitive["indices"] = draft.add(indices, target=INDEX_DATA, replaces=primitive.get("indices"))
+
+
+def old_values(
+    source: Document, name: str, index: int, part: RefinedPrimitive, where: str, *, sizes: dict[str, int]
+) -> Array:
+    """The stored values of an attribute or a morph target, one for each old vertex.
+
+    Raises:
+        AssetError: There are more or fewer, or they have not the components that `sizes` says.
+    """
+    old = source.accessor(index, user=where)
+    if len(old) != len(part.old):
+        raise AssetError(f"{name} has {len(old)} elements for {len(part.old)} vertices", where=where)
+    if name in sizes and old.shape[1:] != (sizes[name],):
+        raise AssetError(f"{name} must have {sizes[name]} numbers for each vertex", where=where)
+    return old
+
+
+def _refined_attribute(
+    draft: Draft, attributes: Json, name: str, part: RefinedPrimitive, fine: Refinement, where: str
+) -> tuple[Array, bool]:
+    """Stored values of an attribute with those of new vertices appended, and whether they are normalised."""
+    source, index = draft.source, attributes[name]
+    old = old_values(source, name, index, part, where, sizes={"POSITION": 3, "NORMAL": 3, "TANGENT": 4})
+    accessor = source.items("accessors")[index]
+    new_vertices = part.weld[len(part.old) :]
+    if name == "POSITION":
+        return np.concatenate([old, fine.positions[new_vertices]]).astype(np.float32), False
+    if name == "NORMAL":
+        return np.concatenate([old, unit(part.mix(old))]).astype(np.float32), False
+    if name == "TANGENT":
+        return np.concatenate([old, part.mix_tangents(old)]).astype(np.float32), False
+    kind, _, number = name.partition("_")
+    if kind in ("JOINTS", "WEIGHTS") and number.isdecimal() and len(number) < 4 and old.shape[1:] == (4,):
+        rows = new_vertices - len(fine.surface.positions)
+        pruned = fine.joints_pruned if kind == "JOINTS" else fine.weights_pruned
+        new = pruned[rows, 4 * int(number) : 4 * int(number) + 4]
+        if kind == "JOINTS" and f"WEIGHTS_{number}" in attributes:
+            old = used_joints(old, source.accessor(attributes[f"WEIGHTS_{number}"]), name)
+        # Of sets that other primitives lack, new vertices use none.
+        values = np.concatenate([old, np.pad(new, ((0, 0), (0, 4 - new.shape[1])))])
+        return values.astype(_smallest_joint_type(old, values) if kind == "JOINTS" else np.float32), False
+    stored = source.stored_dtype(index)
+    if stored.kind == "f":
+        return np.concatenate([old, part.mix(old)]).astype(np.float32), False
+    if accessor.get("normalized"):
+        limit = np.iinfo(stored).max
+        return np.rint(np.concatenate([old, part.mix(old)]) * limit).astype(stored), True
+    if kind == "TEXCOORD":  # KHR_mesh_quantization
+        return np.rint(np.concatenate([old, part.mix(old)])).astype(stored), False
+    # Plain integers are names of something (feature ids): nothing lies between two of them.
+    return np.concatenate([old, old[part.heaviest()]]).astype(stored), False
+
+
+def _smallest_joint_type(old: Array, new: Array) -> np.dtype[Any]:
+    most = max(int(old.max(initial=0)), int(new.max(initial=0)))
+    return np.dtype("<u1") if most < 256 and old.dtype.itemsize == 1 else np.dtype("<u2")
