@@ -17,7 +17,8 @@ from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.nearest import farthest
-from wrinklecli.review.diff.documents import Difference, Limits, document_differences
+from wrinklecli.review.diff.difference import Difference, Limits
+from wrinklecli.review.diff.documents import document_differences
 from wrinklecli.tools.records import Length
 
 # Told how many times, or what share of one, are done.

@@ -1,0 +1,147 @@
+"""Meshes of two documents: primitives, attributes, morph targets, triangles and images, decoded and compared."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrinklecli.character.rig import morph_target_names
+from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.files import read_uri
+from wrinklecli.gltf.shape import Json
+from wrinklecli.review.diff.difference import Difference, Found, Place, Sides, differ
+from wrinklecli.review.diff.values import array_differences, count_that_differ, dict_differences
+
+# An image's bytes count, not where they lie nor the type that they show themselves.
+_IMAGE_STORAGE = ("uri", "bufferView", "mimeType")
+
+
+@dataclass(frozen=True, slots=True)
+class _Mesh:
+    """What the comparisons of a mesh's primitives share.
+
+    Attributes:
+        name: For people, as stored.
+        targets: Names of its morph targets.
+        skinned: Whether skins move it in both documents.
+        scale: Scene units of a bind unit.
+    """
+
+    name: object
+    targets: tuple[str, ...]
+    skinned: bool
+    scale: float
+
+
+def mesh_differences(sides: Sides, i: int, j: int) -> Found:
+    """Compare two meshes, primitive by primitive in their order."""
+    first, second = sides.items("meshes", i, j)
+    place, name = ("meshes", i), first.get("name")
+    yield from dict_differences(first, second, place, "meshes", sides.limits, skip={"primitives", "weights"})
+    primitives = first.get("primitives", []), second.get("primitives", [])
+    if len(primitives[0]) != len(primitives[1]):
+        message = f"{len(primitives[0])} -> {len(primitives[1])} primitives"
+        yield differ("structure", (*place, "primitives"), message, name=name)
+    skinned = all(_is_skinned(document, mesh) for document, mesh in ((sides.a, i), (sides.b, j)))
+    mesh = _Mesh(name, tuple(morph_target_names(first)), skinned, sides.limits.scales.get(i, 1.0))
+    for number, (one, other) in enumerate(zip(*primitives, strict=False)):
+        yield from _primitive_differences(sides, one, other, (*place, "primitives", number), mesh)
+
+
+def _primitive_differences(sides: Sides, first: Json, second: Json, place: Place, mesh: _Mesh) -> Found:
+    name = mesh.name
+    skip = {"attributes", "indices", "targets"}
+    yield from dict_differences(first, second, place, "primitives", sides.limits, name=name, skip=skip)
+    counts = [
+        len(document.accessor(primitive["attributes"]["POSITION"], user=document.path))
+        if "POSITION" in primitive.get("attributes", {})
+        else 0
+        for document, primitive in ((sides.a, first), (sides.b, second))
+    ]
+    targets = first.get("targets", []), second.get("targets", [])
+    if len(targets[0]) != len(targets[1]):
+        message = f"{len(targets[0])} -> {len(targets[1])} morph targets"
+        yield differ("structure", (*place, "targets"), message, name=name)
+    if counts[0] != counts[1]:
+        yield differ("geometry", place, f"{counts[0]} -> {counts[1]} vertices", name=name)
+        return
+    attributes_a, attributes_b = (
+        # Skin weights are compared joint by joint, whatever their order.
+        {
+            key: index
+            for key, index in primitive.get("attributes", {}).items()
+            if not (mesh.skinned and key.startswith(("JOINTS_", "WEIGHTS_")))
+        }
+        for primitive in (first, second)
+    )
+    at: Place = (*place, "attributes")
+    yield from _attribute_differences(sides, attributes_a, attributes_b, at, name=name, scale=mesh.scale)
+    yield from _triangle_differences(sides, first, second, place, counts[0], name)
+    for number, (one, other) in enumerate(zip(*targets, strict=False)):
+        known = f"{name}, {mesh.targets[number]}" if isinstance(name, str) and number < len(mesh.targets) else name
+        at = (*place, "targets", number)
+        yield from _attribute_differences(sides, one, other, at, name=known, scale=mesh.scale, idle=True)
+
+
+def _attribute_differences(
+    sides: Sides, first: Json, second: Json, place: Place, *, name: object, scale: float, idle: bool = False
+) -> Iterator[Difference]:
+    """Compare accessors by name; `idle` ones are zero where left out."""
+    for key in dict.fromkeys([*first, *second]):
+        one, other = (
+            document.accessor(source[key], user=document.path) if key in source else None
+            for document, source in ((sides.a, first), (sides.b, second))
+        )
+        if one is None or other is None:
+            only = other if one is None else one
+            if not (idle and only is not None and not only.any()):
+                side = "A" if other is None else "B"
+                yield differ("structure", (*place, key), f"only in {side}", name=name)
+            continue
+        yield from array_differences(one, other, (*place, key), sides.limits, name=name, scale=scale)
+
+
+def _triangle_differences(
+    sides: Sides, first: Json, second: Json, place: Place, count: int, name: object
+) -> Iterator[Difference]:
+    """Compare the indices of primitives of so many vertices; all in their order where there are none."""
+    indices = [
+        document.accessor(primitive["indices"], user=document.path) if "indices" in primitive else np.arange(count)
+        for document, primitive in ((sides.a, first), (sides.b, second))
+    ]
+    if len(indices[0]) != len(indices[1]):
+        message = f"{len(indices[0])} -> {len(indices[1])} indices"
+        yield differ("geometry", (*place, "indices"), message, name=name)
+    elif (off := indices[0] != indices[1]).any():
+        number = int(off.argmax())
+        message = f"index {number}: {indices[0][number]} -> {indices[1][number]}"
+        message += count_that_differ(int(off.sum()), len(off))
+        yield differ("geometry", (*place, "indices"), message, name=name)
+
+
+def _is_skinned(document: Document, mesh: int) -> bool:
+    """Whether every node that shows a mesh has a skin."""
+    users = [node for node in document.items("nodes") if node.get("mesh") == mesh]
+    return bool(users) and all("skin" in node for node in users)
+
+
+def image_differences(sides: Sides, i: int, j: int) -> Found:
+    """Compare two images byte by byte."""
+    first, second = sides.items("images", i, j)
+    name = first.get("name", first.get("uri"))
+    name = name if isinstance(name, str) and not name.startswith("data:") else ""
+    yield from dict_differences(
+        first, second, ("images", i), "images", sides.limits, name=name, skip=set(_IMAGE_STORAGE)
+    )
+    data = [_image_bytes(document, index) for document, index in ((sides.a, i), (sides.b, j))]
+    if data[0] != data[1]:
+        message = f"other bytes ({len(data[0])} -> {len(data[1])})"
+        yield differ("image", ("images", i), message, name=name)
+
+
+def _image_bytes(document: Document, index: int) -> bytes:
+    image, where = document.items("images")[index], document.where("images", index)
+    if "bufferView" in image:
+        return bytes(document.view(image["bufferView"], user=where))
+    uri = image.get("uri")
+    return bytes(read_uri(uri, document.path, where, allow_external=document.allow_external)[0]) if uri else b""

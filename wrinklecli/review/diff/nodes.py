@@ -1,0 +1,205 @@
+"""Nodes of two documents: which is paired with which, and what paired nodes differ in."""
+
+from collections.abc import Hashable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from wrinklecli.character.rig import morph_target_names
+from wrinklecli.errors import AssetError
+from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.shape import Json
+from wrinklecli.numeric.arrays import Floats
+from wrinklecli.review.diff.difference import Difference, Found, Link, Sides, differ, pairs_by_key, shown
+from wrinklecli.review.diff.values import dict_differences, property_gaps, value_differences
+
+_TRANSFORM = {"translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scale": (1.0, 1.0, 1.0)}
+
+
+# Pairs
+
+
+def pair_nodes(a: Document, b: Document) -> tuple[dict[int, int], list[Difference]]:
+    """Pair nodes from the roots down: by name, then what is left and looks alike, then wherever a name is.
+
+    Returns:
+        Nodes of the second by those of the first; and what has been renamed, moved elsewhere or left alone.
+    """
+    pairing = _Pairing(a, b)
+    pairing.pair_below(*([i for i, parent in enumerate(each) if parent < 0] for each in pairing.parents))
+    pairing.pair_elsewhere()
+    pairing.leave_rest()
+    return pairing.nodes, pairing.found
+
+
+class _Pairing:
+    """Pairs nodes, step by step.
+
+    Attributes:
+        documents: The two.
+        names: Of the nodes of each; None where one has none.
+        parents: Of the nodes of each; -1 of roots.
+        nodes: Nodes of the second by those of the first, so far.
+        taken: Those of the second.
+        found: What differs, so far.
+    """
+
+    def __init__(self, a: Document, b: Document) -> None:
+        self.documents = a, b
+        self.names = [[node.get("name") for node in document.items("nodes")] for document in (a, b)]
+        self.parents = [_parents(document) for document in (a, b)]
+        self.nodes: dict[int, int] = {}
+        self.taken: set[int] = set()
+        self.found: list[Difference] = []
+
+    def pair_below(self, roots_a: Sequence[int], roots_b: Sequence[int]) -> None:
+        """Pair two lists of nodes, and what lies below the pairs."""
+        a, b = self.documents
+        nodes_a, nodes_b = a.items("nodes"), b.items("nodes")
+        names_a, names_b = self.names
+        known_a, known_b = ({name for name in names if isinstance(name, str)} for names in self.names)
+        stack = [(list(roots_a), list(roots_b))]
+        while stack:
+            level_a, level_b = stack.pop()
+            level_a = [i for i in dict.fromkeys(level_a) if i not in self.nodes]
+            level_b = [j for j in dict.fromkeys(level_b) if j not in self.taken]
+            pairs = pairs_by_key(level_a, level_b, names_a.__getitem__, names_b.__getitem__)
+            paired = set(pairs.values())
+            rest_a = [i for i in level_a if i not in pairs and names_a[i] not in known_b]
+            rest_b = [j for j in level_b if j not in paired and names_b[j] not in known_a]
+            alike = pairs_by_key(rest_a, rest_b, lambda i: _look(nodes_a[i]), lambda j: _look(nodes_b[j]))
+            for i, j in alike.items():
+                message = f"{shown(names_a[i])} -> {shown(names_b[j])}"
+                self.found.append(differ("structure", ("nodes", i, "name"), message, name=names_a[i]))
+                pairs[i] = j
+            self.nodes |= pairs
+            self.taken |= set(pairs.values())
+            stack += [(_children(a, i), _children(b, j)) for i, j in pairs.items()]
+
+    def pair_elsewhere(self) -> None:
+        """Pair what has the same name but hangs on another parent, and what lies below."""
+        names_a, names_b = self.names
+        parents_a, parents_b = self.parents
+        waiting: dict[Any, list[int]] = {}
+        for j in reversed(_from_roots(self.documents[1], parents_b)):
+            if j not in self.taken and names_b[j] is not None:
+                waiting.setdefault(names_b[j], []).append(j)
+        for i in _from_roots(self.documents[0], parents_a):
+            while i not in self.nodes and waiting.get(names_a[i]):
+                j = waiting[names_a[i]].pop()
+                if j not in self.taken:
+                    parents = f"{_name_at(names_a, parents_a[i])} -> {_name_at(names_b, parents_b[j])}"
+                    self.found.append(differ("structure", ("nodes", i), f"parent {parents}", name=names_a[i]))
+                    self.pair_below([i], [j])
+
+    def leave_rest(self) -> None:
+        """Say which nodes only one document has."""
+        known_in_each = set(self.nodes), self.taken
+        for known, names, parents, side in zip(known_in_each, self.names, self.parents, "AB", strict=True):
+            for index, parent in enumerate(parents):
+                # What lies below a node that only one file has, goes with it.
+                if index not in known and (parent < 0 or parent in known):
+                    self.found.append(differ("structure", ("nodes", index), f"only in {side}", name=names[index]))
+
+
+def _parents(document: Document) -> list[int]:
+    parents = [-1] * len(document.items("nodes"))
+    for index in range(len(parents)):
+        for child in _children(document, index):
+            parents[child] = index
+    return parents
+
+
+def _from_roots(document: Document, parents: Sequence[int]) -> list[int]:
+    """The nodes, each after its parent; those of cycles are left out."""
+    order = [index for index, parent in enumerate(parents) if parent < 0]
+    for index in order:
+        order += [child for child in _children(document, index) if parents[child] == index]
+    return order
+
+
+def _children(document: Document, node: int) -> list[int]:
+    children: list[int] = document.items("nodes")[node].get("children", [])
+    for child in children:
+        document.item("nodes", child, user=document.where("nodes", node, "children"))
+    return children
+
+
+def _look(node: Json) -> tuple[Hashable, ...]:
+    """What nodes of other names have in common if they are the same."""
+    return (*(key in node for key in ("mesh", "skin", "camera")), len(node.get("children", [])))
+
+
+def _name_at(names: Sequence[Any], index: int) -> str:
+    return repr(names[index]) if index >= 0 else "none"
+
+
+# Differences
+
+
+def node_differences(sides: Sides, i: int, j: int) -> Found:
+    """Compare two paired nodes; their meshes, cameras and skins are links."""
+    first, second = sides.items("nodes", i, j)
+    place, name = ("nodes", i), first.get("name")
+    yield from _transform_differences(sides, i, j)
+    skip = {"name", "children", "skin", "weights", "matrix", *_TRANSFORM}
+    yield from dict_differences(first, second, place, "nodes", sides.limits, name=name, skip=skip)
+    if "mesh" in first and "mesh" in second:
+        weights = _stored_weights(sides.a, first), _stored_weights(sides.b, second)
+        # Other numbers of targets are said of the mesh.
+        if len(weights[0]) == len(weights[1]):
+            yield from value_differences(*weights, (*place, "weights"), "nodes", sides.limits, name=name)
+    if ("skin" in first) != ("skin" in second):
+        yield differ("structure", (*place, "skin"), f"only in {'A' if 'skin' in first else 'B'}", name=name)
+    elif "skin" in first:
+        yield Link("skins", first["skin"], second["skin"], (*place, "skin"))
+
+
+def _transform_differences(sides: Sides, i: int, j: int) -> Iterator[Difference]:
+    first, second = sides.items("nodes", i, j)
+    name = first.get("name")
+    if "matrix" in first or "matrix" in second:
+        one, other = _local_matrix(sides.a, i), _local_matrix(sides.b, j)
+        moved = property_gaps("translation", one[None, :3, 3], other[None, :3, 3], sides.limits)
+        turned = property_gaps(
+            "scale", one[None, :3, :3].reshape(1, 9), other[None, :3, :3].reshape(1, 9), sides.limits
+        )
+        if moved.any() or turned.any():
+            message = f"moves by {moved[0]:.3g}, turns or scales by {turned[0]:.3g}"
+            yield differ("value", ("nodes", i, "matrix"), message, name=name)
+        return
+    for path, default in _TRANSFORM.items():
+        if property_gaps(path, _stored(sides.a, i, path)[None], _stored(sides.b, j, path)[None], sides.limits).any():
+            message = " -> ".join(shown(node.get(path, list(default))) for node in (first, second))
+            yield differ("value", ("nodes", i, path), message, name=name)
+
+
+def _stored_weights(document: Document, node: Json) -> list[float]:
+    """The stored weights of a node's morph targets, those of the node before those of the mesh."""
+    mesh = document.item("meshes", node["mesh"], user=document.path)
+    count = len(morph_target_names(mesh))
+    weights = node.get("weights") or mesh.get("weights") or []
+    return [float(weight) for weight in [*weights, *[0.0] * count][:count]]
+
+
+def _stored(document: Document, index: int, key: str) -> Floats:
+    """The numbers of a node's transform."""
+    default = _TRANSFORM.get(key, (0.0,) * 16)
+    values = np.array(document.items("nodes")[index].get(key, default), np.float64)
+    if values.shape != (len(default),):
+        raise AssetError(f"has {values.size} numbers, not {len(default)}", where=document.where("nodes", index, key))
+    return values
+
+
+def _local_matrix(document: Document, index: int) -> Floats:
+    """(4, 4) of a node."""
+    if "matrix" in document.items("nodes")[index]:
+        return _stored(document, index, "matrix").reshape(4, 4).T
+    # Imported here, as few files mix both forms and it takes longer than all of numpy.
+    from scipy.spatial.transform import Rotation
+
+    translation, rotation, scale = (_stored(document, index, path) for path in _TRANSFORM)
+    matrix = np.eye(4)
+    matrix[:3, :3] = (Rotation.from_quat(rotation).as_matrix() if rotation.any() else np.eye(3)) * scale
+    matrix[:3, 3] = translation
+    return matrix

@@ -1,0 +1,108 @@
+"""Skins of two documents: which joint is paired with which, their matrices, and the weights of vertices."""
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from wrinklecli.character.rig import Rig
+from wrinklecli.character.surface import dense_influences, read_primitive
+from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.shape import Json
+from wrinklecli.numeric.arrays import Floats
+from wrinklecli.review.diff.difference import Difference, Found, Place, Sides, differ, node_names
+from wrinklecli.review.diff.values import count_that_differ, dict_differences, gaps
+
+
+def joint_pairs(sides: Sides, i: int, j: int) -> dict[int, int]:
+    """Joint numbers of a skin of the second document by those of the first."""
+    first, second = (skin.get("joints", []) for skin in sides.items("skins", i, j))
+    numbers = {node: number for number, node in enumerate(second)}
+    return {
+        number: number if sides.nodes.get(node) in second[number : number + 1] else numbers[sides.nodes[node]]
+        for number, node in enumerate(first)
+        if sides.nodes.get(node) in numbers
+    }
+
+
+def skin_differences(sides: Sides, i: int, j: int) -> Found:
+    """Compare two skins: their joints, and the inverse bind matrices of these."""
+    first, second = sides.items("skins", i, j)
+    place, name = ("skins", i), first.get("name")
+    joints_a, joints_b = first.get("joints", []), second.get("joints", [])
+    pairs = joint_pairs(sides, i, j)
+    complete = len(pairs) == len(joints_a) == len(joints_b)
+    binds_a, binds_b = _inverse_binds(sides.a, first, place), _inverse_binds(sides.b, second, place)
+    in_order = all(k == number for k, number in pairs.items())
+    apart = [
+        number
+        for number, other in pairs.items()
+        if gaps(binds_a[number], binds_b[other]).max() > sides.limits.slack(binds_a[number], lengths=True)
+    ]
+    if not sides.have_same_node(first.get("skeleton"), second.get("skeleton")):
+        yield differ("structure", (*place, "skeleton"), "another node", name=name)
+    skip = {"joints", "skeleton", "inverseBindMatrices"}
+    yield from dict_differences(first, second, place, "skins", sides.limits, skip=skip)
+    names_a, names_b = node_names(sides.a), node_names(sides.b)
+    if not complete or (apart and not in_order):
+        # Joints in another order, each with its own matrix, mean the same.
+        for number in range(max(len(joints_a), len(joints_b))):
+            shown = [
+                repr(names[joints[number]]) if number < len(joints) else "none"
+                for names, joints in ((names_a, joints_a), (names_b, joints_b))
+            ]
+            if pairs.get(number) != number:
+                yield differ("structure", (*place, "joints", number), " -> ".join(shown), name=name)
+    for number in apart:
+        gap = gaps(binds_a[number], binds_b[pairs[number]]).max()
+        message = f"the matrix of joint {names_a[joints_a[number]]!r} differs by up to {gap:.3g}"
+        yield differ("geometry", (*place, "inverseBindMatrices", number), message, name=name)
+
+
+def _inverse_binds(document: Document, skin: Json, place: Place) -> Floats:
+    """(joints, 4, 4) as stored, transposed."""
+    count = len(skin.get("joints", []))
+    if "inverseBindMatrices" not in skin:
+        return np.tile(np.eye(4), (count, 1, 1))
+    stored = document.accessor(skin["inverseBindMatrices"], user=document.where(*place))
+    matrices = np.zeros((count, 4, 4))
+    rows = stored[:count].reshape(-1, 4, 4) if stored.shape[1:] == (16,) else matrices[:0]
+    matrices[: len(rows)] = rows
+    return matrices
+
+
+def influence_differences(sides: Sides, rig_a: Rig, rig_b: Rig, joints: Mapping[int, int]) -> Iterator[Difference]:
+    """Compare the skin weights of two nodes' meshes, joint by joint.
+
+    Args:
+        sides: The documents.
+        rig_a: Of the node of the first.
+        rig_b: Of the node of the second.
+        joints: Joint numbers of the second rig by those of the first, as of `joint_pairs`.
+    """
+    each_side = (sides.a, rig_a), (sides.b, rig_b)
+    first, second = (document.items("meshes")[rig.mesh].get("primitives", []) for document, rig in each_side)
+    names = node_names(sides.a)
+    # What follows joints that only one file has lies in columns of its own.
+    columns = len(rig_a.joints)
+    into = np.arange(columns, columns + len(rig_b.joints))
+    into[list(joints.values())] = list(joints)
+    total = columns + len(rig_b.joints)
+    for number, pair in enumerate(zip(first, second, strict=False)):
+        one, other = (
+            read_primitive(document, primitive, rig, document.where("meshes", rig.mesh, "primitives", number))
+            for primitive, (document, rig) in zip(pair, each_side, strict=True)
+        )
+        if len(one.positions) != len(other.positions):
+            continue
+        apart = np.abs(
+            dense_influences(one.joints, one.weights, total)
+            - dense_influences(into[other.joints], other.weights, total)
+        )
+        off = (apart > sides.limits.share).any(axis=1)
+        if off.any():
+            vertex, column = np.unravel_index(int(apart.argmax()), apart.shape)
+            joint = f" of joint {names[int(rig_a.joints[column])]!r}" if column < columns else ""
+            message = f"vertex {vertex}: the weight{joint} differs by {apart[vertex, column]:.3g}"
+            message += count_that_differ(int(off.sum()), len(one.positions))
+            place = ("meshes", rig_a.mesh, "primitives", number, "attributes", "WEIGHTS_0")
+            yield differ("geometry", place, message, name=names[rig_a.node])

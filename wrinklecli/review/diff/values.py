@@ -1,0 +1,208 @@
+"""Values compared: any JSON, where references are followed and numbers may differ a little, and arrays of numbers.
+
+Source: glTF 2.0 specification, §5 (defaults of properties).
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from wrinklecli.gltf.document import TRIANGLES
+from wrinklecli.gltf.shape import COMPRESSIONS, Json
+from wrinklecli.numeric.arrays import Array, Floats
+from wrinklecli.review.diff.difference import Difference, Found, Limits, Link, Place, differ, is_index, shown
+
+# What JSON of a kind refers to, by key, at any depth; `attributes` below an extension are accessors.
+_REFERENCES: dict[str, dict[str, str]] = {
+    "nodes": {"mesh": "meshes", "camera": "cameras", "attributes": "accessors"},
+    "primitives": {"material": "materials"},
+    "textures": {"source": "images", "sampler": "samplers"},
+}
+# Values that a key left out stands for (glTF 2.0 §5); extensions have defaults of their own.
+_DEFAULTS: dict[str, Json] = {
+    "primitives": {"mode": TRIANGLES},
+    "materials": {
+        "alphaCutoff": 0.5,
+        "alphaMode": "OPAQUE",
+        "baseColorFactor": [1.0, 1.0, 1.0, 1.0],
+        "doubleSided": False,
+        "emissiveFactor": [0.0, 0.0, 0.0],
+        "metallicFactor": 1.0,
+        "pbrMetallicRoughness": {},
+        "roughnessFactor": 1.0,
+        "scale": 1.0,
+        "strength": 1.0,
+        "texCoord": 0,
+    },
+    "samplers": {"wrapS": 10497, "wrapT": 10497},
+    "document": {"scene": 0},
+}
+_MISSING: Any = object()
+
+
+# JSON
+
+
+def dict_differences(
+    first: Json,
+    second: Json,
+    place: Place,
+    kind: str,
+    limits: Limits,
+    *,
+    name: object = None,
+    skip: Iterable[str] = (),
+    inside: str = "",
+) -> Found:
+    """Compare JSON objects key by key.
+
+    Args:
+        first: Of the first document.
+        second: Of the second.
+        place: Of the first.
+        kind: Of the object that they belong to: what its keys refer to, and the defaults.
+        limits: How far numbers may be apart.
+        name: For people; the object's own where left out.
+        skip: Keys that are not compared here.
+        inside: extras or extensions, where the objects are below such a key.
+    """
+    name = first.get("name") if name is None else name
+    defaults = {} if inside else _DEFAULTS.get(kind, {})
+    skipped = set(skip)
+    if place[-2:] == ("extras", "wrinkle"):
+        # A bake's record of what the file was made from: an index of a buffer view.
+        skipped |= {"original"}
+    for key in dict.fromkeys([*first, *second]):
+        if key in skipped:
+            continue
+        at = (*place, key)
+        values = [source.get(key, defaults.get(key, _MISSING)) for source in (first, second)]
+        if key == "extensions" and not inside:
+            values = [_stripped(value) for value in values]
+        one, other = values
+        deeper = key if key in ("extras", "extensions") and not inside else inside
+        if one is _MISSING or other is _MISSING:
+            if one is not other:
+                side, value = ("A", one) if other is _MISSING else ("B", other)
+                # An index says nothing to people.
+                said = "" if deeper != "extras" and _referred(at, kind, deeper) else f"{shown(value)} "
+                yield differ("structure", at, f"{said}only in {side}", name=name)
+            continue
+        yield from value_differences(one, other, at, kind, limits, name=name, inside=deeper)
+
+
+def value_differences(
+    one: Any, other: Any, place: Place, kind: str, limits: Limits, *, name: object = None, inside: str = ""
+) -> Found:
+    """Compare JSON values: references by what they lead to, numbers within the limits.
+
+    The arguments are those of `dict_differences`.
+    """
+    referred = None if inside == "extras" else _referred(place, kind, inside)
+    if referred is not None and is_index(one) and is_index(other):
+        yield Link(referred, one, other, place, name)
+    elif isinstance(one, dict) and isinstance(other, dict):
+        yield from dict_differences(one, other, place, kind, limits, name=name, inside=inside)
+    elif isinstance(one, list) and isinstance(other, list):
+        if len(one) != len(other):
+            yield differ("value", place, f"{len(one)} -> {len(other)} items", name=name)
+        elif _are_numbers(one) and _are_numbers(other):
+            if any(limits.are_apart(*pair) for pair in zip(one, other, strict=True)):
+                yield differ("value", place, f"{shown(one)} -> {shown(other)}", name=name)
+        else:
+            for number, pair in enumerate(zip(one, other, strict=True)):
+                yield from value_differences(*pair, (*place, number), kind, limits, name=name, inside=inside)
+    elif _are_numbers([one, other]):
+        if limits.are_apart(one, other):
+            yield differ("value", place, f"{shown(one)} -> {shown(other)}", name=name)
+    elif type(one) is not type(other) or one != other:
+        yield differ(
+            "structure" if place[-1] == "name" else "value", place, f"{shown(one)} -> {shown(other)}", name=name
+        )
+
+
+def _referred(place: Place, kind: str, inside: str) -> str | None:
+    """The kind of what an index at a place refers to."""
+    key = place[-1]
+    above = place[-2] if len(place) > 1 else ""
+    if key == "index" and isinstance(above, str) and above.endswith("Texture"):
+        return "textures"
+    if above == "attributes" and kind == "nodes" and inside == "extensions":
+        return "accessors"
+    known = _REFERENCES.get(kind, {})
+    return known.get(key) if isinstance(key, str) and key != "attributes" else None
+
+
+def _stripped(extensions: Any) -> Any:
+    """Extensions without those of storage; none where no other is left."""
+    if not isinstance(extensions, dict):
+        return extensions
+    return {key: value for key, value in extensions.items() if key not in COMPRESSIONS} or _MISSING
+
+
+def _are_numbers(values: Sequence[Any]) -> bool:
+    return all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
+
+
+# Arrays
+
+
+def array_differences(
+    one: Array, other: Array, place: Place, limits: Limits, *, name: object, scale: float = 1.0
+) -> Iterator[Difference]:
+    """Compare the elements of two accessors; those of POSITION as places, `scale` scene units a unit."""
+    if one.shape != other.shape:
+        shapes = " -> ".join("×".join(map(str, each.shape)) for each in (one, other))
+        yield differ("geometry", place, f"{shapes} numbers", name=name)
+        return
+    is_place = place[-1] == "POSITION"
+    apart = gaps(one, other)
+    apart = apart if apart.ndim == 1 else np.linalg.norm(apart, axis=1) if is_place else apart.max(axis=1)
+    whole = one.dtype.kind in "iu" and other.dtype.kind in "iu"
+    limit: Any = 0 if whole else limits.share * np.maximum(1.0, _most(one))
+    if is_place:
+        apart, limit = apart * scale, limits.length
+    off = apart > limit
+    if off.any():
+        vertex = int(np.argmax(np.where(off, apart, -1.0)))
+        worst = float(apart[vertex])
+        what = f"vertex {vertex} is {worst:.3g} off" if is_place else f"vertex {vertex} differs by {worst:.3g}"
+        message = f"{what}{count_that_differ(int(off.sum()), len(apart))}"
+        yield differ("geometry", place, message, name=name, distance=worst if is_place else None)
+
+
+def property_gaps(path: str, first: Floats, second: Floats, limits: Limits) -> Floats:
+    """(times,) how far (times, components) values of a node's property are apart; 0 within the limits."""
+    if path == "rotation":
+        # A quaternion and its opposite are one rotation.
+        turned = np.sum(first * second, axis=1, keepdims=True) < 0
+        second = np.where(turned, -second, second)
+    apart = gaps(first, second)
+    if path == "translation":
+        gap = np.sqrt(np.sum(apart * apart, axis=1))
+        limit = np.maximum(limits.length, limits.share * _most(first))
+    else:
+        gap = apart.max(axis=1, initial=0.0)
+        limit = limits.share * np.maximum(1.0, _most(first))
+    return np.where(gap > limit, gap, 0.0)
+
+
+def gaps(first: Array, second: Array) -> Floats:
+    """Absolute differences of numbers; 0 where both are the same, infinite where one is no finite number."""
+    first, second = first.astype(np.float64), second.astype(np.float64)
+    finite = np.isfinite(first) & np.isfinite(second)
+    same = (first == second) | (np.isnan(first) & np.isnan(second))
+    apart = np.abs(np.where(finite, first, 0.0) - np.where(finite, second, 0.0))
+    return np.where(finite, apart, np.where(same, 0.0, np.inf))
+
+
+def count_that_differ(count: int, total: int) -> str:
+    """The end of a message: how many differ, where it is not one alone."""
+    return f"; {count} of {total} differ" if count > 1 else ""
+
+
+def _most(values: Array) -> Floats:
+    """(rows,) the greatest finite magnitude in each row."""
+    magnitudes = np.abs(np.where(np.isfinite(values), values, 0.0)).astype(np.float64)
+    return magnitudes if magnitudes.ndim == 1 else magnitudes.max(axis=1, initial=0.0)
