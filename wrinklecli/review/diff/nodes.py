@@ -5,16 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from wrinklecli.character.rig import morph_target_names
+from wrinklecli.character.rig import TRANSFORM_DEFAULTS, morph_target_names
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.diff.difference import Difference, Found, Link, Sides, differ, pairs_by_key, shown
 from wrinklecli.review.diff.values import dict_differences, property_gaps, value_differences
-
-_TRANSFORM = {"translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scale": (1.0, 1.0, 1.0)}
-
 
 # Pairs
 
@@ -142,7 +139,7 @@ def node_differences(sides: Sides, i: int, j: int) -> Found:
     first, second = sides.items("nodes", i, j)
     place, name = ("nodes", i), first.get("name")
     yield from _transform_differences(sides, i, j)
-    skip = {"name", "children", "skin", "weights", "matrix", *_TRANSFORM}
+    skip = {"name", "children", "skin", "weights", "matrix", *TRANSFORM_DEFAULTS}
     yield from dict_differences(first, second, place, "nodes", sides.limits, name=name, skip=skip)
     if "mesh" in first and "mesh" in second:
         weights = _stored_weights(sides.a, first), _stored_weights(sides.b, second)
@@ -168,7 +165,7 @@ def _transform_differences(sides: Sides, i: int, j: int) -> Iterator[Difference]
             message = f"moves by {moved[0]:.3g}, turns or scales by {turned[0]:.3g}"
             yield differ("value", ("nodes", i, "matrix"), message, name=name)
         return
-    for path, default in _TRANSFORM.items():
+    for path, default in TRANSFORM_DEFAULTS.items():
         if property_gaps(path, _stored(sides.a, i, path)[None], _stored(sides.b, j, path)[None], sides.limits).any():
             message = " -> ".join(shown(node.get(path, list(default))) for node in (first, second))
             yield differ("value", ("nodes", i, path), message, name=name)
@@ -184,7 +181,7 @@ def _stored_weights(document: Document, node: Json) -> list[float]:
 
 def _stored(document: Document, index: int, key: str) -> Floats:
     """The numbers of a node's transform."""
-    default = _TRANSFORM.get(key, (0.0,) * 16)
+    default = TRANSFORM_DEFAULTS.get(key, (0.0,) * 16)
     values = np.array(document.items("nodes")[index].get(key, default), np.float64)
     if values.shape != (len(default),):
         raise AssetError(f"has {values.size} numbers, not {len(default)}", where=document.where("nodes", index, key))
@@ -198,7 +195,7 @@ def _local_matrix(document: Document, index: int) -> Floats:
     # Imported here, as few files mix both forms and it takes longer than all of numpy.
     from scipy.spatial.transform import Rotation
 
-    translation, rotation, scale = (_stored(document, index, path) for path in _TRANSFORM)
+    translation, rotation, scale = (_stored(document, index, path) for path in TRANSFORM_DEFAULTS)
     matrix = np.eye(4)
     matrix[:3, :3] = (Rotation.from_quat(rotation).as_matrix() if rotation.any() else np.eye(3)) * scale
     matrix[:3, 3] = translation
