@@ -23,12 +23,18 @@ from kit.limb import limb_asset, tool, write_tools
 from wrinklecli import bake, cli
 from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.gltf.document import read_document
+from wrinklecli.gltf.pixels import read_pixels
 from wrinklecli.review.preview import render
-from wrinklecli.review.preview.camera import FACING, VIEWS, parse_view, plan_cameras
+from wrinklecli.review.preview.camera import FACING, VIEWS, Camera, camera_axes, parse_view
+from wrinklecli.review.preview.draw import Mark
+from wrinklecli.review.preview.framing import plan_cameras
+from wrinklecli.review.preview.heat import HEAT, compression, heat_colours
+from wrinklecli.review.preview.materials import Texture
+from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.preview import MOST_PIXELS, MOST_SIDE, apply_tools, preview
-from wrinklecli.review.preview.render import PAPER, Camera, Frame, Mark, Style, Texture, facing
-from wrinklecli.review.preview.sheet import Legend, Sheet, encode_animation, read_texture, sheet_size
-from wrinklecli.review.preview.subject import HEAT, INKS, Moment, compression, frame_of, heat_colours, read_subject
+from wrinklecli.review.preview.render import PAPER, Frame, Style
+from wrinklecli.review.preview.sheet import Legend, Sheet, encode_animation, sheet_size
+from wrinklecli.review.preview.shown import INKS, frame_of, read_subject
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
@@ -84,7 +90,7 @@ def both(*frames: Frame) -> Frame:
     return Frame(*(np.concatenate([getattr(frame, key) for frame in frames]) for key in keys))
 
 
-HEAD_ON = Camera(np.zeros(3), facing(0.0, 0.0), 1.0)
+HEAD_ON = Camera(np.zeros(3), camera_axes(0.0, 0.0), 1.0)
 
 
 def limb(folder: Path, *, name: str = "limb", **options: Any) -> Path:
@@ -195,7 +201,7 @@ def test_a_mark_has_an_outline_a_segment_and_ends_of_even_width_on_any_slope(tur
         half_width=0.4,
         colour=(0.9, 0.0, 0.0),
     )
-    camera = Camera(np.zeros(3), facing(turn, 0.0), 1.0)
+    camera = Camera(np.zeros(3), camera_axes(turn, 0.0), 1.0)
     size = (400, 300)
     shown = render.render(replace(frame, marks=(mark,)), camera, size=size).astype(int)
     bare = render.render(frame, camera, size=size).astype(int)
@@ -215,7 +221,7 @@ def test_a_mark_has_an_outline_a_segment_and_ends_of_even_width_on_any_slope(tur
 @given(arrays.arrays(np.float64, (20, 3), elements=st.floats(-5, 5)), st.floats(-180, 180), st.floats(-90, 90))
 def test_a_framing_camera_sees_all_points(points: Floats, azimuth: float, elevation: float) -> None:
     points = points + np.arange(20)[:, None] * (0.1, 0.05, 0.02)
-    camera = Camera.framing(points, facing(azimuth, elevation), aspect=4 / 3, margin=1.0)
+    camera = Camera.framing(points, camera_axes(azimuth, elevation), aspect=4 / 3, margin=1.0)
     seen = camera.project(points, (800, 600))
     assert (seen > -0.5).all()
     assert (seen < (800.5, 600.5)).all()
@@ -455,13 +461,13 @@ def test_odd_looks_do_not_hide_a_shape(tmp_path: Path, change: Json) -> None:
 def test_large_textures_are_reduced_and_huge_ones_refused() -> None:
     file = io.BytesIO()
     Image.new("RGB", (3000, 10), (10, 20, 30)).save(file, "PNG")
-    assert read_texture(file.getvalue()).shape == (4, 1000, 3)
+    assert read_pixels(file.getvalue()).shape == (4, 1000, 3)
     header = bytearray(file.getvalue())
     for most in (12_000, 60_000):
         header[16:24] = most.to_bytes(4) + most.to_bytes(4)
         header[29:33] = zlib.crc32(bytes(header[12:29])).to_bytes(4)
         with pytest.raises(ValueError, match="too large"):
-            read_texture(bytes(header))
+            read_pixels(bytes(header))
 
 
 def test_without_normals_each_triangle_is_one_shade(tmp_path: Path) -> None:
@@ -549,7 +555,7 @@ def test_a_view_that_is_none_is_said(text: str) -> None:
 
 @pytest.mark.parametrize("name", VIEWS)
 def test_a_view_sees_the_side_that_it_is_named_for(name: str) -> None:
-    back = facing(*parse_view(name))[2]
+    back = camera_axes(*parse_view(name))[2]
     sides = {"front": (0, 0, 1), "right": (1, 0, 0), "back": (0, 0, -1), "left": (-1, 0, 0), "top": (0, 1, 0)}
     expected = sides.get(name, (0, -1, 0) if name == "bottom" else back)
     assert back @ np.array(expected, float) == pytest.approx(1.0, abs=1e-4)

@@ -1,16 +1,13 @@
-"""Where a preview looks from: what to frame at each moment, and from which side."""
+"""Cameras: how points of the world fall into a picture, and what views are called."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from wrinklecli.character.scene import pose_part
-from wrinklecli.errors import AssetError
-from wrinklecli.numeric.arrays import Bools, Floats, vertex_normals
-from wrinklecli.numeric.guard import Progress, no_progress
-from wrinklecli.review.preview.render import Camera, facing, seen
-from wrinklecli.review.preview.subject import Moment, Subject
+from wrinklecli.numeric.arrays import Floats
+
+TANGENT = float(np.tan(np.radians(12.0)))  # of half the vertical field of view: a long lens, little distortion
+
 
 FACING = "facing"
 # Azimuth and elevation, degrees.
@@ -23,36 +20,6 @@ VIEWS = {
     "bottom": (0.0, -89.9),
     "oblique": (35.0, 15.0),
 }
-_DEFAULT = "oblique"
-
-# Of the greatest displacement that is shown: less is not framed.
-_LEAST_WRINKLE = 0.05
-# Of the distance: wrinkles with what is around them, and a whole figure with room for a label.
-_WRINKLES_MARGIN, _FIGURE_MARGIN = 1.35, 1.12
-_DIRECTIONS = 128  # in which a cloud of points is bounded, to frame it
-# Views that may face the wrinkles, degrees; from higher up one loses sight of which part of the body it is.
-_AZIMUTHS, _ELEVATIONS = range(-165, 181, 15), range(-60, 61, 15)
-_JUDGED_MOMENTS, _JUDGED_SPOTS = 4, 200  # by which they are judged
-_ASIDE = 0.7  # cosine of normal and view beyond which there is nothing to be gained
-_LEVEL = 0.25  # how much of its score a view from straight above or below would lose
-
-
-@dataclass(frozen=True, slots=True)
-class _Wrinkles:
-    """Where the wrinkles are.
-
-    Attributes:
-        masks: For each piece of each subject, (vertices,) what they move at these moments, or could if they do not.
-        totals: (moments,) how much they move it in all; 0 throughout where they do not.
-    """
-
-    masks: list[list[Bools]]
-    totals: Floats
-
-    @property
-    def known(self) -> bool:
-        """Whether there are any."""
-        return any(bool(mask.any()) for masks in self.masks for mask in masks)
 
 
 def parse_view(text: str) -> tuple[float, float]:
@@ -74,148 +41,69 @@ def parse_view(text: str) -> tuple[float, float]:
     return angles
 
 
-def plan_cameras(
-    subjects: Sequence[Subject],
-    moments: Sequence[Moment],
-    views: Sequence[str],
-    *,
-    aspect: float,
-    focus: Sequence[float] | None = None,
-    radius: float | None = None,
-    follow: bool = False,
-    progress: Progress = no_progress,
-) -> tuple[list[str], list[list[Camera]]]:
-    """Cameras that all subjects share.
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """A perspective camera that looks at a point.
+
+    Attributes:
+        centre: (3,) what it looks at, world space.
+        axes: (3, 3) rows: right, up, and backwards (from the centre to the eye).
+        reach: Half the height of what it sees at its centre, scene units.
+    """
+
+    centre: Floats
+    axes: Floats
+    reach: float
+
+    @classmethod
+    def framing(cls, points: Floats, axes: Floats, *, aspect: float, margin: float = 1.12) -> "Camera":
+        """Sees all points, as close as that allows.
+
+        Args:
+            points: (n, 3) world space.
+            axes: (3, 3) see `camera_axes`.
+            aspect: Width over height of the picture.
+            margin: Of the distance.
+        """
+        middle = (points.min(axis=0) + points.max(axis=0)) / 2
+        local = (points - middle) @ axes.T
+        aim = (local.min(axis=0) + local.max(axis=0)) / 2
+        aim[2] = 0.0
+        local = local - aim
+        depths = local[:, 2] * TANGENT
+        reach = max(
+            float((np.abs(local[:, 1]) + depths).max()),
+            float((np.abs(local[:, 0]) / aspect + depths).max()),
+        )
+        return cls(middle + aim @ axes, axes, margin * reach)
+
+    def project(self, points: Floats, size: tuple[int, int]) -> Floats:
+        """(…, 2) pixels, from the left and the top, of (…, 3) world positions in front of the eye."""
+        return project(self.local(points), size)
+
+    def local(self, points: Floats) -> Floats:
+        """(…, 3) world positions in the camera's axes, about its centre, over its reach."""
+        placed: Floats = (points - self.centre) @ self.axes.T / self.reach
+        return placed
+
+
+def camera_axes(azimuth: float, elevation: float) -> Floats:
+    """(3, 3) a camera's axes as rows: right, up, backwards.
 
     Args:
-        subjects: To show.
-        moments: To show.
-        views: Names of `VIEWS`, `FACING` or azimuth:elevation; where left out, FACING where there are wrinkles.
-        aspect: Width over height of a picture.
-        focus: (3,) the point to look at, world space; where left out, the wrinkles, or else everything.
-        radius: Of what to see about it, scene units.
-        follow: Move with the wrinkles, or with the skin that is at `focus` in the stored pose.
-        progress: Called with a stage's name, steps done and steps in all.
-
-    Returns:
-        The views by name, FACING as the angles that it came to, and for each view the camera at each moment.
-
-    Raises:
-        AssetError: There is nothing to see, or FACING was asked for and there are no wrinkles.
+        azimuth: Degrees about +y; 0 sees an asset's front (from +z), 90 sees it from +x.
+        elevation: Degrees above the horizon.
     """
-    wrinkles = _wrinkles(subjects, moments)
-    bounds, centres = [], np.zeros((len(moments), 3))
-    for number, moment in enumerate(moments):
-        points, middle = _sight(subjects, moment, wrinkles)
-        bounds.append(points)
-        if follow:
-            centres[number] = middle
-        progress("posing", number + 1, len(moments))
-    if focus is not None:
-        centres[:] = focus
-        if follow:
-            centres = _followed(subjects[0], moments, centres[0])
-    relative = np.concatenate([points - centre for points, centre in zip(bounds, centres, strict=True)])
-    names, cameras = [], []
-    for name in views or [FACING if wrinkles.known else _DEFAULT]:
-        if name == FACING:
-            if not wrinkles.known:
-                others = ", ".join(VIEWS)
-                raise AssetError(f"has no wrinkles to face; other views are {others}", where=subjects[-1].document.path)
-            name = _facing(subjects, moments, wrinkles)
-        axes = facing(*parse_view(name))
-        margin = _WRINKLES_MARGIN if wrinkles.known else _FIGURE_MARGIN
-        camera = Camera.framing(relative, axes, aspect=aspect, margin=margin)
-        if radius is not None:
-            camera = replace(camera, reach=radius / min(aspect, 1.0))
-        if focus is not None:
-            camera = replace(camera, centre=np.zeros(3))
-        if not camera.reach > 0:
-            raise AssetError("nothing to see: all is at one point", where=subjects[0].document.path)
-        names.append(name)
-        cameras.append([replace(camera, centre=camera.centre + centre) for centre in centres])
-    return names, cameras
+    a, e = np.radians(azimuth), np.radians(elevation)
+    back = np.array([np.sin(a) * np.cos(e), np.sin(e), np.cos(a) * np.cos(e)])
+    right = np.array([np.cos(a), 0.0, -np.sin(a)])
+    return np.array([right, np.cross(back, right), back])
 
 
-def _wrinkles(subjects: Sequence[Subject], moments: Sequence[Moment]) -> _Wrinkles:
-    totals = np.zeros(len(moments))
-    found: list[list[Floats]] = []
-    for subject in subjects:
-        amounts = [np.zeros(len(piece.coordinates)) for piece in subject.pieces]
-        for k, piece in enumerate(subject.pieces):
-            for number, moment in enumerate(moments if len(piece.shape_numbers) else ()):
-                moved = piece.displacements(subject.clip(moment.clip), moment.time)
-                totals[number] += moved.sum()
-                amounts[k] = np.maximum(amounts[k], moved)
-        found.append(amounts)
-    if not totals.any():
-        found = [[np.sqrt(np.sum(piece.shapes**2, axis=2)).sum(axis=0) for piece in each.pieces] for each in subjects]
-    greatest = max((float(each.max(initial=0.0)) for amounts in found for each in amounts), default=0.0)
-    return _Wrinkles([[each > _LEAST_WRINKLE * greatest for each in amounts] for amounts in found], totals)
-
-
-def _sight(subjects: Sequence[Subject], moment: Moment, wrinkles: _Wrinkles) -> tuple[Floats, Floats]:
-    """What to frame at a moment: (points, 3) that bound what the wrinkles move, or everything, and its (3,) middle."""
-    points = [np.zeros((0, 3))]
-    for subject, masks in zip(subjects, wrinkles.masks, strict=True):
-        for body in subject.posed(moment):
-            used = np.zeros(len(body.positions), bool)
-            used[body.triangles] = True
-            points.append(body.positions[used & masks[body.number] if wrinkles.known else used])
-    found = np.concatenate(points)
-    if not len(found):
-        raise AssetError(
-            "nothing to see: no triangles in the scene, or all are scaled to 0", where=subjects[0].document.path
-        )
-    return _bounds(found), (found.min(axis=0) + found.max(axis=0)) / 2
-
-
-def _bounds(points: Floats) -> Floats:
-    """Those of (points, 3) that are furthest in some direction: enough to frame them, and few."""
-    numbers = np.arange(_DIRECTIONS) + 0.5
-    heights = 1 - 2 * numbers / _DIRECTIONS
-    angles = np.pi * (1 + np.sqrt(5)) * numbers
-    rings = np.sqrt(1 - heights**2)
-    directions = np.stack([rings * np.cos(angles), heights, rings * np.sin(angles)])
-    furthest: Floats = points[np.unique(np.argmax(points @ directions, axis=0))]
-    return furthest
-
-
-def _facing(subjects: Sequence[Subject], moments: Sequence[Moment], wrinkles: _Wrinkles) -> str:
-    """The view from which most of the wrinkles are seen when they are tallest, as azimuth:elevation."""
-    chosen = np.argsort(-wrinkles.totals, kind="stable")[:_JUDGED_MOMENTS]
-    angles = [(azimuth, elevation) for elevation in _ELEVATIONS for azimuth in _AZIMUTHS]
-    backs = np.array([facing(*each)[2] for each in angles])
-    scores = np.zeros(len(angles))
-    for moment in (moments[number] for number in chosen):
-        for subject, masks in zip(subjects, wrinkles.masks, strict=True):
-            bodies = list(subject.posed(moment))
-            everything = np.concatenate([np.zeros((0, 3, 3)), *(body.positions[body.triangles] for body in bodies)])
-            for body in bodies:
-                spots = np.flatnonzero(masks[body.number])
-                spots = spots[:: max(len(spots) // _JUDGED_SPOTS, 1)]
-                if not len(spots):
-                    continue
-                weights = np.ones(len(spots))
-                if wrinkles.totals.any():
-                    weights = body.piece.displacements(subject.clip(moment.clip), moment.time)[spots]
-                normals = vertex_normals(body.positions, body.triangles)[spots]
-                free = seen(everything, body.positions[spots], normals, backs)
-                scores += (free * np.minimum(backs @ normals.T, _ASIDE)) @ weights
-    levels = np.cos(np.radians([elevation for _, elevation in angles]))
-    best = int(np.argmax(scores * (1 - _LEVEL + _LEVEL * levels)))
-    return f"{angles[best][0]}:{angles[best][1]}" if scores[best] > 0 else _DEFAULT
-
-
-def _followed(subject: Subject, moments: Sequence[Moment], focus: Floats) -> Floats:
-    """(moments, 3) where the vertex is that lies nearest to a point in the stored pose."""
-    best, which = np.inf, (0, 0)
-    for number, piece in enumerate(subject.pieces):
-        positions = pose_part(piece.part, None, np.zeros(1)).positions[0]
-        squares = np.sum((positions - focus) ** 2, axis=1)
-        vertex = int(np.argmin(squares))
-        if squares[vertex] < best:
-            best, which = float(squares[vertex]), (number, vertex)
-    part = subject.pieces[which[0]].part
-    places = [pose_part(part, subject.clip(m.clip), np.array([m.time])).positions[0, which[1]] for m in moments]
-    return np.array(places)
+def project(local: Floats, size: tuple[int, int]) -> Floats:
+    """(…, 2) pixels, from the left and the top, of (…, 3) positions in a camera's axes, over its reach."""
+    width, height = size
+    depths = np.maximum(1 - TANGENT * local[..., 2:], 1e-9)
+    flat = local[..., :2] * (1, -1) / depths
+    projected: Floats = (flat + np.array((width / height, 1))) * (height / 2)
+    return projected

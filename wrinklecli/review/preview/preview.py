@@ -16,37 +16,26 @@ from wrinklecli.baking.morphs import encode_morphs
 from wrinklecli.baking.pipeline import plan_meshes, read_job, refuse_overwriting
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.sample import sample_clips
-from wrinklecli.character.clip import clip_named, read_clips
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.files import replace_bytes
 from wrinklecli.gltf.writer import Draft
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
-from wrinklecli.review.preview.camera import plan_cameras
+from wrinklecli.review.preview.framing import plan_cameras
+from wrinklecli.review.preview.heat import HEAT, HEAT_TICKS, heat_colours
+from wrinklecli.review.preview.moments import frame_seconds, plan_moments
 from wrinklecli.review.preview.render import Style, render
-from wrinklecli.review.preview.subject import (
-    HEAT,
-    HEAT_TICKS,
-    INKS,
-    Moment,
-    frame_of,
-    heat_colours,
-    read_subject,
-    tool_names,
-)
+from wrinklecli.review.preview.shown import INKS, frame_of, read_subject, tool_names
 
 if TYPE_CHECKING:
     from wrinklecli.review.preview.sheet import Legend
 
 
-MOST_MOMENTS = 10_000
 MOST_SIDE = 16_383  # pixels: of a WebP
 MOST_PIXELS = 2**28  # of a sheet, or of all frames of an animation, which are held until the file is written
 _ENDINGS = {".png": "png", ".webp": "webp", ".gif": "gif"}
 
-_SHEET_MOMENTS = 5  # of a clip: its middle, where many are at their greatest, is one
 _SHEET_COLUMNS = 3
-_ANIMATION_FPS = 15.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +131,7 @@ def preview(
         documents = [read_document(each, allow_external=allow_external) for each in assets]
         read = [file for document in documents for file in document.files]
         refuse_overwriting([*read, *([os.fspath(tools)] if tools is not None else [])], [path])
-        moments = _moments(documents[0], kind, clips, rest=rest, times=times, frames=frames, fps=fps)
+        moments = plan_moments(documents[0], kind, clips, rest=rest, times=times, frames=frames, fps=fps)
         plans: list[MeshPlan] = []
         if tools is not None:
             named = list(dict.fromkeys(moment.clip for moment in moments if moment.clip is not None))
@@ -198,7 +187,7 @@ def preview(
         if kind == "png":
             data = images.encode_picture(sheets[0].image)
         else:
-            seconds = 1 / fps if fps else _interval(documents[0], moments, frames, times)
+            seconds = 1 / fps if fps else frame_seconds(documents[0], moments, frames, times)
             data = images.encode_animation([sheet.image for sheet in sheets], kind, seconds=seconds)
         replace_bytes(path, data)
         return Preview(path, whole, len(moments), tuple(shown), tuple(dict.fromkeys(warnings)))
@@ -221,53 +210,6 @@ def _refuse_large(size: tuple[int, int], count: int, path: str) -> None:
     if size[0] * size[1] * count > MOST_PIXELS:
         most = MOST_PIXELS // (size[0] * size[1])
         raise WrinkleError(f"would have {count} frames; of {size[0]} × {size[1]} pixels, at most {most}", where=path)
-
-
-def _moments(
-    document: Document,
-    kind: str,
-    names: Sequence[str],
-    *,
-    rest: bool,
-    times: Sequence[float],
-    frames: int | None,
-    fps: float | None,
-) -> list[Moment]:
-    """What to show of an asset: its first clip where nothing is named, the stored pose where it has none."""
-    clips = read_clips(document)
-    named = [clip_named(clips, name, where=document.path) for name in names]
-    if rest or not clips:
-        return [Moment(None, 0.0)]
-    found = []
-    for clip in named or clips[:1]:
-        length = clip.end - clip.start
-        if times:
-            spread = [float(time) for time in times]
-        elif frames is None and (fps is not None or kind != "png"):
-            count = length * (fps or _ANIMATION_FPS)
-            if count > MOST_MOMENTS:
-                raise WrinkleError(
-                    f"clip {clip.name!r} of {length:.4g} s would have {count:.6g} moments; at most {MOST_MOMENTS}",
-                    where=document.path,
-                )
-            # The last moment is left out: where a clip is a cycle, it is the first.
-            spread = [clip.start + number / (fps or _ANIMATION_FPS) for number in range(max(round(count), 1))]
-        else:
-            count = frames or _SHEET_MOMENTS
-            steps = count - 1 if kind == "png" else count
-            spread = [clip.start + length * number / max(steps, 1) for number in range(count)]
-        found += [Moment(clip.name, time) for time in (spread if length > 0 else spread[:1])]
-    if len(found) > MOST_MOMENTS:
-        raise WrinkleError(f"{len(found)} moments are too many; at most {MOST_MOMENTS}", where=document.path)
-    return found
-
-
-def _interval(document: Document, moments: Sequence[Moment], frames: int | None, times: Sequence[float]) -> float:
-    """Seconds from one frame of an animation to the next: so many in each clip's own length, else the usual."""
-    if frames is None or times or moments[0].clip is None:
-        return 1 / _ANIMATION_FPS
-    lengths = [clip.end - clip.start for clip in read_clips(document) if clip.name in {m.clip for m in moments}]
-    return max(sum(lengths) / len(moments), 0.01)
 
 
 def apply_tools(

@@ -2,7 +2,6 @@
 
 import io
 import math
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -15,8 +14,6 @@ from PIL import Image, ImageDraw, ImageFont
 Bytes = NDArray[np.uint8]
 Colour = tuple[float, float, float]
 
-# Of textures, pixels: more than a preview shows. Larger ones are reduced.
-_TEXTURE_SIDE = 1024
 _GUTTER = 4  # pixels between pictures
 _DARK, _PALE = (60, 66, 74), (255, 255, 255)
 _WEBP_QUALITY = 90
@@ -38,27 +35,6 @@ class Legend:
     ramp: NDArray[np.float64] | None = None
     ticks: tuple[tuple[float, str], ...] = ()
     names: tuple[tuple[str, Colour], ...] = ()
-
-
-def read_texture(data: bytes | memoryview) -> Bytes:
-    """(height, width, 3) sRGB of a PNG, JPEG or WebP image; large ones reduced.
-
-    Raises:
-        ValueError: It is none of these, or damaged.
-    """
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", Image.DecompressionBombWarning)
-            with Image.open(io.BytesIO(data), formats=("PNG", "JPEG", "WEBP")) as image:
-                image.draft("RGB", (_TEXTURE_SIDE, _TEXTURE_SIDE))
-                converted = image.convert("RGB")
-        factor = math.ceil(max(converted.size) / _TEXTURE_SIDE)
-        return np.asarray(converted.reduce(factor) if factor > 1 else converted)
-    except (OSError, SyntaxError, EOFError, OverflowError) as error:
-        raise ValueError(f"cannot be read: {error}") from error
-    except (Image.DecompressionBombWarning, Image.DecompressionBombError) as error:
-        # A few bytes that claim to be a huge image could fill memory.
-        raise ValueError(f"is too large: {error}") from error
 
 
 class Sheet:

@@ -17,23 +17,16 @@ from wrinklecli.character.pose import morph_weights
 from wrinklecli.character.scene import Part, pose_part, read_scene
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document
-from wrinklecli.gltf.files import read_uri
-from wrinklecli.gltf.shape import Json
+from wrinklecli.gltf.pixels import linear_rgb
 from wrinklecli.numeric.arrays import Floats, Ints, face_normals, unit
-from wrinklecli.review.preview.render import Frame, Mark, Texture
+from wrinklecli.review.preview.draw import Mark
+from wrinklecli.review.preview.heat import compressions, heat_colours
+from wrinklecli.review.preview.materials import Texture, read_texture, texture_coordinates, texture_info, vertex_colours
+from wrinklecli.review.preview.moments import Moment
+from wrinklecli.review.preview.render import Frame
 
 Colour = tuple[float, float, float]
 
-# Compression, 1 - the smallest principal stretch, and its colour, sRGB.
-HEAT: tuple[tuple[float, Colour], ...] = (
-    (0.0, (0.84, 0.84, 0.82)),
-    (0.1, (0.98, 0.90, 0.55)),
-    (0.25, (0.98, 0.62, 0.22)),
-    (0.45, (0.85, 0.20, 0.16)),
-    (0.65, (0.50, 0.06, 0.36)),
-    (0.8, (0.16, 0.03, 0.28)),
-)
-HEAT_TICKS = (0.0, 0.2, 0.4, 0.6, 0.8)
 # Of tools, sRGB: told apart on skin, on cloth and by most who confuse colours.
 INKS: tuple[Colour, ...] = (
     (0.86, 0.08, 0.24),
@@ -45,21 +38,6 @@ INKS: tuple[Colour, ...] = (
     (0.72, 0.36, 0.18),
     (0.80, 0.20, 0.58),
 )
-# Sampler properties, glTF 2.0 §5.26.
-_WRAPS = {33071: "clamp", 33648: "mirror"}
-
-
-@dataclass(frozen=True, slots=True)
-class Moment:
-    """A clip (none for the stored pose) at a time in seconds."""
-
-    clip: str | None
-    time: float
-
-    @property
-    def label(self) -> str:
-        """In words."""
-        return "as stored" if self.clip is None else f"{self.clip} {self.time:.2f} s"
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,18 +143,6 @@ def tool_names(plans: Sequence[MeshPlan]) -> list[str]:
     return [carried.patch.tool.name for plan in plans for carried in plan.carried_patches]
 
 
-def heat_colours(losses: Floats) -> Floats:
-    """(…, 3) sRGB of compressions."""
-    stops = [loss for loss, _ in HEAT]
-    channels = [np.interp(losses, stops, [colour[k] for _, colour in HEAT]) for k in range(3)]
-    return np.stack(channels, axis=-1)
-
-
-def _linear(colours: Floats) -> Floats:
-    """Linear RGB of sRGB."""
-    return np.where(colours < 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
-
-
 def read_subject(document: Document, label: str, plans: Sequence[MeshPlan], warnings: list[str]) -> Subject:
     """Read what of an asset can be seen.
 
@@ -200,12 +166,12 @@ def read_subject(document: Document, label: str, plans: Sequence[MeshPlan], warn
         numbers = _wrinkle_targets(document, part)
         texture, coordinates = -1, np.zeros((count, 2))
         try:
-            info = _texture_info(document, primitive)
+            info = texture_info(document, primitive)
             if info:
-                coordinates = _texture_coordinates(document, primitive, info, count)
+                coordinates = texture_coordinates(document, primitive, info, count)
                 key = repr(info)
                 if key not in read:
-                    images.append(_read_texture(document, info))
+                    images.append(read_texture(document, info))
                     read[key] = len(images) - 1
                 texture = read[key]
         except (AssetError, ArithmeticError, ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
@@ -214,7 +180,7 @@ def read_subject(document: Document, label: str, plans: Sequence[MeshPlan], warn
         pieces.append(
             Piece(
                 part=part,
-                colours=part.colour * _vertex_colours(document, primitive, count),
+                colours=part.colour * vertex_colours(document, primitive, count),
                 coordinates=coordinates,
                 texture=texture,
                 shapes=part.vertices.morph_deltas[numbers],
@@ -235,76 +201,6 @@ def _wrinkle_targets(document: Document, part: Part) -> Ints:
     except (KeyError, TypeError, AttributeError):
         pass  # not what a bake writes: nothing is known of wrinkles
     return np.array([k for k, name in enumerate(part.rig.morph_names) if name in names], np.intp)
-
-
-def _texture_info(document: Document, primitive: Json) -> Json:
-    """What a primitive's material says of its base colour's texture; empty where it has none."""
-    if "material" not in primitive:
-        return {}
-    material = document.item("materials", primitive["material"], user=document.path)
-    info: Json = material.get("pbrMetallicRoughness", {}).get("baseColorTexture", {})
-    return info
-
-
-def _read_texture(document: Document, info: Json) -> Texture:
-    """The texture of a base colour.
-
-    Raises:
-        AssetError: The file of the image is missing or out of bounds.
-        ValueError: The image is of no kind that is read, or damaged.
-    """
-    from wrinklecli.review.preview.sheet import read_texture
-
-    where = document.where("textures")
-    texture = document.item("textures", info.get("index"), user=where)
-    webp = texture.get("extensions", {}).get("EXT_texture_webp", {})
-    number = webp.get("source", texture.get("source"))
-    image = document.item("images", number, user=where)
-    if "uri" in image:
-        place = document.where("images", str(number))
-        data, _ = read_uri(image["uri"], document.path, place, allow_external=document.allow_external)
-    else:
-        data = document.view(image.get("bufferView"), user=where)
-    sampler = document.item("samplers", texture["sampler"], user=where) if "sampler" in texture else {}
-    across, down = (_WRAPS.get(sampler.get(key, 0), "repeat") for key in ("wrapS", "wrapT"))
-    return Texture(read_texture(data), (across, down))
-
-
-def _texture_coordinates(document: Document, primitive: Json, info: Json, count: int) -> Floats:
-    """(vertices, 2) where in the texture each vertex is.
-
-    Raises:
-        AssetError: The file does not say.
-    """
-    transform = info.get("extensions", {}).get("KHR_texture_transform", {})
-    name = f"TEXCOORD_{transform.get('texCoord', info.get('texCoord', 0))}"
-    if name not in primitive["attributes"]:
-        raise AssetError(f"has no {name}", where=document.path)
-    stored = _attribute(document, primitive, name, count, 2)
-    offset, scale = (np.array(transform.get(key, (x, x)), float) for key, x in (("offset", 0), ("scale", 1)))
-    turn = float(transform.get("rotation", 0.0))
-    x, y = (stored * scale).T
-    turned = np.stack([x * np.cos(turn) + y * np.sin(turn), y * np.cos(turn) - x * np.sin(turn)], axis=1)
-    return np.asarray(turned + offset)
-
-
-def _vertex_colours(document: Document, primitive: Json, count: int) -> Floats:
-    """(vertices, 3) linear RGB factors; white where there are none."""
-    if "COLOR_0" not in primitive["attributes"]:
-        return np.ones((count, 3))
-    return np.clip(_attribute(document, primitive, "COLOR_0", count, 3), 0.0, 1.0)
-
-
-def _attribute(document: Document, primitive: Json, name: str, count: int, size: int) -> Floats:
-    """(vertices, size) the first numbers of an attribute.
-
-    Raises:
-        AssetError: It has others.
-    """
-    values = document.accessor(primitive["attributes"][name])
-    if values.ndim != 2 or len(values) != count or values.shape[1] < size or not np.isfinite(values).all():
-        raise AssetError(f"{name} must hold {size} finite numbers for {count} vertices", where=document.path)
-    return values[:, :size].astype(np.float64)
 
 
 def _marks(part: Part, plans: Sequence[MeshPlan]) -> Iterator[Mark]:
@@ -351,7 +247,7 @@ def frame_of(subject: Subject, moment: Moment, *, heat: bool) -> Frame:
             normals.append(np.repeat(flat[:, None], 3, axis=1))
         else:
             normals.append(body.normals[triangles])
-        painted = _linear(heat_colours(_losses(body))) if heat else piece.colours
+        painted = linear_rgb(heat_colours(compressions(piece.part, body.positions))) if heat else piece.colours
         colours.append(painted[triangles])
         coordinates.append(piece.coordinates[triangles])
         textures.append(np.full(len(triangles), -1 if heat else piece.texture))
@@ -369,49 +265,3 @@ def frame_of(subject: Subject, moment: Moment, *, heat: bool) -> Frame:
         images=subject.images,
         marks=tuple(marks),
     )
-
-
-def _losses(body: Body) -> Floats:
-    """(vertices,) compression against the stored pose, the mean of the triangles around each place."""
-    part = body.piece.part
-    stored = pose_part(part, None, np.zeros(1)).positions[0]
-    triangles = part.triangles
-    losses = compression(stored[triangles], body.positions[triangles])
-    areas = np.sqrt(np.sum(face_normals(stored, triangles) ** 2, axis=1))
-    # Vertices of a seam are one place.
-    _, places = np.unique(part.vertices.positions, axis=0, return_inverse=True)
-    places = places.reshape(-1)
-    into = places[triangles].ravel()
-    sums = np.bincount(into, np.repeat(losses * areas, 3), len(places))
-    weights = np.bincount(into, np.repeat(areas, 3), len(places))
-    means: Floats = (sums / np.where(weights > 0, weights, 1.0))[places]
-    return means
-
-
-def compression(rest: Floats, posed: Floats) -> Floats:
-    """(triangles,) 1 - the smallest principal stretch of each triangle, at least 0; 0 where it has no area at rest.
-
-    Args:
-        rest: (triangles, 3, 3) corners.
-        posed: (triangles, 3, 3).
-
-    Source: principal stretches squared are the eigenvalues of the product of the posed metric of a triangle's edges
-        and the inverse of that at rest.
-    """
-    before, after = (_metric(corners) for corners in (rest, posed))
-    a, b, c = before.T
-    area = a * c - b * b
-    solid = area > 1e-12 * (a + c) ** 2
-    area = np.where(solid, area, 1.0)
-    p, q, r = after.T
-    trace = (c * p - 2 * b * q + a * r) / area
-    determinant = np.maximum(p * r - q * q, 0.0) / area
-    largest = trace / 2 + np.sqrt(np.maximum(trace**2 / 4 - determinant, 0.0))
-    smallest = np.sqrt(determinant / np.where(largest > 0, largest, 1.0))
-    return np.where(solid, np.maximum(1.0 - smallest, 0.0), 0.0)
-
-
-def _metric(corners: Floats) -> Floats:
-    """(triangles, 3) products of the edges from the first corner: of one, of both, of the other."""
-    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    return np.stack([np.sum(p * q, axis=1) for p, q in ((first, first), (first, second), (second, second))], axis=1)

@@ -1,0 +1,48 @@
+"""Images of an asset to pixels, and sRGB to linear light and back. A door to Pillow."""
+
+import io
+import math
+import warnings
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrinklecli.numeric.arrays import Array
+
+Bytes = NDArray[np.uint8]
+
+# Of textures, pixels: more than a preview shows. Larger ones are reduced.
+_SIDE = 1024
+
+
+def read_pixels(data: bytes | memoryview) -> Bytes:
+    """(height, width, 3) sRGB of a PNG, JPEG or WebP image; large ones reduced.
+
+    Raises:
+        ValueError: It is none of these, or damaged.
+    """
+    from PIL import Image
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", Image.DecompressionBombWarning)
+            with Image.open(io.BytesIO(data), formats=("PNG", "JPEG", "WEBP")) as image:
+                image.draft("RGB", (_SIDE, _SIDE))
+                converted = image.convert("RGB")
+        factor = math.ceil(max(converted.size) / _SIDE)
+        return np.asarray(converted.reduce(factor) if factor > 1 else converted)
+    except (OSError, SyntaxError, EOFError, OverflowError) as error:
+        raise ValueError(f"cannot be read: {error}") from error
+    except (Image.DecompressionBombWarning, Image.DecompressionBombError) as error:
+        # A few bytes that claim to be a huge image could fill memory.
+        raise ValueError(f"is too large: {error}") from error
+
+
+def linear_rgb(colours: Array) -> Array:
+    """Linear RGB of sRGB; both 0 to 1."""
+    return np.where(colours < 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
+
+
+def srgb(colours: Array) -> Array:
+    """The sRGB of linear RGB; both 0 to 1."""
+    return np.where(colours < 0.0031308, 12.92 * colours, 1.055 * colours ** (1 / 2.4) - 0.055)

@@ -1,0 +1,135 @@
+"""Base colours of a surface: of materials, of vertices and from textures, which are looked up between pixels."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrinklecli.errors import AssetError
+from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.files import read_uri
+from wrinklecli.gltf.pixels import linear_rgb, read_pixels
+from wrinklecli.gltf.shape import Json
+from wrinklecli.numeric.arrays import Array, Floats, Ints
+
+Bytes = NDArray[np.uint8]
+
+# Sampler properties, glTF 2.0 §5.26.
+_WRAPS = {33071: "clamp", 33648: "mirror"}
+_DECODED = linear_rgb(np.arange(256) / 255.0).astype(np.float32)
+
+
+@dataclass(frozen=True, slots=True)
+class Texture:
+    """An image that colours a surface.
+
+    Attributes:
+        pixels: (height, width, 3) sRGB.
+        wraps: How it goes on beyond [0, 1], across and down: repeat, mirror or clamp.
+    """
+
+    pixels: Bytes
+    wraps: tuple[str, str] = ("repeat", "repeat")
+
+
+def look_up(texture: Texture, places: Floats) -> Array:
+    """(places, 3) linear RGB of a texture at (places, 2) coordinates, mixed from the four nearest pixels."""
+    rows, columns = texture.pixels.shape[:2]
+    scaled = places * (columns, rows) - 0.5
+    floor = np.floor(scaled)
+    shares = (scaled - floor).astype(np.float32)
+    mixed = np.zeros((len(places), 3), np.float32)
+    for right, down, share in _neighbours(shares):
+        x = _wrapped(floor[:, 0] + right, columns, texture.wraps[0])
+        y = _wrapped(floor[:, 1] + down, rows, texture.wraps[1])
+        mixed += share[:, None] * _DECODED[texture.pixels[y, x]]
+    return mixed
+
+
+def _neighbours(shares: Array) -> Iterator[tuple[int, int, Array]]:
+    """The four pixels about a place, with their shares."""
+    for right in (0, 1):
+        for down in (0, 1):
+            across = shares[:, 0] if right else 1 - shares[:, 0]
+            yield right, down, across * (shares[:, 1] if down else 1 - shares[:, 1])
+
+
+def _wrapped(indices: Floats, count: int, wrap: str) -> Ints:
+    """Pixels that stand for those beyond the border."""
+    if wrap == "clamp":
+        inside = np.clip(indices, 0, count - 1)
+    elif wrap == "repeat":
+        inside = np.mod(indices, count)
+    else:
+        turned = np.mod(indices, 2 * count)
+        inside = np.minimum(turned, 2 * count - 1 - turned)
+    return np.asarray(inside, np.intp)
+
+
+def texture_info(document: Document, primitive: Json) -> Json:
+    """What a primitive's material says of its base colour's texture; empty where it has none."""
+    if "material" not in primitive:
+        return {}
+    material = document.item("materials", primitive["material"], user=document.path)
+    info: Json = material.get("pbrMetallicRoughness", {}).get("baseColorTexture", {})
+    return info
+
+
+def read_texture(document: Document, info: Json) -> Texture:
+    """The texture of a base colour.
+
+    Raises:
+        AssetError: The file of the image is missing or out of bounds.
+        ValueError: The image is of no kind that is read, or damaged.
+    """
+    where = document.where("textures")
+    texture = document.item("textures", info.get("index"), user=where)
+    webp = texture.get("extensions", {}).get("EXT_texture_webp", {})
+    number = webp.get("source", texture.get("source"))
+    image = document.item("images", number, user=where)
+    if "uri" in image:
+        place = document.where("images", str(number))
+        data, _ = read_uri(image["uri"], document.path, place, allow_external=document.allow_external)
+    else:
+        data = document.view(image.get("bufferView"), user=where)
+    sampler = document.item("samplers", texture["sampler"], user=where) if "sampler" in texture else {}
+    across, down = (_WRAPS.get(sampler.get(key, 0), "repeat") for key in ("wrapS", "wrapT"))
+    return Texture(read_pixels(data), (across, down))
+
+
+def texture_coordinates(document: Document, primitive: Json, info: Json, count: int) -> Floats:
+    """(vertices, 2) where in the texture each vertex is.
+
+    Raises:
+        AssetError: The file does not say.
+    """
+    transform = info.get("extensions", {}).get("KHR_texture_transform", {})
+    name = f"TEXCOORD_{transform.get('texCoord', info.get('texCoord', 0))}"
+    if name not in primitive["attributes"]:
+        raise AssetError(f"has no {name}", where=document.path)
+    stored = _attribute(document, primitive, name, count, 2)
+    offset, scale = (np.array(transform.get(key, (x, x)), float) for key, x in (("offset", 0), ("scale", 1)))
+    turn = float(transform.get("rotation", 0.0))
+    x, y = (stored * scale).T
+    turned = np.stack([x * np.cos(turn) + y * np.sin(turn), y * np.cos(turn) - x * np.sin(turn)], axis=1)
+    return np.asarray(turned + offset)
+
+
+def vertex_colours(document: Document, primitive: Json, count: int) -> Floats:
+    """(vertices, 3) linear RGB factors; white where there are none."""
+    if "COLOR_0" not in primitive["attributes"]:
+        return np.ones((count, 3))
+    return np.clip(_attribute(document, primitive, "COLOR_0", count, 3), 0.0, 1.0)
+
+
+def _attribute(document: Document, primitive: Json, name: str, count: int, size: int) -> Floats:
+    """(vertices, size) the first numbers of an attribute.
+
+    Raises:
+        AssetError: It has others.
+    """
+    values = document.accessor(primitive["attributes"][name])
+    if values.ndim != 2 or len(values) != count or values.shape[1] < size or not np.isfinite(values).all():
+        raise AssetError(f"{name} must hold {size} finite numbers for {count} vertices", where=document.path)
+    return values[:, :size].astype(np.float64)

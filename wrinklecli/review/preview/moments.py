@@ -1,0 +1,72 @@
+"""Moments that a preview shows: which times of which clips."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from wrinklecli.character.clip import clip_named, read_clips
+from wrinklecli.errors import WrinkleError
+from wrinklecli.gltf.document import Document
+
+MOST_MOMENTS = 10_000
+_SHEET_MOMENTS = 5  # of a clip: its middle, where many are at their greatest, is one
+_ANIMATION_FPS = 15.0
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """A clip (none for the stored pose) at a time in seconds."""
+
+    clip: str | None
+    time: float
+
+    @property
+    def label(self) -> str:
+        """In words."""
+        return "as stored" if self.clip is None else f"{self.clip} {self.time:.2f} s"
+
+
+def plan_moments(
+    document: Document,
+    kind: str,
+    names: Sequence[str],
+    *,
+    rest: bool,
+    times: Sequence[float],
+    frames: int | None,
+    fps: float | None,
+) -> list[Moment]:
+    """What to show of an asset: its first clip where nothing is named, the stored pose where it has none."""
+    clips = read_clips(document)
+    named = [clip_named(clips, name, where=document.path) for name in names]
+    if rest or not clips:
+        return [Moment(None, 0.0)]
+    found = []
+    for clip in named or clips[:1]:
+        length = clip.end - clip.start
+        if times:
+            spread = [float(time) for time in times]
+        elif frames is None and (fps is not None or kind != "png"):
+            count = length * (fps or _ANIMATION_FPS)
+            if count > MOST_MOMENTS:
+                raise WrinkleError(
+                    f"clip {clip.name!r} of {length:.4g} s would have {count:.6g} moments; at most {MOST_MOMENTS}",
+                    where=document.path,
+                )
+            # The last moment is left out: where a clip is a cycle, it is the first.
+            spread = [clip.start + number / (fps or _ANIMATION_FPS) for number in range(max(round(count), 1))]
+        else:
+            count = frames or _SHEET_MOMENTS
+            steps = count - 1 if kind == "png" else count
+            spread = [clip.start + length * number / max(steps, 1) for number in range(count)]
+        found += [Moment(clip.name, time) for time in (spread if length > 0 else spread[:1])]
+    if len(found) > MOST_MOMENTS:
+        raise WrinkleError(f"{len(found)} moments are too many; at most {MOST_MOMENTS}", where=document.path)
+    return found
+
+
+def frame_seconds(document: Document, moments: Sequence[Moment], frames: int | None, times: Sequence[float]) -> float:
+    """Seconds from one frame of an animation to the next: so many in each clip's own length, else the usual."""
+    if frames is None or times or moments[0].clip is None:
+        return 1 / _ANIMATION_FPS
+    lengths = [clip.end - clip.start for clip in read_clips(document) if clip.name in {m.clip for m in moments}]
+    return max(sum(lengths) / len(moments), 0.01)

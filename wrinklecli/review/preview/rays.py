@@ -1,0 +1,160 @@
+"""Rays: which triangle a pixel of a picture sees, and what hides a point of the surface. The door to Embree.
+
+The same triangles give the same hits: rays follow fixed patterns.
+"""
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, unit
+from wrinklecli.review.preview.camera import TANGENT
+
+# Above the surface, over half the picture's height: where rays that leave it start.
+LIFT = np.float32(2e-4)
+
+
+@dataclass(frozen=True, slots=True)
+class TracedSurface:
+    """Triangles in a camera's axes, over its reach, float32; the eye is at (0, 0, 1 / TANGENT).
+
+    Attributes:
+        rays: What finds the triangles that rays hit.
+        corners: (triangles, 3, 3) positions.
+        normals: (triangles, 3, 3) unit normals of the corners.
+        faces: (triangles, 3) unit normals of the triangles.
+    """
+
+    rays: Any
+    corners: Array
+    normals: Array
+    faces: Array
+
+
+def trace(corners: Floats, normals: Floats) -> TracedSurface:
+    """Make triangles ready for rays.
+
+    Args:
+        corners: (triangles, 3, 3) in a camera's axes, over its reach.
+        normals: (triangles, 3, 3) unit normals of the corners, in a camera's axes.
+    """
+    return TracedSurface(
+        rays=_traced(corners),
+        corners=np.ascontiguousarray(corners, np.float32),
+        normals=normals.astype(np.float32),
+        faces=unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])).astype(np.float32),
+    )
+
+
+def _traced(corners: Floats) -> Any:
+    """What finds the triangles that rays hit."""
+    from embreex.mesh_construction import TriangleMesh
+    from embreex.rtcore_scene import EmbreeScene
+
+    scene = EmbreeScene(robust=True)  # rays through a shared edge hit one triangle or the other
+    TriangleMesh(scene, np.ascontiguousarray(corners, np.float32))
+    return scene
+
+
+@dataclass(frozen=True, slots=True)
+class Hits:
+    """Where primary rays meet a surface.
+
+    Attributes:
+        pixels: (hits,) of a band, row after row.
+        middles: (hits, 2) where the rays pass, pixels of the whole picture.
+        shares: (hits,) of the pixel that each stands for.
+        directions: (hits, 3) unit, from the eye.
+        depths: (hits,) distance from the eye.
+        found: (hits,) triangles.
+        weights: (hits, 3) barycentric.
+        sides: (hits, 1) -1 where the triangle is seen from behind, else 1.
+        normals: (hits, 3) unit, towards the eye's side.
+    """
+
+    pixels: Ints
+    middles: Array
+    shares: Array
+    directions: Array
+    depths: Array
+    found: Ints
+    weights: Array
+    sides: Array
+    normals: Array
+
+    def only(self, chosen: Bools | Ints) -> "Hits":
+        """Some of them."""
+        return Hits(*(getattr(self, field.name)[chosen] for field in fields(self)))
+
+    def joined(self, others: "Hits") -> "Hits":
+        """These and then others."""
+        both = ((getattr(self, field.name), getattr(others, field.name)) for field in fields(self))
+        return Hits(*(np.concatenate(each) for each in both))
+
+
+def first_hits(surface: TracedSurface, size: tuple[int, int], first: int, pixels: Ints, offsets: Array) -> Hits:
+    """Trace primary rays.
+
+    Args:
+        surface: The triangles.
+        size: Of the picture.
+        first: Row of the picture that the band begins with.
+        pixels: (pixels,) of the band to trace.
+        offsets: (rays, 2) of the rays of a pixel from its middle, down and across, pixels.
+    """
+    width, height = size
+    down, across = np.divmod(np.repeat(pixels, len(offsets)), width)
+    middles = np.stack([across, down + first], axis=1) + 0.5 + np.tile(offsets[:, ::-1], (len(pixels), 1))
+    grid = np.full((len(middles), 3), -1, np.float32)
+    grid[:, 0] = (middles[:, 0] * 2 / width - 1) * (TANGENT * width / height)
+    grid[:, 1] = (1 - middles[:, 1] * 2 / height) * TANGENT
+    directions = unit_rows(grid)
+    eyes = np.zeros_like(directions)
+    eyes[:, 2] = 1 / TANGENT
+    traced = surface.rays.run(eyes, directions, output=True)
+    hit = np.flatnonzero(traced["primID"] >= 0)
+    found, directions = traced["primID"][hit].astype(np.intp), directions[hit]
+    u, v = traced["u"][hit], traced["v"][hit]
+    weights = np.stack([1 - u - v, u, v], axis=1)
+    behind = np.einsum("pi,pi->p", surface.faces[found], directions) > 0
+    sides = np.where(behind, np.float32(-1), np.float32(1))[:, None]
+    normals = np.zeros_like(directions)
+    for i in range(3):
+        normals += weights[:, i, None] * surface.normals[found, i]
+    return Hits(
+        pixels=np.repeat(pixels, len(offsets))[hit],
+        middles=middles[hit].astype(np.float32),
+        shares=np.full(len(hit), 1 / len(offsets), np.float32),
+        directions=directions,
+        depths=traced["tfar"][hit],
+        found=found,
+        weights=weights,
+        sides=sides,
+        normals=unit_rows(normals) * sides,
+    )
+
+
+def seen(corners: Floats, points: Floats, normals: Floats, directions: Floats) -> Bools:
+    """(directions, points) whether nothing lies between points of a surface and a far eye.
+
+    Args:
+        corners: (triangles, 3, 3) of everything, scene units.
+        points: (points, 3) on it.
+        normals: (points, 3) unit.
+        directions: (directions, 3) unit, towards the eye.
+    """
+    middle = (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1))) / 2
+    extent = max(float(np.abs(corners - middle).max()), 1e-30)
+    rays = _traced((corners - middle) / extent)
+    starts = np.tile((points - middle) / extent + 10 * LIFT * normals, (len(directions), 1)).astype(np.float32)
+    towards = np.repeat(directions, len(points), axis=0).astype(np.float32)
+    free = rays.run(starts, towards, query="OCCLUDED").reshape(len(directions), -1) < 0
+    return np.asarray(free & (directions @ normals.T > 0))
+
+
+def unit_rows(vectors: Array) -> Array:
+    """(n, k) float32 vectors divided by their length; 0 stays 0."""
+    lengths = np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
+    units: Array = vectors / np.maximum(lengths, np.float32(1e-30))[:, None]
+    return units
