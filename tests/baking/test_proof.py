@@ -20,7 +20,7 @@ from wrinklecli.character.clip import read_clips
 from wrinklecli.character.pose import blend, joint_matrices, morph_weights, transform
 from wrinklecli.errors import RefusedError
 from wrinklecli.gltf.document import read_document
-from wrinklecli.method.shapes import displacements
+from wrinklecli.method.carry import displacements
 from wrinklecli.numeric import piecewise
 from wrinklecli.tools.read import load_tools
 from wrinklecli.tools.records import Length

@@ -48,7 +48,9 @@ from wrinklecli.character.pose import joint_matrices, morph_weights  # noqa: E40
 from wrinklecli.character.skin import pose, prepare  # noqa: E402
 from wrinklecli.character.surface import read_triangles  # noqa: E402
 from wrinklecli.gltf.document import read_document  # noqa: E402
-from wrinklecli.method.shapes import activities, shapes_of, weights_of  # noqa: E402
+from wrinklecli.method.activity import activities  # noqa: E402
+from wrinklecli.method.curve import weights_of  # noqa: E402
+from wrinklecli.method.shapes import shapes_of  # noqa: E402
 from wrinklecli.tools.read import load_tools  # noqa: E402
 from wrinklecli.tools.records import Length  # noqa: E402
 

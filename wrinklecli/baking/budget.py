@@ -38,7 +38,9 @@ from wrinklecli.character.surface import dense_influences, read_vertices
 from wrinklecli.character.weight_track import widen
 from wrinklecli.errors import RefusedError
 from wrinklecli.gltf.document import Document
-from wrinklecli.method.shapes import Shape, further_activities, weight_path
+from wrinklecli.method.activity import further_activities
+from wrinklecli.method.curve import weight_path
+from wrinklecli.method.shapes import Shape
 from wrinklecli.numeric.arrays import Bools, Floats
 
 Json = dict[str, Any]

@@ -15,8 +15,9 @@ from wrinklecli.baking.targets import TargetSet, targets_of
 from wrinklecli.baking.warnings import placement_warnings, twin_warnings
 from wrinklecli.character.clip import Clip
 from wrinklecli.gltf.document import Document
+from wrinklecli.method.activity import Activity
+from wrinklecli.method.carry import CarriedPatch
 from wrinklecli.method.patch import Patch
-from wrinklecli.method.shapes import Activity, CarriedPatch
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.tools.records import ToolsFile
 

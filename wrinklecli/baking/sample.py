@@ -11,19 +11,12 @@ from wrinklecli.baking.targets import TargetSet, named_targets
 from wrinklecli.character.clip import Clip, clip_grid, turns
 from wrinklecli.character.rig import moving_nodes
 from wrinklecli.errors import BakeError
+from wrinklecli.method.activity import Activity, activities, activity
+from wrinklecli.method.carry import CarriedPatch, displacements
+from wrinklecli.method.curve import weights_of
 from wrinklecli.method.patch import anchor_joints, anchor_poses, lengths_over_time, rest_lengths_over_time
-from wrinklecli.method.shapes import (
-    Activity,
-    CarriedPatch,
-    Shape,
-    activities,
-    activity,
-    compress,
-    displacements,
-    make_shapes,
-    shapes_of,
-    weights_of,
-)
+from wrinklecli.method.posed import compress
+from wrinklecli.method.shapes import Shape, make_shapes, shapes_of
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
 from wrinklecli.numeric.guard import Progress
 from wrinklecli.numeric.piecewise import Signal, key_times, smooth

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrinklecli.method.shapes import CarriedPatch, Shape
+from wrinklecli.method.carry import CarriedPatch
+from wrinklecli.method.shapes import Shape
 from wrinklecli.numeric.arrays import Floats
 
 

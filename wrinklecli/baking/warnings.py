@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.character.clip import Clip
+from wrinklecli.method.activity import Activity
+from wrinklecli.method.carry import CarriedPatch
 from wrinklecli.method.patch import Patch
-from wrinklecli.method.shapes import Activity, CarriedPatch
 from wrinklecli.numeric.arrays import Floats, Ints
 
 # An anchor that snaps by more than this part of its segment lies elsewhere than where it was put.

@@ -15,6 +15,7 @@ polyline with details, its chord below about half its length, trades its highest
 import dataclasses
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -28,12 +29,20 @@ from wrinklecli.method.profile import (
     polyline_heights,
     reachable_heights,
 )
-from wrinklecli.numeric.arrays import Floats, Ints
+from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
 
 Strategy = Literal["everywhere", "origin", "both_ends"]
 
 TAUT = 1 - 1e-5
 """Part of the rest length below which wrinkles start: rounding noise of 1e-7 alone would raise 6e-5 l."""
+
+# Rows of a path of weights, for each group of bumps, and behind the last, where only details of a polyline still move.
+_PATH_ROWS = 65
+_FULL_ROWS = 8
+# Where a group of bumps starts is found to the last bits of a float by taking one of so many parts, so often. (Halves
+# take three times as long: a curve answers for a hundred lengths nearly as fast as for one.)
+_PARTS = 64
+_ROUNDS = 9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -331,3 +340,40 @@ def _group(bumps: int, strategy: Strategy) -> tuple[tuple[int, ...], ...]:
         return tuple((bump,) for bump in range(bumps))
     pairs = tuple((bump, bumps - 1 - bump) for bump in range(bumps // 2))
     return pairs if bumps % 2 == 0 else (*pairs, (bumps // 2,))
+
+
+def weight_path(curve: ControlCurve) -> Floats:
+    """(rows, groups, modes) weights as the nominal rest length shortens to nothing, in small steps of the heights."""
+    starts = group_starts(curve)
+    steps = np.linspace(0.0, 1.0, _PATH_ROWS) ** 2  # heights start like a square root
+    rising = [low + (high - low) * steps for low, high in pairwise(starts)]
+    rows = distinct_values(np.concatenate([[0.0], *rising, np.linspace(starts[-1], 1.0, _FULL_ROWS)]))
+    return weights_at(curve, rows)
+
+
+def weights_at(curve: ControlCurve, shortenings: Floats) -> Floats:
+    """(rows, groups, modes) weights at (rows,) shortenings over the nominal rest length, 1 - distance / rest length."""
+    lengths = np.full(len(shortenings), curve.rest_length)
+    amplitudes, _ = curve.follow((1.0 - shortenings) * lengths, lengths)
+    return weights_of(curve, amplitudes)
+
+
+def group_starts(curve: ControlCurve) -> Floats:
+    """(groups + 1,) the shortening over the nominal rest length at which each group starts, and the last is full."""
+    groups = np.arange(len(curve.groups))
+    low, high = np.full(len(groups), 1.0 - TAUT), np.ones(len(groups))
+    for _ in range(_ROUNDS):
+        tried = np.linspace(low, high, _PARTS + 1)
+        lengths = np.full(tried.size, curve.rest_length)
+        shortenings = curve.shortening((1.0 - tried.reshape(-1)) * lengths, lengths)
+        full = curve.full_groups(shortenings, lengths).reshape(tried.shape) > groups
+        full[-1] = True  # the last stands for what is never full
+        first = np.argmax(full[1:], axis=0)
+        low, high = tried[first, groups], tried[first + 1, groups]
+    return np.concatenate([[1.0 - TAUT], high])
+
+
+def weights_of(curve: ControlCurve, amplitudes: Floats) -> Floats:
+    """(frames, groups, modes) amplitudes as shares of the greatest; 0 for what never rises."""
+    greatest = curve.greatest_amplitudes
+    return amplitudes / np.where(greatest != 0, greatest, 1.0)

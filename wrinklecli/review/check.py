@@ -14,8 +14,9 @@ from wrinklecli.baking.report import mesh_warnings, warnings_of
 from wrinklecli.baking.sample import moving_clips, refuse_many_frames
 from wrinklecli.baking.warnings import collision, placement_warnings
 from wrinklecli.character.clip import Clip, clip_grid
+from wrinklecli.method.activity import Activity, activity
+from wrinklecli.method.carry import CarriedPatch
 from wrinklecli.method.patch import Anchor
-from wrinklecli.method.shapes import Activity, CarriedPatch, activity
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 

@@ -1,0 +1,110 @@
+"""A tool carried by the skin: which vertices of the refined surface it moves, in which direction and how far.
+
+A vertex keeps the (u, v) that it has on the patch at rest, and its displacement direction is the rest normal carried by
+the skin. So a tool's displacement is a sum of fixed shapes times amplitudes that depend on the distance of its anchors
+alone.
+
+Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004, on mesh deformation. Differs: the paper
+projects vertices onto the patch anew each frame, as module `posed` does for `attachment: patch`.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.rig import Rig
+from wrinklecli.errors import BakeError
+from wrinklecli.method.activity import activity
+from wrinklecli.method.patch import Patch, Rest
+from wrinklecli.method.posed import Ring, posed_displacements, ring_around
+from wrinklecli.method.refine import Refinement
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, inverses, singular
+
+LEAST_SHARE = 1e-6
+"""A share of a tool's height too small to be seen or stored; vertices below it do not move."""
+
+
+@dataclass(frozen=True, slots=True)
+class CarriedPatch:
+    """What carries one tool's curve to vertices: fixed for `attachment: skin`.
+
+    Attributes:
+        patch: The tool.
+        vertices: (vertices,) fine welded vertices that move, rising.
+        us: (vertices,) where each is along the segment.
+        magnitudes: (vertices,) world displacement at rest over the curve's height.
+        directions: (vertices, 3) bind displacement for a curve height of 1.
+        stuck: How many members stay put because their joints' blend is singular at rest.
+        ring: What poses them; None for `attachment: skin`.
+    """
+
+    patch: Patch
+    vertices: Ints
+    us: Floats
+    magnitudes: Floats
+    directions: Floats
+    stuck: int
+    ring: Ring | None
+
+
+def carry(patch: Patch, fine: Refinement, pinned: Bools) -> CarriedPatch:
+    """Attach the vertices under a patch to it, at rest.
+
+    Args:
+        patch: The tool.
+        fine: The refined surface.
+        pinned: (coarse vertices,) those that must not move.
+
+    Raises:
+        BakeError: The tool moves no vertex.
+    """
+    members = distinct_values(fine.triangles[patch.members[fine.subdivision.parents]])
+    u, v = patch.coordinates(fine.rest_positions[members])
+    normals = fine.rest_normals_at(members)
+    magnitudes = patch.magnitudes(u, v, normals)
+    old = members < len(pinned)
+    magnitudes[old] *= ~pinned[members[old]]
+    regular = ~singular(fine.blended[members])
+    moving = np.abs(magnitudes) > LEAST_SHARE * abs(patch.shape_strength)
+    if not (regular & moving).any():
+        raise BakeError("moves no vertex: the mesh faces away or lies beside the patch", where=patch.tool.where)
+    # Projected anew each frame, any member may come to lie on the patch.
+    chosen = regular & (moving if patch.tool.attachment == "skin" else True)
+    vertices = members[chosen]
+    normals_bind = np.einsum("vij,vj->vi", inverses(fine.blended[vertices]), normals[chosen])
+    free = ~pinned[np.minimum(vertices, len(pinned) - 1)] | (vertices >= len(pinned))
+    return CarriedPatch(
+        patch=patch,
+        vertices=vertices,
+        us=u[chosen],
+        magnitudes=magnitudes[chosen],
+        directions=normals_bind * magnitudes[chosen, None],
+        # Where the blend is singular there is no normal either, and no magnitude.
+        stuck=int(((u >= 0) & (u <= 1) & (np.abs(v) <= 1) & ~regular).sum()),
+        ring=ring_around(patch, vertices, free, fine) if patch.tool.attachment == "patch" else None,
+    )
+
+
+def displacements(
+    carried: CarriedPatch,
+    fine: Refinement,
+    rig: Rig,
+    rest: Rest,
+    clip: Clip | None,
+    times: Floats,
+    amplitudes: Floats | None = None,
+) -> Floats:
+    """(frames, vertices, 3) what the method displaces a tool's vertices by, bind space.
+
+    `amplitudes` are those of the tool's activity at these times, where they are known.
+    """
+    patch = carried.patch
+    if amplitudes is None:
+        amplitudes = activity(patch, rig, rest, clip, times).amplitudes
+    amplitudes = patch.clip_strength(clip) * amplitudes
+    if carried.ring is not None:
+        return posed_displacements(patch, carried.ring, fine, rig, clip, times, amplitudes)
+    heights = np.einsum("fgm,gmv->fv", amplitudes, patch.curve.shapes(carried.us))
+    moved: Floats = heights[..., None] * carried.directions
+    return moved

@@ -1,0 +1,222 @@
+"""Displacements projected anew in each posed frame (`attachment: patch`), and the few shapes that give them all.
+
+The paper's wording taken literally, C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004, on mesh
+deformation: (u, v) and normals are those of the undeformed posed surface, anew each frame. Differs: only members of the
+patch at rest are projected; normals are area-weighted; the posed displacement is pulled back to bind space, as morph
+targets act before skinning.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.pose import joint_matrices, morph_weights
+from wrinklecli.character.rig import Rig
+from wrinklecli.errors import BakeError
+from wrinklecli.method.patch import Patch
+from wrinklecli.method.refine import Refinement
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, determinants, inverses
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+# Triangles, times frames, posed at once: what stays in a core's cache.
+_POSED_AT_ONCE = 2**16
+# Anchors of a posed patch nearer than this over their distance at rest coincide.
+_LEAST_SPAN = 1e-9
+# Length of the mean of their normals, across the segment, below which they face opposite ways.
+_LEAST_MEAN = 1e-6
+# Share of the tolerance of `compress` that the series may be simplified by; frames checked at once.
+_SPARED_SHARE = 0.02
+_CHECKED_AT_ONCE = 512
+# Directions that a series may move in: four times as many as any engine plays morph targets.
+_MOST_AXES = 1024
+
+
+@dataclass(frozen=True, slots=True)
+class Ring:
+    """The vertices of a patch's members and of all triangles around these: what posed normals need.
+
+    Attributes:
+        vertices: (around,) fine welded vertices, rising.
+        members: (members,) numbers in `vertices`.
+        free: (members,) those that may move: not what touches another mesh.
+        origin: (corners,) and
+        target: (corners,) those of the anchors' vertices.
+        triangles: (triangles, 3) numbers in `vertices`.
+        sums: (around, triangles) 1 where a triangle has a vertex.
+        joints: (joints,) into the rig's, that move any of the vertices.
+        weights: (around, joints) skin weights.
+    """
+
+    vertices: Ints
+    members: Ints
+    free: Bools
+    origin: Ints
+    target: Ints
+    triangles: Ints
+    sums: "csr_array[np.float64, tuple[int, int]]"
+    joints: Ints
+    weights: Floats
+
+
+def ring_around(patch: Patch, members: Ints, free: Bools, fine: Refinement) -> Ring:
+    """The ring of (members,) fine welded vertices, rising, of which (members,) may move."""
+    from scipy.sparse import csr_array
+
+    # Normals of members, and of anchors on a face that turns away, need all triangles around them.
+    needed = np.concatenate([members, patch.origin.vertices, patch.target.vertices])
+    faces = fine.triangles[np.isin(fine.triangles, needed).any(axis=1)]
+    around, local = np.unique(faces, return_inverse=True)
+    local = local.reshape(-1, 3)
+    sums = csr_array(
+        (np.ones(local.size), (local.reshape(-1), np.repeat(np.arange(len(local)), 3))),
+        shape=(len(around), len(local)),
+    )
+    weights = fine.dense_weights(around, fine.weights.shape[1])
+    joints = np.flatnonzero(weights.any(axis=0))
+    return Ring(
+        vertices=around,
+        members=np.searchsorted(around, members),
+        free=free,
+        origin=np.searchsorted(around, patch.origin.vertices),
+        target=np.searchsorted(around, patch.target.vertices),
+        triangles=local,
+        sums=sums,
+        joints=joints,
+        weights=np.ascontiguousarray(weights[:, joints]),
+    )
+
+
+def posed_displacements(
+    patch: Patch, ring: Ring, fine: Refinement, rig: Rig, clip: Clip | None, times: Floats, amplitudes: Floats
+) -> Floats:
+    """Displacements as the paper words them: (u, v), normals and patch of each posed frame, pulled back.
+
+    Args:
+        patch: The tool.
+        ring: Its members and what surrounds them.
+        fine: The refined surface.
+        rig: Of the mesh.
+        clip: The animation; none for the stored pose.
+        times: (frames,) seconds.
+        amplitudes: (frames, groups, modes), strength in the clip applied.
+
+    Returns:
+        (frames, members, 3) bind space: the posed displacement times the inverse of the blended matrix; 0
+        where that is singular.
+    """
+    moved = np.zeros((len(times), len(ring.members), 3))
+    acting = np.flatnonzero(amplitudes.any(axis=(1, 2)))
+    if not len(acting):
+        return moved
+    chunk = max(_POSED_AT_ONCE // len(ring.triangles), 1)
+    for part in (acting[k : k + chunk] for k in range(0, len(acting), chunk)):
+        moved[part] = _posed_at_once(patch, ring, fine, rig, clip, times[part], amplitudes[part])
+    return moved
+
+
+def _posed_at_once(
+    patch: Patch, ring: Ring, fine: Refinement, rig: Rig, clip: Clip | None, times: Floats, amplitudes: Floats
+) -> Floats:
+    """As `posed_displacements`, of few frames. Inside, frames are the last axis and x, y, z the first."""
+    matrices = joint_matrices(rig, clip, times, ring.joints)[:, :, :3].transpose(2, 3, 1, 0)
+    blended = np.matmul(ring.weights, np.ascontiguousarray(matrices))
+    bind = fine.positions[ring.vertices].T[:, :, None]
+    if len(fine.morph_deltas):
+        deltas = fine.morph_deltas[:, ring.vertices].transpose(2, 1, 0)
+        bind = bind + np.matmul(deltas, morph_weights(rig, clip, times).T)
+    posed = np.sum(blended[:, :3] * bind, axis=1) + blended[:, 3]
+    a, b, c = (posed[:, ring.triangles[:, k]] for k in range(3))
+    # A mirrored pose turns the winding inside out.
+    outward = np.sign(np.median(determinants(blended[:, :3].transpose(2, 3, 0, 1)), axis=0))
+    normals = outward * _units(np.stack([np.asarray(ring.sums @ each) for each in cross(b - a, c - a)]))
+    ends = [
+        (
+            np.einsum("c,xcf->xf", anchor.barycentrics, posed[:, at]),
+            np.einsum("c,xcf->xf", anchor.barycentrics, normals[:, at]),
+        )
+        for anchor, at in ((patch.origin, ring.origin), (patch.target, ring.target))
+    ]
+    difference = ends[1][0] - ends[0][0]
+    span = np.sqrt(np.sum(difference**2, axis=0))
+    apart = span > _LEAST_SPAN * patch.span
+    span = np.where(apart, span, 1.0)
+    along = difference / span
+    mean = _units(ends[0][1]) + _units(ends[1][1])
+    mean = mean - np.sum(mean * along, axis=0) * along
+    # Where the anchors coincide or face opposite ways there is no patch.
+    apart &= np.sqrt(np.sum(mean**2, axis=0)) >= _LEAST_MEAN
+    facing = _units(mean)
+    normals = normals[:, ring.members]
+    relative = posed[:, ring.members] - ends[0][0][:, None]
+    u = np.sum(relative * along[:, None], axis=0) / span
+    v = np.sum(relative * np.stack(cross(along, facing))[:, None], axis=0) / patch.half_width
+    factors = patch.factors(u, v, np.sum(normals * facing[:, None], axis=0)) * ring.free[:, None] * apart
+    lengths = factors * patch.curve.rises(np.clip(u, 0.0, 1.0), amplitudes)
+    members, frames = np.nonzero(lengths)
+    linear = blended[:, :3, ring.members[members], frames].transpose(2, 0, 1)
+    pushed = lengths[members, frames, None] * normals[:, members, frames].T
+    moved = np.zeros((len(times), len(ring.members), 3))
+    moved[frames, members] = np.einsum("vij,vj->vi", inverses(linear), pushed)
+    return moved
+
+
+def _units(vectors: Floats) -> Floats:
+    """(3, …) divided by their length; 0 stays 0."""
+    lengths = np.sqrt(np.sum(vectors * vectors, axis=0))
+    divided: Floats = vectors / np.where(lengths > 0, lengths, 1.0)
+    return divided
+
+
+def compress(series: Iterable[Floats], tolerance: float, *, where: str = "") -> tuple[Floats, Floats]:
+    """Few shapes whose weighted sums give every frame of a series.
+
+    Args:
+        series: Parts of (frames, vertices, 3) displacements, one after another; each is looked at once, and let go.
+        tolerance: Greatest error of a coordinate, in the series' unit.
+        where: What moves like that, for the message.
+
+    Returns:
+        (frames, shapes) weights in [-1, 1] and (shapes, vertices, 3). The fewest leading singular vectors
+        that keep the greatest error, checked in the maximum norm, in bounds, up to the 1/50 that the series is
+        simplified by; of each shape's weights the largest is positive.
+
+    Raises:
+        BakeError: There are more than 1,024 shapes to choose from.
+    """
+    spared = _SPARED_SHARE * tolerance
+    axes, parts = np.zeros((0, 0)), []
+    size: tuple[int, ...] = ()
+    for part in series:
+        size = part.shape[1:]
+        flat = part.reshape(len(part), -1)
+        axes = axes if len(axes) else np.zeros((0, flat.shape[1]))
+        coordinates = flat @ axes.T
+        rest = flat - coordinates @ axes
+        if np.abs(rest).max(initial=0.0) > spared:
+            _, values, fresh = np.linalg.svd(rest, full_matrices=False)
+            # No entry of what is left out exceeds the largest singular value of it.
+            fresh = fresh[values > spared]
+            axes = np.concatenate([axes, fresh])
+            coordinates = np.concatenate([coordinates, flat @ fresh.T], axis=1)
+        if len(axes) > _MOST_AXES:
+            raise BakeError(f"moves in more than {_MOST_AXES:,} ways, more than morph targets can follow", where=where)
+        parts.append(coordinates)
+    flat = np.concatenate([np.pad(each, ((0, 0), (0, len(axes) - each.shape[1]))) for each in parts])
+    left, values, right = np.linalg.svd(flat, full_matrices=False)
+    shapes = right @ axes
+    rank = 0
+    for start in range(0, len(flat), _CHECKED_AT_ONCE):
+        rows = slice(start, start + _CHECKED_AT_ONCE)
+        wanted = flat[rows] @ axes
+        while (
+            np.abs(wanted - (left[rows, :rank] * values[:rank]) @ shapes[:rank]).max(initial=0.0) > tolerance - spared
+        ):
+            rank += 1
+    weights, shapes = left[:, :rank] * values[:rank], shapes[:rank]
+    peaks = weights[np.argmax(np.abs(weights), axis=0), np.arange(rank)]
+    return weights / peaks, (shapes * peaks[:, None]).reshape(rank, *size)
