@@ -6,9 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import trimesh
-from hypothesis import given
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from kit.asset import Asset
@@ -19,7 +16,7 @@ from wrinklecli.character.pose import blend, joint_matrices, morph_weights, node
 from wrinklecli.character.rig import read_rig
 from wrinklecli.character.surface import read_surface
 from wrinklecli.errors import BakeError, ConfigError, WrinkleError
-from wrinklecli.method.patch import _closest_of, carried_normals, closest_point, lengths_over_time, rest_pose
+from wrinklecli.method.patch import carried_normals, lengths_over_time, rest_pose
 from wrinklecli.numeric.arrays import face_normals, inverses, singular, vertex_normals
 from wrinklecli.tools.records import Length, ToolsFile
 
@@ -61,69 +58,6 @@ def plate(positions: Any, faces: Any) -> Asset:
     )
     asset.append("nodes", {"mesh": 0})
     return asset
-
-
-# --- The nearest point ---
-
-
-@given(seed=st.integers(0, 999))
-def test_closest_point_is_as_near_as_any_sample_and_lies_where_it_says(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    positions = rng.normal(size=(9, 3))
-    triangles = rng.integers(0, 9, (6, 3))
-    triangles[0] = triangles[1, [0, 0, 1]]  # without area
-    point = rng.normal(size=3) * rng.choice([0.2, 1.0, 4.0])
-    triangle, barycentrics, place = closest_point(positions, triangles, point)
-    assert barycentrics @ positions[triangles[triangle]] == pytest.approx(place, abs=1e-14)
-    assert barycentrics.sum() == pytest.approx(1.0, abs=1e-14)
-    assert (barycentrics >= 0).all()
-    distance = np.linalg.norm(place - point)
-    steps = np.array([(i, j, 12 - i - j) for i in range(13) for j in range(13 - i)]) / 12
-    samples = np.einsum("sk,tkx->tsx", steps, positions[triangles])
-    assert distance <= np.linalg.norm(samples - point, axis=2).min() + 1e-14
-    solid = np.linalg.norm(face_normals(positions, triangles), axis=1) > 1e-9
-    if solid.any():
-        corners = positions[triangles[solid]]
-        repeated = np.tile(point, (len(corners), 1))
-        near = trimesh.triangles.closest_point(corners, repeated)
-        assert distance <= np.linalg.norm(near - point, axis=1).min() + 1e-9
-    if solid[triangle]:
-        assert distance == pytest.approx(np.linalg.norm(near - point, axis=1).min(), abs=1e-9)
-
-
-@given(seed=st.integers(0, 9999), apart=st.sampled_from([0.0, 1e3, 1e9]))
-def test_triangles_that_are_too_far_need_not_be_looked_at(seed: int, apart: float) -> None:
-    rng = np.random.default_rng(seed)
-    # Of few numbers, so that many triangles are equally near; vertex 0 has none.
-    positions = rng.integers(-3, 4, (20, 3)) * rng.choice([0.1, 1.0]) + apart * rng.normal(size=3)
-    triangles = rng.integers(1, 20, (30, 3))[rng.integers(0, 30, 50)]
-    point = positions[0] + rng.choice([0.0, 0.05, 1.0]) * rng.integers(-1, 2, 3)
-    for found, wanted in zip(
-        closest_point(positions, triangles, point), _closest_of(positions, triangles, point), strict=True
-    ):
-        assert np.array_equal(found, wanted)
-
-
-def test_repeated_triangles_are_looked_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[int] = []
-
-    def closest_of(positions: Floats, triangles: NDArray[np.intp], point: Floats) -> tuple[int, Floats, Floats]:
-        seen.append(len(triangles))
-        return _closest_of(positions, triangles, point)
-
-    monkeypatch.setattr("wrinklecli.method.patch._closest_of", closest_of)
-    triangles = np.tile([[0, 0, 0], [0, 1, 2]], (50, 1))
-    triangle, _, _ = closest_point(np.eye(3), triangles, np.array([0.2, 0.3, 0.4]))
-    assert (triangle, seen) == (1, [2])
-
-
-def test_of_equally_near_triangles_the_first_is_taken() -> None:
-    positions = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
-    for triangles in ([[0, 1, 2], [0, 2, 3]], [[0, 2, 3], [0, 1, 2]]):
-        triangle, barycentrics, place = closest_point(positions, np.array(triangles), np.array([0.5, 0.5, 3.0]))
-        assert triangle == 0
-        assert place.tolist() == [0.5, 0.5, 0.0]
-        assert sorted(barycentrics.tolist()) == [0.0, 0.5, 0.5]
 
 
 # --- Anchors ---

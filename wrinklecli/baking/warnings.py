@@ -13,6 +13,7 @@ from wrinklecli.method.activity import Activity
 from wrinklecli.method.carry import CarriedPatch
 from wrinklecli.method.patch import Patch
 from wrinklecli.numeric.arrays import Floats, Ints
+from wrinklecli.numeric.nearest import ray_distances
 
 # An anchor that snaps by more than this part of its segment lies elsewhere than where it was put.
 _FAR = 0.05
@@ -218,7 +219,7 @@ def collision(plan: MeshPlan, carried: CarriedPatch, seen: Sequence[tuple[Clip, 
             at = np.fromiter(chain.from_iterable(lists), np.intp, len(triangles))
             others = (fine.triangles[triangles] != vertices[at, None]).all(axis=1)
             triangles, at = triangles[others], at[others]
-            distances = _hits(starts[at], rays[at], corners[triangles])
+            distances = ray_distances(starts[at], rays[at], corners[triangles])
             np.minimum.at(rooms, at, np.where(distances > _TOUCHING * size, distances, np.inf))
         short = np.flatnonzero(rooms < heights)
         if len(short):
@@ -241,22 +242,3 @@ def _peaks(carried: CarriedPatch, seen: Sequence[tuple[Clip, Floats, Activity]])
         rows = np.stack([each.amplitudes[tallest[bumps[0]], k] for k, bumps in enumerate(curve.groups)])
         moved.append(patch.clip_strength(clip) * np.einsum("gm,gmv->v", rows, shapes) * carried.magnitudes)
     return np.max(moved, axis=0), -np.min(moved, axis=0)
-
-
-def _hits(starts: Floats, rays: Floats, corners: Floats) -> Floats:
-    """(pairs,) distance along each ray to its triangle; infinite where it misses or lies in its plane.
-
-    Source: T. Möller, B. Trumbore, *Fast, minimum storage ray-triangle intersection*, 1997.
-    """
-    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    across = np.cross(rays, second)
-    determinant = np.sum(first * across, axis=1)
-    relative = starts - corners[:, 0]
-    turned = np.cross(relative, first)
-    # In the plane of a triangle the quotients are no numbers, and no hit.
-    with np.errstate(all="ignore"):
-        a = np.sum(relative * across, axis=1) / determinant
-        b = np.sum(rays * turned, axis=1) / determinant
-        distance = np.sum(second * turned, axis=1) / determinant
-        hit = (a >= 0) & (b >= 0) & (a + b <= 1) & (distance > 0)
-    return np.where(hit, distance, np.inf)

@@ -31,7 +31,6 @@ from wrinklecli.numeric.arrays import (
     Floats,
     Ints,
     determinants,
-    distinct,
     distinct_values,
     face_normals,
     inverses,
@@ -40,12 +39,11 @@ from wrinklecli.numeric.arrays import (
     unit,
     vertex_normals,
 )
+from wrinklecli.numeric.nearest import closest_point, meets_box
 from wrinklecli.tools.records import Marker, RestLengthKeys, RestLengthMorph, ToolsFile, WrinkleTool
 
 # An anchor further from the mesh than this part of its segment was meant for somewhere else.
 _ANCHOR_REACH = 0.25
-# Errors of distances to a point, over the extent, are far smaller.
-_ROUNDING = 1e-9
 # Facing factor: displacement fades in between these cosines of vertex and patch normal.
 _FACING = (0.2, 0.6)
 
@@ -380,71 +378,6 @@ def _anchor(
     )
 
 
-def closest_point(positions: Floats, triangles: Ints, point: Floats) -> tuple[int, Floats, Floats]:
-    """The nearest point of a triangle mesh.
-
-    Returns:
-        The triangle, (3,) barycentric coordinates and (3,) position of the point; among equally near ones
-        those of the first triangle.
-    """
-    # No nearer than some vertex are the triangles outside the cube that ends at it; widened, as computing rounds.
-    reach = np.sqrt(np.sum((positions - point) ** 2, axis=1)[triangles[:, 0]].min())
-    reach += _ROUNDING * (reach + np.abs(positions).max())
-    near = np.flatnonzero(_meeting(positions, point - reach, point + reach, triangles))
-    # A file of a few bytes may repeat one triangle a million times.
-    near = near[np.sort(distinct(triangles[near])[0])]
-    triangle, barycentrics, place = _closest_of(positions, triangles[near], point)
-    return int(near[triangle]), barycentrics, place
-
-
-def _meeting(coordinates: Floats, low: Floats, high: Floats, triangles: Ints) -> Bools:
-    """(triangles,) whether the boxes round triangles, of (vertices, n) coordinates, meet that of (n,) bounds.
-
-    Source: the outcodes of Cohen and Sutherland's line clipping.
-    """
-    codes = np.zeros(len(coordinates), np.uint8)
-    for bit, outside in enumerate((*(coordinates < low).T, *(coordinates > high).T)):
-        codes |= outside.view(np.uint8) << bit
-    a, b, c = np.take(codes, triangles).T
-    meets: Bools = (a & b & c) == 0
-    return meets
-
-
-def _closest_of(positions: Floats, triangles: Ints, point: Floats) -> tuple[int, Floats, Floats]:
-    """As `closest_point`, looking at every triangle."""
-    a, b, c = (positions[triangles[:, k]] for k in range(3))
-    candidates = [_on_edge(point, first, second) for first, second in ((a, b), (b, c), (c, a))]
-    zero = np.zeros(len(triangles))
-    (ab, bc, ca) = candidates
-    choices = [
-        np.stack([1 - ab, ab, zero], axis=1),
-        np.stack([zero, 1 - bc, bc], axis=1),
-        np.stack([ca, zero, 1 - ca], axis=1),
-    ]
-    normal = np.cross(b - a, c - a)
-    area = np.sum(normal * normal, axis=1)
-    solid = area > 0
-    safe = np.where(solid, area, 1.0)
-    second = np.sum(np.cross(point - a, c - a) * normal, axis=1) / safe
-    third = np.sum(np.cross(b - a, point - a) * normal, axis=1) / safe
-    inner = np.stack([1 - second - third, second, third], axis=1)
-    choices.append(np.where((solid & (inner >= 0).all(axis=1))[:, None], inner, choices[0]))
-    options = np.stack(choices)
-    places = options[..., :1] * a + options[..., 1:2] * b + options[..., 2:] * c
-    squared = np.sum((places - point) ** 2, axis=2)
-    triangle = int(np.argmin(squared.min(axis=0)))
-    which = int(np.argmin(squared[:, triangle]))
-    return triangle, options[which, triangle], places[which, triangle]
-
-
-def _on_edge(point: Floats, start: Floats, stop: Floats) -> Floats:
-    """(edges,) parameter of the nearest point of each edge."""
-    edge = stop - start
-    squared = np.sum(edge * edge, axis=1)
-    share = np.sum((point - start) * edge, axis=1) / np.where(squared > 0, squared, 1.0)
-    return np.asarray(np.clip(share, 0.0, 1.0))
-
-
 def _rest_lengths(tool: WrinkleTool, span: float) -> tuple[float, float]:
     """The curve's nominal length and the greatest that keys or a morph target give it, scene units."""
     wanted = tool.rest_length
@@ -471,7 +404,7 @@ def _max_height(tool: WrinkleTool, span: float, rest_length: float) -> float:
 def _with_members(patch: Patch, surface: Surface, rest: Rest) -> Patch:
     """The patch with the coarse triangles that face it, meet it and hang together with an anchor."""
     u, v = patch.coordinates(rest.positions)
-    meets = _meeting(np.stack([u, v], axis=1), np.array([0.0, -1.0]), np.array([1.0, 1.0]), surface.triangles)
+    meets = meets_box(np.stack([u, v], axis=1), np.array([0.0, -1.0]), np.array([1.0, 1.0]), surface.triangles)
     triangles = surface.triangles[meets]
     vertices, corners = np.unique(triangles, return_inverse=True)
     # Winding may be mirrored at rest; vertex normals are not.

@@ -1,7 +1,9 @@
-"""How far one surface is from another, whatever their triangles.
+"""Nearest points of triangle meshes, distances of one surface from another, and of triangles along rays.
 
-Source: closest points as in C. Ericson, Real-Time Collision Detection (2005), §5.1.5. Differs: the nearest of the
-three edges and, where the point lies above the triangle, its plane, which takes degenerate triangles too.
+Sources:
+    - C. Ericson, *Real-Time Collision Detection*, 2005, §5.1.5: closest points. Differs: the nearest of the three edges
+      and, where the point lies above the triangle, its plane, which takes degenerate triangles too.
+    - T. Möller, B. Trumbore, *Fast, minimum storage ray-triangle intersection*, 1997.
 """
 
 from collections.abc import Iterator
@@ -11,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from wrinklecli.numeric.arrays import Floats, Ints
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -25,6 +27,73 @@ _PAIRS = 2**17
 _BATCH = 1024
 # Size classes of triangles below the largest, each of half the size: the smallest share the last.
 _CLASSES = 20
+# Errors of distances to a point, over the extent, are far smaller.
+_ROUNDING = 1e-9
+
+
+def closest_point(positions: Floats, triangles: Ints, point: Floats) -> tuple[int, Floats, Floats]:
+    """The nearest point of a triangle mesh.
+
+    Returns:
+        The triangle, (3,) barycentric coordinates and (3,) position of the point; among equally near ones
+        those of the first triangle.
+    """
+    # No nearer than some vertex are the triangles outside the cube that ends at it; widened, as computing rounds.
+    reach = np.sqrt(np.sum((positions - point) ** 2, axis=1)[triangles[:, 0]].min())
+    reach += _ROUNDING * (reach + np.abs(positions).max())
+    near = np.flatnonzero(meets_box(positions, point - reach, point + reach, triangles))
+    # A file of a few bytes may repeat one triangle a million times.
+    near = near[np.sort(distinct(triangles[near])[0])]
+    triangle, barycentrics, place = _closest_of(positions, triangles[near], point)
+    return int(near[triangle]), barycentrics, place
+
+
+def meets_box(coordinates: Floats, low: Floats, high: Floats, triangles: Ints) -> Bools:
+    """(triangles,) whether the boxes round triangles, of (vertices, n) coordinates, meet that of (n,) bounds.
+
+    Source: the outcodes of Cohen and Sutherland's line clipping.
+    """
+    codes = np.zeros(len(coordinates), np.uint8)
+    for bit, outside in enumerate((*(coordinates < low).T, *(coordinates > high).T)):
+        codes |= outside.view(np.uint8) << bit
+    a, b, c = np.take(codes, triangles).T
+    meets: Bools = (a & b & c) == 0
+    return meets
+
+
+def _closest_of(positions: Floats, triangles: Ints, point: Floats) -> tuple[int, Floats, Floats]:
+    """As `closest_point`, looking at every triangle."""
+    a, b, c = (positions[triangles[:, k]] for k in range(3))
+    candidates = [_on_edge(point, first, second) for first, second in ((a, b), (b, c), (c, a))]
+    zero = np.zeros(len(triangles))
+    (ab, bc, ca) = candidates
+    choices = [
+        np.stack([1 - ab, ab, zero], axis=1),
+        np.stack([zero, 1 - bc, bc], axis=1),
+        np.stack([ca, zero, 1 - ca], axis=1),
+    ]
+    normal = np.cross(b - a, c - a)
+    area = np.sum(normal * normal, axis=1)
+    solid = area > 0
+    safe = np.where(solid, area, 1.0)
+    second = np.sum(np.cross(point - a, c - a) * normal, axis=1) / safe
+    third = np.sum(np.cross(b - a, point - a) * normal, axis=1) / safe
+    inner = np.stack([1 - second - third, second, third], axis=1)
+    choices.append(np.where((solid & (inner >= 0).all(axis=1))[:, None], inner, choices[0]))
+    options = np.stack(choices)
+    places = options[..., :1] * a + options[..., 1:2] * b + options[..., 2:] * c
+    squared = np.sum((places - point) ** 2, axis=2)
+    triangle = int(np.argmin(squared.min(axis=0)))
+    which = int(np.argmin(squared[:, triangle]))
+    return triangle, options[which, triangle], places[which, triangle]
+
+
+def _on_edge(point: Floats, start: Floats, stop: Floats) -> Floats:
+    """(edges,) parameter of the nearest point of each edge."""
+    edge = stop - start
+    squared = np.sum(edge * edge, axis=1)
+    share = np.sum((point - start) * edge, axis=1) / np.where(squared > 0, squared, 1.0)
+    return np.asarray(np.clip(share, 0.0, 1.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,3 +235,25 @@ def triangle_distances(points: Floats, corners: Floats) -> Floats:
     above = (area > 0) & (u >= 0) & (v >= 0) & (u + v <= 1)
     height = np.einsum("ij,ij->i", offset, normal) ** 2 / safe
     return np.sqrt(np.where(above, np.minimum(squared, height), squared))
+
+
+def ray_distances(starts: Floats, rays: Floats, corners: Floats) -> Floats:
+    """(pairs,) distance along each ray to its triangle; infinite where it misses or lies in its plane.
+
+    Args:
+        starts: (pairs, 3).
+        rays: (pairs, 3) directions, in whose lengths distances are measured.
+        corners: (pairs, 3, 3) of the triangle of each ray.
+    """
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    across = np.cross(rays, second)
+    determinant = np.sum(first * across, axis=1)
+    relative = starts - corners[:, 0]
+    turned = np.cross(relative, first)
+    # In the plane of a triangle the quotients are no numbers, and no hit.
+    with np.errstate(all="ignore"):
+        a = np.sum(relative * across, axis=1) / determinant
+        b = np.sum(rays * turned, axis=1) / determinant
+        distance = np.sum(second * turned, axis=1) / determinant
+        hit = (a >= 0) & (b >= 0) & (a + b <= 1) & (distance > 0)
+    return np.where(hit, distance, np.inf)
