@@ -9,7 +9,7 @@ import pytest
 from kit.clients import pose_with_normals
 from kit.samples import Editor, edited, sample, shared_mesh, two_meshes, two_parts
 from wrinklecli.character.clip import read_clips
-from wrinklecli.character.scene import Part, pose_part, read_scene, scene_nodes
+from wrinklecli.character.scene import ScenePrimitive, pose_primitive, read_scene, scene_nodes
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import read_document
 
@@ -30,12 +30,12 @@ def test_parts_are_posed_as_three_poses_them(asset: Callable[[], Path], clip: st
     document = read_document(path)
     found = next(each for each in read_clips(document) if each.name == clip)
     times = np.linspace(found.start, found.end, 5)
-    by_node: dict[int, list[Part]] = {}
+    by_node: dict[int, list[ScenePrimitive]] = {}
     for part in read_scene(document):
         by_node.setdefault(part.rig.node, []).append(part)
     assert by_node
     for node, parts in by_node.items():
-        posed = [pose_part(part, found, times) for part in parts]
+        posed = [pose_primitive(part, found, times) for part in parts]
         positions, normals = pose_with_normals(path, node=node, clip=found.index, times=times.tolist())
         ours = np.concatenate([each.positions for each in posed], axis=1)
         assert np.abs(ours - positions).max() < 4e-6 * np.abs(positions).max()
@@ -66,7 +66,7 @@ def test_a_node_scaled_to_nothing_is_hidden_and_one_mirrored_winds_the_other_way
     for scale, hidden, mirrored in (((0, 0, 0), True, False), ((-1, 1, 1), False, True), ((1, 1, 1), False, False)):
         node["scale"] = list(scale)
         (part,) = read_scene(document)
-        posed = pose_part(part, None, np.zeros(1))
+        posed = pose_primitive(part, None, np.zeros(1))
         assert (posed.hidden[0], posed.mirrored[0]) == (hidden, mirrored)
         if mirrored:
             a, b, c = (posed.positions[0][part.triangles[:, k]] for k in range(3))

@@ -22,7 +22,7 @@ from wrinklecli.numeric.arrays import Floats, Ints
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class ScenePrimitive:
     """One primitive as one node shows it.
 
     Attributes:
@@ -53,7 +53,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Posed:
-    """A part at some times, world space, scene units.
+    """A primitive at some times, world space, scene units.
 
     Attributes:
         positions: (frames, vertices, 3).
@@ -84,14 +84,14 @@ def scene_nodes(document: Document) -> list[int]:
     return sorted(found)
 
 
-def read_scene(document: Document) -> tuple[Part, ...]:
+def read_scene(document: Document) -> tuple[ScenePrimitive, ...]:
     """Every primitive of every node of the default scene, in the document's order.
 
     Raises:
         AssetError: A mesh, a skin or the hierarchy is malformed.
     """
     nodes = document.items("nodes")
-    parts = []
+    primitives = []
     for node in scene_nodes(document):
         if "mesh" not in nodes[node]:
             continue
@@ -101,8 +101,8 @@ def read_scene(document: Document) -> tuple[Part, ...]:
             vertices = read_primitive(document, primitive, rig, where)
             count = len(vertices.positions)
             material = _material(document, primitive, where)
-            parts.append(
-                Part(
+            primitives.append(
+                ScenePrimitive(
                     rig=rig,
                     primitive=number,
                     where=where,
@@ -113,7 +113,7 @@ def read_scene(document: Document) -> tuple[Part, ...]:
                     double_sided=bool(material.get("doubleSided", False)),
                 )
             )
-    return tuple(parts)
+    return tuple(primitives)
 
 
 def _material(document: Document, primitive: Json, where: str) -> Json:
@@ -136,20 +136,20 @@ def _skin(vertices: Vertices, joint_count: int) -> Skin:
     return prepare(weights, vertices.positions, vertices.morph_deltas, vertices.normals, vertices.normal_deltas)
 
 
-def pose_part(part: Part, clip: Clip | None, times: Floats) -> Posed:
-    """Morph and skin a part by its own weights.
+def pose_primitive(primitive: ScenePrimitive, clip: Clip | None, times: Floats) -> Posed:
+    """Morph and skin a primitive by its own weights.
 
     Args:
-        part: Of the scene.
+        primitive: Of the scene.
         clip: The animation; none for the stored pose.
         times: (frames,) seconds; before the first and after the last key a channel holds.
     """
-    rig = part.rig
+    rig = primitive.rig
     matrices = joint_matrices(rig, clip, times)
     weights = morph_weights(rig, clip, times)
     determinants = np.linalg.det(matrices[:, 0, :3, :3])
     mirrored = np.zeros(len(times), bool) if rig.skinned else determinants < 0
     hidden = np.zeros(len(times), bool) if rig.skinned else determinants == 0
-    positions, normals = pose(part.skin, matrices, weights)
+    positions, normals = pose(primitive.skin, matrices, weights)
     turned = None if normals is None else normals.transpose(0, 2, 1)
     return Posed(positions.transpose(0, 2, 1), turned, mirrored, hidden)

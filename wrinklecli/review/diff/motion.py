@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from wrinklecli.character.clip import Clip, clip_grid, no_clip, read_clips
 from wrinklecli.character.pose import joint_matrices
-from wrinklecli.character.scene import Part, pose_part, read_scene
+from wrinklecli.character.scene import ScenePrimitive, pose_primitive, read_scene
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
@@ -168,7 +168,7 @@ class _Side:
     """One of the two assets."""
 
     document: Document
-    parts: tuple[Part, ...]
+    parts: tuple[ScenePrimitive, ...]
     clips: tuple[Clip, ...]
 
 
@@ -205,7 +205,7 @@ def _stored_boxes(side: _Side) -> list[Floats]:
     """(2, 3) bounds of each part in the stored pose, scene units; where some are hidden, NaN for these."""
     boxes = []
     for part in side.parts:
-        posed = pose_part(part, None, np.zeros(1))
+        posed = pose_primitive(part, None, np.zeros(1))
         positions = posed.positions[0]
         box = np.stack([positions.min(axis=0), positions.max(axis=0)])
         boxes.append(np.full((2, 3), np.nan) if posed.hidden[0] else box)
@@ -388,7 +388,7 @@ def _compare_moment(a: _Side, b: _Side, moment: _Moment, tolerance: float, advan
     return _Seen(len(moment.times), worst, max(normals, default=None), (*alone.values(), *beyond))
 
 
-def _shown(parts: Sequence[Part], clip: Clip | None, times: Floats) -> Bools:
+def _shown(parts: Sequence[ScenePrimitive], clip: Clip | None, times: Floats) -> Bools:
     """(times, parts) whether a part is shown; a node that is scaled to nothing is not."""
     shown = np.ones((len(times), len(parts)), bool)
     by_node: dict[int, Bools] = {}
@@ -402,13 +402,13 @@ def _shown(parts: Sequence[Part], clip: Clip | None, times: Floats) -> Bools:
 
 
 def _matched(
-    parts_a: Sequence[Part], parts_b: Sequence[Part], moment: _Moment, time: float, tolerance: float
-) -> tuple[list[tuple[Part, Part]], list[Part], list[Part]]:
+    parts_a: Sequence[ScenePrimitive], parts_b: Sequence[ScenePrimitive], moment: _Moment, time: float, tolerance: float
+) -> tuple[list[tuple[ScenePrimitive, ScenePrimitive]], list[ScenePrimitive], list[ScenePrimitive]]:
     """Pairs of parts of the same triangles, and those that are left of each asset.
 
     Among several of the same triangles: the one of the same name, or where that is elsewhere, the nearest.
     """
-    waiting: dict[tuple[int, bytes], list[Part]] = {}
+    waiting: dict[tuple[int, bytes], list[ScenePrimitive]] = {}
     for part in parts_b:
         waiting.setdefault(_topology(part), []).append(part)
     pairs, left_a = [], []
@@ -420,10 +420,10 @@ def _matched(
         chosen = candidates[0]
         if len(candidates) > 1:
             at = np.array([time])
-            positions = pose_part(part, moment.clips[0], at).positions
+            positions = pose_primitive(part, moment.clips[0], at).positions
 
-            def away(other: Part, positions: Floats = positions, at: Floats = at) -> float:
-                return float(np.abs(pose_part(other, moment.clips[1], at).positions - positions).max())
+            def away(other: ScenePrimitive, positions: Floats = positions, at: Floats = at) -> float:
+                return float(np.abs(pose_primitive(other, moment.clips[1], at).positions - positions).max())
 
             named = [each for each in candidates if (each.name, each.primitive) == (part.name, part.primitive)]
             chosen = named[0] if named and away(named[0]) <= tolerance else min(candidates, key=away)
@@ -432,7 +432,7 @@ def _matched(
     return pairs, left_a, [part for candidates in waiting.values() for part in candidates]
 
 
-def _topology(part: Part) -> tuple[int, bytes]:
+def _topology(part: ScenePrimitive) -> tuple[int, bytes]:
     return len(part.vertices.positions), part.triangles.tobytes()
 
 
@@ -443,7 +443,7 @@ def _equal_clips(one: Clip | None, other: Clip | None) -> bool:
     return one.moves_as(other)
 
 
-def _equal_parts(one: Part, other: Part) -> bool:
+def _equal_parts(one: ScenePrimitive, other: ScenePrimitive) -> bool:
     """Whether two parts are the same to the bit, as is all that moves them: a clip then poses both alike."""
     first, second = one.rig, other.rig
     if (first.node, first.skinned, len(first.locals)) != (second.node, second.skinned, len(second.locals)):
@@ -466,14 +466,20 @@ def _equal(one: NDArray[Any] | None, other: NDArray[Any] | None) -> bool:
     return one is other if one is None or other is None else np.array_equal(one, other)
 
 
-def _untouched(part: Part, moment: _Moment, time: float) -> _Apart:
+def _untouched(part: ScenePrimitive, moment: _Moment, time: float) -> _Apart:
     """What comparing a part with itself would give."""
     worst = Worst(0.0, "A", _place(part), part.name, 0, moment.name, time)
     return _Apart(worst, None if part.vertices.normals is None else 0.0, 0, len(part.vertices.positions))
 
 
 def _compare_vertices(
-    one: Part, other: Part, moment: _Moment, times: Floats, tolerance: float, advance: _Advance, share: float
+    one: ScenePrimitive,
+    other: ScenePrimitive,
+    moment: _Moment,
+    times: Floats,
+    tolerance: float,
+    advance: _Advance,
+    share: float,
 ) -> _Apart:
     """Compare two parts of the same triangles, vertex by vertex; `share` of each time is theirs."""
     seen = _used(one)
@@ -484,7 +490,7 @@ def _compare_vertices(
     step = max(1, _CHUNK // len(one.vertices.positions))
     for start in range(0, len(times), step):
         now = times[start : start + step]
-        first, second = (pose_part(part, clip, now) for part, clip in zip((one, other), moment.clips, strict=True))
+        first, second = (pose_primitive(part, clip, now) for part, clip in zip((one, other), moment.clips, strict=True))
         squared = _squared_distances(first.positions, second.positions)[:, used]
         beyond = squared > tolerance**2
         if beyond.any():
@@ -499,7 +505,7 @@ def _compare_vertices(
     return _Apart(worst, normal, int(off.sum()), len(seen))
 
 
-def _used(part: Part) -> Ints:
+def _used(part: ScenePrimitive) -> Ints:
     """The vertices that are seen: those of triangles, or all points and lines."""
     return np.unique(part.triangles) if len(part.triangles) else np.arange(len(part.vertices.positions))
 
@@ -525,7 +531,12 @@ def _greatest_angle(first: Floats, second: Floats, used: Ints | slice) -> float:
 
 
 def _compare_surfaces(
-    left_a: Sequence[Part], left_b: Sequence[Part], moment: _Moment, times: Floats, advance: _Advance, share: float
+    left_a: Sequence[ScenePrimitive],
+    left_b: Sequence[ScenePrimitive],
+    moment: _Moment,
+    times: Floats,
+    advance: _Advance,
+    share: float,
 ) -> _Apart:
     """Compare parts of other triangles by the distance of each one's vertices from the other's triangles."""
     worst = _untouched(left_a[0], moment, float(times[0])).worst
@@ -535,7 +546,7 @@ def _compare_surfaces(
     for start in range(0, len(times), step):
         now = times[start : start + step]
         posed = [
-            np.concatenate([pose_part(part, clip, now).positions for part in parts], axis=1)
+            np.concatenate([pose_primitive(part, clip, now).positions for part in parts], axis=1)
             for parts, clip in zip((left_a, left_b), moment.clips, strict=True)
         ]
         for frame, time in enumerate(now.tolist()):
@@ -562,13 +573,13 @@ class _Soup:
         triangles: (triangles, 3); points, and vertices of lines, are triangles without extent.
     """
 
-    parts: tuple[Part, ...]
+    parts: tuple[ScenePrimitive, ...]
     starts: Ints
     used: Ints
     triangles: Ints
 
     @classmethod
-    def of(cls, parts: Sequence[Part]) -> "_Soup":
+    def of(cls, parts: Sequence[ScenePrimitive]) -> "_Soup":
         starts = np.cumsum([0] + [len(part.vertices.positions) for part in parts])
         used = [_used(part) + start for part, start in zip(parts, starts, strict=False)]
         triangles = [
@@ -581,13 +592,13 @@ class _Soup:
     def vertex_count(self) -> int:
         return int(self.starts[-1])
 
-    def vertex(self, number: int) -> tuple[Part, int]:
+    def vertex(self, number: int) -> tuple[ScenePrimitive, int]:
         """The part that a vertex is of, and its number there."""
         index = int(np.searchsorted(self.starts, number, side="right")) - 1
         return self.parts[index], number - int(self.starts[index])
 
 
-def _place(part: Part) -> str:
+def _place(part: ScenePrimitive) -> str:
     return f"/meshes/{part.rig.mesh}/primitives/{part.primitive}"
 
 

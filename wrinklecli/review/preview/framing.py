@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrinklecli.character.scene import pose_part
+from wrinklecli.character.scene import pose_primitive
 from wrinklecli.errors import AssetError
 from wrinklecli.numeric.arrays import Bools, Floats, vertex_normals
 from wrinklecli.numeric.guard import Progress, no_progress
@@ -183,11 +183,11 @@ def _followed(subject: Subject, moments: Sequence[Moment], focus: Floats) -> Flo
     """(moments, 3) where the vertex is that lies nearest to a point in the stored pose."""
     best, which = np.inf, (0, 0)
     for number, piece in enumerate(subject.pieces):
-        positions = pose_part(piece.part, None, np.zeros(1)).positions[0]
+        positions = pose_primitive(piece.part, None, np.zeros(1)).positions[0]
         squares = np.sum((positions - focus) ** 2, axis=1)
         vertex = int(np.argmin(squares))
         if squares[vertex] < best:
             best, which = float(squares[vertex]), (number, vertex)
     part = subject.pieces[which[0]].part
-    places = [pose_part(part, subject.clip(m.clip), np.array([m.time])).positions[0, which[1]] for m in moments]
+    places = [pose_primitive(part, subject.clip(m.clip), np.array([m.time])).positions[0, which[1]] for m in moments]
     return np.array(places)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from wrinklecli.character.scene import Part, pose_part
+from wrinklecli.character.scene import ScenePrimitive, pose_primitive
 from wrinklecli.numeric.arrays import Floats, face_normals
 
 Colour = tuple[float, float, float]
@@ -27,14 +27,14 @@ def heat_colours(losses: Floats) -> Floats:
     return np.stack(channels, axis=-1)
 
 
-def compressions(part: Part, positions: Floats) -> Floats:
+def compressions(part: ScenePrimitive, positions: Floats) -> Floats:
     """(vertices,) compression against the stored pose, the mean of the triangles around each place.
 
     Args:
         part: Of the scene.
         positions: (vertices, 3) where its vertices are now, world space.
     """
-    stored = pose_part(part, None, np.zeros(1)).positions[0]
+    stored = pose_primitive(part, None, np.zeros(1)).positions[0]
     triangles = part.triangles
     losses = compression(stored[triangles], positions[triangles])
     areas = np.sqrt(np.sum(face_normals(stored, triangles) ** 2, axis=1))

@@ -14,7 +14,7 @@ from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.refined_mesh import primitives_of
 from wrinklecli.character.clip import Clip, clip_named, read_clips
 from wrinklecli.character.pose import morph_weights
-from wrinklecli.character.scene import Part, pose_part, read_scene
+from wrinklecli.character.scene import ScenePrimitive, pose_primitive, read_scene
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import linear_rgb
@@ -54,7 +54,7 @@ class Piece:
         marks: Of the tools on it.
     """
 
-    part: Part
+    part: ScenePrimitive
     colours: Floats
     coordinates: Floats
     texture: int
@@ -124,7 +124,7 @@ class Subject:
         """
         clip, times = self.clip(moment.clip), np.array([moment.time])
         for number, piece in enumerate(self.pieces):
-            posed = pose_part(piece.part, clip, times)
+            posed = pose_primitive(piece.part, clip, times)
             if posed.hidden[0]:
                 continue
             mirrored = bool(posed.mirrored[0])
@@ -191,7 +191,7 @@ def read_subject(document: Document, label: str, plans: Sequence[MeshPlan], warn
     return Subject(label, document, read_clips(document), tuple(pieces), tuple(images))
 
 
-def _wrinkle_targets(document: Document, part: Part) -> Ints:
+def _wrinkle_targets(document: Document, part: ScenePrimitive) -> Ints:
     """(shapes,) numbers of the morph targets that a bake has added, by the node's extras."""
     names: set[str] = set()
     extras = document.items("nodes")[part.rig.node].get("extras")
@@ -203,7 +203,7 @@ def _wrinkle_targets(document: Document, part: Part) -> Ints:
     return np.array([k for k, name in enumerate(part.rig.morph_names) if name in names], np.intp)
 
 
-def _marks(part: Part, plans: Sequence[MeshPlan]) -> Iterator[Mark]:
+def _marks(part: ScenePrimitive, plans: Sequence[MeshPlan]) -> Iterator[Mark]:
     """The tools on a part."""
     names = tool_names(plans)
     for plan in plans:
