@@ -1,4 +1,4 @@
-"""Settings of every test: floating-point faults raise, property tests repeat the same examples."""
+"""Settings of every test: floating-point faults raise, property tests repeat the same examples, in CI more of them."""
 
 import signal
 from collections.abc import Iterator
@@ -10,10 +10,12 @@ from hypothesis import settings
 
 from kit.clients import install
 from kit.command import Wrinkle
+from kit.places import IN_CI
 
 np.seterr(all="raise", under="ignore")
-settings.register_profile("same", derandomize=True, deadline=None, max_examples=60)
-settings.load_profile("same")
+for profile, count in {"quick": 15, "full": 60}.items():
+    settings.register_profile(profile, derandomize=True, deadline=None, max_examples=count)
+settings.load_profile("full" if IN_CI else "quick")
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -1,6 +1,11 @@
-"""Bakes that several tests look at, each made once."""
+"""Bakes that several tests look at: each is made once in a run of the tests, by the first worker that needs it.
 
+They are kept by what they were made from, the code apart: nothing is kept from one run to the next.
+"""
+
+import hashlib
 import json
+import shutil
 import tempfile
 from functools import cache
 from pathlib import Path
@@ -10,17 +15,30 @@ import yaml
 
 import wrinklecli
 from kit.asset import Asset, Json
-from kit.places import FOLDER, ROOT
+from kit.places import FOLDER, ROOT, SHARED
 from kit.player import Gltf
 from kit.samples import sample
 
 
 @cache
-def _baked(asset: Path, text: str, options: str) -> Path:
-    folder = Path(tempfile.mkdtemp(dir=FOLDER))
-    tools = folder / "tools.yaml"
-    tools.write_text(text)
-    wrinklecli.bake(asset, tools, folder / "out.glb", **json.loads(options))
+def baked(asset: Path, text: str, options: str) -> Path:
+    """The output of a bake.
+
+    Args:
+        asset: The asset, in one file.
+        text: Of the tools file.
+        options: Of `wrinklecli.bake`, as JSON.
+    """
+    inputs = (asset.name, hashlib.sha256(asset.read_bytes()).hexdigest(), text, options)
+    folder = SHARED / f"bake-{hashlib.sha256(repr(inputs).encode()).hexdigest()}"
+    if not folder.exists():
+        fresh = Path(tempfile.mkdtemp(dir=FOLDER))
+        (fresh / "tools.yaml").write_text(text)
+        wrinklecli.bake(asset, fresh / "tools.yaml", fresh / "out.glb", **json.loads(options))
+        try:
+            fresh.rename(folder)
+        except OSError:  # another worker has made the same meanwhile
+            shutil.rmtree(fresh)
     return folder / "out.glb"
 
 
@@ -34,13 +52,13 @@ def bake_once(asset: Path | str, *tools: Json, top: Json | None = None, **option
     """Bake an asset (or a sample by its name); the same bake is made only once."""
     asset = sample(asset) if isinstance(asset, str) else asset
     text = yaml.safe_dump({"version": 1, "tools": list(tools), **(top or {})})
-    return _read(_baked(asset, text, json.dumps(options, sort_keys=True)))
+    return _read(baked(asset, text, json.dumps(options, sort_keys=True)))
 
 
 def bake_config(asset: str, config: str, **options: Any) -> Gltf:
     """Bake a sample with one of the bundled tools files."""
     text = (ROOT / "configs" / f"{config}.yaml").read_text()
-    return _read(_baked(sample(asset), text, json.dumps(options, sort_keys=True)))
+    return _read(baked(sample(asset), text, json.dumps(options, sort_keys=True)))
 
 
 def place(asset: Asset, ending: str = ".glb") -> Path:

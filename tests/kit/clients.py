@@ -23,6 +23,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from kit.places import IN_CI
+
 Floats = NDArray[np.float64]
 
 HERE = Path(__file__).resolve().parents[1] / "clients"
@@ -56,7 +58,7 @@ class Report:
 
 
 def _give_up(reason: str) -> NoReturn:
-    if os.environ.get("CI", "").lower() in ("1", "true"):
+    if IN_CI:
         pytest.fail(reason, pytrace=False)
     pytest.skip(reason)
 

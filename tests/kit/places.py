@@ -1,11 +1,19 @@
-"""Where tests find the repository's files, and a folder for what this process makes, removed at its end."""
+"""Where tests find the repository's files, and folders for what a run of tests makes, removed at its end."""
 
 import atexit
+import os
 import shutil
 import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLES = ROOT / "samples"
-FOLDER = Path(tempfile.mkdtemp(prefix="wrinkle-tests-"))
-atexit.register(shutil.rmtree, FOLDER, ignore_errors=True)
+IN_CI = os.environ.get("CI", "").lower() in ("1", "true")
+
+_VARIABLE = "WRINKLE_TESTS_FOLDER"
+# The first process of a run makes the folder, and its workers find it.
+if _VARIABLE not in os.environ:
+    os.environ[_VARIABLE] = tempfile.mkdtemp(prefix="wrinkle-tests-")
+    atexit.register(shutil.rmtree, os.environ[_VARIABLE], ignore_errors=True)
+SHARED = Path(os.environ[_VARIABLE])
+FOLDER = Path(tempfile.mkdtemp(dir=SHARED))  # of this process alone

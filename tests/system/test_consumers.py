@@ -3,17 +3,17 @@
 Samples always; real assets where the folder `shared/assets` lies beside the repository.
 """
 
+import json
 from collections import Counter
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import yaml
 from scipy.spatial import cKDTree
 
-import wrinklecli
+from kit.bakes import baked
 from kit.clients import compare_with_three, optimize, pose, pose_each, validate
 from kit.places import ROOT
 from kit.player import Floats, Gltf, Json
@@ -82,14 +82,11 @@ def case(name: str, folder: Path) -> Case:
 
 
 @cache
-def baked(name: str, mode: str, accessors: str, folder: Path) -> tuple[Case, Path]:
+def made(name: str, mode: str, accessors: str, folder: Path) -> tuple[Case, Path]:
     found = case(name, folder)
-    out = folder / f"{name.replace('/', '_')}_{mode}_{accessors}.glb"
-    options: Any = {"mode": mode, "accessors": accessors}
-    wrinklecli.bake(
-        found.asset, found.tools, out, **options, **({"fps": FRAMES_PER_SECOND} if mode == "frames" else {})
-    )
-    return found, out
+    options: Json = {"mode": mode, "accessors": accessors}
+    options |= {"fps": FRAMES_PER_SECOND} if mode == "frames" else {}
+    return found, baked(found.asset, found.tools.read_text(), json.dumps(options))
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +101,7 @@ ALL = [*SAMPLES, *(f"shared/{name}" for name in TOOLS)]
 def test_no_errors_and_no_new_kinds_of_warnings(name: str, folder: Path) -> None:
     kinds = [("morph", "sparse"), ("morph", "dense"), ("frames", "sparse")]
     # The keyed head differs from the other in its tracks alone.
-    outputs = [baked(name, *kind, folder)[1] for kind in (kinds[:1] if name == "head_keyed" else kinds)]
+    outputs = [made(name, *kind, folder)[1] for kind in (kinds[:1] if name == "head_keyed" else kinds)]
     source, *reports = validate([case(name, folder).asset, *outputs])
     assert not source.lines(severity=0), "the input is invalid itself"
     known = {message["code"] for message in source.messages}
@@ -132,7 +129,7 @@ def clip_times(file: Gltf, node: int, clip: int) -> Floats:
 @pytest.mark.parametrize("name", [name for name in ALL if name != "shared/simple_skin"])
 def test_three_js_puts_every_vertex_within_max_error(name: str, folder: Path) -> None:
     """simple_skin is left out: its quaternions are not of unit length, and three.js does not normalise them."""
-    found, out = baked(name, "morph", "sparse", folder)
+    found, out = made(name, "morph", "sparse", folder)
     plan, file, acting = planned(found), Gltf(out), 0.0
     for clip in found.clips:
         if file.sampler(clip, found.node, "weights") is None:
@@ -153,8 +150,8 @@ def test_three_js_puts_every_vertex_within_max_error(name: str, folder: Path) ->
 
 @pytest.mark.parametrize("name", ["wrist", "head", "shared/hand", "shared/fox"])
 def test_three_js_reads_dense_and_sparse_alike(name: str, folder: Path) -> None:
-    found, sparse = baked(name, "morph", "sparse", folder)
-    _, dense = baked(name, "morph", "dense", folder)
+    found, sparse = made(name, "morph", "sparse", folder)
+    _, dense = made(name, "morph", "dense", folder)
     times = clip_times(Gltf(sparse), found.node, 0)[::5].tolist()
     one, other = (pose(out, node=found.node, clip=0, times=times) for out in (sparse, dense))
     assert np.array_equal(one, other)
@@ -162,7 +159,7 @@ def test_three_js_reads_dense_and_sparse_alike(name: str, folder: Path) -> None:
 
 @pytest.mark.parametrize("name", ["wrist", "head", "trousers", "shared/cesium_man"])
 def test_the_players_of_these_tests_agree_with_three_js(name: str, folder: Path) -> None:
-    found, out = baked(name, "morph", "sparse", folder)
+    found, out = made(name, "morph", "sparse", folder)
     file = Gltf(out)
     times = clip_times(file, found.node, 0)[::4]
     compare_with_three(out, found.node, 0, times.tolist(), file.pose(found.node, 0, times), tolerance=4e-6)
@@ -171,7 +168,7 @@ def test_the_players_of_these_tests_agree_with_three_js(name: str, folder: Path)
 @pytest.mark.parametrize("name", ALL)
 def test_three_js_shows_the_frames_in_turn(name: str, folder: Path) -> None:
     """At a time between two frames the one that is due, as the method makes it, and none before or after it."""
-    found, out = baked(name, "frames", "sparse", folder)
+    found, out = made(name, "frames", "sparse", folder)
     file, plan = Gltf(out), planned(found)
     for clip in found.clips:
         nodes, times = frames_of(file, found, clip)
@@ -228,7 +225,7 @@ def test_gltf_transform_reads_and_optimizes_a_bake(name: str, folder: Path, tmp_
 
     simple_skin is left out: its quaternions are not of unit length, and compression makes them so.
     """
-    found, out = baked(name, "morph", "sparse", folder)
+    found, out = made(name, "morph", "sparse", folder)
     file, small = Gltf(out), tmp_path / "small.glb"
     report = optimize(out, small)
     (mesh,) = (
@@ -267,7 +264,7 @@ def test_gltf_transform_reads_and_optimizes_a_bake(name: str, folder: Path, tmp_
 @pytest.mark.parametrize("name", ALL)
 def test_gltf_transform_reads_and_optimizes_frames(name: str, folder: Path, tmp_path: Path) -> None:
     """The frame that is due is the same but for 14-bit positions, and it alone is shown."""
-    found, out = baked(name, "frames", "sparse", folder)
+    found, out = made(name, "frames", "sparse", folder)
     file, small = Gltf(out), tmp_path / "small.glb"
     report = optimize(out, small)
     assert len(report["meshes"]["properties"]) == len(file.json["meshes"])
