@@ -15,8 +15,9 @@ from wrinklecli.character.pose import joint_matrices
 from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.surface import Surface, read_surface
 from wrinklecli.gltf.document import Document, read_document
-from wrinklecli.method.patch import Patch, Rest, attach_tools, rest_pose
+from wrinklecli.method.patch import Patch, attach_tools
 from wrinklecli.method.refine import Refinement, refine
+from wrinklecli.method.rest import Rest, rest_pose
 from wrinklecli.tools.read import parse_tools
 from wrinklecli.tools.records import ToolsFile
 

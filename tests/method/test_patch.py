@@ -16,7 +16,8 @@ from wrinklecli.character.pose import blend, joint_matrices, morph_weights, node
 from wrinklecli.character.rig import read_rig
 from wrinklecli.character.surface import read_surface
 from wrinklecli.errors import BakeError, ConfigError, WrinkleError
-from wrinklecli.method.patch import carried_normals, lengths_over_time, rest_pose
+from wrinklecli.method.activity import lengths_over_time
+from wrinklecli.method.rest import carried_normals, rest_pose
 from wrinklecli.numeric.arrays import face_normals, inverses, singular, vertex_normals
 from wrinklecli.tools.records import Length, ToolsFile
 

@@ -27,7 +27,9 @@ from wrinklecli.character.surface import read_surface
 from wrinklecli.cli import cli
 from wrinklecli.errors import AssetError, BakeError, WrinkleError
 from wrinklecli.gltf.document import read_document
-from wrinklecli.method.patch import attach_tools, lengths_over_time, rest_pose
+from wrinklecli.method.activity import lengths_over_time
+from wrinklecli.method.patch import attach_tools
+from wrinklecli.method.rest import rest_pose
 from wrinklecli.numeric.arrays import unit
 from wrinklecli.review.suggest.strain import (
     Gauge,

@@ -16,7 +16,7 @@ from wrinklecli import bake
 from wrinklecli.baking import pipeline, plan, proof, sample
 from wrinklecli.character import pose
 from wrinklecli.gltf import writer as draft
-from wrinklecli.method.patch import anchor_joints
+from wrinklecli.method.activity import anchor_joints
 from wrinklecli.numeric import piecewise as tracks
 from wrinklecli.numeric import subdivide
 

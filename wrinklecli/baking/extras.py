@@ -8,8 +8,9 @@ from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.targets import TargetSet, targets_of
 from wrinklecli.gltf.shape import Json
 from wrinklecli.gltf.writer import Draft
+from wrinklecli.method.anchor import Anchor
 from wrinklecli.method.lookup import tabulate_curve, tabulate_weights
-from wrinklecli.method.patch import Anchor, Patch
+from wrinklecli.method.patch import Patch
 from wrinklecli.tools.records import RestLengthKeys, RestLengthMorph
 
 # Raised only when the geometry that the same asset and tools give changes.

@@ -15,12 +15,9 @@ from wrinklecli.character.surface import influence_count, read_surface
 from wrinklecli.errors import AssetError, BakeError
 from wrinklecli.gltf.document import Document
 from wrinklecli.method.carry import CarriedPatch, carry
-from wrinklecli.method.patch import (
-    Rest,
-    attach_tools,
-    rest_pose,
-)
+from wrinklecli.method.patch import attach_tools
 from wrinklecli.method.refine import Refinement, refine
+from wrinklecli.method.rest import Rest, rest_pose
 from wrinklecli.numeric.arrays import Floats, Ints, determinants, distinct_values
 from wrinklecli.tools.records import Length, ToolsFile, WrinkleTool
 

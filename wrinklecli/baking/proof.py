@@ -20,8 +20,8 @@ from wrinklecli.gltf.shape import Json
 from wrinklecli.gltf.writer import Draft
 from wrinklecli.method.activity import Activity, further_activities
 from wrinklecli.method.carry import CarriedPatch, displacements
-from wrinklecli.method.patch import Rest
 from wrinklecli.method.refine import Refinement
+from wrinklecli.method.rest import Rest
 from wrinklecli.method.shapes import displaced_normals, turn_to
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, unit
 from wrinklecli.numeric.guard import Progress

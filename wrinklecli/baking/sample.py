@@ -11,10 +11,17 @@ from wrinklecli.baking.targets import TargetSet, named_targets
 from wrinklecli.character.clip import Clip, clip_grid, turns
 from wrinklecli.character.rig import moving_nodes
 from wrinklecli.errors import BakeError
-from wrinklecli.method.activity import Activity, activities, activity
+from wrinklecli.method.activity import (
+    Activity,
+    activities,
+    activity,
+    anchor_joints,
+    lengths_over_time,
+    rest_lengths_over_time,
+)
+from wrinklecli.method.anchor import anchor_poses
 from wrinklecli.method.carry import CarriedPatch, displacements
 from wrinklecli.method.curve import weights_of
-from wrinklecli.method.patch import anchor_joints, anchor_poses, lengths_over_time, rest_lengths_over_time
 from wrinklecli.method.posed import compress
 from wrinklecli.method.shapes import Shape, make_shapes, shapes_of
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values

@@ -10,12 +10,67 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrinklecli.character.clip import Clip
+from wrinklecli.character.pose import LEAST_SCALE, morph_weights
 from wrinklecli.character.rig import Rig
-from wrinklecli.method.patch import Patch, Rest, anchor_joints, anchor_poses, lengths_over_time
-from wrinklecli.numeric.arrays import Floats, Ints
+from wrinklecli.method.anchor import AnchorPoses, anchor_poses, posed_place
+from wrinklecli.method.patch import Patch
+from wrinklecli.method.rest import Rest
+from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
+from wrinklecli.tools.records import RestLengthKeys, RestLengthMorph
 
 # Anchors' joints and morph weights, times frames, posed at once: bounds the memory.
 _ANCHORS_AT_ONCE = 2**16
+
+
+def anchor_joints(patches: Sequence[Patch]) -> Ints:
+    """(joints,) into the rig's, rising: those that move an anchor of any of the tools."""
+    return distinct_values(np.concatenate([end.joints for each in patches for end in (each.origin, each.target)]))
+
+
+def lengths_over_time(
+    patch: Patch, rig: Rig, rest: Rest, clip: Clip | None, times: Floats, poses: AnchorPoses | None = None
+) -> tuple[Floats, Floats]:
+    """What a clip does to a tool's segment.
+
+    Args:
+        patch: The attached tool.
+        rig: Of its mesh.
+        rest: The rest pose.
+        clip: The animation; none for the stored pose.
+        times: (frames,) seconds.
+        poses: At these times, where other tools need them too.
+
+    Returns:
+        (frames,) distance of the anchors with animated scale taken out, and (frames,) rest length, scene
+        units. Where the anchors' scale is below 1e-6 the distance is infinite: the tool is inactive.
+    """
+    if poses is None:
+        poses = anchor_poses(anchor_joints([patch]), rig, rest, clip, times)
+    places = [posed_place(anchor, poses, len(times)) for anchor in (patch.origin, patch.target)]
+    scales = [np.zeros(len(times)), np.zeros(len(times))]
+    for scaled, anchor in zip(scales, (patch.origin, patch.target), strict=True):
+        # Scale: cube roots of determinants against rest, by influence.
+        for number, weight in zip(np.searchsorted(poses.joints, anchor.joints), anchor.weights, strict=True):
+            scaled += weight * poses.scales[number]
+    scale = (scales[0] + scales[1]) / 2.0
+    hidden = scale < LEAST_SCALE
+    apart = places[1] - places[0]
+    distances = np.sqrt(np.einsum("xf,xf->f", apart, apart)) / np.where(hidden, 1.0, scale)
+    return np.where(hidden, np.inf, distances), rest_lengths_over_time(patch, rig, clip, times)
+
+
+def rest_lengths_over_time(patch: Patch, rig: Rig, clip: Clip | None, times: Floats) -> Floats:
+    """(frames,) rest lengths of a tool at (frames,) seconds of a clip, scene units."""
+    wanted = patch.tool.rest_length
+    if isinstance(wanted, RestLengthKeys) and clip is not None and clip.name in wanted.keys:
+        keys = wanted.keys[clip.name]
+        return np.interp(times, [t for t, _ in keys], [each.resolve(patch.span) for _, each in keys])
+    if isinstance(wanted, RestLengthMorph):
+        weights = morph_weights(rig, clip, times)
+        number = rig.morph_names.index(wanted.morph)
+        full = wanted.full.resolve(patch.span)
+        return patch.span + np.clip(weights[:, number], 0.0, 1.0) * (full - patch.span)
+    return np.full(len(times), patch.rest_length)
 
 
 @dataclass(frozen=True, slots=True)

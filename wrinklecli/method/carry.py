@@ -16,9 +16,10 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
 from wrinklecli.errors import BakeError
 from wrinklecli.method.activity import activity
-from wrinklecli.method.patch import Patch, Rest
+from wrinklecli.method.patch import Patch
 from wrinklecli.method.posed import Ring, posed_displacements, ring_around
 from wrinklecli.method.refine import Refinement
+from wrinklecli.method.rest import Rest
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, inverses, singular
 
 LEAST_SHARE = 1e-6

@@ -15,8 +15,9 @@ import numpy as np
 from wrinklecli.character.pose import transform
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
-from wrinklecli.method.patch import Patch, Rest, carried_normals
+from wrinklecli.method.patch import Patch
 from wrinklecli.method.prune import joint_distances, prune, pruning_errors
+from wrinklecli.method.rest import Rest, carried_normals
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct, distinct_values, normals_at, unit, vertex_normals
 from wrinklecli.numeric.subdivide import Level, Matrix, Subdivision, subdivide
 from wrinklecli.tools.records import RefinementSettings

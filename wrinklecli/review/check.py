@@ -15,8 +15,8 @@ from wrinklecli.baking.sample import moving_clips, refuse_many_frames
 from wrinklecli.baking.warnings import collision, placement_warnings
 from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.method.activity import Activity, activity
+from wrinklecli.method.anchor import Anchor
 from wrinklecli.method.carry import CarriedPatch
-from wrinklecli.method.patch import Anchor
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 

@@ -14,7 +14,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import LEAST_SCALE, morph_weights, node_matrices
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
-from wrinklecli.method.patch import Rest
+from wrinklecli.method.rest import Rest
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, unit
 from wrinklecli.numeric.nearest import closest_point
 from wrinklecli.review.suggest.strain import (

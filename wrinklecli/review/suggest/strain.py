@@ -21,7 +21,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import LEAST_SCALE, joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
-from wrinklecli.method.patch import Rest
+from wrinklecli.method.rest import Rest
 from wrinklecli.numeric.arrays import Floats, Ints, face_normals, unit
 
 # Radius of the neighbourhood over which strain is averaged, of the diagonal of the mesh's box: 27 mm of a person.

@@ -18,7 +18,9 @@ from wrinklecli.character.scene import scene_nodes
 from wrinklecli.character.surface import read_surface
 from wrinklecli.errors import AssetError, BakeError, WrinkleError, listed, nearest
 from wrinklecli.gltf.document import Document, read_document
-from wrinklecli.method.patch import Patch, attach_tools, lengths_over_time, rest_pose
+from wrinklecli.method.activity import lengths_over_time
+from wrinklecli.method.patch import Patch, attach_tools
+from wrinklecli.method.rest import rest_pose
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.review.suggest.folds import LEAST_LOSS, Fold, MeasuredMesh, driver_of, find_folds, lay, pose_unscaled

@@ -1,0 +1,170 @@
+"""Anchors: the two ends of a tool on the surface at rest, and where joints and morph targets take them.
+
+Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004, on origin and target of a wrinkling tool.
+Differs: they lie anywhere on the surface, where the paper takes vertices (`snap: vertex`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.pose import morph_weights, node_rows
+from wrinklecli.character.rig import Rig
+from wrinklecli.character.surface import Surface
+from wrinklecli.errors import BakeError
+from wrinklecli.method.rest import Rest
+from wrinklecli.numeric.arrays import Floats, Ints, determinants, distinct_values, singular, unit
+from wrinklecli.numeric.nearest import closest_point
+from wrinklecli.tools.records import Marker, ToolsFile, WrinkleTool
+
+# An anchor further from the mesh than this part of its segment was meant for somewhere else.
+_ANCHOR_REACH = 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class Anchor:
+    """A point that the skin carries, as weighted points of joints, which carry them as rigid.
+
+    Its world position is the sum over k of world(joints[k]) @ (points[0] + sum over m of w_m points[m])[k].
+
+    Attributes:
+        joints: (influences,) into the rig's joints.
+        weights: (influences,) of its joints, summing to 1.
+        points: (1 + morph targets, influences, 4) homogeneous points times their weights, in the joints' own
+            spaces; the fourth number is the weight itself, 0 in morph deltas.
+        vertices: (corners,) the welded vertices around it: three, two on an edge, one at a vertex.
+        barycentrics: (corners,) their shares, summing to 1.
+        triangles: The coarse triangles that the anchor lies on.
+        position: (3,) at rest, world space.
+        normal: (3,) of the surface there.
+        distance: From the point asked for, scene units.
+    """
+
+    joints: Ints
+    weights: Floats
+    points: Floats
+    vertices: Ints
+    barycentrics: Floats
+    triangles: Ints
+    position: Floats
+    normal: Floats
+    distance: float
+
+
+def anchor_at(
+    tool: WrinkleTool,
+    key: str,
+    point: Floats,
+    segment: float,
+    surface: Surface,
+    rest: Rest,
+    rig: Rig,
+    settings: ToolsFile,
+) -> Anchor:
+    """The point of the surface that is nearest to one asked for."""
+    triangle, barycentrics, place = closest_point(rest.positions, surface.triangles, point)
+    if tool.snap == "vertex":
+        used = distinct_values(surface.triangles)
+        vertex = int(used[np.argmin(np.sum((rest.positions[used] - point) ** 2, axis=1))])
+        vertices, barycentrics, place = np.array([vertex]), np.ones(1), rest.positions[vertex]
+    else:
+        vertices = surface.triangles[triangle][barycentrics > 0]
+        barycentrics = barycentrics[barycentrics > 0]
+    distance = float(np.linalg.norm(place - point))
+    if distance > _ANCHOR_REACH * segment:
+        hint = ""
+        x, y, z = point
+        other, turned = ("y", (x, -z, y)) if settings.up == "z" else ("z", (x, z, -y))
+        found = closest_point(rest.positions, surface.triangles, np.array(turned))[2]
+        near = np.linalg.norm(found - np.array(turned)) <= _ANCHOR_REACH * segment
+        if near and not isinstance(getattr(tool, key), Marker):
+            hint = f"; with `up: {other}` it would lie on it"
+        at = ", ".join(f"{x:.4g}" for x in (place if settings.up == "y" else (place[0], -place[2], place[1])))
+        raise BakeError(
+            f"is {distance:.4g} from the mesh, more than a quarter of its segment of {segment:.4g};"
+            f" the nearest point is [{at}]{hint}",
+            where=f"{tool.where}.{key}",
+        )
+    if singular(rest.blended[vertices]).any():
+        raise BakeError("the joints here are singular at rest", where=f"{tool.where}.{key}")
+    around = np.zeros(len(rest.positions), np.int8)
+    around[vertices] = 1
+    a, b, c = around[surface.triangles].T
+    on_all = a + b + c >= around.sum()
+    joints, inverse = np.unique(surface.joints[vertices], return_inverse=True)
+    shares = barycentrics[:, None] * surface.weights[vertices]
+    points = np.zeros((1 + len(surface.morph_deltas), len(joints), 4))
+    each = np.broadcast_to(np.arange(len(vertices))[:, None], shares.shape)
+    for m in range(len(points)):
+        bind = surface.positions[vertices] if m == 0 else surface.morph_deltas[m - 1, vertices]
+        homogeneous = np.concatenate([bind, np.full((len(vertices), 1), float(m == 0))], axis=1)
+        np.add.at(points[m], inverse.reshape(shares.shape), shares[..., None] * homogeneous[each])
+    weights = points[0, :, 3]
+    keep = weights > 0
+    normal = unit(barycentrics @ rest.normals_at(vertices))
+    return Anchor(
+        joints=joints[keep],
+        weights=weights[keep],
+        points=np.einsum("kab,mkb->mka", rig.inverse_binds[joints[keep]], points[:, keep]),
+        vertices=vertices,
+        barycentrics=barycentrics,
+        triangles=np.flatnonzero(on_all),
+        position=place,
+        normal=normal,
+        distance=distance,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class AnchorPoses:
+    """What moves the anchors of several tools, at a few times of a clip.
+
+    Attributes:
+        joints: (joints,) into the rig's, rising: those that move any of the anchors.
+        rows: For each (3, 4, frames) of its world matrix; one frame where nothing moves it.
+        scales: For each (frames,) the cube root of its determinant against rest; as many frames.
+        weights: (frames, morph targets).
+    """
+
+    joints: Ints
+    rows: Sequence[Floats]
+    scales: Sequence[Floats]
+    weights: Floats
+
+
+def anchor_poses(joints: Ints, rig: Rig, rest: Rest, clip: Clip | None, times: Floats) -> AnchorPoses:
+    """Pose (joints,) of a rig at (frames,) seconds; in the stored pose where there is no clip."""
+    rows = node_rows(rig, clip, times, [int(rig.joints[joint]) for joint in joints])
+    bound = np.abs(determinants(rig.inverse_binds[joints, :3, :3]))
+    before = np.abs(determinants(rest.matrices[joints, :3, :3]))
+    shares = bound / np.where(before > 0, before, 1.0)
+    scales = [
+        np.cbrt(share * np.abs(determinants(each[:, :3].transpose(2, 0, 1))))
+        for each, share in zip(rows, shares, strict=True)
+    ]
+    return AnchorPoses(joints, rows, scales, morph_weights(rig, clip, times))
+
+
+def posed_place(anchor: Anchor, poses: AnchorPoses, count: int) -> Floats:
+    """(3, frames) where `count` poses take an anchor, world space."""
+    acting = np.flatnonzero(anchor.points[1:].any(axis=(1, 2)))
+    weights, points = poses.weights[:, acting], anchor.points[np.append(0, 1 + acting)]
+    place = np.zeros((3, count))
+    # Of joints that nothing moves, together: a point and what each morph target adds.
+    still = np.zeros((1 + len(acting), 3))
+    for number, point in zip(np.searchsorted(poses.joints, anchor.joints), points.transpose(1, 0, 2), strict=True):
+        rows = poses.rows[number]
+        if rows.shape[2] == 1:
+            still += np.einsum("mc,rc->mr", point, rows[:, :, 0])
+            continue
+        morphed = point[0, :, None]
+        if len(acting):
+            morphed = morphed + np.einsum("mc,fm->cf", point[1:], weights)
+        for column in range(4):
+            place += rows[:, column] * morphed[column]
+    if len(acting):
+        place += np.einsum("mr,fm->rf", still[1:], weights)
+    place += still[0, :, None]
+    return place

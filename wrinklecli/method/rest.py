@@ -1,0 +1,111 @@
+"""The rest pose: where surface, normals and markers are when nothing wrinkles, as the tools file says.
+
+The paper (C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004) takes the mesh as it is modelled. Here it
+may also be the stored pose of the nodes, or a moment of a clip.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.pose import blend, joint_matrices, morph_weights, node_matrices, transform
+from wrinklecli.character.rig import Rig
+from wrinklecli.character.surface import Surface
+from wrinklecli.errors import BakeError, ConfigError, listed, nearest
+from wrinklecli.numeric.arrays import Floats, Ints, inverses, normals_at, unit, vertex_normals
+from wrinklecli.tools.records import Marker, ToolsFile, WrinkleTool
+
+
+@dataclass(frozen=True)
+class Rest:
+    """A surface in its rest pose.
+
+    Attributes:
+        matrices: (joints, 4, 4) bind to world space.
+        morph_weights: (morph targets,).
+        bind_positions: (vertices, 3) stored positions plus weighted morph deltas, bind space.
+        blended: (vertices, 3, 4) bind to world space.
+        positions: (vertices, 3) world space.
+        triangles: (triangles, 3) of the surface.
+    """
+
+    matrices: Floats
+    morph_weights: Floats
+    bind_positions: Floats
+    blended: Floats
+    positions: Floats
+    triangles: Ints
+
+    @cached_property
+    def normals(self) -> Floats:
+        """(vertices, 3) world space, as `normals_at` of every vertex."""
+        return carried_normals(self.blended, vertex_normals(self.bind_positions, self.triangles))
+
+    def normals_at(self, vertices: Ints) -> Floats:
+        """(chosen, 3) area-weighted bind normals of some vertices, carried to world space by the inverse transpose."""
+        return carried_normals(self.blended[vertices], normals_at(self.bind_positions, self.triangles, vertices))
+
+
+def rest_pose(
+    surface: Surface, rig: Rig, settings: ToolsFile, clips: tuple[Clip, ...], tools: list[WrinkleTool]
+) -> Rest:
+    """Pose a surface at rest, as the tools file says.
+
+    Raises:
+        ConfigError: The clip that `rest` names is not in the asset.
+    """
+    clip, time = None, np.zeros(1)
+    if not isinstance(settings.rest, str):
+        clip = next((each for each in clips if each.name == settings.rest.clip), None)
+        if clip is None:
+            raise ConfigError(
+                f"{settings.rest.clip!r} is not a clip of the asset; it has {listed(c.name for c in clips)}",
+                where=f"{settings.path}: rest.clip",
+            )
+        time = np.array([settings.rest.time])
+    weights = morph_weights(rig, clip, time)[0]
+    matrices = joint_matrices(rig, clip, time)[0]
+    if settings.rest == "bind":
+        matrices = _bind_matrices(surface, rig, matrices, weights, tools)
+    bind = surface.positions + np.tensordot(weights, surface.morph_deltas, axes=1)
+    every = np.arange(len(bind))
+    blended = blend(surface.dense_weights(every, len(rig.joints)), matrices[None])[0]
+    return Rest(matrices, weights, bind, blended, transform(blended[None], bind)[0], surface.triangles)
+
+
+def _bind_matrices(surface: Surface, rig: Rig, stored: Floats, weights: Floats, tools: list[WrinkleTool]) -> Floats:
+    """(joints, 4, 4) the stored matrix of the first anchor's main joint, for every joint."""
+    bind = surface.positions + np.tensordot(weights, surface.morph_deltas, axes=1)
+    point = tools[0].origin
+    main = 0
+    # The anchor's joint depends on where the mesh lies, which depends on the joint: once more settles it.
+    for _ in range(2):
+        posed = bind @ stored[main, :3, :3].T + stored[main, :3, 3]
+        place = marker_position(rig, None, np.zeros(1), point, tools[0]) if isinstance(point, Marker) else point
+        vertex = int(np.argmin(np.sum((posed - np.asarray(place)) ** 2, axis=1)))
+        main = int(surface.joints[vertex, np.argmax(surface.weights[vertex])])
+    return np.tile(stored[main], (len(stored), 1, 1))
+
+
+def marker_position(rig: Rig, clip: Clip | None, time: Floats, marker: Marker, tool: WrinkleTool) -> Floats:
+    """(3,) where the node that a tool's marker names is at (1,) seconds of a clip, world space.
+
+    Raises:
+        BakeError: No node has the name, or several.
+    """
+    found = [index for index, name in enumerate(rig.names) if name == marker.marker]
+    if len(found) != 1:
+        state = "is not a node of the asset" if not found else f"is the name of {len(found)} nodes"
+        raise BakeError(f"marker {marker.marker!r} {state}{nearest(marker.marker, rig.names)}", where=tool.where)
+    place: Floats = node_matrices(rig, clip, time, found)[0, 0, :3, 3]
+    return place
+
+
+def carried_normals(blended: Floats, normals: Floats) -> Floats:
+    """(vertices, 3) unit normals moved by the inverse transpose of (vertices, 3, 4) matrices.
+
+    Right for mirrored and scaled matrices too; 0 where the matrix is singular.
+    """
+    return unit(np.einsum("vji,vj->vi", inverses(blended), normals))
