@@ -14,7 +14,8 @@ from kit.clients import assert_valid
 from kit.limb import write_tools
 from kit.player import Floats, Gltf, Json, wrinkle_columns
 from kit.samples import BACK, BROW, PALM, Editor, aside, edited, sample, two_meshes, without_animations, without_normals
-from wrinklecli.baking import frames
+from wrinklecli.baking import frame_files
+from wrinklecli.baking.frames import PosedFrame
 from wrinklecli.errors import WrinkleError
 from wrinklecli.numeric.arrays import unit
 
@@ -232,11 +233,11 @@ def test_files_beside_morph_targets(tmp_path: Path) -> None:
 def test_obj_files_are_trimesh_s_without_its_materials(with_normals: bool, with_uvs: bool) -> None:
     chance = np.random.default_rng(1)
     triangles, uvs = np.array([[0, 1, 2], [2, 1, 3]]), chance.random((4, 2)) if with_uvs else None
-    write = frames._writer(triangles, uvs, "obj")
+    write = frame_files._writer(triangles, uvs, "obj")
     for _ in range(3):
         normals = unit(chance.normal(size=(4, 3))) if with_normals else None
-        posed = [frames._Posed(chance.random((4, 3)), normals, None)]
-        whole = frames._exported(posed, triangles, uvs, "obj").decode().splitlines()
+        posed = [PosedFrame(chance.random((4, 3)), normals, None)]
+        whole = frame_files._exported(posed, triangles, uvs, "obj").decode().splitlines()
         assert write(posed).decode().splitlines() == [
             line for line in whole if not line.startswith(("mtllib", "usemtl"))
         ]

@@ -22,7 +22,7 @@ DOORS = {
     "DracoPy": {"gltf/draco"},
     "zstandard": {"gltf/original"},
     "threadpoolctl": {"numeric/guard"},
-    "trimesh": {"baking/frames"},
+    "trimesh": {"baking/frame_files"},
     "embreex": {"review/preview/preview", "review/preview/rays"},
     "PIL": {"gltf/pixels", "review/preview/preview", "review/preview/sheet"},
     "matplotlib": {"review/plot"},

@@ -23,35 +23,34 @@ Sources:
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrinklecli.baking.plan import MeshPlan, poses_of
-from wrinklecli.baking.sample import Motion, skin_weights
-from wrinklecli.baking.targets import Remix, TargetSet, named_targets, targets_of
+from wrinklecli.baking.remix import (
+    REDUCTION_SHARE,
+    keyed_at_turns,
+    most_at_once,
+    remade,
+    with_fewest,
+    with_fewest_at_once,
+    with_unit_weights,
+)
+from wrinklecli.baking.sample import Motion
+from wrinklecli.baking.targets import TargetSet, targets_of
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import blend, morph_weights, transform
 from wrinklecli.character.surface import dense_influences, read_vertices
 from wrinklecli.character.weight_track import widen
 from wrinklecli.errors import RefusedError
 from wrinklecli.gltf.document import Document
-from wrinklecli.method.activity import further_activities
-from wrinklecli.method.curve import weight_path
-from wrinklecli.method.shapes import Shape
-from wrinklecli.numeric.arrays import Bools, Floats
+from wrinklecli.numeric.arrays import Bools
 
 Json = dict[str, Any]
 Engine = Literal["three", "unity", "spec8"]
 
-# Share of the error bound that fewer shapes may take, as for `attachment: patch`.
-_REDUCTION_SHARE = 0.25
-# Share of that below which a weight may be left out for its target not to count.
-_LEAST_SHARE = 0.1
-# Groups of bumps that act at a time where they rise one after another: one that is full, and the next.
-_IN_TURN = 2
 # Bytes of a texel of four floats, of which three.js keeps one for each vertex, target and attribute.
 _TEXEL_BYTES = 16
 
@@ -130,17 +129,19 @@ def fit_budget(
     if budget.influences is not None:
         found.update(_judge_influences(document, plan, clips, budget.influences, engine))
     if budget.unit_weights:
-        target_sets = [_positive(target_set) for target_set in target_sets]
-        motions = _remade(target_sets, motions)
+        target_sets = [with_unit_weights(target_set) for target_set in target_sets]
+        motions = remade(target_sets, motions)
         found["least_weight"] = min((float(each.weights.min(initial=0.0)) for each in motions), default=0.0)
         found["greatest_weight"] = max((float(each.weights.max(initial=0.0)) for each in motions), default=0.0)
         found["least_weight_of_asset"] = min(
             (float(morph_weights(plan.rig, each.clip, each.times).min(initial=0.0)) for each in motions), default=0.0
         )
     if _excess(plan, target_sets, motions, budget):
-        tolerance = _REDUCTION_SHARE * plan.max_error
+        tolerance = REDUCTION_SHARE * plan.max_error
         fewer = [
-            _reduced(target_set, tolerance) if budget.active is None else _fewest_at_once(plan, target_set, tolerance)
+            with_fewest(target_set, tolerance)
+            if budget.active is None
+            else with_fewest_at_once(plan, target_set, tolerance)
             for target_set in target_sets
         ]
         for old, (target_set, error) in zip(target_sets, fewer, strict=True):
@@ -150,14 +151,14 @@ def fit_budget(
                         "tool": target_set.carried.patch.tool.name,
                         "from": len(targets_of([old])),
                         "to": len(targets_of([target_set])),
-                        "at_once": _at_once(target_set),
+                        "at_once": most_at_once(target_set),
                         "error": float(f"{error:.3e}"),
                     }
                 )
         target_sets = [target_set for target_set, _ in fewer]
-        motions = _remade(target_sets, motions)
+        motions = remade(target_sets, motions)
         if budget.active is not None:
-            target_sets, motions = _keyed_at_turns(plan, target_sets, motions)
+            target_sets, motions = keyed_at_turns(plan, target_sets, motions)
     excess = _excess(plan, target_sets, motions, budget)
     if excess:
         raise RefusedError(
@@ -234,242 +235,3 @@ def _judge_influences(document: Document, plan: MeshPlan, clips: Sequence[Clip],
             where=str(rig.names[rig.node]),
         )
     return {"vertices_over_influences": len(over), "influence_error": float(f"{error:.3e}")}
-
-
-def _remade(target_sets: Sequence[TargetSet], motions: Sequence[Motion]) -> list[Motion]:
-    made = []
-    for index, motion in enumerate(motions):
-        columns = [target_set.written(target_set.weights[index]) for target_set in target_sets]
-        made.append(replace(motion, weights=np.concatenate(columns, axis=1)))
-    return made
-
-
-def _path(target_set: TargetSet) -> Floats:
-    """(rows, shapes) weights that a tool's targets take: over all shortenings, or as sampled where it has no curve."""
-    if not target_set.from_skin:
-        return np.concatenate(target_set.weights) if target_set.weights else np.zeros((0, len(target_set.targets)))
-    table = target_set.shape_weights(weight_path(target_set.carried.patch.curve))
-    tool, strength = target_set.carried.patch.tool, target_set.carried.patch.shape_strength
-    factors = [1.0, *(each / strength for each in tool.clips.values())] if strength else [1.0]
-    return np.concatenate([factor * table for factor in factors])
-
-
-def _positive(target_set: TargetSet) -> TargetSet:
-    """The same motion with weights from 0 to 1: shapes scaled, and those of negative weights gone on with."""
-    path = _path(target_set)
-    peaks = np.maximum(np.abs(path).max(axis=0, initial=0.0), 1.0)
-    negative: Bools = np.any(path < 0, axis=0)
-    split = tuple(column for column, target in enumerate(target_set.targets) if target is not None and negative[column])
-    if not split and (peaks == 1.0).all():
-        return target_set
-    shapes = [
-        None if each is None else _sum([each.shape], np.array([peak]))
-        for each, peak in zip(target_set.targets, peaks, strict=True)
-    ]
-    negated = [_sum([shape], np.array([-1.0])) for shape in (shapes[column] for column in split) if shape is not None]
-    scaled = np.diag(peaks)
-    unmix = np.concatenate([scaled, -scaled[list(split)]])
-    return _remixed(target_set, [*shapes, *negated], Remix(np.diag(1.0 / peaks), unmix, split=split))
-
-
-def _reduced(target_set: TargetSet, tolerance: float) -> tuple[TargetSet, float]:
-    """A tool's fewest targets that give all heights within a tolerance, and their error; scene units.
-
-    All shapes of a tool together: full bumps of a polyline with details still change a little, all alike. (Each
-    group of bumps by itself: 19 targets at once instead of 12 for five bumps from the origin.)
-
-    Source: C. Eckart, G. Young, *The approximation of one matrix by another of lower rank*, 1936. Differs: the
-    error is the greatest over bumps, which lie side by side, and rows of the table, of the sum over modes.
-    """
-    written = [column for column, target in enumerate(target_set.targets) if target is not None]
-    if not target_set.from_skin or len(written) < 2:
-        return target_set, 0.0
-    old = [target.shape for target in target_set.targets if target is not None]
-    heights = np.array([shape.tallest for shape in old])
-    path = _path(target_set)[:, written] * heights
-    groups = np.array(written) // target_set.carried.patch.curve.greatest_amplitudes.shape[1]
-    starts = np.flatnonzero(np.diff(groups, prepend=-1))
-    _, _, right = np.linalg.svd(path, full_matrices=False)
-    for rank in range(1, len(written)):
-        axes = right[:rank]
-        missed = np.abs(path - path @ axes.T @ axes)
-        error = float(np.add.reduceat(missed, starts, axis=1).max())
-        if error > tolerance:
-            continue
-        weights = path @ axes.T
-        peaks = weights[np.argmax(np.abs(weights), axis=0), np.arange(rank)]
-        mix = np.zeros((len(target_set.targets), rank))
-        mix[written] = heights[:, None] * axes.T / peaks
-        shares = axes * peaks[:, None] / heights
-        unmix = np.zeros((rank, len(target_set.targets)))
-        unmix[:, written] = shares
-        return _remixed(target_set, [_sum(old, row) for row in shares], Remix(mix, unmix)), error
-    return target_set, 0.0
-
-
-def _fewest_at_once(plan: MeshPlan, target_set: TargetSet, tolerance: float) -> tuple[TargetSet, float]:
-    """A tool on those shapes of which the fewest act at a time, and their error; the exact ones among equals."""
-    choices = [
-        (target_set, 0.0),
-        (_in_turn(target_set, _LEAST_SHARE * tolerance / plan.tallest), 0.0),
-        _reduced(target_set, tolerance),
-    ]
-    return min(choices, key=lambda choice: _at_once(choice[0]))
-
-
-def _at_once(target_set: TargetSet) -> int:
-    """Most targets of a tool with a weight other than 0 at a time, over all shortenings; all, without a curve."""
-    if not target_set.from_skin:
-        return len(targets_of([target_set]))
-    shown: Bools = target_set.written(target_set.shape_weights(weight_path(target_set.carried.patch.curve))) != 0
-    return int((shown[:-1] | shown[1:]).sum(axis=1).max())
-
-
-def _in_turn(target_set: TargetSet, least: float) -> TargetSet:
-    """The same motion with few targets at a time where a tool's bumps rise one after another.
-
-    Each group of bumps rises when those before it are full and stay so. Target k has the first k groups at their
-    full height, so that only the last full one and the one above it, to which it gives way, have weights: what
-    animators call in-betweens. The weights of the amplitudes a are a_k - a_(k+1), of each mode by itself. Targets
-    overlap, so files grow: samples/head.glb with its tools from 2.7 to 4.3 MB.
-
-    Args:
-        target_set: The tool, on the shapes of its curve.
-        least: Weights that may be left out.
-    """
-    greatest = target_set.carried.patch.curve.greatest_amplitudes
-    groups, modes = greatest.shape
-    if not target_set.from_skin or groups < 2:
-        return target_set
-    has = np.array([target is not None for target in target_set.targets]).reshape(groups, modes)
-    shares, mix = np.zeros((2, len(target_set.targets), len(target_set.targets)))
-    numbers = np.arange(groups * modes).reshape(groups, modes)
-    for mode in range(modes):
-        acting = numbers[has[:, mode], mode]
-        heights = greatest[has[:, mode], mode]
-        for k, column in enumerate(acting):
-            # In units of the group's own greatest amplitude.
-            shares[column, acting[: k + 1]] = heights[k] / heights[: k + 1]
-            mix[column, column] = 1.0
-            if k:
-                mix[column, acting[k - 1]] = -heights[k] / heights[k - 1]
-    old = [target.shape for target in target_set.targets if target is not None]
-    shapes = [
-        _sum(old, row[has.reshape(-1)]) if target is not None else None
-        for row, target in zip(shares, target_set.targets, strict=True)
-    ]
-    return _remixed(target_set, shapes, Remix(mix, shares, least=least))
-
-
-def _keyed_at_turns(
-    plan: MeshPlan, target_sets: Sequence[TargetSet], motions: Sequence[Motion]
-) -> tuple[list[TargetSet], list[Motion]]:
-    """Keys where one group of bumps is full and the next begins, so that no interval shows three groups of a tool."""
-    series: list[tuple[Floats, ...]] = []
-    made = []
-    for index, motion in enumerate(motions):
-        times, keys = motion.times, motion.keys
-        weights = [target_set.weights[index] for target_set in target_sets]
-        for number, target_set in enumerate(target_sets):
-            while target_set.remix is not None and target_set.remix.least > 0:
-                turns = _turns(plan, target_set, motion.clip, times[keys], weights[number][keys])
-                if not len(turns):
-                    break
-                fresh = np.setdiff1d(turns, times)
-                if len(fresh):
-                    places = np.searchsorted(times, fresh)
-                    for other, each in enumerate(target_sets):
-                        inserted = _weights_at(plan, each, motion.clip, weights[other], times, fresh)
-                        weights[other] = np.insert(weights[other], places, inserted, axis=0)
-                    keyed = np.union1d(times[keys], turns)
-                    times = np.insert(times, places, fresh)
-                    keys = np.searchsorted(times, keyed)
-                else:
-                    keys = np.union1d(keys, np.searchsorted(times, turns))
-        series.append(tuple(weights))
-        patches = [target_set.carried.patch for target_set in target_sets]
-        seen = further_activities(
-            patches, plan.rig, plan.rest, motion.clip, times, known=motion.seen, known_at=motion.times
-        )
-        made.append(replace(motion, times=times, keys=keys, seen=tuple(seen)))
-    extended = [
-        replace(target_set, weights=weights)
-        for target_set, weights in zip(target_sets, zip(*series, strict=True), strict=True)
-    ]
-    return extended, _remade(extended, made)
-
-
-def _turns(plan: MeshPlan, target_set: TargetSet, clip: Clip, keys: Floats, weights: Floats) -> Floats:
-    """Times between keys when one group of a tool is full and no more have begun, where an interval shows three.
-
-    Args:
-        plan: The tools on a mesh.
-        target_set: One whose bumps rise in turn.
-        clip: The animation.
-        keys: (keys,) seconds.
-        weights: (keys, shapes).
-
-    Returns:
-        Seconds, rising, float32 values, none a key; nothing where no interval can be helped.
-    """
-
-    def groups(of: Floats) -> Bools:
-        shape = target_set.carried.patch.curve.greatest_amplitudes.shape
-        found: Bools = (of != 0).reshape(len(of), *shape).any(axis=2)
-        return found
-
-    def highest(of: Floats) -> NDArray[np.intp]:
-        """How many groups have risen."""
-        shown = groups(of)
-        numbers: NDArray[np.intp] = np.max(shown * np.arange(1, shown.shape[1] + 1), axis=1)
-        return numbers
-
-    shown, tops = groups(weights), highest(weights)
-    crowded = np.flatnonzero((shown[:-1] | shown[1:]).sum(axis=1) > _IN_TURN)
-    if not len(crowded):
-        return np.zeros(0)
-    rising = tops[crowded + 1] > tops[crowded]
-    near, far = (keys[crowded + side] for side in (~rising, rising))
-    top = np.minimum(tops[crowded], tops[crowded + 1])
-    while True:
-        middle = ((near + far) / 2.0).astype(np.float32).astype(np.float64)
-        inside = (middle != near) & (middle != far)
-        if not inside.any():
-            return np.setdiff1d(near, keys)
-        below = highest(target_set.shape_weights(skin_weights(plan, target_set.carried, clip, middle))) <= top
-        near, far = np.where(inside & below, middle, near), np.where(inside & ~below, middle, far)
-
-
-def _weights_at(
-    plan: MeshPlan, target_set: TargetSet, clip: Clip, weights: Floats, times: Floats, fresh: Floats
-) -> Floats:
-    """(fresh, shapes) weights of a tool at more times: its own, or between those sampled where it has no curve."""
-    if target_set.from_skin:
-        return target_set.shape_weights(skin_weights(plan, target_set.carried, clip, fresh))
-    columns = [np.interp(fresh, times, column) for column in weights.T]
-    return np.stack(columns, axis=1) if columns else np.zeros((len(fresh), 0))
-
-
-def _remixed(target_set: TargetSet, shapes: Sequence[Shape | None], remix: Remix) -> TargetSet:
-    """A tool on other shapes than its own, which are those of its curve."""
-    weights = tuple(remix.weights(each) for each in target_set.weights)
-    return replace(target_set, targets=named_targets(target_set.carried, shapes), weights=weights, remix=remix)
-
-
-def _sum(shapes: Sequence[Shape], factors: Floats) -> Shape:
-    """A weighted sum of shapes."""
-    summed = []
-    for each in ([(s.vertices, s.deltas) for s in shapes], [(s.normal_vertices, s.normal_deltas) for s in shapes]):
-        vertices = np.unique(np.concatenate([where for where, _ in each]))
-        deltas = np.zeros((len(vertices), 3))
-        for factor, (where, values) in zip(factors, each, strict=True):
-            deltas[np.searchsorted(vertices, where)] += factor * values
-        summed.append((vertices, deltas))
-    (vertices, deltas), (normal_vertices, normal_deltas) = summed
-    scale = max(shape.tallest / _longest(shape.deltas) for shape in shapes)
-    tallest = scale * _longest(deltas)
-    return Shape(vertices, deltas, tallest, normal_vertices, normal_deltas)
-
-
-def _longest(deltas: Floats) -> float:
-    return float(np.sqrt(np.sum(deltas**2, axis=1)).max())

@@ -4,14 +4,8 @@ Source: glTF 2.0 §3.7.3.3 (skinning) and §3.11 (STEP). A skinned node must not
 frames are unskinned and their nodes roots.
 """
 
-import os
-import re
-import tempfile
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, cast
 
 import numpy as np
 
@@ -22,9 +16,7 @@ from wrinklecli.baking.targets import Target
 from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.skin import pose, prepare
-from wrinklecli.errors import BakeError
 from wrinklecli.gltf.document import Document
-from wrinklecli.gltf.files import make_folders
 from wrinklecli.gltf.shape import Json
 from wrinklecli.gltf.writer import VERTEX_DATA, Draft
 from wrinklecli.method.refine import Refinement
@@ -47,7 +39,7 @@ class Frames:
 
 
 @dataclass(frozen=True, slots=True)
-class _Posed:
+class PosedFrame:
     """One frame of all glTF vertices, primitive after primitive, world space.
 
     Normals and tangents are None where no primitive has any, and 0 where a primitive has none.
@@ -58,7 +50,7 @@ class _Posed:
     tangents: Floats | None
 
 
-def _pose_frames(document: Document, frames: Frames, motion: Motion) -> Iterator[_Posed]:
+def pose_frames(document: Document, frames: Frames, motion: Motion) -> Iterator[PosedFrame]:
     """Pose every frame of a clip by unpruned skin weights, wrinkles included."""
     rig, fine = frames.rig, frames.fine
     parts = primitives_of(fine)
@@ -99,7 +91,7 @@ def _pose_frames(document: Document, frames: Frames, motion: Motion) -> Iterator
             handed = None
             if moved is not None and tangents is not None:
                 handed = np.concatenate([unit(moved[frame].T), tangents[:, 3:]], axis=1)
-            yield _Posed(positions[frame].T, None if normals is None else normals[frame].T, handed)
+            yield PosedFrame(positions[frame].T, None if normals is None else normals[frame].T, handed)
 
 
 def _normal_deltas(document: Document, primitive: Json, part: RefinedPrimitive) -> Floats:
@@ -108,7 +100,7 @@ def _normal_deltas(document: Document, primitive: Json, part: RefinedPrimitive) 
     deltas = np.zeros((len(targets), len(part.weld), 3))
     for row, target in zip(deltas, targets, strict=True):
         if "NORMAL" in target:
-            old = _old(document, target, "NORMAL", part, 3)
+            old = old_values(document, target, "NORMAL", part, size=3)
             row[:] = np.concatenate([old, part.mix(old)])
     return deltas
 
@@ -117,14 +109,8 @@ def _tangents(document: Document, primitive: Json, part: RefinedPrimitive) -> Fl
     """(vertices, 4) TANGENTs of a primitive, those of new vertices mixed; None where it has none."""
     if "TANGENT" not in primitive["attributes"]:
         return None
-    old = _old(document, primitive["attributes"], "TANGENT", part, 4)
+    old = old_values(document, primitive["attributes"], "TANGENT", part, size=4)
     return np.concatenate([old, part.mix_tangents(old)])
-
-
-def _old(document: Document, attributes: Json, name: str, part: RefinedPrimitive, size: int) -> Floats:
-    """(old vertices, size) of an attribute or a morph target."""
-    index = attributes[name]
-    return old_values(document, name, index, part, document.where("accessors", index), sizes={name: size})
 
 
 def _joined(attributes: Sequence[Floats | None], parts: Sequence[RefinedPrimitive]) -> Floats | None:
@@ -181,7 +167,7 @@ def _encode_node(draft: Draft, frames: Frames, progress: Progress) -> None:
     first, done = len(nodes), 0
     for motion in frames.motions:
         start = len(nodes)
-        for posed in _pose_frames(draft.source, frames, motion):
+        for posed in pose_frames(draft.source, frames, motion):
             meshes.append(_frame_mesh(draft, template, posed, bounds))
             name = f"{rig.names[rig.node]}_{motion.clip.name}_{len(nodes) - start:04d}"
             hidden = {} if len(nodes) == first else {"scale": [0.0, 0.0, 0.0]}
@@ -196,7 +182,7 @@ def _encode_node(draft: Draft, frames: Frames, progress: Progress) -> None:
             _add_scale(draft, animation, first, np.zeros(1), [1.0])
 
 
-def _frame_mesh(draft: Draft, template: Json, posed: _Posed, bounds: Ints) -> Json:
+def _frame_mesh(draft: Draft, template: Json, posed: PosedFrame, bounds: Ints) -> Json:
     primitives = []
     for index, primitive in enumerate(template["primitives"]):
         span = slice(bounds[index], bounds[index + 1])
@@ -268,130 +254,3 @@ def _add_scale(draft: Draft, animation: Json, node: int, times: Floats, scales: 
     animation["samplers"].append(sampler)
     number = len(animation["samplers"]) - 1
     animation["channels"].append({"sampler": number, "target": {"node": node, "path": "scale"}})
-
-
-@contextmanager
-def exported_frames(
-    document: Document, every: Sequence[Frames], folder: str | os.PathLike[str], kind: str, progress: Progress
-) -> Iterator[Callable[[], None]]:
-    """Write a file for each frame of each clip, `CLIP_0001.obj`, with positions, normals and UVs, world space.
-
-    Args:
-        document: The source.
-        every: The meshes, all with the same clips; a file holds one frame of them all.
-        folder: Made where it is not there.
-        kind: obj, ply or glb.
-        progress: Called with a stage's name, frames done and frames in all.
-
-    Yields:
-        What puts the files into the folder; uncalled, or where anything fails later, all is left there as it was.
-
-    Raises:
-        BakeError: The folder cannot be written to.
-    """
-    target = Path(folder)
-    made: list[str] = []
-    try:
-        make_folders(os.fspath(target), made)
-        with tempfile.TemporaryDirectory(prefix=".wrinkle-", dir=target) as temporary:
-            names = _export(document, every, Path(temporary), kind, progress)
-
-            old = Path(temporary) / "old"
-            old.mkdir()
-            put_there: list[str] = []
-
-            def put() -> None:
-                for name in names:
-                    put_there.append(name)
-                    if (target / name).is_file():
-                        os.replace(target / name, old / name)
-                    os.replace(Path(temporary) / name, target / name)
-
-            try:
-                yield put
-            except BaseException:
-                for name in put_there:
-                    if not (Path(temporary) / name).exists():
-                        os.unlink(target / name)
-                    if (old / name).exists():
-                        os.replace(old / name, target / name)
-                raise
-    except OSError as error:
-        raise BakeError(f"cannot be written: {error.strerror or error}", where=os.fspath(folder)) from error
-    finally:
-        for each in reversed(made):
-            with suppress(OSError):  # not empty: done
-                os.rmdir(each)
-
-
-def _export(document: Document, every: Sequence[Frames], folder: Path, kind: str, progress: Progress) -> list[str]:
-    """Write the frames' files; their names."""
-    write = _writer(*_joined_topology(document, every), kind)
-    names: list[str] = []
-    stems: set[str] = set()
-    for motions in zip(*(frames.motions for frames in every), strict=True):
-        stem = re.sub(r"[^A-Za-z0-9_.-]", "_", motions[0].clip.name)
-        stem = stem if stem not in stems else f"{stem}_{motions[0].clip.index}"
-        stems.add(stem)
-        posed = [_pose_frames(document, frames, motion) for frames, motion in zip(every, motions, strict=True)]
-        for number, meshes in enumerate(zip(*posed, strict=True)):
-            names.append(f"{stem}_{number:04d}.{kind}")
-            (folder / names[-1]).write_bytes(write(meshes))
-            progress("files", number + 1, len(motions[0].times))
-    return names
-
-
-def _joined_topology(document: Document, every: Sequence[Frames]) -> tuple[Ints, Floats | None]:
-    """(triangles, 3) vertices of all meshes one after another, and (vertices, 2) UVs where every primitive has them."""
-    triangles, uvs, start = [], [], 0
-    for frames in every:
-        primitives = document.items("meshes")[frames.rig.mesh]["primitives"]
-        for primitive, part in zip(primitives, primitives_of(frames.fine), strict=True):
-            triangles.append(part.triangles + start)
-            start += len(part.weld)
-            if "TEXCOORD_0" in primitive["attributes"]:
-                old = _old(document, primitive["attributes"], "TEXCOORD_0", part, 2)
-                uvs.append(np.concatenate([old, part.mix(old)]))
-    complete = sum(len(each) for each in uvs) == start
-    # glTF counts v from the top of the image, the other formats from the bottom.
-    return np.concatenate(triangles), np.concatenate(uvs) * [1.0, -1.0] + [0.0, 1.0] if complete else None
-
-
-def _writer(triangles: Ints, uvs: Floats | None, kind: str) -> Callable[[Sequence[_Posed]], bytes]:
-    """What makes a file of a frame, in a format of trimesh's.
-
-    In OBJ, which is text, all frames have the lines of UVs and faces of the first: writing them takes most of the time.
-    """
-    constant = ""
-
-    def write(frame: Sequence[_Posed]) -> bytes:
-        nonlocal constant
-        if kind != "obj":
-            return _exported(frame, triangles, uvs, kind)
-        if not constant:
-            # trimesh names a material file that is not written here.
-            text = re.sub(r"(?m)^(?:mtllib|usemtl) .*\n", "", _exported(frame, triangles, uvs, kind).decode())
-            first = re.search(r"(?m)^(?:vt|f) ", text)
-            constant = text[first.start() if first else len(text) :] + "\n" * (not text.endswith("\n"))
-        # Without triangles and UVs these are the vertices, and a face of nothing.
-        vertices, _, _ = _exported(frame, triangles[:0], None, kind).decode().partition("\nf ")
-        return f"{vertices}\n{constant}".encode()
-
-    return write
-
-
-def _exported(frame: Sequence[_Posed], triangles: Ints, uvs: Floats | None, kind: str) -> bytes:
-    import trimesh
-
-    normals = [mesh.normals for mesh in frame if mesh.normals is not None]
-    complete = len(normals) == len(frame)
-    mesh: Any = trimesh.Trimesh(
-        np.concatenate([mesh.positions for mesh in frame]),
-        triangles,
-        vertex_normals=np.concatenate(normals) if complete else None,
-        visual=None if uvs is None else cast(Any, trimesh.visual.TextureVisuals)(uv=uvs),
-        process=False,
-        validate=False,
-    )
-    data = mesh.export(file_type=kind, **{"vertex_normal" if kind == "ply" else "include_normals": complete})
-    return data.encode() if isinstance(data, str) else bytes(data)

@@ -7,7 +7,8 @@ from dataclasses import asdict, dataclass, replace
 from typing import Literal
 
 from wrinklecli.baking.budget import BUDGETS, Engine, fit_budget
-from wrinklecli.baking.frames import Frames, encode_frames, exported_frames
+from wrinklecli.baking.frame_files import exported_frames
+from wrinklecli.baking.frames import Frames, encode_frames
 from wrinklecli.baking.morphs import encode_morphs
 from wrinklecli.baking.plan import MeshPlan, Mode, plan_mesh
 from wrinklecli.baking.proof import Residual, prove

@@ -17,7 +17,8 @@ from wrinklecli.gltf.writer import INDEX_DATA, VERTEX_DATA, Draft, index_type, u
 from wrinklecli.method.refine import Refinement
 from wrinklecli.numeric.arrays import Array, Floats, Ints, unit
 
-_VECTORS = ("POSITION", "NORMAL", "TANGENT")
+# Components of the attributes that are vectors; TANGENT has a handedness too, save in morph targets.
+_VECTORS = {"POSITION": 3, "NORMAL": 3, "TANGENT": 4}
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +161,8 @@ def refine_primitive(
             if target_key in written:
                 target[name] = written[target_key]
                 continue
-            old = old_values(draft.source, name, index, part, where, sizes=dict.fromkeys(_VECTORS, 3))
+            size = 3 if name in _VECTORS else None
+            old = old_values(draft.source, target, name, part, size=size, where=where)
             new = fine.morph_deltas[number, part.weld[len(part.old) :]] if name == "POSITION" else part.mix(old)
             values = np.concatenate([old, new]).astype(np.float32)
             if "sparse" in draft.source.items("accessors")[index]:
@@ -180,18 +182,34 @@ def refine_primitive(
 
 
 def old_values(
-    source: Document, name: str, index: int, part: RefinedPrimitive, where: str, *, sizes: dict[str, int]
+    source: Document,
+    attributes: Json,
+    name: str,
+    refined: RefinedPrimitive,
+    *,
+    size: int | None = None,
+    where: str | None = None,
 ) -> Array:
-    """The stored values of an attribute or a morph target, one for each old vertex.
+    """The stored values of an attribute or of a morph target's, one for each old vertex.
+
+    Args:
+        source: The document.
+        attributes: Accessors by name.
+        name: One of them.
+        refined: The primitive.
+        size: Components that a value must have; any where left out.
+        where: What errors name; the accessor where left out.
 
     Raises:
-        AssetError: There are more or fewer, or they have not the components that `sizes` says.
+        AssetError: There are more or fewer values, or they have other components.
     """
+    index = attributes[name]
+    where = where or source.where("accessors", index)
     old = source.accessor(index, user=where)
-    if len(old) != len(part.old):
-        raise AssetError(f"{name} has {len(old)} elements for {len(part.old)} vertices", where=where)
-    if name in sizes and old.shape[1:] != (sizes[name],):
-        raise AssetError(f"{name} must have {sizes[name]} numbers for each vertex", where=where)
+    if len(old) != len(refined.old):
+        raise AssetError(f"{name} has {len(old)} elements for {len(refined.old)} vertices", where=where)
+    if size is not None and old.shape[1:] != (size,):
+        raise AssetError(f"{name} must have {size} numbers for each vertex", where=where)
     return old
 
 
@@ -200,7 +218,7 @@ def _refined_attribute(
 ) -> tuple[Array, bool]:
     """Stored values of an attribute with those of new vertices appended, and whether they are normalised."""
     source, index = draft.source, attributes[name]
-    old = old_values(source, name, index, part, where, sizes={"POSITION": 3, "NORMAL": 3, "TANGENT": 4})
+    old = old_values(source, attributes, name, part, size=_VECTORS.get(name), where=where)
     accessor = source.items("accessors")[index]
     new_vertices = part.weld[len(part.old) :]
     if name == "POSITION":
