@@ -193,3 +193,22 @@ def stored(asset: Asset, index: int) -> NDArray[Any]:
 
 def attribute(asset: Asset, mesh: int, name: str) -> NDArray[Any]:
     return stored(asset, asset.gltf["meshes"][mesh]["primitives"][0]["attributes"][name])
+
+
+def plate(positions: Any, faces: Any) -> Asset:
+    """An unskinned mesh with one morph target that does nothing."""
+    asset = Asset()
+    asset.append(
+        "meshes",
+        {
+            "primitives": [
+                {
+                    "attributes": {"POSITION": asset.accessor(positions)},
+                    "indices": asset.accessor(np.ravel(faces), "u2"),
+                    "targets": [{"POSITION": asset.accessor(np.zeros_like(positions, dtype=float))}],
+                }
+            ]
+        },
+    )
+    asset.append("nodes", {"mesh": 0})
+    return asset

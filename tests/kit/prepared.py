@@ -11,13 +11,14 @@ import numpy as np
 from kit.asset import Array, Asset, Json
 from kit.limb import tool
 from wrinklecli.character.clip import Clip, read_clips
-from wrinklecli.character.pose import joint_matrices
+from wrinklecli.character.pose import blend, joint_matrices, morph_weights, transform
 from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.surface import Surface, read_surface
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.method.patch import Patch, attach_tools
 from wrinklecli.method.refine import Refinement, refine
 from wrinklecli.method.rest import Rest, rest_pose
+from wrinklecli.numeric.arrays import Floats
 from wrinklecli.tools.read import parse_tools
 from wrinklecli.tools.records import ToolsFile
 
@@ -74,3 +75,19 @@ def prepare(asset: Asset, *tools: Json, node: int = 0, **header: Any) -> Prepare
     rest = rest_pose(surface, rig, settings, clips, list(settings.tools))
     patches = attach_tools(list(settings.tools), surface, rest, rig, settings, clips)
     return Prepared(document, rig, surface, clips, settings, rest, patches)
+
+
+def posed_surface(prepared: Prepared, clip: Clip | None, times: Floats) -> Floats:
+    """(frames, vertices, 3) of the coarse surface, morph targets first."""
+    surface, rig = prepared.surface, prepared.rig
+    weights = surface.dense_weights(np.arange(len(surface.positions)), len(rig.joints))
+    morphed = surface.positions + np.tensordot(morph_weights(rig, clip, times), surface.morph_deltas, axes=1)
+    return transform(blend(weights, joint_matrices(rig, clip, times)), morphed)
+
+
+def unattached(asset: Asset) -> Prepared:
+    """An asset at rest, without tools."""
+    document = as_document(asset)
+    rig, clips = read_rig(document, 0), read_clips(document)
+    surface, settings = read_surface(document, rig), ToolsFile(path="tools.yaml", tools=())
+    return Prepared(document, rig, surface, clips, settings, rest_pose(surface, rig, settings, clips, []), [])
