@@ -3,9 +3,10 @@
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from wrinklecli.baking.job import BakeOptions as BakeOptions
     from wrinklecli.baking.pipeline import bake as bake
 
-__all__ = ["bake"]
+__all__ = ["BakeOptions", "bake"]
 
 
 def __getattr__(name: str) -> Any:
@@ -14,4 +15,8 @@ def __getattr__(name: str) -> Any:
         from wrinklecli.baking.pipeline import bake
 
         return bake
+    if name == "BakeOptions":
+        from wrinklecli.baking.job import BakeOptions
+
+        return BakeOptions
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -13,7 +13,8 @@ from kit.asset import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Asset
 from kit.limb import RADIUS, limb_asset, tool, write_tools
 from kit.player import Gltf
 from wrinklecli import bake
-from wrinklecli.baking import pipeline, plan, proof, sample
+from wrinklecli.baking import plan, proof, sample
+from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.character import pose
 from wrinklecli.gltf import writer as draft
 from wrinklecli.method.activity import anchor_joints
@@ -75,8 +76,8 @@ class Baker:
 
     def sample(self, asset: Asset) -> tuple[plan.MeshPlan, sample.Motion]:
         """The asset's mesh with its tool, and its clip, sampled."""
-        job = pipeline.read_job(self.written(asset), self.tools)
-        (planned,) = pipeline.plan_meshes(job)
+        job = read_job(self.written(asset), self.tools, BakeOptions())
+        (planned,) = plan.plan_meshes(job)
         _, (motion,) = sample.sample_clips(planned, job.clips, fps=FPS, mode="morph", progress=lambda *_: None)
         return planned, motion
 

@@ -24,10 +24,11 @@ Sources:
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
+from wrinklecli.baking.job import Engine
 from wrinklecli.baking.plan import MeshPlan, poses_of
 from wrinklecli.baking.remix import (
     REDUCTION_SHARE,
@@ -49,7 +50,6 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools
 
 Json = dict[str, Any]
-Engine = Literal["three", "unity", "spec8"]
 
 # Bytes of a texel of four floats, of which three.js keeps one for each vertex, target and attribute.
 _TEXEL_BYTES = 16

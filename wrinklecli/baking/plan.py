@@ -3,16 +3,16 @@
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
+from wrinklecli.baking.job import Job
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.contacts import contacts_of
 from wrinklecli.character.pose import joint_matrices
 from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.surface import influence_count, read_surface
-from wrinklecli.errors import AssetError, BakeError
+from wrinklecli.errors import AssetError, BakeError, WrinkleError
 from wrinklecli.gltf.document import Document
 from wrinklecli.method.carry import CarriedPatch, carry
 from wrinklecli.method.patch import attach_tools
@@ -20,8 +20,6 @@ from wrinklecli.method.refine import Refinement, refine
 from wrinklecli.method.rest import Rest, rest_pose
 from wrinklecli.numeric.arrays import Floats, Ints, determinants, distinct_values
 from wrinklecli.tools.records import Length, ToolsFile, WrinkleTool
-
-Mode = Literal["morph", "frames"]
 
 # Products of skinning round a few times; below this many units in the last place float32 sets the limit.
 _FLOAT32_STEPS = 8
@@ -56,6 +54,33 @@ class MeshPlan:
     max_error: float
     scale: float
     has_normals: bool
+
+
+def plan_meshes(job: Job, *, influences: int | None = None) -> list[MeshPlan]:
+    """Attach the tools of every mesh and refine it, as `plan_mesh` does.
+
+    Args:
+        job: The asset and its tools.
+        influences: Of a new vertex, at most; those of the asset where left out.
+
+    Raises:
+        WrinkleError: Of all tools that do not fit, a line each.
+    """
+    plans: list[MeshPlan] = []
+    problems: list[WrinkleError] = []
+    for node, tools in job.by_node.items():
+        try:
+            plan = plan_mesh(
+                job.document, node, tools, job.settings, job.every_clip, job.options.max_error, influences=influences
+            )
+        except WrinkleError as error:
+            problems.append(error)
+        else:
+            plans.append(plan)
+    if problems:
+        # What is wrong with the whole file is wrong with each mesh.
+        raise problems[0] if len({str(each) for each in problems}) == 1 else BakeError.of_all(problems)
+    return plans
 
 
 def plan_mesh(

@@ -1,37 +1,31 @@
-"""What a bake did: warnings for people, numbers for machines."""
+"""The report of a bake: what was made of each mesh, tool and clip, as JSON values, and in a line."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-from wrinklecli.baking.budget import texture_bytes
+from wrinklecli.baking.budget import BUDGETS, texture_bytes
 from wrinklecli.baking.extras import METHOD
-from wrinklecli.baking.plan import MeshPlan, Mode
+from wrinklecli.baking.job import Job, Mode
+from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.proof import Residual
 from wrinklecli.baking.sample import Motion
 from wrinklecli.baking.targets import TargetSet, targets_of
-from wrinklecli.baking.warnings import placement_warnings, twin_warnings
+from wrinklecli.baking.warnings import mesh_warnings, tool_warnings
 from wrinklecli.character.clip import Clip
-from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.shape import Json
 from wrinklecli.method.activity import Activity
-from wrinklecli.method.carry import CarriedPatch
 from wrinklecli.method.patch import Patch
 from wrinklecli.numeric.arrays import Floats
-from wrinklecli.tools.records import ToolsFile
-
-Json = dict[str, Any]
 
 VERSION = 1
 
-# A shortening below this part of the rest length is as good as none.
-_VISIBLE = 1e-3
 # Decimal digits of measured numbers: those that tell any two float32 values apart.
 _DIGITS = 9
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class Report:
     """What a bake did.
 
@@ -44,8 +38,8 @@ class Report:
     """
 
     data: Json
-    warnings: list[str] = field(default_factory=list)
-    inputs: list[str] = field(default_factory=list)
+    warnings: tuple[str, ...] = ()
+    inputs: tuple[str, ...] = ()
     bytes_written: int = 0
     timings: Json = field(default_factory=dict)
 
@@ -72,99 +66,118 @@ class Report:
 
 
 @dataclass(frozen=True, slots=True)
-class Baked:
-    """All that was made of one node's mesh; residuals by clip."""
+class BakedMesh:
+    """All that was made of one node's mesh.
+
+    Attributes:
+        plan: The tools on it.
+        target_sets: Of each tool.
+        motions: Of each clip that was sampled.
+        residuals: By clip, where the file was proved.
+        budget: What `fit_budget` says, where an engine was named.
+    """
 
     plan: MeshPlan
-    target_sets: list[TargetSet]
-    motions: list[Motion]
-    residuals: dict[str, Residual]
+    target_sets: Sequence[TargetSet] = ()
+    motions: Sequence[Motion] = ()
+    residuals: dict[str, Residual] = field(default_factory=dict)
+    budget: Json | None = None
+
+    def seen(self, tool: int) -> list[tuple[Clip, Floats, Activity]]:
+        """For each clip its (frames,) times and what one of the tools does then."""
+        return [(motion.clip, motion.times, motion.seen[tool]) for motion in self.motions]
 
 
-def make_report(
-    document: Document,
-    settings: ToolsFile,
-    mode: Mode,
-    baked: Sequence[Baked],
-    warnings: list[str],
-    *,
-    details: bool,
-) -> Report:
-    """Gather what was made; frame by frame only with `details`."""
+def make_report(job: Job, baked: Sequence[BakedMesh], *, images: Sequence[str]) -> Report:
+    """Gather what was made; frame by frame only with the option `details`.
+
+    Args:
+        job: The asset, its tools and the options.
+        baked: Each mesh.
+        images: Files that were read for the output, besides those of the job.
+    """
+    warnings = list(job.warnings)
+    for mesh in baked:
+        clips = [motion.clip for motion in mesh.motions]
+        warnings += mesh_warnings(mesh.plan, job.settings, clips, job.options.mode)
+        for number, target_set in enumerate(mesh.target_sets):
+            warnings += tool_warnings(mesh.plan, target_set.carried, mesh.seen(number))
+    engine = job.options.engine
+    data: Json = {
+        "report": VERSION,
+        "method": METHOD,
+        "asset": job.document.path,
+        "tools_file": job.settings.path,
+        "mode": job.options.mode,
+        "tallest_wrinkle": max(mesh.plan.tallest for mesh in baked),
+        "meshes": [_describe_mesh(mesh, job.options.mode) for mesh in baked],
+        "tools": [_describe_tool(mesh.plan, target_set) for mesh in baked for target_set in mesh.target_sets],
+        "clips": _describe_clips(baked, details=job.options.details),
+        "warnings": warnings,
+    }
+    if engine is not None:
+        budgets = [mesh.budget for mesh in baked if mesh.budget is not None]
+        data["engine"] = {"name": engine, "limits": asdict(BUDGETS[engine]), "meshes": budgets}
+    return Report(data=data, warnings=tuple(warnings), inputs=(*job.inputs, *images))
+
+
+def _describe_mesh(mesh: BakedMesh, mode: Mode) -> Json:
+    plan, rig, fine = mesh.plan, mesh.plan.rig, mesh.plan.fine
+    data = {
+        "node": rig.names[rig.node],
+        "coarse_vertices": len(fine.surface.weld),
+        "vertices": len(fine.weld),
+        "coarse_triangles": len(fine.surface.triangles),
+        "triangles": len(fine.triangles),
+        "levels": fine.subdivision.levels,
+        "edges_at_max_levels": fine.subdivision.limited,
+        "edges_blocked": fine.subdivision.blocked,
+        "vertices_pruned": fine.pruned_count,
+        "max_error": plan.max_error,
+        "tallest_wrinkle": plan.tallest,
+    }
+    if mode == "morph":
+        # Of all morph targets, those of the asset among them.
+        data["gpu_bytes"] = texture_bytes(plan, len(rig.morph_names) + len(targets_of(mesh.target_sets)))
+    return data
+
+
+def _describe_tool(plan: MeshPlan, target_set: TargetSet) -> Json:
+    carried, patch = target_set.carried, target_set.carried.patch
+    return {
+        "name": patch.tool.name,
+        "node": plan.rig.names[plan.rig.node],
+        "rest_length": patch.rest_length,
+        "anchor_distances": [patch.origin.distance, patch.target.distance],
+        "moved_vertices": len(carried.vertices),
+        "stuck_vertices": carried.stuck,
+        "targets": [target.name for target in target_set.targets if target is not None],
+    }
+
+
+def _describe_clips(baked: Sequence[BakedMesh], *, details: bool) -> list[Json]:
+    """An entry for each clip, which may move several meshes."""
     clips: dict[str, Json] = {}
-    meshes, tools = [], []
-    for each in baked:
-        plan, rig = each.plan, each.plan.rig
-        split = plan.fine.subdivision
-        meshes.append(
-            {
-                "node": rig.names[rig.node],
-                "coarse_vertices": len(plan.fine.surface.weld),
-                "vertices": len(plan.fine.weld),
-                "coarse_triangles": len(plan.fine.surface.triangles),
-                "triangles": len(plan.fine.triangles),
-                "levels": split.levels,
-                "edges_at_max_levels": split.limited,
-                "edges_blocked": split.blocked,
-                "vertices_pruned": plan.fine.pruned_count,
-                "max_error": plan.max_error,
-                "tallest_wrinkle": plan.tallest,
-                **({"gpu_bytes": _gpu_bytes(each)} if mode == "morph" else {}),
-            }
-        )
-        warnings += mesh_warnings(plan, settings, [motion.clip for motion in each.motions], mode)
-        for motion in each.motions:
+    for mesh in baked:
+        for motion in mesh.motions:
             times = motion.times if details else motion.times[:0]
-            entry = clips.setdefault(motion.clip.name, describe_clip(motion.clip, times))
+            entry = clips.setdefault(motion.clip.name, _describe_clip(motion.clip, times))
             entry["keys"] = entry.get("keys", 0) + len(motion.keys)
-            if motion.clip.name in each.residuals:
-                entry["residual"] = describe_residual(each.residuals[motion.clip.name])
-        for number, target_set in enumerate(each.target_sets):
+            if motion.clip.name in mesh.residuals:
+                entry["residual"] = _describe_residual(mesh.residuals[motion.clip.name])
+        for number, target_set in enumerate(mesh.target_sets if details else ()):
             patch = target_set.carried.patch
-            seen = [(motion.clip, motion.times, motion.seen[number]) for motion in each.motions]
-            warnings += placement_warnings(plan, target_set.carried) + warnings_of(target_set.carried, seen)
-            tools.append(
-                {
-                    "name": patch.tool.name,
-                    "node": rig.names[rig.node],
-                    "rest_length": patch.rest_length,
-                    "anchor_distances": [patch.origin.distance, patch.target.distance],
-                    "moved_vertices": len(target_set.carried.vertices),
-                    "stuck_vertices": target_set.carried.stuck,
-                    "targets": [target.name for target in target_set.targets if target is not None],
-                }
-            )
-            if details:
-                for clip, _, what in seen:
-                    strength = patch.tool.clips.get(clip.name, patch.tool.strength)
-                    clips[clip.name]["tools"].append(describe_activity(patch, what, strength))
-    return Report(
-        data={
-            "report": VERSION,
-            "method": METHOD,
-            "asset": document.path,
-            "tools_file": settings.path,
-            "mode": mode,
-            "tallest_wrinkle": max(each.plan.tallest for each in baked),
-            "meshes": meshes,
-            "tools": tools,
-            "clips": list(clips.values()),
-            "warnings": warnings,
-        },
-        warnings=warnings,
-    )
-
-
-def _gpu_bytes(baked: Baked) -> int:
-    """What all morph targets of a mesh take on the GPU, those of the asset among them."""
-    return texture_bytes(baked.plan, len(baked.plan.rig.morph_names) + len(targets_of(baked.target_sets)))
+            for clip, _, what in mesh.seen(number):
+                strength = patch.tool.clips.get(clip.name, patch.tool.strength)
+                clips[clip.name]["tools"].append(_describe_activity(patch, what, strength))
+    return list(clips.values())
 
 
 def _counted(count: int, one: str, many: str = "") -> str:
     return f"{count} {one if count == 1 else many or one + 's'}"
 
 
-def describe_clip(clip: Clip, times: Floats) -> Json:
+def _describe_clip(clip: Clip, times: Floats) -> Json:
     """The head of a clip's entry."""
     return {
         "name": clip.name,
@@ -175,7 +188,7 @@ def describe_clip(clip: Clip, times: Floats) -> Json:
     }
 
 
-def describe_activity(patch: Patch, seen: Activity, strength: float) -> Json:
+def _describe_activity(patch: Patch, seen: Activity, strength: float) -> Json:
     """What one tool does in one clip, frame by frame, scene units; `heights` are those of strength 1."""
     curve = patch.curve
     tallest = abs(strength) * float(np.abs(curve.heights(seen.amplitudes)).max(initial=0.0))
@@ -196,7 +209,7 @@ def describe_activity(patch: Patch, seen: Activity, strength: float) -> Json:
     }
 
 
-def describe_residual(residual: Residual) -> Json:
+def _describe_residual(residual: Residual) -> Json:
     """How far the written file is from the method in one clip."""
     return {
         "position": float(f"{residual.position:.3e}"),
@@ -204,48 +217,6 @@ def describe_residual(residual: Residual) -> Json:
         "weights": float(f"{residual.weights:.3e}"),
         "normal_degrees_99": None if residual.normal is None else round(residual.normal, 3),
     }
-
-
-def mesh_warnings(plan: MeshPlan, settings: ToolsFile, clips: Sequence[Clip], mode: Mode) -> list[str]:
-    """What a user should know of a mesh with all its tools, over the clips baked."""
-    rig = plan.rig
-    where = rig.names[rig.node]
-    warnings = twin_warnings(plan, clips)
-    if plan.fine.subdivision.limited:
-        warnings.append(
-            f"{where}: {plan.fine.subdivision.limited} edges are still too long for the wrinkles at max_levels"
-            f" {settings.refinement.max_levels}"
-        )
-    return warnings + [
-        f"{where}: {clip.name} gets a weights channel, which will hold the morph targets that were free there;"
-        " --tracks none avoids it"
-        for clip in clips
-        if rig.morph_names and clip.channel(rig.node, "weights") is None and mode == "morph"
-    ]
-
-
-def warnings_of(carried: CarriedPatch, clips: Sequence[tuple[Clip, Floats, Activity]]) -> list[str]:
-    """What a user should know of one tool, over all clips baked."""
-    patch = carried.patch
-    where = patch.tool.name
-    warnings = []
-    if patch.clip_strength(None) * patch.shape_strength not in (1.0, -1.0):
-        warnings.append(f"{where}: strength {patch.tool.strength:g} does not keep the length of the surface")
-    if carried.stuck:
-        warnings.append(f"{where}: {carried.stuck} vertices stay put: singular at rest")
-    if not clips:
-        return warnings
-    if max(float((seen.shortenings / seen.rest_lengths).max()) for _, _, seen in clips) < _VISIBLE:
-        warnings.append(f"{where}: never shortens in {', '.join(clip.name for clip, _, _ in clips)}: no wrinkle")
-    clip, times, seen = max(clips, key=lambda each: float((each[2].unabsorbed / each[2].rest_lengths).max()))
-    share = seen.unabsorbed / seen.rest_lengths
-    if share.max() > _VISIBLE:
-        frame = int(share.argmax())
-        warnings.append(
-            f"{where}: {100 * share[frame]:.0f} % of its length is not absorbed in {clip.name} at"
-            f" {times[frame]:.3g} s: the bumps reach max_height"
-        )
-    return warnings
 
 
 def _round(value: float) -> float:

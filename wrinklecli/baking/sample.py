@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrinklecli.baking.plan import MeshPlan, Mode
+from wrinklecli.baking.job import Mode
+from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.targets import TargetSet, named_targets
 from wrinklecli.character.clip import Clip, clip_grid, turns
 from wrinklecli.character.rig import moving_nodes

@@ -3,11 +3,13 @@
 import os
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 
-from wrinklecli.baking.report import Baked
+from wrinklecli.baking.job import Job
+from wrinklecli.baking.report import BakedMesh
 from wrinklecli.baking.targets import targets_of
 from wrinklecli.character.clip import clip_grid
 from wrinklecli.gltf.document import Document
@@ -20,7 +22,7 @@ STAGES = ("read", "plan", "sample", "budget", "encode", "prove", "report", "expo
 
 
 class StageClock:
-    """Seconds since one moment, shared out among stages: those between two calls of `ends` belong to the stage named.
+    """Adds up the seconds of each stage.
 
     Attributes:
         seconds: By stage, 0 for one that has not run.
@@ -28,25 +30,22 @@ class StageClock:
 
     def __init__(self) -> None:
         self.seconds = dict.fromkeys(STAGES, 0.0)
-        self._last = time.perf_counter()
 
-    def ends(self, stage: str) -> None:
-        """Count the time since the last call, or the start, as a stage's, which may run several times."""
-        now = time.perf_counter()
-        self.seconds[stage] += now - self._last
-        self._last = now
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Count the time spent within as a stage's, which may run several times."""
+        start = time.perf_counter()
+        yield
+        self.seconds[name] += time.perf_counter() - start
 
 
-def make_timings(
-    clock: StageClock, document: Document, baked: Sequence[Baked], *, fps: float, bytes_written: int | None
-) -> Json:
+def make_timings(clock: StageClock, job: Job, baked: Sequence[BakedMesh], *, bytes_written: int | None) -> Json:
     """Gather what a bake took.
 
     Args:
         clock: Of the bake.
-        document: The asset.
-        baked: What was made.
-        fps: Of the grid over the clips.
+        job: The asset and its tools.
+        baked: What was made of each mesh.
         bytes_written: Size of OUT with the files beside it; none without OUT.
 
     Returns:
@@ -54,7 +53,7 @@ def make_timings(
     """
     clips = {motion.clip.index: motion.clip for each in baked for motion in each.motions}
     members = [distinct_values(np.concatenate([c.vertices for c in each.plan.carried_patches])) for each in baked]
-    frames = sum(len(clip_grid(clip, None, fps=fps)) for clip in clips.values())
+    frames = sum(len(clip_grid(clip, None, fps=job.settings.sampling.fps)) for clip in clips.values())
     seconds = {stage: round(each, 6) for stage, each in clock.seconds.items()}
     total = round(sum(seconds.values()), 6)
     return {
@@ -66,7 +65,7 @@ def make_timings(
         "frames_per_second": round(frames / max(total, 1e-6), 3),
         "members": sum(len(each) for each in members),
         "targets": sum(len(targets_of(each.target_sets)) for each in baked),
-        "bytes_added": _bytes_added(document, bytes_written),
+        "bytes_added": _bytes_added(job.document, bytes_written),
         "peak_memory_bytes": peak_memory(),
     }
 

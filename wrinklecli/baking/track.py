@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from wrinklecli.baking.job import refuse_overwriting
 from wrinklecli.baking.morphs import encode_track, own_mesh
-from wrinklecli.baking.pipeline import refuse_overwriting
 from wrinklecli.character.clip import Clip, clip_grid, read_clips
 from wrinklecli.character.pose import LEAST_SCALE, morph_weights, node_matrices
 from wrinklecli.character.rig import Rig, morph_target_names, moving_nodes, read_rig

@@ -1,4 +1,4 @@
-"""How tools lie on their mesh: what is wrong with a place before anything is baked there."""
+"""The warnings of a bake: tools that lie or act otherwise than their author means, and meshes too coarse for them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,6 +7,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
+from wrinklecli.baking.job import Mode
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.character.clip import Clip
 from wrinklecli.method.activity import Activity
@@ -14,7 +15,10 @@ from wrinklecli.method.carry import CarriedPatch
 from wrinklecli.method.patch import Patch
 from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.numeric.nearest import ray_distances
+from wrinklecli.tools.records import ToolsFile
 
+# A shortening below this part of the rest length is as good as none.
+_VISIBLE = 1e-3
 # An anchor that snaps by more than this part of its segment lies elsewhere than where it was put.
 _FAR = 0.05
 # The surface under a segment over the segment: a circle's arc of 145° is as long.
@@ -35,6 +39,59 @@ _TOUCHING = 1e-6
 # Pairs of a wrinkle's vertex and a triangle: looked at together, and in all, which takes some seconds.
 _CHUNK = 2**18
 _MOST_PAIRS = 2**23
+
+
+def mesh_warnings(plan: MeshPlan, settings: ToolsFile, clips: Sequence[Clip], mode: Mode) -> list[str]:
+    """What a user should know of a mesh with all its tools, over the clips baked."""
+    rig = plan.rig
+    where = rig.names[rig.node]
+    warnings = twin_warnings(plan, clips)
+    if plan.fine.subdivision.limited:
+        warnings.append(
+            f"{where}: {plan.fine.subdivision.limited} edges are still too long for the wrinkles at max_levels"
+            f" {settings.refinement.max_levels}"
+        )
+    return warnings + [
+        f"{where}: {clip.name} gets a weights channel, which will hold the morph targets that were free there;"
+        " --tracks none avoids it"
+        for clip in clips
+        if rig.morph_names and clip.channel(rig.node, "weights") is None and mode == "morph"
+    ]
+
+
+def tool_warnings(plan: MeshPlan, carried: CarriedPatch, clips: Sequence[tuple[Clip, Floats, Activity]]) -> list[str]:
+    """What a user should know of one tool: of its place, and of what it does.
+
+    Args:
+        plan: Of its mesh.
+        carried: The tool.
+        clips: For each clip baked its (frames,) times and what the tool does then.
+    """
+    return placement_warnings(plan, carried) + _clip_warnings(carried, clips)
+
+
+def _clip_warnings(carried: CarriedPatch, clips: Sequence[tuple[Clip, Floats, Activity]]) -> list[str]:
+    """What a user should know of how one tool acts, over all clips baked."""
+    patch = carried.patch
+    where = patch.tool.name
+    warnings = []
+    if patch.clip_strength(None) * patch.shape_strength not in (1.0, -1.0):
+        warnings.append(f"{where}: strength {patch.tool.strength:g} does not keep the length of the surface")
+    if carried.stuck:
+        warnings.append(f"{where}: {carried.stuck} vertices stay put: singular at rest")
+    if not clips:
+        return warnings
+    if max(float((seen.shortenings / seen.rest_lengths).max()) for _, _, seen in clips) < _VISIBLE:
+        warnings.append(f"{where}: never shortens in {', '.join(clip.name for clip, _, _ in clips)}: no wrinkle")
+    clip, times, seen = max(clips, key=lambda each: float((each[2].unabsorbed / each[2].rest_lengths).max()))
+    share = seen.unabsorbed / seen.rest_lengths
+    if share.max() > _VISIBLE:
+        frame = int(share.argmax())
+        warnings.append(
+            f"{where}: {100 * share[frame]:.0f} % of its length is not absorbed in {clip.name} at"
+            f" {times[frame]:.3g} s: the bumps reach max_height"
+        )
+    return warnings
 
 
 def placement_warnings(plan: MeshPlan, carried: CarriedPatch) -> list[str]:

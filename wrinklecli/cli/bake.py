@@ -4,6 +4,7 @@ import json
 import os
 import signal
 import sys
+from collections.abc import Iterable
 from typing import Any
 
 import click
@@ -134,7 +135,7 @@ def bake(
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
 
     from wrinklecli import bake as run
-    from wrinklecli.baking.pipeline import refuse_overwriting
+    from wrinklecli.baking.job import BakeOptions, refuse_overwriting
     from wrinklecli.errors import BakeError
     from wrinklecli.gltf.files import replace_bytes
 
@@ -145,7 +146,8 @@ def bake(
         if not os.access(os.path.dirname(path) or ".", os.W_OK):
             raise BakeError("cannot be written: its folder is missing or read-only", where=path)
     with Progress(quiet=quiet) as progress:
-        made = run(asset, tools, output, details=report is not None, progress=progress.show, **options)
+        chosen = BakeOptions(details=report is not None, **options)
+        made = run(asset, tools, output, chosen, progress=progress.show)
     if report is not None:
         replace_bytes(report, json.dumps(made.data, indent=1, allow_nan=False).encode() + b"\n")
     if timings is not None:
@@ -165,7 +167,7 @@ def bake(
     say(f"{output or options['frames_dir']}: {made.summary}")
 
 
-def dependencies(target: str, inputs: list[str]) -> str:
+def dependencies(target: str, inputs: Iterable[str]) -> str:
     """A Make rule that rebuilds the target when an input changes, and an empty rule for each input.
 
     The empty rules keep Make going when an input is renamed.

@@ -46,7 +46,7 @@ def check(asset: str, tools: str, plot: str | None, as_json: bool, strict: bool,
     if plot is not None and not plot.lower().endswith((".png", ".svg")):
         raise click.BadParameter(f"{plot!r} ends neither in .png nor .svg", param_hint="--plot")
 
-    from wrinklecli.baking.pipeline import refuse_overwriting
+    from wrinklecli.baking.job import refuse_overwriting
     from wrinklecli.errors import RefusedError
     from wrinklecli.gltf.files import replace_bytes
     from wrinklecli.review.check import check as run

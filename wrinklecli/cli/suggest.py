@@ -49,7 +49,7 @@ def suggest(asset: str, output: str | None, as_json: bool, quiet: bool, **option
     if as_json and output == "-":
         raise click.UsageError("'--json' and '-o -' both want standard output.")
 
-    from wrinklecli.baking.pipeline import refuse_overwriting
+    from wrinklecli.baking.job import refuse_overwriting
     from wrinklecli.errors import AssetError
     from wrinklecli.review.suggest.suggest import suggest as run
 

@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
-from wrinklecli.baking.pipeline import plan_meshes, read_job
-from wrinklecli.baking.plan import MeshPlan
-from wrinklecli.baking.report import mesh_warnings, warnings_of
+from wrinklecli.baking.job import BakeOptions, read_job
+from wrinklecli.baking.plan import MeshPlan, plan_meshes
 from wrinklecli.baking.sample import moving_clips, refuse_many_frames
-from wrinklecli.baking.warnings import collision, placement_warnings
+from wrinklecli.baking.warnings import collision, mesh_warnings, tool_warnings
 from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.method.activity import Activity, activity
 from wrinklecli.method.anchor import Anchor
@@ -77,9 +76,8 @@ def check(
         WrinkleError: What a bake would raise before it samples clips: of all tools that do not fit, a line each.
     """
     with guarded(os.fspath(asset)):
-        job = read_job(
-            asset, tools, clips=clips, only=only, fps=fps, max_levels=max_levels, allow_external=allow_external
-        )
+        options = BakeOptions(clips=clips, only=only, fps=fps, max_levels=max_levels, allow_external=allow_external)
+        job = read_job(asset, tools, options)
         general = list(job.warnings)
         checked: list[CheckedTool] = []
         meshes: list[Json] = []
@@ -97,7 +95,7 @@ def check(
                     for clip, times in zip(moving, grids, strict=True)
                 )
                 checked.append(CheckedTool(carried, seen))
-                warnings = placement_warnings(plan, carried) + warnings_of(carried, seen)
+                warnings = tool_warnings(plan, carried, seen)
                 warnings += _collision_warnings(plan, carried, seen, job.settings.up)
                 described.append(
                     _describe_tool(plan, carried, job.settings.up)

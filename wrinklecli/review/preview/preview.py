@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from wrinklecli.baking.job import BakeOptions, read_job, refuse_overwriting
 from wrinklecli.baking.morphs import encode_morphs
-from wrinklecli.baking.pipeline import plan_meshes, read_job, refuse_overwriting
-from wrinklecli.baking.plan import MeshPlan
+from wrinklecli.baking.plan import MeshPlan, plan_meshes
 from wrinklecli.baking.sample import sample_clips
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import Document, read_document
@@ -239,7 +239,7 @@ def apply_tools(
     Raises:
         WrinkleError: The asset or the tools are at fault, or do not go together.
     """
-    job = read_job(asset, tools, clips=clips, only=only, allow_external=allow_external)
+    job = read_job(asset, tools, BakeOptions(clips=clips, only=only, allow_external=allow_external))
     if warnings is not None:
         warnings += job.warnings
     draft = Draft(job.document)

@@ -1,0 +1,254 @@
+"""What to bake: options, and an asset with its tools, read and joined: which clips, and which tools on which mesh."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias
+
+from wrinklecli.character.clip import Clip, chosen_clips, no_clip, read_clips
+from wrinklecli.character.rig import morph_target_names
+from wrinklecli.errors import BakeError, ConfigError, listed, nearest
+from wrinklecli.gltf.document import Document, read_document
+from wrinklecli.gltf.original import original
+from wrinklecli.tools.read import load_tools
+from wrinklecli.tools.records import Length, RestLengthKeys, ToolsFile, WrinkleTool
+
+Mode: TypeAlias = Literal["morph", "frames"]
+Engine: TypeAlias = Literal["three", "unity", "spec8"]
+
+_ONE_PERCENT = Length(1.0, percent=True)
+
+
+@dataclass(frozen=True, slots=True)
+class BakeOptions:
+    """How to bake, besides what the tools file says.
+
+    Attributes:
+        mode: `morph` keeps the skin and adds morph targets; `frames` writes posed geometry for each frame.
+        clips: Names of the clips to bake; those of the tools file where left out.
+        only: Names of the tools to bake; all where left out.
+        fps: Overrides `sampling.fps`.
+        max_error: Largest distance of the file from the method, of the tallest wrinkle where in per cent.
+        max_levels: Overrides `refinement.max_levels`.
+        accessors: `dense` for readers that cannot take sparse accessors.
+        tracks: `none` writes targets and extras without weight tracks.
+        frames_dir: Also write a file for each frame into this folder.
+        frames_format: Of those files.
+        allow_external: Read buffers and images outside the asset's folder too.
+        morph_tangents: Also write TANGENT targets, where the base has TANGENT.
+        engine: Hold morph targets to what this one plays: three, unity, or spec8 (eight at a time).
+        strict: Refuse to write where there are warnings.
+        replace: Bake the asset that an earlier bake was made from, where the asset is that bake's output; see
+            `gltf.original`.
+        details: Measure residuals of normals and curve lengths for the report, which takes longer.
+    """
+
+    mode: Mode = "morph"
+    clips: Sequence[str] = ()
+    only: Sequence[str] = ()
+    fps: float | None = None
+    max_error: Length = _ONE_PERCENT
+    max_levels: int | None = None
+    accessors: Literal["sparse", "dense"] = "sparse"
+    tracks: Literal["all", "none"] = "all"
+    frames_dir: str | os.PathLike[str] | None = None
+    frames_format: Literal["obj", "ply", "glb"] = "obj"
+    allow_external: bool = False
+    morph_tangents: bool = False
+    engine: Engine | None = None
+    strict: bool = False
+    replace: bool = False
+    details: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """An asset and its tools, read: what `bake` and `check` begin with.
+
+    Attributes:
+        options: As given.
+        settings: The tools file with the options that override it.
+        document: The asset; without the wrinkles of an earlier bake where these are to be replaced.
+        inputs: Every file that was read, as typed or joined to the asset's folder.
+        every_clip: Of the asset.
+        clips: Those to bake.
+        by_node: The tools of each node that has a mesh, nodes rising.
+        warnings: A line for each tool and clip that is named in vain.
+    """
+
+    options: BakeOptions
+    settings: ToolsFile
+    document: Document
+    inputs: tuple[str, ...]
+    every_clip: tuple[Clip, ...]
+    clips: tuple[Clip, ...]
+    by_node: dict[int, list[WrinkleTool]]
+    warnings: tuple[str, ...]
+
+
+def read_job(asset: str | os.PathLike[str], tools: str | os.PathLike[str], options: BakeOptions) -> Job:
+    """Read an asset and its tools, and find each tool's mesh.
+
+    Args:
+        asset: The .gltf or .glb.
+        tools: The YAML file of tools.
+        options: Which clips and tools of them, and how to read.
+
+    Raises:
+        WrinkleError: One of them is at fault, or they do not go together.
+    """
+    settings = _overridden(load_tools(tools), options)
+    document = read_document(asset, allow_external=options.allow_external)
+    if options.replace:
+        document = original(document)
+    every_clip = read_clips(document)
+    clips = _chosen_clips(every_clip, settings, options.clips, document)
+    by_node, left_out = tools_by_node(document, settings)
+    return Job(
+        options=options,
+        settings=settings,
+        document=document,
+        inputs=(document.files[0], settings.path, *document.files[1:]),
+        every_clip=every_clip,
+        clips=clips,
+        by_node=by_node,
+        warnings=(*_vain_clips(settings, every_clip), *left_out),
+    )
+
+
+def refuse_overwriting(inputs: Sequence[str], outputs: Sequence[str | os.PathLike[str]]) -> None:
+    """Check that no output is an input, by whatever name.
+
+    Raises:
+        BakeError: One is.
+    """
+    known = {os.path.realpath(path) for path in inputs}
+    for path in outputs:
+        if os.path.realpath(path) in known:
+            raise BakeError("is an input too and would be overwritten", where=os.fspath(path))
+
+
+def tools_by_node(document: Document, settings: ToolsFile) -> tuple[dict[int, list[WrinkleTool]], list[str]]:
+    """Find each tool's mesh.
+
+    Returns:
+        The tools of each node that has a mesh, nodes rising; and a warning for each tool that is left out.
+
+    Raises:
+        BakeError: Of all tools without a mesh and all meshes that are wrinkled already, a line each; or no tool is
+            left.
+    """
+    nodes = document.items("nodes")
+    mesh_nodes = [index for index, node in enumerate(nodes) if "mesh" in node]
+    deforming = [index for index in mesh_nodes if _deforms(document, index)]
+    found: dict[int, list[WrinkleTool]] = {}
+    warnings: list[str] = []
+    problems: list[BakeError] = []
+    for tool in settings.tools:
+        if not tool.strength and not any(tool.clips.values()):
+            warnings.append(f"{tool.name}: left out, as its strength is 0 in every clip")
+        elif tool.optional and tool.node is not None and all(nodes[i].get("name") != tool.node for i in mesh_nodes):
+            warnings.append(f"{tool.name}: left out, as there is no node {tool.node!r}")
+        else:
+            try:
+                found.setdefault(_node_of(tool, document, mesh_nodes, deforming), []).append(tool)
+            except BakeError as error:
+                problems.append(error)
+    for index in found:
+        extras = nodes[index].get("extras")
+        if isinstance(extras, dict) and "wrinkle" in extras:
+            problems.append(
+                BakeError(
+                    "already carries wrinkles of an earlier bake; bake from the original asset, or use --replace",
+                    where=document.where("nodes", index, "extras", "wrinkle"),
+                )
+            )
+    if problems:
+        raise BakeError.of_all(problems)
+    if not found:
+        raise BakeError("no tool is left: those that there are, are absent or of strength 0", where=settings.path)
+    return dict(sorted(found.items())), warnings
+
+
+def _node_of(tool: WrinkleTool, document: Document, mesh_nodes: Sequence[int], deforming: Sequence[int]) -> int:
+    """The node whose mesh a tool wrinkles.
+
+    Args:
+        tool: The tool.
+        document: The asset.
+        mesh_nodes: Its nodes that have a mesh.
+        deforming: Those of them whose mesh deforms.
+
+    Raises:
+        BakeError: There is none, or more than one.
+    """
+    names = {index: document.items("nodes")[index].get("name") for index in mesh_nodes}
+    if tool.node is None:
+        if len(deforming) == 1:
+            return deforming[0]
+        fault = "no mesh of the asset deforms: it has neither a skin nor morph targets"
+        if deforming:
+            several = listed(str(names[index]) for index in deforming)
+            fault = f"several meshes deform; name one by `node`: {several}"
+        raise BakeError(fault, where=document.path)
+    matches = [index for index in mesh_nodes if names[index] == tool.node]
+    if len(matches) == 1 and matches[0] in deforming:
+        return matches[0]
+    if len(matches) == 1:
+        fault = f"node {tool.node!r} has neither a skin nor morph targets: it does not deform"
+    elif matches:
+        fault = f"{len(matches)} nodes with a mesh are named {tool.node!r}"
+    else:
+        known = [str(name) for name in names.values()]
+        fault = f"node {tool.node!r} is no node with a mesh{nearest(tool.node, known)}; there are {listed(known)}"
+    raise BakeError(fault, where=f"{tool.where}.node")
+
+
+def _deforms(document: Document, mesh_node: int) -> bool:
+    node = document.items("nodes")[mesh_node]
+    mesh = document.item("meshes", node["mesh"], user=document.where("nodes", mesh_node))
+    return "skin" in node or bool(morph_target_names(mesh))
+
+
+def _overridden(settings: ToolsFile, options: BakeOptions) -> ToolsFile:
+    """The tools file with the options that override it."""
+    names = [tool.name for tool in settings.tools]
+    for name in options.only:
+        if name not in names:
+            raise ConfigError(
+                f"no enabled tool is named {name!r}{nearest(name, names)}; there are {listed(names)}",
+                where=settings.path,
+            )
+    tools = tuple(tool for tool in settings.tools if not options.only or tool.name in options.only)
+    if not tools:
+        raise ConfigError("no tool is enabled", where=settings.path)
+    sampling, refinement = settings.sampling, settings.refinement
+    if options.fps is not None:
+        sampling = replace(sampling, fps=options.fps)
+    if options.max_levels is not None:
+        refinement = replace(refinement, max_levels=options.max_levels)
+    return replace(settings, tools=tools, sampling=sampling, refinement=refinement)
+
+
+def _chosen_clips(
+    clips: tuple[Clip, ...], settings: ToolsFile, asked: Sequence[str], document: Document
+) -> tuple[Clip, ...]:
+    """The clips to bake: those asked for, else those of the tools file, else all."""
+    wanted: Sequence[str] = asked
+    if not asked and settings.sampling.clips != "all":
+        wanted = settings.sampling.clips
+    return chosen_clips(clips, wanted, where=document.path)
+
+
+def _vain_clips(settings: ToolsFile, clips: tuple[Clip, ...]) -> list[str]:
+    """A warning for each clip that a tool names and the asset lacks."""
+    names = [clip.name for clip in clips]
+    warnings = []
+    for tool in settings.tools:
+        keyed = tool.rest_length.keys if isinstance(tool.rest_length, RestLengthKeys) else {}
+        warnings += [
+            f"{tool.name}: the asset has {no_clip(name, names)}"
+            for name in dict.fromkeys([*tool.clips, *keyed])
+            if name not in names
+        ]
+    return warnings
