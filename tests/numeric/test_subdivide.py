@@ -10,7 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wrinklecli.numeric.subdivide import Level, Matrix, subdivide
+from wrinklecli.numeric.red_green import Level
+from wrinklecli.numeric.sparse import Matrix
+from wrinklecli.numeric.subdivide import subdivide
 
 
 def everything(level):
@@ -337,7 +339,7 @@ def test_rows_sum_to_one(name, scheme):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_sparse_products_are_those_of_dense_matrices(seed, monkeypatch):
-    monkeypatch.setattr("wrinklecli.numeric.subdivide._AT_ONCE", 40)
+    monkeypatch.setattr("wrinklecli.numeric.sparse._AT_ONCE", 40)
     random = np.random.default_rng(seed)
     count = 9
 

@@ -19,7 +19,9 @@ from wrinklecli.method.patch import Patch
 from wrinklecli.method.prune import joint_distances, prune, pruning_errors
 from wrinklecli.method.rest import Rest, carried_normals
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct, distinct_values, normals_at, unit, vertex_normals
-from wrinklecli.numeric.subdivide import Level, Matrix, Subdivision, subdivide
+from wrinklecli.numeric.red_green import Level
+from wrinklecli.numeric.sparse import Matrix
+from wrinklecli.numeric.subdivide import Subdivision, subdivide
 from wrinklecli.tools.records import RefinementSettings
 
 # Share of a wrinkle's height that shows.

@@ -1,4 +1,4 @@
-"""Vectors, normals and small matrices, and which values of an array are distinct.
+"""Vectors, normals and small matrices, and which values of an array are distinct or among others.
 
 The types of the house: `Floats` are float64, `Ints` index arrays, `Bools` chosen rows, `Array` is of any type.
 """
@@ -156,3 +156,23 @@ def affine_rows(translations: Floats, rotations: Floats, scales: Floats) -> Floa
 def float32_values(values: Floats) -> Floats:
     """The nearest float32 values, as a file holds them."""
     return values.astype(np.float32).astype(np.float64)
+
+
+def among(values: Ints, ascending: Ints) -> Bools:
+    """(n,) whether each of (n,) values is one of some, which ascend."""
+    found: Bools = np.searchsorted(ascending, values, "right") > np.searchsorted(ascending, values)
+    return found
+
+
+def any_of(flags: Bools, members: Ints) -> Bools:
+    """(n,) whether any of the three members of (n, 3) is flagged; several times faster than `any`."""
+    a, b, c = members.T
+    found: Bools = flags[a] | flags[b] | flags[c]
+    return found
+
+
+def flags_of(members: Ints, count: int) -> Bools:
+    """(count,) True at the members."""
+    flags = np.zeros(count, dtype=np.bool_)
+    flags[members] = True
+    return flags

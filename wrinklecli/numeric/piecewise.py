@@ -1,19 +1,4 @@
-"""Signals over time as straight lines between few keys: intervals are bisected where they bend, then keys thinned.
-
-Tried, in processor seconds that 24,000 frames more of samples/wrist.glb (two tools) cost a bake: joints posed for
-every point looked into, one matrix after another, keys found one after another: 10.2. Distances as quartics of few
-poses (`smooth`), points shared by bisection and thinning, keys found in lanes side by side, bumps from tables
-(`Interpolant`) and tools posed together: 0.5. Intervals to halve known by their middles, lines that end soon found
-value by value (`_ending`), and `pose` with components first: 0.35, and for samples/head.glb 1.9 times as fast. Three
-or five points inside an interval in place of seven, quartics of four frames each, full bumps without look-ups, and
-activities handed on to proof and report: 0.8 of that for wrist, head and trousers alike. Stretches and chunks of 8,192
-in place of 2,048 and 4,096: 0.7 of that for wrist, 0.9 for the others.
-
-Tried, as the greatest error of 20,100 frames of samples/head.glb at 64 points inside each interval, over the tolerance,
-and evaluations for each time: seven even points 1.5, 9.0. Quarters 2.1, 5.6; 2/9, 1/2 and 7/9 1.8, 5.6, with 0.92 of
-the tolerance 1.7, but 4 % more keys. 1/5, 1/2 and 4/5, where these find 3/4 of the tolerance 3/10 and 7/10 too: 1.5,
-5.8, and as many keys as with seven.
-"""
+"""Signals over time as straight lines between few keys: intervals are bisected where they bend, then keys thinned."""
 
 from collections.abc import Callable
 from itertools import pairwise
@@ -73,9 +58,7 @@ def key_times(
     Returns:
         (frames,) seconds, rising, each a float32 value, and (keys,) indices into them, the first and last among them.
 
-    Keys may be microseconds apart where a wrinkle starts: there heights rise like a square root. Dropping those less
-    than half a millisecond from the next where twice the tolerance allows it was tried: it leaves 170 of 191 such
-    keys of samples/head.glb. Four times the tolerance leaves 88, and doubles the residuals of most assets.
+    Keys may be microseconds apart where a wrinkle starts: there heights rise like a square root.
 
     Source: K. Williams, *An efficient algorithm for the piecewise linear approximation of planar curves*, 1978.
     Differs: all values share their keys; and the lines of up to 64 stretches, between which there is a key, are

@@ -1,0 +1,174 @@
+"""Butterfly stencils: of which vertices around a split edge its new vertex is mixed, and in what shares.
+
+Sources:
+    - D. Zorin, P. Schröder, W. Sweldens, *Interpolating Subdivision for Meshes with Arbitrary Topology*,
+      SIGGRAPH 1996: modified butterfly, the stencils of extraordinary vertices.
+    - N. Dyn, D. Levin, J. A. Gregory, *A Butterfly Subdivision Scheme for Surface Interpolation with Tension
+      Control*, ACM Transactions on Graphics 9(2), 1990: the regular stencil (tension w = 1/16).
+    - N. Dyn, D. Levin, J. A. Gregory, *A 4-point interpolatory subdivision scheme for curve design*, Computer
+      Aided Geometric Design 4(4), 1987: borders.
+
+Differs:
+    - An inner edge with one end on a border takes the other end's extraordinary stencil, or its midpoint if
+      that end's valence is 6; with both ends on a border, its midpoint (Zorin et al. have own rules).
+    - Vertices that are not surrounded by one consistently wound fan count as border. Duplicates of a face (a
+      sheet modelled with its back) are refined like it, but stencils see one face: the first.
+    - A vertex of more than 256 edges has no stencil.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrinklecli.numeric.arrays import Bools, Ints, among, any_of, distinct, distinct_values, flags_of
+from wrinklecli.numeric.sparse import Matrix
+
+# Edges at a vertex beyond which it counts as irregular: the stencils of its edges take the square of them.
+_MOST_VALENCE = 256
+
+
+def butterfly(triangles: Ints, ends: Ints, vertex_count: int) -> Matrix:
+    """The modified butterfly's stencils.
+
+    Differs: a vertex of more than 256 edges has none.
+
+    Args:
+        triangles: (F, 3) vertices; all faces round the ends are among them.
+        ends: (n, 2) vertices of the edges to split.
+        vertex_count: Of the level.
+
+    Returns:
+        (n, vertex_count) weights; rows sum to 1.
+    """
+    fans = _fans(triangles, flags_of(ends, vertex_count))
+    valences = fans.valences[ends]
+    valences = np.where(valences > _MOST_VALENCE, 0, valences)
+    peculiar = (valences != 0) & (valences != 6)
+    peculiar_count = peculiar.sum(axis=1)
+    # Each end has a share in the edge's stencil, and spreads it over itself and its ring.
+    shares = peculiar / np.maximum(peculiar_count, 1)[:, None]
+    shares[(valences == 6).all(axis=1)] = 1.0
+
+    border = fans.border_counts[ends] == 2
+    border = border.all(axis=1) & fans.is_border(ends)
+    plain = (shares.sum(axis=1) == 0.0) & ~border
+    edges = np.arange(len(ends))
+    beyond = fans.border_sums[ends[border]] - ends[border][:, ::-1]
+    rows = [np.repeat(edges[plain], 2), np.repeat(edges[border], 4)]
+    columns = [ends[plain].reshape(-1), np.concatenate([ends[border], beyond], axis=1).reshape(-1)]
+    weights = [
+        np.full(2 * np.count_nonzero(plain), 1 / 2),
+        np.tile([9 / 16, 9 / 16, -1 / 16, -1 / 16], np.count_nonzero(border)),
+    ]
+    for valence in distinct_values(valences[shares > 0.0]).tolist():
+        edge, end = np.nonzero((valences == valence) & (shares > 0.0))
+        own, around = _ring_weights(valence)
+        stencil = shares[edge, end][:, None] * [own, *around]
+        ring = fans.rings(ends[edge, end], ends[edge, 1 - end], valence)
+        rows.append(np.repeat(edge, valence + 1))
+        columns.append(np.concatenate([ends[edge, end][:, None], ring], axis=1).reshape(-1))
+        weights.append(stencil.reshape(-1))
+    return Matrix.of_entries(np.concatenate(rows), np.concatenate(columns), np.concatenate(weights), vertex_count)
+
+
+def _ring_weights(valence: int) -> tuple[float, tuple[float, ...]]:
+    """Weight of an edge's end, and of the end's ring from the edge's other end on.
+
+    For valence 6 it is half of the regular stencil (the edge's other end brings the other half), for any
+    other all of the extraordinary one.
+    """
+    if valence == 6:
+        return 1 / 2, (0.0, 1 / 16, -1 / 16, 0.0, -1 / 16, 1 / 16)
+    if valence == 4:
+        return 3 / 4, (3 / 8, 0.0, -1 / 8, 0.0)
+    if valence == 3:
+        return 3 / 4, (5 / 12, -1 / 12, -1 / 12)
+    # The nearer way round, so that mirrored rings have the same bits.
+    angles = [2 * math.pi * min(j, valence - j) / valence for j in range(valence)]
+    return 3 / 4, tuple((1 / 4 + math.cos(a) + math.cos(2 * a) / 2) / valence for a in angles)
+
+
+@dataclass(frozen=True, slots=True)
+class _Fans:
+    """The faces round some vertices, as half-edges (vertex, next corner, corner after that).
+
+    Attributes:
+        vertex_count: Of the level.
+        keys: (H,) vertex · vertex_count + next corner; ascending.
+        nexts: (H,) the next corner.
+        successors: (H,) the half-edge of the same vertex whose next corner is this one's last; right only in
+            closed fans.
+        valences: (vertices,) of vertices that one closed, consistently wound fan surrounds; else 0.
+        border_counts: (vertices,) edges at the vertex that have one face.
+        border_sums: (vertices,) sum of the other ends of those.
+        border_keys: (B,) vertex · vertex_count + other end of those; ascending.
+    """
+
+    vertex_count: int
+    keys: Ints
+    nexts: Ints
+    successors: Ints
+    valences: Ints
+    border_counts: Ints
+    border_sums: Ints
+    border_keys: Ints
+
+    def is_border(self, ends: Ints) -> Bools:
+        """(n, 2) ends of edges → (n,) whether the edge has exactly one face."""
+        return among(ends[:, 0] * self.vertex_count + ends[:, 1], self.border_keys)
+
+    def rings(self, vertices: Ints, firsts: Ints, valence: int) -> Ints:
+        """(n, valence) vertices round each of (n,) closed fans, from (n,) given ones on."""
+        at = np.searchsorted(self.keys, vertices * self.vertex_count + firsts)
+        ring = []
+        for _ in range(valence):
+            ring.append(self.nexts[at])
+            at = self.successors[at]
+        return np.stack(ring, axis=1)
+
+
+def _fans(triangles: Ints, centres: Bools) -> _Fans:
+    """Walk round the flagged vertices only: a patch is small in a large mesh.
+
+    Args:
+        triangles: (F, 3) vertices.
+        centres: (vertices,) flags.
+    """
+    count = centres.size
+    near = triangles[any_of(centres, triangles)]
+    firsts, _ = distinct(np.sort(near, axis=1))
+    near = near[np.sort(firsts)]
+    halves = np.concatenate([np.roll(near, -turn, axis=1) for turn in range(3)])
+    halves = halves[centres[halves[:, 0]]]
+    halves = halves[np.argsort(halves[:, 0] * count + halves[:, 1], kind="stable")]
+    vertices, nexts, lasts = halves.T
+    keys, last_keys = vertices * count + nexts, vertices * count + lasts
+    successors = np.minimum(np.searchsorted(keys, last_keys), keys.size - 1)
+
+    spokes, face_counts = np.unique(np.concatenate([keys, last_keys]), return_counts=True)
+    border_keys = spokes[face_counts == 1]
+    at_border, border_ends = np.divmod(border_keys, count)
+    border_counts, border_sums = np.zeros(count, dtype=np.intp), np.zeros(count, dtype=np.intp)
+    np.add.at(border_counts, at_border, 1)
+    np.add.at(border_sums, at_border, border_ends)
+
+    # Closed: each spoke once a next and once a last corner, and the walk from any comes past them all.
+    open_at = np.zeros(count, dtype=np.bool_)
+    open_at[vertices[keys[successors] != last_keys]] = True
+    open_at[vertices[1:][keys[1:] == keys[:-1]]] = True
+    sorted_last_keys = np.sort(last_keys)
+    open_at[sorted_last_keys[1:][sorted_last_keys[1:] == sorted_last_keys[:-1]] // count] = True
+    centre, first, degrees = np.unique(vertices, return_index=True, return_counts=True)
+    closed = ~open_at[centre]
+    centre, first, degrees = centre[closed], first[closed], degrees[closed]
+    lengths = np.zeros(centre.size, dtype=np.intp)
+    walking, at = np.arange(centre.size), first
+    while walking.size:
+        lengths[walking] += 1
+        at = successors[at]
+        going = at != first[walking]
+        walking, at = walking[going], at[going]
+    valences = np.zeros(count, dtype=np.intp)
+    valences[centre] = np.where(lengths == degrees, degrees, 0)
+    return _Fans(count, keys, nexts, successors, valences, border_counts, border_sums, border_keys)

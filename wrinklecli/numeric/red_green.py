@@ -1,0 +1,316 @@
+"""Red-green refinement: which edges of a mesh are split at each level, so that it stays conforming.
+
+A face of which all edges are split is red: it splits in four, and its quarters belong to the next level. One with some
+split edges is green: it splits in two or three, and is a leaf.
+
+Source: R. E. Bank, A. H. Sherman, A. Weiser, *Some Subdivision Algorithms and Data Structures for Regular Local Mesh
+Subdivision*, Scientific Computing, 1983: red-green closure.
+
+Differs:
+    - An edge splits only where all faces round both its ends belong to the level, so each new vertex lies exactly
+      where refining the whole mesh would put it. No stencil reads green faces.
+    - A face with two split edges splits in four unless its third edge must not split, then in three.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from wrinklecli.errors import BakeError
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, among, any_of, flags_of
+from wrinklecli.numeric.butterfly import butterfly
+from wrinklecli.numeric.sparse import Matrix, apply
+
+# Triangles of a level: real-time characters have a tenth, and a level of these takes about 2 GB.
+_MOST_TRIANGLES = 500_000
+# Corners 0, 1, 2 of a face and the midpoints 3, 4, 5 of the edges that follow them.
+_RED = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """One level of subdivision as far as it exists; what the criteria of `subdivide` look at.
+
+    Attributes:
+        number: 0 for the coarse mesh.
+        matrix: (vertices, coarse vertices), positions and morph deltas; None is the identity (level 0).
+        linear: (vertices, coarse vertices), the same by edge midpoints, for skin weights; None as above.
+        triangles: (F, 3) vertices. Level 0 has the coarse triangles `near` which splits are wanted, except those
+            with two equal corners, a higher one the quarters of the faces that split in four, not the green ones.
+            Vertices are the coarse ones, then those of each level up to this one.
+        parents: (F,) coarse triangle that each lies in, ascending.
+        edges: (E, 2) vertices, the lower first; ordered by them.
+        triangle_edges: (F, 3); column c is the edge from corner c to the corner that follows it.
+    """
+
+    number: int
+    matrix: Matrix | None
+    linear: Matrix | None
+    triangles: Ints
+    parents: Ints
+    edges: Ints
+    triangle_edges: Ints
+
+    def positions(self, coarse: Floats) -> Floats:
+        """(..., V, C) coarse positions or morph deltas → (..., vertices, C) of this level."""
+        return apply(self.matrix, coarse)
+
+    def interpolate(self, coarse: Floats) -> Floats:
+        """(..., V, C) skin weights or the like → (..., vertices, C) of this level."""
+        return apply(self.linear, coarse)
+
+
+Criterion: TypeAlias = Callable[[Level], Bools]
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """A level on its way to the fixpoint.
+
+    Attributes:
+        level: The faces and edges.
+        codes: (F,) the face's path from its coarse triangle, four times the parent's plus 0 to 3; ascending.
+            The same face has the same code however the level grows.
+        barycentrics: (F, 3, 3) of each corner in the coarse triangle.
+        complete: (vertices,) whether all faces round the vertex exist at this level.
+        wanted: (E,) edges that should split, for themselves or for a finer level.
+        forbidden: (E,) edges that must not.
+        denied: (E,) edges that should split but cannot.
+        split: (E,) edges that do; both ends are complete.
+    """
+
+    level: Level
+    codes: Ints
+    barycentrics: Floats
+    complete: Bools
+    wanted: Bools
+    forbidden: Bools
+    denied: Bools
+    split: Bools
+
+    @property
+    def red(self) -> Bools:
+        """(F,) faces that split in four."""
+        return ~any_of(~self.split, self.level.triangle_edges)
+
+    def faces_at(self, vertices: Bools) -> Bools:
+        """(F,) faces round any of the flagged vertices of the next level."""
+        count = self.complete.size
+        edges = np.zeros(self.split.size, dtype=np.bool_)
+        edges[self.split] = vertices[count:]
+        return any_of(vertices[:count], self.level.triangles) | any_of(edges, self.level.triangle_edges)
+
+    def vertices_on(self, faces: Bools) -> Bools:
+        """(vertices of the next level,) those on any of the flagged faces."""
+        corners = np.zeros(self.complete.size, dtype=np.bool_)
+        corners[self.level.triangles[faces]] = True
+        return np.concatenate([corners, self.edges_of(faces)[self.split]])
+
+    def edges_of(self, faces: Bools) -> Bools:
+        """(E,) edges of any of the flagged faces."""
+        edges = np.zeros(self.split.size, dtype=np.bool_)
+        edges[self.level.triangle_edges[faces]] = True
+        return edges
+
+    def six(self, faces: Bools) -> tuple[Ints, Floats]:
+        """(n, 6) vertices, (n, 6, 3) barycentrics: a face's corners, its edges' midpoints (-1: not split)."""
+        midpoints = np.full(self.split.size, -1)
+        midpoints[self.split] = self.complete.size + np.arange(np.count_nonzero(self.split))
+        corners = self.level.triangles[faces]
+        at_corners = self.barycentrics[faces]
+        halfway = (at_corners + np.roll(at_corners, -1, axis=1)) / 2
+        return (
+            np.concatenate([corners, midpoints[self.level.triangle_edges[faces]]], axis=1),
+            np.concatenate([at_corners, halfway], axis=1),
+        )
+
+
+def coarse_stage(triangles: Ints, held: Bools, vertex_count: int, wants: Criterion, forbids: Criterion | None) -> Stage:
+    """Level 0 of (F,) flagged triangles; nothing is split."""
+    a, b, c = triangles.T
+    faces = np.flatnonzero(held & (a != b) & (b != c) & (c != a))
+    return _stage(
+        _level(0, None, None, triangles[faces], faces, vertex_count),
+        codes=faces,
+        barycentrics=np.broadcast_to(np.eye(3), (faces.size, 3, 3)),
+        complete=np.ones(vertex_count, dtype=np.bool_),
+        wants=wants,
+        forbids=forbids,
+    )
+
+
+def close(
+    root: Stage,
+    earlier: list[Stage],
+    wants: Criterion,
+    forbids: Criterion | None,
+    max_levels: int,
+    scheme: str,
+    where: str,
+) -> tuple[list[Stage], bool]:
+    """Find the smallest set of splits that has all the wanted ones and is closed.
+
+    Splits only ever grow and faces are finitely many, so this ends.
+
+    Args:
+        root: Level 0 with nothing split.
+        earlier: The stages of an earlier attempt, for what they denied; or none.
+        wants: See `subdivide`.
+        forbids: See `subdivide`.
+        max_levels: See `subdivide`.
+        scheme: See `subdivide`.
+        where: See `subdivide`.
+
+    Returns:
+        The stages, and whether one found out late that a split cannot be.
+    """
+    stages = [replace(root, denied=_carried(earlier, root, "denied"))]
+    wasted = False
+    at = 0
+    while at < max_levels:
+        stage = stages[at]
+        ends = stage.level.edges
+        pending = stage.wanted & ~stage.split
+        stage = replace(stage, denied=stage.denied | (pending & stage.forbidden))
+        pending &= ~stage.denied
+        early = pending & ~stage.complete[ends].all(axis=1)
+        if early.any():
+            # The faces round their ends must first all exist here, that is, be red one level below.
+            below = stages[at - 1]
+            hopeless = below.vertices_on(any_of(below.forbidden | below.denied, below.level.triangle_edges))
+            lost = early & hopeless[ends].any(axis=1)
+            needed, missed = (
+                below.edges_of(below.faces_at(flags_of(ends[edges], stage.complete.size) & ~stage.complete))
+                for edges in (early & ~lost, lost)
+            )
+            stages[at] = replace(stage, denied=stage.denied | lost)
+            stages[at - 1] = replace(
+                below, wanted=below.wanted | needed, denied=below.denied | (missed & below.forbidden)
+            )
+            wasted |= bool(lost.any())
+            at -= bool(needed.any())
+            continue
+        stages[at] = stage = _promoted(replace(stage, split=stage.split | pending))
+        if not stage.split.any():
+            break
+        at += 1
+        # Built anew, as what changed below may have renumbered the vertices; but what was settled here stays
+        # settled, or the work would double with each level.
+        count = 4 * int(np.count_nonzero(stage.red))
+        if count > _MOST_TRIANGLES:
+            raise BakeError(
+                f"would have {count:,} triangles at level {at} of refinement; at most {_MOST_TRIANGLES:,} are made:"
+                f" lower max_levels, now {max_levels}, or ask for fewer bumps or details",
+                where=where,
+            )
+        child = _child(stage, wants, forbids, scheme)
+        child = replace(
+            child,
+            wanted=child.wanted | _carried(stages, child, "wanted"),
+            denied=_carried(stages, child, "denied") | _carried(earlier, child, "denied"),
+            split=_carried(stages, child, "split"),
+        )
+        stages[at : at + 1] = [child]
+    return stages, wasted
+
+
+def _promoted(stage: Stage) -> Stage:
+    """Split the third edge of each face that has two split ones, unless that is forbidden.
+
+    Its ends are ends of the other two, so no finer face is missing there.
+    """
+    split, denied = stage.split.copy(), stage.denied.copy()
+    following = stage.level.triangle_edges
+    while True:
+        a, b, c = split[following].T
+        thirds = np.concatenate([following[b & c & ~a, 0], following[c & a & ~b, 1], following[a & b & ~c, 2]])
+        denied[thirds[stage.forbidden[thirds]]] = True
+        thirds = thirds[~denied[thirds]]
+        if not thirds.size:
+            return replace(stage, split=split, denied=denied)
+        split[thirds] = True
+
+
+def _child(stage: Stage, wants: Criterion, forbids: Criterion | None, scheme: str) -> Stage:
+    """The next level: the quarters of the red faces, and a vertex for each split edge."""
+    level, red = stage.level, stage.red
+    ends = level.edges[stage.split]
+    count = stage.complete.size
+    halves = Matrix.of_entries(np.repeat(np.arange(len(ends)), 2), ends.reshape(-1), np.full(ends.size, 0.5), count)
+    linear = halves.below(level.linear)
+    matrix = linear if scheme == "midpoint" else butterfly(level.triangles, ends, count).below(level.matrix)
+    corners, barycentrics = stage.six(red)
+    return _stage(
+        _level(
+            level.number + 1,
+            matrix,
+            linear,
+            corners[:, _RED].reshape(-1, 3),
+            np.repeat(level.parents[red], 4),
+            stage.complete.size + len(ends),
+        ),
+        codes=(4 * stage.codes[red][:, None] + np.arange(4)).reshape(-1),
+        barycentrics=barycentrics[:, _RED].reshape(-1, 3, 3),
+        complete=np.append(stage.complete, np.ones(len(ends), dtype=np.bool_)) & ~stage.vertices_on(~red),
+        wants=wants,
+        forbids=forbids,
+    )
+
+
+def _stage(
+    level: Level,
+    *,
+    codes: Ints,
+    barycentrics: Floats,
+    complete: Bools,
+    wants: Criterion,
+    forbids: Criterion | None,
+) -> Stage:
+    none = np.zeros(len(level.edges), dtype=np.bool_)
+    return Stage(
+        level=level,
+        codes=codes,
+        barycentrics=barycentrics,
+        complete=complete,
+        wanted=none | wants(level),
+        forbidden=none if forbids is None else none | forbids(level),
+        denied=none,
+        split=none,
+    )
+
+
+def _level(
+    number: int,
+    matrix: Matrix | None,
+    linear: Matrix | None,
+    triangles: Ints,
+    parents: Ints,
+    vertex_count: int,
+) -> Level:
+    following = np.roll(triangles, -1, axis=1)
+    keys = np.minimum(triangles, following) * vertex_count + np.maximum(triangles, following)
+    edges, triangle_edges = np.unique(keys.reshape(-1), return_inverse=True)
+    return Level(
+        number=number,
+        matrix=matrix,
+        linear=linear,
+        triangles=triangles,
+        parents=parents,
+        edges=np.stack(np.divmod(edges, max(vertex_count, 1)), axis=1),
+        triangle_edges=triangle_edges.reshape(triangles.shape),
+    )
+
+
+def _carried(stages: list[Stage], stage: Stage, name: Literal["wanted", "denied", "split"]) -> Bools:
+    """(E,) the flags that the same level's edges had among `stages`, faces being known by their codes."""
+    flags = np.zeros(stage.split.size, dtype=np.bool_)
+    if stage.level.number < len(stages):
+        old = stages[stage.level.number]
+        kept, of_old = among(stage.codes, old.codes), among(old.codes, stage.codes)
+        marked: Bools = getattr(old, name)[old.level.triangle_edges[of_old]]
+        flags[stage.level.triangle_edges[kept][marked]] = True
+    return flags

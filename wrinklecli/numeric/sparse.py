@@ -1,0 +1,109 @@
+"""A sparse matrix by rows, and its product with arrays: what refinement needs of one, and no more."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrinklecli.numeric.arrays import Floats, Ints
+
+# Numbers of a product that are computed at once: bounds the memory.
+_AT_ONCE = 2**22
+
+
+@dataclass(frozen=True, slots=True)
+class Matrix:
+    """A sparse matrix by rows, none of which is empty.
+
+    Three operations are all that refinement needs of one; importing scipy.sparse for them would take longer than
+    baking a small asset does.
+
+    Attributes:
+        starts: (rows + 1,) where each row's entries start.
+        columns: (entries,) ascending within a row.
+        weights: (entries,) other than 0.
+        column_count: Of all columns.
+    """
+
+    starts: Ints
+    columns: Ints
+    weights: Floats
+    column_count: int
+
+    @classmethod
+    def of_entries(cls, rows: Ints, columns: Ints, weights: Floats, column_count: int) -> Matrix:
+        """The sums of weights that fall on the same place; there is one in each row up to the last."""
+        order = np.argsort(rows * column_count + columns, kind="stable")
+        rows, columns, weights = rows[order], columns[order], weights[order]
+        first = np.ones(len(rows), np.bool_)
+        first[1:] = (np.diff(rows) != 0) | (np.diff(columns) != 0)
+        weights = np.add.reduceat(weights, np.flatnonzero(first)) if len(rows) else weights
+        rows, columns = rows[first][weights != 0], columns[first][weights != 0]
+        starts = np.searchsorted(rows, np.arange(int(rows[-1]) + 2 if len(rows) else 1))
+        return cls(starts, columns, weights[weights != 0], column_count)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return len(self.starts) - 1, self.column_count
+
+    def __matmul__(self, dense: Floats) -> Floats:
+        """(columns, …) → (rows, …)."""
+        return self.of_rows(np.arange(len(self.starts) - 1), dense)
+
+    def of_rows(self, rows: Ints, dense: Floats) -> Floats:
+        """Some rows of the product with (columns, …) → (chosen, …)."""
+        width = max(1, int(np.prod(dense.shape[1:])))
+        product = np.zeros((len(rows), *dense.shape[1:]))
+        counts = np.diff(self.starts)[rows]
+        ends = np.cumsum(counts * width)
+        cuts = np.searchsorted(ends, np.arange(_AT_ONCE, (ends[-1] if len(ends) else 0) + _AT_ONCE, _AT_ONCE)) + 1
+        low = 0
+        for high in np.minimum(cuts, len(rows)):
+            entries, begins = self._entries(rows[low:high])
+            if len(entries):
+                weights = self.weights[entries].reshape(-1, *[1] * (dense.ndim - 1))
+                product[low:high] = np.add.reduceat(weights * dense[self.columns[entries]], begins, axis=0)
+            low = high
+        return product
+
+    def chosen(self, rows: Ints) -> Matrix:
+        """Some rows, as a matrix."""
+        entries, _ = self._entries(rows)
+        starts = np.append(0, np.cumsum(np.diff(self.starts)[rows]))
+        return Matrix(starts, self.columns[entries], self.weights[entries], self.column_count)
+
+    def _entries(self, rows: Ints) -> tuple[Ints, Ints]:
+        """Numbers of some rows' entries, row by row, and where among them each row begins."""
+        counts = self.starts[rows + 1] - self.starts[rows]
+        begins = np.cumsum(counts) - counts
+        return np.arange(int(counts.sum())) + np.repeat(self.starts[rows] - begins, counts), begins
+
+    def below(self, above: Matrix | None) -> Matrix:
+        """The rows of `above`, (n, V) (None: identity), then those of this matrix, on its n rows: (n + m, V)."""
+        if above is None:
+            identity = np.arange(self.column_count)
+            above = Matrix(np.arange(self.column_count + 1), identity, np.ones(self.column_count), self.column_count)
+        entries, _ = above._entries(self.columns)
+        counts = np.diff(above.starts)[self.columns]
+        rows = np.repeat(np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts)), counts)
+        weights = np.repeat(self.weights, counts) * above.weights[entries]
+        own = Matrix.of_entries(rows, above.columns[entries], weights, above.column_count)
+        return Matrix(
+            np.concatenate([above.starts, above.starts[-1] + own.starts[1:]]),
+            np.concatenate([above.columns, own.columns]),
+            np.concatenate([above.weights, own.weights]),
+            above.column_count,
+        )
+
+
+def apply(matrix: Matrix | None, coarse: Floats) -> Floats:
+    """(V', V) times (..., V, C) → (..., V', C). The first V are copied: 0.0 + -0.0 would lose a sign."""
+    coarse = np.asarray(coarse, dtype=np.float64)
+    if matrix is None:
+        return coarse.copy()
+    count = coarse.shape[-2]
+    columns = np.moveaxis(coarse, -2, 0)
+    new = matrix.of_rows(np.arange(count, matrix.shape[0]), columns.reshape(count, -1))
+    return np.concatenate([coarse, np.moveaxis(new.reshape(new.shape[0], *columns.shape[1:]), 0, -2)], axis=-2)
