@@ -120,13 +120,14 @@ class WrinkleGolden:
 def _keep(document: "Document", path: Path) -> None:
     """Write a document as one file: the same bytes where it is one, else with all its parts embedded."""
     from wrinklecli.gltf.document import GLB_MAGIC
+    from wrinklecli.gltf.edit import EditedDocument
     from wrinklecli.gltf.files import read_file, replace_bytes
-    from wrinklecli.gltf.writer import Draft
+    from wrinklecli.gltf.writer import write
 
     data = read_file(document.path)
     apart = len(document.files) > 1 or any("uri" in image for image in document.items("images"))
     if apart or bytes(data[:4]) != GLB_MAGIC:
-        Draft(document).write(path)
+        write(EditedDocument(document), path)
     else:
         replace_bytes(os.fspath(path), data)
 

@@ -40,11 +40,12 @@ from kit.samples import (
 )
 from kit.variants import PNG, crowd, scattered
 from wrinklecli import cli
+from wrinklecli.baking import original as restore
 from wrinklecli.baking.track import track
 from wrinklecli.errors import BakeError
-from wrinklecli.gltf import original as restore
 from wrinklecli.gltf.document import Document, read_document
-from wrinklecli.gltf.writer import Draft
+from wrinklecli.gltf.edit import EditedDocument
+from wrinklecli.gltf.writer import write
 from wrinklecli.tools.records import Length
 
 FINER: Json = {**PALM, "name": "other", "strategy": "both_ends", "bumps": 4, "width": 0.05}
@@ -268,10 +269,10 @@ def test_data_in_uris_comes_back_to_the_letter(uri: str, tmp_path: Path) -> None
         gltf["buffers"][0]["uri"] = f"{head},{b64encode(b64decode(body) + bytes(2)).decode()}"
         path.write_text(json.dumps(gltf))
     source = read_document(path)
-    draft = Draft(source)
+    draft = EditedDocument(source)
     draft.gltf["nodes"][0].setdefault("extras", {})["wrinkle"] = {"tools": []}
     draft.add(source.stored(0))
-    draft.write(tmp_path / "b.glb")
+    write(draft, tmp_path / "b.glb", seal=restore.seal)
     assert_same(restore.original(read_document(tmp_path / "b.glb")), source)
     record = read_document(tmp_path / "b.glb").items("bufferViews")[-1]["byteLength"]
     if uri == "plain":

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from wrinklecli.character.surface import read_triangles
 from wrinklecli.gltf.document import read_document
-from wrinklecli.gltf.writer import INDEX_DATA, VERTEX_DATA, Draft, index_type
+from wrinklecli.gltf.edit import INDEX_DATA, VERTEX_DATA, EditedDocument, index_type
+from wrinklecli.gltf.writer import write
 from wrinklecli.numeric.arrays import unit
 
 Floats = NDArray[np.float64]
@@ -19,7 +20,7 @@ def longer(asset: Path, out: Path, seconds: float) -> Path:
     One clip, so that its frames are the bake's.
     """
     document = read_document(asset)
-    draft = Draft(document)
+    draft = EditedDocument(document)
     del draft.gltf["animations"][1:]
     for sampler in draft.gltf["animations"][0]["samplers"]:
         times, values = (document.accessor(sampler[key]).astype(np.float32) for key in ("input", "output"))
@@ -32,7 +33,7 @@ def longer(asset: Path, out: Path, seconds: float) -> Path:
         tiled = np.tile(values, (count, *[1] * (values.ndim - 1)))
         sampler["input"] = draft.add(repeated[:kept], bounds=True, replaces=sampler["input"])
         sampler["output"] = draft.add(tiled[: kept * each], replaces=sampler["output"])
-    draft.write(out)
+    write(draft, out)
     return out
 
 
@@ -48,7 +49,7 @@ def finer(asset: Path, out: Path, *, keep: tuple[Floats, float], rounds: int) ->
         rounds: How many times; each is four times as many triangles.
     """
     document = read_document(asset)
-    draft = Draft(document)
+    draft = EditedDocument(document)
     centre, radius = keep
     for number, primitive in enumerate(draft.gltf["meshes"][0]["primitives"]):
         attributes = primitive["attributes"]
@@ -76,7 +77,7 @@ def finer(asset: Path, out: Path, *, keep: tuple[Floats, float], rounds: int) ->
         primitive["indices"] = draft.add(
             indices.astype(index_type(len(values["POSITION"]))), target=INDEX_DATA, replaces=primitive.get("indices")
         )
-    draft.write(out)
+    write(draft, out)
     return out
 
 

@@ -313,8 +313,9 @@ def density(places: Places) -> Iterator[Row]:
     dense = finer(asset, folder / "dense.glb", keep=(centre, 0.06), rounds=2)
     tools = written(folder / "hand.yaml", HAND)
     copy = (
-        "import sys; from wrinklecli.gltf.document import read_document; from wrinklecli.gltf.writer import Draft\n"
-        "Draft(read_document(sys.argv[1])).write(sys.argv[2])"
+        "import sys; from wrinklecli.gltf.document import read_document\n"
+        "from wrinklecli.gltf.edit import EditedDocument; from wrinklecli.gltf.writer import write\n"
+        "write(EditedDocument(read_document(sys.argv[1])), sys.argv[2])"
     )
     fine, copied = timed(
         lambda: bake(dense, tools, folder / "out.glb"), lambda: run(dense, folder / "copy.glb", code=copy), repeats=7

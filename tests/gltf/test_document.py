@@ -21,10 +21,12 @@ from wrinklecli.character.clip import read_clips
 from wrinklecli.character.rig import read_rig
 from wrinklecli.character.surface import read_surface
 from wrinklecli.errors import AssetError, BakeError, WrinkleError
-from wrinklecli.gltf import writer as draft_module
+from wrinklecli.gltf import edit, writer
 from wrinklecli.gltf.document import Document, read_document
+from wrinklecli.gltf.edit import VERTEX_DATA, EditedDocument, index_type
 from wrinklecli.gltf.files import replace_bytes, replace_file
-from wrinklecli.gltf.writer import VERTEX_DATA, Draft, index_type
+from wrinklecli.gltf.images import image_files
+from wrinklecli.gltf.writer import write
 
 Json = dict[str, Any]
 PNG = b"\x89PNG\r\n\x1a\n" + bytes(9)
@@ -76,9 +78,9 @@ def test_unpatched_json_survives_with_order_types_and_unknown_keys(
     asset = Asset({"zebra": unknown, "asset": {"extras": extras, "version": "2.0"}, "nodes": [{"name": name}]})
     asset.gltf |= {"extras": None, "meshes": []}
     source = written(asset, folder)
-    Draft(source).write(folder / "out.glb")
+    write(EditedDocument(source), folder / "out.glb")
     assert same_bits(read_document(folder / "out.glb").gltf, asset.gltf)
-    Draft(source).write(folder / "out.gltf")
+    write(EditedDocument(source), folder / "out.gltf")
     assert same_bits(json.loads((folder / "out.gltf").read_bytes()), asset.gltf)
 
 
@@ -89,7 +91,7 @@ def test_unpatched_json_survives_with_order_types_and_unknown_keys(
 )
 def test_limb_survives_unpatched(tmp_path: Path, ending: str, name: str, buffer: Any, options: Any) -> None:
     source = read_document(limb(tmp_path / name, buffer=buffer, rings=5, sides=4, **options))
-    Draft(source).write(tmp_path / f"out.{ending}")
+    write(EditedDocument(source), tmp_path / f"out.{ending}")
     result = read_document(tmp_path / f"out.{ending}")
     assert all(np.array_equal(a, b) for a, b in zip(arrays(source), arrays(result), strict=True))
     keys = [key for key in source.gltf if key != "buffers"]
@@ -98,8 +100,8 @@ def test_limb_survives_unpatched(tmp_path: Path, ending: str, name: str, buffer:
 
 def test_glb_written_twice_is_the_same_bytes(tmp_path: Path) -> None:
     source = read_document(limb(tmp_path / "a.glb", rings=5, sides=4))
-    Draft(source).write(tmp_path / "b.glb")
-    Draft(read_document(tmp_path / "b.glb")).write(tmp_path / "c.glb")
+    write(EditedDocument(source), tmp_path / "b.glb")
+    write(EditedDocument(read_document(tmp_path / "b.glb")), tmp_path / "c.glb")
     assert (tmp_path / "b.glb").read_bytes() == (tmp_path / "c.glb").read_bytes()
 
 
@@ -108,7 +110,7 @@ def test_lone_surrogate_in_a_name_survives(tmp_path: Path) -> None:
     text = b'{"asset": {"version": "2.0"}, "nodes": [{"name": "\\ud83d"}]}'
     (tmp_path / "a.glb").write_bytes(pack_glb(text))
     for name in ("out.glb", "out.gltf"):
-        Draft(read_document(tmp_path / "a.glb")).write(tmp_path / name)
+        write(EditedDocument(read_document(tmp_path / "a.glb")), tmp_path / name)
         assert read_document(tmp_path / name).gltf["nodes"][0]["name"] == "\ud83d"
 
 
@@ -118,8 +120,8 @@ def test_deep_json_is_read_and_written_or_refused(tmp_path: Path, depth: int) ->
     (tmp_path / "a.gltf").write_bytes(text)
     faults = []
     try:
-        draft = Draft(read_document(tmp_path / "a.gltf"))
-        draft.write(tmp_path / "b.glb")
+        draft = EditedDocument(read_document(tmp_path / "a.gltf"))
+        write(draft, tmp_path / "b.glb")
     except AssetError as error:
         faults.append(str(error))
     if faults:
@@ -182,7 +184,7 @@ def test_uri_outside_the_folder_is_refused(tmp_path: Path, uri: str, kind: str) 
     gltf = {"asset": {"version": "2.0"}, kind: [{"uri": uri, "byteLength": 4}]}
     (inside / "a.gltf").write_text(json.dumps(gltf))
     with pytest.raises(AssetError, match=rf"a\.gltf#/{kind}/0: .*not a file below the asset's folder"):
-        Draft(read_document(inside / "a.gltf")).write(out / "b.glb")
+        write(EditedDocument(read_document(inside / "a.gltf")), out / "b.glb")
     assert list(out.iterdir()) == []
 
 
@@ -250,10 +252,10 @@ def _three_buffers(folder: Path) -> Path:
 def test_several_buffers(tmp_path: Path, name: str) -> None:
     (tmp_path / "other").mkdir()
     source = read_document(_three_buffers(tmp_path))
-    draft = Draft(source)
+    draft = EditedDocument(source)
     fresh = np.arange(12, dtype=np.float32).reshape(4, 3)
     added = draft.add(fresh, target=VERTEX_DATA, bounds=True)
-    draft.write(tmp_path / name)
+    write(draft, tmp_path / name)
     result = read_document(tmp_path / name)
     assert len(result.items("buffers")) == (1 if name.endswith(".glb") else 4)
     for index, expected in enumerate(arrays(source)):
@@ -264,10 +266,10 @@ def test_several_buffers(tmp_path: Path, name: str) -> None:
 
 
 def test_gltf_beside_its_source_shares_its_buffers(tmp_path: Path) -> None:
-    draft = Draft(read_document(_three_buffers(tmp_path)))
+    draft = EditedDocument(read_document(_three_buffers(tmp_path)))
     draft.add(np.arange(3, dtype=np.float32))
     before = set(os.listdir(tmp_path))
-    draft.write(tmp_path / "out.gltf")
+    write(draft, tmp_path / "out.gltf")
     fresh = set(os.listdir(tmp_path)) - before - {"out.gltf"}
     assert len(fresh) == 1
     assert next(iter(fresh)).startswith("out-")
@@ -276,8 +278,8 @@ def test_gltf_beside_its_source_shares_its_buffers(tmp_path: Path) -> None:
 
 
 def test_gltf_out_of_a_name_with_reserved_characters(tmp_path: Path) -> None:
-    draft = Draft(read_document(limb(tmp_path / "a.glb", rings=4, sides=4)))
-    draft.write(tmp_path / "ä #1%20.gltf")
+    draft = EditedDocument(read_document(limb(tmp_path / "a.glb", rings=4, sides=4)))
+    write(draft, tmp_path / "ä #1%20.gltf")
     result = read_document(tmp_path / "ä #1%20.gltf")
     assert quote("ä #1%20") in result.items("buffers")[0]["uri"]
     assert all(np.array_equal(a, b) for a, b in zip(arrays(result), arrays(draft.source), strict=True))
@@ -300,9 +302,9 @@ def test_images_follow_an_out_in_another_folder(tmp_path: Path, beside: bool, en
         {"bufferView": embedded, "mimeType": "image/png"},
         {"uri": data_uri},
     ]
-    draft = Draft(written(asset, inside, "a.gltf"))
-    read = draft.image_files(out / f"o.{ending}")
-    draft.write(out / f"o.{ending}")
+    draft = EditedDocument(written(asset, inside, "a.gltf"))
+    read = image_files(draft, out / f"o.{ending}")
+    write(draft, out / f"o.{ending}")
     result = read_document(out / f"o.{ending}")
     images = result.items("images")
     assert images[3] == {"uri": data_uri}
@@ -327,9 +329,9 @@ def test_missing_image_leaves_nothing_behind(tmp_path: Path) -> None:
     asset = limb_asset(rings=4, sides=4)
     asset.gltf["images"] = [{"uri": "missing.png"}]
     (tmp_path / "out").mkdir()
-    draft = Draft(written(asset, tmp_path, "a.gltf"))
+    draft = EditedDocument(written(asset, tmp_path, "a.gltf"))
     with pytest.raises(AssetError, match=r"#/images/0: cannot be read"):
-        draft.write(tmp_path / "out" / "o.glb")
+        write(draft, tmp_path / "out" / "o.glb")
     assert os.listdir(tmp_path / "out") == []
 
 
@@ -571,7 +573,7 @@ def test_any_value_replaced_by_junk_is_read_or_refused(tmp_path: Path, junk: Any
         (tmp_path / "a.glb").write_bytes(pack_glb(json.dumps(changed).encode(), bytes(asset.data)))
         try:
             document = read_document(tmp_path / "a.glb")
-            Draft(document)
+            EditedDocument(document)
             read_clips(document)
             read_surface(document, read_rig(document, 0))
         except WrinkleError as error:
@@ -600,18 +602,18 @@ def _two_meshes(folder: Path) -> Document:
 @pytest.mark.parametrize("replaced", [[0], [2], [0, 2], [2, 0], [0, 2, 3], [3]])
 def test_replaced_accessor_keeps_its_index_and_leaves_no_bytes(tmp_path: Path, replaced: list[int]) -> None:
     source = _two_meshes(tmp_path)
-    draft = Draft(source)
+    draft = EditedDocument(source)
     fresh = {index: np.full((3, 3), 10 + index, np.float32) for index in replaced}
     for index, values in fresh.items():
         assert draft.add(values, replaces=index) == index
-    draft.write(tmp_path / "out.glb")
+    write(draft, tmp_path / "out.glb")
     result = read_document(tmp_path / "out.glb")
     assert len(result.items("bufferViews")) == 4
     for index in range(4):
         assert np.array_equal(result.accessor(index), fresh.get(index, source.accessor(index)))
         assert result.items("accessors")[index]["extras"] == {"k": index}
     assert_tight(tmp_path / "out.glb", replaced=len(replaced))
-    draft.write(tmp_path / "out.gltf")
+    write(draft, tmp_path / "out.gltf")
     sizes = sum(file.stat().st_size for file in tmp_path.glob("out-*.bin"))
     # 36 bytes for each new one, 15 for each that is kept, and alignment as in `assert_tight`.
     assert sizes <= 36 * len(replaced) + 15 * (4 - len(replaced)) + 3 * (4 + 2 * len(replaced))
@@ -622,12 +624,12 @@ def test_replaced_accessor_keeps_its_index_and_leaves_no_bytes(tmp_path: Path, r
 
 def test_shared_accessor_is_replaced_only_with_its_last_reference(tmp_path: Path) -> None:
     source = _two_meshes(tmp_path)
-    draft = Draft(source)
+    draft = EditedDocument(source)
     first = draft.add(np.ones((3, 3), np.float32), replaces=1)
     second = draft.add(np.ones((4, 3), np.float32), replaces=1)
     assert first == 4
     assert second == 1
-    draft.write(tmp_path / "out.glb")
+    write(draft, tmp_path / "out.glb")
     assert read_document(tmp_path / "out.glb").accessor(1).shape == (4, 3)
     assert_tight(tmp_path / "out.glb", replaced=1)
 
@@ -646,9 +648,9 @@ def test_what_an_unknown_extension_may_mean_is_kept(tmp_path: Path, user: Json) 
     asset.append("meshes", {"primitives": [{"attributes": {"POSITION": 0}}]})
     asset.gltf |= user
     source = written(asset, tmp_path)
-    draft = Draft(source)
+    draft = EditedDocument(source)
     assert draft.add(np.ones((3, 3), np.float32), replaces=0) == 1
-    draft.write(tmp_path / "out.glb")
+    write(draft, tmp_path / "out.glb")
     result = read_document(tmp_path / "out.glb")
     assert np.array_equal(result.accessor(0), source.accessor(0))
     view = result.items("bufferViews")[0]
@@ -662,9 +664,9 @@ def test_view_that_only_an_extension_may_mean_is_kept(tmp_path: Path) -> None:
     asset.accessor(np.arange(6.0).reshape(2, 3))  # accessor 0 in view 3
     asset.append("meshes", {"primitives": [{"attributes": {"POSITION": 0}}]})
     asset.gltf["extensions"] = {"FOO_bar": {"view": 3}}
-    draft = Draft(written(asset, tmp_path))
+    draft = EditedDocument(written(asset, tmp_path))
     assert draft.add(np.ones((3, 3), np.float32), replaces=0) == 0
-    draft.write(tmp_path / "out.glb")
+    write(draft, tmp_path / "out.glb")
     result = read_document(tmp_path / "out.glb")
     view = result.items("bufferViews")[3]
     data = bytes(result.buffers[0][view["byteOffset"] : view["byteOffset"] + view["byteLength"]])
@@ -688,10 +690,10 @@ def test_what_moves_up_stays_aligned(tmp_path: Path, lengths: tuple[int, ...]) -
     source = written(asset, tmp_path)
     dead = range(0 if len(lengths) == 2 else 1, len(lengths) - 1)
     for ending in ("glb", "gltf"):
-        draft = Draft(source)
+        draft = EditedDocument(source)
         for index in dead:
             draft.add(np.ones(2, np.float32), replaces=index)
-        draft.write(tmp_path / f"out.{ending}")
+        write(draft, tmp_path / f"out.{ending}")
         result = read_document(tmp_path / f"out.{ending}")
         for index in set(range(len(lengths))) - set(dead):
             assert np.array_equal(result.accessor(index), source.accessor(index))
@@ -704,12 +706,12 @@ def test_interleaved_view_dies_with_its_last_accessor(tmp_path: Path) -> None:
     position, normal = asset.interleaved((rows, "f4", False), (-rows, "f4", False))
     asset.append("meshes", {"primitives": [{"attributes": {"POSITION": position, "NORMAL": normal}}]})
     source = written(asset, tmp_path)
-    draft = Draft(source)
+    draft = EditedDocument(source)
     draft.add(rows.astype(np.float32)[:2], replaces=position)
-    draft.write(tmp_path / "half.glb")
+    write(draft, tmp_path / "half.glb")
     assert np.array_equal(read_document(tmp_path / "half.glb").accessor(normal), -rows)
     draft.add(rows.astype(np.float32)[:2], replaces=normal)
-    draft.write(tmp_path / "out.glb")
+    write(draft, tmp_path / "out.glb")
     assert read_document(tmp_path / "out.glb").accessor(position).shape == (2, 3)
     assert_tight(tmp_path / "out.glb", replaced=1)
 
@@ -720,9 +722,9 @@ def test_sparse_accessor_replaced_by_a_dense_one_leaves_valid_views(tmp_path: Pa
     asset = Asset()
     asset.sparse(np.ones((400, 3)), base=True)
     asset.append("meshes", {"primitives": [{"attributes": {"POSITION": 0}}]})
-    draft = Draft(written(asset, tmp_path))
+    draft = EditedDocument(written(asset, tmp_path))
     assert draft.add(np.ones((2, 3), np.float32), replaces=0) == 0
-    draft.write(tmp_path / f"out.{ending}")
+    write(draft, tmp_path / f"out.{ending}")
     result = read_document(tmp_path / f"out.{ending}")
     assert np.array_equal(result.accessor(0), np.ones((2, 3)))
     for view in result.items("bufferViews"):
@@ -736,9 +738,9 @@ def test_views_that_overlap_a_dead_one_keep_their_data(tmp_path: Path) -> None:
     asset.gltf["bufferViews"].append({"buffer": 0, "byteOffset": 8, "byteLength": 8})
     asset.append("accessors", {"bufferView": 1, "componentType": 5121, "count": 8, "type": "SCALAR"})
     asset.append("meshes", {"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]})
-    draft = Draft(written(asset, tmp_path))
+    draft = EditedDocument(written(asset, tmp_path))
     draft.add(np.zeros((1, 3), np.float32), replaces=0)
-    draft.write(tmp_path / "out.glb")
+    write(draft, tmp_path / "out.glb")
     assert read_document(tmp_path / "out.glb").accessor(1).tolist() == list(range(8, 16))
 
 
@@ -755,12 +757,12 @@ def test_added_accessors_are_aligned_and_read_back(
     folder = tmp_path_factory.mktemp("add")
     asset = Asset()
     asset.accessor(np.arange(5), "u1")
-    draft = Draft(written(asset, folder))
+    draft = EditedDocument(written(asset, folder))
     added = []
     for dtype, size, count, vertex_data in shapes:
         values = (np.arange(count * size).reshape(count, size) * 3 % 200).astype(f"<{dtype}")
         added.append((draft.add(values, target=VERTEX_DATA if vertex_data else None, bounds=True), values))
-    draft.write(folder / "out.glb")
+    write(draft, folder / "out.glb")
     for document in (draft.document(), read_document(folder / "out.glb")):
         for index, values in added:
             accessor = document.items("accessors")[index]
@@ -779,11 +781,11 @@ def test_added_accessors_are_aligned_and_read_back(
 @pytest.mark.parametrize("count", [4, 300, 70_000])
 @pytest.mark.parametrize("changed", [[0], [1, 3], [0, 1, 2, 3]])
 def test_added_sparse_accessor(tmp_path: Path, count: int, changed: list[int]) -> None:
-    draft = Draft(written(limb_asset(rings=3, sides=4), tmp_path))
+    draft = EditedDocument(written(limb_asset(rings=3, sides=4), tmp_path))
     indices = np.array([*changed[:-1], count - 1 if changed[-1] != 0 else 0])
     values = np.arange(3.0 * len(indices)).reshape(-1, 3).astype(np.float32) - 4
     index = draft.add_sparse(indices, values, count=count, bounds=True)
-    draft.write(tmp_path / "out.glb")
+    write(draft, tmp_path / "out.glb")
     document = read_document(tmp_path / "out.glb")
     wanted = np.zeros((count, 3), np.float32)
     wanted[indices] = values
@@ -798,11 +800,11 @@ def test_added_sparse_accessor(tmp_path: Path, count: int, changed: list[int]) -
 
 @pytest.mark.parametrize("stored", [False, True])
 def test_zero_accessors_are_shared_by_count_and_type(tmp_path: Path, stored: bool) -> None:
-    draft = Draft(written(Asset(), tmp_path))
+    draft = EditedDocument(written(Asset(), tmp_path))
     nothing = np.zeros(0, np.intp), np.zeros((0, 3), np.float32)
     first, second, longer = (draft.add_sparse(*nothing, count=n, bounds=True, stored=stored) for n in (5, 5, 6))
     assert first == second != longer
-    draft.write(tmp_path / "out.glb")
+    write(draft, tmp_path / "out.glb")
     document = read_document(tmp_path / "out.glb")
     accessor = document.items("accessors")[first]
     assert ("bufferView" in accessor) == stored
@@ -812,7 +814,7 @@ def test_zero_accessors_are_shared_by_count_and_type(tmp_path: Path, stored: boo
 
 
 def test_cloned_mesh_shares_accessors_until_one_is_replaced(tmp_path: Path) -> None:
-    draft = Draft(_two_meshes(tmp_path))
+    draft = EditedDocument(_two_meshes(tmp_path))
     clone = draft.clone_mesh(1)
     assert draft.gltf["meshes"][clone] == draft.gltf["meshes"][1]
     assert draft.gltf["meshes"][clone] is not draft.gltf["meshes"][1]
@@ -823,31 +825,31 @@ def test_cloned_mesh_shares_accessors_until_one_is_replaced(tmp_path: Path) -> N
 def test_draft_never_writes_to_its_source(tmp_path: Path) -> None:
     source = _two_meshes(tmp_path)
     before = copy.deepcopy(source.gltf)
-    draft = Draft(source)
+    draft = EditedDocument(source)
     draft.add(np.ones((2, 3), np.float32), replaces=0)
     draft.clone_mesh(0)
     draft.gltf["meshes"][0]["primitives"].clear()
-    draft.write(tmp_path / "out.glb")
-    draft.write(tmp_path / "out.gltf")
+    write(draft, tmp_path / "out.glb")
+    write(draft, tmp_path / "out.gltf")
     assert same_bits(source.gltf, before)
 
 
 def test_large_data_goes_through_the_disk_unchanged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(draft_module, "_SPOOL_BYTES", 64)
-    draft = Draft(written(Asset(), tmp_path))
+    monkeypatch.setattr(edit, "_SPOOL_BYTES", 64)
+    draft = EditedDocument(written(Asset(), tmp_path))
     values = np.arange(300, dtype=np.float32)
     index = draft.add(values)
     draft.add(-values)
-    draft.write(tmp_path / "out.glb")
+    write(draft, tmp_path / "out.glb")
     assert np.array_equal(read_document(tmp_path / "out.glb").accessor(index), values)
 
 
 def test_glb_beyond_4_gib_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(draft_module, "_GLB_LIMIT", 500)
-    draft = Draft(written(Asset(), tmp_path))
+    monkeypatch.setattr(writer, "_GLB_LIMIT", 500)
+    draft = EditedDocument(written(Asset(), tmp_path))
     draft.add(np.zeros(200, np.float32))
     with pytest.raises(BakeError, match="--frames-dir"):
-        draft.write(tmp_path / "out.glb")
+        write(draft, tmp_path / "out.glb")
     assert not (tmp_path / "out.glb").exists()
 
 
@@ -886,8 +888,8 @@ def test_failed_write_leaves_the_old_file_and_no_other(
 
 @pytest.mark.parametrize("ending", ["glb", "gltf"])
 def test_failed_bake_keeps_the_old_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str) -> None:
-    draft = Draft(read_document(limb(tmp_path / "a.glb", rings=3, sides=4)))
-    draft.write(tmp_path / f"out.{ending}")
+    draft = EditedDocument(read_document(limb(tmp_path / "a.glb", rings=3, sides=4)))
+    write(draft, tmp_path / f"out.{ending}")
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     draft.add(np.ones(3, np.float32))
 
@@ -896,7 +898,7 @@ def test_failed_bake_keeps_the_old_out(tmp_path: Path, monkeypatch: pytest.Monke
 
     monkeypatch.setattr(os, "replace", fail)
     with pytest.raises(BakeError, match="Input/output error"):
-        draft.write(tmp_path / f"out.{ending}")
+        write(draft, tmp_path / f"out.{ending}")
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 

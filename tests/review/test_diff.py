@@ -25,7 +25,8 @@ from kit.variants import PICTURE, SMALL, rich
 from wrinklecli import bake
 from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.gltf.document import read_document
-from wrinklecli.gltf.writer import Draft
+from wrinklecli.gltf.edit import EditedDocument
+from wrinklecli.gltf.writer import write
 from wrinklecli.review.diff.motion import Comparison, compare
 from wrinklecli.tools.records import Length
 
@@ -442,7 +443,7 @@ def through_draft(folder: Path, path: Path, *, suffix: str = ".glb") -> Path:
     """The same document, laid out anew."""
     made = folder / "draft" / f"out{suffix}"
     made.parent.mkdir()
-    Draft(read_document(path)).write(made)
+    write(EditedDocument(read_document(path)), made)
     return made
 
 
@@ -648,12 +649,12 @@ def test_an_image_in_a_file_is_the_same_as_one_in_a_view(tmp_path: Path) -> None
 def test_a_compressed_file_is_the_same_as_itself_decompressed(tmp_path: Path, name: str) -> None:
     path = Path(__file__).parents[1] / "data" / name
     document = read_document(path)
-    draft = Draft(document)
+    draft = EditedDocument(document)
     for mesh in draft.gltf["meshes"]:
         for primitive in mesh["primitives"]:
             draft.unpack(primitive)
     made = tmp_path / name
-    draft.write(made)
+    write(draft, made)
     assert compare(path, made).same
 
 
@@ -1062,9 +1063,9 @@ def test_the_samples_are_checked_and_compared_with_their_golden(tmp_path: Path) 
     ran = make_samples(samples, "test", "-j2")
     assert "same: at most" in ran.stdout
 
-    draft = Draft(read_document(golden))
+    draft = EditedDocument(read_document(golden))
     draft.gltf["nodes"][0]["extras"]["wrinkle"]["tools"][0]["rest_length"] *= 1.01
-    draft.write(golden)
+    write(draft, golden)
     with pytest.raises(subprocess.CalledProcessError) as caught:
         make_samples(samples, "golden-check")
     assert "/nodes/0/extras/wrinkle/tools/0/rest_length" in caught.value.stdout

@@ -6,8 +6,8 @@ import numpy as np
 
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.targets import TargetSet, targets_of
+from wrinklecli.gltf.edit import EditedDocument
 from wrinklecli.gltf.shape import Json
-from wrinklecli.gltf.writer import Draft
 from wrinklecli.method.anchor import Anchor
 from wrinklecli.method.lookup import tabulate_curve, tabulate_weights
 from wrinklecli.method.patch import Patch
@@ -22,7 +22,7 @@ _DIGITS = 8
 _TABLE_DIGITS = 5
 
 
-def encode_extras(draft: Draft, plan: MeshPlan, target_sets: Sequence[TargetSet]) -> None:
+def encode_extras(draft: EditedDocument, plan: MeshPlan, target_sets: Sequence[TargetSet]) -> None:
     """Write the tools into the node's extras, enough to play wrinkles for a clip that was never baked.
 
     An engine poses both anchors (the sum over joints of weight · matrix · position, where the matrix is the joint's

@@ -41,7 +41,7 @@ def exported_frames(
     target = Path(folder)
     made: list[str] = []
     try:
-        make_folders(os.fspath(target), made)
+        made = make_folders(os.fspath(target))
         with tempfile.TemporaryDirectory(prefix=".wrinkle-", dir=target) as temporary:
             names = _export(document, every, Path(temporary), kind, progress)
 

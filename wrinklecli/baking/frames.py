@@ -17,8 +17,8 @@ from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.skin import pose, prepare
 from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.edit import VERTEX_DATA, EditedDocument
 from wrinklecli.gltf.shape import Json
-from wrinklecli.gltf.writer import VERTEX_DATA, Draft
 from wrinklecli.method.refine import Refinement
 from wrinklecli.method.shapes import turn_to
 from wrinklecli.numeric.arrays import Floats, Ints, unit
@@ -135,7 +135,7 @@ def _turned_normals(target: Target, fine: Refinement, welds: Ints, base: Floats)
     return here, turn_to(fine.normals[welds[here]], base[here], deltas)
 
 
-def encode_frames(draft: Draft, every: Sequence[Frames], progress: Progress) -> None:
+def encode_frames(draft: EditedDocument, every: Sequence[Frames], progress: Progress) -> None:
     """Replace the node of each mesh by one unskinned node for each frame, shown in turn by STEP scale tracks.
 
     The first frame of the first clip is shown at rest. A clip that was not baked shows that frame throughout.
@@ -149,7 +149,7 @@ def encode_frames(draft: Draft, every: Sequence[Frames], progress: Progress) -> 
         _encode_node(draft, frames, progress)
 
 
-def _encode_node(draft: Draft, frames: Frames, progress: Progress) -> None:
+def _encode_node(draft: EditedDocument, frames: Frames, progress: Progress) -> None:
     rig = frames.rig
     encode_mesh(draft, rig, frames.fine, (), sparse=True, stored=np.zeros(0))
     node = draft.gltf["nodes"][rig.node]
@@ -182,7 +182,7 @@ def _encode_node(draft: Draft, frames: Frames, progress: Progress) -> None:
             _add_scale(draft, animation, first, np.zeros(1), [1.0])
 
 
-def _frame_mesh(draft: Draft, template: Json, posed: PosedFrame, bounds: Ints) -> Json:
+def _frame_mesh(draft: EditedDocument, template: Json, posed: PosedFrame, bounds: Ints) -> Json:
     primitives = []
     for index, primitive in enumerate(template["primitives"]):
         span = slice(bounds[index], bounds[index + 1])
@@ -201,7 +201,7 @@ def _frame_mesh(draft: Draft, template: Json, posed: PosedFrame, bounds: Ints) -
     return {"primitives": primitives}
 
 
-def _drop_weight_channels(draft: Draft, node: int) -> None:
+def _drop_weight_channels(draft: EditedDocument, node: int) -> None:
     """Take out the channels that drove the morph targets of a mesh that is gone, with their samplers."""
     for animation in draft.gltf.get("animations", []):
         gone = [
@@ -218,7 +218,7 @@ def _drop_weight_channels(draft: Draft, node: int) -> None:
             channel["sampler"] = kept.index(channel["sampler"])
 
 
-def _add_root(draft: Draft, rig: Rig, node: int) -> None:
+def _add_root(draft: EditedDocument, rig: Rig, node: int) -> None:
     """Put a node at the root of every scene that shows the rig's node: frames are in world space."""
     root = rig.node
     while rig.parents[root] >= 0:
@@ -228,7 +228,7 @@ def _add_root(draft: Draft, rig: Rig, node: int) -> None:
             scene["nodes"].append(node)
 
 
-def _show_in_turn(draft: Draft, motion: Motion, start: int, shown: int) -> None:
+def _show_in_turn(draft: EditedDocument, motion: Motion, start: int, shown: int) -> None:
     """Scale tracks that show each frame's node from its time to the next frame's."""
     animation = draft.gltf["animations"][motion.clip.index]
     times = motion.times
@@ -244,7 +244,7 @@ def _show_in_turn(draft: Draft, motion: Motion, start: int, shown: int) -> None:
         _add_scale(draft, animation, shown, times[:1], [0.0])
 
 
-def _add_scale(draft: Draft, animation: Json, node: int, times: Floats, scales: Sequence[float]) -> None:
+def _add_scale(draft: EditedDocument, animation: Json, node: int, times: Floats, scales: Sequence[float]) -> None:
     output = np.repeat(np.array(scales, np.float32)[:, None], 3, axis=1)
     sampler = {
         "input": draft.add(times.astype(np.float32), bounds=True),

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
+from wrinklecli.baking.original import original
 from wrinklecli.character.clip import Clip, chosen_clips, no_clip, read_clips
 from wrinklecli.character.rig import morph_target_names
 from wrinklecli.errors import BakeError, ConfigError, listed, nearest
 from wrinklecli.gltf.document import Document, read_document
-from wrinklecli.gltf.original import original
 from wrinklecli.tools.read import load_tools
 from wrinklecli.tools.records import Length, RestLengthKeys, ToolsFile, WrinkleTool
 
@@ -39,7 +39,7 @@ class BakeOptions:
         engine: Hold morph targets to what this one plays: three, unity, or spec8 (eight at a time).
         strict: Refuse to write where there are warnings.
         replace: Bake the asset that an earlier bake was made from, where the asset is that bake's output; see
-            `gltf.original`.
+            `baking.original`.
         details: Measure residuals of normals and curve lengths for the report, which takes longer.
     """
 

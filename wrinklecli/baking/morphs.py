@@ -24,15 +24,15 @@ from wrinklecli.baking.targets import Target, TargetSet, targets_of
 from wrinklecli.character.clip import Clip, read_clips
 from wrinklecli.character.rig import Rig, morph_target_names
 from wrinklecli.character.weight_track import Track, pad, widen
+from wrinklecli.gltf.edit import VERTEX_DATA, EditedDocument
 from wrinklecli.gltf.shape import Json
-from wrinklecli.gltf.writer import VERTEX_DATA, Draft
 from wrinklecli.method.refine import Refinement
 from wrinklecli.method.shapes import Shape, turn_to
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
 
 
 def encode_morphs(
-    draft: Draft,
+    draft: EditedDocument,
     plan: MeshPlan,
     target_sets: list[TargetSet],
     motions: Sequence[Motion],
@@ -68,7 +68,7 @@ def encode_morphs(
 
 
 def encode_mesh(
-    draft: Draft,
+    draft: EditedDocument,
     rig: Rig,
     fine: Refinement,
     targets: Sequence[Target],
@@ -142,7 +142,7 @@ def encode_mesh(
         node["weights"] = [float(each) for each in rig.morph_weights] + [float(np.float32(each)) for each in stored]
 
 
-def own_mesh(draft: Draft, node: Json, mesh: int) -> Json:
+def own_mesh(draft: EditedDocument, node: Json, mesh: int) -> Json:
     """The mesh of a node, cloned first if other nodes show it too."""
     meshes = draft.gltf["meshes"]
     if sum(each.get("mesh") == mesh for each in draft.gltf["nodes"]) > 1:
@@ -170,12 +170,12 @@ def tangent_deltas(tangents: Floats, normals: Floats, normal_deltas: Floats) -> 
     return deltas
 
 
-def _with_zeros(draft: Draft, target: Json, count: int, names: Sequence[str], sparse: bool) -> Json:
+def _with_zeros(draft: EditedDocument, target: Json, count: int, names: Sequence[str], sparse: bool) -> Json:
     lacking = [name for name in names if name not in target]
     return target | {name: _zeros(draft, count, sparse=sparse, bounds=False) for name in lacking}
 
 
-def _zeros(draft: Draft, count: int, *, sparse: bool, bounds: bool) -> int:
+def _zeros(draft: EditedDocument, count: int, *, sparse: bool, bounds: bool) -> int:
     nothing = np.zeros((0, 3), np.float32)
     return draft.add_sparse(np.zeros(0, np.intp), nothing, count=count, bounds=bounds, stored=not sparse)
 
@@ -208,7 +208,9 @@ def _rows(vertices: Ints, count: int) -> Ints:
     return rows
 
 
-def _add_vectors(draft: Draft, indices: Ints, values: Floats, count: int, sparse: bool, *, bounds: bool) -> int:
+def _add_vectors(
+    draft: EditedDocument, indices: Ints, values: Floats, count: int, sparse: bool, *, bounds: bool
+) -> int:
     stored = values.astype(np.float32)
     if sparse or not len(indices):
         return draft.add_sparse(indices, stored, count=count, bounds=bounds, stored=not sparse)
@@ -217,7 +219,7 @@ def _add_vectors(draft: Draft, indices: Ints, values: Floats, count: int, sparse
     return draft.add(dense, target=VERTEX_DATA, bounds=bounds)
 
 
-def encode_track(draft: Draft, clip: Clip, node: int, track: Track) -> None:
+def encode_track(draft: EditedDocument, clip: Clip, node: int, track: Track) -> None:
     """Write a weights channel into a clip, in place of the one that the node had there."""
     animation = draft.gltf["animations"][clip.index]
     channel = clip.channel(node, "weights")

@@ -10,6 +10,7 @@ from wrinklecli.baking.frame_files import exported_frames
 from wrinklecli.baking.frames import Frames, encode_frames
 from wrinklecli.baking.job import BakeOptions, Job, read_job, refuse_overwriting
 from wrinklecli.baking.morphs import encode_morphs
+from wrinklecli.baking.original import seal
 from wrinklecli.baking.plan import MeshPlan, plan_meshes
 from wrinklecli.baking.proof import prove
 from wrinklecli.baking.report import BakedMesh, Report, make_report
@@ -17,7 +18,9 @@ from wrinklecli.baking.sample import sample_clips
 from wrinklecli.baking.targets import targets_of
 from wrinklecli.baking.timings import StageClock, make_timings
 from wrinklecli.errors import BakeError, RefusedError
-from wrinklecli.gltf.writer import Draft
+from wrinklecli.gltf.edit import EditedDocument
+from wrinklecli.gltf.images import image_files
+from wrinklecli.gltf.writer import write
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 
 
@@ -58,7 +61,7 @@ def bake(
             refuse_overwriting(job.inputs, [out] if out is not None else [])
         with clock.stage("plan"):
             plans = plan_meshes(job, influences=BUDGETS[options.engine].influences if options.engine else None)
-        draft = Draft(job.document)
+        draft = EditedDocument(job.document)
         posed, morphed = [], []
         if options.mode == "frames" or options.frames_dir is not None:
             posed = [_pose_frames(job, plan, clock, progress) for plan in plans]
@@ -66,7 +69,7 @@ def bake(
             morphed = [_add_morph_targets(job, draft, plan, clock, progress) for plan in plans]
         baked = morphed or posed or [BakedMesh(plan) for plan in plans]
         with clock.stage("report"):
-            report = make_report(job, baked, images=draft.image_files(out) if out is not None else [])
+            report = make_report(job, baked, images=image_files(draft, out) if out is not None else [])
             if options.strict and report.warnings:
                 raise RefusedError.of_all(RefusedError(line) for line in report.warnings)
         frames = [
@@ -91,7 +94,9 @@ def _pose_frames(job: Job, plan: MeshPlan, clock: StageClock, progress: Progress
     return BakedMesh(plan, target_sets, motions)
 
 
-def _add_morph_targets(job: Job, draft: Draft, plan: MeshPlan, clock: StageClock, progress: Progress) -> BakedMesh:
+def _add_morph_targets(
+    job: Job, draft: EditedDocument, plan: MeshPlan, clock: StageClock, progress: Progress
+) -> BakedMesh:
     """Sample a mesh's clips, put targets that the engine plays and their tracks into the document, and prove them."""
     options = job.options
     with clock.stage("sample"):
@@ -117,7 +122,7 @@ def _add_morph_targets(job: Job, draft: Draft, plan: MeshPlan, clock: StageClock
 
 def _write(
     job: Job,
-    draft: Draft,
+    draft: EditedDocument,
     frames: list[Frames],
     out: str | os.PathLike[str] | None,
     clock: StageClock,
@@ -133,4 +138,4 @@ def _write(
         if out is None:
             return None
         with clock.stage("write"):
-            return draft.write(out)
+            return write(draft, out, seal=seal)

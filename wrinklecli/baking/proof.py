@@ -16,8 +16,8 @@ from wrinklecli.character.skin import pose, prepare
 from wrinklecli.character.surface import dense_influences, read_vertices
 from wrinklecli.errors import RefusedError
 from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.edit import EditedDocument
 from wrinklecli.gltf.shape import Json
-from wrinklecli.gltf.writer import Draft
 from wrinklecli.method.activity import Activity, further_activities
 from wrinklecli.method.carry import CarriedPatch, displacements
 from wrinklecli.method.refine import Refinement
@@ -78,7 +78,7 @@ class Proof:
 
 
 def prove(
-    draft: Draft,
+    draft: EditedDocument,
     plan: MeshPlan,
     target_sets: list[TargetSet],
     motions: Sequence[Motion],

@@ -12,8 +12,8 @@ import numpy as np
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import TRIANGLES, Document
 from wrinklecli.gltf.draco import EXTENSION
+from wrinklecli.gltf.edit import INDEX_DATA, VERTEX_DATA, EditedDocument, index_type, used_joints
 from wrinklecli.gltf.shape import Json
-from wrinklecli.gltf.writer import INDEX_DATA, VERTEX_DATA, Draft, index_type, used_joints
 from wrinklecli.method.refine import Refinement
 from wrinklecli.numeric.arrays import Array, Floats, Ints, unit
 
@@ -130,7 +130,7 @@ def _vertex_accessors(primitive: Json, part: RefinedPrimitive) -> Iterator[tuple
             yield ("target", part.group, number, name, index), index
 
 
-def drop_repeated(draft: Draft, mesh: Json, parts: Sequence[RefinedPrimitive]) -> None:
+def drop_repeated(draft: EditedDocument, mesh: Json, parts: Sequence[RefinedPrimitive]) -> None:
     """Drop all references but the first to accessors whose successors several primitives will share."""
     seen: set[Any] = set()
     for part in parts:
@@ -141,7 +141,12 @@ def drop_repeated(draft: Draft, mesh: Json, parts: Sequence[RefinedPrimitive]) -
 
 
 def refine_primitive(
-    draft: Draft, primitive: Json, part: RefinedPrimitive, fine: Refinement, where: str, written: dict[Any, int]
+    draft: EditedDocument,
+    primitive: Json,
+    part: RefinedPrimitive,
+    fine: Refinement,
+    where: str,
+    written: dict[Any, int],
 ) -> None:
     """Replace a primitive's attributes, old targets and indices by refined ones; `written` are those there already."""
     attributes = primitive["attributes"]
@@ -214,7 +219,7 @@ def old_values(
 
 
 def _refined_attribute(
-    draft: Draft, attributes: Json, name: str, part: RefinedPrimitive, fine: Refinement, where: str
+    draft: EditedDocument, attributes: Json, name: str, part: RefinedPrimitive, fine: Refinement, where: str
 ) -> tuple[Array, bool]:
     """Stored values of an attribute with those of new vertices appended, and whether they are normalised."""
     source, index = draft.source, attributes[name]

@@ -20,8 +20,9 @@ from wrinklecli.character.rig import Rig, morph_target_names, moving_nodes, read
 from wrinklecli.character.weight_track import Track, pad, widen
 from wrinklecli.errors import AssetError, BakeError, RefusedError, listed, nearest
 from wrinklecli.gltf.document import Document, read_document
+from wrinklecli.gltf.edit import EditedDocument
 from wrinklecli.gltf.shape import Json
-from wrinklecli.gltf.writer import Draft
+from wrinklecli.gltf.writer import write
 from wrinklecli.method.lookup import TABLE_ERROR, CurveTable
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.guard import guarded
@@ -194,7 +195,7 @@ def track(
     for anim, output in zip(anims, outputs, strict=True):
         document = read_document(anim, allow_external=allow_external)
         inputs += document.files
-        draft = Draft(document)
+        draft = EditedDocument(document)
         with guarded(document.path):
             results.append(_track_file(draft, bodies, pace, output))
         drafts.append(draft)
@@ -207,11 +208,11 @@ def track(
     except OSError as error:
         raise BakeError(f"cannot be made: {error.strerror or error}", where=os.fspath(folder)) from error
     for draft, output in zip(drafts, outputs, strict=True):
-        draft.write(output)
+        write(draft, output)
     return results
 
 
-def _track_file(draft: Draft, bodies: Sequence[_Body], pace: _Pace, output: str) -> Tracked:
+def _track_file(draft: EditedDocument, bodies: Sequence[_Body], pace: _Pace, output: str) -> Tracked:
     """Add the tracks of all bodies."""
     document = draft.source
     clips = read_clips(document)
@@ -274,7 +275,7 @@ def _matching(body: _Body, nodes: Sequence[Json], where: str, warnings: list[str
 
 
 def _track_body(
-    draft: Draft, body: _Body, tools: Sequence[_Tool], clips: Sequence[Clip], pace: _Pace, warnings: list[str]
+    draft: EditedDocument, body: _Body, tools: Sequence[_Tool], clips: Sequence[Clip], pace: _Pace, warnings: list[str]
 ) -> list[str]:
     """Add one body's tracks; the names of clips that got some."""
     node = _carrier(draft, body)
@@ -369,7 +370,7 @@ def _weights(tool: _Tool, rig: Rig, joints: dict[str, int], clip: Clip, times: F
     return made
 
 
-def _carrier(draft: Draft, body: _Body) -> int:
+def _carrier(draft: EditedDocument, body: _Body) -> int:
     """The node that gets the body's tracks: the file's own of that name, or a stub.
 
     Raises:
@@ -392,7 +393,7 @@ def _carrier(draft: Draft, body: _Body) -> int:
     return found[0]
 
 
-def _add_stub(draft: Draft, body: _Body) -> int:
+def _add_stub(draft: EditedDocument, body: _Body) -> int:
     """Append a node with a mesh of the body's names and targets, three vertices in one point, and give its index."""
     point = draft.add_sparse(np.zeros(0, np.intp), np.zeros((0, 3), np.float32), count=3, bounds=True)
     primitive: Json = {"attributes": {"POSITION": point}, "targets": [{"POSITION": point} for _ in body.targets]}
@@ -412,7 +413,7 @@ def _add_stub(draft: Draft, body: _Body) -> int:
     return len(nodes) - 1
 
 
-def _add_idle_targets(draft: Draft, node: Json, body: _Body) -> None:
+def _add_idle_targets(draft: EditedDocument, node: Json, body: _Body) -> None:
     """Give a mesh the body's targets that it lacks: they do nothing here, but tracks have a weight for each."""
     mesh = own_mesh(draft, node, node["mesh"])
     own = list(body.own)

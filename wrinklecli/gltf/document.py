@@ -1,6 +1,6 @@
 """glTF documents as they were read: .gltf and .glb bytes to JSON, buffers and accessors.
 
-The JSON is kept as it was parsed, every key in its order; `draft` patches a copy of it.
+The JSON is kept as it was parsed, every key in its order; `edit` patches a copy of it.
 
 Source: glTF 2.0 specification, §3.6 (binary data storage), §4 (GLB), §5.1 (accessors);
     EXT_meshopt_compression, KHR_meshopt_compression and KHR_draco_mesh_compression.
@@ -62,8 +62,8 @@ class Document:
             are all compressed into other buffers.
         files: Every file that was read, the asset first, as typed or joined to its folder.
         allow_external: Whether buffers and images may lie outside the asset's folder.
-        resources: Images by relative URI, where these do not lie at their places beside `path`: those of an original
-            that a baked file elsewhere was made from. None where they do.
+        resources: Images by relative URI, of a document that was restored from a file elsewhere, where these are not at
+            their places beside `path`. None where they are.
     """
 
     path: str

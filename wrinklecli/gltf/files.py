@@ -4,7 +4,8 @@ import base64
 import binascii
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import IO
 from urllib.parse import unquote
@@ -57,18 +58,23 @@ def leaves_folder(uri: str) -> bool:
     return os.path.isabs(relative) or os.path.normpath(relative).split(os.sep)[0] == os.pardir
 
 
-def make_folders(path: str, made: list[str]) -> None:
-    """Make a folder and those above it; they go on the list."""
+def make_folders(path: str) -> list[str]:
+    """Make a folder and those above it; the ones that were not there, outermost first.
+
+    Raises:
+        BakeError: One cannot be made; no other is left.
+    """
     if not path or os.path.isdir(path):
-        return
-    make_folders(os.path.dirname(path), made)
+        return []
+    made = make_folders(os.path.dirname(path))
     if os.path.isdir(path):  # `a/..`, by making `a`
-        return
+        return made
     try:
         os.mkdir(path)
     except OSError as error:
+        _remove(made)
         raise BakeError(f"cannot be written: {error.strerror or error}", where=path) from error
-    made.append(path)
+    return [*made, path]
 
 
 def replace_file(path: str, write: Callable[[IO[bytes]], object]) -> int:
@@ -102,3 +108,41 @@ def replace_file(path: str, write: Callable[[IO[bytes]], object]) -> int:
 def replace_bytes(path: str, data: bytes | memoryview) -> int:
     """Put a file with this content in place of `path`, as `replace_file` does."""
     return replace_file(path, lambda file: file.write(data))
+
+
+class FileGroup:
+    """Files that belong together: where anything fails before the last, those that were not there are taken away.
+
+    Use it with `with`.
+    """
+
+    def __init__(self) -> None:
+        self._made: list[str] = []  # files and folders, in this order
+
+    def __enter__(self) -> "FileGroup":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is not None:
+            _remove(self._made)
+
+    def make_folders(self, path: str) -> None:
+        """As the function of this name."""
+        self._made += make_folders(path)
+
+    def replace_file(self, path: str, write: Callable[[IO[bytes]], object]) -> int:
+        """As the function of this name."""
+        if not os.path.lexists(path):
+            self._made.append(path)
+        return replace_file(path, write)
+
+    def replace_bytes(self, path: str, data: bytes | memoryview) -> int:
+        """As the function of this name."""
+        return self.replace_file(path, lambda file: file.write(data))
+
+
+def _remove(made: Sequence[str]) -> None:
+    """Take away files and folders that have been made, the last ones first; a folder with others' files stays."""
+    for path in reversed(made):
+        with suppress(OSError):
+            os.rmdir(path) if os.path.isdir(path) else os.unlink(path)

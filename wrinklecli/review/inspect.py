@@ -11,12 +11,12 @@ from itertools import accumulate, pairwise
 from typing import Any
 from urllib.parse import unquote
 
+from wrinklecli.baking.original import original, wrinkled
 from wrinklecli.character.rig import morph_target_names
 from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.gltf.document import TRIANGLE_FAN, TRIANGLE_STRIP, TRIANGLES, Document, read_document
 from wrinklecli.gltf.draco import EXTENSION as DRACO
 from wrinklecli.gltf.files import read_uri
-from wrinklecli.gltf.original import original, wrinkled
 from wrinklecli.gltf.references import accessor_views, draco_primitives, view_parts
 from wrinklecli.gltf.shape import COMPRESSIONS, Json
 

@@ -18,8 +18,8 @@ from wrinklecli.baking.plan import MeshPlan, plan_meshes
 from wrinklecli.baking.sample import sample_clips
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import Document, read_document
+from wrinklecli.gltf.edit import EditedDocument
 from wrinklecli.gltf.files import replace_bytes
-from wrinklecli.gltf.writer import Draft
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.review.preview.framing import plan_cameras
 from wrinklecli.review.preview.heat import HEAT, HEAT_TICKS, heat_colours
@@ -242,7 +242,7 @@ def apply_tools(
     job = read_job(asset, tools, BakeOptions(clips=clips, only=only, allow_external=allow_external))
     if warnings is not None:
         warnings += job.warnings
-    draft = Draft(job.document)
+    draft = EditedDocument(job.document)
     plans = plan_meshes(job)
     chosen = [clip for clip in job.clips if clip.name in clips]
     for plan in plans:

@@ -25,15 +25,14 @@ from numpy.typing import NDArray
 
 from wrinklecli.errors import AssetError, BakeError
 from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.edit import ALIGNMENT, EditedDocument
 from wrinklecli.gltf.files import read_uri
 from wrinklecli.gltf.references import view_parts
 from wrinklecli.gltf.shape import Json, check_asset, parse_json
+from wrinklecli.gltf.writer import Bytes, Layout, Span
 
-# Bytes [low, high) of a buffer of the original are in the baked file, in this buffer from this byte.
-Span = tuple[int, int, int, int]
 # Bytes [low, high) of the record's buffer.
 Range = tuple[int, int]
-Bytes = bytes | memoryview
 
 # The digest, and how many ranges of the record's buffer, which follow, the dictionary is made of.
 _HEADER = struct.Struct("<32sI")
@@ -60,38 +59,44 @@ def wrinkled(gltf: Json) -> list[int]:
     ]
 
 
-def refer(gltf: Json, node: int, view: Json) -> Json:
+def seal(edited: EditedDocument, layout: Layout) -> tuple[Json, bytes]:
+    """Let a record of the source follow the new data where wrinkles have been put on a node.
+
+    Returns:
+        The JSON, in which the first such node refers to the record, and what is to follow the new data; the JSON as it
+        was, and nothing, where there are no new wrinkles.
+    """
+    added = sorted(set(wrinkled(layout.gltf)) - set(wrinkled(edited.source.gltf)))
+    if not added:
+        return layout.gltf, b""
+    padding = bytes(-edited.new_size % ALIGNMENT)
+    new = b"".join([*edited.new_data(), padding])
+    start = sum(len(part) for part in layout.contents[layout.buffer])
+    view: Json = {"buffer": layout.buffer, "byteOffset": start + len(new)}
+    gltf = _refer(layout.gltf, added[0], view)
+    record = _pack(edited.source, replace(layout, gltf=gltf), new)
+    view["byteLength"] = len(record)
+    return gltf, padding + record
+
+
+def _refer(gltf: Json, node: int, view: Json) -> Json:
     """The JSON with another buffer view, that of a record, and a node that refers to it; a shallow copy."""
     views, nodes = [*gltf.get("bufferViews", []), view], list(gltf["nodes"])
     nodes[node] = _with_entry(nodes[node], _entry(nodes[node]) | {"original": len(views) - 1})
     return gltf | {"nodes": nodes, "bufferViews": views}
 
 
-def pack(
-    source: Document,
-    gltf: Json,
-    contents: Sequence[Sequence[Bytes]],
-    new: bytes,
-    kept: Sequence[Sequence[Span]],
-    *,
-    beside: bool,
-) -> bytes:
+def _pack(source: Document, layout: Layout, new: bytes) -> bytes:
     """Make a record.
 
     Args:
         source: The original.
-        gltf: The JSON to be written, with `refer`; of the record's view and its buffer the lengths and the name may
-            be missing.
-        contents: What each buffer of this JSON holds, in pieces; the record's own, what comes before the new data.
+        layout: The file, with `_refer`; the record's view may lack its length.
         new: The new data, which the record follows.
-        kept: For each buffer of the original, the spans that are in these, rising.
-        beside: Whether files that the original names by relative URIs can be found from the baked file too.
     """
-    import zstandard
-
-    bare, buffer = _without_record(gltf), gltf["bufferViews"][-1]["buffer"]
-    start = sum(len(part) for part in contents[buffer])
-    kept, alike = _with_echoes(source, bare, new, (buffer, start), kept)
+    bare, buffer = _without_record(layout.gltf), layout.buffer
+    start = sum(len(part) for part in layout.contents[buffer])
+    kept, alike = _with_echoes(source, bare, new, (buffer, start), layout.kept)
     dead: list[Bytes] = []
     for data, spans in zip(source.buffers, kept, strict=True):
         at = 0
@@ -103,10 +108,18 @@ def pack(
         "gltf": _slim(source, bare),
         "sizes": [len(data) for data in source.buffers],
         "kept": kept,
-        "beside": beside,
+        "beside": layout.beside,
     }
     content = b"".join([_dump(original), b"\n", *dead])
-    dictionary = _dictionary(bare, [new[low - start : high - start] for low, high in alike])
+    packed = _compressed(content, _dictionary(bare, [new[low - start : high - start] for low, high in alike]))
+    every = [[*parts, new] if number == buffer else parts for number, parts in enumerate(layout.contents)]
+    return b"".join([_HEADER.pack(_digest(bare, every), len(alike)), *(_RANGE.pack(*each) for each in alike), packed])
+
+
+def _compressed(content: bytes, dictionary: bytes) -> bytes:
+    """What a dictionary is like, small."""
+    import zstandard
+
     bits = (len(dictionary) + len(content)).bit_length()
     parameters = zstandard.ZstdCompressionParameters.from_level(
         _LEVEL,
@@ -119,9 +132,25 @@ def pack(
         write_dict_id=False,
     )
     raw = zstandard.ZstdCompressionDict(dictionary, dict_type=zstandard.DICT_TYPE_RAWCONTENT)
-    packed = zstandard.ZstdCompressor(dict_data=raw, compression_params=parameters).compress(content)
-    every = [[*parts, new] if number == buffer else parts for number, parts in enumerate(contents)]
-    return b"".join([_HEADER.pack(_digest(bare, every), len(alike)), *(_RANGE.pack(*each) for each in alike), packed])
+    return zstandard.ZstdCompressor(dict_data=raw, compression_params=parameters).compress(content)
+
+
+def _decompressed(packed: bytes, dictionary: bytes, limit: int) -> bytes:
+    """The content of what `_compressed` gave.
+
+    Raises:
+        ValueError: It is damaged, or larger than the limit.
+    """
+    import zstandard
+
+    try:
+        if not 0 < zstandard.frame_content_size(packed) <= limit:
+            raise ValueError("too large")
+        raw = zstandard.ZstdCompressionDict(dictionary, dict_type=zstandard.DICT_TYPE_RAWCONTENT)
+        decompressor = zstandard.ZstdDecompressor(dict_data=raw, max_window_size=2**zstandard.WINDOWLOG_MAX)
+        return decompressor.decompress(packed, allow_extra_data=False)
+    except zstandard.ZstdError as error:
+        raise ValueError("damaged") from error
 
 
 def _with_echoes(
@@ -157,9 +186,9 @@ def _with_echoes(
             head = _alike(before, after)
             tail = _alike(before[head:][::-1], after[head:][::-1])
             if head:
-                found[home].append((low, low + head, buffer, at))
+                found[home].append(Span(low, low + head, buffer, at))
             if tail:
-                found[home].append((low + len(before) - tail, low + len(before), buffer, stop - tail))
+                found[home].append(Span(low + len(before) - tail, low + len(before), buffer, stop - tail))
             if head + tail < len(before) and len(after) <= _MOST_LONGER * len(before):
                 alike.append((at + head, stop - tail))
     return [_apart(spans) for spans in found], sorted(alike)
@@ -213,7 +242,7 @@ def original(document: Document) -> Document:
     while left := wrinkled(document.gltf):
         where = document.where("nodes", left[0], "extras", "wrinkle")
         try:
-            document = _unpack(document, left, limit)
+            document = _restored(document, _read_record(document, left, limit))
         except (
             AssetError,
             ArithmeticError,
@@ -234,14 +263,12 @@ def original(document: Document) -> Document:
     return document
 
 
-def _unpack(document: Document, nodes: Sequence[int], limit: int) -> Document:
-    """What the record that one of the nodes refers to describes.
+def _read_record(document: Document, nodes: Sequence[int], limit: int) -> bytes:
+    """The content of the record that one of the nodes refers to, of at most so many bytes.
 
     Raises:
         ValueError: Or others: the file is not as it was written.
     """
-    import zstandard
-
     gltf, last = document.gltf, len(document.items("bufferViews")) - 1
     if last not in [_entry(gltf["nodes"][node]).get("original") for node in nodes]:
         raise ValueError("no record")
@@ -259,16 +286,15 @@ def _unpack(document: Document, nodes: Sequence[int], limit: int) -> Document:
     alike = [document.buffers[buffer][low:high] for low, high in _RANGE.iter_unpack(record[_HEADER.size : body])]
     if sum(len(part) for part in alike) > offset:
         raise ValueError("ranges overlap")
-    packed = bytes(record[body:])
-    try:
-        if not 0 < zstandard.frame_content_size(packed) <= limit:
-            raise ValueError("too large")
-        dictionary = _dictionary(bare, alike)
-        raw = zstandard.ZstdCompressionDict(dictionary, dict_type=zstandard.DICT_TYPE_RAWCONTENT)
-        decompressor = zstandard.ZstdDecompressor(dict_data=raw, max_window_size=2**zstandard.WINDOWLOG_MAX)
-        content = decompressor.decompress(packed, allow_extra_data=False)
-    except zstandard.ZstdError as error:
-        raise ValueError("damaged") from error
+    return _decompressed(bytes(record[body:]), _dictionary(bare, alike), limit)
+
+
+def _restored(document: Document, content: bytes) -> Document:
+    """The original that a record's content describes.
+
+    Raises:
+        ValueError: Or others: the file is not as it was written.
+    """
     text, _, dead = content.partition(b"\n")
     made = parse_json(text, document.path)
     restored: Json = made["gltf"]

@@ -1,0 +1,78 @@
+"""Image files of a document, which it names by relative URIs: found, read, and brought along to where it is written."""
+
+import hashlib
+import os
+from collections.abc import Iterator
+from urllib.parse import quote, unquote
+
+from wrinklecli.errors import BakeError
+from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.edit import EditedDocument
+from wrinklecli.gltf.files import FileGroup, leaves_folder, read_file, read_uri
+from wrinklecli.gltf.shape import Json
+
+
+def lies_beside(document: Document, out: str) -> bool:
+    """Whether OUT is in the document's folder, so that relative URIs still work."""
+    folder = os.path.realpath(os.path.dirname(document.path))
+    return document.resources is None and os.path.realpath(os.path.dirname(out)) == folder
+
+
+def image_files(edited: EditedDocument, out: str | os.PathLike[str]) -> list[str]:
+    """The image files that writing to `out` reads."""
+    if edited.source.resources is not None or lies_beside(edited.source, os.fspath(out)):
+        return []
+    folder = os.path.dirname(edited.source.path)
+    return [os.path.join(folder, unquote(image["uri"])) for image in edited.gltf.get("images", []) if _is_a_file(image)]
+
+
+def images_to_bring(edited: EditedDocument, out: str) -> Iterator[tuple[int, memoryview]]:
+    """The images that relative URIs name but that are not beside OUT: numbers and bytes.
+
+    Raises:
+        AssetError: One cannot be read.
+    """
+    if lies_beside(edited.source, out):
+        return
+    for number, image in enumerate(edited.gltf.get("images", [])):
+        if _is_a_file(image):
+            yield number, _read(edited.source, image["uri"], number)
+
+
+def put_image(uri: str, data: memoryview, out: str, files: FileGroup) -> str:
+    """Put an image where its URI says beside OUT; the URI, a new one for an image from outside the folder.
+
+    Raises:
+        BakeError: Another file is there, or it cannot be written.
+    """
+    folder, stem = os.path.dirname(out), os.path.splitext(os.path.basename(out))[0]
+    if leaves_folder(uri):
+        digest = hashlib.sha256(data).hexdigest()[:12]
+        uri = quote(f"{stem}-{digest}{os.path.splitext(unquote(uri))[1]}")
+    path = os.path.join(folder, unquote(uri))
+    if not os.path.exists(path):
+        files.make_folders(os.path.dirname(path))
+        files.replace_bytes(path, data)
+    elif read_file(path) != data:
+        raise BakeError("is there already and is another image; choose another folder", where=path)
+    return uri
+
+
+def image_type(head: bytes) -> str:
+    """The MIME type of an image by its first 16 bytes: those of glTF 2.0 and of its texture extensions."""
+    if head.startswith(b"\x89PNG"):
+        return "image/png"
+    if head[:4] == b"RIFF" and head[8:12] == b"WEBP":
+        return "image/webp"
+    return "image/ktx2" if head[1:4] == b"KTX" else "image/jpeg"
+
+
+def _is_a_file(image: Json) -> bool:
+    return isinstance(image.get("uri"), str) and not image["uri"].startswith("data:")
+
+
+def _read(document: Document, uri: str, number: int) -> memoryview:
+    if document.resources is not None and uri in document.resources:
+        return document.resources[uri]
+    where = document.where("images", number)
+    return read_uri(uri, document.path, where, allow_external=document.allow_external)[0]
