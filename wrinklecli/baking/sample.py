@@ -1,8 +1,9 @@
 """What tools do over time: the times of every clip that need a sample, and the weights of all shapes at them."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -64,6 +65,16 @@ class Motion:
     seen: tuple[Activity, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class _Sampled:
+    """One clip at its times, before there are shapes to weigh; fields as those of `Motion`."""
+
+    clip: Clip
+    times: Floats
+    keys: Ints
+    seen: tuple[Activity, ...]
+
+
 def sample_clips(
     plan: MeshPlan, clips: Sequence[Clip], *, fps: float, mode: Mode, progress: Progress
 ) -> tuple[list[TargetSet], list[Motion]]:
@@ -78,51 +89,86 @@ def sample_clips(
 
     Returns:
         Each tool's shapes, and each clip's weights over all of them.
+
+    Raises:
+        BakeError: There are too many frames, or too many shapes.
     """
-    rig, fine = plan.rig, plan.fine
     chosen = list(clips) if mode == "frames" else moving_clips(plan, clips)
     refuse_many_frames(plan, chosen, fps=fps)
-    bound = plan.max_error / _overlaps(plan)
-    tolerance = _SAMPLING_SHARE * bound
-    ends = np.ceil(np.cumsum([1.0 + (clip.end - clip.start) * fps for clip in chosen])).astype(int).tolist()
-    times, keys = [], []
-    for clip, end, take in zip(chosen, ends, takes_of(plan, chosen), strict=True):
-        if mode == "frames":
-            times.append(clip_grid(clip, None, fps=fps))
-            keys.append(np.arange(len(times[-1])))
-        else:
-            bends = turns(clip, rig)
-
-            def signal_on(grid: Floats, clip: Clip = clip, end: int = end, bends: Floats = bends) -> Signal:
-                progress("sampling", end - math.ceil((clip.end - grid[0]) * fps), ends[-1])
-                within = bends[(bends > grid[0]) & (bends < grid[-1])]
-                breaks = distinct_values(np.concatenate([grid[::_FRAMES_OF_A_QUARTIC], grid[-1:], within]))
-                return _signals(plan, clip, breaks, tolerance)
-
-            if take < len(times):
-                found = times[take], keys[take]
-            else:
-                found = key_times(
-                    clip_grid(clip, rig, fps=fps), signal_on, tolerance=tolerance, thinning=_KEYS_SHARE * bound
-                )
-            times.append(found[0])
-            keys.append(found[1])
-        progress("sampling", end, ends[-1])
-    target_sets: list[TargetSet] = []
-    patches = [each.patch for each in plan.carried_patches]
-    seen = [tuple(activities(patches, rig, plan.rest, clip, at)) for clip, at in zip(chosen, times, strict=True)]
-    for number, carried in enumerate(plan.carried_patches):
-        if carried.patch.tool.attachment == "skin":
-            shapes = shapes_of(carried, fine, with_normals=plan.has_normals)
-            weights = [_weights(carried, clip, each[number]) for clip, each in zip(chosen, seen, strict=True)]
-        else:
-            shapes, weights = _compressed(plan, carried, list(zip(chosen, times, strict=True)))
-        target_sets.append(TargetSet(carried, named_targets(carried, shapes), tuple(weights)))
+    sampled = _sampled(plan, chosen, fps=fps, mode=mode, progress=progress)
+    target_sets = [_target_set(plan, number, sampled) for number in range(len(plan.carried_patches))]
     motions = []
-    for index, (clip, at, kept, done) in enumerate(zip(chosen, times, keys, seen, strict=True)):
-        columns = [target_set.written(target_set.weights[index]) for target_set in target_sets]
-        motions.append(Motion(clip, at, np.concatenate(columns, axis=1), kept, done))
+    for number, each in enumerate(sampled):
+        columns = [target_set.written(target_set.weights[number]) for target_set in target_sets]
+        motions.append(Motion(each.clip, each.times, np.concatenate(columns, axis=1), each.keys, each.seen))
     return target_sets, motions
+
+
+def _sampled(plan: MeshPlan, clips: Sequence[Clip], *, fps: float, mode: Mode, progress: Progress) -> list[_Sampled]:
+    """Find the times of each clip, and what the tools do then."""
+    patches = [carried.patch for carried in plan.carried_patches]
+    bound = plan.max_error / _overlaps(plan)
+    # Frames up to the end of each clip.
+    ends = np.ceil(np.cumsum([1.0 + (clip.end - clip.start) * fps for clip in clips])).astype(int).tolist()
+    sampled: list[_Sampled] = []
+    for clip, end, take in zip(clips, ends, takes_of(plan, clips), strict=True):
+        if mode == "frames":
+            times = clip_grid(clip, None, fps=fps)
+            keys = np.arange(len(times))
+        elif take < len(sampled):
+            times, keys = sampled[take].times, sampled[take].keys
+        else:
+            tell_left = partial(_tell_left, progress, end, ends[-1])
+            times, keys = _key_times(plan, clip, fps=fps, bound=bound, tell_left=tell_left)
+        sampled.append(_Sampled(clip, times, keys, tuple(activities(patches, plan.rig, plan.rest, clip, times))))
+        progress("sampling", end, ends[-1])
+    return sampled
+
+
+def _tell_left(progress: Progress, end: int, total: int, left: int) -> None:
+    progress("sampling", end - left, total)
+
+
+def _key_times(
+    plan: MeshPlan, clip: Clip, *, fps: float, bound: float, tell_left: Callable[[int], None]
+) -> tuple[Floats, Ints]:
+    """Times so close that straight lines between them are right, and which of them to key.
+
+    Args:
+        plan: The tools.
+        clip: The animation.
+        fps: Of the grid.
+        bound: Greatest error of one tool, scene units.
+        tell_left: Called now and then with how many frames of the clip are left.
+
+    Returns:
+        (frames,) seconds and (keys,) indices into them, as `key_times`.
+    """
+    bends, tolerance = turns(clip, plan.rig), _SAMPLING_SHARE * bound
+
+    def signal_on(stretch: Floats) -> Signal:
+        tell_left(math.ceil((clip.end - stretch[0]) * fps))
+        within = bends[(bends > stretch[0]) & (bends < stretch[-1])]
+        breaks = distinct_values(np.concatenate([stretch[::_FRAMES_OF_A_QUARTIC], stretch[-1:], within]))
+        return _signals(plan, clip, breaks, tolerance)
+
+    grid = clip_grid(clip, plan.rig, fps=fps)
+    return key_times(grid, signal_on, tolerance=tolerance, thinning=_KEYS_SHARE * bound)
+
+
+def _target_set(plan: MeshPlan, number: int, sampled: Sequence[_Sampled]) -> TargetSet:
+    """One tool's shapes, and their weights in each clip.
+
+    Raises:
+        BakeError: It has too many shapes.
+    """
+    carried = plan.carried_patches[number]
+    if carried.patch.tool.attachment == "skin":
+        shapes = shapes_of(carried, plan.fine, with_normals=plan.has_normals)
+        weights = [_weights(carried, each.clip, each.seen[number]) for each in sampled]
+    else:
+        shapes, weights = _compressed(plan, carried, sampled)
+    return TargetSet(carried, named_targets(carried, shapes), tuple(weights))
 
 
 def takes_of(plan: MeshPlan, clips: Sequence[Clip]) -> list[int]:
@@ -211,7 +257,7 @@ def _weights(carried: CarriedPatch, clip: Clip | None, seen: Activity) -> Floats
 
 
 def _compressed(
-    plan: MeshPlan, carried: CarriedPatch, sampled: Sequence[tuple[Clip, Floats]]
+    plan: MeshPlan, carried: CarriedPatch, sampled: Sequence[_Sampled]
 ) -> tuple[list[Shape | None], list[Floats]]:
     """Shapes and weights of displacements that are new in each frame, all clips together.
 
@@ -222,13 +268,13 @@ def _compressed(
         return [], []
     chunk = max(_MOST_COORDINATES // (3 * len(carried.vertices)), 1)
     series = (
-        displacements(carried, plan.fine, plan.rig, plan.rest, clip, times[k : k + chunk])
-        for clip, times in sampled
-        for k in range(0, len(times), chunk)
+        displacements(carried, plan.fine, plan.rig, plan.rest, each.clip, each.times[k : k + chunk])
+        for each in sampled
+        for k in range(0, len(each.times), chunk)
     )
     tolerance = _COMPRESSION_SHARE * plan.max_error / plan.scale / _PER_COORDINATE
     together, deltas = compress(series, tolerance, where=carried.patch.tool.where)
-    weights = np.split(together, np.cumsum([len(times) for _, times in sampled])[:-1])
+    weights = np.split(together, np.cumsum([len(each.times) for each in sampled])[:-1])
     even = np.linspace(0, len(together) - 1, 16).astype(int)
     rows = distinct_values(np.concatenate([even, np.argmax(together, axis=0)]))
     shapes = make_shapes(
