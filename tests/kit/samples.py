@@ -174,6 +174,14 @@ def two_meshes(editor: Editor) -> None:
     next(node for node in editor.json["nodes"] if node["name"] == "twin")["mesh"] = 1
 
 
+def one_moves(editor: Editor) -> None:
+    """Two meshes; flex moves the wrist alone, extend both."""
+    two_meshes(editor)
+    flex = editor.json["animations"][0]
+    count = next(k for k, node in enumerate(editor.json["nodes"]) if node["name"] == "twin")
+    flex["channels"] = [channel for channel in flex["channels"] if channel["target"]["node"] < count]
+
+
 def aside(tool: Json, **changes: Any) -> Json:
     """A tool for the twin."""
     ends = {end: [*tool[end][:2], tool[end][2] + 1.0] for end in ("origin", "target")}

@@ -1,0 +1,71 @@
+"""Extras of a baked node: enough for a player to play the wrinkles of any clip."""
+
+import json
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from kit.bakes import bake_config, bake_once
+from kit.player import Floats, Gltf, anchor_distances, described
+from kit.samples import BROW, Editor, edited, sharp_keys, spline_keys
+
+
+def assert_replayed(file: Gltf, node: str, clip: str, times: Floats, tolerance: float) -> None:
+    """Weights from the tables in the node's extras are those of the tracks, in shares of the greatest."""
+    extras = file.json["nodes"][file.node(node)]["extras"]["wrinkle"]
+    names = file.mesh(node)["extras"]["targetNames"]
+    played = file.weights(node, clip, times)
+    for tool in extras["tools"]:
+        table, rows = np.array(tool["weights"]), np.array(tool["shortenings"])
+        assert table.shape == (len(rows), len(tool["targets"]))
+        assert rows[0] == 0
+        assert rows[-1] == 1
+        assert (np.diff(rows) > 0).all()
+        shortenings = 1 - anchor_distances(file, tool, node, clip, times) / tool["rest_length"]
+        strength = tool.get("strengths", {}).get(clip, 1.0)
+        for column, name in zip(table.T, tool["targets"], strict=True):
+            error = np.abs(played[:, names.index(name)] - strength * np.interp(shortenings, rows, column))
+            assert error.max() < tolerance, (tool["name"], name, times[error.argmax()])
+
+
+@pytest.mark.parametrize(
+    ("name", "config", "clip"),
+    [
+        ("wrist", "wrist", "flex"),
+        ("wrist", "wrist", "extend"),
+        ("head", "head", "raise_brows"),
+        ("head", "head", "think"),
+        ("trousers", "trousers", "squat"),
+        ("trousers", "trousers", "walk"),
+    ],
+)
+def test_extras_are_enough_to_play_the_wrinkles(name: str, config: str, clip: str) -> None:
+    after = bake_config(name, config)
+    # Between keys tracks are straight and off by up to --max-error; the table is held against the keys. Its own
+    # straight lines are right to 1/256, and float32 and eight digits add a little where a height starts.
+    times, _ = after.keys(clip, name)
+    assert_replayed(after, name, clip, times, 1 / 256 + 1e-3)
+
+
+def test_extras_of_a_clip_that_was_not_baked() -> None:
+    part, whole = bake_config("wrist", "wrist", clips=["extend"]), bake_config("wrist", "wrist")
+    assert part.sampler("flex", 0, "weights") is None
+    assert described(part) == described(whole)
+
+
+def test_extras_say_what_else_drives_a_tool() -> None:
+    """A rest length that follows a morph target cannot be played from the table alone, unless they say so."""
+    tool = {**BROW, "rest_length": {"morph": "browsDown", "full": "130%"}}
+    (described,) = bake_once("head", tool).json["nodes"][0]["extras"]["wrinkle"]["tools"]
+    assert "browsDown" in json.dumps(
+        {key: value for key, value in described.items() if key not in ("origin", "target")}
+    )
+
+
+@pytest.mark.parametrize("change", [sharp_keys, spline_keys])
+def test_new_weights_are_right_on_every_kind_of_track(change: Callable[[Editor], None]) -> None:
+    """Replayed from the extras of the same file, at and between keys, jumps included."""
+    after = bake_once(edited("head", change), BROW)
+    times = np.setdiff1d(np.linspace(0.0, 2.0, 301), [0.5, 1.25, 2.0])
+    assert_replayed(after, "head", "raise_brows", times, 0.005 + 1 / 256 + 1e-3)

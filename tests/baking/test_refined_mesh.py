@@ -1,0 +1,122 @@
+"""Refined primitives: old vertices stay, new ones lie between them, and what primitives share stays shared."""
+
+from itertools import chain
+
+import numpy as np
+import pytest
+
+from kit.bakes import bake_once
+from kit.clients import assert_valid, compare_with_three
+from kit.player import Gltf, Json
+from kit.samples import PALM, Editor, edited, sample, three_materials, two_parts
+from wrinklecli.gltf.references import accessor_references
+
+
+def vertex_accessors(primitive: Json) -> list[int]:
+    targets = (list(target.values()) for target in primitive.get("targets", []))
+    return [*primitive["attributes"].values(), *chain.from_iterable(targets)]
+
+
+@pytest.mark.parametrize(
+    "tool", [PALM, {**PALM, "width": 0.004, "origin": [0.03, -0.0205, 0.0], "target": [0.06, -0.02, 0.0]}]
+)
+@pytest.mark.parametrize("accessors", ["sparse", "dense"])
+def test_primitives_go_on_sharing_vertices(tool: Json, accessors: str) -> None:
+    """Refined once for all, those that no tool reaches too; the motion is that of a mesh of one primitive."""
+    asset = edited("wrist", three_materials)
+    whole, parted = (bake_once(each, tool, accessors=accessors) for each in ("wrist", asset))
+    primitives = parted.mesh("wrist")["primitives"]
+    assert [each["material"] for each in primitives] == [0, 1, 2]
+    assert len(primitives[0]["targets"]) > 0
+    for other in primitives[1:]:
+        assert vertex_accessors(other) == vertex_accessors(primitives[0])
+    # Vertices on the edges between two primitives are there once for each, indices that nothing splits stay.
+    added = len(parted.json["accessors"]) - len(Gltf(asset).json["accessors"])
+    assert added == len(whole.json["accessors"]) - len(Gltf(sample("wrist")).json["accessors"])
+    grown = parted.path.stat().st_size - asset.stat().st_size
+    assert grown < 1.15 * (whole.path.stat().st_size - sample("wrist").stat().st_size)
+    lost = [
+        set(range(len(each["accessors"]))) - set(accessor_references(each)) for each in (Gltf(asset).json, parted.json)
+    ]
+    assert lost[0] == lost[1], "an accessor that nothing shows any more"
+    assert_valid(parted.path)
+    for clip in ("flex", "extend"):
+        times = [0.0, 0.4, 0.77, 1.3]
+        shown = parted.pose("wrist", clip, times)
+        compare_with_three(parted.path, "wrist", clip, times, shown)
+        corners = [file.pose("wrist", clip, times)[:, file.triangles("wrist")] for file in (whole, parted)]
+        middles = [np.sort(each.mean(axis=2), axis=1) for each in corners]
+        assert np.abs(middles[0] - middles[1]).max() < 1e-6
+
+
+def test_attributes_that_primitives_share_stay_shared() -> None:
+    one, other = bake_once(edited("wrist", two_parts), PALM).mesh("wrist")["primitives"]
+    for name, index in other["attributes"].items():
+        assert one["attributes"][name] == index
+    # TANGENT, which the second lacks, does not keep POSITION and NORMAL targets apart.
+    assert [each["POSITION"] for each in one["targets"]] == [each["POSITION"] for each in other["targets"]]
+
+
+def test_shared_points_are_left_alone() -> None:
+    """Points drawn over the same vertices: without indices, new ones would be drawn too."""
+
+    def points(editor: Editor) -> None:
+        (primitive,) = editor.json["meshes"][0]["primitives"]
+        kept = {key: value for key, value in primitive.items() if key != "indices"}
+        editor.json["meshes"][0]["primitives"].append({**kept, "mode": 0})
+
+    asset = edited("wrist", points)
+    before, after = (file.mesh("wrist")["primitives"] for file in (Gltf(asset), bake_once(asset, PALM)))
+    count = Gltf(asset).json["accessors"][before[1]["attributes"]["POSITION"]]["count"]
+    assert bake_once(asset, PALM).json["accessors"][after[1]["attributes"]["POSITION"]]["count"] == count
+    assert after[1]["mode"] == 0
+    assert_valid(bake_once(asset, PALM).path)
+
+
+def test_old_vertices_keep_index_and_bits_and_new_ones_follow() -> None:
+    before, after = Gltf(edited("wrist", two_parts)), bake_once(edited("wrist", two_parts), PALM)
+    pairs = zip(before.mesh("wrist")["primitives"], after.mesh("wrist")["primitives"], strict=True)
+    for old, new in pairs:
+        assert list(old["attributes"]) == list(new["attributes"])
+        for name in old["attributes"]:
+            was, now = (file.stored(each["attributes"][name]) for file, each in ((before, old), (after, new)))
+            assert len(now) > len(was)
+            assert now[: len(was)].tobytes() == was.tobytes(), name
+            kinds = [
+                (entry["componentType"], entry["type"], entry.get("normalized"))
+                for file, each in ((before, old), (after, new))
+                for entry in [file.json["accessors"][each["attributes"][name]]]
+            ]
+            assert kinds[0] == kinds[1], name
+
+
+def test_new_attributes_lie_between_old_ones() -> None:
+    after = bake_once(edited("wrist", two_parts), PALM)
+    primitive = after.mesh("wrist")["primitives"][0]
+    old = len(Gltf(sample("wrist")).attribute("wrist", "POSITION"))
+    values = {name: after.array(index) for name, index in primitive["attributes"].items()}
+    assert np.abs(np.linalg.norm(values["NORMAL"][old:], axis=1) - 1).max() < 1e-6
+    assert np.abs(np.linalg.norm(values["TANGENT"][old:, :3], axis=1) - 1).max() < 1e-6
+    assert np.array_equal(np.unique(values["TANGENT"][:, 3]), [-1.0])
+    assert np.abs(values["WEIGHTS_0"].sum(axis=1) - 1).max() < 1e-6
+    for name in ("TEXCOORD_0", "TEXCOORD_1", "COLOR_0"):
+        assert (values[name][old:] >= values[name][:old].min(axis=0)).all(), name
+        assert (values[name][old:] <= values[name][:old].max(axis=0)).all(), name
+    known = {tuple(row) for row in values["_ID"][:old].tolist()}
+    assert {tuple(row) for row in values["_ID"][old:].tolist()} <= known, "a feature id was made up"
+
+
+def test_the_refined_surface_is_whole() -> None:
+    """Every edge that two triangles shared still is shared by two: no cracks, across seams and primitives."""
+    for asset in (sample("wrist"), edited("wrist", two_parts)):
+        before, after = Gltf(asset), bake_once(asset, PALM)
+        counts = []
+        for file in (before, after):
+            positions = file.attribute("wrist", "POSITION")
+            _, weld = np.unique(positions.round(9), axis=0, return_inverse=True)
+            faces = weld.reshape(-1)[file.triangles("wrist")]
+            edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+            _, uses = np.unique(edges, axis=0, return_counts=True)
+            counts.append(np.bincount(uses))
+        assert len(counts[1]) == len(counts[0]) == 3
+        assert counts[1][1] == counts[0][1], "the border has changed"
