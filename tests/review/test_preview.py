@@ -32,9 +32,9 @@ from wrinklecli.review.preview.heat import HEAT, compression, heat_colours
 from wrinklecli.review.preview.materials import Texture
 from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.preview import MOST_PIXELS, MOST_SIDE, apply_tools, preview
-from wrinklecli.review.preview.render import PAPER, Frame, Style
+from wrinklecli.review.preview.render import PAPER, Snapshot, Style
 from wrinklecli.review.preview.sheet import Legend, Sheet, encode_animation, sheet_size
-from wrinklecli.review.preview.shown import INKS, frame_of, read_subject
+from wrinklecli.review.preview.shown import INKS, read_shown, take_snapshot
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
@@ -68,26 +68,26 @@ def reds(pixels: Bytes) -> int:
 
 def square(
     *, half: float = 0.5, at: float = 0.0, colour: Sequence[float] = (1, 1, 1), flipped: bool = False, **more: Any
-) -> Frame:
+) -> Snapshot:
     """A square across the z axis that faces +z."""
     corners = np.array([(-half, -half, at), (half, -half, at), (half, half, at), (-half, half, at)])
     triangles = np.array([(0, 1, 2), (0, 2, 3)])
     triangles = triangles[:, ::-1] if flipped else triangles
     shape = (2, 3)
-    return Frame(
+    return Snapshot(
         corners=corners[triangles],
         normals=np.tile([0.0, 0.0, -1.0 if flipped else 1.0], (*shape, 1)),
         colours=np.tile(np.array(colour, float), (*shape, 1)),
         coordinates=(corners[triangles][..., :2] * (1, -1) + half) / (2 * half),
-        textures=np.full(2, 0 if "images" in more else -1),
+        texture_numbers=np.full(2, 0 if "textures" in more else -1),
         **more,
     )
 
 
-def both(*frames: Frame) -> Frame:
-    """Frames together, without images and marks."""
-    keys = ("corners", "normals", "colours", "coordinates", "textures")
-    return Frame(*(np.concatenate([getattr(frame, key) for frame in frames]) for key in keys))
+def both(*frames: Snapshot) -> Snapshot:
+    """Frames together, without textures and marks."""
+    keys = ("corners", "normals", "colours", "coordinates", "texture_numbers")
+    return Snapshot(*(np.concatenate([getattr(frame, key) for frame in frames]) for key in keys))
 
 
 HEAD_ON = Camera(np.zeros(3), camera_axes(0.0, 0.0), 1.0)
@@ -165,7 +165,7 @@ def test_a_texture_colours_its_surface_the_right_way_up_and_goes_on_as_it_says()
         (("mirror", "repeat"), "green"),
         (("clamp", "repeat"), "green"),
     ):
-        frame = square(half=0.9, images=(Texture(pixels.repeat(8, 0).repeat(8, 1), wraps),))
+        frame = square(half=0.9, textures=(Texture(pixels.repeat(8, 0).repeat(8, 1), wraps),))
         shown = render.render(frame, HEAD_ON, size=SIZE).astype(int)
         assert shown[12, 22].argmax() == 0
         assert shown[12, 58].argmax() == 1
@@ -251,11 +251,11 @@ def test_a_triangle_without_area_at_rest_is_not_compressed() -> None:
 
 
 def test_heat_shows_where_a_fold_compresses(tmp_path: Path) -> None:
-    subject = read_subject(read_document(limb(tmp_path)), "limb", [], [])
-    rest, folded = (frame_of(subject, Moment("fold", time), heat=True) for time in (0.0, 1.0))
+    asset, _ = read_shown(read_document(limb(tmp_path)), "limb", [])
+    rest, folded = (take_snapshot(asset, Moment("fold", time), heat=True) for time in (0.0, 1.0))
     cold = heat_colours(np.zeros(1))[0]
     assert np.ptp(rest.colours.reshape(-1, 3), axis=0).max() < 1e-6
-    places = frame_of(subject, Moment(None, 0.0), heat=False).corners
+    places = take_snapshot(asset, Moment(None, 0.0), heat=False).corners
     inside = (np.abs(places[..., 0]) < 0.1) & (places[..., 1] > 0.2)
     ends = np.abs(places[..., 0]) > 0.8
     blue = folded.colours[..., 2]
@@ -375,11 +375,11 @@ def test_marks_lie_on_the_triangles_that_they_are_of(tmp_path: Path, options: Js
         tmp_path / "tools.yaml", tool(**BUMPY), tool(name="end", origin=[0.6, 0.25, 0.0], target=[0.9, 0.25, 0.0])
     )
     document, plans = apply_tools(limb(tmp_path, **options), tools)
-    subject = read_subject(document, "limb", plans, [])
+    asset, _ = read_shown(document, "limb", plans)
     marked = 0
-    for body in subject.posed(Moment(None, 0.0)):
-        for mark in body.piece.marks:
-            corners = body.positions[body.triangles[mark.triangles]].reshape(-1, 3)
+    for posed in asset.posed(Moment(None, 0.0)):
+        for mark in posed.shown.marks:
+            corners = posed.positions[posed.triangles[mark.triangles]].reshape(-1, 3)
             places = mark.places.reshape(-1, 2)
             marked += int(mark.inside.sum())
             if not len(corners):
@@ -484,25 +484,25 @@ def test_without_normals_each_triangle_is_one_shade(tmp_path: Path) -> None:
 
 
 def cameras_of(path: Path, moments: Sequence[Moment], **options: Any) -> tuple[Any, list[str], list[list[Camera]]]:
-    subject = read_subject(read_document(path), "limb", [], [])
-    names, cameras = plan_cameras([subject], moments, options.pop("views", ()), aspect=4 / 3, **options)
-    return subject, names, cameras
+    asset, _ = read_shown(read_document(path), "limb", [])
+    names, cameras = plan_cameras([asset], moments, options.pop("views", ()), aspect=4 / 3, **options)
+    return asset, names, cameras
 
 
 def test_a_baked_file_is_framed_on_its_wrinkles_from_the_side_that_shows_them(tmp_path: Path) -> None:
     asset, _, wrinkled = baked(tmp_path)
     moments = [Moment("fold", time) for time in (0.0, 0.2, 0.4)]
-    subject, names, cameras = cameras_of(wrinkled, moments)
+    shown, names, cameras = cameras_of(wrinkled, moments)
     _, whole_names, whole = cameras_of(asset, moments)
     assert whole_names == ["oblique"]
     assert cameras[0][0].reach < 0.6 * whole[0][0].reach
     _, elevation = parse_view(names[0])
     assert elevation > 0, "it folds upwards"
-    (piece,) = subject.pieces
+    (primitive,) = shown.primitives
     for moment, camera in zip(moments, cameras[0], strict=True):
-        (body,) = subject.posed(moment)
-        moved = piece.shapes.any(axis=(0, 2))
-        seen = camera.project(body.positions[moved], (400, 300))
+        (posed,) = shown.posed(moment)
+        moved = primitive.shapes.any(axis=(0, 2))
+        seen = camera.project(posed.positions[moved], (400, 300))
         assert (seen > 0).all()
         assert (seen < (400, 300)).all()
     assert len({camera.reach for camera in cameras[0]}) == 1, "one scale for all moments"

@@ -12,7 +12,7 @@ from wrinklecli.numeric.guard import Progress, no_progress
 from wrinklecli.review.preview.camera import FACING, VIEWS, Camera, camera_axes, parse_view
 from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.rays import seen
-from wrinklecli.review.preview.shown import Subject
+from wrinklecli.review.preview.shown import ShownAsset
 
 _DEFAULT = "oblique"
 
@@ -33,7 +33,7 @@ class _Wrinkles:
     """Where the wrinkles are.
 
     Attributes:
-        masks: For each piece of each subject, (vertices,) what they move at these moments, or could if they do not.
+        masks: For each primitive of each asset, (vertices,) what they move at these moments, or could if they do not.
         totals: (moments,) how much they move it in all; 0 throughout where they do not.
     """
 
@@ -47,7 +47,7 @@ class _Wrinkles:
 
 
 def plan_cameras(
-    subjects: Sequence[Subject],
+    assets: Sequence[ShownAsset],
     moments: Sequence[Moment],
     views: Sequence[str],
     *,
@@ -57,10 +57,10 @@ def plan_cameras(
     follow: bool = False,
     progress: Progress = no_progress,
 ) -> tuple[list[str], list[list[Camera]]]:
-    """Cameras that all subjects share.
+    """Cameras that all assets share.
 
     Args:
-        subjects: To show.
+        assets: To show.
         moments: To show.
         views: Names of `VIEWS`, `FACING` or azimuth:elevation; where left out, FACING where there are wrinkles.
         aspect: Width over height of a picture.
@@ -75,10 +75,10 @@ def plan_cameras(
     Raises:
         AssetError: There is nothing to see, or FACING was asked for and there are no wrinkles.
     """
-    wrinkles = _wrinkles(subjects, moments)
+    wrinkles = _wrinkles(assets, moments)
     bounds, centres = [], np.zeros((len(moments), 3))
     for number, moment in enumerate(moments):
-        points, middle = _sight(subjects, moment, wrinkles)
+        points, middle = _sight(assets, moment, wrinkles)
         bounds.append(points)
         if follow:
             centres[number] = middle
@@ -86,58 +86,57 @@ def plan_cameras(
     if focus is not None:
         centres[:] = focus
         if follow:
-            centres = _followed(subjects[0], moments, centres[0])
+            centres = _followed(assets[0], moments, centres[0])
     relative = np.concatenate([points - centre for points, centre in zip(bounds, centres, strict=True)])
     names, cameras = [], []
-    for name in views or [FACING if wrinkles.known else _DEFAULT]:
-        if name == FACING:
-            if not wrinkles.known:
-                others = ", ".join(VIEWS)
-                raise AssetError(f"has no wrinkles to face; other views are {others}", where=subjects[-1].document.path)
-            name = _facing(subjects, moments, wrinkles)
-        axes = camera_axes(*parse_view(name))
-        margin = _WRINKLES_MARGIN if wrinkles.known else _FIGURE_MARGIN
-        camera = Camera.framing(relative, axes, aspect=aspect, margin=margin)
+    for view in views or [FACING if wrinkles.known else _DEFAULT]:
+        name = _facing(assets, moments, wrinkles) if view == FACING else view
+        camera = Camera.framing(
+            relative,
+            camera_axes(*parse_view(name)),
+            aspect=aspect,
+            margin=_WRINKLES_MARGIN if wrinkles.known else _FIGURE_MARGIN,
+        )
         if radius is not None:
             camera = replace(camera, reach=radius / min(aspect, 1.0))
         if focus is not None:
             camera = replace(camera, centre=np.zeros(3))
         if not camera.reach > 0:
-            raise AssetError("nothing to see: all is at one point", where=subjects[0].document.path)
+            raise AssetError("nothing to see: all is at one point", where=assets[0].document.path)
         names.append(name)
         cameras.append([replace(camera, centre=camera.centre + centre) for centre in centres])
     return names, cameras
 
 
-def _wrinkles(subjects: Sequence[Subject], moments: Sequence[Moment]) -> _Wrinkles:
+def _wrinkles(assets: Sequence[ShownAsset], moments: Sequence[Moment]) -> _Wrinkles:
     totals = np.zeros(len(moments))
     found: list[list[Floats]] = []
-    for subject in subjects:
-        amounts = [np.zeros(len(piece.coordinates)) for piece in subject.pieces]
-        for k, piece in enumerate(subject.pieces):
-            for number, moment in enumerate(moments if len(piece.shape_numbers) else ()):
-                moved = piece.displacements(subject.clip(moment.clip), moment.time)
+    for asset in assets:
+        amounts = [np.zeros(len(shown.source.vertices.positions)) for shown in asset.primitives]
+        for k, shown in enumerate(asset.primitives):
+            for number, moment in enumerate(moments if len(shown.shape_numbers) else ()):
+                moved = shown.displacements(asset.clip(moment.clip), moment.time)
                 totals[number] += moved.sum()
                 amounts[k] = np.maximum(amounts[k], moved)
         found.append(amounts)
     if not totals.any():
-        found = [[np.sqrt(np.sum(piece.shapes**2, axis=2)).sum(axis=0) for piece in each.pieces] for each in subjects]
+        found = [[np.sqrt(np.sum(shown.shapes**2, axis=2)).sum(axis=0) for shown in each.primitives] for each in assets]
     greatest = max((float(each.max(initial=0.0)) for amounts in found for each in amounts), default=0.0)
     return _Wrinkles([[each > _LEAST_WRINKLE * greatest for each in amounts] for amounts in found], totals)
 
 
-def _sight(subjects: Sequence[Subject], moment: Moment, wrinkles: _Wrinkles) -> tuple[Floats, Floats]:
+def _sight(assets: Sequence[ShownAsset], moment: Moment, wrinkles: _Wrinkles) -> tuple[Floats, Floats]:
     """What to frame at a moment: (points, 3) that bound what the wrinkles move, or everything, and its (3,) middle."""
     points = [np.zeros((0, 3))]
-    for subject, masks in zip(subjects, wrinkles.masks, strict=True):
-        for body in subject.posed(moment):
-            used = np.zeros(len(body.positions), bool)
-            used[body.triangles] = True
-            points.append(body.positions[used & masks[body.number] if wrinkles.known else used])
+    for asset, masks in zip(assets, wrinkles.masks, strict=True):
+        for posed in asset.posed(moment):
+            used = np.zeros(len(posed.positions), bool)
+            used[posed.triangles] = True
+            points.append(posed.positions[used & masks[posed.number] if wrinkles.known else used])
     found = np.concatenate(points)
     if not len(found):
         raise AssetError(
-            "nothing to see: no triangles in the scene, or all are scaled to 0", where=subjects[0].document.path
+            "nothing to see: no triangles in the scene, or all are scaled to 0", where=assets[0].document.path
         )
     return _bounds(found), (found.min(axis=0) + found.max(axis=0)) / 2
 
@@ -153,41 +152,48 @@ def _bounds(points: Floats) -> Floats:
     return furthest
 
 
-def _facing(subjects: Sequence[Subject], moments: Sequence[Moment], wrinkles: _Wrinkles) -> str:
-    """The view from which most of the wrinkles are seen when they are tallest, as azimuth:elevation."""
+def _facing(assets: Sequence[ShownAsset], moments: Sequence[Moment], wrinkles: _Wrinkles) -> str:
+    """The view from which most of the wrinkles are seen when they are tallest, as azimuth:elevation.
+
+    Raises:
+        AssetError: There are none.
+    """
+    if not wrinkles.known:
+        others = ", ".join(VIEWS)
+        raise AssetError(f"has no wrinkles to face; other views are {others}", where=assets[-1].document.path)
     chosen = np.argsort(-wrinkles.totals, kind="stable")[:_JUDGED_MOMENTS]
     angles = [(azimuth, elevation) for elevation in _ELEVATIONS for azimuth in _AZIMUTHS]
     backs = np.array([camera_axes(*each)[2] for each in angles])
     scores = np.zeros(len(angles))
     for moment in (moments[number] for number in chosen):
-        for subject, masks in zip(subjects, wrinkles.masks, strict=True):
-            bodies = list(subject.posed(moment))
-            everything = np.concatenate([np.zeros((0, 3, 3)), *(body.positions[body.triangles] for body in bodies)])
-            for body in bodies:
-                spots = np.flatnonzero(masks[body.number])
+        for asset, masks in zip(assets, wrinkles.masks, strict=True):
+            visible = list(asset.posed(moment))
+            everything = np.concatenate([np.zeros((0, 3, 3)), *(posed.positions[posed.triangles] for posed in visible)])
+            for posed in visible:
+                spots = np.flatnonzero(masks[posed.number])
                 spots = spots[:: max(len(spots) // _JUDGED_SPOTS, 1)]
                 if not len(spots):
                     continue
                 weights = np.ones(len(spots))
                 if wrinkles.totals.any():
-                    weights = body.piece.displacements(subject.clip(moment.clip), moment.time)[spots]
-                normals = vertex_normals(body.positions, body.triangles)[spots]
-                free = seen(everything, body.positions[spots], normals, backs)
+                    weights = posed.shown.displacements(asset.clip(moment.clip), moment.time)[spots]
+                normals = vertex_normals(posed.positions, posed.triangles)[spots]
+                free = seen(everything, posed.positions[spots], normals, backs)
                 scores += (free * np.minimum(backs @ normals.T, _ASIDE)) @ weights
     levels = np.cos(np.radians([elevation for _, elevation in angles]))
     best = int(np.argmax(scores * (1 - _LEVEL + _LEVEL * levels)))
     return f"{angles[best][0]}:{angles[best][1]}" if scores[best] > 0 else _DEFAULT
 
 
-def _followed(subject: Subject, moments: Sequence[Moment], focus: Floats) -> Floats:
+def _followed(asset: ShownAsset, moments: Sequence[Moment], focus: Floats) -> Floats:
     """(moments, 3) where the vertex is that lies nearest to a point in the stored pose."""
     best, which = np.inf, (0, 0)
-    for number, piece in enumerate(subject.pieces):
-        positions = pose_primitive(piece.part, None, np.zeros(1)).positions[0]
+    for number, shown in enumerate(asset.primitives):
+        positions = pose_primitive(shown.source, None, np.zeros(1)).positions[0]
         squares = np.sum((positions - focus) ** 2, axis=1)
         vertex = int(np.argmin(squares))
         if squares[vertex] < best:
             best, which = float(squares[vertex]), (number, vertex)
-    part = subject.pieces[which[0]].part
-    places = [pose_primitive(part, subject.clip(m.clip), np.array([m.time])).positions[0, which[1]] for m in moments]
+    source = asset.primitives[which[0]].source
+    places = [pose_primitive(source, asset.clip(m.clip), np.array([m.time])).positions[0, which[1]] for m in moments]
     return np.array(places)

@@ -27,19 +27,19 @@ def heat_colours(losses: Floats) -> Floats:
     return np.stack(channels, axis=-1)
 
 
-def compressions(part: ScenePrimitive, positions: Floats) -> Floats:
+def compressions(primitive: ScenePrimitive, positions: Floats) -> Floats:
     """(vertices,) compression against the stored pose, the mean of the triangles around each place.
 
     Args:
-        part: Of the scene.
+        primitive: Of the scene.
         positions: (vertices, 3) where its vertices are now, world space.
     """
-    stored = pose_primitive(part, None, np.zeros(1)).positions[0]
-    triangles = part.triangles
+    stored = pose_primitive(primitive, None, np.zeros(1)).positions[0]
+    triangles = primitive.triangles
     losses = compression(stored[triangles], positions[triangles])
     areas = np.sqrt(np.sum(face_normals(stored, triangles) ** 2, axis=1))
     # Vertices of a seam are one place.
-    _, places = np.unique(part.vertices.positions, axis=0, return_inverse=True)
+    _, places = np.unique(primitive.vertices.positions, axis=0, return_inverse=True)
     places = places.reshape(-1)
     into = places[triangles].ravel()
     sums = np.bincount(into, np.repeat(losses * areas, 3), len(places))

@@ -1,11 +1,12 @@
 """Base colours of a surface: of materials, of vertices and from textures, which are looked up between pixels."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wrinklecli.character.scene import ScenePrimitive
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.files import read_uri
@@ -20,9 +21,9 @@ _WRAPS = {33071: "clamp", 33648: "mirror"}
 _DECODED = linear_rgb(np.arange(256) / 255.0).astype(np.float32)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Texture:
-    """An image that colours a surface.
+    """An image that colours a surface; equal only to itself.
 
     Attributes:
         pixels: (height, width, 3) sRGB.
@@ -31,6 +32,119 @@ class Texture:
 
     pixels: Bytes
     wraps: tuple[str, str] = ("repeat", "repeat")
+
+
+@dataclass(frozen=True, slots=True)
+class Paint:
+    """What colours a primitive.
+
+    Attributes:
+        colours: (vertices, 3) base colours, linear RGB.
+        coordinates: (vertices, 2) in its texture.
+        texture: It multiplies the colours; None for none.
+    """
+
+    colours: Floats
+    coordinates: Floats
+    texture: Texture | None
+
+
+def read_paints(document: Document, primitives: Sequence[ScenePrimitive]) -> tuple[list[Paint], list[str]]:
+    """Read what colours the primitives of a scene.
+
+    Returns:
+        The paint of each, and a warning for each whose texture cannot be read.
+
+    Raises:
+        AssetError: Colours of vertices are malformed.
+    """
+    textures: dict[str, Texture] = {}
+    paints, warnings = [], []
+    for source in primitives:
+        primitive = document.items("meshes")[source.rig.mesh]["primitives"][source.primitive]
+        count = len(source.vertices.positions)
+        texture, coordinates = None, np.zeros((count, 2))
+        try:
+            info = _texture_info(document, primitive)
+            if info:
+                coordinates = _texture_coordinates(document, primitive, info, count)
+                key = repr(info)
+                if key not in textures:
+                    textures[key] = _read_texture(document, info)
+                texture = textures[key]
+        except (AssetError, ArithmeticError, ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
+            # Without a texture a picture still shows the wrinkles.
+            warnings.append(f"{source.where}: drawn without its texture: {error}")
+        paints.append(Paint(source.colour * _vertex_colours(document, primitive, count), coordinates, texture))
+    return paints, warnings
+
+
+def _texture_info(document: Document, primitive: Json) -> Json:
+    """What a primitive's material says of its base colour's texture; empty where it has none."""
+    if "material" not in primitive:
+        return {}
+    material = document.item("materials", primitive["material"], user=document.path)
+    info: Json = material.get("pbrMetallicRoughness", {}).get("baseColorTexture", {})
+    return info
+
+
+def _read_texture(document: Document, info: Json) -> Texture:
+    """The texture of a base colour.
+
+    Raises:
+        AssetError: The file of the image is missing or out of bounds.
+        ValueError: The image is of no kind that is read, or damaged.
+    """
+    where = document.where("textures")
+    texture = document.item("textures", info.get("index"), user=where)
+    webp = texture.get("extensions", {}).get("EXT_texture_webp", {})
+    number = webp.get("source", texture.get("source"))
+    image = document.item("images", number, user=where)
+    if "uri" in image:
+        place = document.where("images", str(number))
+        data, _ = read_uri(image["uri"], document.path, place, allow_external=document.allow_external)
+    else:
+        data = document.view(image.get("bufferView"), user=where)
+    sampler = document.item("samplers", texture["sampler"], user=where) if "sampler" in texture else {}
+    across, down = (_WRAPS.get(sampler.get(key, 0), "repeat") for key in ("wrapS", "wrapT"))
+    return Texture(read_pixels(data), (across, down))
+
+
+def _texture_coordinates(document: Document, primitive: Json, info: Json, count: int) -> Floats:
+    """(vertices, 2) where in the texture each vertex is.
+
+    Raises:
+        AssetError: The file does not say.
+    """
+    transform = info.get("extensions", {}).get("KHR_texture_transform", {})
+    name = f"TEXCOORD_{transform.get('texCoord', info.get('texCoord', 0))}"
+    if name not in primitive["attributes"]:
+        raise AssetError(f"has no {name}", where=document.path)
+    stored = _attribute(document, primitive, name, count, 2)
+    offset, scale = (np.array(transform.get(key, (x, x)), float) for key, x in (("offset", 0), ("scale", 1)))
+    turn = float(transform.get("rotation", 0.0))
+    x, y = (stored * scale).T
+    turned = np.stack([x * np.cos(turn) + y * np.sin(turn), y * np.cos(turn) - x * np.sin(turn)], axis=1)
+    return np.asarray(turned + offset)
+
+
+def _vertex_colours(document: Document, primitive: Json, count: int) -> Floats:
+    """(vertices, 3) linear RGB factors; white where there are none."""
+    if "COLOR_0" not in primitive["attributes"]:
+        return np.ones((count, 3))
+    return np.clip(_attribute(document, primitive, "COLOR_0", count, 3), 0.0, 1.0)
+
+
+def _attribute(document: Document, primitive: Json, name: str, count: int, size: int) -> Floats:
+    """(vertices, size) the first numbers of an attribute.
+
+    Raises:
+        AssetError: It has others.
+    """
+    values = document.accessor(primitive["attributes"][name])
+    if values.ndim != 2 or len(values) != count or values.shape[1] < size or not np.isfinite(values).all():
+        raise AssetError(f"{name} must hold {size} finite numbers for {count} vertices", where=document.path)
+    return values[:, :size].astype(np.float64)
 
 
 def look_up(texture: Texture, places: Floats) -> Array:
@@ -65,71 +179,3 @@ def _wrapped(indices: Floats, count: int, wrap: str) -> Ints:
         turned = np.mod(indices, 2 * count)
         inside = np.minimum(turned, 2 * count - 1 - turned)
     return np.asarray(inside, np.intp)
-
-
-def texture_info(document: Document, primitive: Json) -> Json:
-    """What a primitive's material says of its base colour's texture; empty where it has none."""
-    if "material" not in primitive:
-        return {}
-    material = document.item("materials", primitive["material"], user=document.path)
-    info: Json = material.get("pbrMetallicRoughness", {}).get("baseColorTexture", {})
-    return info
-
-
-def read_texture(document: Document, info: Json) -> Texture:
-    """The texture of a base colour.
-
-    Raises:
-        AssetError: The file of the image is missing or out of bounds.
-        ValueError: The image is of no kind that is read, or damaged.
-    """
-    where = document.where("textures")
-    texture = document.item("textures", info.get("index"), user=where)
-    webp = texture.get("extensions", {}).get("EXT_texture_webp", {})
-    number = webp.get("source", texture.get("source"))
-    image = document.item("images", number, user=where)
-    if "uri" in image:
-        place = document.where("images", str(number))
-        data, _ = read_uri(image["uri"], document.path, place, allow_external=document.allow_external)
-    else:
-        data = document.view(image.get("bufferView"), user=where)
-    sampler = document.item("samplers", texture["sampler"], user=where) if "sampler" in texture else {}
-    across, down = (_WRAPS.get(sampler.get(key, 0), "repeat") for key in ("wrapS", "wrapT"))
-    return Texture(read_pixels(data), (across, down))
-
-
-def texture_coordinates(document: Document, primitive: Json, info: Json, count: int) -> Floats:
-    """(vertices, 2) where in the texture each vertex is.
-
-    Raises:
-        AssetError: The file does not say.
-    """
-    transform = info.get("extensions", {}).get("KHR_texture_transform", {})
-    name = f"TEXCOORD_{transform.get('texCoord', info.get('texCoord', 0))}"
-    if name not in primitive["attributes"]:
-        raise AssetError(f"has no {name}", where=document.path)
-    stored = _attribute(document, primitive, name, count, 2)
-    offset, scale = (np.array(transform.get(key, (x, x)), float) for key, x in (("offset", 0), ("scale", 1)))
-    turn = float(transform.get("rotation", 0.0))
-    x, y = (stored * scale).T
-    turned = np.stack([x * np.cos(turn) + y * np.sin(turn), y * np.cos(turn) - x * np.sin(turn)], axis=1)
-    return np.asarray(turned + offset)
-
-
-def vertex_colours(document: Document, primitive: Json, count: int) -> Floats:
-    """(vertices, 3) linear RGB factors; white where there are none."""
-    if "COLOR_0" not in primitive["attributes"]:
-        return np.ones((count, 3))
-    return np.clip(_attribute(document, primitive, "COLOR_0", count, 3), 0.0, 1.0)
-
-
-def _attribute(document: Document, primitive: Json, name: str, count: int, size: int) -> Floats:
-    """(vertices, size) the first numbers of an attribute.
-
-    Raises:
-        AssetError: It has others.
-    """
-    values = document.accessor(primitive["attributes"][name])
-    if values.ndim != 2 or len(values) != count or values.shape[1] < size or not np.isfinite(values).all():
-        raise AssetError(f"{name} must hold {size} finite numbers for {count} vertices", where=document.path)
-    return values[:, :size].astype(np.float64)

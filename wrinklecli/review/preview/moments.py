@@ -27,15 +27,29 @@ class Moment:
 
 def plan_moments(
     document: Document,
-    kind: str,
     names: Sequence[str],
     *,
+    animated: bool,
     rest: bool,
     times: Sequence[float],
     frames: int | None,
     fps: float | None,
 ) -> list[Moment]:
-    """What to show of an asset: its first clip where nothing is named, the stored pose where it has none."""
+    """Choose what to show of an asset.
+
+    Args:
+        document: The asset.
+        names: Of clips; the first where left out, or the stored pose where there is none.
+        animated: Whether as an animation, which has moments enough to move.
+        rest: The stored pose instead.
+        times: Seconds in each clip; where left out, moments are spread over it.
+        frames: How many moments of each clip.
+        fps: Moments per second.
+
+    Raises:
+        AssetError: There is no clip of a name.
+        WrinkleError: There are too many moments.
+    """
     clips = read_clips(document)
     named = [clip_named(clips, name, where=document.path) for name in names]
     if rest or not clips:
@@ -45,7 +59,7 @@ def plan_moments(
         length = clip.end - clip.start
         if times:
             spread = [float(time) for time in times]
-        elif frames is None and (fps is not None or kind != "png"):
+        elif frames is None and (fps is not None or animated):
             count = length * (fps or _ANIMATION_FPS)
             if count > MOST_MOMENTS:
                 raise WrinkleError(
@@ -56,7 +70,7 @@ def plan_moments(
             spread = [clip.start + number / (fps or _ANIMATION_FPS) for number in range(max(round(count), 1))]
         else:
             count = frames or _SHEET_MOMENTS
-            steps = count - 1 if kind == "png" else count
+            steps = count if animated else count - 1
             spread = [clip.start + length * number / max(steps, 1) for number in range(count)]
         found += [Moment(clip.name, time) for time in (spread if length > 0 else spread[:1])]
     if len(found) > MOST_MOMENTS:
@@ -64,9 +78,19 @@ def plan_moments(
     return found
 
 
-def frame_seconds(document: Document, moments: Sequence[Moment], frames: int | None, times: Sequence[float]) -> float:
+def frame_seconds(
+    document: Document,
+    moments: Sequence[Moment],
+    *,
+    times: Sequence[float],
+    frames: int | None,
+    fps: float | None,
+) -> float:
     """Seconds from one frame of an animation to the next: so many in each clip's own length, else the usual."""
+    if fps:
+        return 1 / fps
     if frames is None or times or moments[0].clip is None:
         return 1 / _ANIMATION_FPS
-    lengths = [clip.end - clip.start for clip in read_clips(document) if clip.name in {m.clip for m in moments}]
+    shown = {moment.clip for moment in moments}
+    lengths = [clip.end - clip.start for clip in read_clips(document) if clip.name in shown]
     return max(sum(lengths) / len(moments), 0.01)

@@ -24,8 +24,8 @@ from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.review.preview.framing import plan_cameras
 from wrinklecli.review.preview.heat import HEAT, HEAT_TICKS, heat_colours
 from wrinklecli.review.preview.moments import frame_seconds, plan_moments
-from wrinklecli.review.preview.render import Style, render
-from wrinklecli.review.preview.shown import INKS, frame_of, read_subject, tool_names
+from wrinklecli.review.preview.render import PLAIN, Style, render
+from wrinklecli.review.preview.shown import INKS, read_shown, take_snapshot, tool_names
 
 if TYPE_CHECKING:
     from wrinklecli.review.preview.sheet import Legend
@@ -131,7 +131,9 @@ def preview(
         documents = [read_document(each, allow_external=allow_external) for each in assets]
         read = [file for document in documents for file in document.files]
         refuse_overwriting([*read, *([os.fspath(tools)] if tools is not None else [])], [path])
-        moments = plan_moments(documents[0], kind, clips, rest=rest, times=times, frames=frames, fps=fps)
+        moments = plan_moments(
+            documents[0], clips, animated=kind != "png", rest=rest, times=times, frames=frames, fps=fps
+        )
         plans: list[MeshPlan] = []
         if tools is not None:
             named = list(dict.fromkeys(moment.clip for moment in moments if moment.clip is not None))
@@ -150,10 +152,12 @@ def preview(
             names = ["before", "after"]
         elif not names:
             names = [Path(document.path).stem for document in documents]
-        subjects = [
-            read_subject(document, name, [] if hide_tools or document is not documents[-1] else plans, warnings)
-            for document, name in zip(documents, names, strict=True)
-        ]
+        subjects = []
+        for document, name in zip(documents, names, strict=True):
+            drawn = [] if hide_tools or document is not documents[-1] else plans
+            subject, lines = read_shown(document, name, drawn)
+            subjects.append(subject)
+            warnings += lines
         legend = _legend(heat, [] if hide_tools else plans)
         columns = columns or (_SHEET_COLUMNS if len(subjects) == 1 else 1)
         columns = min(columns, len(moments)) if kind == "png" else 1
@@ -177,9 +181,9 @@ def preview(
             if not at:
                 sheets.append(images.Sheet(*layout, size, legend))
             for column, subject in enumerate(subjects):
-                frame = frame_of(subject, moment, heat=heat)
+                snapshot = take_snapshot(subject, moment, heat=heat)
                 for row, view in enumerate(shown):
-                    picture = render(frame, cameras[row][number], size=size, style=style)
+                    picture = render(snapshot, cameras[row][number], size=size, style=style or PLAIN)
                     label = "   ".join([subject.label, moment.label, *([view] if len(shown) > 1 else [])])
                     across, down = at % columns * len(subjects) + column, row * rows + at // columns
                     sheets[-1].put(across, down, picture, label)
@@ -187,7 +191,7 @@ def preview(
         if kind == "png":
             data = images.encode_picture(sheets[0].image)
         else:
-            seconds = 1 / fps if fps else frame_seconds(documents[0], moments, frames, times)
+            seconds = frame_seconds(documents[0], moments, times=times, frames=frames, fps=fps)
             data = images.encode_animation([sheet.image for sheet in sheets], kind, seconds=seconds)
         replace_bytes(path, data)
         return Preview(path, whole, len(moments), tuple(shown), tuple(dict.fromkeys(warnings)))

@@ -32,16 +32,16 @@ _ENCODED = srgb(np.linspace(0, 1, 1 << 14, dtype=np.float32))  # by table: a pow
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
-    """What there is to see: triangles without any order, world space, scene units.
+class Snapshot:
+    """An asset at a moment: triangles without any order, world space, scene units.
 
     Attributes:
         corners: (triangles, 3, 3) positions.
         normals: (triangles, 3, 3) unit normals of the corners.
         colours: (triangles, 3, 3) base colours of the corners, linear RGB.
         coordinates: (triangles, 3, 2) of the corners in their texture.
-        textures: (triangles,) into `images`; -1 for none.
-        images: The textures, which multiply the colours.
+        texture_numbers: (triangles,) into `textures`; -1 for none.
+        textures: They multiply the colours.
         marks: To draw on it.
     """
 
@@ -49,8 +49,8 @@ class Frame:
     normals: Floats
     colours: Floats
     coordinates: Floats
-    textures: Ints
-    images: tuple[Texture, ...] = ()
+    texture_numbers: Ints
+    textures: tuple[Texture, ...] = ()
     marks: tuple[Mark, ...] = ()
 
 
@@ -69,33 +69,36 @@ class Style:
     backfaces: bool = False
 
 
+PLAIN = Style()
+
+
 @dataclass(frozen=True, slots=True)
 class _Scene:
-    """A frame in a camera's axes.
+    """A snapshot in a camera's axes.
 
     Attributes:
         surface: Its triangles.
-        frame: What is seen.
+        snapshot: What is seen.
         colours: (triangles, 3, 3) base colours of the corners, linear RGB, float32.
         projected: (triangles, 3, 2) where the corners are, sub-pixels; None where no wires are drawn.
         marks: On the triangles.
     """
 
     surface: TracedSurface
-    frame: Frame
+    snapshot: Snapshot
     colours: Array
     projected: Array | None
     marks: tuple[SeenMark, ...]
 
 
-def render(frame: Frame, camera: Camera, *, size: tuple[int, int] = (800, 600), style: Style | None = None) -> Bytes:
-    """A picture of a frame: key light with soft shadow, fill light, ambient occlusion.
+def render(snapshot: Snapshot, camera: Camera, *, size: tuple[int, int] = (800, 600), style: Style = PLAIN) -> Bytes:
+    """A picture of a snapshot: key light with soft shadow, fill light, ambient occlusion.
 
     Both sides of a triangle are shaded, its normals turned with it. Light rays start from the curved surface that the
     vertex normals suggest, so that coarse meshes get no false dark edges.
 
     Args:
-        frame: The triangles.
+        snapshot: The triangles.
         camera: Where from.
         size: Width and height, pixels.
         style: How.
@@ -103,9 +106,8 @@ def render(frame: Frame, camera: Camera, *, size: tuple[int, int] = (800, 600), 
     Returns:
         (height, width, 3) sRGB.
     """
-    style = style or Style()
     width, height = size
-    scene = _scene(frame, camera, size, style)
+    scene = _scene(snapshot, camera, size, style)
     shown = np.zeros((height, width, 3), np.uint8)
     rows = max(_BAND // width, 1)
     for top in range(0, height, rows):
@@ -114,17 +116,17 @@ def render(frame: Frame, camera: Camera, *, size: tuple[int, int] = (800, 600), 
     return shown
 
 
-def _scene(frame: Frame, camera: Camera, size: tuple[int, int], style: Style) -> _Scene:
-    local = camera.local(frame.corners)
+def _scene(snapshot: Snapshot, camera: Camera, size: tuple[int, int], style: Style) -> _Scene:
+    local = camera.local(snapshot.corners)
     projected = None
     if style.wire:
         projected = project(local, (size[0] * _SAMPLES, size[1] * _SAMPLES)).astype(np.float32)
     return _Scene(
-        surface=trace(local, frame.normals @ camera.axes.T),
-        frame=frame,
-        colours=frame.colours.astype(np.float32),
+        surface=trace(local, snapshot.normals @ camera.axes.T),
+        snapshot=snapshot,
+        colours=snapshot.colours.astype(np.float32),
         projected=projected,
-        marks=tuple(seen_mark(mark, local, size) for mark in frame.marks),
+        marks=tuple(seen_mark(mark, local, size) for mark in snapshot.marks),
     )
 
 
@@ -174,7 +176,7 @@ def _uneven(scene: _Scene, hits: Hits, shape: tuple[int, int], style: Style) -> 
     if style.wire:
         fine = seen.copy()
     else:
-        detailed = (scene.frame.textures[hits.found] >= 0) & (not style.clay)
+        detailed = (scene.snapshot.texture_numbers[hits.found] >= 0) & (not style.clay)
         for drawn in scene.marks:
             detailed |= drawn.rows[hits.found] >= 0
         fine = np.zeros(shape, bool)
@@ -205,11 +207,11 @@ def _base_colours(scene: _Scene, hits: Hits, style: Style) -> Array:
         base[:] = 0
         for i in range(3):
             base += _ALBEDO * hits.weights[:, i, None] * scene.colours[hits.found, i]
-        numbers = scene.frame.textures[hits.found]
-        for number, texture in enumerate(scene.frame.images):
+        numbers = scene.snapshot.texture_numbers[hits.found]
+        for number, texture in enumerate(scene.snapshot.textures):
             here = np.flatnonzero(numbers == number)
             if len(here):
-                coordinates = scene.frame.coordinates[hits.found[here]]
+                coordinates = scene.snapshot.coordinates[hits.found[here]]
                 places = np.einsum("pi,pia->pa", hits.weights[here], coordinates)
                 base[here] *= look_up(texture, places)
     if style.backfaces:

@@ -1,4 +1,4 @@
-"""An asset as a preview shows it: what of it can be seen, posed, coloured and marked with its tools.
+"""What of an asset a preview shows: its triangles at a moment, coloured, and marked with its tools.
 
 Of materials, base colours and their textures show; everything is opaque and seen from both sides. Normals are the
 file's own, morphed, skinned and renormalised, so that shading seams show as they would in an engine; primitives without
@@ -15,15 +15,14 @@ from wrinklecli.baking.refined_mesh import primitives_of
 from wrinklecli.character.clip import Clip, clip_named, read_clips
 from wrinklecli.character.pose import morph_weights
 from wrinklecli.character.scene import ScenePrimitive, pose_primitive, read_scene
-from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import linear_rgb
 from wrinklecli.numeric.arrays import Floats, Ints, face_normals, unit
 from wrinklecli.review.preview.draw import Mark
 from wrinklecli.review.preview.heat import compressions, heat_colours
-from wrinklecli.review.preview.materials import Texture, read_texture, texture_coordinates, texture_info, vertex_colours
+from wrinklecli.review.preview.materials import Paint, Texture, read_paints
 from wrinklecli.review.preview.moments import Moment
-from wrinklecli.review.preview.render import Frame
+from wrinklecli.review.preview.render import Snapshot
 
 Colour = tuple[float, float, float]
 
@@ -41,49 +40,45 @@ INKS: tuple[Colour, ...] = (
 
 
 @dataclass(frozen=True, slots=True)
-class Piece:
-    """What of a part does not change with time.
+class ShownPrimitive:
+    """What of a primitive does not change with time.
 
     Attributes:
-        part: Of the scene.
-        colours: (vertices, 3) base colours, linear RGB.
-        coordinates: (vertices, 2) in its texture.
-        texture: Into the subject's images; -1 for none.
+        source: The primitive in the scene, which can be posed.
+        paint: Its base colours.
         shapes: (shapes, vertices, 3) of the wrinkles' morph targets.
         shape_numbers: (shapes,) of these among all morph targets.
         marks: Of the tools on it.
     """
 
-    part: ScenePrimitive
-    colours: Floats
-    coordinates: Floats
-    texture: int
+    source: ScenePrimitive
+    paint: Paint
     shapes: Floats
     shape_numbers: Ints
     marks: tuple[Mark, ...]
 
     def displacements(self, clip: Clip | None, time: float) -> Floats:
         """(vertices,) how far the wrinkles move each vertex, bind units."""
-        weights = morph_weights(self.part.rig, clip, np.array([time]))[0, self.shape_numbers]
+        weights = morph_weights(self.source.rig, clip, np.array([time]))[0, self.shape_numbers]
         moved = np.tensordot(weights, self.shapes, axes=1)
         return np.asarray(np.sqrt(np.sum(moved**2, axis=1)))
 
 
 @dataclass(frozen=True, slots=True)
-class Body:
-    """A piece at a moment.
+class PosedPrimitive:
+    """A primitive at a moment.
 
     Attributes:
-        number: Of the piece.
-        piece: What is posed.
+        number: Of the primitive in its asset.
+        shown: What is posed.
         positions: (vertices, 3) world space, scene units.
         normals: (vertices, 3) unit; None for flat shading.
-        triangles: (triangles, 3) of the piece, as they wind there.
+        triangles: (triangles, 3) of the primitive, as they wind there.
         mirrored: Whether they wind the other way than stored.
     """
 
     number: int
-    piece: Piece
+    shown: ShownPrimitive
     positions: Floats
     normals: Floats | None
     triangles: Ints
@@ -91,22 +86,20 @@ class Body:
 
 
 @dataclass(frozen=True, slots=True)
-class Subject:
+class ShownAsset:
     """An asset to show.
 
     Attributes:
         label: What to call it.
         document: The asset.
         clips: Of it.
-        pieces: Of its scene, those with triangles.
-        images: Textures of the pieces.
+        primitives: Of its scene, those with triangles.
     """
 
     label: str
     document: Document
     clips: tuple[Clip, ...]
-    pieces: tuple[Piece, ...]
-    images: tuple[Texture, ...]
+    primitives: tuple[ShownPrimitive, ...]
 
     def clip(self, name: str | None) -> Clip | None:
         """The clip of a name.
@@ -116,24 +109,25 @@ class Subject:
         """
         return None if name is None else clip_named(self.clips, name, where=self.document.path)
 
-    def posed(self, moment: Moment) -> Iterator[Body]:
-        """The pieces that show at a moment.
+    def posed(self, moment: Moment) -> Iterator[PosedPrimitive]:
+        """The primitives that show at a moment.
 
         Raises:
             AssetError: There is no such clip.
         """
         clip, times = self.clip(moment.clip), np.array([moment.time])
-        for number, piece in enumerate(self.pieces):
-            posed = pose_primitive(piece.part, clip, times)
+        for number, shown in enumerate(self.primitives):
+            posed = pose_primitive(shown.source, clip, times)
             if posed.hidden[0]:
                 continue
             mirrored = bool(posed.mirrored[0])
-            yield Body(
+            triangles = shown.source.triangles
+            yield PosedPrimitive(
                 number=number,
-                piece=piece,
+                shown=shown,
                 positions=posed.positions[0],
                 normals=None if posed.normals is None else posed.normals[0],
-                triangles=piece.part.triangles[:, ::-1] if mirrored else piece.part.triangles,
+                triangles=triangles[:, ::-1] if mirrored else triangles,
                 mirrored=mirrored,
             )
 
@@ -143,80 +137,56 @@ def tool_names(plans: Sequence[MeshPlan]) -> list[str]:
     return [carried.patch.tool.name for plan in plans for carried in plan.carried_patches]
 
 
-def read_subject(document: Document, label: str, plans: Sequence[MeshPlan], warnings: list[str]) -> Subject:
+def read_shown(document: Document, label: str, plans: Sequence[MeshPlan]) -> tuple[ShownAsset, list[str]]:
     """Read what of an asset can be seen.
 
     Args:
         document: The asset.
         label: What to call it.
         plans: Of the tools to draw on it; they were baked into it.
-        warnings: A line is added for each primitive whose texture cannot be read.
+
+    Returns:
+        The asset, and a warning for each primitive whose texture cannot be read.
 
     Raises:
         AssetError: A mesh, a skin or the hierarchy is malformed.
     """
-    images: list[Texture] = []
-    read: dict[str, int] = {}
-    pieces = []
-    for part in read_scene(document):
-        if not len(part.triangles):
-            continue
-        primitive = document.items("meshes")[part.rig.mesh]["primitives"][part.primitive]
-        count = len(part.vertices.positions)
-        numbers = _wrinkle_targets(document, part)
-        texture, coordinates = -1, np.zeros((count, 2))
-        try:
-            info = texture_info(document, primitive)
-            if info:
-                coordinates = texture_coordinates(document, primitive, info, count)
-                key = repr(info)
-                if key not in read:
-                    images.append(read_texture(document, info))
-                    read[key] = len(images) - 1
-                texture = read[key]
-        except (AssetError, ArithmeticError, ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
-            # Without a texture a picture still shows the wrinkles.
-            warnings.append(f"{part.where}: drawn without its texture: {error}")
-        pieces.append(
-            Piece(
-                part=part,
-                colours=part.colour * vertex_colours(document, primitive, count),
-                coordinates=coordinates,
-                texture=texture,
-                shapes=part.vertices.morph_deltas[numbers],
-                shape_numbers=numbers,
-                marks=tuple(_marks(part, plans)),
-            )
-        )
-    return Subject(label, document, read_clips(document), tuple(pieces), tuple(images))
+    sources = [source for source in read_scene(document) if len(source.triangles)]
+    paints, warnings = read_paints(document, sources)
+    primitives = []
+    for source, paint in zip(sources, paints, strict=True):
+        numbers = _wrinkle_targets(document, source)
+        shapes = source.vertices.morph_deltas[numbers]
+        primitives.append(ShownPrimitive(source, paint, shapes, numbers, tuple(_marks(source, plans))))
+    return ShownAsset(label, document, read_clips(document), tuple(primitives)), warnings
 
 
-def _wrinkle_targets(document: Document, part: ScenePrimitive) -> Ints:
+def _wrinkle_targets(document: Document, source: ScenePrimitive) -> Ints:
     """(shapes,) numbers of the morph targets that a bake has added, by the node's extras."""
     names: set[str] = set()
-    extras = document.items("nodes")[part.rig.node].get("extras")
+    extras = document.items("nodes")[source.rig.node].get("extras")
     try:
         entry = extras["wrinkle"] if isinstance(extras, dict) else {}
         names = {name for tool in entry["tools"] for name in tool["targets"]} | set(entry.get("undriven", ()))
     except (KeyError, TypeError, AttributeError):
         pass  # not what a bake writes: nothing is known of wrinkles
-    return np.array([k for k, name in enumerate(part.rig.morph_names) if name in names], np.intp)
+    return np.array([k for k, name in enumerate(source.rig.morph_names) if name in names], np.intp)
 
 
-def _marks(part: ScenePrimitive, plans: Sequence[MeshPlan]) -> Iterator[Mark]:
-    """The tools on a part."""
+def _marks(source: ScenePrimitive, plans: Sequence[MeshPlan]) -> Iterator[Mark]:
+    """The tools on a primitive."""
     names = tool_names(plans)
     for plan in plans:
-        if plan.rig.node != part.rig.node:
+        if plan.rig.node != source.rig.node:
             continue
         fine = plan.fine
-        refined = primitives_of(fine)[part.primitive]
+        refined = primitives_of(fine)[source.primitive]
         if refined.changed:
-            parents = fine.subdivision.parents[fine.triangle_primitives == part.primitive]
+            parents = fine.subdivision.parents[fine.triangle_primitives == source.primitive]
             welded = refined.weld[refined.triangles]
         else:  # as the file has it, in its order
-            parents = np.flatnonzero(fine.surface.primitives == part.primitive)
-            welded = refined.weld[part.triangles]
+            parents = np.flatnonzero(fine.surface.primitives == source.primitive)
+            welded = refined.weld[source.triangles]
         outwards = fine.rest_normals[welded].sum(axis=1)
         for carried in plan.carried_patches:
             patch = carried.patch
@@ -235,33 +205,42 @@ def _marks(part: ScenePrimitive, plans: Sequence[MeshPlan]) -> Iterator[Mark]:
             )
 
 
-def frame_of(subject: Subject, moment: Moment, *, heat: bool) -> Frame:
-    """A subject at a moment, as a soup of triangles."""
-    corners, normals, colours, coordinates, textures, marks = [], [], [], [], [], []
+def take_snapshot(asset: ShownAsset, moment: Moment, *, heat: bool) -> Snapshot:
+    """All triangles of an asset at a moment, coloured as its materials say, or by compression."""
+    corners, normals, colours, coordinates, numbers = [], [], [], [], []
+    textures: list[Texture] = []
+    marks: list[Mark] = []
     start = 0
-    for body in subject.posed(moment):
-        piece, triangles = body.piece, body.triangles
-        corners.append(body.positions[triangles])
-        if body.normals is None:
-            flat = unit(face_normals(body.positions, triangles))
+    for posed in asset.posed(moment):
+        triangles, paint = posed.triangles, posed.shown.paint
+        corners.append(posed.positions[triangles])
+        if posed.normals is None:
+            flat = unit(face_normals(posed.positions, triangles))
             normals.append(np.repeat(flat[:, None], 3, axis=1))
         else:
-            normals.append(body.normals[triangles])
-        painted = linear_rgb(heat_colours(compressions(piece.part, body.positions))) if heat else piece.colours
-        colours.append(painted[triangles])
-        coordinates.append(piece.coordinates[triangles])
-        textures.append(np.full(len(triangles), -1 if heat else piece.texture))
-        for mark in piece.marks:
-            places = mark.places[:, ::-1] if body.mirrored else mark.places
+            normals.append(posed.normals[triangles])
+        shades = paint.colours
+        if heat:
+            shades = linear_rgb(heat_colours(compressions(posed.shown.source, posed.positions)))
+        colours.append(shades[triangles])
+        coordinates.append(paint.coordinates[triangles])
+        number = -1
+        if paint.texture is not None and not heat:
+            if paint.texture not in textures:
+                textures.append(paint.texture)
+            number = textures.index(paint.texture)
+        numbers.append(np.full(len(triangles), number))
+        for mark in posed.shown.marks:
+            places = mark.places[:, ::-1] if posed.mirrored else mark.places
             tint = 0.0 if heat else mark.tint  # colours that mean something stay as they are
             marks.append(replace(mark, triangles=mark.triangles + start, places=places, tint=tint))
         start += len(triangles)
-    return Frame(
+    return Snapshot(
         corners=np.concatenate(corners),
         normals=np.concatenate(normals),
         colours=np.concatenate(colours),
         coordinates=np.concatenate(coordinates),
-        textures=np.concatenate(textures),
-        images=subject.images,
+        texture_numbers=np.concatenate(numbers),
+        textures=tuple(textures),
         marks=tuple(marks),
     )
