@@ -80,7 +80,7 @@ class WrinkleGolden:
         """
         from wrinklecli.errors import WrinkleError
         from wrinklecli.gltf.document import read_document
-        from wrinklecli.review.diff.motion import DEFAULT_FPS, DEFAULT_TOLERANCE, compare
+        from wrinklecli.review.diff.diff import DEFAULT_FPS, DEFAULT_TOLERANCE, diff
 
         kept = self._folder / golden
         if kept.suffix.lower() != ".glb":
@@ -90,7 +90,7 @@ class WrinkleGolden:
         try:
             document = read_document(obtained, allow_external=allow_external)
             if kept.exists():
-                comparison = compare(
+                comparison = diff(
                     kept,
                     obtained,
                     tolerance=limit,

@@ -27,7 +27,7 @@ from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.gltf.document import read_document
 from wrinklecli.gltf.edit import EditedDocument
 from wrinklecli.gltf.writer import write
-from wrinklecli.review.diff.motion import Comparison, compare
+from wrinklecli.review.diff.diff import Comparison, diff
 from wrinklecli.tools.records import Length
 
 Json = dict[str, Any]
@@ -39,7 +39,7 @@ def node(asset: Asset, name: str) -> Json:
 
 
 def compared(folder: Path, a: Asset, b: Asset, **options: Any) -> Comparison:
-    return compare(a.write(folder / "a.glb"), b.write(folder / "b.glb"), **options)
+    return diff(a.write(folder / "a.glb"), b.write(folder / "b.glb"), **options)
 
 
 def fold(asset: Asset) -> Json:
@@ -625,14 +625,14 @@ def test_how_numbers_are_stored_makes_no_difference(tmp_path: Path, options: Jso
 @pytest.mark.parametrize("suffix", [".glb", ".gltf"])
 def test_a_draft_of_a_document_is_the_same(tmp_path: Path, suffix: str) -> None:
     path = rich().write(tmp_path / "a.glb")
-    assert compare(path, through_draft(tmp_path, path, suffix=suffix)).same
+    assert diff(path, through_draft(tmp_path, path, suffix=suffix)).same
 
 
 @pytest.mark.parametrize("buffer", ["file", "data", "percent", "folder"])
 def test_a_gltf_is_the_same_as_its_glb(tmp_path: Path, buffer: Any) -> None:
     asset = rich()
     path, other = asset.write(tmp_path / "a.glb"), asset.write(tmp_path / "b.gltf", buffer=buffer)
-    assert compare(path, other).same
+    assert diff(path, other).same
 
 
 def test_an_image_in_a_file_is_the_same_as_one_in_a_view(tmp_path: Path) -> None:
@@ -655,7 +655,7 @@ def test_a_compressed_file_is_the_same_as_itself_decompressed(tmp_path: Path, na
             draft.unpack(primitive)
     made = tmp_path / name
     write(draft, made)
-    assert compare(path, made).same
+    assert diff(path, made).same
 
 
 def test_extensions_that_store_data_are_not_compared(tmp_path: Path) -> None:
@@ -869,8 +869,8 @@ def test_what_optimisers_have_rewritten_looks_the_same(first: str, second: str) 
     folder = Path(__file__).parents[1] / "data"
     # Vertices in other orders, quantised, with keys left out; each to a thousandth of the asset's size.
     tolerance = Length(0.1, percent=True)
-    assert compare(folder / first, folder / second, posed=True, tolerance=tolerance).same
-    assert not compare(folder / first, folder / second, tolerance=tolerance).same
+    assert diff(folder / first, folder / second, posed=True, tolerance=tolerance).same
+    assert not diff(folder / first, folder / second, tolerance=tolerance).same
 
 
 def baked(folder: Path, name: str, asset: Path, *, scheme: str = "midpoint", **options: Any) -> Path:
@@ -885,12 +885,12 @@ def test_refined_flat_triangles_are_the_same_surface(tmp_path: Path) -> None:
     coarse, fine = (baked(tmp_path, f"levels{levels}", asset, max_levels=levels) for levels in (0, 1))
     counts = [len(read_document(path).accessor(0)) for path in (coarse, fine)]
     assert counts[0] < counts[1]
-    found = compare(coarse, fine, posed=True)
+    found = diff(coarse, fine, posed=True)
     assert found.same
     assert found.worst is not None
     assert found.worst.distance <= 1e-7
     round_ = baked(tmp_path, "butterfly", asset, scheme="butterfly", max_levels=1)
-    found = compare(coarse, round_, posed=True)
+    found = diff(coarse, round_, posed=True)
     assert not found.same
     assert found.worst is not None
     # A chord of a twelfth of the circle is this far from it: what the smooth scheme fills.
@@ -908,15 +908,15 @@ def test_morph_and_frames_show_the_same_surface(tmp_path: Path) -> None:
     limit = Length(report.data["meshes"][0]["max_error"])
     frames = [each for each in read_document(paths[1]).items("nodes") if "_fold_" in each["name"]]
     for a, b in (paths, paths[::-1]):
-        found = compare(a, b, posed=True, tolerance=limit)
+        found = diff(a, b, posed=True, tolerance=limit)
         assert found.same, found.differences
         # The frames' own times, none between them.
         assert found.times == len(frames)
-    assert not compare(*paths, tolerance=limit).same
+    assert not diff(*paths, tolerance=limit).same
     # The wrinkles are there to be missed.
-    assert not compare(asset, paths[1], posed=True, tolerance=limit).same
+    assert not diff(asset, paths[1], posed=True, tolerance=limit).same
     bake(asset, tools, tmp_path / "fewer.glb", mode="frames", fps=5)
-    assert compare(paths[0], tmp_path / "fewer.glb", posed=True, tolerance=limit).same
+    assert diff(paths[0], tmp_path / "fewer.glb", posed=True, tolerance=limit).same
 
 
 def test_a_dense_bake_is_the_same_as_a_sparse_one(tmp_path: Path) -> None:
@@ -924,7 +924,7 @@ def test_a_dense_bake_is_the_same_as_a_sparse_one(tmp_path: Path) -> None:
     sparse = baked(tmp_path, "sparse", asset)
     dense = baked(tmp_path, "dense", asset, accessors="dense")
     assert sparse.read_bytes() != dense.read_bytes()
-    assert compare(sparse, dense).same
+    assert diff(sparse, dense).same
 
 
 # Faults
@@ -941,8 +941,8 @@ def test_damaged_files_are_compared_or_refused(tmp_path: Path) -> None:
         sound.write_bytes(hostile.packed(source.gltf, source.data, source.suffix))
         outcome = "refused"
         with hostile.bounded(), suppress(WrinkleError):
-            compare(sound, path)
-            assert compare(path, path).same
+            diff(sound, path)
+            assert diff(path, path).same
             outcome = "compared"
         outcomes[outcome] += 1
     assert min(outcomes["compared"], outcomes["refused"]) > 10
@@ -1071,7 +1071,7 @@ def test_the_samples_are_checked_and_compared_with_their_golden(tmp_path: Path) 
     assert "/nodes/0/extras/wrinkle/tools/0/rest_length" in caught.value.stdout
 
     make_samples(samples, "goldens")
-    assert compare(golden, samples / "out" / "golden" / "wrist.glb").same
+    assert diff(golden, samples / "out" / "golden" / "wrist.glb").same
     make_samples(samples, "golden-check")
 
     config = tmp_path / "configs" / "wrist.yaml"

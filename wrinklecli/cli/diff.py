@@ -19,7 +19,7 @@ from wrinklecli.cli.options import (
 from wrinklecli.cli.output import Progress, emit, emit_json
 
 if TYPE_CHECKING:
-    from wrinklecli.review.diff.motion import Comparison
+    from wrinklecli.review.diff.diff import Comparison
 
 # Lines of one kind; --verbose shows all.
 _LINES = 10
@@ -76,11 +76,11 @@ def diff(a: str, b: str, *, as_json: bool, quiet: bool, verbose: bool, **options
     Exit codes: 0 the same; 1 different; 2 could not be compared, or wrong usage; 70 a bug.
     """  # noqa: D301
     from wrinklecli.errors import WrinkleError
-    from wrinklecli.review.diff.motion import compare
+    from wrinklecli.review.diff.diff import diff as run
 
     try:
         with Progress(quiet=quiet) as progress:
-            comparison = compare(a, b, progress=progress.show, **options)
+            comparison = run(a, b, progress=progress.show, **options)
     except WrinkleError as error:
         # 1 means that they differ.
         error.exit_code = 2

@@ -17,6 +17,9 @@ from wrinklecli.numeric.arrays import Floats
 Kind = Literal["structure", "value", "geometry", "image", "animation", "pose"]
 Place = tuple[str | int, ...]  # keys and indices from the top of a document's JSON
 
+# Between processors float64 results differ by 2e-14, so that now and then a stored float32 rounds the other way, by
+# 1.2e-7 of itself; a posed position is made of several. So: eight such roundings are no difference.
+ROUNDINGS = 8 * 2.0**-23
 _SHOWN = 60  # characters of a value that a message repeats
 
 

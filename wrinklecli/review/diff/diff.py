@@ -1,0 +1,194 @@
+"""Command diff: two assets compared for golden tests, by what documents mean and by what a viewer sees over time."""
+
+import os
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrinklecli.character.clip import no_clip, read_clips
+from wrinklecli.character.pose import joint_matrices
+from wrinklecli.character.scene import pose_primitive, read_scene
+from wrinklecli.errors import AssetError
+from wrinklecli.gltf.document import Document, read_document
+from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.guard import Progress, guarded, no_progress
+from wrinklecli.review.diff.difference import ROUNDINGS, Difference, Limits
+from wrinklecli.review.diff.documents import document_differences
+from wrinklecli.review.diff.moments import AnimatedScene, common_moments
+from wrinklecli.review.diff.motion import compare_motion
+from wrinklecli.review.diff.surfaces import Worst, when
+from wrinklecli.tools.records import Length
+
+# On one machine the same bake gives the same bytes; between processors it may differ by eight float32 roundings at the
+# asset's size, or at its farthest coordinate where that is more.
+DEFAULT_TOLERANCE = Length(1e-4, percent=True)
+
+
+# Frames per second of the grid of times, which the clips' own keys join.
+DEFAULT_FPS = 30.0
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """What a comparison has found.
+
+    Attributes:
+        differences: All beyond the tolerance; none where the assets are the same.
+        tolerance: Scene units.
+        size: Diagonal of the larger asset's bounding box in the stored pose, scene units.
+        times: How many moments were compared, the stored pose among them.
+        worst: The greatest distance, within the tolerance or not; None where nothing could be compared.
+        normal: The greatest angle between normals of one vertex, degrees; None where none could be compared.
+    """
+
+    differences: tuple[Difference, ...]
+    tolerance: float
+    size: float
+    times: int
+    worst: Worst | None
+    normal: float | None
+
+    @property
+    def same(self) -> bool:
+        """Whether nothing differs beyond the tolerance."""
+        return not self.differences
+
+    def lines(self, most: int | None = None) -> Iterator[str]:
+        """A line for each difference, at most so many of a kind, and one for the whole."""
+        shown: Counter[str] = Counter()
+        for each in self.differences:
+            shown[each.kind] += 1
+            if most is None or shown[each.kind] <= most:
+                name = f" ({each.name})" if each.name else ""
+                yield f"{each.place or '/'}{name}: {each.message}"
+        for kind, count in shown.items():
+            if most is not None and count > most:
+                yield f"... and {count - most} more of kind {kind}"
+        yield self.summary
+
+    @property
+    def summary(self) -> str:
+        """One line for the whole."""
+        verdict = "same" if self.same else "different"
+        if self.worst is None:
+            return f"{verdict}: no positions to compare"
+        what = f"at most {self.worst.distance:.3g} apart"
+        if self.worst.distance:
+            at = when(self.worst.clip, self.worst.time)
+            what += f" ({self.worst.name!r} in {self.worst.side}, vertex {self.worst.vertex}, {at})"
+        moments = f"{self.times} moment{'' if self.times == 1 else 's'}"
+        angle = f", normals at most {self.normal:.3g} degrees" if self.normal else ""
+        return f"{verdict}: {what}{angle}; tolerance {self.tolerance:.3g}, {moments}"
+
+
+def diff(
+    a: str | os.PathLike[str],
+    b: str | os.PathLike[str],
+    *,
+    tolerance: Length = DEFAULT_TOLERANCE,
+    posed: bool = False,
+    clips: Sequence[str] = (),
+    fps: float = DEFAULT_FPS,
+    allow_external: bool = False,
+    progress: Progress = no_progress,
+) -> Comparison:
+    """Compare two assets.
+
+    Positions are compared in every clip that both have, vertex by vertex where the triangles are the same, otherwise
+    by the distance of each one's vertices from the other's triangles. `posed` leaves it at that: the documents may
+    differ in whatever a viewer does not see move.
+
+    Args:
+        a: The first .gltf or .glb, such as the golden.
+        b: The second.
+        tolerance: The greatest distance at which they are the same: scene units, or per cent of the asset's size. The
+            same share holds for numbers that are no lengths. In per cent it is never below eight float32 roundings.
+        posed: Compare only posed positions.
+        clips: Names of the clips to compare; all, and the stored pose, where left out.
+        fps: Frames per second of the grid of times, which the clips' own keys join.
+        allow_external: Read buffers and images outside the assets' folders too.
+        progress: Called with a stage's name, steps done and steps in all.
+
+    Raises:
+        AssetError: An asset is missing or malformed, or neither has a clip of a name.
+        BakeError: A clip has more than 200,000 frames.
+
+    Example:
+        >>> diff("knee.golden.glb", "knee.glb").same
+        True
+    """
+    first = read_document(a, allow_external=allow_external)
+    second = read_document(b, allow_external=allow_external)
+    scenes = _read_scene(first), _read_scene(second)
+    both = f"{first.path} and {second.path}"
+    names = list(dict.fromkeys(clip.name for scene in scenes for clip in scene.clips))
+    for name in clips:
+        if name not in names:
+            raise AssetError(f"have {no_clip(name, names)}", where=both)
+    with guarded(both):
+        return _compare((first, second), scenes, tolerance, posed, clips, fps, progress)
+
+
+def _read_scene(document: Document) -> AnimatedScene:
+    with guarded(document.path):
+        return AnimatedScene(read_scene(document), read_clips(document))
+
+
+def _compare(
+    documents: tuple[Document, Document],
+    scenes: tuple[AnimatedScene, AnimatedScene],
+    tolerance: Length,
+    posed: bool,
+    clips: Sequence[str],
+    fps: float,
+    progress: Progress,
+) -> Comparison:
+    boxes = [_joined(_stored_boxes(scene)) for scene in scenes]
+    size = max(float(np.linalg.norm(np.ptp(box, axis=0))) for box in boxes)
+    limit = tolerance.resolve(size)
+    if tolerance.percent:
+        limit = max(limit, ROUNDINGS * max(float(np.abs(box).max()) for box in boxes))
+    # Where there is nothing to see, numbers are all that is compared.
+    share = limit / size if size and limit else DEFAULT_TOLERANCE.value / 100
+    found: list[Difference] = []
+    if not posed:
+        limits = Limits(limit or share, share, _scales(scenes[0]))
+        found += document_differences(*documents, limits, clips=clips)
+    moments, of_clips = common_moments(*scenes, clips, fps)
+    # Comparing the documents has found these too.
+    found += of_clips if posed else []
+    seen = compare_motion(*scenes, moments, limit, progress)
+    return Comparison((*found, *seen.differences), limit, size, seen.times, seen.worst, seen.normal)
+
+
+def _stored_boxes(scene: AnimatedScene) -> list[Floats]:
+    """(2, 3) bounds of each primitive in the stored pose, scene units; where some are hidden, NaN for these."""
+    boxes = []
+    for primitive in scene.primitives:
+        posed = pose_primitive(primitive, None, np.zeros(1))
+        positions = posed.positions[0]
+        box = np.stack([positions.min(axis=0), positions.max(axis=0)])
+        boxes.append(np.full((2, 3), np.nan) if posed.hidden[0] else box)
+    return boxes
+
+
+def _joined(boxes: Sequence[Floats]) -> Floats:
+    """(2, 3) bounds of all boxes that are shown; 0 where none is."""
+    shown = [box for box in boxes if not np.isnan(box).any()]
+    if not shown:
+        return np.zeros((2, 3))
+    return np.stack([np.min([box[0] for box in shown], axis=0), np.max([box[1] for box in shown], axis=0)])
+
+
+def _scales(scene: AnimatedScene) -> dict[int, float]:
+    """By mesh, how many scene units a bind unit is in the stored pose, in the mean of its vertices."""
+    scales: dict[int, float] = {}
+    for primitive in scene.primitives:
+        matrices = joint_matrices(primitive.rig, None, np.zeros(1))[0, :, :3, :3]
+        shares = primitive.skin.weights.sum(axis=1)
+        scale = float(shares @ np.cbrt(np.abs(np.linalg.det(matrices))) / shares.sum())
+        if scale > 0:
+            scales[primitive.rig.mesh] = max(scale, scales.get(primitive.rig.mesh, 0.0))
+    return scales

@@ -1,0 +1,97 @@
+"""Moments at which two assets are compared: the stored pose and the clips of both, each with its times."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip, clip_grid
+from wrinklecli.character.scene import ScenePrimitive
+from wrinklecli.numeric.arrays import Floats
+from wrinklecli.review.diff.difference import ROUNDINGS, Difference
+
+
+@dataclass(frozen=True, slots=True)
+class AnimatedScene:
+    """What a viewer sees of one of the two assets."""
+
+    primitives: tuple[ScenePrimitive, ...]
+    clips: tuple[Clip, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """A clip of both assets, or the stored pose, and when to look."""
+
+    clips: tuple[Clip | None, Clip | None]
+    times: Floats
+
+    @property
+    def name(self) -> str | None:
+        """The clip's; none of the stored pose."""
+        return self.clips[0].name if self.clips[0] else None
+
+
+def common_moments(
+    a: AnimatedScene, b: AnimatedScene, chosen: Sequence[str], fps: float
+) -> tuple[list[Moment], list[Difference]]:
+    """The stored pose and the clips that both have; and what of the clips differs.
+
+    Args:
+        a: The first asset.
+        b: The second.
+        chosen: Names of clips; with any, other clips and the stored pose are left out.
+        fps: Frames per second of the grid of times, which the clips' own keys join.
+
+    Raises:
+        BakeError: A clip has more than 200,000 frames.
+    """
+    moments: list[Moment] = []
+    found: list[Difference] = []
+    others = {clip.name: clip for clip in b.clips if not chosen or clip.name in chosen}
+    one_switches = False
+    for clip in a.clips:
+        if chosen and clip.name not in chosen:
+            continue
+        other = others.pop(clip.name, None)
+        place = f"/animations/{clip.index}"
+        if other is None:
+            found.append(Difference("structure", place, clip.name, "only in A"))
+            continue
+        spans = np.array([[clip.start, clip.end], [other.start, other.end]])
+        # Times are stored in float32.
+        if (np.abs(spans[0] - spans[1]) > ROUNDINGS * np.maximum(1.0, np.abs(spans[0]))).any():
+            shown = " -> ".join(f"{start:.6g} to {end:.6g} s" for start, end in spans.tolist())
+            found.append(Difference("animation", place, clip.name, shown))
+        switches = [each for each in (_switch_times(a, clip), _switch_times(b, other)) if len(each)]
+        if len(switches) == 1:
+            # Frames shown one after another are what they stand for at their own times only, and the stored pose is
+            # the first of them.
+            one_switches = True
+            times = switches[0]
+        else:
+            grids = [clip_grid(each, None, fps=fps) for each in (clip, other)]
+            times = np.unique(np.concatenate([*grids, clip.key_times(), other.key_times()]))
+        moments.append(Moment((clip, other), times))
+    found += [Difference("structure", f"/animations/{clip.index}", clip.name, "only in B") for clip in others.values()]
+    if not chosen and not one_switches:
+        moments.insert(0, Moment((None, None), np.zeros(1)))
+    return moments, found
+
+
+def _switch_times(scene: AnimatedScene, clip: Clip) -> Floats:
+    """(times,) when a clip shows or hides a mesh by scaling its node in steps; none where it does not."""
+    scales = {channel.node: channel for channel in clip.channels if channel.path == "scale"}
+    switching = {
+        node: channel
+        for node, channel in scales.items()
+        if channel.interpolation == "STEP" and (channel.values == 0).all(axis=1).any() and channel.values.any()
+    }
+    times = [np.zeros(0)]
+    for primitive in scene.primitives:
+        node = primitive.rig.node
+        while node >= 0:
+            if node in switching and not primitive.rig.skinned:
+                times.append(switching[node].times)
+            node = int(primitive.rig.parents[node])
+    return np.unique(np.concatenate(times))

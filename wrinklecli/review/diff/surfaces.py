@@ -1,0 +1,220 @@
+"""Posed primitives compared at the times of a moment: vertex by vertex, or as surfaces of other triangles."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wrinklecli.character.scene import ScenePrimitive, pose_primitive
+from wrinklecli.numeric.arrays import Floats, Ints
+from wrinklecli.numeric.nearest import farthest
+from wrinklecli.review.diff.difference import Difference
+from wrinklecli.review.diff.moments import Moment
+
+# Called with how many of the times, or what share of one, are done.
+Advance = Callable[[float], None]
+
+
+# Vertices of a file posed at once, over all times of a chunk: bounds the memory (about 100 bytes each).
+_CHUNK = 2**16
+
+
+# A vector of length 0 is 1 from any unit vector: below this squared distance there is none.
+_ZERO_CHORD = 0.99
+
+
+@dataclass(frozen=True, slots=True)
+class Worst:
+    """Where the two assets are farthest apart, as posed.
+
+    Attributes:
+        distance: Scene units.
+        side: The asset that the vertex is of: A, or B where that one's vertex is far from A's surface.
+        place: JSON pointer of the primitive there.
+        name: Of its node.
+        vertex: Of the primitive.
+        clip: None for the stored pose.
+        time: Seconds.
+    """
+
+    distance: float
+    side: str
+    place: str
+    name: str
+    vertex: int
+    clip: str | None
+    time: float
+
+
+@dataclass(frozen=True, slots=True)
+class Apart:
+    """How far a primitive, or what is left of both assets, is apart in a clip.
+
+    Attributes:
+        worst: The greatest distance.
+        normal: The greatest angle between normals, degrees; None where there are none on both sides.
+        off: How many vertices are beyond the tolerance; None where surfaces were compared.
+        total: Of how many.
+    """
+
+    worst: Worst
+    normal: float | None
+    off: int | None
+    total: int
+
+
+def untouched(primitive: ScenePrimitive, moment: Moment, time: float) -> Apart:
+    """What comparing a primitive with itself would give."""
+    worst = Worst(0.0, "A", place_of(primitive), primitive.name, 0, moment.name, time)
+    return Apart(worst, None if primitive.vertices.normals is None else 0.0, 0, len(primitive.vertices.positions))
+
+
+def compare_vertices(
+    one: ScenePrimitive, other: ScenePrimitive, moment: Moment, times: Floats, tolerance: float, advance: Advance
+) -> Apart:
+    """Compare two primitives of the same triangles, vertex by vertex.
+
+    Args:
+        one: Of the first asset.
+        other: Of the second.
+        moment: What poses them.
+        times: (frames,) seconds, of the moment's.
+        tolerance: Scene units.
+        advance: Told of the times that are done.
+    """
+    seen = _used(one)
+    # A slice is not copied.
+    used: Ints | slice = seen if len(seen) < len(one.vertices.positions) else slice(None)
+    off = np.zeros(len(seen), bool)
+    worst, normal = untouched(one, moment, float(times[0])).worst, None
+    step = max(1, _CHUNK // len(one.vertices.positions))
+    for start in range(0, len(times), step):
+        now = times[start : start + step]
+        first, second = (
+            pose_primitive(primitive, clip, now) for primitive, clip in zip((one, other), moment.clips, strict=True)
+        )
+        squared = _squared_distances(first.positions, second.positions)[:, used]
+        beyond = squared > tolerance**2
+        if beyond.any():
+            off |= beyond.any(axis=0)
+        frame, vertex = np.unravel_index(int(squared.argmax()), squared.shape)
+        if squared[frame, vertex] > worst.distance**2:
+            far, when = float(np.sqrt(squared[frame, vertex])), float(now[frame])
+            worst = replace(worst, distance=far, vertex=int(seen[vertex]), time=when)
+        if first.normals is not None and second.normals is not None:
+            normal = max(normal or 0.0, _greatest_angle(first.normals, second.normals, used))
+        advance(len(now))
+    return Apart(worst, normal, int(off.sum()), len(seen))
+
+
+def _used(primitive: ScenePrimitive) -> Ints:
+    """The vertices that are seen: those of triangles, or all points and lines."""
+    return np.unique(primitive.triangles) if len(primitive.triangles) else np.arange(len(primitive.vertices.positions))
+
+
+def _squared_distances(first: Floats, second: Floats) -> Floats:
+    """(frames, vertices) of (frames, vertices, 3), coordinate by coordinate, as posing leaves them in memory."""
+    squared = np.zeros(first.shape[:2])
+    for k in range(3):
+        apart = first[..., k] - second[..., k]
+        apart *= apart
+        squared += apart
+    return squared
+
+
+def _greatest_angle(first: Floats, second: Floats, used: Ints | slice) -> float:
+    """Degrees between unit vectors (frames, vertices, 3); those of which one is 0 are left out."""
+    squared = _squared_distances(first, second)[:, used]
+    if squared.max(initial=0.0) > _ZERO_CHORD:
+        lengths = (_squared_distances(each, np.zeros(3))[:, used] for each in (first, second))
+        squared = np.where(next(lengths) * next(lengths) > 0, squared, 0.0)
+    chord = float(np.sqrt(squared.max(initial=0.0)))
+    return float(np.degrees(2.0 * np.arcsin(min(chord / 2.0, 1.0))))
+
+
+def compare_surfaces(
+    left_a: Sequence[ScenePrimitive], left_b: Sequence[ScenePrimitive], moment: Moment, times: Floats, advance: Advance
+) -> Apart:
+    """Compare primitives of other triangles by the distance of each one's vertices from the other's triangles.
+
+    The arguments are those of `compare_vertices`.
+    """
+    worst = untouched(left_a[0], moment, float(times[0])).worst
+    soups = [_Soup.of(primitives) for primitives in (left_a, left_b)]
+    hints: list[Ints | None] = [None, None]
+    step = max(1, _CHUNK // max(soup.vertex_count for soup in soups))
+    for start in range(0, len(times), step):
+        now = times[start : start + step]
+        posed = [
+            np.concatenate([pose_primitive(primitive, clip, now).positions for primitive in primitives], axis=1)
+            for primitives, clip in zip((left_a, left_b), moment.clips, strict=True)
+        ]
+        for frame, time in enumerate(now.tolist()):
+            for k, side in enumerate("AB"):
+                points = posed[k][frame][soups[k].used]
+                corners = posed[1 - k][frame][soups[1 - k].triangles]
+                found = farthest(points, corners, hints=hints[k], floor=worst.distance)
+                hints[k] = found.hints
+                if found.point >= 0:
+                    primitive, vertex = soups[k].vertex(int(soups[k].used[found.point]))
+                    worst = Worst(found.distance, side, place_of(primitive), primitive.name, vertex, moment.name, time)
+            advance(1)
+    return Apart(worst, None, None, 0)
+
+
+@dataclass(frozen=True, slots=True)
+class _Soup:
+    """Primitives as one surface.
+
+    Attributes:
+        primitives: Those of the surface.
+        starts: (primitives + 1,) the first vertex of each.
+        used: The vertices that are seen.
+        triangles: (triangles, 3); points, and vertices of lines, are triangles without extent.
+    """
+
+    primitives: tuple[ScenePrimitive, ...]
+    starts: Ints
+    used: Ints
+    triangles: Ints
+
+    @classmethod
+    def of(cls, primitives: Sequence[ScenePrimitive]) -> "_Soup":
+        starts = np.cumsum([0] + [len(primitive.vertices.positions) for primitive in primitives])
+        used = [_used(primitive) + start for primitive, start in zip(primitives, starts, strict=False)]
+        triangles = [
+            primitive.triangles + start if len(primitive.triangles) else np.repeat(each[:, None], 3, axis=1)
+            for primitive, each, start in zip(primitives, used, starts, strict=False)
+        ]
+        return cls(tuple(primitives), starts, np.concatenate(used), np.concatenate(triangles))
+
+    @property
+    def vertex_count(self) -> int:
+        return int(self.starts[-1])
+
+    def vertex(self, number: int) -> tuple[ScenePrimitive, int]:
+        """The primitive that a vertex is of, and its number there."""
+        index = int(np.searchsorted(self.starts, number, side="right")) - 1
+        return self.primitives[index], number - int(self.starts[index])
+
+
+def place_of(primitive: ScenePrimitive) -> str:
+    """JSON pointer of a primitive in its mesh."""
+    return f"/meshes/{primitive.rig.mesh}/primitives/{primitive.primitive}"
+
+
+def when(clip: str | None, time: float) -> str:
+    """A clip's time, or the stored pose, as messages say it."""
+    return "stored pose" if clip is None else f"clip {clip!r} at {time:.6g} s"
+
+
+def pose_difference(apart: Apart) -> Difference:
+    """What is said where two primitives are farther apart than the tolerance."""
+    worst = apart.worst
+    if apart.off is None:
+        other = "B" if worst.side == "A" else "A"
+        message = f"vertex {worst.vertex} of {worst.side} is {worst.distance:.3g} from the surface of {other}"
+    else:
+        message = f"vertex {worst.vertex} is {worst.distance:.3g} off"
+        message += f"; {apart.off} of {apart.total} are" if apart.off > 1 else ""
+    return Difference("pose", worst.place, worst.name, f"{when(worst.clip, worst.time)}: {message}", worst.distance)
