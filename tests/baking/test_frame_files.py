@@ -64,7 +64,7 @@ def test_files_beside_morph_targets(tmp_path: Path) -> None:
 def test_obj_files_are_trimesh_s_without_its_materials(with_normals: bool, with_uvs: bool) -> None:
     chance = np.random.default_rng(1)
     triangles, uvs = np.array([[0, 1, 2], [2, 1, 3]]), chance.random((4, 2)) if with_uvs else None
-    write = frame_files._writer(triangles, uvs, "obj")
+    write = frame_files._obj_writer(triangles, uvs)
     for _ in range(3):
         normals = unit(chance.normal(size=(4, 3))) if with_normals else None
         posed = [PosedFrame(chance.random((4, 3)), normals, None)]

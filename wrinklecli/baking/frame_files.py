@@ -5,6 +5,7 @@ import re
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, cast
 
@@ -17,6 +18,9 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.files import make_folders
 from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.numeric.guard import Progress
+
+# The first line of the OBJ files that trimesh writes.
+_OBJ_HEADER = "# https://github.com/mikedh/trimesh\n"
 
 
 @contextmanager
@@ -43,28 +47,9 @@ def exported_frames(
     try:
         made = make_folders(os.fspath(target))
         with tempfile.TemporaryDirectory(prefix=".wrinkle-", dir=target) as temporary:
-            names = _export(document, every, Path(temporary), kind, progress)
-
-            old = Path(temporary) / "old"
-            old.mkdir()
-            put_there: list[str] = []
-
-            def put() -> None:
-                for name in names:
-                    put_there.append(name)
-                    if (target / name).is_file():
-                        os.replace(target / name, old / name)
-                    os.replace(Path(temporary) / name, target / name)
-
-            try:
+            names = _write_frames(document, every, Path(temporary), kind, progress)
+            with _moved_together(names, Path(temporary), target) as put:
                 yield put
-            except BaseException:
-                for name in put_there:
-                    if not (Path(temporary) / name).exists():
-                        os.unlink(target / name)
-                    if (old / name).exists():
-                        os.replace(old / name, target / name)
-                raise
     except OSError as error:
         raise BakeError(f"cannot be written: {error.strerror or error}", where=os.fspath(folder)) from error
     finally:
@@ -73,9 +58,39 @@ def exported_frames(
                 os.rmdir(each)
 
 
-def _export(document: Document, every: Sequence[Frames], folder: Path, kind: str, progress: Progress) -> list[str]:
+@contextmanager
+def _moved_together(names: Sequence[str], source: Path, target: Path) -> Iterator[Callable[[], None]]:
+    """Yield what moves files from one folder to another; where anything fails later, they are taken back."""
+    old = source / "old"
+    old.mkdir()
+    begun: list[str] = []
+
+    def put() -> None:
+        for name in names:
+            begun.append(name)
+            if (target / name).is_file():
+                os.replace(target / name, old / name)
+            os.replace(source / name, target / name)
+
+    try:
+        yield put
+    except BaseException:
+        for name in begun:
+            if not (source / name).exists():
+                os.unlink(target / name)
+            if (old / name).exists():
+                os.replace(old / name, target / name)
+        raise
+
+
+def _write_frames(
+    document: Document, every: Sequence[Frames], folder: Path, kind: str, progress: Progress
+) -> list[str]:
     """Write the frames' files; their names."""
-    write = _writer(*_joined_topology(document, every), kind)
+    triangles, uvs = _joined_topology(document, every)
+    write = (
+        _obj_writer(triangles, uvs) if kind == "obj" else partial(_exported, triangles=triangles, uvs=uvs, kind=kind)
+    )
     names: list[str] = []
     stems: set[str] = set()
     for motions in zip(*(frames.motions for frames in every), strict=True):
@@ -106,41 +121,55 @@ def _joined_topology(document: Document, every: Sequence[Frames]) -> tuple[Ints,
     return np.concatenate(triangles), np.concatenate(uvs) * [1.0, -1.0] + [0.0, 1.0] if complete else None
 
 
-def _writer(triangles: Ints, uvs: Floats | None, kind: str) -> Callable[[Sequence[PosedFrame]], bytes]:
-    """What makes a file of a frame, in a format of trimesh's.
+def _obj_writer(triangles: Ints, uvs: Floats | None) -> Callable[[Sequence[PosedFrame]], bytes]:
+    """What makes the text of an OBJ from a frame: trimesh's, without the material file that it names.
 
-    In OBJ, which is text, all frames have the lines of UVs and faces of the first: writing them takes most of the time.
+    The lines of UVs and faces, more than half of a file, are the same in all frames and made once.
     """
-    constant = ""
+
+    @cache
+    def unchanging(with_normals: bool) -> str:
+        # A corner's vertex, UV and normal have one number.
+        corner = {(False, False): "%d", (True, False): "%d/%d", (False, True): "%d//%d", (True, True): "%d/%d/%d"}[
+            uvs is not None, with_normals
+        ]
+        numbers = np.repeat(triangles + 1, corner.count("%d"), axis=1)
+        return ("" if uvs is None else _lines("vt", uvs)) + _lines("f", numbers, value=corner)
 
     def write(frame: Sequence[PosedFrame]) -> bytes:
-        nonlocal constant
-        if kind != "obj":
-            return _exported(frame, triangles, uvs, kind)
-        if not constant:
-            # trimesh names a material file that is not written here.
-            text = re.sub(r"(?m)^(?:mtllib|usemtl) .*\n", "", _exported(frame, triangles, uvs, kind).decode())
-            first = re.search(r"(?m)^(?:vt|f) ", text)
-            constant = text[first.start() if first else len(text) :] + "\n" * (not text.endswith("\n"))
-        # Without triangles and UVs these are the vertices, and a face of nothing.
-        vertices, _, _ = _exported(frame, triangles[:0], None, kind).decode().partition("\nf ")
-        return f"{vertices}\n{constant}".encode()
+        positions, normals = _joined_frame(frame)
+        moving = _lines("v", positions) + ("" if normals is None else _lines("vn", normals))
+        return f"{_OBJ_HEADER}{moving}{unchanging(normals is not None)}\n".encode()
 
     return write
 
 
+def _lines(kind: str, rows: Floats | Ints, *, value: str = "%.8f") -> str:
+    """A line for each of (rows, numbers): its kind and values, each of as many numbers as it has places."""
+    values = " ".join([value] * (rows.shape[1] // value.count("%")))
+    return f"{kind} {values}\n" * len(rows) % tuple(rows.reshape(-1).tolist())
+
+
+def _joined_frame(frame: Sequence[PosedFrame]) -> tuple[Floats, Floats | None]:
+    """(vertices, 3) positions of all meshes one after another, and normals where every mesh has them."""
+    normals = [mesh.normals for mesh in frame if mesh.normals is not None]
+    positions = np.concatenate([mesh.positions for mesh in frame])
+    return positions, np.concatenate(normals) if len(normals) == len(frame) else None
+
+
 def _exported(frame: Sequence[PosedFrame], triangles: Ints, uvs: Floats | None, kind: str) -> bytes:
+    """A frame in a format of trimesh's."""
     import trimesh
 
-    normals = [mesh.normals for mesh in frame if mesh.normals is not None]
-    complete = len(normals) == len(frame)
+    positions, normals = _joined_frame(frame)
     mesh: Any = trimesh.Trimesh(
-        np.concatenate([mesh.positions for mesh in frame]),
+        positions,
         triangles,
-        vertex_normals=np.concatenate(normals) if complete else None,
+        vertex_normals=normals,
         visual=None if uvs is None else cast(Any, trimesh.visual.TextureVisuals)(uv=uvs),
         process=False,
         validate=False,
     )
-    data = mesh.export(file_type=kind, **{"vertex_normal" if kind == "ply" else "include_normals": complete})
+    with_normals = {"vertex_normal" if kind == "ply" else "include_normals": normals is not None}
+    data = mesh.export(file_type=kind, **with_normals)
     return data.encode() if isinstance(data, str) else bytes(data)
