@@ -1,0 +1,226 @@
+"""A baked body as its extras describe it: nodes, their tools by the names of joints, and tables of weights.
+
+Source: the extras that `extras.encode_extras` writes.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrinklecli.character.rig import read_rig
+from wrinklecli.errors import AssetError, listed
+from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.shape import Json
+from wrinklecli.method.lookup import CurveTable
+from wrinklecli.numeric.arrays import Floats
+
+# Of a control curve: 64 bumps with gaps of 64, the most of a tools file, have 4,160.
+_MOST_INTERVALS = 10_000
+
+
+@dataclass(frozen=True, slots=True)
+class BakedAnchor:
+    """One anchor: a point in the space of each of its joints.
+
+    Attributes:
+        joints: Their names.
+        weights: (joints,) summing to 1.
+        positions: (joints, 3).
+        scales: (joints,) of the joints at rest.
+        morphs: (joints, 3) by which a morph target moves the positions.
+    """
+
+    joints: tuple[str, ...]
+    weights: Floats
+    positions: Floats
+    scales: Floats
+    morphs: dict[str, Floats]
+
+
+@dataclass(frozen=True, slots=True)
+class BakedTool:
+    """A tool as the extras have it.
+
+    Attributes:
+        name: Of the tool.
+        ends: Origin and target.
+        rest_length: Scene units.
+        morph: The morph target that drives the rest length, and the length at weight 1.
+        keys: By clip, (keys, 2) seconds and rest lengths.
+        strengths: By clip, factors on the weights.
+        targets: Names of its morph targets.
+        rows: (rows,) 1 - distance / rest length, rising; none where there is a curve.
+        table: (rows, targets) weights.
+        curve: In place of these, where the rest length changes.
+    """
+
+    name: str
+    ends: tuple[BakedAnchor, BakedAnchor]
+    rest_length: float
+    morph: tuple[str, float] | None
+    keys: dict[str, Floats]
+    strengths: dict[str, float]
+    targets: tuple[str, ...]
+    rows: Floats
+    table: Floats
+    curve: CurveTable | None
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The names of all joints of both anchors."""
+        return tuple(dict.fromkeys(self.ends[0].joints + self.ends[1].joints))
+
+
+@dataclass(frozen=True, slots=True)
+class BakedBody:
+    """A node that carries wrinkles.
+
+    Attributes:
+        node: Its name.
+        mesh: Of its mesh; none where it has no name.
+        primitives: How many the mesh has.
+        targets: The names of all morph targets.
+        stored: (targets,) weights in the stored pose.
+        tools: Those that the extras can drive.
+        ambiguous: Whether a scene or another node has the node's name too.
+    """
+
+    node: str
+    mesh: str | None
+    primitives: int
+    targets: tuple[str, ...]
+    stored: Floats
+    tools: tuple[BakedTool, ...]
+    ambiguous: bool
+
+    @property
+    def own(self) -> tuple[str, ...]:
+        """Names of the morph targets that are not driven."""
+        driven = {name for tool in self.tools for name in tool.targets}
+        return tuple(name for name in self.targets if name not in driven)
+
+
+def read_bodies(document: Document) -> list[BakedBody]:
+    """The nodes that carry wrinkles.
+
+    Raises:
+        AssetError: There are none, or what they carry is not what `bake` writes.
+    """
+    bodies = []
+    for index, node in enumerate(document.items("nodes")):
+        extras = node.get("extras")
+        if not isinstance(extras, dict) or "wrinkle" not in extras or "mesh" not in node:
+            continue
+        where = document.where("nodes", index, "extras", "wrinkle")
+        if not node.get("name"):
+            raise AssetError("tracks find their mesh by the node's name, and it has none", where=where)
+        rig = read_rig(document, index)
+        mesh = document.items("meshes")[rig.mesh]
+        try:
+            tools = tuple(_read_tool(tool) for tool in extras["wrinkle"]["tools"] if tool["targets"])
+        except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError) as error:
+            raise AssetError("is not what `wrinkle bake` writes", where=where) from error
+        gone = [name for tool in tools for name in tool.targets if name not in rig.morph_names]
+        if gone:
+            raise AssetError(f"the mesh has lost its morph targets {listed(gone)}", where=where)
+        name = mesh.get("name")
+        bodies.append(
+            BakedBody(
+                node=node["name"],
+                mesh=name if isinstance(name, str) else None,
+                primitives=len(mesh["primitives"]),
+                targets=rig.morph_names,
+                stored=rig.morph_weights,
+                tools=tools,
+                ambiguous=count_named(document, node["name"]) > 1,
+            )
+        )
+    if not any(body.tools for body in bodies):
+        raise AssetError("carries no wrinkles of `wrinkle bake` that anchors drive", where=document.path)
+    return bodies
+
+
+def _read_tool(data: Json) -> BakedTool:
+    targets = tuple(str(name) for name in data["targets"])
+    ends = (_read_anchor(data["origin"]), _read_anchor(data["target"]))
+    morph = data.get("rest_length_morph")
+    curve = _read_curve(data["curve"], len(targets)) if "curve" in data else None
+    rows, table = np.zeros(0), np.zeros((0, len(targets)))
+    if curve is None:
+        rows = _rising(data["shortenings"])
+        table = np.array(data["weights"], np.float64).reshape(len(rows), len(targets))
+    keys = {clip: np.array(each, np.float64).reshape(-1, 2) for clip, each in data.get("rest_length_keys", {}).items()}
+    if any(not len(each) or not (np.diff(each[:, 0]) > 0).all() for each in keys.values()):
+        raise ValueError
+    lengths = [
+        data["rest_length"],
+        *([morph["full"]] if morph else []),
+        *(x for each in keys.values() for x in each[:, 1]),
+    ]
+    if not all(float(length) > 0 for length in lengths):
+        raise ValueError
+    return BakedTool(
+        name=str(data["name"]),
+        ends=ends,
+        rest_length=float(data["rest_length"]),
+        morph=None if morph is None else (str(morph["name"]), float(morph["full"])),
+        keys=keys,
+        strengths={clip: float(factor) for clip, factor in data.get("strengths", {}).items()},
+        targets=targets,
+        rows=rows,
+        table=table,
+        curve=curve,
+    )
+
+
+def _read_curve(data: Json, targets: int) -> CurveTable:
+    bumps = tuple(int(count) for count in data["bumps"])
+    distances = _rising(data["distances"]) if "distances" in data else np.zeros(0)
+    parts = _rising(data["parts"])
+    rises = np.array(data["rises"], np.float64).reshape(len(parts), -1)
+    intervals = int(data["intervals"])
+    if min(intervals, *bumps) < 1 or max(intervals, *bumps) > _MOST_INTERVALS:
+        raise ValueError
+    return CurveTable(
+        taut=float(data["taut"]),
+        intervals=intervals,
+        bumps=bumps,
+        distances=distances,
+        capacities=np.array(data.get("capacities", []), np.float64).reshape(len(distances)),
+        parts=parts,
+        rises=rises,
+        mix=np.array(data["mix"], np.float64).reshape(targets, len(bumps) * rises.shape[1]),
+        positive=bool(data.get("positive", False)),
+        least=float(data.get("least", 0.0)),
+    )
+
+
+def _rising(values: object) -> Floats:
+    """(rows,) of a table.
+
+    Raises:
+        ValueError: There are none, or they do not rise.
+    """
+    rows = np.array(values, np.float64)
+    if rows.ndim != 1 or not len(rows) or not (np.diff(rows) > 0).all():
+        raise ValueError
+    return rows
+
+
+def _read_anchor(data: Json) -> BakedAnchor:
+    count = len(data["joints"])
+    scales = np.array(data["scales"], np.float64).reshape(count)
+    if not (scales > 0).all():
+        raise ValueError
+    return BakedAnchor(
+        joints=tuple(str(joint) for joint in data["joints"]),
+        weights=np.array(data["weights"], np.float64).reshape(count),
+        positions=np.array(data["positions"], np.float64).reshape(count, 3),
+        scales=scales,
+        morphs={name: np.array(moves, np.float64).reshape(count, 3) for name, moves in data.get("morphs", {}).items()},
+    )
+
+
+def count_named(document: Document, name: str) -> int:
+    """How many nodes and scenes have a name."""
+    return sum(each.get("name") == name for kind in ("nodes", "scenes") for each in document.items(kind))
