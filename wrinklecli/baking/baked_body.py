@@ -43,7 +43,7 @@ class BakedTool:
 
     Attributes:
         name: Of the tool.
-        ends: Origin and target.
+        anchors: Origin and target.
         rest_length: Scene units.
         morph: The morph target that drives the rest length, and the length at weight 1.
         keys: By clip, (keys, 2) seconds and rest lengths.
@@ -55,7 +55,7 @@ class BakedTool:
     """
 
     name: str
-    ends: tuple[BakedAnchor, BakedAnchor]
+    anchors: tuple[BakedAnchor, BakedAnchor]
     rest_length: float
     morph: tuple[str, float] | None
     keys: dict[str, Floats]
@@ -68,7 +68,7 @@ class BakedTool:
     @property
     def joints(self) -> tuple[str, ...]:
         """The names of all joints of both anchors."""
-        return tuple(dict.fromkeys(self.ends[0].joints + self.ends[1].joints))
+        return tuple(dict.fromkeys(self.anchors[0].joints + self.anchors[1].joints))
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,10 +94,14 @@ class BakedBody:
     ambiguous: bool
 
     @property
+    def driven(self) -> tuple[str, ...]:
+        """Names of the morph targets of its tools, in order."""
+        return tuple(name for tool in self.tools for name in tool.targets)
+
+    @property
     def own(self) -> tuple[str, ...]:
         """Names of the morph targets that are not driven."""
-        driven = {name for tool in self.tools for name in tool.targets}
-        return tuple(name for name in self.targets if name not in driven)
+        return tuple(name for name in self.targets if name not in self.driven)
 
 
 def read_bodies(document: Document) -> list[BakedBody]:
@@ -142,7 +146,7 @@ def read_bodies(document: Document) -> list[BakedBody]:
 
 def _read_tool(data: Json) -> BakedTool:
     targets = tuple(str(name) for name in data["targets"])
-    ends = (_read_anchor(data["origin"]), _read_anchor(data["target"]))
+    anchors = (_read_anchor(data["origin"]), _read_anchor(data["target"]))
     morph = data.get("rest_length_morph")
     curve = _read_curve(data["curve"], len(targets)) if "curve" in data else None
     rows, table = np.zeros(0), np.zeros((0, len(targets)))
@@ -161,7 +165,7 @@ def _read_tool(data: Json) -> BakedTool:
         raise ValueError
     return BakedTool(
         name=str(data["name"]),
-        ends=ends,
+        anchors=anchors,
         rest_length=float(data["rest_length"]),
         morph=None if morph is None else (str(morph["name"]), float(morph["full"])),
         keys=keys,

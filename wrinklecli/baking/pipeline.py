@@ -61,15 +61,15 @@ def bake(
             refuse_overwriting(job.inputs, [out] if out is not None else [])
         with clock.stage("plan"):
             plans = plan_meshes(job, influences=BUDGETS[options.engine].influences if options.engine else None)
-        draft = EditedDocument(job.document)
+        edited = EditedDocument(job.document)
         posed, morphed = [], []
         if options.mode == "frames" or options.frames_dir is not None:
             posed = [_pose_frames(job, plan, clock, progress) for plan in plans]
         if options.mode == "morph" and out is not None:
-            morphed = [_add_morph_targets(job, draft, plan, clock, progress) for plan in plans]
+            morphed = [_add_morph_targets(job, edited, plan, clock, progress) for plan in plans]
         baked = morphed or posed or [BakedMesh(plan) for plan in plans]
         with clock.stage("report"):
-            report = make_report(job, baked, images=image_files(draft, out) if out is not None else [])
+            report = make_report(job, baked, images=image_files(edited, out) if out is not None else [])
             if options.strict and report.warnings:
                 raise RefusedError.of_all(RefusedError(line) for line in report.warnings)
         frames = [
@@ -77,8 +77,8 @@ def bake(
         ]
         if options.mode == "frames" and out is not None:
             with clock.stage("encode"):
-                encode_frames(draft, frames, progress)
-        written = _write(job, draft, frames, out, clock, progress)
+                encode_frames(edited, frames, progress)
+        written = _write(job, edited, frames, out, clock, progress)
         timings = make_timings(clock, job, baked, bytes_written=written)
         return replace(report, bytes_written=written or 0, timings=timings)
 
@@ -95,7 +95,7 @@ def _pose_frames(job: Job, plan: MeshPlan, clock: StageClock, progress: Progress
 
 
 def _add_morph_targets(
-    job: Job, draft: EditedDocument, plan: MeshPlan, clock: StageClock, progress: Progress
+    job: Job, edited: EditedDocument, plan: MeshPlan, clock: StageClock, progress: Progress
 ) -> BakedMesh:
     """Sample a mesh's clips, put targets that the engine plays and their tracks into the document, and prove them."""
     options = job.options
@@ -112,17 +112,17 @@ def _add_morph_targets(
     tracked = motions if options.tracks == "all" else []
     with clock.stage("encode"):
         sparse, tangents = options.accessors == "sparse", options.morph_tangents
-        encode_morphs(draft, plan, target_sets, tracked, sparse=sparse, tangents=tangents)
+        encode_morphs(edited, plan, target_sets, tracked, sparse=sparse, tangents=tangents)
     if options.tracks == "none":
         return BakedMesh(plan, target_sets, motions, budget=budget)
     with clock.stage("prove"):
-        residuals = prove(draft, plan, target_sets, motions, details=options.details, progress=progress)
+        residuals = prove(edited, plan, target_sets, motions, details=options.details, progress=progress)
     return BakedMesh(plan, target_sets, motions, residuals, budget)
 
 
 def _write(
     job: Job,
-    draft: EditedDocument,
+    edited: EditedDocument,
     frames: list[Frames],
     out: str | os.PathLike[str] | None,
     clock: StageClock,
@@ -138,4 +138,4 @@ def _write(
         if out is None:
             return None
         with clock.stage("write"):
-            return write(draft, out, seal=seal)
+            return write(edited, out, seal=seal)

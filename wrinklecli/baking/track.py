@@ -9,10 +9,11 @@ right to 1/256 of the greatest.
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from wrinklecli.baking.baked_body import BakedBody, BakedTool, count_named, read_bodies
+from wrinklecli.baking.baked_body import BakedAnchor, BakedBody, BakedTool, count_named, read_bodies
 from wrinklecli.baking.job import refuse_overwriting
 from wrinklecli.baking.morphs import encode_track
 from wrinklecli.baking.track_node import node_for_tracks
@@ -28,7 +29,7 @@ from wrinklecli.gltf.writer import write
 from wrinklecli.method.lookup import TABLE_ERROR
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.guard import guarded
-from wrinklecli.numeric.piecewise import Signal, key_times
+from wrinklecli.numeric.piecewise import key_times
 
 # Of what the error bound leaves beside the table's own error, the part of the samples and that of dropped keys.
 _SAMPLING_SHARE = 2 / 3
@@ -50,19 +51,6 @@ class Tracked:
     clips: tuple[str, ...]
     tools: tuple[str, ...]
     warnings: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class _Pace:
-    """How close keys are.
-
-    Attributes:
-        fps: Frames per second of the grid.
-        tolerance: Greatest error of a weight between keys, a share of the greatest weight.
-    """
-
-    fps: float
-    tolerance: float
 
 
 def track(
@@ -102,21 +90,19 @@ def track(
     """
     if not max_error > TABLE_ERROR:
         raise ValueError(f"max_error is {max_error}; the table of weights is right to 1/256")
-    pace = _Pace(fps, max_error - TABLE_ERROR)
     body_file = read_document(baked, allow_external=allow_external)
     bodies = read_bodies(body_file)
     outputs = [os.path.join(os.fspath(folder), os.path.basename(os.fspath(path))) for path in anims]
     for number, path in enumerate(outputs):
         if path in outputs[:number]:
             raise BakeError("is the output of two inputs of one name", where=path)
-    drafts, inputs, results = [], list(body_file.files), []
+    edited, inputs, results = [], list(body_file.files), []
     for anim, output in zip(anims, outputs, strict=True):
         document = read_document(anim, allow_external=allow_external)
         inputs += document.files
-        draft = EditedDocument(document)
+        edited.append(EditedDocument(document))
         with guarded(document.path):
-            results.append(_track_file(draft, bodies, pace, output))
-        drafts.append(draft)
+            results.append(_track_file(edited[-1], bodies, output, fps=fps, tolerance=max_error - TABLE_ERROR))
     warnings = [line for result in results for line in result.warnings]
     if strict and warnings:
         raise RefusedError.of_all(RefusedError(line) for line in warnings)
@@ -125,27 +111,42 @@ def track(
         os.makedirs(folder, exist_ok=True)
     except OSError as error:
         raise BakeError(f"cannot be made: {error.strerror or error}", where=os.fspath(folder)) from error
-    for draft, output in zip(drafts, outputs, strict=True):
-        write(draft, output)
+    for each, output in zip(edited, outputs, strict=True):
+        write(each, output)
     return results
 
 
-def _track_file(draft: EditedDocument, bodies: Sequence[BakedBody], pace: _Pace, output: str) -> Tracked:
-    """Add the tracks of all bodies."""
-    document = draft.source
+def _track_file(
+    edited: EditedDocument, bodies: Sequence[BakedBody], output: str, *, fps: float, tolerance: float
+) -> Tracked:
+    """Add the tracks of all bodies.
+
+    Args:
+        edited: The file with the clips.
+        bodies: Whose tracks.
+        output: Where it will be written.
+        fps: Frames per second of the grid.
+        tolerance: Greatest error of a weight between keys, a share of the greatest weight.
+
+    Raises:
+        AssetError: No tool's joints are in the file, or a body's node has another mesh there.
+    """
+    document = edited.source
     clips = read_clips(document)
     nodes = document.items("nodes")
     names = [str(node.get("name", "")) for node in nodes]
-    warnings: list[str] = []
-    tracked: dict[str, None] = {}
+    warnings = [
+        f"{document.path}: a scene or another node is named {body.node!r} too, here or in the body's file:"
+        " three.js renames all but the first, and tracks then miss the body"
+        for body in bodies
+        if body.ambiguous or count_named(document, body.node) > int(body.node in names)
+    ]
+    present: list[tuple[BakedBody, list[BakedTool]]] = []
     for body in bodies:
-        if body.ambiguous or count_named(document, body.node) > int(body.node in names):
-            warnings.append(
-                f"{document.path}: a scene or another node is named {body.node!r} too, here or in the body's file:"
-                " three.js renames all but the first, and tracks then miss the body"
-            )
-    found = [(body, _matching(body, nodes, document.path, warnings)) for body in bodies]
-    if not any(tools for _, tools in found):
+        tools, missed = _present_tools(body, nodes)
+        present.append((body, tools))
+        warnings += [f"{document.path}: {line}" for line in missed]
+    if not any(tools for _, tools in present):
         wanted = dict.fromkeys(joint for body in bodies for tool in body.tools for joint in tool.joints)
         raise AssetError(
             f"has no tool's joints; the anchors are on {listed(wanted)}, its nodes are {listed(names[:12])}"
@@ -154,13 +155,133 @@ def _track_file(draft: EditedDocument, bodies: Sequence[BakedBody], pace: _Pace,
         )
     if not clips:
         warnings.append(f"{document.path}: has no clip")
-    for body, tools in found:
+    tracked: dict[str, None] = {}
+    for body, tools in present:
         if tools:
-            tracked |= dict.fromkeys(_track_body(draft, body, tools, clips, pace, warnings))
+            moved, still = _track_body(edited, body, tools, clips, fps=fps, tolerance=tolerance)
+            tracked |= dict.fromkeys(moved)
+            warnings += [f"{document.path}: {name}: moves no anchor of {body.node!r}" for name in still]
     lines = (
-        f"{tool.name} on {body.node}: targets {', '.join(tool.targets)}" for body, tools in found for tool in tools
+        f"{tool.name} on {body.node}: targets {', '.join(tool.targets)}" for body, tools in present for tool in tools
     )
     return Tracked(output, tuple(tracked), tuple(lines), tuple(warnings))
+
+
+def _present_tools(body: BakedBody, nodes: Sequence[Json]) -> tuple[list[BakedTool], list[str]]:
+    """The tools whose joints are all there, and a warning for each of which one is missing or ambiguous."""
+    names = [str(node.get("name", "")) for node in nodes]
+    bare = [str(node.get("name", "")) for node in nodes if "mesh" not in node]
+    present, warnings = [], []
+    for tool in body.tools:
+        missing = [joint for joint in tool.joints if joint not in names]
+        if missing:
+            hint = nearest(missing[0], names) if len(missing) == 1 else ""
+            warnings.append(f"{tool.name}: left out, as there is no joint {listed(missing)}{hint}")
+            continue
+        several = [joint for joint in tool.joints if bare.count(joint) > 1]
+        if several:
+            warnings.append(f"{tool.name}: several nodes are named {listed(several)}; the first is taken")
+        present.append(tool)
+    return present, warnings
+
+
+def _track_body(
+    edited: EditedDocument,
+    body: BakedBody,
+    tools: Sequence[BakedTool],
+    clips: Sequence[Clip],
+    *,
+    fps: float,
+    tolerance: float,
+) -> tuple[list[str], list[str]]:
+    """Add one body's tracks; the names of the clips that move its anchors, and of those that do not."""
+    node = node_for_tracks(edited, body)
+    driven = _driven_tools(edited, node, body, tools)
+    order = [[*body.own, *body.driven].index(name) for name in body.targets]
+    moved, still = [], []
+    for source in clips:
+        clip = _with_own_weights(source, node, body)
+        channel = clip.channel(node, "weights")
+        if driven.moved_by(clip):
+            moved.append(clip.name)
+            times = driven.key_times(clip, fps=fps, tolerance=tolerance)
+            made = widen(channel, driven.rig, clip, times, driven.weights(clip, times))
+        else:
+            still.append(clip.name)
+            if channel is None:
+                continue
+            made = pad(channel, driven.stored)
+        encode_track(edited, source, node, Track(made.times, made.values[..., order], made.interpolation))
+    return moved, still
+
+
+def _with_own_weights(clip: Clip, node: int, body: BakedBody) -> Clip:
+    """The clip with a weights channel over the targets alone that are not driven; without one where there are none."""
+    channel = clip.channel(node, "weights")
+    if channel is None:
+        return clip
+    own = [body.targets.index(name) for name in body.own]
+    kept = () if not own else (channel,)
+    if own and channel.values.shape[-1] == len(body.targets):
+        kept = (replace(channel, values=channel.values[..., own]),)
+    return replace(clip, channels=tuple(c for c in clip.channels if c is not channel) + kept)
+
+
+@dataclass(frozen=True, slots=True)
+class _DrivenTools:
+    """Tools of a body, driven by the joints of another file.
+
+    Attributes:
+        tools: Those whose joints are all there.
+        rig: Of the node that gets the tracks: joints of the anchors, and the morph targets that no tool drives.
+        joints: Their nodes, by name.
+        stored: (driven targets,) weights in the stored pose, of all tools of the body.
+        columns: For each tool, its targets among them.
+    """
+
+    tools: tuple[BakedTool, ...]
+    rig: Rig
+    joints: dict[str, int]
+    stored: Floats
+    columns: tuple[list[int], ...]
+
+    def moved_by(self, clip: Clip) -> bool:
+        """Whether a clip moves an anchor, or keys a rest length."""
+        moving = moving_nodes(self.rig)
+        return any(c.node in moving for c in clip.channels) or any(clip.name in tool.keys for tool in self.tools)
+
+    def weights(self, clip: Clip, times: Floats) -> Floats:
+        """(frames, driven targets) weights in a clip; those of absent tools as stored."""
+        weights = np.tile(self.stored, (len(times), 1))
+        for tool, columns in zip(self.tools, self.columns, strict=True):
+            weights[:, columns] = _weights(tool, self.rig, self.joints, clip, times)
+        return weights
+
+    def key_times(self, clip: Clip, *, fps: float, tolerance: float) -> Floats:
+        """(keys,) seconds between which straight lines are right to a share of the greatest weight."""
+        times, keys = key_times(
+            clip_grid(clip, self.rig, fps=fps),
+            lambda _stretch: partial(self.weights, clip),
+            tolerance=_SAMPLING_SHARE * tolerance,
+            thinning=_KEYS_SHARE * tolerance,
+        )
+        return times[keys]
+
+
+def _driven_tools(edited: EditedDocument, node: int, body: BakedBody, tools: Sequence[BakedTool]) -> _DrivenTools:
+    """Find a body's joints in the file that has the node for its tracks."""
+    whole = read_rig(edited.document(), node)
+    joints = {joint: _joint(edited.gltf["nodes"], joint) for tool in tools for joint in tool.joints}
+    rig = replace(
+        whole,
+        joints=np.array(list(joints.values()), np.intp),
+        inverse_binds=np.tile(np.eye(4), (len(joints), 1, 1)),
+        morph_names=body.own,
+        morph_weights=whole.morph_weights[[body.targets.index(name) for name in body.own]],
+    )
+    stored = body.stored[[body.targets.index(name) for name in body.driven]]
+    columns = tuple([body.driven.index(name) for name in tool.targets] for tool in tools)
+    return _DrivenTools(tuple(tools), rig, joints, stored, columns)
 
 
 def _joint(nodes: Sequence[Json], name: str) -> int:
@@ -169,116 +290,14 @@ def _joint(nodes: Sequence[Json], name: str) -> int:
     return next((index for index in found if "mesh" not in nodes[index]), found[0])
 
 
-def _matching(body: BakedBody, nodes: Sequence[Json], where: str, warnings: list[str]) -> list[BakedTool]:
-    """The tools whose joints are all there."""
-    names = [str(node.get("name", "")) for node in nodes]
-    bare = [str(node.get("name", "")) for node in nodes if "mesh" not in node]
-    matching = []
-    for tool in body.tools:
-        missing = [joint for joint in tool.joints if joint not in names]
-        if missing:
-            hint = nearest(missing[0], names) if len(missing) == 1 else ""
-            warnings.append(f"{where}: {tool.name}: left out, as there is no joint {listed(missing)}{hint}")
-            continue
-        several = [joint for joint in tool.joints if bare.count(joint) > 1]
-        if several:
-            warnings.append(f"{where}: {tool.name}: several nodes are named {listed(several)}; the first is taken")
-        matching.append(tool)
-    return matching
-
-
-def _track_body(
-    draft: EditedDocument,
-    body: BakedBody,
-    tools: Sequence[BakedTool],
-    clips: Sequence[Clip],
-    pace: _Pace,
-    warnings: list[str],
-) -> list[str]:
-    """Add one body's tracks; the names of clips that got some."""
-    node = node_for_tracks(draft, body)
-    whole = read_rig(draft.document(), node)
-    own = [body.targets.index(name) for name in body.own]
-    joints = {joint: _joint(draft.gltf["nodes"], joint) for tool in tools for joint in tool.joints}
-    rig = replace(
-        whole,
-        joints=np.array(list(joints.values()), np.intp),
-        inverse_binds=np.tile(np.eye(4), (len(joints), 1, 1)),
-        morph_names=body.own,
-        morph_weights=whole.morph_weights[own],
-    )
-    driven = [name for tool in body.tools for name in tool.targets]
-    order = [[*body.own, *driven].index(name) for name in body.targets]
-    stored = body.stored[[body.targets.index(name) for name in driven]]
-    columns = [[driven.index(name) for name in tool.targets] for tool in tools]
-    moving = moving_nodes(rig)
-    tracked = []
-    for source in clips:
-        clip = _with_own_weights(source, node, len(body.targets), own)
-        channel = clip.channel(node, "weights")
-        if any(c.node in moving for c in clip.channels) or any(clip.name in tool.keys for tool in tools):
-
-            def signal(times: Floats, clip: Clip = clip) -> Floats:
-                weights = np.tile(stored, (len(times), 1))
-                for tool, its in zip(tools, columns, strict=True):
-                    weights[:, its] = _weights(tool, rig, joints, clip, times)
-                return weights
-
-            def signal_on(_: Floats, signal: Signal = signal) -> Signal:
-                return signal
-
-            times, keys = key_times(
-                clip_grid(clip, rig, fps=pace.fps),
-                signal_on,
-                tolerance=_SAMPLING_SHARE * pace.tolerance,
-                thinning=_KEYS_SHARE * pace.tolerance,
-            )
-            times = times[keys]
-            made = widen(channel, rig, clip, times, signal(times))
-            tracked.append(clip.name)
-        else:
-            warnings.append(f"{draft.source.path}: {clip.name}: moves no anchor of {body.node!r}")
-            if channel is None:
-                continue
-            made = pad(channel, stored)
-        encode_track(draft, source, node, Track(made.times, made.values[..., order], made.interpolation))
-    return tracked
-
-
-def _with_own_weights(clip: Clip, node: int, targets: int, own: list[int]) -> Clip:
-    """The clip with a weights channel over the targets alone that are not driven; without one where there are none."""
-    channel = clip.channel(node, "weights")
-    if channel is None:
-        return clip
-    kept = () if not own else (channel,)
-    if own and channel.values.shape[-1] == targets:
-        kept = (replace(channel, values=channel.values[..., own]),)
-    return replace(clip, channels=tuple(c for c in clip.channels if c is not channel) + kept)
-
-
 def _weights(tool: BakedTool, rig: Rig, joints: dict[str, int], clip: Clip, times: Floats) -> Floats:
     """(frames, targets) a tool's weights in a clip; `joints` are nodes by name."""
     own = morph_weights(rig, clip, times)
-    places, scales = [], []
-    for end in tool.ends:
-        matrices = node_matrices(rig, clip, times, [joints[joint] for joint in end.joints])
-        positions = np.tile(end.positions, (len(times), 1, 1))
-        for name, deltas in end.morphs.items():
-            if name in rig.morph_names:
-                positions += own[:, rig.morph_names.index(name), None, None] * deltas
-        moved = np.einsum("fkab,fkb->fka", matrices[:, :, :3, :3], positions) + matrices[:, :, :3, 3]
-        places.append(np.einsum("k,fka->fa", end.weights, moved))
-        now = np.cbrt(np.abs(np.linalg.det(matrices[:, :, :3, :3])))
-        scales.append((now / end.scales) @ end.weights)
+    places, scales = zip(*(_posed_anchor(each, rig, joints, clip, times, own) for each in tool.anchors), strict=True)
     scale = (scales[0] + scales[1]) / 2.0
     hidden = scale < LEAST_SCALE
     distances = np.linalg.norm(places[1] - places[0], axis=1) / np.where(hidden, 1.0, scale)
-    rest_lengths = np.full(len(times), tool.rest_length)
-    if clip.name in tool.keys:
-        rest_lengths = np.interp(times, *tool.keys[clip.name].T)
-    elif tool.morph is not None and tool.morph[0] in rig.morph_names:
-        share = np.clip(own[:, rig.morph_names.index(tool.morph[0])], 0.0, 1.0)
-        rest_lengths += share * (tool.morph[1] - tool.rest_length)
+    rest_lengths = _rest_lengths(tool, rig, clip, times, own)
     if tool.curve is None:
         shortenings = 1.0 - distances / rest_lengths
         weights = np.stack([np.interp(shortenings, tool.rows, column) for column in tool.table.T], axis=1)
@@ -286,3 +305,38 @@ def _weights(tool: BakedTool, rig: Rig, joints: dict[str, int], clip: Clip, time
         weights = tool.curve.weights(distances, rest_lengths)
     made: Floats = tool.strengths.get(clip.name, 1.0) * np.where(hidden[:, None], 0.0, weights)
     return made
+
+
+def _posed_anchor(
+    anchor: BakedAnchor, rig: Rig, joints: dict[str, int], clip: Clip, times: Floats, morphs: Floats
+) -> tuple[Floats, Floats]:
+    """(frames, 3) where an anchor is, world space, and (frames,) its scale against rest.
+
+    Args:
+        anchor: In the spaces of its joints.
+        rig: Of the node that gets the tracks.
+        joints: Nodes by name.
+        clip: The animation.
+        times: (frames,) seconds.
+        morphs: (frames, morph targets) weights of the rig's.
+    """
+    matrices = node_matrices(rig, clip, times, [joints[joint] for joint in anchor.joints])
+    positions = np.tile(anchor.positions, (len(times), 1, 1))
+    for name, deltas in anchor.morphs.items():
+        if name in rig.morph_names:
+            positions += morphs[:, rig.morph_names.index(name), None, None] * deltas
+    moved = np.einsum("fkab,fkb->fka", matrices[:, :, :3, :3], positions) + matrices[:, :, :3, 3]
+    scales = np.cbrt(np.abs(np.linalg.det(matrices[:, :, :3, :3])))
+    return np.einsum("k,fka->fa", anchor.weights, moved), (scales / anchor.scales) @ anchor.weights
+
+
+def _rest_lengths(tool: BakedTool, rig: Rig, clip: Clip, times: Floats, morphs: Floats) -> Floats:
+    """(frames,) scene units; `morphs` are (frames, morph targets) weights of the rig's."""
+    constant = np.full(len(times), tool.rest_length)
+    if clip.name in tool.keys:
+        return np.interp(times, *tool.keys[clip.name].T)
+    if tool.morph is None or tool.morph[0] not in rig.morph_names:
+        return constant
+    share = np.clip(morphs[:, rig.morph_names.index(tool.morph[0])], 0.0, 1.0)
+    lengths: Floats = constant + share * (tool.morph[1] - tool.rest_length)
+    return lengths

@@ -10,62 +10,62 @@ from wrinklecli.gltf.edit import EditedDocument
 from wrinklecli.gltf.shape import Json
 
 
-def node_for_tracks(draft: EditedDocument, body: BakedBody) -> int:
+def node_for_tracks(edited: EditedDocument, body: BakedBody) -> int:
     """The node that gets the body's tracks: the file's own of that name, or a stub.
 
     Raises:
         AssetError: The file has a mesh on a node of that name, with other morph targets.
     """
-    nodes = draft.gltf.setdefault("nodes", [])
+    nodes = edited.gltf.setdefault("nodes", [])
     found = [index for index, node in enumerate(nodes) if node.get("name") == body.node and "mesh" in node]
     if not found:
-        return _add_stub(draft, body)
+        return _add_stub(edited, body)
     node = nodes[found[0]]
-    names = tuple(morph_target_names(draft.gltf["meshes"][node["mesh"]]))
+    names = tuple(morph_target_names(edited.gltf["meshes"][node["mesh"]]))
     if names not in (body.targets, body.own):
         raise AssetError(
             f"the mesh of {body.node!r} has other morph targets than the body: {listed(names)};"
             " take it out of the file, or bake this file itself",
-            where=draft.source.where("nodes", found[0]),
+            where=edited.source.where("nodes", found[0]),
         )
     if names != body.targets:
-        _add_idle_targets(draft, node, body)
+        _add_idle_targets(edited, node, body)
     return found[0]
 
 
-def _add_stub(draft: EditedDocument, body: BakedBody) -> int:
+def _add_stub(edited: EditedDocument, body: BakedBody) -> int:
     """Append a node with a mesh of the body's names and targets, three vertices in one point, and give its index."""
-    point = draft.add_sparse(np.zeros(0, np.intp), np.zeros((0, 3), np.float32), count=3, bounds=True)
+    point = edited.add_sparse(np.zeros(0, np.intp), np.zeros((0, 3), np.float32), count=3, bounds=True)
     primitive: Json = {"attributes": {"POSITION": point}, "targets": [{"POSITION": point} for _ in body.targets]}
     mesh: Json = {} if body.mesh is None else {"name": body.mesh}
     # Players name the parts of a mesh by their number, and tracks by the part.
     mesh["primitives"] = [primitive for _ in range(body.primitives)]
     mesh["extras"] = {"targetNames": list(body.targets)}
-    meshes = draft.gltf.setdefault("meshes", [])
+    meshes = edited.gltf.setdefault("meshes", [])
     meshes.append(mesh)
     node: Json = {"name": body.node, "mesh": len(meshes) - 1}
     if body.stored.any():
         node["weights"] = body.stored.tolist()
-    nodes = draft.gltf["nodes"]
+    nodes = edited.gltf["nodes"]
     nodes.append(node)
-    for scene in draft.gltf.get("scenes", [])[draft.gltf.get("scene", 0) :][:1]:
+    for scene in edited.gltf.get("scenes", [])[edited.gltf.get("scene", 0) :][:1]:
         scene.setdefault("nodes", []).append(len(nodes) - 1)
     return len(nodes) - 1
 
 
-def _add_idle_targets(draft: EditedDocument, node: Json, body: BakedBody) -> None:
+def _add_idle_targets(edited: EditedDocument, node: Json, body: BakedBody) -> None:
     """Give a mesh the body's targets that it lacks: they do nothing here, but tracks have a weight for each."""
-    mesh = own_mesh(draft, node, node["mesh"])
+    mesh = own_mesh(edited, node, node["mesh"])
     own = list(body.own)
     for primitive in mesh["primitives"]:
         old = primitive.get("targets", [])
-        count = draft.gltf["accessors"][primitive["attributes"]["POSITION"]]["count"]
+        count = edited.gltf["accessors"][primitive["attributes"]["POSITION"]]["count"]
         # three.js takes the base's normals for a target that lacks them where another has them.
         kinds = [kind for kind in ("NORMAL", "TANGENT") if any(kind in each for each in old)]
         idle = {}
         for kind in ("POSITION", *kinds):
             nothing = np.zeros((0, 3), np.float32)
-            idle[kind] = draft.add_sparse(np.zeros(0, np.intp), nothing, count=count, bounds=kind == "POSITION")
+            idle[kind] = edited.add_sparse(np.zeros(0, np.intp), nothing, count=count, bounds=kind == "POSITION")
         primitive["targets"] = [old[own.index(name)] if name in own else dict(idle) for name in body.targets]
     if isinstance(mesh.setdefault("extras", {}), dict):
         mesh["extras"]["targetNames"] = list(body.targets)
