@@ -239,9 +239,8 @@ def _read_influences(
             weights[same, earlier] += weights[same, k]
             weights[same, k] = 0.0
     joints = np.where(weights > 0, joints, joint_count)
-    # Joints and where they were, in one number: sorting is faster than finding an order.
-    keys = np.sort(joints * (4 * sets) + np.arange(4 * sets), axis=1)
-    joints, weights = keys // (4 * sets), np.take_along_axis(weights, keys % (4 * sets), 1)
+    order = np.argsort(joints, axis=1, kind="stable")
+    joints, weights = np.take_along_axis(joints, order, 1), np.take_along_axis(weights, order, 1)
     weights /= weights.sum(axis=1, keepdims=True)
     return np.where(joints == joint_count, 0, joints), weights
 
