@@ -68,6 +68,17 @@ Criterion: TypeAlias = Callable[[Level], Bools]
 
 
 @dataclass(frozen=True, slots=True)
+class Rules:
+    """What is asked of a subdivision; see `subdivide`."""
+
+    wants: Criterion
+    forbids: Criterion | None
+    max_levels: int
+    scheme: Literal["butterfly", "midpoint"]
+    where: str
+
+
+@dataclass(frozen=True, slots=True)
 class Stage:
     """A level on its way to the fixpoint.
 
@@ -129,7 +140,7 @@ class Stage:
         )
 
 
-def coarse_stage(triangles: Ints, held: Bools, vertex_count: int, wants: Criterion, forbids: Criterion | None) -> Stage:
+def coarse_stage(triangles: Ints, held: Bools, vertex_count: int, rules: Rules) -> Stage:
     """Level 0 of (F,) flagged triangles; nothing is split."""
     a, b, c = triangles.T
     faces = np.flatnonzero(held & (a != b) & (b != c) & (c != a))
@@ -138,84 +149,63 @@ def coarse_stage(triangles: Ints, held: Bools, vertex_count: int, wants: Criteri
         codes=faces,
         barycentrics=np.broadcast_to(np.eye(3), (faces.size, 3, 3)),
         complete=np.ones(vertex_count, dtype=np.bool_),
-        wants=wants,
-        forbids=forbids,
+        rules=rules,
     )
 
 
-def close(
-    root: Stage,
-    earlier: list[Stage],
-    wants: Criterion,
-    forbids: Criterion | None,
-    max_levels: int,
-    scheme: str,
-    where: str,
-) -> tuple[list[Stage], bool]:
+def close(root: Stage, earlier: list[Stage], rules: Rules) -> tuple[list[Stage], bool]:
     """Find the smallest set of splits that has all the wanted ones and is closed.
 
-    Splits only ever grow and faces are finitely many, so this ends.
+    Splits are made level by level. One that comes too early, since not all faces round its ends exist at its level,
+    asks for them one level below, where the work goes on; or it is denied, where they cannot be. Splits and denials
+    only ever grow and faces are finitely many, so this ends.
 
     Args:
         root: Level 0 with nothing split.
         earlier: The stages of an earlier attempt, for what they denied; or none.
-        wants: See `subdivide`.
-        forbids: See `subdivide`.
-        max_levels: See `subdivide`.
-        scheme: See `subdivide`.
-        where: See `subdivide`.
+        rules: What is asked for.
 
     Returns:
         The stages, and whether one found out late that a split cannot be.
+
+    Raises:
+        BakeError: A level would have more than 500,000 new triangles.
     """
     stages = [replace(root, denied=_carried(earlier, root, "denied"))]
     wasted = False
     at = 0
-    while at < max_levels:
+    while at < rules.max_levels:
         stage = stages[at]
-        ends = stage.level.edges
-        pending = stage.wanted & ~stage.split
-        stage = replace(stage, denied=stage.denied | (pending & stage.forbidden))
-        pending &= ~stage.denied
-        early = pending & ~stage.complete[ends].all(axis=1)
-        if early.any():
-            # The faces round their ends must first all exist here, that is, be red one level below.
-            below = stages[at - 1]
-            hopeless = below.vertices_on(any_of(below.forbidden | below.denied, below.level.triangle_edges))
-            lost = early & hopeless[ends].any(axis=1)
-            needed, missed = (
-                below.edges_of(below.faces_at(flags_of(ends[edges], stage.complete.size) & ~stage.complete))
-                for edges in (early & ~lost, lost)
-            )
-            stages[at] = replace(stage, denied=stage.denied | lost)
-            stages[at - 1] = replace(
-                below, wanted=below.wanted | needed, denied=below.denied | (missed & below.forbidden)
-            )
-            wasted |= bool(lost.any())
-            at -= bool(needed.any())
+        stage = replace(stage, denied=stage.denied | (stage.wanted & ~stage.split & stage.forbidden))
+        pending = stage.wanted & ~stage.split & ~stage.denied
+        early = pending & ~stage.complete[stage.level.edges].all(axis=1)
+        if not early.any():
+            stages[at] = stage = _promoted(replace(stage, split=stage.split | pending))
+            if not stage.split.any():
+                break
+            at += 1
+            stages[at : at + 1] = [_child(stage, stages, earlier, rules)]
             continue
-        stages[at] = stage = _promoted(replace(stage, split=stage.split | pending))
-        if not stage.split.any():
-            break
-        at += 1
-        # Built anew, as what changed below may have renumbered the vertices; but what was settled here stays
-        # settled, or the work would double with each level.
-        count = 4 * int(np.count_nonzero(stage.red))
-        if count > _MOST_TRIANGLES:
-            raise BakeError(
-                f"would have {count:,} triangles at level {at} of refinement; at most {_MOST_TRIANGLES:,} are made:"
-                f" lower max_levels, now {max_levels}, or ask for fewer bumps or details",
-                where=where,
-            )
-        child = _child(stage, wants, forbids, scheme)
-        child = replace(
-            child,
-            wanted=child.wanted | _carried(stages, child, "wanted"),
-            denied=_carried(stages, child, "denied") | _carried(earlier, child, "denied"),
-            split=_carried(stages, child, "split"),
-        )
-        stages[at : at + 1] = [child]
+        below = stages[at - 1]
+        hopeless = below.vertices_on(any_of(below.forbidden | below.denied, below.level.triangle_edges))
+        lost = early & hopeless[stage.level.edges].any(axis=1)
+        if lost.any():
+            missed = below.forbidden & _lacking(below, stage, lost)
+            stages[at - 1 : at + 1] = [
+                replace(below, denied=below.denied | missed),
+                replace(stage, denied=stage.denied | lost),
+            ]
+            wasted = True
+        else:
+            stages[at - 1 : at + 1] = [replace(below, wanted=below.wanted | _lacking(below, stage, early)), stage]
+            at -= 1
     return stages, wasted
+
+
+def _lacking(below: Stage, stage: Stage, edges: Bools) -> Bools:
+    """(E of the level below,) the edges of the faces there that must split for all faces round flagged edges' ends."""
+    ends = flags_of(stage.level.edges[edges], stage.complete.size)
+    return below.edges_of(below.faces_at(ends & ~stage.complete))
 
 
 def _promoted(stage: Stage) -> Stage:
@@ -235,49 +225,58 @@ def _promoted(stage: Stage) -> Stage:
         split[thirds] = True
 
 
-def _child(stage: Stage, wants: Criterion, forbids: Criterion | None, scheme: str) -> Stage:
-    """The next level: the quarters of the red faces, and a vertex for each split edge."""
+def _child(stage: Stage, stages: list[Stage], earlier: list[Stage], rules: Rules) -> Stage:
+    """The next level: the quarters of the red faces, and a vertex for each split edge.
+
+    Built anew each time, as what changed below may have renumbered the vertices. But what was settled there stays
+    settled, in `stages` and, if denied, in `earlier` ones: else the work would double with each level.
+    """
     level, red = stage.level, stage.red
+    triangle_count = 4 * int(np.count_nonzero(red))
+    if triangle_count > _MOST_TRIANGLES:
+        raise BakeError(
+            f"would have {triangle_count:,} triangles at level {level.number + 1} of refinement; at most"
+            f" {_MOST_TRIANGLES:,} are made: lower max_levels, now {rules.max_levels}, or ask for fewer bumps or"
+            " details",
+            where=rules.where,
+        )
     ends = level.edges[stage.split]
     count = stage.complete.size
     halves = Matrix.of_entries(np.repeat(np.arange(len(ends)), 2), ends.reshape(-1), np.full(ends.size, 0.5), count)
     linear = halves.below(level.linear)
-    matrix = linear if scheme == "midpoint" else butterfly(level.triangles, ends, count).below(level.matrix)
+    matrix = linear if rules.scheme == "midpoint" else butterfly(level.triangles, ends, count).below(level.matrix)
     corners, barycentrics = stage.six(red)
-    return _stage(
+    child = _stage(
         _level(
             level.number + 1,
             matrix,
             linear,
             corners[:, _RED].reshape(-1, 3),
             np.repeat(level.parents[red], 4),
-            stage.complete.size + len(ends),
+            count + len(ends),
         ),
         codes=(4 * stage.codes[red][:, None] + np.arange(4)).reshape(-1),
         barycentrics=barycentrics[:, _RED].reshape(-1, 3, 3),
         complete=np.append(stage.complete, np.ones(len(ends), dtype=np.bool_)) & ~stage.vertices_on(~red),
-        wants=wants,
-        forbids=forbids,
+        rules=rules,
+    )
+    return replace(
+        child,
+        wanted=child.wanted | _carried(stages, child, "wanted"),
+        denied=_carried(stages, child, "denied") | _carried(earlier, child, "denied"),
+        split=_carried(stages, child, "split"),
     )
 
 
-def _stage(
-    level: Level,
-    *,
-    codes: Ints,
-    barycentrics: Floats,
-    complete: Bools,
-    wants: Criterion,
-    forbids: Criterion | None,
-) -> Stage:
+def _stage(level: Level, *, codes: Ints, barycentrics: Floats, complete: Bools, rules: Rules) -> Stage:
     none = np.zeros(len(level.edges), dtype=np.bool_)
     return Stage(
         level=level,
         codes=codes,
         barycentrics=barycentrics,
         complete=complete,
-        wanted=none | wants(level),
-        forbidden=none if forbids is None else none | forbids(level),
+        wanted=none | rules.wants(level),
+        forbidden=none if rules.forbids is None else none | rules.forbids(level),
         denied=none,
         split=none,
     )

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, flags_of
-from wrinklecli.numeric.red_green import Criterion, Stage, close, coarse_stage
+from wrinklecli.numeric.red_green import Criterion, Rules, Stage, close, coarse_stage
 from wrinklecli.numeric.sparse import Matrix, apply
 
 _BISECTED = np.array([[0, 3, 2], [3, 1, 2]])  # edge 0 is split
@@ -106,11 +106,12 @@ def subdivide(
     """
     triangles = np.asarray(triangles, dtype=np.intp)
     held = np.ones(len(triangles), dtype=np.bool_) if near is None else _held(near, triangles, vertex_count)
-    root = coarse_stage(triangles, held, vertex_count, wants, forbids)
-    stages, wasted = close(root, [], wants, forbids, max_levels, scheme, where)
+    rules = Rules(wants, forbids, max_levels, scheme, where)
+    root = coarse_stage(triangles, held, vertex_count, rules)
+    stages, wasted = close(root, [], rules)
     if wasted:
         # Splits that proved impossible had asked for others at coarser levels: plan again without them.
-        stages, _ = close(root, stages, wants, forbids, max_levels, scheme, where)
+        stages, _ = close(root, stages, rules)
 
     deepest = stages[-1]
     shown = [np.ones(stage.split.size, dtype=np.bool_) if shows is None else shows(stage.level) for stage in stages]
