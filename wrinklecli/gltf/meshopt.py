@@ -22,6 +22,7 @@ _BLOCK_ELEMENTS = 256  # at most, and
 _BLOCK_BYTES = 8192
 _WORD = 4  # bytes; channels of attributes are this wide
 _FIFO = 16  # edges and vertices that triangles may refer back to
+_MOST_REMEMBERED = 4096  # edges, before all but those are forgotten
 
 # Bits of a delta in a group by the header's two bits, for each version and control mode; 0 stores nothing.
 _BITS_VERSION_0 = (0, 2, 4, 8)
@@ -223,81 +224,103 @@ def _triangles(data: Bytes, count: int, stride: int) -> Array:
     end = len(stream) - _TABLE_BYTES
     if end < 1 + triangles or stream[0] != 0xE1:
         raise _MalformedError("no triangles of version 1, or too few bytes")
-    table = stream[end:]
-    if table[-2:] != b"\0\0" or any(byte >> 4 == 15 or byte & 15 == 15 for byte in table):
+    reader = _TriangleReader(stream, 1 + triangles, end)
+    if reader.table[-2:] != b"\0\0" or any(byte >> 4 == 15 or byte & 15 == 15 for byte in reader.table):
         raise _MalformedError("an impossible table of codes")
-    offset = 1 + triangles
-    following = last = 0
-    edges: list[tuple[int, int]] = []
-    vertices: list[int] = []
     found: list[int] = []
+    try:
+        for code in stream[1 : 1 + triangles]:
+            edge, corners = code >> 4, code & 15
+            found += reader.on_edge(edge, corners) if edge < 15 else reader.apart(corners)
+    except IndexError as error:
+        raise _MalformedError("refers to an edge or vertex before the first") from error
+    if reader.offset != end:
+        raise _MalformedError("has bytes left over")
+    return np.array(found, "<u4").astype(f"<u{stride}")
 
-    def explicit() -> int:
-        nonlocal offset, last
+
+class _TriangleReader:
+    """What triangles share as they are read, one after another.
+
+    Attributes:
+        table: Codes of the corners of usual triangles.
+        offset: Of the stream's next byte, behind the triangles' own codes.
+    """
+
+    def __init__(self, stream: bytes, offset: int, end: int) -> None:
+        self.table = stream[end:]
+        self.offset = offset
+        self._stream = stream
+        self._end = end
+        self._following = 0  # the next vertex that is new
+        self._last = 0  # the vertex that was spelt out last
+        self._edges: list[tuple[int, int]] = []
+        self._vertices: list[int] = []
+
+    def on_edge(self, edge: int, code: int) -> tuple[int, int, int]:
+        """The triangle on one of the last edges, with a third corner by its code."""
+        a, b = self._edges[-1 - edge]
+        if 0 < code < 13:
+            c = self._vertices[-1 - code]
+        else:
+            if code == 0:
+                c = self._fresh()
+            elif code == 15:
+                c = self._explicit()
+            else:
+                c = self._last = (self._last + (1 if code == 14 else -1)) & _MASK
+            self._vertices.append(c)
+        self._edges += ((c, b), (a, c))
+        self._forget()
+        return a, b, c
+
+    def apart(self, code: int) -> tuple[int, int, int]:
+        """The triangle whose corners' codes stand in the table, or in the stream."""
+        if code < 14:
+            first, others = 0, self.table[code]
+        else:
+            if self.offset >= self._end:
+                raise _MalformedError("ends within a triangle")
+            first, others = (0, 15)[code - 14], self._stream[self.offset]
+            self.offset += 1
+            if others == 0:
+                self._following = 0
+        codes = (first, others >> 4, others & 15)
+        a, b, c = [self._corner(each) for each in codes]
+        self._vertices += [vertex for vertex, each in zip((a, b, c), codes, strict=True) if each in (0, 15)]
+        self._edges += ((b, a), (c, b), (a, c))
+        self._forget()
+        return a, b, c
+
+    def _corner(self, code: int) -> int:
+        """A vertex by four bits: 0 the next new one, 15 spelt out, else one of the last ones."""
+        return self._fresh() if code == 0 else self._explicit() if code == 15 else self._vertices[-code]
+
+    def _fresh(self) -> int:
+        vertex = self._following
+        self._following = (vertex + 1) & _MASK
+        return vertex
+
+    def _explicit(self) -> int:
+        """A varint, the step from the vertex that was spelt out last."""
         value = 0
         for shift in range(0, 7 * _VARINT_BYTES, 7):
-            if offset >= end:
+            if self.offset >= self._end:
                 raise _MalformedError("ends within an index")
-            byte = stream[offset]
-            offset += 1
+            byte = self._stream[self.offset]
+            self.offset += 1
             value |= (byte & 127) << shift
             if byte < 128:
                 break
         else:
             raise _MalformedError("an index of more than five bytes")
         value &= _MASK
-        last = (last + (~(value >> 1) if value & 1 else value >> 1)) & _MASK
-        return last
+        self._last = (self._last + (~(value >> 1) if value & 1 else value >> 1)) & _MASK
+        return self._last
 
-    def fresh() -> int:
-        nonlocal following
-        following = (following + 1) & _MASK
-        return (following - 1) & _MASK
-
-    def corner(code: int) -> int:
-        """A vertex by four bits: 0 the next new one, 15 spelt out, else one of the last ones."""
-        vertex = fresh() if code == 0 else explicit() if code == 15 else vertices[-code]
-        pushed.extend([vertex] if code in (0, 15) else [])
-        return vertex
-
-    try:
-        for code in stream[1 : 1 + triangles]:
-            high, low = code >> 4, code & 15
-            if high < 15:
-                a, b = edges[-1 - high]
-                if 0 < low < 13:
-                    c = vertices[-1 - low]
-                else:
-                    if low == 0:
-                        c = fresh()
-                    elif low == 15:
-                        c = explicit()
-                    else:
-                        c = last = (last + (1 if low == 14 else -1)) & _MASK
-                    vertices.append(c)
-            else:
-                pushed: list[int] = []
-                if low < 14:
-                    codes, first = table[low], 0
-                else:
-                    if offset >= end:
-                        raise _MalformedError("ends within a triangle")
-                    codes, first = stream[offset], (0, 15)[low - 14]
-                    offset += 1
-                    if codes == 0:
-                        following = 0
-                a, b, c = corner(first), corner(codes >> 4), corner(codes & 15)
-                vertices += pushed
-                edges.append((b, a))
-            edges += ((c, b), (a, c))
-            found += (a, b, c)
-            if len(edges) > 4096:
-                del edges[:-_FIFO], vertices[:-_FIFO]
-    except IndexError as error:
-        raise _MalformedError("refers to an edge or vertex before the first") from error
-    if offset != end:
-        raise _MalformedError("has bytes left over")
-    return np.array(found, "<u4").astype(f"<u{stride}")
+    def _forget(self) -> None:
+        if len(self._edges) > _MOST_REMEMBERED:
+            del self._edges[:-_FIFO], self._vertices[:-_FIFO]
 
 
 def _indices(data: Bytes, count: int, stride: int) -> Array:
