@@ -117,7 +117,10 @@ def _write_glb(edited: EditedDocument, out: str, seal: Seal) -> int:
 
 
 def _lay_out_glb(edited: EditedDocument, out: str) -> Layout:
-    """All data in one buffer: what is kept of each of the source's, images, new data."""
+    """All data in one buffer: what is kept of each of the source's, images from elsewhere, new data.
+
+    Buffers without data, which only compressed views name, stay as they are behind it.
+    """
     content: list[Bytes] = []
     size = 0
 
@@ -161,15 +164,21 @@ def _lay_out_glb(edited: EditedDocument, out: str) -> Layout:
     if "bufferViews" in gltf or views:
         gltf["bufferViews"] = views
     if size + edited.new_size:
-        old_buffers = edited.gltf.get("buffers", [])
-        first = {key: value for key, value in old_buffers[0].items() if key != "uri"} if old_buffers else {}
-        if any(name in first.get("extensions", {}) for name in meshopt.EXTENSIONS):
-            del first["extensions"]  # a fallback, which the binary chunk is not any more
-        gltf["buffers"] = [first | {"byteLength": size + edited.new_size}, *placeholders]
+        gltf["buffers"] = [_binary_chunk(gltf) | {"byteLength": size + edited.new_size}, *placeholders]
     gltf = _without_idle_compressions(gltf, edited.source.gltf)
     # The file holds the buffers itself.
     named = [image.get("uri", "data:") for image in edited.source.items("images")]
     return Layout(gltf, [content, *([] for _ in placeholders)], 0, kept, _found_beside(edited.source, out, named))
+
+
+def _binary_chunk(gltf: Json) -> Json:
+    """What is said of the first buffer, where that becomes the binary chunk; its length apart."""
+    if not gltf.get("buffers"):
+        return {}
+    # A fallback of compressed views the chunk is not.
+    fallback = any(name in gltf["buffers"][0].get("extensions", {}) for name in meshopt.EXTENSIONS)
+    left_out = ("uri", "extensions") if fallback else ("uri",)
+    return {key: value for key, value in gltf["buffers"][0].items() if key not in left_out}
 
 
 def _write_gltf(edited: EditedDocument, out: str, seal: Seal, files: FileGroup) -> int:
