@@ -3,9 +3,6 @@
 Three steps: YAML text to a tree that knows its lines, the tree checked by the JSON Schema of `schema`, what is right
 in it read into records: defaults inherited, mirrored tools made, positions turned to Y-up.
 `configs/README.md` is the reference of the keys.
-
-jsonschema-rs checks, which says of every problem where it is and takes 20 ms to import and check a file; models of
-pydantic's took 200, a fifth of a small bake.
 """
 
 import difflib
@@ -13,6 +10,7 @@ import functools
 import os
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Literal, TypeAlias
 
@@ -207,8 +205,77 @@ def _read(root: Node, place: Place, wrong: Collection[Place]) -> tuple[dict[str,
 # --- The tools ---
 
 
-def _ends(values: Mapping[str, Any]) -> set[Position | Marker]:
-    return {values["origin"], values["target"]}
+@dataclass(frozen=True, slots=True)
+class _Tool:
+    """A tool as the file gives it, or mirrored from such a one: its keys in the file's axes, its path, its mapping."""
+
+    values: Mapping[str, Any]
+    path: str
+    node: Node
+
+
+def _tools(root: Node, defaults: Mapping[str, Any], wrong: Collection[Place]) -> tuple[list[_Tool], list[Problem]]:
+    """All tools, each mirrored one behind its source, and what is wrong with them."""
+    node = root.children.get("tools")
+    if node is None or not isinstance(node.value, list):
+        return [], []  # what stands there the schema has not looked into
+    problems: list[Problem] = []
+    given: list[_Tool] = []
+    owners: dict[str, str] = {}  # who has an identifier
+    for i, child in node.children.items():
+        values, odd = _read(root, ("tools", i), wrong)
+        tool = _Tool({**defaults, **values}, path_to("tools", i), child)
+        given.append(tool)
+        problems += [*odd, *_problems_of(tool, owners)]
+        if "name" in tool.values:
+            owners.setdefault(identifier(tool.values["name"]), tool.path)
+    tools: list[_Tool] = []
+    for tool in given:
+        tools.append(tool)
+        axis = tool.values.get("mirror")
+        if axis in (None, "none") or "name" not in tool.values:
+            continue
+        values = mirrored(tool.values, axis)
+        tools.append(_Tool(values, f"{tool.path} (mirrored as {printable(values['name'])})", tool.node))
+        problems += _problems_of_mirrored(tool, values, owners)
+        owners.setdefault(identifier(values["name"]), f"the tool mirrored from {tool.path}")
+    return tools, problems
+
+
+def _problems_of(tool: _Tool, owners: Mapping[str, str]) -> Iterator[Problem]:
+    """What is wrong with a tool beside those before it."""
+    values, parts = tool.values, tool.node.children
+    if "name" in values and (owner := owners.get(identifier(values["name"]))) is not None:
+        shown = parts["name"].shown
+        message = f"found {shown}, but {owner} has that name: they must differ in letters, digits or _"
+        yield Problem(parts["name"].line, f"{tool.path}.name", message)
+    if "origin" in values and values["origin"] == values.get("target"):
+        yield Problem(parts["target"].line, f"{tool.path}.target", "same as origin, expected another point")
+
+
+def _problems_of_mirrored(tool: _Tool, other: Mapping[str, Any], owners: Mapping[str, str]) -> Iterator[Problem]:
+    """What is wrong with the keys of the tool that is mirrored from one."""
+    name = tool.node.children["name"]
+    if other["name"] == tool.values["name"]:
+        message = f"found {name.shown}, expected a side to exchange for mirror, such as brow.L or left_brow"
+    elif (taken := identifier(other["name"])) in owners:
+        message = f"found {name.shown}, but its mirrored tool would have the name of {owners[taken]}"
+    elif None not in _ends(tool.values) and _ends(tool.values) == _ends(other):
+        message = f"found {name.shown}, but its mirrored tool would lie on itself: remove mirror"
+    else:
+        return
+    yield Problem(name.line, f"{tool.path}.name", message)
+
+
+def _ends(values: Mapping[str, Any]) -> set[Position | Marker | None]:
+    return {values.get("origin"), values.get("target")}
+
+
+def _record(tool: _Tool, up: str, shown_name: str) -> WrinkleTool:
+    """The record of a tool with which nothing is wrong."""
+    values = {key: value for key, value in tool.values.items() if key != "mirror"}
+    values |= {key: _y_up(values[key], up) for key in ("origin", "target")}
+    return WrinkleTool(**values, where=f"{shown_name}:{tool.node.line}: {tool.path}")
 
 
 def _y_up(anchor: Position | Marker, up: str) -> Position | Marker:
@@ -216,53 +283,6 @@ def _y_up(anchor: Position | Marker, up: str) -> Position | Marker:
         return anchor
     x, y, z = anchor
     return (x, z, 0.0 - y)
-
-
-def _tools(
-    root: Node, defaults: Mapping[str, Any], wrong: Collection[Place]
-) -> tuple[list[tuple[dict[str, Any], str, int]], list[Problem]]:
-    """All tools in the file's axes, mirrored ones too: keys that the file gives, path and line of each."""
-    node = root.children.get("tools")
-    if node is None or not isinstance(node.value, list):
-        return [], []  # what stands there the schema has not looked into
-    problems: list[Problem] = []
-    tools: list[tuple[dict[str, Any], str, Node]] = []
-    owners: dict[str, str] = {}  # who has an identifier
-    for i, child in node.children.items():
-        path = path_to("tools", i)
-        values, found = _read(root, ("tools", i), wrong)
-        problems += found
-        values = {**defaults, **values}
-        tools.append((values, path, child))
-        if "name" in values:
-            owner = owners.setdefault(identifier(values["name"]), path)
-            if owner != path:
-                name = child.children["name"]
-                message = f"found {name.shown}, but {owner} has that name: they must differ in letters, digits or _"
-                problems.append(Problem(name.line, f"{path}.name", message))
-        if "origin" in values and values["origin"] == values.get("target"):
-            line = child.children["target"].line
-            problems.append(Problem(line, f"{path}.target", "same as origin, expected another point"))
-    result: list[tuple[dict[str, Any], str, int]] = []
-    for values, path, child in tools:
-        axis = values.pop("mirror", None)
-        result.append((values, path, child.line))
-        if axis in (None, "none") or "name" not in values:
-            continue
-        other = mirrored(values, axis)
-        shown, message = child.children["name"].shown, ""
-        if other["name"] == values["name"]:
-            message = f"found {shown}, expected a side to exchange for mirror, such as brow.L or left_brow"
-        elif (taken := identifier(other["name"])) in owners:
-            message = f"found {shown}, but its mirrored tool would have the name of {owners[taken]}"
-        elif {"origin", "target"} <= set(values) and _ends(other) == _ends(values):
-            message = f"found {shown}, but its mirrored tool would lie on itself: remove mirror"
-        if message:
-            problems.append(Problem(child.children["name"].line, f"{path}.name", message))
-        owners.setdefault(identifier(other["name"]), f"the tool mirrored from {path}")
-        note = f"{path} (mirrored as {printable(other['name'])})"
-        result.append((other, note, child.line))
-    return result, problems
 
 
 def parse_tools(text: str, *, name: str = "<tools>") -> ToolsFile:
@@ -278,7 +298,7 @@ def parse_tools(text: str, *, name: str = "<tools>") -> ToolsFile:
     shown_name = printable(name, len(name))
     root, problems = read_tree(text)
     header: dict[str, Any] = {}
-    tools: list[tuple[dict[str, Any], str, int]] = []
+    tools: list[_Tool] = []
     if root is not None:
         refused, wrong = _check(root)
         header, odd = _read(root, (), {*wrong, ("defaults",), ("tools",)})
@@ -290,14 +310,7 @@ def parse_tools(text: str, *, name: str = "<tools>") -> ToolsFile:
             ConfigError(problem.message, where=f"{shown_name}:{problem.line}: {problem.path}".rstrip(": "))
             for problem in sorted(problems, key=lambda problem: problem.line)
         )
-    up = header.get("up", "y")
-    records = (
-        WrinkleTool(
-            **values | {key: _y_up(values[key], up) for key in ("origin", "target")},
-            where=f"{shown_name}:{line}: {path}",
-        )
-        for values, path, line in tools
-    )
+    records = (_record(tool, header.get("up", "y"), shown_name) for tool in tools)
     return ToolsFile(path=name, **header, tools=tuple(tool for tool in records if tool.enabled))
 
 
