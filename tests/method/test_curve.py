@@ -12,7 +12,7 @@ from numpy.polynomial import legendre
 from scipy.integrate import quad
 
 from wrinklecli.method.curve import TAUT, ControlCurve, plan_curve
-from wrinklecli.method.profile import PolylineProfile, SmoothProfile
+from wrinklecli.method.profile import PolylineProfile, SmoothProfile, polyline_heights
 from wrinklecli.numeric.arrays import Floats
 
 NODES, WEIGHTS = legendre.leggauss(24)
@@ -64,9 +64,36 @@ def frames_of(curve: ControlCurve, count: int = 9) -> tuple[Floats, Floats]:
     return TAUT * rest * (1 - parts), rest
 
 
-def steps_of(curve: ControlCurve, shortenings: Floats, rest: Floats) -> tuple[Floats, Floats, Floats]:
-    shares, unabsorbed = curve.absorb(shortenings, rest)
-    return shares, rest, unabsorbed
+def absorb(curve: ControlCurve, shortenings: Floats, rest: Floats) -> tuple[Floats, Floats]:
+    """(frames, bumps) shortening of each bump, and (frames,) what none could take."""
+    absorbed = curve.absorb(shortenings, rest)
+    shares = np.zeros((len(shortenings), curve.bumps))
+    for number, group in enumerate(curve.groups):
+        full = np.where(number < absorbed.rising, absorbed.capacities, 0.0)
+        shares[:, group] = np.where(number == absorbed.rising, absorbed.shares, full)[:, None]
+    return shares, absorbed.unabsorbed
+
+
+def amplitudes_of(curve: ControlCurve, shares: Floats, rest: Floats, unabsorbed: Floats | float = 0.0) -> Floats:
+    """(frames, groups, modes) as the profile gives them for (frames, bumps) shortenings."""
+    intervals = curve.intervals(rest, shares.sum(axis=1) + unabsorbed)
+    return curve.profile.amplitudes(groups_of(curve, shares), intervals[:, None], curve.max_height)
+
+
+def knots_of(
+    curve: ControlCurve, shares: Floats, rest: Floats, unabsorbed: Floats | float = 0.0
+) -> tuple[Floats, Floats]:
+    """(knots,) u and (frames, knots) heights of the exact discrete curve, before it is reduced to modes."""
+    intervals = curve.intervals(rest, shares.sum(axis=1) + unabsorbed)[:, None]
+    per_bump = polyline_heights(curve.details, shares, intervals)
+    per_interval = 2 ** len(curve.details)
+    # Whole numbers of the finest step, so that bumps without a gap share their end knot exactly.
+    starts = np.arange(curve.bumps) * (2 + curve.gap) * per_interval
+    steps = starts[:, None] + np.arange(2 * per_interval + 1)
+    knots, places = np.unique(steps, return_inverse=True)
+    heights = np.zeros((len(per_bump), len(knots)))
+    heights[:, places.reshape(-1)] = per_bump.reshape(len(per_bump), -1)
+    return knots / (curve.interval_count * per_interval), heights
 
 
 def groups_of(curve: ControlCurve, per_bump: Floats) -> Floats:
@@ -75,10 +102,10 @@ def groups_of(curve: ControlCurve, per_bump: Floats) -> Floats:
 
 def exact_heights(curve: ControlCurve, shortenings: Floats, rest: Floats) -> Floats:
     """(frames, bumps) highest points of the exact curve, where modes rebuild it to 1e-4 only."""
-    shares, unabsorbed = curve.absorb(shortenings, rest)
+    shares, unabsorbed = absorb(curve, shortenings, rest)
     if isinstance(curve.profile, SmoothProfile):
-        return curve.heights(curve.amplitudes(shares, rest, unabsorbed))
-    us, heights = curve.knots(shares, rest, unabsorbed)
+        return curve.heights(amplitudes_of(curve, shares, rest, unabsorbed))
+    us, heights = knots_of(curve, shares, rest, unabsorbed)
     tol = 1e-9
     inside = [(us >= start - tol) & (us <= start + 2 / curve.interval_count + tol) for start in curve.bump_starts]
     return np.stack([heights[:, mask].max(axis=1) for mask in inside], axis=1)
@@ -118,8 +145,8 @@ def length_by_quadrature(curve: ControlCurve, amplitude: float, chord: float) ->
 @given(curves(("polyline",)))
 def test_the_exact_polyline_is_as_long_as_at_rest(curve):
     distances, rest = frames_of(curve)
-    shares, unabsorbed = curve.absorb(curve.shortening(distances, rest), rest)
-    us, heights = curve.knots(shares, rest, unabsorbed)
+    shares, unabsorbed = absorb(curve, curve.shortening(distances, rest), rest)
+    us, heights = knots_of(curve, shares, rest, unabsorbed)
     lengths = np.hypot(np.diff(us) * distances[:, None], np.diff(heights)).sum(axis=1)
     np.testing.assert_allclose(lengths, TAUT * rest - unabsorbed, rtol=0, atol=1e-12 * rest.max())
     assert heights.min() >= 0
@@ -160,9 +187,9 @@ def test_the_smooth_length_agrees_with_scipys_quadrature(details, part):
 @given(curves(("polyline",)))
 def test_the_modes_rebuild_the_knots(curve):
     distances, rest = frames_of(curve, 33)
-    shares, unabsorbed = curve.absorb(curve.shortening(distances, rest), rest)
-    us, heights = curve.knots(shares, rest, unabsorbed)
-    rebuilt = np.einsum("fgm,gmv->fv", curve.amplitudes(shares, rest, unabsorbed), curve.shapes(us))
+    shares, unabsorbed = absorb(curve, curve.shortening(distances, rest), rest)
+    us, heights = knots_of(curve, shares, rest, unabsorbed)
+    rebuilt = np.einsum("fgm,gmv->fv", amplitudes_of(curve, shares, rest, unabsorbed), curve.shapes(us))
     assert np.abs(rebuilt - heights).max() <= 2e-4 * heights.max()
 
 
@@ -180,14 +207,14 @@ def test_points_of_their_own_in_each_frame_are_as_high_as_shared_ones(curve):
 def test_what_bumps_absorb_adds_up_and_nothing_is_lost(curve):
     distances, rest = frames_of(curve)
     shortenings = curve.shortening(distances, rest)
-    shares, unabsorbed = curve.absorb(shortenings, rest)
+    shares, unabsorbed = absorb(curve, shortenings, rest)
     assert shares.min() >= 0
     assert unabsorbed.min() >= 0
     np.testing.assert_allclose(shares.sum(axis=1) + unabsorbed, shortenings, rtol=0, atol=1e-14 * rest.max())
     if math.isinf(curve.max_height):
         assert not unabsorbed.any()
     assert not shares[0].any()
-    assert not curve.amplitudes(shares, rest, unabsorbed)[0].any()
+    assert not amplitudes_of(curve, shares, rest, unabsorbed)[0].any()
 
 
 @given(curves())
@@ -203,7 +230,7 @@ def test_no_bump_passes_max_height_and_full_ones_reach_it(curve):
 @given(curves())
 def test_none_starts_before_the_one_before_it_is_full(curve):
     distances, rest = frames_of(curve, 33)
-    shares, _ = curve.absorb(curve.shortening(distances, rest), rest)
+    shares, _ = absorb(curve, curve.shortening(distances, rest), rest)
     by_group = groups_of(curve, shares)
     heights = groups_of(curve, exact_heights(curve, curve.shortening(distances, rest), rest))
     for group in range(1, len(curve.groups)):
@@ -220,7 +247,7 @@ def test_heights_are_monotone_and_continuous_in_the_shortening(curve):
     rest = np.full(len(parts), curve.greatest_rest_length)
     distances = TAUT * rest * (1 - parts)
     heights = exact_heights(curve, curve.shortening(distances, rest), rest)
-    shares, _ = curve.absorb(curve.shortening(distances, rest), rest)
+    shares, _ = absorb(curve, curve.shortening(distances, rest), rest)
     mild = np.ones(len(rest), bool)
     if curve.details and isinstance(curve.profile, PolylineProfile):
         mild = (shares <= (2 * distances / curve.interval_count)[:, None]).all(axis=1)
@@ -295,8 +322,11 @@ def test_a_thousandfold_scene_has_thousandfold_amplitudes(profile, details):
     small = plan(**options, max_height=0.05)
     large = plan(**options, max_height=50.0, rest_length=1000.0, greatest_rest_length=1000.0)
     rest, shortenings = np.ones(9), np.array([0.0, 1e-12, 1e-6, 0.01, 0.1, 0.3, 0.5, 0.7, 0.99])
-    of_small = small.amplitudes(*steps_of(small, shortenings, rest))
-    of_large = large.amplitudes(*steps_of(large, 1000 * shortenings, 1000 * rest))
+    of_small, of_large = (
+        amplitudes_of(curve, shares, scale * rest, unabsorbed)
+        for curve, scale in ((small, 1), (large, 1000))
+        for shares, unabsorbed in [absorb(curve, scale * shortenings, scale * rest)]
+    )
     np.testing.assert_allclose(of_large, 1000 * of_small, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(large.greatest_amplitudes, 1000 * small.greatest_amplitudes)
 
@@ -305,16 +335,16 @@ def test_a_polyline_bump_rises_as_in_the_paper():
     curve = plan(profile="polyline", bumps=3, gap=1, strategy="everywhere")
     shortenings = np.array([0.0, 1e-12, 1e-3, 0.1, 0.5, 0.9])
     rest = np.ones(6)
-    shares, unabsorbed = curve.absorb(shortenings, rest)
+    shares, unabsorbed = absorb(curve, shortenings, rest)
     x, D = (TAUT - shortenings) / 8, shortenings / 3
-    np.testing.assert_allclose(curve.amplitudes(shares, rest)[..., 0, 0], np.sqrt(D * x + D**2 / 4), rtol=1e-12)
+    np.testing.assert_allclose(amplitudes_of(curve, shares, rest)[..., 0, 0], np.sqrt(D * x + D**2 / 4), rtol=1e-12)
     assert not unabsorbed.any()
 
 
 def test_the_first_detail_keeps_both_halves_lengths_on_an_ellipse():
     curve = plan(profile="polyline", bumps=1, details=(0.4,))
-    shares, _ = curve.absorb(np.array([0.3]), np.ones(1))
-    us, (heights,) = curve.knots(shares, np.ones(1))
+    shares, _ = absorb(curve, np.array([0.3]), np.ones(1))
+    us, (heights,) = knots_of(curve, shares, np.ones(1))
     np.testing.assert_allclose(us, [0, 0.25, 0.5, 0.75, 1])
     x = (TAUT - 0.3) / 2
     assert heights[2] == pytest.approx(math.sqrt(0.18 * x + 0.18**2 / 4), rel=1e-14)
@@ -375,8 +405,8 @@ def test_a_frame_alone_is_what_it_is_among_others(curve):
 @given(curves())
 def test_following_is_absorbing_and_rising(curve):
     distances, rest = frames_of(curve)
-    shares, unabsorbed = curve.absorb(curve.shortening(distances, rest), rest)
-    amplitudes = curve.amplitudes(shares, rest, unabsorbed)
+    shares, unabsorbed = absorb(curve, curve.shortening(distances, rest), rest)
+    amplitudes = amplitudes_of(curve, shares, rest, unabsorbed)
     found, left = curve.follow(distances, rest)
     # Of a wrinkle of 1e-15 of the length, the parts' sum is rounded.
     np.testing.assert_allclose(found, amplitudes, rtol=1e-9, atol=1e-7 * curve.greatest_amplitudes.max())
@@ -398,22 +428,17 @@ def test_a_tiny_shortening_starts_like_a_square_root(part):
     curve = plan(bumps=1)
     amplitudes, _ = curve.follow(np.array([TAUT]), np.ones(1))
     assert (amplitudes == 0).all()
-    shares, _ = curve.absorb(np.array([part]), np.ones(1))
+    shares, _ = absorb(curve, np.array([part]), np.ones(1))
     expected = math.sqrt(part) * 2 / np.pi * math.sqrt(TAUT)
-    assert curve.amplitudes(shares, np.ones(1))[0, 0, 0] == pytest.approx(expected, rel=2e-6)
-
-
-def test_a_smooth_curve_has_no_knots():
-    with pytest.raises(ValueError, match="smooth"):
-        plan().knots(np.zeros((1, 4)), np.ones(1))
+    assert amplitudes_of(curve, shares, np.ones(1))[0, 0, 0] == pytest.approx(expected, rel=2e-6)
 
 
 def test_default_amplitudes_of_full_bumps_need_no_unabsorbed_length():
     for profile in ("smooth", "polyline"):
         curve = plan(profile=profile, max_height=0.03)
-        shares, unabsorbed = curve.absorb(np.array([0.5]), np.ones(1))
+        shares, unabsorbed = absorb(curve, np.array([0.5]), np.ones(1))
         assert unabsorbed[0] > 0
-        np.testing.assert_allclose(curve.amplitudes(shares, np.ones(1)), 0.03, rtol=1e-12)
+        np.testing.assert_allclose(amplitudes_of(curve, shares, np.ones(1)), 0.03, rtol=1e-12)
 
 
 @pytest.mark.parametrize("profile", ["smooth", "polyline"])

@@ -14,7 +14,6 @@ polyline with details, its chord below about half its length, trades its highest
 
 import dataclasses
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import pairwise
 from typing import Literal
 
@@ -26,7 +25,6 @@ from wrinklecli.method.profile import (
     SmoothProfile,
     plan_polyline,
     plan_smooth,
-    polyline_heights,
     reachable_heights,
 )
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
@@ -46,6 +44,25 @@ _ROUNDS = 9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Absorption:
+    """How the groups of bumps take up a shortening: first some that are full, then one that rises, then flat ones.
+
+    Attributes:
+        intervals: (frames,) x, scene units.
+        capacities: (frames,) D of a full bump, scene units; inf where bumps have no greatest height.
+        rising: (frames,) which group rises; the number of groups where all are full.
+        shares: (frames,) D of each of its bumps, scene units.
+        unabsorbed: (frames,) what none could take, scene units: ≥ 0, and exactly 0 where some bump is not full.
+    """
+
+    intervals: Floats
+    capacities: Floats
+    rising: Ints
+    shares: Floats
+    unabsorbed: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class ControlCurve:
     """A tool's control curve, planned once, evaluated for all frames at a time.
 
@@ -59,7 +76,7 @@ class ControlCurve:
         max_height: Greatest height of a bump's highest point, details included, scene units; inf for none.
         rest_length: The tool's rest length, scene units.
         greatest_rest_length: The greatest that keyed rest lengths reach, scene units.
-        interval_count: n = 2B + gap (B − 1).
+        interval_count: n, see `count_intervals`.
         groups: Bump indices of each group, in rising order.
         profile: The shape of one bump, precomputed.
         greatest_amplitudes: (groups, modes) bounds of |amplitude|, scene units: reached at full shortening or
@@ -88,61 +105,43 @@ class ControlCurve:
         """Same shape, d = max((1 − 1e-5) l − l', 0): neither stretching nor rounding noise makes wrinkles."""
         return np.maximum(TAUT * rest_lengths - distances, 0.0)
 
-    def absorb(self, shortenings: Floats, rest_lengths: Floats) -> tuple[Floats, Floats]:
-        """Distribute shortenings over the bumps by the tool's strategy.
+    def absorb(self, shortenings: Floats, rest_lengths: Floats) -> Absorption:
+        """Distribute shortenings over the groups of bumps by the tool's strategy.
 
         Args:
             shortenings: (frames,) d, scene units, from 0 to the rest length.
             rest_lengths: (frames,) l, scene units.
-
-        Returns:
-            (frames, bumps) shortening of each bump, and (frames,) what none could take: ≥ 0, and exactly 0
-            where some bump is not full.
         """
-        rising, share, capacities, unabsorbed = self._fill(shortenings, self._intervals(rest_lengths, shortenings))
-        shares = np.zeros((len(shortenings), self.bumps))
-        for number, group in enumerate(self.groups):
-            full = np.where(number < rising, capacities, 0.0)
-            shares[:, group] = np.where(number == rising, share, full)[:, None]
-        return shares, unabsorbed
-
-    def full_groups(self, shortenings: Floats, rest_lengths: Floats) -> Ints:
-        """(frames,) how many groups are full, in the order in which they rise; arguments as of `absorb`."""
-        return self._fill(shortenings, self._intervals(rest_lengths, shortenings))[0]
-
-    def _fill(self, shortenings: Floats, intervals: Floats) -> tuple[Ints, Floats, Floats, Floats]:
-        """What `absorb` gives, in terms of groups: in a frame all are full, then one may be rising, then all flat.
-
-        Returns:
-            (frames,) the index of the rising group, or the number of groups where all are full; (frames,) shortening of
-            each of its bumps, (frames,) that of a full bump, and (frames,) what none could take.
-        """
+        intervals = self.intervals(rest_lengths, shortenings)
         capacities = self.profile.capacity(intervals, self.max_height)
-        sizes, before = _sizes(self.groups)
+        sizes = np.array([len(group) for group in self.groups], np.float64)
+        before = np.append(0.0, np.cumsum(sizes))
         rising = np.zeros(len(shortenings), np.intp)
         for bumps in before[1:]:
             rising += shortenings > bumps * capacities
         # Capacities may be infinite, but not where they are full.
-        rest = np.maximum(shortenings - before[rising] * np.minimum(capacities, shortenings), 0.0)
-        is_full = rising == len(self.groups)
-        share = np.where(is_full, 0.0, rest / sizes[rising])
-        return rising, share, capacities, np.where(is_full, rest, 0.0)
+        left = np.maximum(shortenings - before[rising] * np.minimum(capacities, shortenings), 0.0)
+        all_full = rising == len(self.groups)
+        return Absorption(
+            intervals=intervals,
+            capacities=capacities,
+            rising=rising,
+            shares=np.where(all_full, 0.0, left / np.append(sizes, 1.0)[rising]),
+            unabsorbed=np.where(all_full, left, 0.0),
+        )
 
-    def amplitudes(self, bump_shortenings: Floats, rest_lengths: Floats, unabsorbed: Floats | float = 0.0) -> Floats:
-        """Amplitudes of each group's modes.
-
-        Args:
-            bump_shortenings: (frames, bumps) from `absorb`, scene units.
-            rest_lengths: (frames,) l, scene units.
-            unabsorbed: (frames,) from `absorb`, scene units. Of a polyline with details it shifts the lower
-                knots of full bumps; elsewhere it changes nothing.
-
-        Returns:
-            (frames, groups, modes), scene units.
-        """
-        first = [group[0] for group in self.groups]
-        intervals = self._intervals(rest_lengths, bump_shortenings.sum(axis=1) + unabsorbed)[:, None]
-        return self.profile.amplitudes(bump_shortenings[:, first], intervals, self.max_height)
+    def amplitudes(self, absorbed: Absorption) -> Floats:
+        """(frames, groups, modes) amplitudes of each group's modes, scene units."""
+        count = len(self.groups)
+        amplitudes = np.zeros((len(absorbed.rising), count, self.greatest_amplitudes.shape[1]))
+        full, partly = np.flatnonzero(absorbed.rising > 0), np.flatnonzero(absorbed.rising < count)
+        heights = self.profile.fullest(absorbed.capacities[full], absorbed.intervals[full], self.max_height)
+        for number in range(absorbed.rising.max(initial=0)):
+            amplitudes[full, number] = heights * (absorbed.rising[full] > number)[:, None]
+        amplitudes[partly, absorbed.rising[partly]] = self.profile.amplitudes(
+            absorbed.shares[partly], absorbed.intervals[partly], self.max_height
+        )
+        return amplitudes
 
     def follow(self, distances: Floats, rest_lengths: Floats) -> tuple[Floats, Floats]:
         """All steps in one: (frames, groups, modes) amplitudes and (frames,) unabsorbed lengths, scene units.
@@ -152,25 +151,11 @@ class ControlCurve:
             rest_lengths: (frames,) rest lengths l, scene units.
         """
         shortenings = self.shortening(distances, rest_lengths)
-        acting = np.flatnonzero(shortenings != 0)
+        acting = np.flatnonzero(shortenings)
+        absorbed = self.absorb(shortenings[acting], rest_lengths[acting])
         amplitudes = np.zeros((len(shortenings), *self.greatest_amplitudes.shape))
         unabsorbed = np.zeros(len(shortenings))
-        if len(acting):
-            taken = shortenings[acting]
-            intervals = self._intervals(rest_lengths[acting], taken)
-            rising, share, capacities, unabsorbed[acting] = self._fill(taken, intervals)
-            full, partly = np.flatnonzero(rising > 0), np.flatnonzero(rising < len(self.groups))
-            if len(full):
-                heights = np.zeros((len(shortenings), amplitudes.shape[2]))
-                heights[acting[full]] = self.profile.fullest(capacities[full], intervals[full], self.max_height)
-                counts = np.zeros(len(shortenings), np.intp)
-                counts[acting] = rising
-                # Multiplied, since to pick those that are full takes three times as long.
-                for number in range(rising.max()):
-                    np.multiply(heights, (counts > number)[:, None], out=amplitudes[:, number])
-            if len(partly):
-                partial = self.profile.amplitudes(share[partly], intervals[partly], self.max_height)
-                amplitudes[acting[partly], rising[partly]] = partial
+        amplitudes[acting], unabsorbed[acting] = self.amplitudes(absorbed), absorbed.unabsorbed
         return amplitudes, unabsorbed
 
     def shapes(self, us: Floats) -> Floats:
@@ -203,7 +188,7 @@ class ControlCurve:
         inside = (taus > 0) & (taus < 1)
         at = np.flatnonzero(inside)
         frames = np.broadcast_to(np.arange(us.shape[1]), us.shape).reshape(-1)[at]
-        acting = amplitudes[frames, self._groups_of_bumps()[bumps.reshape(-1)[at]]]
+        acting = amplitudes[frames, self.groups_of_bumps[bumps.reshape(-1)[at]]]
         heights = np.zeros(us.shape)
         heights[inside] = np.sum(acting.T * self.profile.shapes(taus.reshape(-1)[at]), axis=0)
         return heights
@@ -214,7 +199,7 @@ class ControlCurve:
         Args:
             amplitudes: (frames, groups, modes), scene units.
         """
-        return self.profile.highest(amplitudes)[:, self._groups_of_bumps()]
+        return self.profile.highest(amplitudes)[:, self.groups_of_bumps]
 
     def lengths(self, amplitudes: Floats, distances: Floats) -> Floats:
         """(frames,) arc length of the control curve, scene units: l' + d − unabsorbed, if all is right.
@@ -224,49 +209,25 @@ class ControlCurve:
             distances: (frames,) current lengths l', scene units.
         """
         intervals = (distances / self.interval_count)[:, None]
-        excess = self.profile.excess(amplitudes, intervals)[:, self._groups_of_bumps()]
+        excess = self.profile.excess(amplitudes, intervals)[:, self.groups_of_bumps]
         return np.asarray(distances + excess.sum(axis=1), np.float64)
 
-    def knots(
-        self, bump_shortenings: Floats, rest_lengths: Floats, unabsorbed: Floats | float = 0.0
-    ) -> tuple[Floats, Floats]:
-        """The exact discrete curve of `profile: polyline`, before it is reduced to modes.
-
-        Args:
-            bump_shortenings: (frames, bumps) from `absorb`, scene units.
-            rest_lengths: (frames,) l, scene units.
-            unabsorbed: (frames,) from `absorb`, scene units.
-
-        Returns:
-            (knots,) positions u from 0 to 1, rising, and (frames, knots) heights, scene units, straight in
-            between.
-
-        Raises:
-            ValueError: The profile is smooth and has no knots.
-        """
-        if isinstance(self.profile, SmoothProfile):
-            raise ValueError("a smooth profile has no knots")
-        intervals = self._intervals(rest_lengths, bump_shortenings.sum(axis=1) + unabsorbed)[:, None]
-        per_bump = polyline_heights(self.details, bump_shortenings, intervals)
-        per_interval = 2 ** len(self.details)
-        # Whole numbers of the finest step, so that bumps without a gap share their end knot exactly.
-        starts = np.arange(self.bumps) * (2 + self.gap) * per_interval
-        steps = starts[:, None] + np.arange(2 * per_interval + 1)
-        knots, places = np.unique(steps, return_inverse=True)
-        heights = np.zeros((len(per_bump), len(knots)))
-        heights[:, places.reshape(-1)] = per_bump.reshape(len(per_bump), -1)
-        return knots / (self.interval_count * per_interval), heights
-
-    def _intervals(self, rest_lengths: Floats, shortenings: Floats) -> Floats:
+    def intervals(self, rest_lengths: Floats, shortenings: Floats) -> Floats:
         """(frames,) x = l'/n; where d = 0, l' may be longer, but nothing rises there."""
         return np.maximum(TAUT * rest_lengths - shortenings, 0.0) / self.interval_count
 
-    def _groups_of_bumps(self) -> Ints:
+    @property
+    def groups_of_bumps(self) -> Ints:
         """(bumps,) index of the group of each bump."""
         indices = np.zeros(self.bumps, np.intp)
         for index, group in enumerate(self.groups):
             indices[list(group)] = index
         return indices
+
+
+def count_intervals(bumps: int, gap: int) -> int:
+    """n, the control intervals of a segment: two for each bump, and `gap` flat ones between neighbours."""
+    return 2 * bumps + gap * (bumps - 1)
 
 
 def plan_curve(
@@ -292,7 +253,7 @@ def plan_curve(
         rest_length: The tool's rest length, scene units, > 0.
         greatest_rest_length: The greatest that keyed rest lengths reach, scene units; else `rest_length`.
     """
-    interval_count = 2 * bumps + gap * (bumps - 1)
+    interval_count = count_intervals(bumps, gap)
     groups = _group(bumps, strategy)
     greatest = max(rest_length, greatest_rest_length or 0.0)
     shape: SmoothProfile | PolylineProfile
@@ -314,22 +275,24 @@ def plan_curve(
         profile=shape,
         greatest_amplitudes=np.zeros((len(groups), 1)),
     )
+    return dataclasses.replace(curve, greatest_amplitudes=_greatest_amplitudes(curve))
+
+
+def _greatest_amplitudes(curve: ControlCurve) -> Floats:
+    """(groups, modes) bounds of |amplitude|, scene units."""
     # Heights grow with d/l, and at the same d/l with l: the greatest are those where the ends meet.
-    lengths = np.array([greatest])
-    shares, unabsorbed = curve.absorb(TAUT * lengths, lengths)
-    bounds = curve.amplitudes(shares, lengths, unabsorbed)[0]
-    if isinstance(shape, PolylineProfile):
-        # A mode may turn round on its way, so its end is no bound; its samples are.
-        rises = shares[0, [group[0] for group in groups]] > 0
-        bounds = np.where(rises[:, None], np.maximum(shape.sampled_amplitudes, np.abs(bounds)), 0.0)
-    return dataclasses.replace(curve, greatest_amplitudes=bounds)
-
-
-@lru_cache(maxsize=64)
-def _sizes(groups: tuple[tuple[int, ...], ...]) -> tuple[Floats, Floats]:
-    """(groups + 1,) number of bumps of each group, and of all before it; after the last, 1 and that of all."""
-    sizes = np.array([*map(len, groups), 1], np.float64)
-    return sizes, np.append(0.0, np.cumsum(sizes[:-1]))
+    lengths = np.array([curve.greatest_rest_length])
+    absorbed = curve.absorb(TAUT * lengths, lengths)
+    numbers = np.arange(len(curve.groups))
+    shares = np.where(numbers < absorbed.rising, absorbed.capacities, 0.0)
+    shares = np.where(numbers == absorbed.rising, absorbed.shares, shares)
+    # The ends meet but for the rounding of the bumps' sum.
+    taken = shares[curve.groups_of_bumps].sum() + absorbed.unabsorbed
+    bounds = curve.profile.amplitudes(shares, curve.intervals(lengths, taken), curve.max_height)
+    if isinstance(curve.profile, SmoothProfile):
+        return bounds
+    # A mode may turn round on its way, so its end is no bound; its samples are.
+    return np.where(shares[:, None] > 0, np.maximum(curve.profile.sampled_amplitudes, np.abs(bounds)), 0.0)
 
 
 def _group(bumps: int, strategy: Strategy) -> tuple[tuple[int, ...], ...]:
@@ -366,7 +329,7 @@ def group_starts(curve: ControlCurve) -> Floats:
         tried = np.linspace(low, high, _PARTS + 1)
         lengths = np.full(tried.size, curve.rest_length)
         shortenings = curve.shortening((1.0 - tried.reshape(-1)) * lengths, lengths)
-        full = curve.full_groups(shortenings, lengths).reshape(tried.shape) > groups
+        full = curve.absorb(shortenings, lengths).rising.reshape(tried.shape) > groups
         full[-1] = True  # the last stands for what is never full
         first = np.argmax(full[1:], axis=0)
         low, high = tried[first, groups], tried[first + 1, groups]

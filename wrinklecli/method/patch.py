@@ -15,7 +15,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
 from wrinklecli.errors import BakeError, WrinkleError, listed
 from wrinklecli.method.anchor import Anchor, anchor_at
-from wrinklecli.method.curve import ControlCurve, plan_curve
+from wrinklecli.method.curve import ControlCurve, count_intervals, plan_curve
 from wrinklecli.method.rest import Rest, marker_position
 from wrinklecli.numeric.arrays import (
     Bools,
@@ -197,8 +197,7 @@ def _max_height(tool: WrinkleTool, span: float, rest_length: float) -> float:
     if tool.max_height is None:
         return np.inf
     if tool.max_height == "auto":
-        intervals = 2 * tool.bumps + tool.gap * (tool.bumps - 1)
-        return 0.25 * 2.0 * rest_length / intervals
+        return 0.25 * 2.0 * rest_length / count_intervals(tool.bumps, tool.gap)
     return tool.max_height.resolve(span)
 
 

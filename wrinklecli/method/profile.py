@@ -377,6 +377,6 @@ def polyline_capacity(details: tuple[float, ...], intervals: Floats, max_height:
         high_misses = np.where(above, found, np.where(side == -1, high_misses / 2, high_misses))
         lows, highs = np.where(above, lows, guesses), np.where(above, guesses, highs)
         side = np.where(above, 1, -1)
-        if np.max(np.abs(found)) < 1e-14:
+        if np.abs(found).max(initial=0.0) < 1e-14:
             break
     return np.asarray(guesses, np.float64)
