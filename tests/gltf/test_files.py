@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from wrinklecli.errors import BakeError
-from wrinklecli.gltf.files import replace_bytes, replace_file
+from wrinklecli.gltf.files import FileGroup, make_folders, replace_bytes, replace_file
 
 
 @pytest.mark.parametrize("fault", ["write", "fsync", "chmod", "replace", "interrupt"])
@@ -72,3 +72,39 @@ def test_link_to_an_out_stays_a_link(tmp_path: Path) -> None:
     replace_bytes(str(tmp_path / "link"), b"new")
     assert (tmp_path / "link").is_symlink()
     assert (tmp_path / "real").read_bytes() == b"new"
+
+
+def test_folders_are_made_outermost_first_and_named(tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    wanted = [str(tmp_path / "there" / "a"), str(tmp_path / "there" / "a" / "b")]
+    assert make_folders(wanted[-1]) == wanted
+    assert make_folders(wanted[-1]) == []
+
+
+def test_folders_that_cannot_all_be_made_leave_none(tmp_path: Path) -> None:
+    with pytest.raises(BakeError, match="cannot be written"):
+        make_folders(str(tmp_path / "a" / "b" / ("c" * 300)))
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize("fault", [BakeError("no"), KeyboardInterrupt()])
+def test_a_group_of_files_that_fails_leaves_what_was_there(tmp_path: Path, fault: BaseException) -> None:
+    (tmp_path / "old").write_bytes(b"old")
+
+    def fail() -> None:
+        with FileGroup() as files:
+            files.make_folders(str(tmp_path / "a" / "b"))
+            assert files.replace_bytes(str(tmp_path / "a" / "b" / "new"), b"12345") == 5
+            files.replace_bytes(str(tmp_path / "old"), b"new")
+            raise fault
+
+    with pytest.raises(type(fault)):
+        fail()
+    assert os.listdir(tmp_path) == ["old"]
+
+
+def test_a_group_of_files_stays(tmp_path: Path) -> None:
+    with FileGroup() as files:
+        files.make_folders(str(tmp_path / "a"))
+        files.replace_bytes(str(tmp_path / "a" / "new"), b"new")
+    assert (tmp_path / "a" / "new").read_bytes() == b"new"

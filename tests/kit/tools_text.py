@@ -1,8 +1,12 @@
 """Text of tools files, with what is said of mistakes in it, and Hypothesis strategies for the values of its keys."""
 
+import pytest
 from hypothesis import strategies as st
 
 from kit.places import ROOT
+from wrinklecli.errors import ConfigError
+from wrinklecli.tools.read import parse_tools
+from wrinklecli.tools.records import WrinkleTool
 from wrinklecli.tools.schema import TOOLS_SCHEMA
 
 README = (ROOT / "configs" / "README.md").read_text(encoding="utf-8")
@@ -12,6 +16,33 @@ tools:
   - name: brow.L
     origin: [1, 2, 3]
     target: [1, 4, 3]
+"""
+EVERYTHING = """\
+version: 1
+up: y
+rest: {clip: walk, time: 0.5}
+sampling: {fps: 24, clips: [walk, run]}
+refinement: {max_levels: 3, edges_per_interval: 4, scheme: midpoint}
+defaults: {attenuation: linear}
+tools:
+  - name: brow.L
+    node: head_male
+    origin: [0.035, 0.845, 0.150]
+    target: {marker: brow_top.L}
+    snap: vertex
+    width: 0.05
+    strategy: both_ends
+    bumps: 5
+    gap: 1
+    max_height: 40%
+    details: [0.2, 0.1]
+    profile: polyline
+    attachment: patch
+    strength: -0.5
+    clips: {walk: 0.3, idle: 0}
+    rest_length: {keys: {frown: [[0, 0.06], [0.5, 110%]]}}
+    enabled: true
+    optional: true
 """
 LENGTHS = "a length from 1e-9 to 1e9 scene units or a percentage from 0.01% to 10000%"
 TEXT = "text, in quotes where YAML would read a number, true, false or null"
@@ -177,3 +208,19 @@ OPTIONS = {
     ),
     "optional": st.booleans(),
 }
+
+
+def first_tool(more: str = "width: 1", **options: str) -> WrinkleTool:
+    """The first tool of HEAD with more keys."""
+    text = options.get("before", "") + HEAD + "".join(f"    {line}\n" for line in more.splitlines())
+    return parse_tools(text).tools[0]
+
+
+def lines_of(text: str, name: str = "t.yaml") -> list[str]:
+    with pytest.raises(ConfigError) as caught:
+        parse_tools(text, name=name)
+    return list(caught.value.lines)
+
+
+def tool_lines(more: str) -> list[str]:
+    return lines_of(HEAD + "".join(f"    {line}\n" for line in more.splitlines()))

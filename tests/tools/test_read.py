@@ -18,6 +18,7 @@ from kit.tools_text import (
     ANCHORS,
     BAD_HEADERS,
     BAD_TOOL_KEYS,
+    EVERYTHING,
     FILE,
     FILE_KEYS,
     HEAD,
@@ -29,6 +30,9 @@ from kit.tools_text import (
     TEXT,
     TOOL,
     TOOL_KEYS,
+    first_tool,
+    lines_of,
+    tool_lines,
 )
 from wrinklecli.errors import ConfigError
 from wrinklecli.tools import schema
@@ -47,46 +51,6 @@ from wrinklecli.tools.records import (
 )
 from wrinklecli.tools.schema import TOOLS_SCHEMA
 
-EVERYTHING = """\
-version: 1
-up: y
-rest: {clip: walk, time: 0.5}
-sampling: {fps: 24, clips: [walk, run]}
-refinement: {max_levels: 3, edges_per_interval: 4, scheme: midpoint}
-defaults: {attenuation: linear}
-tools:
-  - name: brow.L
-    node: head_male
-    origin: [0.035, 0.845, 0.150]
-    target: {marker: brow_top.L}
-    snap: vertex
-    width: 0.05
-    strategy: both_ends
-    bumps: 5
-    gap: 1
-    max_height: 40%
-    details: [0.2, 0.1]
-    profile: polyline
-    attachment: patch
-    strength: -0.5
-    clips: {walk: 0.3, idle: 0}
-    rest_length: {keys: {frown: [[0, 0.06], [0.5, 110%]]}}
-    enabled: true
-    optional: true
-"""
-
-
-def tool(more: str = "width: 1", **options: str) -> WrinkleTool:
-    """The first tool of HEAD with more keys."""
-    text = options.get("before", "") + HEAD + "".join(f"    {line}\n" for line in more.splitlines())
-    return parse_tools(text).tools[0]
-
-
-def lines_of(text: str, name: str = "t.yaml") -> list[str]:
-    with pytest.raises(ConfigError) as caught:
-        parse_tools(text, name=name)
-    return list(caught.value.lines)
-
 
 def complaints(text: str) -> tuple[str, ...]:
     """The lines of the error, none for a good file."""
@@ -95,10 +59,6 @@ def complaints(text: str) -> tuple[str, ...]:
     except ConfigError as error:
         return error.lines
     return ()
-
-
-def tool_lines(more: str) -> list[str]:
-    return lines_of(HEAD + "".join(f"    {line}\n" for line in more.splitlines()))
 
 
 # --- what a file says ---
@@ -217,21 +177,21 @@ def test_schema_and_records_agree_on_keys_and_defaults():
     ],
 )
 def test_values_as_read(more, key, expected):
-    found = getattr(tool(more), key)
+    found = getattr(first_tool(more), key)
     assert found == expected
     assert type(found) is type(expected)
 
 
 def test_defaults_are_inherited_and_replaced_as_a_whole():
     defaults = "defaults: {width: 80%, bumps: 7, clips: {a: 1, b: 2}, details: [0.1, 0.1]}\n"
-    found = tool("clips: {c: 3}\ndetails: []", before=defaults)
+    found = first_tool("clips: {c: 3}\ndetails: []", before=defaults)
     assert (found.width, found.bumps) == (Length(80.0, percent=True), 7)
     assert (found.clips, found.details) == ({"c": 3.0}, ())
-    assert tool("width: 1", before="defaults:\n").bumps == 4
+    assert first_tool("width: 1", before="defaults:\n").bumps == 4
 
 
 def test_strength_in_a_clip():
-    found = tool("width: 1\nstrength: 2\nclips: {walk: 0.5}")
+    found = first_tool("width: 1\nstrength: 2\nclips: {walk: 0.5}")
     assert (found.strength_in("walk"), found.strength_in("run")) == (0.5, 2.0)
 
 
@@ -242,15 +202,15 @@ def test_only_enabled_tools_are_kept_but_all_are_checked():
 
 
 def test_records_are_frozen_and_hash():
-    found = tool("width: 1\nrest_length: {keys: {a: [[0, 1]]}}")
-    assert hash(found) == hash(tool("width: 1\nrest_length: {keys: {a: [[0, 1]]}}"))
+    found = first_tool("width: 1\nrest_length: {keys: {a: [[0, 1]]}}")
+    assert hash(found) == hash(first_tool("width: 1\nrest_length: {keys: {a: [[0, 1]]}}"))
     for record in (found, found.width, parse_tools(HEAD + "    width: 1"), Marker("a"), Sampling()):
         with pytest.raises(FrozenInstanceError):
             setattr(record, fields(record)[0].name, None)
 
 
 def test_z_up_positions_become_y_up():
-    found = tool("width: 1\nmirror: x", before="up: z\n")
+    found = first_tool("width: 1\nmirror: x", before="up: z\n")
     assert found.origin == (1.0, 3.0, -2.0)
     assert parse_tools("up: z\n" + HEAD + "    width: 1\n    mirror: x\n").tools[1].origin == (
         -1.0,
@@ -266,104 +226,6 @@ def test_the_turn_to_y_up_keeps_length_and_turns_back(position):
     u, v, w = parse_tools(text).tools[0].origin
     assert (u, -w, v) == position
     assert str(w) != "-0.0"
-
-
-# --- mirror ---
-
-
-@pytest.mark.parametrize(
-    ("name", "other"),
-    [
-        ("brow.L", "brow.R"),
-        ("brow.l", "brow.r"),
-        ("brow_R", "brow_L"),
-        ("brow_r", "brow_l"),
-        ("brow.L.001", "brow.R.001"),
-        ("l_brow", "r_brow"),
-        ("left brow", "right brow"),
-        ("leftBrow", "rightBrow"),
-        ("browRight", "browLeft"),
-        ("mixamorig:LeftArm", "mixamorig:RightArm"),
-        ("LEFT_ARM", "RIGHT_ARM"),
-        ("bright.L", "bright.R"),
-        ("ball_l", "ball_r"),
-    ],
-)
-def test_mirror_exchanges_sides(name, other):
-    text = f"version: 1\ntools: [{{name: '{name}', mirror: x, origin: [1, 2, 3], target: [2, 2, 3], width: 1}}]"
-    assert [found.name for found in parse_tools(text).tools] == [name, other]
-
-
-@pytest.mark.parametrize("name", ["brow", "bright", "cleft", "Lip", "browl", "upright", "Leftover"])
-def test_a_name_without_a_side_cannot_be_mirrored(name):
-    text = HEAD.replace("brow.L", name) + "    width: 1\n    mirror: x\n"
-    assert lines_of(text) == [
-        f"t.yaml:3: tools[0].name: found {name}, expected a side to exchange for mirror, such as brow.L or left_brow"
-    ]
-
-
-@pytest.mark.parametrize(
-    ("axis", "up", "expected"),
-    [
-        ("x", "y", (-1.0, 2.0, 3.0)),
-        ("y", "y", (1.0, -2.0, 3.0)),
-        ("z", "y", (1.0, 2.0, -3.0)),
-        ("x", "z", (-1.0, 3.0, -2.0)),
-        ("y", "z", (1.0, 3.0, 2.0)),
-        ("z", "z", (1.0, -3.0, -2.0)),
-    ],
-)
-def test_mirror_negates_the_axis_as_written(axis, up, expected):
-    text = f"up: {up}\n{HEAD}    width: 1\n    mirror: {axis}\n"
-    assert parse_tools(text).tools[1].origin == expected
-
-
-def test_a_mirrored_tool_copies_the_rest_and_names_its_source():
-    text = EVERYTHING.replace("    enabled: true\n", "    mirror: x\n").replace("head_male", "glove_l")
-    source, other = parse_tools(text, name="t.yaml").tools
-    assert (other.name, other.target, other.node) == ("brow.R", Marker("brow_top.R"), "glove_r")
-    assert other.where == "t.yaml:8: tools[0] (mirrored as brow.R)"
-    changed = {"name", "origin", "target", "node", "where"}
-    for entry in fields(WrinkleTool):
-        if entry.name not in changed:
-            assert getattr(other, entry.name) == getattr(source, entry.name)
-
-
-def test_mirror_exchanges_the_driving_morph_target():
-    text = HEAD + "    width: 1\n    mirror: x\n    rest_length: {morph: browUpLeft, full: 115%}\n"
-    assert [found.rest_length.morph for found in parse_tools(text).tools] == ["browUpLeft", "browUpRight"]
-
-
-def test_mirror_twice_is_the_source():
-    text = HEAD + "    width: 1\n    mirror: x\n"
-    there = parse_tools(text).tools[1]
-    back = f"version: 1\ntools: [{{name: {there.name}, origin: {list(there.origin)}, "
-    back += f"target: {list(there.target)}, width: 1, mirror: x}}]"
-    source, again = parse_tools(text).tools[0], parse_tools(back).tools[1]
-    assert (again.name, again.origin, again.target) == (source.name, source.origin, source.target)
-
-
-def test_mirror_order_and_none():
-    more = "  - {name: b.L, origin: [0, 0, 0], target: [1, 0, 0], width: 1, mirror: none}\n"
-    text = f"defaults: {{mirror: x}}\n{HEAD}    width: 1\n{more}"
-    assert [found.name for found in parse_tools(text).tools] == ["brow.L", "brow.R", "b.L"]
-
-
-def test_mirror_collisions():
-    other = "  - {name: brow_R, origin: [0, 0, 0], target: [1, 0, 0], width: 1}\n"
-    assert lines_of(f"{HEAD}    width: 1\n    mirror: x\n{other}") == [
-        "t.yaml:3: tools[0].name: found brow.L, but its mirrored tool would have the name of tools[1]"
-    ]
-    across = HEAD.replace("[1, 2, 3]", "[-1, 2, 3]").replace("[1, 4, 3]", "[1, 2, 3]")
-    for text in (across, HEAD.replace("[1, ", "[0, ")):
-        assert lines_of(f"{text}    width: 1\n    mirror: x\n") == [
-            "t.yaml:3: tools[0].name: found brow.L, but its mirrored tool would lie on itself: remove mirror"
-        ]
-
-
-def test_a_missing_end_does_not_lie_on_itself():
-    text = HEAD.replace("[1, ", "[0, ").replace("    target: [0, 4, 3]\n", "")
-    assert lines_of(f"{text}    width: 1\n    mirror: x\n") == ["t.yaml:3: tools[0].target: required, but missing"]
 
 
 # --- what a file must not say ---
@@ -449,7 +311,7 @@ def test_names_must_differ_once_they_are_sanitised():
     assert lines_of(f"{HEAD}    width: 1\n{other}") == [
         "t.yaml:7: tools[1].name: found brow_L, but tools[0] has that name: they must differ in letters, digits or _"
     ]
-    assert tool().identifier == "brow_L"
+    assert first_tool().identifier == "brow_L"
 
 
 def test_everything_wrong_is_reported_at_once_in_the_order_of_lines():
