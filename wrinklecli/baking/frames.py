@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrinklecli.baking.morphs import encode_mesh
+from wrinklecli.baking.morphs import encode_mesh, turned_normals
 from wrinklecli.baking.refined_mesh import RefinedPrimitive, base_normals, old_values, primitives_of
 from wrinklecli.baking.sample import Motion
 from wrinklecli.baking.targets import Target
@@ -20,7 +20,6 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edit import VERTEX_DATA, EditedDocument
 from wrinklecli.gltf.shape import Json
 from wrinklecli.method.refine import Refinement
-from wrinklecli.method.shapes import turn_to
 from wrinklecli.numeric.arrays import Floats, Ints, unit
 from wrinklecli.numeric.guard import Progress
 
@@ -71,7 +70,7 @@ def pose_frames(document: Document, frames: Frames, motion: Motion) -> Iterator[
     if base is not None:
         bent = np.concatenate([old_deltas, np.zeros((len(frames.targets), *base.shape))])
         for into, target in zip(bent[len(old_deltas) :], frames.targets, strict=True):
-            vertices, turns = _turned_normals(target, fine, welds, base)
+            vertices, turns = turned_normals(target.shape, welds, fine.normals, base)
             into[vertices] = turns
     skin = prepare(weights, fine.positions[welds], deltas, base, bent)
     along = None if tangents is None else prepare(weights, tangents[:, :3], np.zeros((0, len(welds), 3)))
@@ -124,15 +123,6 @@ def _joined(attributes: Sequence[Floats | None], parts: Sequence[RefinedPrimitiv
             for each, part in zip(attributes, parts, strict=True)
         ]
     )
-
-
-def _turned_normals(target: Target, fine: Refinement, welds: Ints, base: Floats) -> tuple[Ints, Floats]:
-    """The glTF vertices whose normal a target changes, and by how much at weight 1."""
-    rows = np.full(len(fine.positions), -1, np.intp)
-    rows[target.shape.normal_vertices] = np.arange(len(target.shape.normal_vertices))
-    here = np.flatnonzero(rows[welds] >= 0)
-    deltas = target.shape.normal_deltas[rows[welds[here]]]
-    return here, turn_to(fine.normals[welds[here]], base[here], deltas)
 
 
 def encode_frames(draft: EditedDocument, every: Sequence[Frames], progress: Progress) -> None:

@@ -4,14 +4,16 @@ Source: glTF 2.0 §3.7.2.2 (morph targets), §3.6.2.3 (sparse accessors), §3.11
 """
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 from wrinklecli.baking.extras import encode_extras
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.refined_mesh import (
+    Key,
     RefinedPrimitive,
+    Written,
     base_normals,
     base_tangents,
     drop_repeated,
@@ -24,11 +26,32 @@ from wrinklecli.baking.targets import Target, TargetSet, targets_of
 from wrinklecli.character.clip import Clip, read_clips
 from wrinklecli.character.rig import Rig, morph_target_names
 from wrinklecli.character.weight_track import Track, pad, widen
+from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edit import VERTEX_DATA, EditedDocument
 from wrinklecli.gltf.shape import Json
 from wrinklecli.method.refine import Refinement
 from wrinklecli.method.shapes import Shape, turn_to
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
+
+
+@dataclass(frozen=True, slots=True)
+class _Base:
+    """What morph targets turn on one primitive.
+
+    Attributes:
+        normals: (vertices, 3) unit; None where targets get no NORMAL.
+        tangents: (vertices, 3) unit; None where they get no TANGENT.
+        key: The same for primitives that share vertices, normals and tangents.
+    """
+
+    normals: Floats | None
+    tangents: Floats | None
+    key: Key
+
+    @property
+    def names(self) -> list[str]:
+        """The attributes that targets turn."""
+        return [name for name, has in (("NORMAL", self.normals), ("TANGENT", self.tangents)) if has is not None]
 
 
 def encode_morphs(
@@ -40,28 +63,45 @@ def encode_morphs(
     sparse: bool,
     tangents: bool = False,
 ) -> None:
-    """Put meshes, targets, tracks and extras into the draft."""
-    rig = plan.rig
+    """Put meshes, targets, tracks and extras into the draft.
+
+    Args:
+        draft: The document.
+        plan: The tools on a mesh.
+        target_sets: Their targets.
+        motions: Clips to write tracks for.
+        sparse: Write targets as sparse accessors.
+        tangents: Write TANGENT targets where the base has TANGENT.
+    """
     targets = targets_of(target_sets)
-    # In the stored pose nothing is wrinkled, unless the tools file names another pose as rest.
-    known = np.zeros(len(targets))
-    if all(each.from_skin for each in target_sets):
-        stored = [
-            each.written(each.shape_weights(skin_weights(plan, each.carried, None, np.zeros(1))))
-            for each in target_sets
-        ]
-        known = np.concatenate(stored, axis=1)[0]
-    groups = shared_vertices(draft.source, rig.mesh, plan.fine)
-    encode_mesh(draft, rig, plan.fine, targets, sparse=sparse, stored=known, tangents=tangents, groups=groups)
+    stored = _stored_weights(plan, target_sets)
+    groups = shared_vertices(draft.source, plan.rig.mesh, plan.fine)
+    encode_mesh(draft, plan.rig, plan.fine, targets, sparse=sparse, stored=stored, tangents=tangents, groups=groups)
     encode_extras(draft, plan, target_sets)
+    _encode_tracks(draft, plan.rig, motions, stored)
+
+
+def _stored_weights(plan: MeshPlan, target_sets: Sequence[TargetSet]) -> Floats:
+    """(targets,) weights in the stored pose, where nothing is wrinkled unless the tools file has another rest pose."""
+    if not all(each.from_skin for each in target_sets):
+        return np.zeros(len(targets_of(target_sets)))
+    at_once = [
+        each.written(each.shape_weights(skin_weights(plan, each.carried, None, np.zeros(1)))) for each in target_sets
+    ]
+    stored: Floats = np.concatenate(at_once, axis=1)[0]
+    return stored
+
+
+def _encode_tracks(draft: EditedDocument, rig: Rig, motions: Sequence[Motion], stored: Floats) -> None:
+    """Write weight tracks of all morph targets, old and new; a clip that is not baked keeps the stored weights."""
     baked = {motion.clip.index for motion in motions}
     for clip in read_clips(draft.source):
         channel = clip.channel(rig.node, "weights")
         if channel is not None and clip.index not in baked:
             # A channel drives all targets of its mesh, so a clip that is not baked is widened too.
-            encode_track(draft, clip, rig.node, pad(channel, known))
+            encode_track(draft, clip, rig.node, pad(channel, stored))
     # Without a target, as where no vertex lies under a bump, a track would have no values.
-    for motion in motions if targets else ():
+    for motion in motions if len(stored) else ():
         channel = motion.clip.channel(rig.node, "weights")
         times, weights = motion.times[motion.keys], motion.weights[motion.keys]
         encode_track(draft, motion.clip, rig.node, widen(channel, rig, motion.clip, times, weights))
@@ -98,46 +138,27 @@ def encode_mesh(
     """
     node = draft.gltf["nodes"][rig.node]
     mesh = own_mesh(draft, node, rig.mesh)
-    names = morph_target_names(mesh) + [target.name for target in targets]
-    source = draft.source
-    parts = primitives_of(fine, groups)
-    drop_repeated(draft, mesh, parts)
-    written: dict[Any, int] = {}
-    touched = distinct_values(np.concatenate([np.zeros(0, np.intp), *(each.shape.normal_vertices for each in targets)]))
-    smooth = np.zeros(fine.positions.shape)
-    smooth[touched] = fine.normals_at(touched)
-    for part in parts:
-        primitive = mesh["primitives"][part.index]
-        where = source.where("meshes", rig.mesh, "primitives", part.index)
-        old_targets = primitive.get("targets", [])
-        base = base_normals(source, primitive, part)
-        along = base_tangents(source, primitive, part) if tangents and base is not None else None
-        turned = [name for name, has in (("NORMAL", base), ("TANGENT", along)) if has is not None]
-        frame = (part.group, *(primitive["attributes"].get(name) for name in ("NORMAL", "TANGENT")))
-        if len(part.new):
-            refine_primitive(draft, primitive, part, fine, where, written)
+    old_names = morph_target_names(mesh)
+    refined_primitives = primitives_of(fine, groups)
+    drop_repeated(draft, mesh, refined_primitives)
+    smooth = _smooth_normals(fine, targets)
+    written: Written = {}
+    for refined in refined_primitives:
+        primitive = mesh["primitives"][refined.index]
+        where = draft.source.where("meshes", rig.mesh, "primitives", refined.index)
+        # Read before refined accessors take the place of the source's.
+        base = _read_base(draft.source, primitive, refined, tangents=tangents)
+        if len(refined.new):
+            refine_primitive(draft, primitive, refined, fine, where, written)
         draft.unpack(primitive)
-        if not targets:
-            continue
-        added: list[Json] = []
-        for number, each in enumerate(targets):
-            vectors = _target_vectors(each.shape, part, smooth, base, along)
-            added.append({})
-            for name, (rows, values) in vectors.items():
-                key = ("added", number, name, part.group if name == "POSITION" else frame)
-                if key not in written:
-                    written[key] = _add_vectors(draft, rows, values, len(part.weld), sparse, bounds=name == "POSITION")
-                added[-1][name] = written[key]
-        primitive["targets"] = [
-            _with_zeros(draft, each, len(part.weld), turned, sparse) for each in old_targets
-        ] + added
+        if targets:
+            _add_targets(draft, primitive, targets, refined, base, smooth, written, sparse=sparse)
     if not targets:
         return
     if isinstance(mesh.setdefault("extras", {}), dict):
-        mesh["extras"]["targetNames"] = names
-    old_count = len(names) - len(targets)
+        mesh["extras"]["targetNames"] = old_names + [target.name for target in targets]
     if "weights" in mesh:
-        mesh["weights"] = mesh["weights"][:old_count] + [0.0] * len(targets)
+        mesh["weights"] = mesh["weights"][: len(old_names)] + [0.0] * len(targets)
     if "weights" in node or stored.any():
         node["weights"] = [float(each) for each in rig.morph_weights] + [float(np.float32(each)) for each in stored]
 
@@ -170,35 +191,78 @@ def tangent_deltas(tangents: Floats, normals: Floats, normal_deltas: Floats) -> 
     return deltas
 
 
-def _with_zeros(draft: EditedDocument, target: Json, count: int, names: Sequence[str], sparse: bool) -> Json:
-    lacking = [name for name in names if name not in target]
-    return target | {name: _zeros(draft, count, sparse=sparse, bounds=False) for name in lacking}
+def _read_base(source: Document, primitive: Json, refined: RefinedPrimitive, *, tangents: bool) -> _Base:
+    normals = base_normals(source, primitive, refined)
+    along = base_tangents(source, primitive, refined) if tangents and normals is not None else None
+    accessors = tuple(primitive["attributes"].get(name) for name in ("NORMAL", "TANGENT"))
+    return _Base(normals, along, (refined.group, *accessors))
 
 
-def _zeros(draft: EditedDocument, count: int, *, sparse: bool, bounds: bool) -> int:
-    nothing = np.zeros((0, 3), np.float32)
-    return draft.add_sparse(np.zeros(0, np.intp), nothing, count=count, bounds=bounds, stored=not sparse)
+def _smooth_normals(fine: Refinement, targets: Sequence[Target]) -> Floats:
+    """(fine vertices, 3) normals of the welded surface where a target turns them, 0 elsewhere."""
+    turned = distinct_values(np.concatenate([np.zeros(0, np.intp), *(each.shape.normal_vertices for each in targets)]))
+    smooth = np.zeros(fine.positions.shape)
+    smooth[turned] = fine.normals_at(turned)
+    return smooth
 
 
-def _target_vectors(
-    shape: Shape, part: RefinedPrimitive, smooth: Floats, base: Floats | None, along: Floats | None
+def _add_targets(
+    draft: EditedDocument,
+    primitive: Json,
+    targets: Sequence[Target],
+    refined: RefinedPrimitive,
+    base: _Base,
+    smooth: Floats,
+    written: Written,
+    *,
+    sparse: bool,
+) -> None:
+    """Append morph targets to a primitive, and zeros to its old ones for attributes that they lack."""
+    count = len(refined.weld)
+    added: list[Json] = []
+    for number, each in enumerate(targets):
+        added.append({})
+        for name, (vertices, deltas) in _target_deltas(each.shape, refined, base, smooth).items():
+            key = ("added", number, name, refined.group if name == "POSITION" else base.key)
+            if key not in written:
+                written[key] = _add_deltas(draft, vertices, deltas, count, sparse, bounds=name == "POSITION")
+            added[-1][name] = written[key]
+    nothing = np.zeros(0, np.intp), np.zeros((0, 3))
+    old = [
+        target | {name: _add_deltas(draft, *nothing, count, sparse) for name in base.names if name not in target}
+        for target in primitive.get("targets", [])
+    ]
+    primitive["targets"] = old + added
+
+
+def _target_deltas(
+    shape: Shape, refined: RefinedPrimitive, base: _Base, smooth: Floats
 ) -> dict[str, tuple[Ints, Floats]]:
-    """One morph target on one primitive: the vertices that each attribute changes at, and by how much.
-
-    NORMAL and TANGENT are there where there are normals `base` and tangents `along`; `smooth` are those of the welded
-    surface, (fine vertices, 3).
-    """
-    rows = _rows(shape.vertices, len(smooth))[part.weld]
+    """One morph target on one primitive: the vertices that each attribute changes at, and by how much."""
+    rows = _rows(shape.vertices, len(smooth))[refined.weld]
     moved = np.flatnonzero(rows >= 0)
-    vectors = {"POSITION": (moved, shape.deltas[rows[moved]])}
-    if base is not None:
-        rows = _rows(shape.normal_vertices, len(smooth))[part.weld]
-        turned = np.flatnonzero(rows >= 0)
-        deltas = turn_to(smooth[part.weld[turned]], base[turned], shape.normal_deltas[rows[turned]])
-        vectors["NORMAL"] = turned, deltas
-        if along is not None:
-            vectors["TANGENT"] = turned, tangent_deltas(along[turned], base[turned], deltas)
-    return vectors
+    deltas = {"POSITION": (moved, shape.deltas[rows[moved]])}
+    if base.normals is not None:
+        vertices, turns = turned_normals(shape, refined.weld, smooth, base.normals)
+        deltas["NORMAL"] = vertices, turns
+        if base.tangents is not None:
+            deltas["TANGENT"] = vertices, tangent_deltas(base.tangents[vertices], base.normals[vertices], turns)
+    return deltas
+
+
+def turned_normals(shape: Shape, weld: Ints, smooth: Floats, normals: Floats) -> tuple[Ints, Floats]:
+    """The glTF vertices whose normal a shape changes, and by how much at weight 1.
+
+    Args:
+        shape: Of a morph target.
+        weld: (vertices,) fine welded vertex of each.
+        smooth: (fine vertices, 3) unit normals of the welded surface.
+        normals: (vertices, 3) unit normals, which may have edges.
+    """
+    rows = _rows(shape.normal_vertices, len(smooth))[weld]
+    vertices = np.flatnonzero(rows >= 0)
+    turns = turn_to(smooth[weld[vertices]], normals[vertices], shape.normal_deltas[rows[vertices]])
+    return vertices, turns
 
 
 def _rows(vertices: Ints, count: int) -> Ints:
@@ -208,14 +272,15 @@ def _rows(vertices: Ints, count: int) -> Ints:
     return rows
 
 
-def _add_vectors(
-    draft: EditedDocument, indices: Ints, values: Floats, count: int, sparse: bool, *, bounds: bool
+def _add_deltas(
+    draft: EditedDocument, vertices: Ints, deltas: Floats, count: int, sparse: bool, *, bounds: bool = False
 ) -> int:
-    stored = values.astype(np.float32)
-    if sparse or not len(indices):
-        return draft.add_sparse(indices, stored, count=count, bounds=bounds, stored=not sparse)
+    """Write the deltas of some of `count` vertices; those of none take no space in either form."""
+    stored = deltas.astype(np.float32)
+    if sparse or not len(vertices):
+        return draft.add_sparse(vertices, stored, count=count, bounds=bounds, stored=not sparse)
     dense = np.zeros((count, 3), np.float32)
-    dense[indices] = stored
+    dense[vertices] = stored
     return draft.add(dense, target=VERTEX_DATA, bounds=bounds)
 
 

@@ -21,6 +21,13 @@ from wrinklecli.numeric.arrays import Array, Floats, Ints, unit
 _VECTORS = {"POSITION": 3, "NORMAL": 3, "TANGENT": 4}
 
 
+Key = tuple[Any, ...]
+"""What an accessor holds: primitives that share vertices ask for the same accessor by the same key."""
+
+Written = dict[Key, int]
+"""Accessors written so far, so that what primitives share is written once."""
+
+
 @dataclass(frozen=True, slots=True)
 class RefinedPrimitive:
     """The vertices of one primitive after refinement.
@@ -46,6 +53,11 @@ class RefinedPrimitive:
     weld: Ints
     triangles: Ints
     changed: bool
+
+    @property
+    def new_weld(self) -> Ints:
+        """(new vertices,) fine welded vertex of each."""
+        return self.weld[len(self.old) :]
 
     def mix(self, values: Floats) -> Floats:
         """(new vertices, …) of (old vertices, …) values."""
@@ -80,7 +92,7 @@ def primitives_of(fine: Refinement, groups: Sequence[int] | None = None) -> list
     starts = fine.surface.vertex_starts
     old_count = int(starts[-1])
     owners = np.arange(len(starts) - 1) if groups is None else np.array(groups)
-    parts = []
+    refined_primitives = []
     for index, group in enumerate(owners):
         old = np.arange(starts[index], starts[index + 1])
         new = np.flatnonzero(owners[fine.primitives] == group)
@@ -88,7 +100,7 @@ def primitives_of(fine: Refinement, groups: Sequence[int] | None = None) -> list
         local[old] = np.arange(len(old))
         local[old_count + new] = len(old) + np.arange(len(new))
         faces = fine.triangle_primitives == index
-        parts.append(
+        refined_primitives.append(
             RefinedPrimitive(
                 index=index,
                 group=int(group),
@@ -102,39 +114,39 @@ def primitives_of(fine: Refinement, groups: Sequence[int] | None = None) -> list
                 changed=int(faces.sum()) != int((fine.surface.primitives == index).sum()),
             )
         )
-    return parts
+    return refined_primitives
 
 
-def base_normals(source: Document, primitive: Json, part: RefinedPrimitive) -> Floats | None:
+def base_normals(source: Document, primitive: Json, refined: RefinedPrimitive) -> Floats | None:
     """(vertices, 3) unit NORMALs of a primitive, those of new vertices mixed; None where it has none."""
     if "NORMAL" not in primitive.get("attributes", {}):
         return None
     old = unit(source.accessor(primitive["attributes"]["NORMAL"]))
-    return np.concatenate([old, unit(part.mix(old))])
+    return np.concatenate([old, unit(refined.mix(old))])
 
 
-def base_tangents(source: Document, primitive: Json, part: RefinedPrimitive) -> Floats | None:
+def base_tangents(source: Document, primitive: Json, refined: RefinedPrimitive) -> Floats | None:
     """(vertices, 3) TANGENTs of a primitive without their handedness; None where it has none."""
     if "TANGENT" not in primitive.get("attributes", {}):
         return None
     old = source.accessor(primitive["attributes"]["TANGENT"])
-    return np.concatenate([old, part.mix_tangents(old)])[:, :3]
+    return np.concatenate([old, refined.mix_tangents(old)])[:, :3]
 
 
-def _vertex_accessors(primitive: Json, part: RefinedPrimitive) -> Iterator[tuple[Any, int]]:
+def _vertex_accessors(primitive: Json, refined: RefinedPrimitive) -> Iterator[tuple[Key, int]]:
     """Every accessor that refinement replaces, with what it has in common with those of equal content after it."""
     for name, index in primitive["attributes"].items():
-        yield ("attribute", part.group, name, index), index
+        yield ("attribute", refined.group, name, index), index
     for number, target in enumerate(primitive.get("targets", [])):
         for name, index in target.items():
-            yield ("target", part.group, number, name, index), index
+            yield ("target", refined.group, number, name, index), index
 
 
-def drop_repeated(draft: EditedDocument, mesh: Json, parts: Sequence[RefinedPrimitive]) -> None:
+def drop_repeated(draft: EditedDocument, mesh: Json, refined_primitives: Sequence[RefinedPrimitive]) -> None:
     """Drop all references but the first to accessors whose successors several primitives will share."""
-    seen: set[Any] = set()
-    for part in parts:
-        for key, index in _vertex_accessors(mesh["primitives"][part.index], part) if len(part.new) else ():
+    seen: set[Key] = set()
+    for refined in refined_primitives:
+        for key, index in _vertex_accessors(mesh["primitives"][refined.index], refined) if len(refined.new) else ():
             if key in seen:
                 draft.drop(index)
             seen.add(key)
@@ -143,47 +155,48 @@ def drop_repeated(draft: EditedDocument, mesh: Json, parts: Sequence[RefinedPrim
 def refine_primitive(
     draft: EditedDocument,
     primitive: Json,
-    part: RefinedPrimitive,
+    refined: RefinedPrimitive,
     fine: Refinement,
     where: str,
-    written: dict[Any, int],
+    written: Written,
 ) -> None:
     """Replace a primitive's attributes, old targets and indices by refined ones; `written` are those there already."""
-    attributes = primitive["attributes"]
-    original = dict(attributes)
+    original = dict(primitive["attributes"])
     for name, index in original.items():
-        key = ("attribute", part.group, name, index)
+        key: Key = ("attribute", refined.group, name, index)
         if key not in written:
-            values, normalized = _refined_attribute(draft, original, name, part, fine, where)
+            values, normalized = _refined_attribute(draft, original, name, refined, fine, where)
             written[key] = draft.add(
                 values, target=VERTEX_DATA, normalized=normalized, bounds=name == "POSITION", replaces=index
             )
-        attributes[name] = written[key]
+        primitive["attributes"][name] = written[key]
     for number, target in enumerate(primitive.get("targets", [])):
         for name, index in target.items():
-            bounds = name == "POSITION"
-            target_key = ("target", part.group, number, name, index)
-            if target_key in written:
-                target[name] = written[target_key]
-                continue
-            size = 3 if name in _VECTORS else None
-            old = old_values(draft.source, target, name, part, size=size, where=where)
-            new = fine.morph_deltas[number, part.weld[len(part.old) :]] if name == "POSITION" else part.mix(old)
-            values = np.concatenate([old, new]).astype(np.float32)
-            if "sparse" in draft.source.items("accessors")[index]:
-                changed = np.flatnonzero(values.any(axis=1))
-                target[name] = draft.add_sparse(
-                    changed, values[changed], count=len(values), bounds=bounds, replaces=index
-                )
-            else:
-                target[name] = draft.add(values, target=VERTEX_DATA, bounds=bounds, replaces=index)
-            written[target_key] = target[name]
-    if not part.changed and "indices" in primitive:
-        return
-    if primitive.get("mode", TRIANGLES) != TRIANGLES:
-        del primitive["mode"]
-    indices = part.triangles.reshape(-1).astype(index_type(len(part.weld)))
-    primitive["indices"] = draft.add(indices, target=INDEX_DATA, replaces=primitive.get("indices"))
+            key = ("target", refined.group, number, name, index)
+            if key not in written:
+                deltas = fine.morph_deltas[number] if name == "POSITION" else None
+                written[key] = _add_refined_target(draft, target, name, refined, deltas, where)
+            target[name] = written[key]
+    if refined.changed or "indices" not in primitive:
+        if primitive.get("mode", TRIANGLES) != TRIANGLES:
+            del primitive["mode"]
+        indices = refined.triangles.reshape(-1).astype(index_type(len(refined.weld)))
+        primitive["indices"] = draft.add(indices, target=INDEX_DATA, replaces=primitive.get("indices"))
+
+
+def _add_refined_target(
+    draft: EditedDocument, target: Json, name: str, refined: RefinedPrimitive, deltas: Floats | None, where: str
+) -> int:
+    """Write an old morph target's attribute with new vertices: mixed, or of (fine vertices, 3) deltas."""
+    size = 3 if name in _VECTORS else None
+    old = old_values(draft.source, target, name, refined, size=size, where=where)
+    new = refined.mix(old) if deltas is None else deltas[refined.new_weld]
+    values = np.concatenate([old, new]).astype(np.float32)
+    index, bounds = target[name], name == "POSITION"
+    if "sparse" in draft.source.items("accessors")[index]:
+        changed = np.flatnonzero(values.any(axis=1))
+        return draft.add_sparse(changed, values[changed], count=len(values), bounds=bounds, replaces=index)
+    return draft.add(values, target=VERTEX_DATA, bounds=bounds, replaces=index)
 
 
 def old_values(
@@ -219,39 +232,45 @@ def old_values(
 
 
 def _refined_attribute(
-    draft: EditedDocument, attributes: Json, name: str, part: RefinedPrimitive, fine: Refinement, where: str
+    draft: EditedDocument, attributes: Json, name: str, refined: RefinedPrimitive, fine: Refinement, where: str
 ) -> tuple[Array, bool]:
     """Stored values of an attribute with those of new vertices appended, and whether they are normalised."""
     source, index = draft.source, attributes[name]
-    old = old_values(source, attributes, name, part, size=_VECTORS.get(name), where=where)
+    old = old_values(source, attributes, name, refined, size=_VECTORS.get(name), where=where)
     accessor = source.items("accessors")[index]
-    new_vertices = part.weld[len(part.old) :]
     if name == "POSITION":
-        return np.concatenate([old, fine.positions[new_vertices]]).astype(np.float32), False
+        return np.concatenate([old, fine.positions[refined.new_weld]]).astype(np.float32), False
     if name == "NORMAL":
-        return np.concatenate([old, unit(part.mix(old))]).astype(np.float32), False
+        return np.concatenate([old, unit(refined.mix(old))]).astype(np.float32), False
     if name == "TANGENT":
-        return np.concatenate([old, part.mix_tangents(old)]).astype(np.float32), False
+        return np.concatenate([old, refined.mix_tangents(old)]).astype(np.float32), False
     kind, _, number = name.partition("_")
     if kind in ("JOINTS", "WEIGHTS") and number.isdecimal() and len(number) < 4 and old.shape[1:] == (4,):
-        rows = new_vertices - len(fine.surface.positions)
-        pruned = fine.joints_pruned if kind == "JOINTS" else fine.weights_pruned
-        new = pruned[rows, 4 * int(number) : 4 * int(number) + 4]
-        if kind == "JOINTS" and f"WEIGHTS_{number}" in attributes:
-            old = used_joints(old, source.accessor(attributes[f"WEIGHTS_{number}"]), name)
-        # Of sets that other primitives lack, new vertices use none.
-        values = np.concatenate([old, np.pad(new, ((0, 0), (0, 4 - new.shape[1])))])
-        return values.astype(_smallest_joint_type(old, values) if kind == "JOINTS" else np.float32), False
+        return _refined_influences(source, attributes, name, old, refined, fine), False
     stored = source.stored_dtype(index)
     if stored.kind == "f":
-        return np.concatenate([old, part.mix(old)]).astype(np.float32), False
+        return np.concatenate([old, refined.mix(old)]).astype(np.float32), False
     if accessor.get("normalized"):
         limit = np.iinfo(stored).max
-        return np.rint(np.concatenate([old, part.mix(old)]) * limit).astype(stored), True
+        return np.rint(np.concatenate([old, refined.mix(old)]) * limit).astype(stored), True
     if kind == "TEXCOORD":  # KHR_mesh_quantization
-        return np.rint(np.concatenate([old, part.mix(old)])).astype(stored), False
+        return np.rint(np.concatenate([old, refined.mix(old)])).astype(stored), False
     # Plain integers are names of something (feature ids): nothing lies between two of them.
-    return np.concatenate([old, old[part.heaviest()]]).astype(stored), False
+    return np.concatenate([old, old[refined.heaviest()]]).astype(stored), False
+
+
+def _refined_influences(
+    source: Document, attributes: Json, name: str, old: Array, refined: RefinedPrimitive, fine: Refinement
+) -> Array:
+    """(vertices, 4) of JOINTS_n or WEIGHTS_n, those of new vertices pruned."""
+    kind, _, number = name.partition("_")
+    pruned = fine.joints_pruned if kind == "JOINTS" else fine.weights_pruned
+    new = pruned[refined.new_weld - len(fine.surface.positions), 4 * int(number) : 4 * int(number) + 4]
+    if kind == "JOINTS" and f"WEIGHTS_{number}" in attributes:
+        old = used_joints(old, source.accessor(attributes[f"WEIGHTS_{number}"]), name)
+    # Of sets that other primitives lack, new vertices use none.
+    values = np.concatenate([old, np.pad(new, ((0, 0), (0, 4 - new.shape[1])))])
+    return values.astype(_smallest_joint_type(old, values) if kind == "JOINTS" else np.float32)
 
 
 def _smallest_joint_type(old: Array, new: Array) -> np.dtype[Any]:
