@@ -1,4 +1,4 @@
-"""An asset with tools attached, as the stages between reading and encoding see it."""
+"""An asset with tools attached, as the stages between reading and encoding see it; and small rigs."""
 
 import json
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from kit.asset import Array, Asset, Json
-from kit.limb import tool
+from kit.limb import limb_asset, tool
 from wrinklecli.character.clip import Clip, read_clips
 from wrinklecli.character.pose import blend, joint_matrices, morph_weights, transform
 from wrinklecli.character.rig import Rig, read_rig
@@ -91,3 +91,22 @@ def unattached(asset: Asset) -> Prepared:
     rig, clips = read_rig(document, 0), read_clips(document)
     surface, settings = read_surface(document, rig), ToolsFile(path="tools.yaml", tools=())
     return Prepared(document, rig, surface, clips, settings, rest_pose(surface, rig, settings, clips, []), [])
+
+
+def rig_of(*nodes: dict[str, Any], node: int = 0) -> Rig:
+    """The rig of nodes whose meshes have no vertices."""
+    gltf = {"asset": {"version": "2.0"}, "nodes": list(nodes), "meshes": [{"primitives": [{"attributes": {}}]}]}
+    return read_rig(as_document(Asset(gltf)), node)
+
+
+def limb(**options: Any) -> tuple[Rig, Clip]:
+    """The rig of a small limb, and its first clip."""
+    document = as_document(limb_asset(rings=3, sides=4, **options))
+    return read_rig(document, 0), read_clips(document)[0]
+
+
+def rotation_matrix(quaternion: Any) -> Floats:
+    """By the double cross product, for a vector v: v + 2 w (q × v) + 2 q × (q × v)."""
+    *axis, w = np.asarray(quaternion, np.float64) / np.linalg.norm(quaternion)
+    columns = [v + 2 * w * np.cross(axis, v) + 2 * np.cross(axis, np.cross(axis, v)) for v in np.eye(3)]
+    return np.stack(columns, axis=1)

@@ -1,4 +1,4 @@
-"""Weight tracks: samples as close as straight lines need, and old channels that play as they did."""
+"""Signals over time: samples as close as straight lines need, and keys where lines bend."""
 
 from dataclasses import replace
 from typing import Any
@@ -9,33 +9,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from kit.limb import limb_asset
-from kit.prepared import as_document
-from wrinklecli.character.clip import Channel, Clip, clip_grid, read_clips, sample
-from wrinklecli.character.rig import Rig, moving_nodes, read_rig
-from wrinklecli.character.weight_track import Track, pad, widen
+from kit.prepared import limb
+from wrinklecli.character.clip import Clip, clip_grid
+from wrinklecli.character.rig import Rig
 from wrinklecli.numeric import piecewise as tracks
 from wrinklecli.numeric.piecewise import Signal, key_points, key_times, smooth
 
 Floats = NDArray[np.float64]
 
 
-def limb(**options: Any) -> tuple[Rig, Clip]:
-    document = as_document(limb_asset(rings=3, sides=4, **options))
-    return read_rig(document, 0), read_clips(document)[0]
-
-
 def stored(times: Any) -> Floats:
     return np.asarray(times).astype(np.float32).astype(np.float64)
-
-
-def played(track: Track, times: Floats) -> Floats:
-    """What a player shows of a written track."""
-    return sample(Channel(0, 0, "weights", track.times, track.values, track.interpolation), times)
-
-
-def weights_of(track: Track) -> Floats:
-    return track.values[:, 1] if track.interpolation == "CUBICSPLINE" else track.values
 
 
 def sampled(clip: Clip, rig: Rig, signal: Signal, *, fps: float, tolerance: float) -> tuple[Floats, Floats]:
@@ -255,134 +239,3 @@ def test_fast_motion_is_sampled_closer() -> None:
     fitted = smooth(lambda t: np.sin(40 * t)[:, None], np.linspace(0, 2, 7), 1e-6)
     times = np.linspace(0, 2, 1001)
     assert np.abs(fitted(times)[:, 0] - np.sin(40 * times)).max() < 1e-5
-
-
-@pytest.mark.parametrize("fps", [0.1, 1.0, 24.0, 29.97, 1000.0])
-def test_grid_begins_and_ends_with_the_clip_and_takes_its_keys(fps: float) -> None:
-    rig, clip = limb(morphs=1, morph_clip="LINEAR")
-    times = clip_grid(clip, rig, fps=fps)
-    assert (np.diff(times) > 0).all()
-    assert times[0] == 0.0
-    assert times[-1] == 2.0
-    assert np.isin(stored([0.3, 0.7, 1.0, 1.5]), times).all()
-    assert np.isin(stored(np.arange(int(2 * fps) + 1) / fps), times).all()
-    assert np.diff(times).max() <= 1 / fps + 1e-6
-    assert len(clip_grid(clip, None, fps=fps)) <= int(2 * fps) + 2
-
-
-def test_grid_of_a_clip_that_does_not_begin_at_0() -> None:
-    _, clip = limb()
-    late = replace(clip, start=5.25, end=5.25 + 2 / 3)
-    times = clip_grid(late, None, fps=3)
-    assert times == pytest.approx([5.25, 5.25 + 1 / 3, 5.25 + 2 / 3], abs=1e-6)
-
-
-def test_jumps_are_keyed_on_both_sides() -> None:
-    rig, clip = limb(interpolation="STEP")
-    times = clip_grid(clip, rig, fps=1)
-    before = np.nextafter(np.float32([1, 2]), np.float32(0)).astype(np.float64)
-    assert times.tolist() == [0.0, before[0], 1.0, before[1], 2.0]
-
-
-def test_moving_nodes_are_joints_their_ancestors_and_the_mesh() -> None:
-    asset = limb_asset(rings=3, sides=4, joints=3, root={})
-    asset.gltf["nodes"].append({"name": "hat"})
-    assert moving_nodes(read_rig(as_document(asset), 0)) == {0, 1, 2, 3, 4}
-
-
-# --- Old channels, widened ---
-
-
-def random_weights(rng: np.random.Generator, times: Floats) -> Floats:
-    return rng.uniform(0, 1, (len(times), 2))
-
-
-@pytest.mark.parametrize("interpolation", ["LINEAR", "STEP", "CUBICSPLINE"])
-@pytest.mark.parametrize("seed", range(5))
-def test_old_weights_play_as_before_and_new_ones_run_straight(interpolation: str, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    rig, clip = limb(morphs=3, morph_clip=interpolation)
-    channel = clip.channel(0, "weights")
-    assert channel is not None
-    # New keys before, between, at and after the old ones.
-    times = np.unique(stored(np.concatenate([rng.uniform(-0.2, 2.0, 12), channel.times[1:3]])))
-    fresh = random_weights(rng, times)
-    track = widen(channel, rig, clip, times, fresh)
-    assert track.interpolation == ("CUBICSPLINE" if interpolation == "CUBICSPLINE" else "LINEAR")
-    assert np.array_equal(track.times, stored(track.times))
-    assert (np.diff(track.times) > 0).all()
-    assert np.isin(times, track.times).all()
-    assert np.isin(channel.times, track.times).all()
-    at = np.concatenate([rng.uniform(-0.5, 2.5, 200), channel.times, times])
-    if interpolation == "STEP":
-        # But for one float32 step before each jump, in which LINEAR keys cross over.
-        jumps = channel.times[1:]
-        step = np.nextafter(jumps.astype(np.float32), np.float32(-np.inf)).astype(np.float64)
-        at = at[~((at[:, None] > step) & (at[:, None] < jumps)).any(axis=1)]
-        at = np.concatenate([at, step])
-    result = played(track, at)
-    # Values are below 2, so this is a few roundings; splitting a cubic costs some more of them.
-    assert result[:, :3] == pytest.approx(sample(channel, at), abs=1e-12)
-    wanted = np.stack([np.interp(at, times, column) for column in fresh.T], axis=1)
-    assert result[:, 3:] == pytest.approx(wanted, abs=1e-12)
-
-
-@given(
-    keys=st.lists(st.integers(0, 200), min_size=1, max_size=5, unique=True),
-    fresh=st.lists(st.integers(-20, 220), min_size=1, max_size=5, unique=True),
-    interpolation=st.sampled_from(["LINEAR", "STEP", "CUBICSPLINE"]),
-    seed=st.integers(0, 99),
-)
-def test_any_keys_can_be_joined(keys: list[int], fresh: list[int], interpolation: str, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    rig, clip = limb(morphs=1, clip=None, morph_clip="LINEAR")
-    times, key_times = stored(np.sort(fresh) / 64), stored(np.sort(keys) / 64)
-    shape = (len(keys), 3, 1) if interpolation == "CUBICSPLINE" else (len(keys), 1)
-    channel = Channel(0, 0, "weights", key_times, rng.normal(size=shape), interpolation)
-    its_clip = replace(clip, channels=(channel,))
-    track = widen(channel, rig, its_clip, times, random_weights(rng, times))
-    # 1/64 s apart, so that no sample falls in the float32 step before a jump.
-    at = np.arange(-30, 240) / 64 + 1 / 200
-    assert played(track, at)[:, :1] == pytest.approx(sample(channel, at), abs=1e-11)
-
-
-def test_step_of_keys_one_float_apart() -> None:
-    rig, clip = limb(morphs=1, clip=None, morph_clip="STEP")
-    first = np.float32(0.5)
-    times = np.array([first, np.nextafter(first, np.float32(1)), 1.0], np.float64)
-    channel = Channel(0, 0, "weights", times, np.array([[0.0], [1.0], [0.25]]), "STEP")
-    track = widen(channel, rig, replace(clip, channels=(channel,)), np.array([0.0, 2.0]), np.zeros((2, 1)))
-    assert (np.diff(track.times) > 0).all()
-    assert np.array_equal(played(track, times)[:, 0], [0.0, 1.0, 0.25])
-
-
-def test_without_a_channel_old_weights_stay_as_stored() -> None:
-    rig, clip = limb(morphs=2, weights_at="node")
-    times = np.array([0.0, 0.5, 2.0])
-    fresh = np.array([[0.0], [0.5], [1.0]])
-    track = widen(None, rig, clip, times, fresh)
-    assert track.interpolation == "LINEAR"
-    assert np.array_equal(track.times, times)
-    assert np.array_equal(track.values, [[0.5, 0.5, 0.0], [0.5, 0.5, 0.5], [0.5, 0.5, 1.0]])
-
-
-@pytest.mark.parametrize("interpolation", ["LINEAR", "STEP", "CUBICSPLINE"])
-def test_no_new_targets_is_no_fault(interpolation: str) -> None:
-    rig, clip = limb(morphs=2, morph_clip=interpolation)
-    channel = clip.channel(0, "weights")
-    assert channel is not None
-    track = widen(channel, rig, clip, np.array([0.0, 1.0]), np.zeros((2, 0)))
-    assert weights_of(track).shape == (len(track.times), 2)
-
-
-@pytest.mark.parametrize("interpolation", ["LINEAR", "STEP", "CUBICSPLINE"])
-def test_padding_keeps_keys_and_interpolation_and_holds_new_weights(interpolation: str) -> None:
-    _, clip = limb(morphs=2, morph_clip=interpolation)
-    channel = clip.channel(0, "weights")
-    assert channel is not None
-    track = pad(channel, np.array([0.25, 0.0, 1.0]))
-    assert track.interpolation == interpolation
-    assert np.array_equal(track.times, channel.times)
-    at = np.linspace(-0.5, 2.5, 61)
-    assert np.array_equal(played(track, at)[:, :2], sample(channel, at))
-    assert played(track, at)[:, 2:] == pytest.approx(np.tile([0.25, 0.0, 1.0], (61, 1)), abs=1e-15)

@@ -1,0 +1,201 @@
+"""Clips: channels against formulas written out here, grids of times, and what is malformed."""
+
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from kit.asset import Asset
+from kit.limb import limb_asset
+from kit.prepared import as_document, limb, rotation_matrix
+from wrinklecli.character.clip import Channel, clip_grid, read_clips, sample
+from wrinklecli.character.pose import morph_weights
+from wrinklecli.character.rig import read_rig
+from wrinklecli.errors import AssetError
+
+Floats = NDArray[np.float64]
+KEYS = np.array([0.5, 1.0, 2.5, 2.75])
+TIMES = np.concatenate([np.linspace(-0.5, 4.0, 91), KEYS])
+
+
+def stored(times: Any) -> Floats:
+    return np.asarray(times).astype(np.float32).astype(np.float64)
+
+
+def channel(values: Any, interpolation: str, *, path: str = "translation", keys: Floats = KEYS) -> Channel:
+    return Channel(0, 0, path, keys, np.asarray(values, np.float64), interpolation)
+
+
+def between(time: float) -> int | None:
+    """The key before a time, None outside the keys."""
+    return next((k for k, (low, high) in enumerate(pairwise(KEYS)) if low <= time < high), None)
+
+
+def test_linear() -> None:
+    values = np.random.default_rng(1).normal(size=(4, 3))
+    wanted = np.stack([np.interp(TIMES, KEYS, column) for column in values.T], axis=1)
+    assert sample(channel(values, "LINEAR"), TIMES) == pytest.approx(wanted, abs=1e-14)
+
+
+def test_step_holds_each_key_until_the_next_exactly() -> None:
+    values = np.arange(12.0).reshape(4, 3)
+    times = np.concatenate([TIMES, np.nextafter(KEYS, -np.inf)])
+    wanted = [values[max(int((time >= KEYS).sum()) - 1, 0)] for time in times]
+    assert np.array_equal(sample(channel(values, "STEP"), times), wanted)
+
+
+def test_cubicspline() -> None:
+    values = np.random.default_rng(2).normal(size=(4, 3, 5))
+    result = sample(channel(values, "CUBICSPLINE", path="weights"), TIMES)
+    for time, row in zip(TIMES, result, strict=True):
+        k = between(time)
+        if k is None:
+            wanted = values[0, 1] if time < KEYS[0] else values[-1, 1]
+        else:
+            # glTF 2.0, appendix C.5, as it is printed there.
+            td = KEYS[k + 1] - KEYS[k]
+            t = (time - KEYS[k]) / td
+            wanted = (
+                (2 * t**3 - 3 * t**2 + 1) * values[k, 1]
+                + td * (t**3 - 2 * t**2 + t) * values[k, 2]
+                + (-2 * t**3 + 3 * t**2) * values[k + 1, 1]
+                + td * (t**3 - t**2) * values[k + 1, 0]
+            )
+        assert row == pytest.approx(wanted, abs=1e-13)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 1e-6, 1e-3, 30.0, 179.0, 181.0, 300.0, 359.9999])
+def test_slerp_turns_evenly_the_short_way(degrees: float) -> None:
+    axis = np.array([1.0, 2.0, -2.0]) / 3.0
+    half = np.radians(degrees) / 2
+    values = [[0, 0, 0, 1], [*(np.sin(half) * axis), np.cos(half)]]
+    turn = (degrees + 180.0) % 360.0 - 180.0
+    shares = np.linspace(0.0, 1.0, 9)
+    result = sample(channel(values, "LINEAR", path="rotation", keys=np.array([0.0, 1.0])), shares)
+    for share, quaternion in zip(shares, result, strict=True):
+        h = np.radians(turn * share) / 2
+        wanted = rotation_matrix([*(np.sin(h) * axis), np.cos(h)])
+        assert rotation_matrix(quaternion) == pytest.approx(wanted, abs=1e-12)
+        assert np.linalg.norm(quaternion) == pytest.approx(1.0, abs=1e-15)
+
+
+def test_slerp_of_keys_that_are_not_unit_is_that_of_their_directions() -> None:
+    values = np.random.default_rng(3).normal(size=(4, 4))
+    unit = values / np.linalg.norm(values, axis=1, keepdims=True)
+    one, other = (sample(channel(v, "LINEAR", path="rotation"), TIMES) for v in (values * 0.3, unit))
+    assert one == pytest.approx(other, abs=1e-14)
+
+
+@pytest.mark.parametrize("interpolation", ["LINEAR", "STEP", "CUBICSPLINE"])
+@pytest.mark.parametrize("path", ["translation", "rotation"])
+def test_held_before_the_first_and_after_the_last_key(interpolation: str, path: str) -> None:
+    width = 4 if path == "rotation" else 3
+    shape = (4, 3, width) if interpolation == "CUBICSPLINE" else (4, width)
+    values = np.random.default_rng(4).normal(size=shape)
+    moved = channel(values, interpolation, path=path)
+    first, at_first, at_last, last = sample(moved, np.array([-9.0, KEYS[0], KEYS[-1], 99.0]))
+    assert np.array_equal(first, at_first)
+    assert np.array_equal(last, at_last)
+
+
+@pytest.mark.parametrize("interpolation", ["LINEAR", "STEP", "CUBICSPLINE"])
+def test_single_key_holds_for_ever(interpolation: str) -> None:
+    values = np.array([[[9.0, 9.0, 9.0], [1.0, 2.0, 3.0], [9.0, 9.0, 9.0]]])
+    moved = channel(values if interpolation == "CUBICSPLINE" else values[:, 1], interpolation, keys=KEYS[:1])
+    assert np.array_equal(sample(moved, TIMES), np.tile([1.0, 2.0, 3.0], (len(TIMES), 1)))
+
+
+def test_clips_of_one_name_and_of_none_are_told_apart() -> None:
+    asset = limb_asset(rings=3, sides=4)
+    (animation,) = asset.gltf["animations"]
+    unnamed = {key: value for key, value in animation.items() if key != "name"}
+    asset.gltf["animations"] = [animation, unnamed, animation, {"name": "empty", "channels": [], "samplers": []}]
+    clips = read_clips(as_document(asset))
+    assert [clip.name for clip in clips] == ["fold", "animation_1", "fold#2"]
+    assert [clip.index for clip in clips] == [0, 1, 2]
+    assert (clips[0].start, clips[0].end) == (0.0, 2.0)
+
+
+def test_channels_of_extensions_are_left_out() -> None:
+    asset = limb_asset(rings=3, sides=4)
+    pointer = {"path": "pointer", "extensions": {"KHR_animation_pointer": {"pointer": "/materials/0"}}}
+    asset.gltf["animations"][0]["channels"] += [{"sampler": 0, "target": pointer}, {"sampler": 0, "target": {}}]
+    (clip,) = read_clips(as_document(asset))
+    assert [(c.index, c.node, c.path) for c in clip.channels] == [(0, 2, "rotation")]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"sampler": 9}, "no sampler"),
+        ({"sampler": -1}, "is -1"),
+        ({"sampler": None}, "is None"),
+        ({"target": {"node": 99, "path": "rotation"}}, "refers to nodes.99."),
+        ({"target": {"node": 2, "path": "translation"}}, "a key of translation has 4 numbers"),
+    ],
+)
+def test_malformed_channel_is_refused(change: dict[str, Any], message: str) -> None:
+    asset = limb_asset(rings=3, sides=4)
+    asset.gltf["animations"][0]["channels"][0] |= change
+    with pytest.raises(AssetError, match=rf"limb\.glb#/animations/0.*{message}"):
+        read_clips(as_document(asset))
+
+
+@pytest.mark.parametrize(
+    ("times", "values", "interpolation", "message"),
+    [
+        ([0, 1, 1], np.ones((3, 4)), "LINEAR", "key times must rise"),
+        ([0, 2, 1], np.ones((3, 4)), "LINEAR", "key times must rise"),
+        ([0, np.nan], np.ones((2, 4)), "LINEAR", "key times must rise"),
+        ([0, 1, 2], np.ones((4, 4)), "LINEAR", "3 key times do not fit 16 values"),
+        ([0, 1], np.ones((2, 4)), "CUBICSPLINE", "2 key times do not fit 8 values"),
+        ([0, 1], np.full((2, 4), np.inf), "LINEAR", "not a finite number"),
+        ([0, 1], np.ones((2, 4)), "SMOOTH", "'SMOOTH' is not of glTF 2.0"),
+    ],
+)
+def test_malformed_sampler_is_refused(times: Any, values: Any, interpolation: Any, message: str) -> None:
+    asset = Asset({"asset": {"version": "2.0"}, "nodes": [{}]})
+    animation: dict[str, Any] = {}
+    asset.channel(animation, 0, "rotation", np.array(times, np.float32), values, interpolation)
+    asset.append("animations", animation)
+    with pytest.raises(AssetError, match=f"#/animations/0/channels/0: .*{message}"):
+        read_clips(as_document(asset))
+
+
+def test_clip_that_animates_another_number_of_weights_is_refused() -> None:
+    asset = limb_asset(rings=3, sides=4, morphs=2, morph_clip="LINEAR", clip=None)
+    for primitive in asset.gltf["meshes"][0]["primitives"]:
+        primitive["targets"].pop()
+    document = as_document(asset)
+    with pytest.raises(AssetError, match=r"animations/0.* 2 "):
+        morph_weights(read_rig(document, 0), read_clips(document)[0], np.zeros(1))
+
+
+@pytest.mark.parametrize("fps", [0.1, 1.0, 24.0, 29.97, 1000.0])
+def test_grid_begins_and_ends_with_the_clip_and_takes_its_keys(fps: float) -> None:
+    rig, clip = limb(morphs=1, morph_clip="LINEAR")
+    times = clip_grid(clip, rig, fps=fps)
+    assert (np.diff(times) > 0).all()
+    assert times[0] == 0.0
+    assert times[-1] == 2.0
+    assert np.isin(stored([0.3, 0.7, 1.0, 1.5]), times).all()
+    assert np.isin(stored(np.arange(int(2 * fps) + 1) / fps), times).all()
+    assert np.diff(times).max() <= 1 / fps + 1e-6
+    assert len(clip_grid(clip, None, fps=fps)) <= int(2 * fps) + 2
+
+
+def test_grid_of_a_clip_that_does_not_begin_at_0() -> None:
+    _, clip = limb()
+    late = replace(clip, start=5.25, end=5.25 + 2 / 3)
+    times = clip_grid(late, None, fps=3)
+    assert times == pytest.approx([5.25, 5.25 + 1 / 3, 5.25 + 2 / 3], abs=1e-6)
+
+
+def test_jumps_are_keyed_on_both_sides() -> None:
+    rig, clip = limb(interpolation="STEP")
+    times = clip_grid(clip, rig, fps=1)
+    before = np.nextafter(np.float32([1, 2]), np.float32(0)).astype(np.float64)
+    assert times.tolist() == [0.0, before[0], 1.0, before[1], 2.0]
