@@ -25,16 +25,18 @@ from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.gltf.document import read_document
 from wrinklecli.gltf.pixels import read_pixels
 from wrinklecli.review.preview import render
+from wrinklecli.review.preview.apply import apply_tools
 from wrinklecli.review.preview.camera import FACING, VIEWS, Camera, camera_axes, parse_view
 from wrinklecli.review.preview.draw import Mark
-from wrinklecli.review.preview.framing import plan_cameras
+from wrinklecli.review.preview.framing import View, plan_views
 from wrinklecli.review.preview.heat import HEAT, compression, heat_colours
 from wrinklecli.review.preview.materials import Texture
 from wrinklecli.review.preview.moments import Moment
-from wrinklecli.review.preview.preview import MOST_PIXELS, MOST_SIDE, apply_tools, preview
-from wrinklecli.review.preview.render import PAPER, Snapshot, Style
+from wrinklecli.review.preview.options import PreviewOptions, Style
+from wrinklecli.review.preview.preview import MOST_PIXELS, MOST_SIDE, Preview, preview
+from wrinklecli.review.preview.render import PAPER, Snapshot
 from wrinklecli.review.preview.sheet import Legend, Sheet, encode_animation, sheet_size
-from wrinklecli.review.preview.shown import INKS, read_shown, take_snapshot
+from wrinklecli.review.preview.shown import INKS, ShownAsset, read_shown, take_snapshot
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
@@ -102,6 +104,10 @@ def baked(folder: Path) -> tuple[Path, Path, Path]:
     asset, tools = limb(folder), write_tools(folder / "tools.yaml", tool(**BUMPY))
     bake(asset, tools, folder / "baked.glb")
     return asset, tools, folder / "baked.glb"
+
+
+def draw(assets: Sequence[Path], out: Path, **options: Any) -> Preview:
+    return preview(assets, out, PreviewOptions(**options))
 
 
 # The ray caster.
@@ -264,7 +270,7 @@ def test_heat_shows_where_a_fold_compresses(tmp_path: Path) -> None:
     assert rest.colours[0, 0, 2] < cold[2], "linear"
 
     seen: Json = {"views": ["top"], "size": (160, 120), "focus": (0.0, 0.25, 0.0), "radius": 0.6}
-    preview([tmp_path / "limb.glb"], tmp_path / "heat.png", times=(0.3,), heat=True, **seen)
+    draw([tmp_path / "limb.glb"], tmp_path / "heat.png", times=(0.3,), heat=True, **seen)
     shown = picture(tmp_path / "heat.png")[:120].astype(int)
     warm = shown[..., 0] - shown[..., 2]
     hottest = np.argwhere(warm > 0.7 * warm.max())
@@ -287,8 +293,8 @@ def test_one_asset_gives_a_sheet_over_time_and_two_give_columns(tmp_path: Path) 
     asset, _, wrinkled = baked(tmp_path)
     seen: Json = {"focus": (0, 0.1, 0), "radius": 0.5, "size": SIZE, "labels": ["a"], "views": ["oblique"]}
     for name, path in (("a", asset), ("b", wrinkled)):
-        preview([path], tmp_path / f"{name}.png", times=(0.5, 1.0), columns=2, **seen)
-    preview([asset, wrinkled], tmp_path / "ab.png", times=(0.5, 1.0), **seen | {"labels": ["a", "a"]})
+        draw([path], tmp_path / f"{name}.png", times=(0.5, 1.0), columns=2, **seen)
+    draw([asset, wrinkled], tmp_path / "ab.png", times=(0.5, 1.0), **seen | {"labels": ["a", "a"]})
     single, other, side = (picture(tmp_path / f"{name}.png") for name in ("a", "b", "ab"))
     width, height = SIZE
     assert single.shape == (height, 2 * width + 4, 3)
@@ -304,7 +310,7 @@ def test_one_asset_gives_a_sheet_over_time_and_two_give_columns(tmp_path: Path) 
 def test_the_same_input_gives_the_same_bytes(tmp_path: Path, ending: str) -> None:
     asset, tools, _ = baked(tmp_path)
     for name in ("a", "b"):
-        preview([asset], tmp_path / f"{name}.{ending}", tools=tools, heat=True, frames=3, size=SIZE)
+        draw([asset], tmp_path / f"{name}.{ending}", tools=tools, heat=True, frames=3, size=SIZE)
     assert (tmp_path / f"a.{ending}").read_bytes() == (tmp_path / f"b.{ending}").read_bytes()
 
 
@@ -323,7 +329,7 @@ def test_an_animation_has_so_many_frames_and_takes_as_long_as_the_clip(
     tmp_path: Path, ending: str, options: Json, count: int, milliseconds: int
 ) -> None:
     out = tmp_path / f"fold.{ending}"
-    made = preview([limb(tmp_path, rings=5, sides=6)], out, size=(32, 24), views=["front"], **options)
+    made = draw([limb(tmp_path, rings=5, sides=6)], out, size=(32, 24), views=["front"], **options)
     assert made.moments == count
     with Image.open(out) as image:
         total = 0
@@ -342,9 +348,9 @@ def test_an_animation_has_so_many_frames_and_takes_as_long_as_the_clip(
 def test_tools_show_what_their_bake_would(tmp_path: Path) -> None:
     asset, tools, wrinkled = baked(tmp_path)
     seen: Json = {"times": (0.4, 1.0), "size": SIZE, "labels": ["x"]}
-    first = preview([asset], tmp_path / "a.png", tools=tools, hide_tools=True, **seen)
-    second = preview([wrinkled], tmp_path / "b.png", **seen)
-    preview([asset], tmp_path / "c.png", **seen, views=second.views)
+    first = draw([asset], tmp_path / "a.png", tools=tools, hide_tools=True, **seen)
+    second = draw([wrinkled], tmp_path / "b.png", **seen)
+    draw([asset], tmp_path / "c.png", **seen, views=second.views)
     assert first.views == second.views
     shown, expected, smooth = (picture(tmp_path / f"{name}.png").astype(int) for name in "abc")
     # Weight tracks of one clip and of all have their keys elsewhere: within the same error.
@@ -356,14 +362,14 @@ def test_tools_are_drawn_on_the_right_side_and_named(tmp_path: Path) -> None:
     asset, tools, _ = baked(tmp_path)
     counts = {}
     for view in ("top", "bottom"):
-        preview([asset], tmp_path / "a.png", tools=tools, before=True, rest=True, views=[view], size=(160, 120))
+        draw([asset], tmp_path / "a.png", tools=tools, before=True, rest=True, views=[view], size=(160, 120))
         shown = picture(tmp_path / "a.png")
         counts[view] = (near(shown[:120, :160], INKS[0]), near(shown[:120, 164:], INKS[0]))
         assert near(shown[120:], INKS[0], within=5) > 50, "a swatch in the legend"
     assert counts["top"][0] == 0
     assert counts["top"][1] > 50
     assert counts["bottom"] == (0, 0)
-    preview([asset], tmp_path / "b.png", tools=tools, hide_tools=True, rest=True, views=["top"], size=(160, 120))
+    draw([asset], tmp_path / "b.png", tools=tools, hide_tools=True, rest=True, views=["top"], size=(160, 120))
     assert near(picture(tmp_path / "b.png"), INKS[0]) == 0
 
 
@@ -374,8 +380,8 @@ def test_marks_lie_on_the_triangles_that_they_are_of(tmp_path: Path, options: Js
     tools = write_tools(
         tmp_path / "tools.yaml", tool(**BUMPY), tool(name="end", origin=[0.6, 0.25, 0.0], target=[0.9, 0.25, 0.0])
     )
-    document, plans = apply_tools(limb(tmp_path, **options), tools)
-    asset, _ = read_shown(document, "limb", plans)
+    applied = apply_tools(limb(tmp_path, **options), tools)
+    asset, _ = read_shown(applied.document, "limb", applied.plans)
     marked = 0
     for posed in asset.posed(Moment(None, 0.0)):
         for mark in posed.shown.marks:
@@ -395,7 +401,7 @@ def test_an_unskinned_limb_may_be_mirrored(tmp_path: Path, mirrored: bool) -> No
     scale = [-1.0, 1.0, 1.0] if mirrored else [1.0, 1.0, 1.0]
     path = limb(tmp_path, skinned=False, root={"scale": scale}, clip=None, morphs=1, morph_clip="LINEAR")
     style = Style(backfaces=True)
-    preview([path], tmp_path / "a.png", rest=True, views=["front"], size=SIZE, style=style)
+    draw([path], tmp_path / "a.png", rest=True, views=["front"], size=SIZE, style=style)
     assert reds(picture(tmp_path / "a.png")) == 0
 
 
@@ -403,7 +409,7 @@ def test_a_material_shows_its_colour_its_texture_and_the_colours_of_vertices(tmp
     def drawn(name: str, material: Json, *, colors: bool = False, image: bytes = b"") -> tuple[Bytes, tuple[str, ...]]:
         asset = limb_asset(rings=9, sides=12, colors=colors)
         textured(asset, material, image)
-        made = preview([asset.write(tmp_path / f"{name}.glb")], tmp_path / "a.png", rest=True, size=SIZE)
+        made = draw([asset.write(tmp_path / f"{name}.glb")], tmp_path / "a.png", rest=True, size=SIZE)
         shown = picture(tmp_path / "a.png")[22:]
         return shown[covered(shown)].mean(axis=0), made.warnings
 
@@ -454,7 +460,7 @@ def test_odd_looks_do_not_hide_a_shape(tmp_path: Path, change: Json) -> None:
     asset = limb_asset(rings=5, sides=6)
     textured(asset, {"baseColorTexture": {"index": 0}}, b"\x89PNG\r\n\x1a\n")
     asset.gltf |= change
-    preview([asset.write(tmp_path / "a.glb")], tmp_path / "a.png", rest=True, size=(32, 24))
+    draw([asset.write(tmp_path / "a.glb")], tmp_path / "a.png", rest=True, size=(32, 24))
     assert covered(picture(tmp_path / "a.png")).sum() > 30
 
 
@@ -474,7 +480,7 @@ def test_without_normals_each_triangle_is_one_shade(tmp_path: Path) -> None:
     sets = []
     for normals in (True, False):
         path = limb(tmp_path, rings=3, sides=6, normals=normals)
-        preview([path], tmp_path / "a.png", rest=True, size=(240, 180), views=["front"], labels=[" "])
+        draw([path], tmp_path / "a.png", rest=True, size=(240, 180), views=["front"], labels=[" "])
         shown = picture(tmp_path / "a.png")
         sets.append(len(np.unique(shown[covered(shown)], axis=0)))
     assert sets[1] < 0.6 * sets[0]
@@ -483,34 +489,34 @@ def test_without_normals_each_triangle_is_one_shade(tmp_path: Path) -> None:
 # The camera.
 
 
-def cameras_of(path: Path, moments: Sequence[Moment], **options: Any) -> tuple[Any, list[str], list[list[Camera]]]:
+def view_of(path: Path, moments: Sequence[Moment], **options: Any) -> tuple[ShownAsset, View]:
     asset, _ = read_shown(read_document(path), "limb", [])
-    names, cameras = plan_cameras([asset], moments, options.pop("views", ()), aspect=4 / 3, **options)
-    return asset, names, cameras
+    (view,) = plan_views([asset], moments, PreviewOptions(**options))
+    return asset, view
 
 
 def test_a_baked_file_is_framed_on_its_wrinkles_from_the_side_that_shows_them(tmp_path: Path) -> None:
     asset, _, wrinkled = baked(tmp_path)
     moments = [Moment("fold", time) for time in (0.0, 0.2, 0.4)]
-    shown, names, cameras = cameras_of(wrinkled, moments)
-    _, whole_names, whole = cameras_of(asset, moments)
-    assert whole_names == ["oblique"]
-    assert cameras[0][0].reach < 0.6 * whole[0][0].reach
-    _, elevation = parse_view(names[0])
+    shown, view = view_of(wrinkled, moments)
+    _, whole = view_of(asset, moments)
+    assert whole.name == "oblique"
+    assert view.cameras[0].reach < 0.6 * whole.cameras[0].reach
+    _, elevation = parse_view(view.name)
     assert elevation > 0, "it folds upwards"
     (primitive,) = shown.primitives
-    for moment, camera in zip(moments, cameras[0], strict=True):
+    for moment, camera in zip(moments, view.cameras, strict=True):
         (posed,) = shown.posed(moment)
         moved = primitive.shapes.any(axis=(0, 2))
         seen = camera.project(posed.positions[moved], (400, 300))
         assert (seen > 0).all()
         assert (seen < (400, 300)).all()
-    assert len({camera.reach for camera in cameras[0]}) == 1, "one scale for all moments"
+    assert len({camera.reach for camera in view.cameras}) == 1, "one scale for all moments"
 
 
 def test_an_asset_without_wrinkles_has_no_side_that_faces_them(tmp_path: Path) -> None:
     with pytest.raises(AssetError, match="no wrinkles to face"):
-        cameras_of(limb(tmp_path), [Moment(None, 0.0)], views=[FACING])
+        view_of(limb(tmp_path), [Moment(None, 0.0)], views=[FACING])
 
 
 def walking(folder: Path) -> Path:
@@ -527,7 +533,7 @@ def test_a_camera_that_follows_sees_a_walker_stand_still(tmp_path: Path, focus: 
     shots = []
     for follow in (True, False):
         options: Json = {"radius": 0.4} if focus else {}
-        preview(
+        draw(
             [path],
             tmp_path / "a.png",
             times=(0.0, 1.0),
@@ -683,7 +689,7 @@ def test_what_cannot_be_drawn_is_said_in_a_line(tmp_path: Path, options: Json, s
     if "size" not in options:
         options["size"] = (16, 16)
     with pytest.raises(WrinkleError, match=re.escape(said)) as caught:
-        preview([path], out, **options)
+        draw([path], out, **options)
     assert len(caught.value.lines) == 1
     assert [each.name for each in tmp_path.iterdir()] == ["limb.glb"]
 
@@ -694,7 +700,7 @@ def test_a_long_clip_is_not_drawn_at_any_rate(tmp_path: Path) -> None:
     asset.channel(animation, 1, "translation", [0.0, 1e30], [[0.0, 0.0, 0.0], [5.0, 0.0, 2.0]])
     asset.append("animations", animation)
     with pytest.raises(WrinkleError, match="at most 10000"):
-        preview([asset.write(tmp_path / "a.glb")], tmp_path / "a.gif", size=(16, 16))
+        draw([asset.write(tmp_path / "a.glb")], tmp_path / "a.gif", size=(16, 16))
 
 
 def test_an_input_is_not_overwritten(tmp_path: Path) -> None:
@@ -702,14 +708,14 @@ def test_an_input_is_not_overwritten(tmp_path: Path) -> None:
     link = tmp_path / "link.png"
     link.symlink_to(path)
     with pytest.raises(WrinkleError, match="would be overwritten"):
-        preview([path], link, size=(16, 16))
+        draw([path], link, size=(16, 16))
 
 
 def test_an_asset_without_triangles_shows_nothing(tmp_path: Path) -> None:
     asset = limb_asset(rings=3, sides=4)
     asset.gltf["meshes"][0]["primitives"][0]["mode"] = 0
     with pytest.raises(AssetError, match="nothing to see"):
-        preview([asset.write(tmp_path / "a.glb")], tmp_path / "a.png", size=(16, 16))
+        draw([asset.write(tmp_path / "a.glb")], tmp_path / "a.png", size=(16, 16))
 
 
 def test_bounds_hold_a_sheet_in_memory() -> None:

@@ -12,10 +12,10 @@ from wrinklecli.cli.output import Progress, say, warn
 _SIDE = (16, 16_383)  # pixels of a picture
 
 
-def _numbers(_context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[float, ...] | None:
+def _numbers(_context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[float, ...]:
     """Numbers between commas."""
     if value is None:
-        return None
+        return ()
     try:
         found = tuple(float(part) for part in value.split(","))
     except ValueError:
@@ -26,8 +26,10 @@ def _numbers(_context: click.Context, parameter: click.Parameter, value: str | N
 
 
 def _point(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[float, ...] | None:
+    if value is None:
+        return None
     found = _numbers(context, parameter, value)
-    if found is not None and len(found) != 3:
+    if len(found) != 3:
         raise click.BadParameter(f"{value!r} has {len(found)} numbers, not 3", param=parameter)
     return found
 
@@ -45,6 +47,10 @@ def _views(_context: click.Context, parameter: click.Parameter, value: str | Non
             except ValueError as error:
                 raise click.BadParameter(str(error), param=parameter) from error
     return names
+
+
+def _labels(_context: click.Context, _parameter: click.Parameter, value: str | None) -> tuple[str, ...]:
+    return tuple(value.split(",")) if value else ()
 
 
 def _size(_context: click.Context, parameter: click.Parameter, value: str) -> tuple[int, int]:
@@ -99,26 +105,14 @@ def _above_0(_context: click.Context, parameter: click.Parameter, value: float |
 )
 @click.option("--size", metavar="WxH", default="800x600", show_default=True, callback=_size, help="Of each picture.")
 @click.option("--columns", type=click.IntRange(1, 1000), help="Moments in a row of a sheet.")
-@click.option("--labels", metavar="A,B", help="One for each asset, or for before and after.")
+@click.option("--labels", metavar="A,B", callback=_labels, help="One for each asset, or for before and after.")
 @click.option("--wire", is_flag=True, help="Draw the triangles' edges.")
 @click.option("--clay", is_flag=True, help="Grey, whatever the materials say.")
 @click.option("--backfaces", is_flag=True, help="Paint triangles seen from behind red.")
 @allow_external_option()
 @quiet_option()
 def preview(
-    assets: tuple[str, ...],
-    output: str,
-    tools: str | None,
-    only: tuple[str, ...],
-    before: bool,
-    hide_tools: bool,
-    labels: str | None,
-    rest: bool,
-    wire: bool,
-    clay: bool,
-    backfaces: bool,
-    quiet: bool,
-    **options: Any,
+    assets: tuple[str, ...], output: str, wire: bool, clay: bool, backfaces: bool, quiet: bool, **options: Any
 ) -> None:
     """Draw ASSET (glTF), baked or not: a contact sheet over time, or an animation.
 
@@ -128,46 +122,38 @@ def preview(
 
     Exit codes: 0 done; 1 the input is at fault, nothing written; 2 wrong usage; 70 a bug.
     """
-    if not output.lower().endswith((".png", ".webp", ".gif")):
-        raise click.BadParameter(f"{output!r} ends in none of .png, .webp, .gif", param_hint="-o")
-    if len(assets) > 2:
-        raise click.UsageError(f"{len(assets)} assets were given; at most two are shown side by side.")
-    if tools is not None and len(assets) > 1:
-        raise click.UsageError("'--tools' takes one ASSET; '--before' shows it without the tools too.")
-    for given, name in ((only, "--tool"), (before, "--before"), (hide_tools, "--hide-tools")):
-        if given and tools is None:
-            raise click.UsageError(f"'{name}' needs '--tools'.")
-    if rest and (options["clips"] or options["times"] or options["frames"] or options["fps"]):
-        raise click.UsageError("'--rest' is one moment: it goes without '--clip', '--times', '--frames' and '--fps'.")
-    if options["times"] and options["frames"]:
-        raise click.UsageError("'--times' and '--frames' exclude each other.")
-    if options["focus"] is not None and options["radius"] is None:
-        raise click.UsageError("'--focus' needs '--radius'.")
-    names = labels.split(",") if labels else []
-    count = 2 if before else len(assets)
-    if names and len(names) != count:
-        raise click.UsageError(f"'--labels' has {len(names)}, not {count}.")
+    _refuse_misuse(assets, output, options)
 
+    from wrinklecli.review.preview.options import PreviewOptions, Style
     from wrinklecli.review.preview.preview import preview as run
-    from wrinklecli.review.preview.render import Style
 
-    options["times"] = options["times"] or ()
+    style = Style(wire=wire, clay=clay, backfaces=backfaces)
     with Progress(quiet=quiet) as progress:
-        made = run(
-            assets,
-            output,
-            tools=tools,
-            only=only,
-            before=before,
-            hide_tools=hide_tools,
-            rest=rest,
-            labels=names,
-            style=Style(wire=wire, clay=clay, backfaces=backfaces),
-            progress=progress.show,
-            **options,
-        )
+        made = run(assets, output, PreviewOptions(**options, style=style), progress=progress.show)
     if quiet:
         return
     for warning in made.warnings:
         warn(warning)
     say(f"{output}: {made.summary}")
+
+
+def _refuse_misuse(assets: tuple[str, ...], output: str, options: dict[str, Any]) -> None:
+    """Refuse what no single option tells: what does not go together."""
+    if not output.lower().endswith((".png", ".webp", ".gif")):
+        raise click.BadParameter(f"{output!r} ends in none of .png, .webp, .gif", param_hint="-o")
+    if len(assets) > 2:
+        raise click.UsageError(f"{len(assets)} assets were given; at most two are shown side by side.")
+    if options["tools"] is not None and len(assets) > 1:
+        raise click.UsageError("'--tools' takes one ASSET; '--before' shows it without the tools too.")
+    for key, name in (("only", "--tool"), ("before", "--before"), ("hide_tools", "--hide-tools")):
+        if options[key] and options["tools"] is None:
+            raise click.UsageError(f"'{name}' needs '--tools'.")
+    if options["rest"] and (options["clips"] or options["times"] or options["frames"] or options["fps"]):
+        raise click.UsageError("'--rest' is one moment: it goes without '--clip', '--times', '--frames' and '--fps'.")
+    if options["times"] and options["frames"]:
+        raise click.UsageError("'--times' and '--frames' exclude each other.")
+    if options["focus"] is not None and options["radius"] is None:
+        raise click.UsageError("'--focus' needs '--radius'.")
+    count = 2 if options["before"] else len(assets)
+    if options["labels"] and len(options["labels"]) != count:
+        raise click.UsageError(f"'--labels' has {len(options['labels'])}, not {count}.")

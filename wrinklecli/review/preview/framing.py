@@ -11,6 +11,7 @@ from wrinklecli.numeric.arrays import Bools, Floats, vertex_normals
 from wrinklecli.numeric.guard import Progress, no_progress
 from wrinklecli.review.preview.camera import FACING, VIEWS, Camera, camera_axes, parse_view
 from wrinklecli.review.preview.moments import Moment
+from wrinklecli.review.preview.options import PreviewOptions
 from wrinklecli.review.preview.rays import seen
 from wrinklecli.review.preview.shown import ShownAsset
 
@@ -46,66 +47,69 @@ class _Wrinkles:
         return any(bool(mask.any()) for masks in self.masks for mask in masks)
 
 
-def plan_cameras(
-    assets: Sequence[ShownAsset],
-    moments: Sequence[Moment],
-    views: Sequence[str],
-    *,
-    aspect: float,
-    focus: Sequence[float] | None = None,
-    radius: float | None = None,
-    follow: bool = False,
-    progress: Progress = no_progress,
-) -> tuple[list[str], list[list[Camera]]]:
-    """Cameras that all assets share.
+@dataclass(frozen=True, slots=True)
+class View:
+    """A side from which assets are seen.
+
+    Attributes:
+        name: Of `VIEWS`, or azimuth:elevation.
+        cameras: One for each moment.
+    """
+
+    name: str
+    cameras: tuple[Camera, ...]
+
+
+def plan_views(
+    assets: Sequence[ShownAsset], moments: Sequence[Moment], options: PreviewOptions, progress: Progress = no_progress
+) -> list[View]:
+    """Place cameras, which all assets share.
 
     Args:
         assets: To show.
         moments: To show.
-        views: Names of `VIEWS`, `FACING` or azimuth:elevation; where left out, FACING where there are wrinkles.
-        aspect: Width over height of a picture.
-        focus: (3,) the point to look at, world space; where left out, the wrinkles, or else everything.
-        radius: Of what to see about it, scene units.
-        follow: Move with the wrinkles, or with the skin that is at `focus` in the stored pose.
+        options: Views, focus, radius and whether to follow; where no view is named, `FACING` where there are wrinkles.
         progress: Called with a stage's name, steps done and steps in all.
 
     Returns:
-        The views by name, FACING as the angles that it came to, and for each view the camera at each moment.
+        What is asked for, `FACING` as the angles that it came to.
 
     Raises:
-        AssetError: There is nothing to see, or FACING was asked for and there are no wrinkles.
+        AssetError: There is nothing to see, or `FACING` was asked for and there are no wrinkles.
     """
     wrinkles = _wrinkles(assets, moments)
     bounds, centres = [], np.zeros((len(moments), 3))
     for number, moment in enumerate(moments):
         points, middle = _sight(assets, moment, wrinkles)
         bounds.append(points)
-        if follow:
+        if options.follow:
             centres[number] = middle
         progress("posing", number + 1, len(moments))
-    if focus is not None:
-        centres[:] = focus
-        if follow:
+    if options.focus is not None:
+        centres[:] = options.focus
+        if options.follow:
             centres = _followed(assets[0], moments, centres[0])
     relative = np.concatenate([points - centre for points, centre in zip(bounds, centres, strict=True)])
-    names, cameras = [], []
-    for view in views or [FACING if wrinkles.known else _DEFAULT]:
+    views = []
+    for view in options.views or [FACING if wrinkles.known else _DEFAULT]:
         name = _facing(assets, moments, wrinkles) if view == FACING else view
-        camera = Camera.framing(
-            relative,
-            camera_axes(*parse_view(name)),
-            aspect=aspect,
-            margin=_WRINKLES_MARGIN if wrinkles.known else _FIGURE_MARGIN,
-        )
-        if radius is not None:
-            camera = replace(camera, reach=radius / min(aspect, 1.0))
-        if focus is not None:
-            camera = replace(camera, centre=np.zeros(3))
+        margin = _WRINKLES_MARGIN if wrinkles.known else _FIGURE_MARGIN
+        camera = _camera(relative, name, margin, options)
         if not camera.reach > 0:
             raise AssetError("nothing to see: all is at one point", where=assets[0].document.path)
-        names.append(name)
-        cameras.append([replace(camera, centre=camera.centre + centre) for centre in centres])
-    return names, cameras
+        views.append(View(name, tuple(replace(camera, centre=camera.centre + centre) for centre in centres)))
+    return views
+
+
+def _camera(points: Floats, view: str, margin: float, options: PreviewOptions) -> Camera:
+    """A camera that sees (points, 3) about what it looks at, or as far about it as is asked for."""
+    aspect = options.size[0] / options.size[1]
+    camera = Camera.framing(points, camera_axes(*parse_view(view)), aspect=aspect, margin=margin)
+    if options.radius is not None:
+        camera = replace(camera, reach=options.radius / min(aspect, 1.0))
+    if options.focus is not None:
+        camera = replace(camera, centre=np.zeros(3))
+    return camera
 
 
 def _wrinkles(assets: Sequence[ShownAsset], moments: Sequence[Moment]) -> _Wrinkles:

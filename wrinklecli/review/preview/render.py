@@ -15,6 +15,7 @@ from wrinklecli.review.preview.camera import Camera, project
 from wrinklecli.review.preview.draw import INK, Mark, SeenMark, blend, draw_mark, edge_cover, seen_mark
 from wrinklecli.review.preview.light import REACH, light_up
 from wrinklecli.review.preview.materials import Texture, look_up
+from wrinklecli.review.preview.options import PLAIN, Style
 from wrinklecli.review.preview.rays import Hits, TracedSurface, first_hits, trace
 
 Bytes = NDArray[np.uint8]
@@ -55,24 +56,6 @@ class Snapshot:
 
 
 @dataclass(frozen=True, slots=True)
-class Style:
-    """How to draw.
-
-    Attributes:
-        wire: The triangles' edges too.
-        clay: Grey, whatever the colours.
-        backfaces: Triangles that are seen from behind in red.
-    """
-
-    wire: bool = False
-    clay: bool = False
-    backfaces: bool = False
-
-
-PLAIN = Style()
-
-
-@dataclass(frozen=True, slots=True)
 class _Scene:
     """A snapshot in a camera's axes.
 
@@ -91,7 +74,7 @@ class _Scene:
     marks: tuple[SeenMark, ...]
 
 
-def render(snapshot: Snapshot, camera: Camera, *, size: tuple[int, int] = (800, 600), style: Style = PLAIN) -> Bytes:
+def render(snapshot: Snapshot, camera: Camera, *, size: tuple[int, int], style: Style = PLAIN) -> Bytes:
     """A picture of a snapshot: key light with soft shadow, fill light, ambient occlusion.
 
     Both sides of a triangle are shaded, its normals turned with it. Light rays start from the curved surface that the

@@ -1,0 +1,70 @@
+"""Options of a preview: what to show of assets, and how."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Style:
+    """How to draw.
+
+    Attributes:
+        wire: The triangles' edges too.
+        clay: Grey, whatever the colours.
+        backfaces: Triangles that are seen from behind in red.
+    """
+
+    wire: bool = False
+    clay: bool = False
+    backfaces: bool = False
+
+
+PLAIN = Style()
+
+
+@dataclass(frozen=True, slots=True)
+class PreviewOptions:
+    """What to show of assets, and how.
+
+    Attributes:
+        tools: A YAML file of tools, to apply to the one asset and to draw on it.
+        only: Names of these tools; all where left out.
+        before: Show the asset without the tools beside it.
+        hide_tools: Apply the tools, but do not draw them.
+        clips: Names; the first of the first asset where left out.
+        rest: The pose as stored instead.
+        times: Seconds; where left out, moments are spread over each clip.
+        frames: How many moments of each clip.
+        fps: Moments per second: of the clip, and of the animation.
+        views: Names of `VIEWS`, `facing` (the wrinkles' side) or azimuth:elevation in degrees.
+        focus: (3,) the point to look at, world space; where left out, the wrinkles, or else all.
+        radius: Of what to see about it, scene units.
+        follow: The camera moves with the wrinkles, or with the skin that is at `focus` in the stored pose.
+        size: Width and height of each picture, pixels.
+        columns: Moments in a row of a sheet.
+        labels: One for each asset, or for before and after.
+        heat: Colour the surface by its compression against the stored pose.
+        style: How to draw.
+        allow_external: Read buffers and images outside the asset's folder too.
+    """
+
+    tools: str | os.PathLike[str] | None = None
+    only: Sequence[str] = ()
+    before: bool = False
+    hide_tools: bool = False
+    clips: Sequence[str] = ()
+    rest: bool = False
+    times: Sequence[float] = ()
+    frames: int | None = None
+    fps: float | None = None
+    views: Sequence[str] = ()
+    focus: Sequence[float] | None = None
+    radius: float | None = None
+    follow: bool = False
+    size: tuple[int, int] = (800, 600)
+    columns: int | None = None
+    labels: Sequence[str] = ()
+    heat: bool = False
+    style: Style = PLAIN
+    allow_external: bool = False
