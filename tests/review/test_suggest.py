@@ -31,17 +31,10 @@ from wrinklecli.method.activity import lengths_over_time
 from wrinklecli.method.patch import attach_tools
 from wrinklecli.method.rest import rest_pose
 from wrinklecli.numeric.arrays import unit
-from wrinklecli.review.suggest.strain import (
-    Gauge,
-    along_directions,
-    at_sites,
-    principal,
-    read_gauge,
-    scan,
-    spread_sites,
-    strain,
-)
-from wrinklecli.review.suggest.suggest import Suggestion, Suggestions, suggest
+from wrinklecli.review.suggest.fitting import Suggestion
+from wrinklecli.review.suggest.sites import at_sites, scan, spread_sites
+from wrinklecli.review.suggest.strain import Gauge, along_directions, principal, read_gauge, strain
+from wrinklecli.review.suggest.suggest import Suggestions, suggest
 from wrinklecli.tools.read import load_tools, parse_tools
 from wrinklecli.tools.records import ToolsFile, WrinkleTool
 
@@ -183,7 +176,7 @@ def test_the_greatest_loss_is_found_in_whatever_chunks_poses_come(
     sites = spread_sites(gauge)
     times = [np.linspace(0.0, 2.0, 23)]
     whole = scan(gauge, sites, clips, times)
-    monkeypatch.setattr("wrinklecli.review.suggest.strain._CHUNK", 1)
+    monkeypatch.setattr("wrinklecli.review.suggest.sites._CHUNK", 1)
     single = scan(gauge, sites, clips, times)
     assert (whole.poses == single.poses).all()
     assert np.abs(whole.losses - single.losses).max() < 1e-12
@@ -605,7 +598,7 @@ def test_long_clips_are_sampled_sparsely(tmp_path: Path) -> None:
 
 
 def test_too_much_work_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("wrinklecli.review.suggest.suggest._TOO_MUCH_WORK", 100)
+    monkeypatch.setattr("wrinklecli.review.suggest.measure._TOO_MUCH_WORK", 100)
     with pytest.raises(BakeError, match="use --clip or --node"):
         suggest(limb(tmp_path / "limb.glb"))
 

@@ -9,7 +9,8 @@ from wrinklecli.cli.options import FILE, allow_external_option, clip_option, fps
 from wrinklecli.cli.output import Progress, emit_json, say, warn, write_text
 
 if TYPE_CHECKING:
-    from wrinklecli.review.suggest.suggest import Suggestion, Suggestions
+    from wrinklecli.review.suggest.fitting import Suggestion
+    from wrinklecli.review.suggest.suggest import Suggestions
 
 
 @click.command(

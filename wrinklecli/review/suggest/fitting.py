@@ -1,0 +1,271 @@
+"""Tools fit_tools to folds, best first: attached and measured over all clips as a bake does, numbers rounded as written.
+
+A tool that lies on a better one, does not attach or hardly shortens is left out, and one whose mirror image across
+x = 0 shortens too becomes a pair.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.errors import WrinkleError
+from wrinklecli.method.activity import lengths_over_time
+from wrinklecli.method.patch import Patch, attach_tools
+from wrinklecli.numeric.arrays import Floats
+from wrinklecli.review.suggest.folds import LEAST_LOSS, Fold, driver_of
+from wrinklecli.review.suggest.measure import MeasuredMesh, pose_unscaled
+from wrinklecli.review.suggest.segments import lay_segment
+from wrinklecli.tools.mirror import split_side
+from wrinklecli.tools.records import Length, ToolsFile, WrinkleTool
+
+_SETTINGS = ToolsFile(path="", tools=())
+# Of the best suggestion's score: less is not worth a tool.
+_LEAST_SCORE = 0.02
+# A bump is this part of the patch's width: wrinkles are several times as long as they are wide.
+_BUMP_OF_WIDTH = 0.18
+_FEWEST_BUMPS, _MOST_BUMPS = 4, 6
+# The profile across is at half its height at half the width, which is where the region ends.
+_WIDTH_OF_REGION = 1.4
+# A twin must shorten by this part of what its original does.
+_TWIN_SHORTENING = 0.5
+# Slack before the first wrinkle: clips rarely come back to the stored pose, and 1 % already shows.
+SLACK = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Suggestion:
+    """A tool across a compressed region.
+
+    Attributes:
+        tool: Its definition, numbers as they are written.
+        mirrored: Whether its twin on the other side of x = 0 is meant too.
+        mesh: Name of the node.
+        driver: The joint or morph target that compresses the region, as the asset names it.
+        by_morph: Whether that is a morph target.
+        clip: The clip that shortens the segment most.
+        time: When, seconds.
+        span: Distance of the anchors at rest, scene units.
+        clips: Of each clip, the least distance of the anchors with animated scale taken out, scene units; infinite
+            where the character is hidden in all of it.
+        score: What the region loses: 1 − σ summed over its area, scene units squared.
+    """
+
+    tool: WrinkleTool
+    mirrored: bool
+    mesh: str
+    driver: str
+    by_morph: bool
+    clip: str
+    time: float
+    span: float
+    clips: dict[str, float]
+    score: float
+
+    @property
+    def shortening(self) -> float:
+        """The greatest shortening, as a part of the span."""
+        return 1.0 - self.clips[self.clip] / self.span
+
+    @property
+    def rest_length(self) -> str:
+        """The tool's, as it is written."""
+        return f"{100 - SLACK}%"
+
+
+def fit_tools(folds: list[Fold], count: int) -> list[Suggestion]:
+    """The best folds as tools, best first; lop-sided ones only where there is no other."""
+    return _ranked(folds, count, lopsided=False) or _ranked(folds, count, lopsided=True)
+
+
+def _ranked(folds: list[Fold], count: int, *, lopsided: bool) -> list[Suggestion]:
+    order = sorted(range(len(folds)), key=lambda index: -folds[index].score)
+    found: list[Suggestion] = []
+    laid: list[tuple[MeasuredMesh, Patch]] = []
+    names: set[str] = set()
+    sizes: dict[tuple[int, str], float] = {}
+    for index in order:
+        fold = folds[index]
+        if len(found) == count or fold.score < _LEAST_SCORE * folds[order[0]].score:
+            break
+        others = [patch for mesh, patch in laid if mesh is fold.mesh]
+        if any(_covers(patch, fold.region.centre, fold.region.normal) for patch in others):
+            continue
+        made = _made(fold, names, sizes, lopsided=lopsided)
+        if made is None or any(_overlap(patch, other) for patch in made[1] for other in others):
+            continue
+        suggestion, patches = made
+        # Folds about one joint are of one size, where they are about the same size.
+        sizes.setdefault((fold.mesh.rig.node, suggestion.driver), suggestion.span / suggestion.tool.bumps)
+        found.append(suggestion)
+        names |= {patch.tool.identifier for patch in patches}
+        laid += [(fold.mesh, patch) for patch in patches]
+    return found
+
+
+def _covers(patch: Patch, place: Floats, normal: Floats) -> bool:
+    """Whether a place that looks along a normal lies well on a patch."""
+    u, v = patch.coordinates(place)
+    height = abs(float((place - patch.origin.position) @ patch.normal))
+    on = 0.0 <= u <= 1.0 and abs(v) <= 0.8 and height < 0.5 * max(patch.span, patch.half_width)
+    return bool(on and patch.normal @ normal > 0)
+
+
+def _overlap(first: Patch, second: Patch) -> bool:
+    """Whether the middle of one patch lies on the other."""
+    middles = [(each.origin.position + each.target.position) / 2.0 for each in (first, second)]
+    return _covers(second, middles[0], first.normal) or _covers(first, middles[1], second.normal)
+
+
+def _made(
+    fold: Fold, names: set[str], sizes: dict[tuple[int, str], float], *, lopsided: bool
+) -> tuple[Suggestion, list[Patch]] | None:
+    """A tool of a fold, with its twin if it has one; none where it does not attach or shorten.
+
+    Args:
+        fold: Where.
+        names: Identifiers that are taken.
+        sizes: By node and driver, the width of a bump, scene units.
+        lopsided: Whether to take a fold alone that is one of a pair, but would lie on its twin.
+    """
+    mesh, region = fold.mesh, fold.region
+    apart = 2.0 * abs(float(region.centre[0])) > 0.5 * min(region.length, region.width)
+    if region.twin and not (apart or region.on_plane or lopsided):
+        return None
+    # Where the region loses most its segment need not be shortest: a fold closes further.
+    for _ in range(2):
+        first = _attached(mesh, [_tool(fold, "probe", _WIDTH_OF_REGION * region.width)])
+        if first is None:
+            return None
+        clip, time = _deepest(mesh, first[0])
+        if clip is fold.clip and time == fold.time:
+            break
+        ends = lay_segment(mesh, region, [pose_unscaled(mesh, fold.clip, fold.time), pose_unscaled(mesh, clip, time)])
+        if ends is None:
+            return None
+        fold = replace(fold, origin=ends[0], target=ends[1])
+    driver, by_morph = driver_of(fold)
+    base, side = split_side(driver.rsplit(":", 1)[-1])
+    base = "_".join("".join(c if c.isascii() and c.isalnum() else " " for c in base).split()) or "fold"
+    size = sizes.get((mesh.rig.node, driver))
+    options = []
+    # `mirror` would exchange the side in the node's name too.
+    if region.twin and apart and not (mesh.node is not None and split_side(mesh.node)[1]):
+        options.append(_pair(fold, base, side, size))
+    options.append([_tool(fold, f"{base}.{side}" if side else base, _WIDTH_OF_REGION * region.width, size)])
+    for tools in options:
+        named, number = tools, 1
+        while any(tool.identifier in names for tool in named):
+            number += 1
+            named = [replace(tool, name=f"{base}_{number}{tool.name[len(base) :]}") for tool in tools]
+        patches = _attached(mesh, named)
+        if patches is None:
+            continue
+        if len(patches) == 2 and _overlap(*patches):
+            if lopsided:
+                continue
+            return None
+        lengths = [_shortest(mesh, patch) for patch in patches]
+        shares = [1.0 - min(each.values())[0] / patch.span for each, patch in zip(lengths, patches, strict=True)]
+        if min(shares) < max(LEAST_LOSS, _TWIN_SHORTENING * max(shares)):
+            continue
+        best = min(lengths[0], key=lambda name: lengths[0][name])
+        suggestion = Suggestion(
+            tool=named[0],
+            mirrored=len(named) == 2,
+            mesh=mesh.rig.names[mesh.rig.node],
+            driver=_left(mesh, driver) if len(named) == 2 else driver,
+            by_morph=by_morph,
+            clip=best,
+            time=lengths[0][best][1],
+            span=patches[0].span,
+            clips={name: length for name, (length, _) in lengths[0].items()},
+            score=fold.score,
+        )
+        return suggestion, patches
+    return None
+
+
+def _left(mesh: MeasuredMesh, driver: str) -> str:
+    """The joint of the left side where the right side's drives one half of a pair."""
+    base, side = split_side(driver)
+    named = (name for name in mesh.rig.names if side == "R" and split_side(name) == (base, "L"))
+    return next(named, driver)
+
+
+def _attached(mesh: MeasuredMesh, tools: list[WrinkleTool]) -> list[Patch] | None:
+    """Tools attached as a bake does; none where it would refuse one."""
+    try:
+        return attach_tools(tools, mesh.surface, mesh.rest, mesh.rig, _SETTINGS, mesh.clips)
+    except WrinkleError:
+        return None
+
+
+def _pair(fold: Fold, base: str, side: str, size: float | None) -> list[WrinkleTool]:
+    """The tools of a fold on either side of x = 0, the left one first: on the side of x > 0, or as joints say."""
+    region = fold.region
+    width = _WIDTH_OF_REGION * region.width
+    across = abs(float(np.cross(region.normal, region.along)[0]))
+    if across > 0.5:
+        # Two bells whose middles are half a width apart add up to an even height between them.
+        width = min(width, 4.0 * abs(float(region.centre[0])) / across)
+    here = _tool(fold, f"{base}.L", width, size)
+    if (side or ("L" if region.centre[0] > 0 else "R")) == "R":
+        here = _across(here, here.name)
+    return [here, _across(here, f"{base}.R")]
+
+
+def _deepest(mesh: MeasuredMesh, patch: Patch) -> tuple[Clip, float]:
+    """When a tool's anchors are nearest to each other."""
+    lengths = _shortest(mesh, patch)
+    name = min(lengths, key=lambda each: lengths[each])
+    return next(clip for clip in mesh.clips if clip.name == name), lengths[name][1]
+
+
+def _across(tool: WrinkleTool, name: str) -> WrinkleTool:
+    """A tool's mirror image across x = 0."""
+    (a, b, c), (d, e, f) = place_of(tool.origin), place_of(tool.target)
+    return replace(tool, name=name, origin=(0.0 - a, b, c), target=(0.0 - d, e, f))
+
+
+def place_of(anchor: object) -> tuple[float, float, float]:
+    """An anchor of a suggested tool, which is always a place."""
+    assert isinstance(anchor, tuple)
+    return anchor
+
+
+def _tool(fold: Fold, name: str, width: float, size: float | None = None) -> WrinkleTool:
+    """A tool in the numbers that are written."""
+    # Downwards, or along x or z, whichever way the direction was found.
+    axis = int(np.argmax(np.abs(fold.target - fold.origin)))
+    ends = sorted((fold.origin, fold.target), key=lambda end: float(end[axis]), reverse=axis == 1)
+    span = float(np.linalg.norm(ends[1] - ends[0]))
+    origin, target = ([round(float(x), decimals(span)) + 0.0 for x in end] for end in ends)
+    natural = _BUMP_OF_WIDTH * width
+    bumps = round(span / (size if size is not None and natural / 1.5 < size < 1.5 * natural else natural))
+    return WrinkleTool(
+        name=name,
+        node=fold.mesh.node,
+        origin=(origin[0], origin[1], origin[2]),
+        target=(target[0], target[1], target[2]),
+        width=Length(round(width, 1 - math.floor(math.log10(width)))),
+        strategy="both_ends",
+        bumps=min(max(bumps, _FEWEST_BUMPS), _MOST_BUMPS),
+        rest_length=Length(100.0 - SLACK, percent=True),
+    )
+
+
+def decimals(span: float) -> int:
+    """Decimals of a position: a hundredth of the span, or less."""
+    return max(2 - math.floor(math.log10(span)), 0)
+
+
+def _shortest(mesh: MeasuredMesh, patch: Patch) -> dict[str, tuple[float, float]]:
+    """Of each clip the least distance of a tool's anchors, scene units, and when, seconds."""
+    found = {}
+    for clip, times in zip(mesh.clips, mesh.times, strict=True):
+        distances, _ = lengths_over_time(patch, mesh.rig, mesh.rest, clip, times)
+        best = int(distances.argmin())
+        found[clip.name] = float(distances[best]), float(times[best])
+    return found

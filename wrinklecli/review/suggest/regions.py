@@ -1,0 +1,168 @@
+"""Regions of a surface that a pose compresses along one direction, each grown around its most compressed site."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, unit
+from wrinklecli.review.suggest.measure import MeasuredMesh
+from wrinklecli.review.suggest.sites import Sites
+from wrinklecli.review.suggest.strain import along_directions, principal
+
+# A region ends where the loss falls to this part of its seed's, ...
+_REGION_LOSS = 0.33
+# ... where the surface turns away from its middle by this cosine, ...
+_REGION_FACING = 0.25
+# ... at this part of its length to either side, and of its width either way along: beyond, it is a row of folds.
+_REGION_ASPECTS = (1.3, 0.9)
+# Sites that a region has at least: of fewer, the mesh says too little.
+_FEWEST_SITES = 4
+# Sine of a direction with the plane x = 0 below which it lies in it.
+_ALIGNED = 0.35
+# Part of a region's loss left out at either end when its extent is measured.
+_TAIL = 0.03
+# Part of a mesh's area that must have its mirror image for the mesh to count as symmetric: clothes need not be.
+_SYMMETRIC = 0.75
+
+
+@dataclass(frozen=True, slots=True)
+class Region:
+    """Sites that a pose compresses along one direction.
+
+    Attributes:
+        members: (sites,) of the mesh.
+        weights: (sites,) area times loss of each.
+        centre: (3,) near the surface.
+        normal: (3,) unit, mean.
+        along: (3,) unit, the direction of the loss.
+        length: Extent that way, scene units.
+        width: Extent across, scene units.
+        twin: Whether the other side of x = 0 is compressed likewise.
+        on_plane: Whether it is its own mirror image there.
+    """
+
+    members: Ints
+    weights: Floats
+    centre: Floats
+    normal: Floats
+    along: Floats
+    length: float
+    width: float
+    twin: bool
+    on_plane: bool
+
+
+def grow_region(mesh: MeasuredMesh, seed: int, tensors: Floats, free: Bools, twin: bool) -> Region | None:
+    """The region around a seed that a pose compresses along the same direction.
+
+    Args:
+        mesh: The mesh.
+        seed: A site.
+        tensors: (sites, 6) what the pose loses.
+        free: (sites,) which belong to no other region.
+        twin: Whether the pose or another compresses the other side of x = 0 likewise.
+    """
+    sites = mesh.sites
+    losses, directions = principal(tensors[seed][None], sites.normals[seed][None])
+    place, normal, along = sites.positions[seed], sites.normals[seed], directions[0]
+    level = _REGION_LOSS * float(losses[0])
+    x = place[0]
+    # Each side of a pair keeps to itself; a seed on the plane has the region on both sides.
+    allowed = free & (sites.positions[:, 0] * np.sign(x) > -0.5 * sites.spacing) if twin else free
+    if abs(x) <= sites.radius:
+        allowed = free
+    members, weights = np.array([seed]), np.ones(1)
+    reaches = (np.inf, np.inf)
+    for _ in range(3):
+        lost = along_directions(tensors, sites.normals, along)
+        across = np.cross(normal, along)
+        sideways, ahead = (sites.positions - place) @ across, (sites.positions - place) @ along
+        inside = allowed & (lost >= level) & (sites.normals @ normal > _REGION_FACING)
+        inside &= (np.abs(sideways) <= reaches[0]) & (np.abs(ahead) <= reaches[1])
+        inside[seed] = True
+        members = _connected(sites, inside, seed)
+        weights = sites.areas[members] * np.maximum(lost[members], 0.0)
+        total = float(weights.sum())
+        normal = unit(weights @ sites.normals[members])
+        if not total > 0 or not normal.any():
+            return None
+        _, found = principal((weights @ tensors[members] / total)[None], normal[None])
+        along = found[0]
+        reaches = (
+            _REGION_ASPECTS[0] * _thickness(sites, ahead[members], sideways[members], weights),
+            _REGION_ASPECTS[1] * _thickness(sites, sideways[members], ahead[members], weights),
+        )
+    if len(members) < _FEWEST_SITES:
+        return None
+    centre = weights @ sites.positions[members] / total
+    on_plane = ""
+    if twin and abs(centre[0]) < sites.spacing and abs(normal[0]) < _ALIGNED:
+        # A fold that is its own mirror image: made exactly so.
+        on_plane = "within" if abs(along[0]) < _ALIGNED else "across" if abs(along[0]) > 1.0 - _ALIGNED**2 / 2.0 else ""
+    if on_plane:
+        flattened = np.array([0.0, 1.0, 1.0])
+        centre, normal = centre * flattened, unit(normal * flattened)
+        along = unit(along * flattened) if on_plane == "within" else np.array([1.0, 0.0, 0.0])
+    across = np.cross(normal, along)
+    relative = sites.positions[members] - centre
+    (low, high), (left, right) = (_extent(relative @ axis, weights) for axis in (along, across))
+    middle = (low + high) / 2.0 * along * (on_plane != "across") + (left + right) / 2.0 * across * (
+        on_plane != "within"
+    )
+    return Region(
+        members=members,
+        weights=weights,
+        centre=centre + middle,
+        normal=normal,
+        along=along,
+        length=high - low + sites.spacing,
+        width=right - left + sites.spacing,
+        twin=twin,
+        on_plane=bool(on_plane),
+    )
+
+
+def _thickness(sites: Sites, along: Floats, aside: Floats, weights: Floats) -> float:
+    """Extent along one axis of the members that lie on it, but two radii at least."""
+    middle = np.abs(aside) <= 1.5 * sites.spacing
+    low, high = _extent(along[middle], weights[middle])
+    return max(high - low + sites.spacing, 2.0 * sites.radius)
+
+
+def _connected(sites: Sites, inside: Bools, seed: int) -> Ints:
+    """Those of some sites that neighbours connect to a seed, ascending."""
+    from scipy.sparse.csgraph import breadth_first_order
+
+    chosen = np.flatnonzero(inside)
+    graph = sites.near[chosen][:, chosen]
+    start = int(np.searchsorted(chosen, seed))
+    return np.sort(chosen[breadth_first_order(graph, start, directed=False, return_predecessors=False)])
+
+
+def _extent(values: Floats, weights: Floats) -> tuple[float, float]:
+    """Between which values lies all but a tail of the weight at either end."""
+    order = np.argsort(values, kind="stable")
+    total = np.cumsum(weights[order])
+    low, high = np.searchsorted(total, np.array([_TAIL, 1.0 - _TAIL]) * total[-1])
+    return float(values[order[low]]), float(values[order[min(int(high), len(order) - 1)]])
+
+
+def sites_with_twins(mesh: MeasuredMesh) -> Bools:
+    """(sites,) whether the place across x = 0 is a site too and is compressed likewise; none of a lop-sided mesh."""
+    from scipy.spatial import cKDTree
+
+    sites, losses = mesh.sites, mesh.peaks.losses
+    distances, others = cKDTree(sites.positions).query(sites.positions * [-1.0, 1.0, 1.0])
+    facing = np.sum(sites.normals * sites.normals[others] * [-1.0, 1.0, 1.0], axis=1) > 0.5
+    matched = (distances < sites.spacing) & facing
+    symmetric = sites.areas @ matched > _SYMMETRIC * sites.areas.sum()
+    return np.asarray(symmetric & matched & (losses[others] > 0.6 * losses))
+
+
+def is_buried(sites: Sites, region: Region) -> bool:
+    """Whether a region looks at another part of the surface that is nearer than its own length."""
+    ahead = sites.positions - region.centre
+    heights = ahead @ region.normal
+    aside = np.sqrt(np.maximum(np.sum(ahead**2, axis=1) - heights**2, 0.0))
+    before = (heights > 0) & (heights < region.length) & (aside < 0.5 * heights)
+    return bool((before & (sites.normals @ region.normal < -0.3)).any())

@@ -1,0 +1,79 @@
+"""Text of a suggested tools file, commented, and a check that it says what was measured."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from wrinklecli.errors import AssetError, WrinkleError
+from wrinklecli.gltf.document import Document
+from wrinklecli.review.suggest.fitting import SLACK, Suggestion, decimals, place_of
+from wrinklecli.tools.read import parse_tools
+from wrinklecli.tools.yaml_tree import printable
+
+
+def tools_text(suggestions: Sequence[Suggestion], asset: str, *, flat: bool = False) -> str:
+    """A commented tools file.
+
+    Args:
+        suggestions: At least one.
+        asset: What the comments call the asset.
+        flat: Whether meshes are shaded flat, so that refinement should keep their faces.
+    """
+    lines = [
+        f"# Tools for {printable(asset, 90)}, as `wrinkle suggest` found them, best first.",
+        "#",
+        "# Each is a segment across the folds that a clip makes: its ends come closer, and the lost length comes back",
+        "# as bumps. Positions are those of the stored pose, in scene units, Y up. The file is made to be edited: move",
+        "# the ends, try other widths and numbers of bumps, delete what you do not want.",
+        "version: 1",
+        "",
+        *(["refinement: {scheme: midpoint}   # keeps the flat faces of a mesh without normals", ""] if flat else []),
+        "defaults:",
+        f"  rest_length: {100 - SLACK}%     # slack: the first {SLACK} % of shortening make no wrinkles",
+        "  max_height: auto     # a quarter of a bump's width; deep folds take more, in scene units or per cent",
+        "",
+        "tools:",
+    ]
+    for each in suggestions:
+        tool = each.tool
+        digits = decimals(each.span)
+        what = "Morph target" if each.by_morph else "Joint"
+        lines += [
+            f"  # {what} {printable(each.driver, 90)}: shortens by {100 * each.shortening:.0f} %,"
+            f" from {each.span:.{digits}f} to {each.clips[each.clip]:.{digits}f},"
+            f" in clip {printable(each.clip, 90)} at {each.time:.2f} s",
+            f"  - name: {tool.name}",
+            *([f"    node: {_quoted(tool.node)}"] if tool.node is not None else []),
+            f"    origin: {_written(tool.origin, digits)}",
+            f"    target: {_written(tool.target, digits)}",
+            *(["    mirror: x"] if each.mirrored else []),
+            f"    width: {tool.width.value:.12g}",
+            f"    strategy: {tool.strategy}",
+            f"    bumps: {tool.bumps}",
+            "",
+        ]
+    return "\n".join(lines[:-1]) + "\n"
+
+
+def _written(anchor: object, digits: int) -> str:
+    return f"[{', '.join(f'{x:.{digits}f}' for x in place_of(anchor))}]"
+
+
+def _quoted(name: str) -> str:
+    """A name as YAML text in double quotes, whatever it holds."""
+    escaped = name.replace("\\", "\\\\").replace('"', '\\"')
+    return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in escaped) + '"'
+
+
+def refuse_unwritable(text: str, document: Document, suggestions: Sequence[Suggestion]) -> None:
+    """Check that the file says what was measured.
+
+    Raises:
+        AssetError: The asset's lengths are beyond what a tools file takes.
+    """
+    try:
+        read = parse_tools(text).tools
+    except WrinkleError as error:
+        raise AssetError(f"cannot be described by a tools file: {error.lines[0]}", where=document.path) from error
+    kept = {tool.name: tool for tool in read}
+    for each in suggestions:
+        assert kept[each.tool.name] == replace(each.tool, where=kept[each.tool.name].where), each.tool.name
