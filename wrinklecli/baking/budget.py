@@ -24,14 +24,12 @@ Sources:
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from wrinklecli.baking.job import Engine
 from wrinklecli.baking.plan import MeshPlan, poses_of
 from wrinklecli.baking.remix import (
-    REDUCTION_SHARE,
     keyed_at_turns,
     most_at_once,
     remade,
@@ -47,10 +45,11 @@ from wrinklecli.character.surface import dense_influences, read_vertices
 from wrinklecli.character.weight_track import widen
 from wrinklecli.errors import RefusedError
 from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools
 
-Json = dict[str, Any]
-
+# Share of the error bound that fewer shapes may take, as for `attachment: patch`.
+_REDUCTION_SHARE = 0.25
 # Bytes of a texel of four floats, of which three.js keeps one for each vertex, target and attribute.
 _TEXEL_BYTES = 16
 
@@ -106,7 +105,7 @@ def fit_budget(
     Weights outside 0 to 1 cost nothing: a shape that is scaled, and one that goes on with its negative, play
     the same at all times. Too many targets are reduced, tool by tool, to the fewest that give all heights over the
     tool's whole range of shortenings within a quarter of the error bound, whatever the clips do. Too many at a time
-    cost nothing where a tool's bumps rise one after another: see `_in_turn`. (Tools that happen to move alike, as
+    cost nothing where a tool's bumps rise one after another: see `remix.in_turn`. (Tools that happen to move alike, as
     mirrored ones may, keep targets of their own: shared ones would change with the clips.)
 
     Args:
@@ -131,34 +130,9 @@ def fit_budget(
     if budget.unit_weights:
         target_sets = [with_unit_weights(target_set) for target_set in target_sets]
         motions = remade(target_sets, motions)
-        found["least_weight"] = min((float(each.weights.min(initial=0.0)) for each in motions), default=0.0)
-        found["greatest_weight"] = max((float(each.weights.max(initial=0.0)) for each in motions), default=0.0)
-        found["least_weight_of_asset"] = min(
-            (float(morph_weights(plan.rig, each.clip, each.times).min(initial=0.0)) for each in motions), default=0.0
-        )
+        found.update(_weight_range(plan, motions))
     if _excess(plan, target_sets, motions, budget):
-        tolerance = REDUCTION_SHARE * plan.max_error
-        fewer = [
-            with_fewest(target_set, tolerance)
-            if budget.active is None
-            else with_fewest_at_once(plan, target_set, tolerance)
-            for target_set in target_sets
-        ]
-        for old, (target_set, error) in zip(target_sets, fewer, strict=True):
-            if target_set is not old:
-                found["reduced"].append(
-                    {
-                        "tool": target_set.carried.patch.tool.name,
-                        "from": len(targets_of([old])),
-                        "to": len(targets_of([target_set])),
-                        "at_once": most_at_once(target_set),
-                        "error": float(f"{error:.3e}"),
-                    }
-                )
-        target_sets = [target_set for target_set, _ in fewer]
-        motions = remade(target_sets, motions)
-        if budget.active is not None:
-            target_sets, motions = keyed_at_turns(plan, target_sets, motions)
+        target_sets, motions, found["reduced"] = _reduce(plan, target_sets, motions, budget)
     excess = _excess(plan, target_sets, motions, budget)
     if excess:
         raise RefusedError(
@@ -170,6 +144,44 @@ def fit_budget(
     found["active"] = max((int(_active(plan, motion)[0].sum()) for motion in motions), default=0)
     found["active_attributes"] = found["active"] * _attributes(plan)
     return target_sets, motions, found
+
+
+def _weight_range(plan: MeshPlan, motions: Sequence[Motion]) -> Json:
+    """The least and greatest weights of the wrinkles, and the least of the asset's own, which are not changed."""
+    own = [morph_weights(plan.rig, motion.clip, motion.times) for motion in motions]
+    return {
+        "least_weight": min((float(motion.weights.min(initial=0.0)) for motion in motions), default=0.0),
+        "greatest_weight": max((float(motion.weights.max(initial=0.0)) for motion in motions), default=0.0),
+        "least_weight_of_asset": min((float(weights.min(initial=0.0)) for weights in own), default=0.0),
+    }
+
+
+def _reduce(
+    plan: MeshPlan, target_sets: Sequence[TargetSet], motions: Sequence[Motion], budget: Budget
+) -> tuple[list[TargetSet], list[Motion], list[Json]]:
+    """Give each tool the fewest targets, or the fewest at a time, and say what changed."""
+    tolerance = _REDUCTION_SHARE * plan.max_error
+    reduced, changes = [], []
+    for old in target_sets:
+        if budget.active is None:
+            new, error = with_fewest(old, tolerance)
+        else:
+            new, error = with_fewest_at_once(plan, old, tolerance)
+        reduced.append(new)
+        if new is not old:
+            changes.append(
+                {
+                    "tool": old.carried.patch.tool.name,
+                    "from": len(targets_of([old])),
+                    "to": len(targets_of([new])),
+                    "at_once": most_at_once(new),
+                    "error": float(f"{error:.3e}"),
+                }
+            )
+    remade_motions = remade(reduced, motions)
+    if budget.active is not None:
+        reduced, remade_motions = keyed_at_turns(plan, reduced, remade_motions)
+    return reduced, remade_motions, changes
 
 
 def _excess(plan: MeshPlan, target_sets: Sequence[TargetSet], motions: Sequence[Motion], budget: Budget) -> str:

@@ -15,9 +15,7 @@ from wrinklecli.method.curve import weight_path
 from wrinklecli.method.shapes import Shape
 from wrinklecli.numeric.arrays import Bools, Floats
 
-# Share of the error bound that fewer shapes may take, as for `attachment: patch`.
-REDUCTION_SHARE = 0.25
-# Share of that below which a weight may be left out for its target not to count.
+# Share of the tolerance below which a weight may be left out for its target not to count.
 _LEAST_SHARE = 0.1
 # Groups of bumps that act at a time where they rise one after another: one that is full, and the next.
 _IN_TURN = 2
@@ -80,7 +78,7 @@ def with_fewest_at_once(plan: MeshPlan, target_set: TargetSet, tolerance: float)
     """A tool on those shapes of which the fewest act at a time, and their error; the exact ones among equals."""
     choices = [
         (target_set, 0.0),
-        (_in_turn(target_set, _LEAST_SHARE * tolerance / plan.tallest), 0.0),
+        (in_turn(target_set, _LEAST_SHARE * tolerance / plan.tallest), 0.0),
         with_fewest(target_set, tolerance),
     ]
     return min(choices, key=lambda choice: most_at_once(choice[0]))
@@ -94,7 +92,7 @@ def most_at_once(target_set: TargetSet) -> int:
     return int((shown[:-1] | shown[1:]).sum(axis=1).max())
 
 
-def _in_turn(target_set: TargetSet, least: float) -> TargetSet:
+def in_turn(target_set: TargetSet, least: float) -> TargetSet:
     """The same motion with few targets at a time where a tool's bumps rise one after another.
 
     Each group of bumps rises when those before it are full and stay so. Target k has the first k groups at their
