@@ -1,0 +1,76 @@
+"""Base colours of materials, of vertices and from textures."""
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+
+from kit.asset import ARRAY_BUFFER, Asset
+from kit.limb import limb_asset
+from kit.pictures import SIZE, covered, draw, picture
+
+Bytes = NDArray[np.uint8]
+Json = dict[str, Any]
+
+
+def test_a_material_shows_its_colour_its_texture_and_the_colours_of_vertices(tmp_path: Path) -> None:
+    def drawn(name: str, material: Json, *, colors: bool = False, image: bytes = b"") -> tuple[Bytes, tuple[str, ...]]:
+        asset = limb_asset(rings=9, sides=12, colors=colors)
+        textured(asset, material, image)
+        made = draw([asset.write(tmp_path / f"{name}.glb")], tmp_path / "a.png", rest=True, size=SIZE)
+        shown = picture(tmp_path / "a.png")[22:]
+        return shown[covered(shown)].mean(axis=0), made.warnings
+
+    green = io.BytesIO()
+    Image.new("RGB", (8, 8), (20, 220, 20)).save(green, "PNG")
+    plain, _ = drawn("plain", {})
+    assert np.ptp(plain) < 15
+    red, _ = drawn("red", {"baseColorFactor": [0.8, 0.05, 0.05, 1.0]})
+    assert red.argmax() == 0
+    assert red[0] > 1.5 * red[1]
+    leafy, warnings = drawn("leafy", {"baseColorTexture": {"index": 0}}, image=green.getvalue())
+    assert leafy[1] > 1.5 * leafy[0]
+    assert warnings == ()
+    bare, warnings = drawn("damaged", {"baseColorTexture": {"index": 0}}, image=b"\x89PNG\r\n\x1a\n nothing")
+    assert np.abs(bare - plain).max() < 1
+    assert len(warnings) == 1
+    assert "without its texture" in warnings[0]
+    assert np.abs(drawn("vertices", {}, colors=True)[0] - plain).max() > 5
+
+
+def textured(asset: Asset, material: Json, image: bytes) -> None:
+    if image:
+        asset.append("images", {"bufferView": asset.view(image, target=ARRAY_BUFFER), "mimeType": "image/png"})
+        asset.append("textures", {"source": 0})
+    asset.append("materials", {"pbrMetallicRoughness": material})
+    for primitive in asset.gltf["meshes"][0]["primitives"]:
+        primitive["material"] = 0
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"materials": [5]},
+        {"materials": [{"pbrMetallicRoughness": 7}]},
+        {"materials": [{"pbrMetallicRoughness": {"baseColorFactor": "red"}}]},
+        {"materials": [{"pbrMetallicRoughness": {"baseColorFactor": [{}, 1, 1]}}]},
+        {"materials": [{"pbrMetallicRoughness": {"baseColorTexture": []}}]},
+        {"materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 9}}}]},
+        {"materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, "texCoord": 7}}}]},
+        {"materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, "extensions": 3}}}]},
+        {"textures": [{"source": "x"}]},
+        {"textures": [4]},
+        {"samplers": [4], "textures": [{"source": 0, "sampler": 0}]},
+        {"images": [{"uri": "../../etc/passwd"}]},
+    ],
+)
+def test_odd_looks_do_not_hide_a_shape(tmp_path: Path, change: Json) -> None:
+    asset = limb_asset(rings=5, sides=6)
+    textured(asset, {"baseColorTexture": {"index": 0}}, b"\x89PNG\r\n\x1a\n")
+    asset.gltf |= change
+    draw([asset.write(tmp_path / "a.glb")], tmp_path / "a.png", rest=True, size=(32, 24))
+    assert covered(picture(tmp_path / "a.png")).sum() > 30

@@ -1,0 +1,58 @@
+"""What of an asset is shown: its tools in their place, its sides and its shading."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from kit.limb import tool, write_tools
+from kit.pictures import BUMPY, SIZE, covered, draw, limb, picture, reds
+from wrinklecli.review.preview.apply import apply_tools
+from wrinklecli.review.preview.moments import Moment
+from wrinklecli.review.preview.options import Style
+from wrinklecli.review.preview.shown import read_shown
+
+Json = dict[str, Any]
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"primitives": 3}, {"primitives": 4, "indices": None}, {"mode": "strip", "morphs": 1}]
+)
+def test_marks_lie_on_the_triangles_that_they_are_of(tmp_path: Path, options: Json) -> None:
+    tools = write_tools(
+        tmp_path / "tools.yaml", tool(**BUMPY), tool(name="end", origin=[0.6, 0.25, 0.0], target=[0.9, 0.25, 0.0])
+    )
+    applied = apply_tools(limb(tmp_path, **options), tools)
+    asset, _ = read_shown(applied.document, "limb", applied.plans)
+    marked = 0
+    for posed in asset.posed(Moment(None, 0.0)):
+        for mark in posed.shown.marks:
+            corners = posed.positions[posed.triangles[mark.triangles]].reshape(-1, 3)
+            places = mark.places.reshape(-1, 2)
+            marked += int(mark.inside.sum())
+            if not len(corners):
+                continue
+            # Along x from the origin, and across along z.
+            assert np.ptp(places[:, 0] - corners[:, 0]) < 0.01
+            assert np.abs(np.abs(places[:, 1]) - np.abs(corners[:, 2])).max() < 0.01
+    assert marked > 50
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_an_unskinned_limb_may_be_mirrored(tmp_path: Path, mirrored: bool) -> None:
+    scale = [-1.0, 1.0, 1.0] if mirrored else [1.0, 1.0, 1.0]
+    path = limb(tmp_path, skinned=False, root={"scale": scale}, clip=None, morphs=1, morph_clip="LINEAR")
+    style = Style(backfaces=True)
+    draw([path], tmp_path / "a.png", rest=True, views=["front"], size=SIZE, style=style)
+    assert reds(picture(tmp_path / "a.png")) == 0
+
+
+def test_without_normals_each_triangle_is_one_shade(tmp_path: Path) -> None:
+    sets = []
+    for normals in (True, False):
+        path = limb(tmp_path, rings=3, sides=6, normals=normals)
+        draw([path], tmp_path / "a.png", rest=True, size=(240, 180), views=["front"], labels=[" "])
+        shown = picture(tmp_path / "a.png")
+        sets.append(len(np.unique(shown[covered(shown)], axis=0)))
+    assert sets[1] < 0.6 * sets[0]
