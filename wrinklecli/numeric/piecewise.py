@@ -214,20 +214,14 @@ def smooth(function: Signal, breaks: Floats, tolerance: float) -> Signal:
     points of the second kind, and the size of the last coefficient for that of the error.
     """
     nodes = (1.0 - np.cos(np.pi * np.arange(5) / 4.0)) / 2.0
-    starts, ends = breaks[:-1], breaks[1:]
     inverse = np.linalg.inv(np.vander(nodes, increasing=True))
+    starts, ends = breaks[:-1], breaks[1:]
+    at_breaks = _sampled(function, breaks)
+    first, last, width = at_breaks[:-1], at_breaks[1:], at_breaks.shape[1]
     kept: list[tuple[Floats, Floats, Floats]] = []
-    first = last = np.zeros((0, 0))
     for level in range(_FIT_HALVINGS + 1):
-        inner = starts[:, None] + nodes[1:-1] * (ends - starts)[:, None]
-        if level:
-            wanted = _sampled(function, inner.reshape(-1)).reshape(*inner.shape, -1)
-        else:
-            # In order, together with the breaks: the keys of channels are looked up once.
-            found = _sampled(function, np.append(np.column_stack([starts, inner]), breaks[-1:]))
-            wanted = found[:-1].reshape(len(starts), 4, -1)[:, 1:]
-            first, last = found[:-1:4], found[4::4]
-        through = np.concatenate([first[:, None], wanted, last[:, None]], axis=1)
+        inner = _sampled_inside(function, starts, ends, nodes[1:-1], width)
+        through = np.concatenate([first[:, None], inner, last[:, None]], axis=1)
         if not np.isfinite(through).all():
             return function
         # (intervals, 5, values) from the constant to the fourth power.
@@ -242,8 +236,11 @@ def smooth(function: Signal, breaks: Floats, tolerance: float) -> Signal:
         first, last = np.concatenate([first[wide], between]), np.concatenate([between, last[wide]])
     begins, spans, powers = (np.concatenate(each) for each in zip(*kept, strict=True))
     order = np.argsort(begins, kind="stable")
-    begins, spans, powers = begins[order], spans[order], powers[order]
+    return _quartics(begins[order], spans[order], powers[order])
 
+
+def _quartics(begins: Floats, spans: Floats, powers: Floats) -> Signal:
+    """A function of time from its intervals' (intervals,) begins and spans and (intervals, 5, values) coefficients."""
     table = np.ascontiguousarray(powers.transpose(1, 2, 0))
 
     def fitted(times: Floats) -> Floats:
