@@ -1,5 +1,5 @@
-"""Arrays in, arrays out: vectors, nearest points, subdivision, signals over time.
+"""Arrays in, arrays out: vectors, nearest points, subdivision, signals over time; and the guard around computing.
 
-Every function here would serve a program without glTF or wrinkles just as well, so nothing here may know of an asset,
-a tool or a file.
+Every function here would serve a program without glTF or wrinkles just as well, so nothing here may know what an asset
+or a tool holds. (`guard` names them, in its messages alone.)
 """

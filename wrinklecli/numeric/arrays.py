@@ -13,6 +13,9 @@ Ints = NDArray[np.intp]
 Bools = NDArray[np.bool_]
 Array = NDArray[Any]
 
+# Singular values of a blended matrix further apart than this cannot be undone.
+_SINGULAR = 1e-3
+
 
 def unit(vectors: Floats) -> Floats:
     """Vectors (…, 3) divided by their length; 0 stays 0."""
@@ -90,10 +93,6 @@ def dot(a: Floats | list[Floats], b: Floats | list[Floats]) -> Floats:
     total += a[1] * b[1]
     total += a[2] * b[2]
     return total
-
-
-# Singular values of a blended matrix further apart than this cannot be undone.
-_SINGULAR = 1e-3
 
 
 def inverses(blended: Floats) -> Floats:
