@@ -307,7 +307,7 @@ def test_primitives_that_draco_rounds_apart_weld(tmp_path: Path) -> None:
     primitives = document.items("meshes")[0]["primitives"]
     first, second = (primitive["attributes"]["POSITION"] for primitive in primitives)
     moved = document.accessor(first) + np.float32(1e-7)
-    document._decoded[(second,)] = moved
+    document._decoded[second] = moved
     assert not (moved == document.accessor(first)).all()
     once = read_document(compressed_sample("gltf_transform_draco"))
     surfaces = [read_surface(each, read_rig(each, mesh_node(each))) for each in (once, document)]

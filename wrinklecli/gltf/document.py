@@ -110,14 +110,13 @@ class Document:
         Source: glTF 2.0 §3.6.2 and, for normalised integers, §3.11. Differs: MAT2 and MAT3 of one- and
             two-byte components, whose columns are padded, are refused; no geometry or animation uses them.
         """
-        key = (index,)
-        if key not in self._decoded:
+        if index not in self._decoded:
             accessor = self.item("accessors", index, user=user or self.where("accessors", index))
-            self._decoded[key] = self._decode(accessor, index)
-        return self._decoded[key]
+            self._decoded[index] = _values(accessor, self.stored(index))
+        return self._decoded[index]
 
     @cached_property
-    def _decoded(self) -> dict[tuple[int], Array]:
+    def _decoded(self) -> dict[int, Array]:
         return {}
 
     def refuse_excess(self, numbers: int, what: str, *, where: str) -> None:
@@ -144,7 +143,20 @@ class Document:
         Raises:
             AssetError: The accessor, or a view or buffer behind it, is malformed or out of range.
         """
-        return self._stored(self.items("accessors")[index], index)
+        accessor, where = self.items("accessors")[index], self.where("accessors", index)
+        dtype, size = _element(accessor, where)
+        count = _whole(accessor, "count", where, least=1, most=_COUNT_LIMIT)
+        if "bufferView" in accessor:
+            elements = self._view_elements(accessor, dtype, size, count, where).copy()
+        elif index in self._draco_sources:
+            elements = self._draco_elements(index, dtype, size, where)
+        else:
+            self.refuse_excess(count * size, f"{count} elements that are not stored", where=where)
+            elements = np.zeros((count, size), dtype)
+        if (sparse := accessor.get("sparse")) is not None:
+            indices, values = self._sparse_elements(sparse, dtype, size, len(elements), where)
+            elements[indices] = values
+        return elements
 
     def stored_dtype(self, index: int) -> np.dtype[Any]:
         """The component type that an accessor is stored in."""
@@ -202,55 +214,29 @@ class Document:
             raise AssetError(f"the Draco stream holds {values.dtype.name}, not {dtype.name}", where=where)
         return values.astype(dtype)
 
-    def _decode(self, accessor: Json, index: int) -> Array:
-        elements = self._stored(accessor, index)
-        values: Array = elements
-        if elements.dtype.kind == "f":
-            # A signalling NaN is a NaN like any other: who reads the accessor judges it.
-            with np.errstate(invalid="ignore"):
-                values = elements.astype(np.float64)
-        elif accessor.get("normalized"):
-            limit = np.iinfo(elements.dtype).max
-            values = np.maximum(elements / limit, -1.0)
-        values.flags.writeable = False
-        return values[:, 0] if accessor["type"] == "SCALAR" else values
-
-    def _stored(self, accessor: Json, index: int) -> Array:
-        where = self.where("accessors", index)
-        dtype, size = _element(accessor, where)
-        count = _whole(accessor, "count", where, least=1, most=_COUNT_LIMIT)
-        if "bufferView" in accessor:
-            elements = self._view_elements(accessor, "bufferView", dtype, size, count, where).copy()
-        elif index in self._draco_sources:
-            elements = self._draco_elements(index, dtype, size, where)
-        else:
-            self.refuse_excess(count * size, f"{count} elements that are not stored", where=where)
-            elements = np.zeros((count, size), dtype)
-        if (sparse := accessor.get("sparse")) is not None:
-            if not isinstance(sparse, dict):
-                raise AssetError("sparse must be an object", where=where)
-            self._substitute(elements, sparse, dtype, size, where)
-        return elements
-
-    def _substitute(self, elements: Array, sparse: Json, dtype: np.dtype[Any], size: int, where: str) -> None:
-        """Overwrite elements by those of a sparse accessor, in place."""
-        count = _whole(sparse, "count", where, least=1, most=len(elements))
+    def _sparse_elements(
+        self, sparse: Any, dtype: np.dtype[Any], size: int, count: int, where: str
+    ) -> tuple[Array, Array]:
+        """(changed,) indices and (changed, size) values of the elements of a sparse accessor, `count` in all."""
+        if not isinstance(sparse, dict):
+            raise AssetError("sparse must be an object", where=where)
+        changed = _whole(sparse, "count", where, least=1, most=count)
         indices_part, values_part = sparse.get("indices"), sparse.get("values")
         if not isinstance(indices_part, dict) or not isinstance(values_part, dict):
             raise AssetError("sparse needs indices and values", where=where)
         index_dtype = _COMPONENT_DTYPES.get(indices_part.get("componentType"))
         if index_dtype is None or index_dtype.kind != "u":
             raise AssetError("sparse indices must be unsigned integers", where=where)
-        indices = self._view_elements(indices_part, "bufferView", index_dtype, 1, count, where)[:, 0]
-        if int(indices.max()) >= len(elements):
-            raise AssetError(f"sparse index {indices.max()}, but the count is {len(elements)}", where=where)
-        elements[indices] = self._view_elements(values_part, "bufferView", dtype, size, count, where)
+        indices = self._view_elements(indices_part, index_dtype, 1, changed, where)[:, 0]
+        if int(indices.max()) >= count:
+            raise AssetError(f"sparse index {indices.max()}, but the count is {count}", where=where)
+        return indices, self._view_elements(values_part, dtype, size, changed, where)
 
-    def _view_elements(self, source: Json, key: str, dtype: np.dtype[Any], size: int, count: int, where: str) -> Array:
-        """(count, size) stored elements of a buffer view, not copied."""
-        view_index = source.get(key)
+    def _view_elements(self, source: Json, dtype: np.dtype[Any], size: int, count: int, where: str) -> Array:
+        """(count, size) stored elements of the buffer view that part of an accessor names, not copied."""
+        view_index = source.get("bufferView")
         data = self.view(view_index, user=where)
-        view, view_where = self.items("bufferViews")[source[key]], self.where("bufferViews", str(view_index))
+        view, view_where = self.items("bufferViews")[source["bufferView"]], self.where("bufferViews", str(view_index))
         element = dtype.itemsize * size
         stride = _whole(view, "byteStride", view_where, default=element, least=element, most=252 + element)
         offset = _whole(source, "byteOffset", where, default=0)
@@ -312,6 +298,20 @@ def _element(accessor: Json, where: str) -> tuple[np.dtype[Any], int]:
     if accessor["type"] in ("MAT2", "MAT3") and dtype.itemsize < 4:
         raise AssetError("matrices of small integers are not supported", where=where)
     return dtype, size
+
+
+def _values(accessor: Json, elements: Array) -> Array:
+    """What the stored elements of an accessor stand for; read-only."""
+    values: Array = elements
+    if elements.dtype.kind == "f":
+        # A signalling NaN is a NaN like any other: who reads the accessor judges it.
+        with np.errstate(invalid="ignore"):
+            values = elements.astype(np.float64)
+    elif accessor.get("normalized"):
+        limit = np.iinfo(elements.dtype).max
+        values = np.maximum(elements / limit, -1.0)
+    values.flags.writeable = False
+    return values[:, 0] if accessor["type"] == "SCALAR" else values
 
 
 def _whole(source: Json, key: str, where: str, *, default: int | None = None, least: int = 0, most: int = 2**53) -> int:
