@@ -134,10 +134,10 @@ def _read_channels(document: Document, animation: Json, index: int, where: str) 
 
 
 def _target_count(document: Document, node: int) -> int:
-    carrier = document.items("nodes")[node]
-    if "mesh" not in carrier:
+    animated = document.items("nodes")[node]
+    if "mesh" not in animated:
         return 0
-    mesh = document.item("meshes", carrier["mesh"], user=document.where("nodes", node))
+    mesh = document.item("meshes", animated["mesh"], user=document.where("nodes", node))
     return len(morph_target_names(mesh))
 
 

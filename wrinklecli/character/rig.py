@@ -67,16 +67,16 @@ def read_rig(document: Document, node: int) -> Rig:
             document.item("nodes", child, user=document.where("nodes", index, "children"))
             parents[child] = index
     _refuse_cycles(parents, document)
-    carrier = nodes[node]
-    mesh = document.item("meshes", carrier.get("mesh"), user=document.where("nodes", node))
+    mesh_node = nodes[node]
+    mesh = document.item("meshes", mesh_node.get("mesh"), user=document.where("nodes", node))
     joints, inverse_binds = np.array([node], np.intp), np.eye(4)[None]
-    if "skin" in carrier:
-        joints, inverse_binds = _read_skin(document, carrier["skin"], document.where("nodes", node))
+    if "skin" in mesh_node:
+        joints, inverse_binds = _read_skin(document, mesh_node["skin"], document.where("nodes", node))
     primitives = mesh.get("primitives") or [{}]
     count = len(primitives[0].get("targets", []))
     weights = np.zeros(count)
     try:
-        stored = np.array(carrier.get("weights", mesh.get("weights", [])), np.float64).reshape(-1)[:count]
+        stored = np.array(mesh_node.get("weights", mesh.get("weights", [])), np.float64).reshape(-1)[:count]
         weights[: len(stored)] = stored
         locals_ = tuple(_stored_local(each) for each in nodes)
     except (TypeError, ValueError) as error:
@@ -88,8 +88,8 @@ def read_rig(document: Document, node: int) -> Rig:
     names = tuple(str(each.get("name", f"node_{index}")) for index, each in enumerate(nodes))
     return Rig(
         node=node,
-        mesh=carrier["mesh"],
-        skinned="skin" in carrier,
+        mesh=mesh_node["mesh"],
+        skinned="skin" in mesh_node,
         joints=joints,
         inverse_binds=inverse_binds,
         parents=parents,

@@ -186,6 +186,7 @@ def close(root: Stage, earlier: list[Stage], rules: Rules) -> tuple[list[Stage],
             at += 1
             stages[at : at + 1] = [_child(stage, stages, earlier, rules)]
             continue
+        # The faces round the ends of those must first all exist here, that is, be red one level below.
         below = stages[at - 1]
         hopeless = below.vertices_on(any_of(below.forbidden | below.denied, below.level.triangle_edges))
         lost = early & hopeless[stage.level.edges].any(axis=1)
