@@ -123,39 +123,15 @@ def _posed_at_once(
     patch: Patch, ring: Ring, fine: Refinement, rig: Rig, clip: Clip | None, times: Floats, amplitudes: Floats
 ) -> Floats:
     """As `posed_displacements`, of few frames. Inside, frames are the last axis and x, y, z the first."""
-    matrices = joint_matrices(rig, clip, times, ring.joints)[:, :, :3].transpose(2, 3, 1, 0)
-    blended = np.matmul(ring.weights, np.ascontiguousarray(matrices))
-    bind = fine.positions[ring.vertices].T[:, :, None]
-    if len(fine.morph_deltas):
-        deltas = fine.morph_deltas[:, ring.vertices].transpose(2, 1, 0)
-        bind = bind + np.matmul(deltas, morph_weights(rig, clip, times).T)
-    posed = np.sum(blended[:, :3] * bind, axis=1) + blended[:, 3]
-    a, b, c = (posed[:, ring.triangles[:, k]] for k in range(3))
-    # A mirrored pose turns the winding inside out.
-    outward = np.sign(np.median(determinants(blended[:, :3].transpose(2, 3, 0, 1)), axis=0))
-    normals = outward * _units(np.stack([np.asarray(ring.sums @ each) for each in cross(b - a, c - a)]))
-    ends = [
-        (
-            np.einsum("c,xcf->xf", anchor.barycentrics, posed[:, at]),
-            np.einsum("c,xcf->xf", anchor.barycentrics, normals[:, at]),
-        )
-        for anchor, at in ((patch.origin, ring.origin), (patch.target, ring.target))
-    ]
-    difference = ends[1][0] - ends[0][0]
-    span = np.sqrt(np.sum(difference**2, axis=0))
-    apart = span > _LEAST_SPAN * patch.span
-    span = np.where(apart, span, 1.0)
-    along = difference / span
-    mean = _units(ends[0][1]) + _units(ends[1][1])
-    mean = mean - np.sum(mean * along, axis=0) * along
-    # Where the anchors coincide or face opposite ways there is no patch.
-    apart &= np.sqrt(np.sum(mean**2, axis=0)) >= _LEAST_MEAN
-    facing = _units(mean)
+    blended, positions, normals = _posed_ring(ring, fine, rig, clip, times)
+    placed = _placed(patch, ring, positions, normals)
     normals = normals[:, ring.members]
-    relative = posed[:, ring.members] - ends[0][0][:, None]
-    u = np.sum(relative * along[:, None], axis=0) / span
-    v = np.sum(relative * np.stack(cross(along, facing))[:, None], axis=0) / patch.half_width
-    factors = patch.factors(u, v, np.sum(normals * facing[:, None], axis=0)) * ring.free[:, None] * apart
+    relative = positions[:, ring.members] - placed.origin[:, None]
+    across = np.stack(cross(placed.along, placed.normal))
+    u = np.sum(relative * placed.along[:, None], axis=0) / placed.span
+    v = np.sum(relative * across[:, None], axis=0) / patch.half_width
+    factors = patch.factors(u, v, np.sum(normals * placed.normal[:, None], axis=0))
+    factors = factors * ring.free[:, None] * placed.exists
     lengths = factors * patch.curve.rises(np.clip(u, 0.0, 1.0), amplitudes)
     members, frames = np.nonzero(lengths)
     linear = blended[:, :3, ring.members[members], frames].transpose(2, 0, 1)
@@ -163,6 +139,65 @@ def _posed_at_once(
     moved = np.zeros((len(times), len(ring.members), 3))
     moved[frames, members] = np.einsum("vij,vj->vi", inverses(linear), pushed)
     return moved
+
+
+def _posed_ring(
+    ring: Ring, fine: Refinement, rig: Rig, clip: Clip | None, times: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """(3, 4, around, frames) blended matrices, (3, around, frames) world positions, and unit normals."""
+    matrices = joint_matrices(rig, clip, times, ring.joints)[:, :, :3].transpose(2, 3, 1, 0)
+    blended = np.matmul(ring.weights, np.ascontiguousarray(matrices))
+    bind = fine.positions[ring.vertices].T[:, :, None]
+    if len(fine.morph_deltas):
+        deltas = fine.morph_deltas[:, ring.vertices].transpose(2, 1, 0)
+        bind = bind + np.matmul(deltas, morph_weights(rig, clip, times).T)
+    positions = np.sum(blended[:, :3] * bind, axis=1) + blended[:, 3]
+    a, b, c = (positions[:, ring.triangles[:, k]] for k in range(3))
+    # A mirrored pose turns the winding inside out.
+    outward = np.sign(np.median(determinants(blended[:, :3].transpose(2, 3, 0, 1)), axis=0))
+    faces = cross(b - a, c - a)
+    return blended, positions, outward * _units(np.stack([np.asarray(ring.sums @ each) for each in faces]))
+
+
+@dataclass(frozen=True, slots=True)
+class _Placed:
+    """Where the patch is in posed frames, world space.
+
+    Attributes:
+        origin: (3, frames).
+        along: (3, frames) unit vector from origin to target.
+        normal: (3, frames) unit normal.
+        span: (frames,) distance of the anchors; 1 where there is no patch.
+        exists: (frames,) whether there is one: not where the anchors coincide or face opposite ways.
+    """
+
+    origin: Floats
+    along: Floats
+    normal: Floats
+    span: Floats
+    exists: Bools
+
+
+def _placed(patch: Patch, ring: Ring, positions: Floats, normals: Floats) -> _Placed:
+    """Place the patch by its anchors, from (3, around, frames) positions and normals."""
+
+    def at_ends(vectors: Floats) -> tuple[Floats, Floats]:
+        return (
+            np.einsum("c,xcf->xf", patch.origin.barycentrics, vectors[:, ring.origin]),
+            np.einsum("c,xcf->xf", patch.target.barycentrics, vectors[:, ring.target]),
+        )
+
+    origin, target = at_ends(positions)
+    difference = target - origin
+    span = np.sqrt(np.sum(difference**2, axis=0))
+    apart = span > _LEAST_SPAN * patch.span
+    span = np.where(apart, span, 1.0)
+    along = difference / span
+    first, second = at_ends(normals)
+    mean = _units(first) + _units(second)
+    mean = mean - np.sum(mean * along, axis=0) * along
+    exists = apart & (np.sqrt(np.sum(mean**2, axis=0)) >= _LEAST_MEAN)
+    return _Placed(origin=origin, along=along, normal=_units(mean), span=span, exists=exists)
 
 
 def _units(vectors: Floats) -> Floats:
