@@ -289,7 +289,7 @@ def measured(path: Path, found: Suggestions) -> None:
         pair = [tools[each.tool.name]]
         if each.mirrored:
             pair.append(tools[f"{each.tool.name[:-1]}R"])
-        patches = attach_tools(pair, surface, rest, rig, settings, clips)
+        patches = attach_tools(pair, surface, rest, rig, up=settings.up)
         assert patches[0].span == pytest.approx(each.span)
         assert max(patch.origin.distance for patch in patches) < 0.05 * each.span
         clip = next(clip for clip in clips if clip.name == each.clip)
@@ -418,7 +418,7 @@ def test_suggestions_do_not_lie_on_one_another() -> None:
     rig, clips = read_rig(document, node), read_clips(document)
     surface = read_surface(document, rig)
     rest = rest_pose(surface, rig, settings, clips, [])
-    patches = attach_tools(list(settings.tools), surface, rest, rig, settings, clips)
+    patches = attach_tools(list(settings.tools), surface, rest, rig, up=settings.up)
     for first in patches:
         for second in patches:
             if first is not second and first.normal @ second.normal > 0.7:

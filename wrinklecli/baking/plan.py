@@ -103,7 +103,7 @@ def plan_mesh(
     rig = read_rig(document, node)
     surface = read_surface(document, rig)
     rest = rest_pose(surface, rig, settings, clips, tools)
-    patches = attach_tools(tools, surface, rest, rig, settings, clips)
+    patches = attach_tools(tools, surface, rest, rig, up=settings.up)
     contacts = contacts_of(document, rig, surface, rest.positions)
     tallest = max(
         abs(patch.shape_strength) * float(patch.curve.heights(patch.curve.greatest_amplitudes[None]).max(initial=0.0))

@@ -17,7 +17,7 @@ from wrinklecli.errors import BakeError
 from wrinklecli.method.rest import Rest
 from wrinklecli.numeric.arrays import Floats, Ints, determinants, distinct_values, singular, unit
 from wrinklecli.numeric.nearest import closest_point
-from wrinklecli.tools.records import Marker, ToolsFile, WrinkleTool
+from wrinklecli.tools.records import Marker, WrinkleTool
 
 # An anchor further from the mesh than this part of its segment was meant for somewhere else.
 _ANCHOR_REACH = 0.25
@@ -54,16 +54,24 @@ class Anchor:
 
 
 def anchor_at(
-    tool: WrinkleTool,
-    key: str,
-    point: Floats,
-    segment: float,
-    surface: Surface,
-    rest: Rest,
-    rig: Rig,
-    settings: ToolsFile,
+    tool: WrinkleTool, key: str, point: Floats, segment: float, *, surface: Surface, rest: Rest, rig: Rig, up: str
 ) -> Anchor:
-    """The point of the surface that is nearest to one asked for."""
+    """The point of the surface that is nearest to one asked for.
+
+    Args:
+        tool: Whose anchor it is.
+        key: Which: `origin` or `target`.
+        point: (3,) asked for, world space at rest.
+        segment: Distance of the two points asked for, scene units.
+        surface: The coarse mesh.
+        rest: Its rest pose.
+        rig: Its joints.
+        up: Axis of the tools file, for messages.
+
+    Raises:
+        BakeError: The surface is too far from the point, or singular there.
+    """
+    where = f"{tool.where}.{key}"
     triangle, barycentrics, place = closest_point(rest.positions, surface.triangles, point)
     if tool.snap == "vertex":
         used = distinct_values(surface.triangles)
@@ -74,47 +82,51 @@ def anchor_at(
         barycentrics = barycentrics[barycentrics > 0]
     distance = float(np.linalg.norm(place - point))
     if distance > _ANCHOR_REACH * segment:
-        hint = ""
-        x, y, z = point
-        other, turned = ("y", (x, -z, y)) if settings.up == "z" else ("z", (x, z, -y))
-        found = closest_point(rest.positions, surface.triangles, np.array(turned))[2]
-        near = np.linalg.norm(found - np.array(turned)) <= _ANCHOR_REACH * segment
-        if near and not isinstance(getattr(tool, key), Marker):
-            hint = f"; with `up: {other}` it would lie on it"
-        at = ", ".join(f"{x:.4g}" for x in (place if settings.up == "y" else (place[0], -place[2], place[1])))
+        hint = "" if isinstance(getattr(tool, key), Marker) else _other_axis(point, segment, surface, rest, up)
+        at = ", ".join(f"{x:.4g}" for x in (place if up == "y" else (place[0], -place[2], place[1])))
         raise BakeError(
             f"is {distance:.4g} from the mesh, more than a quarter of its segment of {segment:.4g};"
             f" the nearest point is [{at}]{hint}",
-            where=f"{tool.where}.{key}",
+            where=where,
         )
     if singular(rest.blended[vertices]).any():
-        raise BakeError("the joints here are singular at rest", where=f"{tool.where}.{key}")
-    around = np.zeros(len(rest.positions), np.int8)
-    around[vertices] = 1
-    a, b, c = around[surface.triangles].T
-    on_all = a + b + c >= around.sum()
-    joints, inverse = np.unique(surface.joints[vertices], return_inverse=True)
-    shares = barycentrics[:, None] * surface.weights[vertices]
-    points = np.zeros((1 + len(surface.morph_deltas), len(joints), 4))
-    each = np.broadcast_to(np.arange(len(vertices))[:, None], shares.shape)
-    for m in range(len(points)):
-        bind = surface.positions[vertices] if m == 0 else surface.morph_deltas[m - 1, vertices]
-        homogeneous = np.concatenate([bind, np.full((len(vertices), 1), float(m == 0))], axis=1)
-        np.add.at(points[m], inverse.reshape(shares.shape), shares[..., None] * homogeneous[each])
-    weights = points[0, :, 3]
-    keep = weights > 0
-    normal = unit(barycentrics @ rest.normals_at(vertices))
+        raise BakeError("the joints here are singular at rest", where=where)
+    on_all = np.isin(surface.triangles, vertices).sum(axis=1) >= len(distinct_values(vertices))
+    joints, points = _joint_points(vertices, barycentrics, surface)
     return Anchor(
-        joints=joints[keep],
-        weights=weights[keep],
-        points=np.einsum("kab,mkb->mka", rig.inverse_binds[joints[keep]], points[:, keep]),
+        joints=joints,
+        weights=points[0, :, 3],
+        points=np.einsum("kab,mkb->mka", rig.inverse_binds[joints], points),
         vertices=vertices,
         barycentrics=barycentrics,
         triangles=np.flatnonzero(on_all),
         position=place,
-        normal=normal,
+        normal=unit(barycentrics @ rest.normals_at(vertices)),
         distance=distance,
     )
+
+
+def _other_axis(point: Floats, segment: float, surface: Surface, rest: Rest, up: str) -> str:
+    """A hint where the point would lie on the mesh, had the file said the other up axis."""
+    x, y, z = point
+    other, turned = ("y", np.array([x, -z, y])) if up == "z" else ("z", np.array([x, z, -y]))
+    found = closest_point(rest.positions, surface.triangles, turned)[2]
+    near = np.linalg.norm(found - turned) <= _ANCHOR_REACH * segment
+    return f"; with `up: {other}` it would lie on it" if near else ""
+
+
+def _joint_points(vertices: Ints, barycentrics: Floats, surface: Surface) -> tuple[Ints, Floats]:
+    """(influences,) joints that move a point, and (1 + morph targets, influences, 4) its share of each, bind space."""
+    joints, inverse = np.unique(surface.joints[vertices], return_inverse=True)
+    shares = barycentrics[:, None] * surface.weights[vertices]
+    bind = np.concatenate([surface.positions[None, vertices], surface.morph_deltas[:, vertices]])
+    homogeneous = np.zeros((*bind.shape[:2], 4))
+    homogeneous[:, :, :3], homogeneous[0, :, 3] = bind, 1.0
+    points = np.zeros((len(bind), len(joints), 4))
+    for target, corners in zip(points, homogeneous, strict=True):
+        np.add.at(target, inverse.reshape(shares.shape), shares[..., None] * corners[:, None])
+    acting = points[0, :, 3] > 0
+    return joints[acting], points[:, acting]
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ from wrinklecli.character.surface import Surface
 from wrinklecli.errors import BakeError, WrinkleError, listed
 from wrinklecli.method.anchor import Anchor, anchor_at
 from wrinklecli.method.curve import ControlCurve, count_intervals, plan_curve
-from wrinklecli.method.rest import Rest, marker_position
+from wrinklecli.method.rest import Rest, end_position
 from wrinklecli.numeric.arrays import (
     Bools,
     Floats,
@@ -25,8 +25,12 @@ from wrinklecli.numeric.arrays import (
     unit,
 )
 from wrinklecli.numeric.nearest import meets_box
-from wrinklecli.tools.records import Marker, RestLengthKeys, RestLengthMorph, ToolsFile, WrinkleTool
+from wrinklecli.tools.records import RestLengthKeys, RestLengthMorph, WrinkleTool
 
+# Anchors nearer than this over the mesh's size are one point.
+_LEAST_SPAN = 1e-9
+# Length of the sum of their normals, across the segment, below which they face opposite ways.
+_LEAST_MEAN = 1e-3
 # Facing factor: displacement fades in between these cosines of vertex and patch normal.
 _FACING = (0.2, 0.6)
 
@@ -41,7 +45,6 @@ class Patch:
         origin: Anchor at u = 0.
         target: Anchor at u = 1.
         span: Distance of the anchors at rest, scene units.
-        rest_length: Nominal length of the control curve, scene units.
         half_width: |v| = 1 at this distance from the segment, scene units.
         along: (3,) unit vector from origin to target, world space at rest.
         normal: (3,) unit normal of the patch.
@@ -53,11 +56,15 @@ class Patch:
     origin: Anchor
     target: Anchor
     span: float
-    rest_length: float
     half_width: float
     along: Floats
     normal: Floats
     members: Bools
+
+    @property
+    def rest_length(self) -> float:
+        """Nominal length of the control curve, scene units."""
+        return self.curve.rest_length
 
     def coordinates(self, positions: Floats) -> tuple[Floats, Floats]:
         """(…,) u along the segment and v across it, of (…, 3) world positions at rest."""
@@ -99,15 +106,15 @@ class Patch:
         return wanted / self.shape_strength if self.shape_strength else 0.0
 
 
-def attach_tools(
-    tools: list[WrinkleTool],
-    surface: Surface,
-    rest: Rest,
-    rig: Rig,
-    settings: ToolsFile,
-    clips: tuple[Clip, ...],
-) -> list[Patch]:
+def attach_tools(tools: list[WrinkleTool], surface: Surface, rest: Rest, rig: Rig, *, up: str) -> list[Patch]:
     """Attach every tool of a mesh.
+
+    Args:
+        tools: Of the mesh.
+        surface: The coarse mesh.
+        rest: Its rest pose.
+        rig: Its joints.
+        up: Axis of the tools file, for messages.
 
     Raises:
         WrinkleError: Of all tools that do not fit, a line each.
@@ -115,7 +122,7 @@ def attach_tools(
     patches, problems = [], []
     for tool in tools:
         try:
-            patches.append(_attach(tool, surface, rest, rig, settings, clips))
+            patches.append(_attach(tool, surface, rest, rig, up))
         except WrinkleError as error:
             problems.append(error)
     if problems:
@@ -123,38 +130,45 @@ def attach_tools(
     return patches
 
 
-def _attach(
-    tool: WrinkleTool, surface: Surface, rest: Rest, rig: Rig, settings: ToolsFile, clips: tuple[Clip, ...]
-) -> Patch:
+def _attach(tool: WrinkleTool, surface: Surface, rest: Rest, rig: Rig, up: str) -> Patch:
     if isinstance(tool.rest_length, RestLengthMorph) and tool.rest_length.morph not in rig.morph_names:
         raise BakeError(
             f"{tool.rest_length.morph!r} is not a morph target of the mesh; it has {listed(rig.morph_names)}",
             where=f"{tool.where}.rest_length.morph",
         )
-    ends = []
-    for key, point in (("origin", tool.origin), ("target", tool.target)):
-        if isinstance(point, Marker):
-            clip, time = None, 0.0
-            if not isinstance(settings.rest, str):
-                clip = next(each for each in clips if each.name == settings.rest.clip)
-                time = settings.rest.time
-            ends.append((key, marker_position(rig, clip, np.array([time]), point, tool)))
-        else:
-            ends.append((key, np.array(point)))
-    asked = float(np.linalg.norm(ends[1][1] - ends[0][1]))
-    anchors = [anchor_at(tool, key, point, asked, surface, rest, rig, settings) for key, point in ends]
-    origin, target = anchors
+    points = [end_position(rig, rest.clip, rest.time, tool, end) for end in (tool.origin, tool.target)]
+    segment = float(np.linalg.norm(points[1] - points[0]))
+    origin, target = (
+        anchor_at(tool, key, point, segment, surface=surface, rest=rest, rig=rig, up=up)
+        for key, point in zip(("origin", "target"), points, strict=True)
+    )
     difference = target.position - origin.position
     span = float(np.linalg.norm(difference))
-    if span <= 1e-9 * surface.size or not asked:
+    if span <= _LEAST_SPAN * surface.size or not segment:
         raise BakeError("origin and target are one point of the mesh", where=tool.where)
     along = difference / span
     mean = origin.normal + target.normal
     mean = mean - (mean @ along) * along
-    if np.linalg.norm(mean) < 1e-3:
+    if np.linalg.norm(mean) < _LEAST_MEAN:
         raise BakeError("the surface faces opposite ways at origin and target", where=tool.where)
+    patch = Patch(
+        tool=tool,
+        curve=_curve(tool, span),
+        origin=origin,
+        target=target,
+        span=span,
+        half_width=tool.width.resolve(span) / 2.0,
+        along=along,
+        normal=unit(mean),
+        members=np.zeros(len(surface.triangles), bool),
+    )
+    return replace(patch, members=_members(patch, surface, rest))
+
+
+def _curve(tool: WrinkleTool, span: float) -> ControlCurve:
+    """Plan a tool's control curve, from the distance of its anchors at rest, scene units."""
     rest_length, greatest = _rest_lengths(tool, span)
-    plan = plan_curve(
+    return plan_curve(
         bumps=tool.bumps,
         gap=tool.gap,
         strategy=tool.strategy,
@@ -164,19 +178,6 @@ def _attach(
         rest_length=rest_length,
         greatest_rest_length=greatest,
     )
-    patch = Patch(
-        tool=tool,
-        curve=plan,
-        origin=origin,
-        target=target,
-        span=span,
-        rest_length=rest_length,
-        half_width=tool.width.resolve(span) / 2.0,
-        along=along,
-        normal=unit(mean),
-        members=np.zeros(len(surface.triangles), bool),
-    )
-    return _with_members(patch, surface, rest)
 
 
 def _rest_lengths(tool: WrinkleTool, span: float) -> tuple[float, float]:
@@ -201,8 +202,8 @@ def _max_height(tool: WrinkleTool, span: float, rest_length: float) -> float:
     return tool.max_height.resolve(span)
 
 
-def _with_members(patch: Patch, surface: Surface, rest: Rest) -> Patch:
-    """The patch with the coarse triangles that face it, meet it and hang together with an anchor."""
+def _members(patch: Patch, surface: Surface, rest: Rest) -> Bools:
+    """(triangles,) the coarse triangles that face a patch, meet it and hang together with an anchor."""
     u, v = patch.coordinates(rest.positions)
     meets = meets_box(np.stack([u, v], axis=1), np.array([0.0, -1.0]), np.array([1.0, 1.0]), surface.triangles)
     triangles = surface.triangles[meets]
@@ -225,7 +226,7 @@ def _with_members(patch: Patch, surface: Surface, rest: Rest) -> Patch:
         reached[chosen[np.isin(piece, piece[inside])]] = True
     if not reached.any():
         raise BakeError("no triangle at its ends faces the patch", where=patch.tool.where)
-    return replace(patch, members=reached)
+    return reached
 
 
 def _pieces(triangle_edges: Ints) -> Ints:

@@ -15,7 +15,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
 from wrinklecli.errors import BakeError, ConfigError, listed, nearest
 from wrinklecli.numeric.arrays import Floats, Ints, inverses, normals_at, unit, vertex_normals
-from wrinklecli.tools.records import Marker, ToolsFile, WrinkleTool
+from wrinklecli.tools.records import Marker, Position, ToolsFile, WrinkleTool
 
 
 @dataclass(frozen=True)
@@ -23,6 +23,8 @@ class Rest:
     """A surface in its rest pose.
 
     Attributes:
+        clip: Whose pose it is; none for the stored pose.
+        time: (1,) seconds of the clip.
         matrices: (joints, 4, 4) bind to world space.
         morph_weights: (morph targets,).
         bind_positions: (vertices, 3) stored positions plus weighted morph deltas, bind space.
@@ -31,6 +33,8 @@ class Rest:
         triangles: (triangles, 3) of the surface.
     """
 
+    clip: Clip | None
+    time: Floats
     matrices: Floats
     morph_weights: Floats
     bind_positions: Floats
@@ -66,39 +70,40 @@ def rest_pose(
             )
         time = np.array([settings.rest.time])
     weights = morph_weights(rig, clip, time)[0]
+    bind = surface.positions + np.tensordot(weights, surface.morph_deltas, axes=1)
     matrices = joint_matrices(rig, clip, time)[0]
     if settings.rest == "bind":
-        matrices = _bind_matrices(surface, rig, matrices, weights, tools)
-    bind = surface.positions + np.tensordot(weights, surface.morph_deltas, axes=1)
+        matrices = _bind_matrices(surface, rig, matrices, bind, tools[0])
     every = np.arange(len(bind))
     blended = blend(surface.dense_weights(every, len(rig.joints)), matrices[None])[0]
-    return Rest(matrices, weights, bind, blended, transform(blended[None], bind)[0], surface.triangles)
+    positions = transform(blended[None], bind)[0]
+    return Rest(clip, time, matrices, weights, bind, blended, positions, surface.triangles)
 
 
-def _bind_matrices(surface: Surface, rig: Rig, stored: Floats, weights: Floats, tools: list[WrinkleTool]) -> Floats:
-    """(joints, 4, 4) the stored matrix of the first anchor's main joint, for every joint."""
-    bind = surface.positions + np.tensordot(weights, surface.morph_deltas, axes=1)
-    point = tools[0].origin
+def _bind_matrices(surface: Surface, rig: Rig, stored: Floats, bind: Floats, tool: WrinkleTool) -> Floats:
+    """(joints, 4, 4) the stored matrix of the main joint of a tool's origin, for every joint."""
+    place = end_position(rig, None, np.zeros(1), tool, tool.origin)
     main = 0
     # The anchor's joint depends on where the mesh lies, which depends on the joint: once more settles it.
     for _ in range(2):
         posed = bind @ stored[main, :3, :3].T + stored[main, :3, 3]
-        place = marker_position(rig, None, np.zeros(1), point, tools[0]) if isinstance(point, Marker) else point
-        vertex = int(np.argmin(np.sum((posed - np.asarray(place)) ** 2, axis=1)))
+        vertex = int(np.argmin(np.sum((posed - place) ** 2, axis=1)))
         main = int(surface.joints[vertex, np.argmax(surface.weights[vertex])])
     return np.tile(stored[main], (len(stored), 1, 1))
 
 
-def marker_position(rig: Rig, clip: Clip | None, time: Floats, marker: Marker, tool: WrinkleTool) -> Floats:
-    """(3,) where the node that a tool's marker names is at (1,) seconds of a clip, world space.
+def end_position(rig: Rig, clip: Clip | None, time: Floats, tool: WrinkleTool, end: Position | Marker) -> Floats:
+    """(3,) where an end of a tool is asked for, at (1,) seconds of a clip if a marker says where, world space.
 
     Raises:
-        BakeError: No node has the name, or several.
+        BakeError: The marker names no node, or several.
     """
-    found = [index for index, name in enumerate(rig.names) if name == marker.marker]
+    if not isinstance(end, Marker):
+        return np.array(end)
+    found = [index for index, name in enumerate(rig.names) if name == end.marker]
     if len(found) != 1:
         state = "is not a node of the asset" if not found else f"is the name of {len(found)} nodes"
-        raise BakeError(f"marker {marker.marker!r} {state}{nearest(marker.marker, rig.names)}", where=tool.where)
+        raise BakeError(f"marker {end.marker!r} {state}{nearest(end.marker, rig.names)}", where=tool.where)
     place: Floats = node_matrices(rig, clip, time, found)[0, 0, :3, 3]
     return place
 

@@ -1,4 +1,4 @@
-"""Tools fit_tools to folds, best first: attached and measured over all clips as a bake does, numbers rounded as written.
+"""Tools fitted to folds, best first: attached and measured over all clips as a bake does, numbers rounded as written.
 
 A tool that lies on a better one, does not attach or hardly shortens is left out, and one whose mirror image across
 x = 0 shortens too becomes a pair.
@@ -18,9 +18,8 @@ from wrinklecli.review.suggest.folds import LEAST_LOSS, Fold, driver_of
 from wrinklecli.review.suggest.measure import MeasuredMesh, pose_unscaled
 from wrinklecli.review.suggest.segments import lay_segment
 from wrinklecli.tools.mirror import split_side
-from wrinklecli.tools.records import Length, ToolsFile, WrinkleTool
+from wrinklecli.tools.records import Length, WrinkleTool
 
-_SETTINGS = ToolsFile(path="", tools=())
 # Of the best suggestion's score: less is not worth a tool.
 _LEAST_SCORE = 0.02
 # A bump is this part of the patch's width: wrinkles are several times as long as they are wide.
@@ -197,7 +196,7 @@ def _left(mesh: MeasuredMesh, driver: str) -> str:
 def _attached(mesh: MeasuredMesh, tools: list[WrinkleTool]) -> list[Patch] | None:
     """Tools attached as a bake does; none where it would refuse one."""
     try:
-        return attach_tools(tools, mesh.surface, mesh.rest, mesh.rig, _SETTINGS, mesh.clips)
+        return attach_tools(tools, mesh.surface, mesh.rest, mesh.rig, up="y")
     except WrinkleError:
         return None
 
