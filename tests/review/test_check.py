@@ -20,7 +20,7 @@ from kit.limb import RADIUS, limb, limb_asset, tool, write_tools
 from kit.places import ROOT
 from kit.player import Json
 from kit.samples import BACK, PALM, sample
-from wrinklecli.baking import warnings as placement
+from wrinklecli.baking import placement
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review.check import Check, check

@@ -1,0 +1,199 @@
+"""How a tool lies on its mesh at rest: the surface under its patch, and the room that its wrinkles have above it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+
+import numpy as np
+
+from wrinklecli.baking.plan import MeshPlan
+from wrinklecli.character.clip import Clip
+from wrinklecli.method.activity import Activity
+from wrinklecli.method.carry import CarriedPatch
+from wrinklecli.method.patch import Patch
+from wrinklecli.method.refine import Refinement
+from wrinklecli.numeric.arrays import Bools, Floats, Ints
+from wrinklecli.numeric.nearest import ray_distances
+
+# Lines along a patch, v, on which layers are counted, and points on each.
+_LINES = np.linspace(-0.75, 0.75, 7)
+_POINTS = 64
+# Layers of a surface are apart by more than this, over the segment.
+_APART = 0.01
+# Wrinkles lower than this part of the tallest are not looked at, nor are surfaces nearer than this part of the mesh.
+_LOW = 0.05
+_TOUCHING = 1e-6
+# Pairs of a wrinkle's vertex and a triangle: looked at together, and in all, which takes some seconds.
+_CHUNK = 2**18
+_MOST_PAIRS = 2**23
+
+
+@dataclass(frozen=True, slots=True)
+class Ground:
+    """The surface under a patch, at rest.
+
+    Attributes:
+        gap: Share of the segment without a member under it.
+        detour: Length of the surface under the rest of it, over the segment's.
+        doubled: Share of the patch over two or more layers that wrinkle.
+    """
+
+    gap: float
+    detour: float
+    doubled: float
+
+
+def ground_under(plan: MeshPlan, patch: Patch) -> Ground:
+    """Cut the members of a patch by planes along it."""
+    fine = plan.fine
+    vertices, local = np.unique(fine.triangles[patch.members[fine.subdivision.parents]], return_inverse=True)
+    members, positions = local.reshape(-1, 3), fine.rest_positions[vertices]
+    u, v = patch.coordinates(positions)
+    least = _LOW * abs(patch.shape_strength)
+    moves = np.abs(patch.magnitudes(u, v, fine.rest_normals_at(vertices))) > least
+    points = (np.arange(_POINTS) + 0.5) / _POINTS
+    ends = _cut(members, np.column_stack([u, positions]), v, 0.0)
+    middle, length = ends[..., 0], np.sqrt(np.sum((ends[:, 1, 1:] - ends[:, 0, 1:]) ** 2, axis=1))
+    covered = _layers(middle, points).any(axis=1)
+    inside = np.clip(middle, 0.0, 1.0)
+    run, rise = np.abs(np.diff(middle, axis=1))[:, 0], np.abs(np.diff(inside, axis=1))[:, 0]
+    share = np.divide(rise, run, out=((middle[:, 0] >= 0) & (middle[:, 0] <= 1)).astype(np.float64), where=run > 0)
+    straight = patch.span * float(rise.sum())
+    wrinkling = members[moves[members].any(axis=1)]
+    depths = (positions - patch.origin.position) @ patch.normal
+    doubled = 0
+    for line in _LINES:
+        ends, heights = np.moveaxis(_cut(wrinkling, np.column_stack([u, depths]), v, float(line)), 2, 0)
+        at, which = np.nonzero(_layers(ends, points))
+        t = (points[at] - ends[which, 0]) / (ends[which, 1] - ends[which, 0])
+        depth = heights[which, 0] + t * (heights[which, 1] - heights[which, 0])
+        low, high = np.full(_POINTS, np.inf), np.full(_POINTS, -np.inf)
+        np.minimum.at(low, at, depth)
+        np.maximum.at(high, at, depth)
+        doubled += int((high > low + _APART * patch.span).sum())
+    return Ground(
+        gap=1.0 - float(covered.mean()),
+        detour=float((share * length).sum()) / straight if straight > 0 else 1.0,
+        doubled=doubled / (len(_LINES) * _POINTS),
+    )
+
+
+def _cut(triangles: Ints, values: Floats, v: Floats, line: float) -> Floats:
+    """(cuts, 2, columns) of (vertices, columns) values at both ends of each triangle's cut with the plane v = line."""
+    above = v[triangles] >= line
+    count = above.sum(axis=1)
+    cut = (count == 1) | (count == 2)
+    # One corner is alone on its side; the cut runs between the edges to the two others.
+    alone = np.argmax(above[cut] == (count[cut] == 1)[:, None], axis=1)
+    corners = np.take_along_axis(triangles[cut], (alone[:, None] + np.arange(3)) % 3, axis=1)
+    first, others = corners[:, :1], corners[:, 1:]
+    t = (line - v[first]) / (v[others] - v[first])
+    found: Floats = values[first] + t[..., None] * (values[others] - values[first])
+    return found
+
+
+def _layers(ends: Floats, points: Floats) -> Bools:
+    """(points, cuts) which cuts lie over each u."""
+    low, high = ends.min(axis=1), ends.max(axis=1)
+    layers: Bools = (low <= points[:, None]) & (points[:, None] < high)
+    return layers
+
+
+@dataclass(frozen=True, slots=True)
+class Collision:
+    """Wrinkles that are taller than the room that they have at rest.
+
+    Attributes:
+        count: How many vertices reach another part of the surface.
+        height: Of the one that goes furthest beyond it, scene units.
+        room: That it has.
+        position: (3,) of it, world space at rest.
+    """
+
+    count: int
+    height: float
+    room: float
+    position: Floats
+
+
+def collision(plan: MeshPlan, carried: CarriedPatch, seen: Sequence[tuple[Clip, Floats, Activity]]) -> Collision | None:
+    """Compare a tool's wrinkles at rest with the distance to what lies opposite, along the normals.
+
+    Opposite lies any triangle of the same mesh, but for those of the vertex itself and what touches it there.
+
+    Args:
+        plan: Of the mesh.
+        carried: The tool.
+        seen: What clips make of it; where there is none, the tallest wrinkles possible count.
+    """
+    fine = plan.fine
+    count, worst = 0, None
+    for way, peaks in zip((1.0, -1.0), _peaks(carried, seen), strict=True):
+        tall = np.flatnonzero(peaks > _LOW * peaks.max(initial=0.0))
+        if not len(tall):
+            continue
+        vertices, heights, rooms = _rooms(fine, carried.vertices[tall], peaks[tall], way)
+        short = np.flatnonzero(rooms < heights)
+        if len(short):
+            count += len(short)
+            most = short[np.argmax(heights[short] - rooms[short])]
+            if worst is None or heights[most] - rooms[most] > worst.height - worst.room:
+                at = fine.rest_positions[vertices[most]]
+                worst = Collision(len(short), float(heights[most]), float(rooms[most]), at)
+    return None if worst is None else replace(worst, count=count)
+
+
+def _rooms(fine: Refinement, vertices: Ints, heights: Floats, way: float) -> tuple[Ints, Floats, Floats]:
+    """Distances from wrinkling vertices at rest to what lies opposite.
+
+    Args:
+        fine: The refined surface.
+        vertices: (vertices,) those to look at.
+        heights: (vertices,) how far to look, scene units.
+        way: 1 outwards along the normals, -1 inwards.
+
+    Returns:
+        (vertices,) those looked at, of very many a choice; their heights; and the room of each, infinite where there
+        is nothing within its height.
+    """
+    from scipy.spatial import cKDTree
+
+    corners = fine.rest_positions[fine.triangles]
+    middles = corners.mean(axis=1)
+    radii = np.sqrt(((corners - middles[:, None]) ** 2).sum(axis=2).max(axis=1))
+    size = float(np.linalg.norm(np.ptp(fine.rest_positions, axis=0)))
+    starts, rays = fine.rest_positions[vertices], way * fine.rest_normals[vertices]
+    reach = radii + 0.5 * float(heights.max())
+    tree = cKDTree(starts + 0.5 * heights[:, None] * rays)
+    near = tree.query_ball_point(middles, reach, return_length=True)
+    if near.sum() > _MOST_PAIRS:
+        # Only every so many of them, the tallest first: where a wrinkle goes through, so do its neighbours.
+        kept = np.argsort(-heights, kind="stable")[:: -(-int(near.sum()) // _MOST_PAIRS)]
+        vertices, starts, rays, heights = vertices[kept], starts[kept], rays[kept], heights[kept]
+        tree = cKDTree(starts + 0.5 * heights[:, None] * rays)
+        near = tree.query_ball_point(middles, reach, return_length=True)
+    rooms = np.full(len(vertices), np.inf)
+    candidates = np.flatnonzero(near)
+    for part in np.split(candidates, np.flatnonzero(np.diff(np.cumsum(near[candidates]) // _CHUNK)) + 1):
+        lists = tree.query_ball_point(middles[part], reach[part])
+        triangles = np.repeat(part, [len(each) for each in lists])
+        at = np.fromiter(chain.from_iterable(lists), np.intp, len(triangles))
+        others = (fine.triangles[triangles] != vertices[at, None]).all(axis=1)
+        triangles, at = triangles[others], at[others]
+        distances = ray_distances(starts[at], rays[at], corners[triangles])
+        np.minimum.at(rooms, at, np.where(distances > _TOUCHING * size, distances, np.inf))
+    return vertices, heights, rooms
+
+
+def _peaks(carried: CarriedPatch, seen: Sequence[tuple[Clip, Floats, Activity]]) -> tuple[Floats, Floats]:
+    """(vertices,) how far each vertex of a tool is moved outwards, and inwards, at the most, scene units."""
+    patch, curve = carried.patch, carried.patch.curve
+    shapes = curve.shapes(carried.us)
+    moved = [np.zeros(len(carried.us))]
+    if not seen:
+        moved.append(np.einsum("gm,gmv->v", curve.greatest_amplitudes, shapes) * carried.magnitudes)
+    for clip, _, each in seen:
+        tallest = curve.heights(each.amplitudes).argmax(axis=0)
+        rows = np.stack([each.amplitudes[tallest[bumps[0]], k] for k, bumps in enumerate(curve.groups)])
+        moved.append(patch.clip_strength(clip) * np.einsum("gm,gmv->v", rows, shapes) * carried.magnitudes)
+    return np.max(moved, axis=0), -np.min(moved, axis=0)
