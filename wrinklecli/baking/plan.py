@@ -15,7 +15,7 @@ from wrinklecli.character.surface import influence_count, read_surface
 from wrinklecli.errors import AssetError, BakeError, WrinkleError
 from wrinklecli.gltf.document import Document
 from wrinklecli.method.carry import CarriedPatch, carry
-from wrinklecli.method.patch import attach_tools
+from wrinklecli.method.patch import Patch, attach_tools
 from wrinklecli.method.refine import Refinement, refine
 from wrinklecli.method.rest import Rest, rest_pose
 from wrinklecli.numeric.arrays import Floats, Ints, determinants, distinct_values
@@ -105,13 +105,8 @@ def plan_mesh(
     rest = rest_pose(surface, rig, settings, clips, tools)
     patches = attach_tools(tools, surface, rest, rig, up=settings.up)
     contacts = contacts_of(document, rig, surface, rest.positions)
-    tallest = max(
-        abs(patch.shape_strength) * float(patch.curve.heights(patch.curve.greatest_amplitudes[None]).max(initial=0.0))
-        for patch in patches
-    )
-    largest = float(np.abs(rest.positions).max())
-    floor = _FLOAT32_STEPS * float(np.spacing(np.float32(largest)))
-    bound = max(max_error.resolve(tallest), floor)
+    tallest = max(_greatest_height(patch) for patch in patches)
+    bound = max(max_error.resolve(tallest), _float32_error(rest))
     fine = refine(
         surface,
         rest,
@@ -131,9 +126,7 @@ def plan_mesh(
             problems.append(error)
     if problems:
         raise BakeError.of_all(problems)
-    # The median; numpy's imports numpy.ma, which takes longer than all of this.
-    scales = np.sort(np.cbrt(np.abs(determinants(rest.blended[:, :, :3]))))
-    scale = float(scales[[(len(scales) - 1) // 2, len(scales) // 2]].mean())
+    scale = float(np.median(np.cbrt(np.abs(determinants(rest.blended[:, :, :3])))))
     return MeshPlan(rig, rest, fine, tuple(carried_patches), tallest, bound, scale, _has_normals(document, rig.mesh))
 
 
@@ -161,6 +154,18 @@ def poses_of(rig: Rig, clips: Sequence[Clip], joints: Ints | None = None) -> Flo
             rig, clip, np.linspace(clip.start, clip.end, count), chosen
         )
     return poses
+
+
+def _greatest_height(patch: Patch) -> float:
+    """Of all wrinkles that a tool can make, scene units."""
+    heights = patch.curve.heights(patch.curve.greatest_amplitudes[None])
+    return abs(patch.shape_strength) * float(heights.max(initial=0.0))
+
+
+def _float32_error(rest: Rest) -> float:
+    """Of a posed position, scene units: no bound can be held below it."""
+    largest = float(np.abs(rest.positions).max())
+    return _FLOAT32_STEPS * float(np.spacing(np.float32(largest)))
 
 
 def _has_normals(document: Document, mesh: int) -> bool:
