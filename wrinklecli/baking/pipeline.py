@@ -1,6 +1,7 @@
 """The whole bake: read, attach and refine, sample, encode, prove, report, write."""
 
 import os
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from typing import Any
@@ -67,18 +68,13 @@ def bake(
             posed = [_pose_frames(job, plan, clock, progress) for plan in plans]
         if options.mode == "morph" and out is not None:
             morphed = [_add_morph_targets(job, edited, plan, clock, progress) for plan in plans]
+        # Where nothing is to be written, the report tells of the plans alone.
         baked = morphed or posed or [BakedMesh(plan) for plan in plans]
         with clock.stage("report"):
             report = make_report(job, baked, images=image_files(edited, out) if out is not None else [])
             if options.strict and report.warnings:
                 raise RefusedError.of_all(RefusedError(line) for line in report.warnings)
-        frames = [
-            Frames(each.plan.rig, each.plan.fine, targets_of(each.target_sets), tuple(each.motions)) for each in posed
-        ]
-        if options.mode == "frames" and out is not None:
-            with clock.stage("encode"):
-                encode_frames(edited, frames, progress)
-        written = _write(job, edited, frames, out, clock, progress)
+        written = _write(job, edited, posed, out, clock, progress)
         timings = make_timings(clock, job, baked, bytes_written=written)
         return replace(report, bytes_written=written or 0, timings=timings)
 
@@ -91,7 +87,7 @@ def _pose_frames(job: Job, plan: MeshPlan, clock: StageClock, progress: Progress
         )
     if not motions:
         raise BakeError("has no clip: there is no frame to write", where=job.document.path)
-    return BakedMesh(plan, target_sets, motions)
+    return BakedMesh(plan, tuple(target_sets), tuple(motions))
 
 
 def _add_morph_targets(
@@ -114,26 +110,31 @@ def _add_morph_targets(
         sparse, tangents = options.accessors == "sparse", options.morph_tangents
         encode_morphs(edited, plan, target_sets, tracked, sparse=sparse, tangents=tangents)
     if options.tracks == "none":
-        return BakedMesh(plan, target_sets, motions, budget=budget)
+        return BakedMesh(plan, tuple(target_sets), tuple(motions), budget=budget)
     with clock.stage("prove"):
         residuals = prove(edited, plan, target_sets, motions, details=options.details, progress=progress)
-    return BakedMesh(plan, target_sets, motions, residuals, budget)
+    return BakedMesh(plan, tuple(target_sets), tuple(motions), residuals, budget)
 
 
 def _write(
     job: Job,
     edited: EditedDocument,
-    frames: list[Frames],
+    posed: Sequence[BakedMesh],
     out: str | os.PathLike[str] | None,
     clock: StageClock,
     progress: Progress,
 ) -> int | None:
-    """Write the files of --frames-dir and OUT, all or none; the size of OUT with the files beside it."""
+    """Write the files of `frames_dir` and OUT, all or none; the size of OUT with the files beside it."""
+    options = job.options
+    frames = [Frames(mesh.plan.rig, mesh.plan.fine, targets_of(mesh.target_sets), mesh.motions) for mesh in posed]
+    if out is not None and options.mode == "frames":
+        with clock.stage("encode"):
+            encode_frames(edited, frames, progress)
     with ExitStack() as stack:
-        if job.options.frames_dir is not None:
+        if options.frames_dir is not None:
             with clock.stage("export"):
-                folder, kind = job.options.frames_dir, job.options.frames_format
-                put_there = stack.enter_context(exported_frames(job.document, frames, folder, kind, progress))
+                files = exported_frames(job.document, frames, options.frames_dir, options.frames_format, progress)
+                put_there = stack.enter_context(files)
                 put_there()  # taken back where OUT fails
         if out is None:
             return None

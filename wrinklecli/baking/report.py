@@ -78,8 +78,8 @@ class BakedMesh:
     """
 
     plan: MeshPlan
-    target_sets: Sequence[TargetSet] = ()
-    motions: Sequence[Motion] = ()
+    target_sets: tuple[TargetSet, ...] = ()
+    motions: tuple[Motion, ...] = ()
     residuals: dict[str, Residual] = field(default_factory=dict)
     budget: Json | None = None
 

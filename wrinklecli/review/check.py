@@ -9,9 +9,10 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from wrinklecli.baking.job import BakeOptions, read_job
+from wrinklecli.baking.placement import collision
 from wrinklecli.baking.plan import MeshPlan, plan_meshes
 from wrinklecli.baking.sample import moving_clips, refuse_many_frames
-from wrinklecli.baking.warnings import collision, mesh_warnings, tool_warnings
+from wrinklecli.baking.warnings import mesh_warnings, tool_warnings
 from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.method.activity import Activity, activity
 from wrinklecli.method.anchor import Anchor
