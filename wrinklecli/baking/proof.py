@@ -15,13 +15,11 @@ from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.skin import pose, prepare
 from wrinklecli.character.surface import dense_influences, read_vertices
 from wrinklecli.errors import RefusedError
-from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edit import EditedDocument
 from wrinklecli.gltf.shape import Json
 from wrinklecli.method.activity import Activity, further_activities
-from wrinklecli.method.carry import CarriedPatch, displacements
+from wrinklecli.method.carry import displacements
 from wrinklecli.method.refine import Refinement
-from wrinklecli.method.rest import Rest
 from wrinklecli.method.shapes import displaced_normals, turn_to
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, unit
 from wrinklecli.numeric.guard import Progress
@@ -91,50 +89,47 @@ def prove(
     Raises:
         RefusedError: A vertex is further off than the plan's bound.
     """
-    carried_patches = [target_set.carried for target_set in target_sets]
-    parts = primitives_of(plan.fine, shared_vertices(draft.source, plan.rig.mesh, plan.fine))
-    proof = read_back(draft.document(), plan.rig.node, plan.fine, carried_patches, parts)
+    proof = read_back(draft, plan)
     written = {clip.index: clip for clip in proof.clips}
     residuals: dict[str, Residual] = {}
     proven: dict[int, tuple[Clip, Residual]] = {}
-    for number, (motion, take) in enumerate(
-        zip(motions, takes_of(plan, [motion.clip for motion in motions]), strict=True)
-    ):
+    takes = takes_of(plan, [motion.clip for motion in motions])
+    for done, (motion, take) in enumerate(zip(motions, takes, strict=True), start=1):
         clip = written[motion.clip.index]
         # The same in the source and in the file as a clip before it.
         if take not in proven or not clip.moves_as(proven[take][0]):
-            residual = compare(proof, motion, plan.fine, target_sets, plan.rig, plan.rest, with_normals=details)
-            proven[take] = clip, residual
+            proven[take] = clip, measure_residual(proof, plan, target_sets, motion, clip, with_normals=details)
         residual = proven[take][1]
-        worst = max(residual.position, residual.weights)
-        if worst > plan.max_error:
-            share = 100 * worst / plan.tallest
-            when = f" at {residual.time:.3g} s" if worst == residual.position else ""
-            raise RefusedError(
-                f"the file would be off by {worst:.3g} ({share:.2g} % of the tallest wrinkle){when};"
-                f" --max-error allows {plan.max_error:.3g}",
-                where=motion.clip.name,
-            )
+        _refuse_beyond_bound(plan, motion, residual)
         residuals[motion.clip.name] = residual
-        progress("proof", number + 1, len(motions))
+        progress("proof", done, len(motions))
     return residuals
 
 
-def read_back(
-    written: Document,
-    node: int,
-    fine: Refinement,
-    carried_patches: Sequence[CarriedPatch],
-    parts: Sequence[RefinedPrimitive],
-) -> Proof:
+def _refuse_beyond_bound(plan: MeshPlan, motion: Motion, residual: Residual) -> None:
+    worst = max(residual.position, residual.weights)
+    if worst > plan.max_error:
+        share = 100 * worst / plan.tallest
+        when = f" at {residual.time:.3g} s" if worst == residual.position else ""
+        raise RefusedError(
+            f"the file would be off by {worst:.3g} ({share:.2g} % of the tallest wrinkle){when};"
+            f" --max-error allows {plan.max_error:.3g}",
+            where=motion.clip.name,
+        )
+
+
+def read_back(draft: EditedDocument, plan: MeshPlan) -> Proof:
     """Load what the file says of the vertices that wrinkles or refinement touch."""
-    rig = read_rig(written, node)
-    distinct = _distinct(written.items("meshes")[rig.mesh]["primitives"], parts)
+    fine = plan.fine
+    refined_primitives = primitives_of(fine, shared_vertices(draft.source, plan.rig.mesh, fine))
+    written = draft.document()
+    rig = read_rig(written, plan.rig.node)
+    distinct = _distinct(written.items("meshes")[rig.mesh]["primitives"], refined_primitives)
     stored = read_vertices(written, rig, distinct)
-    welds = np.concatenate([parts[number].weld for number in distinct])
+    welds = np.concatenate([refined_primitives[number].weld for number in distinct])
     touched = np.zeros(len(fine.positions), bool)
     touched[len(fine.surface.positions) :] = True
-    for carried in carried_patches:
+    for carried in plan.carried_patches:
         touched[carried.vertices] = True
     # A vertex that a new target moves is compared even if no tool asked for it.
     added = stored.morph_deltas[len(fine.morph_deltas) :].any(axis=(0, 2))
@@ -154,48 +149,65 @@ def read_back(
     )
 
 
-def _distinct(primitives: Sequence[Json], parts: Sequence[RefinedPrimitive]) -> list[int]:
+def _distinct(primitives: Sequence[Json], refined_primitives: Sequence[RefinedPrimitive]) -> list[int]:
     """The primitives without those that have the accessors of one before, and so the same vertices."""
     seen: dict[str, Ints] = {}
     distinct = []
-    for number, (primitive, part) in enumerate(zip(primitives, parts, strict=True)):
+    for number, (primitive, refined) in enumerate(zip(primitives, refined_primitives, strict=True)):
         key = repr([sorted(primitive["attributes"].items()), primitive.get("targets")])
-        if key not in seen or not np.array_equal(seen[key], part.weld):
+        if key not in seen or not np.array_equal(seen[key], refined.weld):
             distinct.append(number)
-        seen.setdefault(key, part.weld)
+        seen.setdefault(key, refined.weld)
     return distinct
 
 
-def compare(
+def measure_residual(
     proof: Proof,
-    motion: Motion,
-    fine: Refinement,
+    plan: MeshPlan,
     target_sets: Sequence[TargetSet],
-    rig: Rig,
-    rest: Rest,
+    motion: Motion,
+    written: Clip,
     *,
     with_normals: bool,
 ) -> Residual:
-    """Compare one clip at and between its keys.
+    """Compare the file with the method in one clip, at and between its keys.
 
     Args:
         proof: The file's side.
-        motion: The clip as it was in the source, and the times at which it was sampled.
-        fine: The refined surface; its skin weights are not pruned.
+        plan: The method's; skin weights of its refined surface are not pruned.
         target_sets: All tools.
-        rig: Of the source.
-        rest: The rest pose.
+        motion: The clip as it was in the source, and the times at which it was sampled.
+        written: The clip as it is in the file.
         with_normals: Also compare normals, which takes several times as long.
     """
-    carried_patches = [target_set.carried for target_set in target_sets]
-    clip = motion.clip
-    written = next(each for each in proof.clips if each.index == clip.index)
-    every = _all_times(motion.times)
-    activities_ = further_activities(
-        [each.patch for each in carried_patches], rig, rest, clip, every, known=motion.seen, known_at=motion.times
+    patches = [carried.patch for carried in plan.carried_patches]
+    times = _all_times(motion.times)
+    seen = further_activities(
+        patches, plan.rig, plan.rest, motion.clip, times, known=motion.seen, known_at=motion.times
     )
-    chosen = _chosen_times(every, activities_)
-    times, amplitudes = every[chosen], [each.amplitudes[chosen] for each in activities_]
+    chosen = _chosen_times(times, seen)
+    amplitudes = [each.amplitudes[chosen] for each in seen]
+    position, time, angles = _vertex_errors(
+        proof, plan, motion.clip, written, times[chosen], amplitudes, with_normals=with_normals
+    )
+    normal = None
+    if angles is not None:
+        normal = float(np.percentile(angles, 99)) if len(angles) else 0.0
+    return Residual(position, time, _height_error(proof, written, motion.clip, times, target_sets, seen), normal)
+
+
+def _vertex_errors(
+    proof: Proof,
+    plan: MeshPlan,
+    clip: Clip,
+    written: Clip,
+    times: Floats,
+    amplitudes: Sequence[Floats],
+    *,
+    with_normals: bool,
+) -> tuple[float, float, Floats | None]:
+    """The largest distance of a vertex, when that is, and angles of normals in degrees if asked for and there."""
+    rig, fine = plan.rig, plan.fine
     weights = fine.dense_weights(proof.vertices, len(rig.joints))
     acting, stored = np.flatnonzero(weights.any(axis=0)), np.flatnonzero(proof.weights.any(axis=0))
     method = prepare(weights[:, acting], fine.positions[proof.vertices], fine.morph_deltas[:, proof.vertices])
@@ -203,24 +215,20 @@ def compare(
     count = max(len(proof.vertices), 1)
     chunk = min(max(_FEW_VERTICES // count, _CHUNK), max(_MOST_VERTICES // count, 1))
     worst, worst_time, angles = 0.0, float(times[0]), []
-    for part in (slice(k, k + chunk) for k in range(0, len(times), chunk)):
-        now, heights = times[part], [each[part] for each in amplitudes]
-        moved = _method_displacements(proof, fine, carried_patches, rig, rest, clip, now, heights)
+    for frames in (slice(k, k + chunk) for k in range(0, len(times), chunk)):
+        now = times[frames]
+        moved = _method_displacements(proof, plan, clip, now, [each[frames] for each in amplitudes])
         matrices = joint_matrices(rig, clip, now, acting)
         wanted, _ = pose(method, matrices, morph_weights(rig, clip, now), moved.transpose(0, 2, 1))
         played = morph_weights(proof.rig, written, now)
         got, _ = pose(file, joint_matrices(proof.rig, written, now, stored), played)
-        distances = np.sqrt(np.sum((got - wanted) ** 2, axis=1))
-        frame = int(distances.max(axis=1, initial=0.0).argmax())
-        if distances[frame].max(initial=0.0) > worst:
-            worst, worst_time = float(distances[frame].max()), float(now[frame])
+        distances = np.sqrt(np.sum((got - wanted) ** 2, axis=1)).max(axis=1, initial=0.0)
+        frame = int(distances.argmax())
+        if distances[frame] > worst:
+            worst, worst_time = float(distances[frame]), float(now[frame])
         if with_normals and proof.normals is not None:
-            angles.append(_normal_angles(proof, fine, moved, played))
-    normal = None
-    if angles:
-        together = np.concatenate(angles)
-        normal = float(np.percentile(together, 99)) if len(together) else 0.0
-    return Residual(worst, worst_time, _height_error(proof, written, clip, every, target_sets, activities_), normal)
+            angles.append(_normal_angles(proof.normals, proof.vertices, fine, moved, played))
+    return worst, worst_time, np.concatenate(angles) if angles else None
 
 
 def _all_times(times: Floats) -> Floats:
@@ -244,15 +252,15 @@ def _height_error(
     worst = 0.0
     for target_set, what in zip(target_sets, seen, strict=True):
         patch = target_set.carried.patch
-        shapes = [index for index, target in enumerate(target_set.targets) if target is not None]
-        got = played[:, after : after + len(shapes)]
-        after += len(shapes)
+        columns = target_set.columns
+        got = played[:, after : after + len(columns)]
+        after += len(columns)
         if not target_set.from_skin:
             continue
-        shown = np.array(shapes, np.intp)
+        shown = columns
         if target_set.remix is not None:
             # An engine's budget asked for other shapes: what they are of the curve's.
-            share = target_set.remix.unmix[shapes]
+            share = target_set.remix.unmix[columns]
             shown = np.flatnonzero(share.any(axis=0))
             got = got @ share[:, shown]
         greatest, wanted = patch.curve.greatest_amplitudes.reshape(-1), what.amplitudes.reshape(len(times), -1)
@@ -262,58 +270,49 @@ def _height_error(
     return worst
 
 
-def _chosen_times(every: Floats, activities_: Sequence[Activity]) -> Ints:
+def _chosen_times(every: Floats, seen: Sequence[Activity]) -> Ints:
     """Which times to compare at, rising: an even choice, each tool's tallest and shortest, and where tracks bend."""
     picked = set(np.linspace(0, len(every) - 1, min(_FRAMES, len(every))).astype(int).tolist())
-    for seen in activities_:
-        sizes = np.abs(seen.amplitudes)
+    for each in seen:
+        sizes = np.abs(each.amplitudes)
         picked.add(int(np.argmax(sizes)) // sizes[0].size)
-        picked.add(int(np.argmax(seen.shortenings)))
+        picked.add(int(np.argmax(each.shortenings)))
         # The straight line through the neighbours misses most here.
         tall = np.einsum("fgm->f", sizes)
         bend = np.abs(tall[2:] - 2 * tall[1:-1] + tall[:-2])
-        # A few are sorted, not all.
-        least = np.partition(bend, -_BENDS)[-_BENDS] if len(bend) > _BENDS else 0.0
-        most = np.flatnonzero(bend >= least)
-        picked.update((1 + most[np.argsort(-bend[most], kind="stable")[:_BENDS]]).tolist())
+        picked.update((1 + np.argsort(-bend, kind="stable")[:_BENDS]).tolist())
     return np.array(sorted(picked), np.intp)
 
 
 def _method_displacements(
-    proof: Proof,
-    fine: Refinement,
-    carried_patches: Sequence[CarriedPatch],
-    rig: Rig,
-    rest: Rest,
-    clip: Clip,
-    times: Floats,
-    amplitudes: Sequence[Floats],
+    proof: Proof, plan: MeshPlan, clip: Clip, times: Floats, amplitudes: Sequence[Floats]
 ) -> Floats:
     """(frames, vertices, 3) sum of all tools, at the vertices compared, bind space."""
     total = np.zeros((len(times), len(proof.vertices), 3))
-    for carried, each in zip(carried_patches, amplitudes, strict=True):
+    for carried, each in zip(plan.carried_patches, amplitudes, strict=True):
         rows = np.searchsorted(carried.vertices, proof.vertices)
         rows = np.minimum(rows, len(carried.vertices) - 1)
         here = carried.vertices[rows] == proof.vertices
-        moved = displacements(carried, fine, rig, rest, clip, times, each)
+        moved = displacements(carried, plan.fine, plan.rig, plan.rest, clip, times, each)
         total[:, here] += moved[:, rows[here]]
     return total
 
 
-def _normal_angles(proof: Proof, fine: Refinement, moved: Floats, played: Floats) -> Floats:
+def _normal_angles(
+    normals: tuple[Floats, Floats], compared: Ints, fine: Refinement, moved: Floats, played: Floats
+) -> Floats:
     """(frames · vertices,) degrees between the file's normals and true ones, bind space, where they change.
 
     Those of the wrinkles alone: what the source's own morph targets do to normals is theirs.
     """
-    assert proof.normals is not None
-    base, deltas = proof.normals
+    base, deltas = normals
     old = len(fine.morph_deltas)
-    vertices, first = np.unique(proof.vertices, return_index=True)
+    vertices, first = np.unique(compared, return_index=True)
     touched, true = displaced_normals(fine, vertices, moved[:, first])
-    rows = np.searchsorted(touched, proof.vertices)
+    rows = np.searchsorted(touched, compared)
     angles = []
     for frame in range(len(moved)):
-        wanted = turn_to(fine.normals[proof.vertices], unit(base), true[frame, rows])
+        wanted = turn_to(fine.normals[compared], unit(base), true[frame, rows])
         got = unit(base + np.tensordot(played[frame, old:], deltas[old:], axes=1))
         changed = moved[frame].any(axis=1)
         cosine = np.clip(np.sum(wanted * got, axis=1)[changed], -1.0, 1.0)

@@ -48,13 +48,13 @@ def with_fewest(target_set: TargetSet, tolerance: float) -> tuple[TargetSet, flo
     Source: C. Eckart, G. Young, *The approximation of one matrix by another of lower rank*, 1936. Differs: the
     error is the greatest over bumps, which lie side by side, and rows of the table, of the sum over modes.
     """
-    written = [column for column, target in enumerate(target_set.targets) if target is not None]
+    written = target_set.columns
     if not target_set.from_skin or len(written) < 2:
         return target_set, 0.0
     old = [target.shape for target in target_set.targets if target is not None]
     heights = np.array([shape.tallest for shape in old])
     path = _path(target_set)[:, written] * heights
-    groups = np.array(written) // target_set.carried.patch.curve.greatest_amplitudes.shape[1]
+    groups = written // target_set.carried.patch.curve.greatest_amplitudes.shape[1]
     starts = np.flatnonzero(np.diff(groups, prepend=-1))
     _, _, right = np.linalg.svd(path, full_matrices=False)
     for rank in range(1, len(written)):

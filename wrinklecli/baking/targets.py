@@ -7,7 +7,7 @@ import numpy as np
 
 from wrinklecli.method.carry import CarriedPatch
 from wrinklecli.method.shapes import Shape
-from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.arrays import Floats, Ints
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,9 +75,15 @@ class TargetSet:
         flat = of_curve.reshape(len(of_curve), -1)
         return flat if self.remix is None else self.remix.weights(flat)
 
+    @property
+    def columns(self) -> Ints:
+        """The shapes that have a target."""
+        return np.array([index for index, target in enumerate(self.targets) if target is not None], np.intp)
+
     def written(self, weights: Floats) -> Floats:
         """The columns of (frames, shapes) weights that have a target."""
-        return weights[:, [index for index, target in enumerate(self.targets) if target is not None]]
+        written: Floats = weights[:, self.columns]
+        return written
 
 
 def named_targets(carried: CarriedPatch, shapes: Iterable[Shape | None]) -> tuple[Target | None, ...]:
