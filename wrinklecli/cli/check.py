@@ -106,10 +106,13 @@ def _rows(tool: dict[str, Any]) -> list[str]:
         f" {tool['moved_vertices']} vertices move",
         f"overlaps {overlaps or 'none'}",
     ]
-    if not tool["clips"]:
-        return [*rows, "clips    none that moves the mesh"]
+    return [*rows, *(_clip_table(tool["clips"]) if tool["clips"] else ["clips    none that moves the mesh"])]
+
+
+def _clip_table(clips: list[dict[str, Any]]) -> list[str]:
+    """A line for each clip, aligned, and a heading."""
     table = [["clip", "shortening", "at", "height", "unabsorbed"]]
-    for clip in tool["clips"]:
+    for clip in clips:
         if clip["shortening"] is None:
             table.append([clip["name"], "hidden", "", "", ""])
             continue
@@ -128,7 +131,7 @@ def _rows(tool: dict[str, Any]) -> list[str]:
         [row[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))]
         for row in table
     )
-    return rows + ["  ".join(row).rstrip() for row in aligned]
+    return ["  ".join(row).rstrip() for row in aligned]
 
 
 def _percent(value: float) -> str:

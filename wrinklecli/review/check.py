@@ -34,10 +34,12 @@ class CheckedTool:
     Attributes:
         carried: The tool on its mesh.
         seen: For each clip that moves the mesh, its (frames,) times and what they make of the tool.
+        data: For `--json`: JSON values only.
     """
 
     carried: CarriedPatch
     seen: tuple[tuple[Clip, Floats, Activity], ...]
+    data: Json
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,44 +81,41 @@ def check(
     with guarded(os.fspath(asset)):
         options = BakeOptions(clips=clips, only=only, fps=fps, max_levels=max_levels, allow_external=allow_external)
         job = read_job(asset, tools, options)
-        general = list(job.warnings)
+        warnings = list(job.warnings)
         checked: list[CheckedTool] = []
-        meshes: list[Json] = []
-        described: list[Json] = []
-        for plan in plan_meshes(job):
+        plans = plan_meshes(job)
+        for plan in plans:
+            fps = job.settings.sampling.fps
             moving = moving_clips(plan, job.clips)
-            refuse_many_frames(plan, moving, fps=job.settings.sampling.fps)
-            grids = [clip_grid(clip, plan.rig, fps=job.settings.sampling.fps) for clip in moving]
-            meshes.append(_describe_mesh(plan))
-            general += mesh_warnings(plan, job.settings, moving, "morph")
-            overlaps = _overlaps(plan)
-            for carried, overlapping in zip(plan.carried_patches, overlaps, strict=True):
-                seen = tuple(
-                    (clip, times, activity(carried.patch, plan.rig, plan.rest, clip, times))
-                    for clip, times in zip(moving, grids, strict=True)
-                )
-                checked.append(CheckedTool(carried, seen))
-                warnings = tool_warnings(plan, carried, seen)
-                warnings += _collision_warnings(plan, carried, seen, job.settings.up)
-                described.append(
-                    _describe_tool(plan, carried, job.settings.up)
-                    | {
-                        "overlaps": overlapping,
-                        "clips": [_describe_clip(carried, *each) for each in seen],
-                        "warnings": warnings,
-                    }
-                )
+            refuse_many_frames(plan, moving, fps=fps)
+            grids = [(clip, clip_grid(clip, plan.rig, fps=fps)) for clip in moving]
+            warnings += mesh_warnings(plan, job.settings, moving, "morph")
+            for carried, overlaps in zip(plan.carried_patches, _overlaps(plan), strict=True):
+                checked.append(_check_tool(plan, carried, grids, overlaps, job.settings.up))
                 progress("checking", len(checked), len(job.settings.tools))
-    every = [*general, *(line for tool in described for line in tool["warnings"])]
+    warnings += [line for tool in checked for line in tool.data["warnings"]]
     data: Json = {
         "check": VERSION,
         "asset": job.document.path,
         "tools_file": job.settings.path,
-        "meshes": meshes,
-        "tools": described,
-        "warnings": every,
+        "meshes": [_describe_mesh(plan) for plan in plans],
+        "tools": [tool.data for tool in checked],
+        "warnings": warnings,
     }
-    return Check(data, tuple(every), job.inputs, tuple(checked))
+    return Check(data, tuple(warnings), job.inputs, tuple(checked))
+
+
+def _check_tool(
+    plan: MeshPlan, carried: CarriedPatch, grids: Sequence[tuple[Clip, Floats]], overlaps: list[Json], up: str
+) -> CheckedTool:
+    """Run the control curve of one tool over clips at their (frames,) times."""
+    seen = tuple((clip, times, activity(carried.patch, plan.rig, plan.rest, clip, times)) for clip, times in grids)
+    data = _describe_tool(plan, carried, up) | {
+        "overlaps": overlaps,
+        "clips": [_describe_clip(carried, *each) for each in seen],
+        "warnings": tool_warnings(plan, carried, seen) + _collision_warnings(plan, carried, seen, up),
+    }
+    return CheckedTool(carried, seen, data)
 
 
 def _describe_mesh(plan: MeshPlan) -> Json:

@@ -30,6 +30,18 @@ _LONGEST_NAME, _LONGEST_TITLE = 24, 60
 _WIDTH, _ROW, _GAP = 11.0, 2.2, 0.5
 _DOTS = 100
 _MOST_TOOLS = 100
+_STYLE: dict[Any, Any] = {
+    "svg.hashsalt": "wrinkle",
+    # A $ in a name is no formula.
+    "text.parse_math": False,
+    "font.size": 8.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlelocation": "left",
+    "axes.titlesize": 9.0,
+    "axes.titleweight": "bold",
+    "legend.frameon": False,
+}
 
 
 def refuse_without_matplotlib() -> None:
@@ -63,39 +75,13 @@ def draw_check(checked: Check, kind: str) -> bytes:
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    settings: dict[Any, Any] = {
-        "svg.hashsalt": "wrinkle",
-        # A $ in a name is no formula.
-        "text.parse_math": False,
-        "font.size": 8.0,
-        "axes.spines.top": False,
-        "axes.spines.right": False,
-        "axes.titlelocation": "left",
-        "axes.titlesize": 9.0,
-        "axes.titleweight": "bold",
-        "legend.frameon": False,
-    }
     file = io.BytesIO()
-    with warnings.catch_warnings(), mpl.rc_context({**mpl.rcParamsDefault, **settings}):
+    with warnings.catch_warnings(), mpl.rc_context({**mpl.rcParamsDefault, **_STYLE}):
         # Names may have characters that the font lacks.
         warnings.simplefilter("ignore", UserWarning)
-        height = _ROW * len(checked.tools)
-        figure = Figure(figsize=(_WIDTH, height), dpi=_DOTS)
-        # Laid out by hand: matplotlib's own layouts take a second for three rows.
-        grid = figure.subplots(
-            len(checked.tools),
-            2,
-            squeeze=False,
-            width_ratios=[3, 2],
-            gridspec_kw={
-                "left": 0.02,
-                "right": 0.84,
-                "bottom": _GAP / height,
-                "top": 1.0 - 0.5 * _GAP / height,
-                "wspace": 0.25,
-                "hspace": _GAP / (_ROW - _GAP),
-            },
-        )
+        count = len(checked.tools)
+        figure = Figure(figsize=(_WIDTH, _ROW * count), dpi=_DOTS)
+        grid = figure.subplots(count, 2, squeeze=False, width_ratios=[3, 2], gridspec_kw=_margins(_ROW * count))
         for tool, (left, right) in zip(checked.tools, grid, strict=True):
             _draw_curves(left, tool)
             _draw_heights(right, tool)
@@ -103,6 +89,18 @@ def draw_check(checked: Check, kind: str) -> bytes:
         grid[-1, 1].set_xlabel("time, s")
         figure.savefig(file, format=kind, metadata={"Date": None} if kind == "svg" else {"Software": None})
     return file.getvalue()
+
+
+def _margins(height: float) -> dict[str, float]:
+    """Of rows and columns, by hand: matplotlib's own layouts take a second for three rows."""
+    return {
+        "left": 0.02,
+        "right": 0.84,
+        "bottom": _GAP / height,
+        "top": 1.0 - 0.5 * _GAP / height,
+        "wspace": 0.25,
+        "hspace": _GAP / (_ROW - _GAP),
+    }
 
 
 def _draw_curves(axes: "Axes", tool: CheckedTool) -> None:
