@@ -1,6 +1,5 @@
 """The command line: options in, exit code out. The core never prints and never exits."""
 
-import atexit
 import gc
 import io
 import sys
@@ -19,7 +18,8 @@ from wrinklecli.cli.track import track
 from wrinklecli.errors import WrinkleError
 
 _BUG = 70  # EX_SOFTWARE of sysexits.h
-# Of objects between two searches for rubbish, 700 by default: more than are there when a small bake ends.
+# Of objects between two searches for rubbish, 700 by default: more than are there when a small bake ends. What is
+# imported stays to the end; to search it again and again is an eighth of a small bake's time.
 _BEFORE_COLLECTION = 100_000
 
 
@@ -46,9 +46,7 @@ for _command in (inspect, suggest, check, bake, preview, diff, track, schema):
 
 def main() -> None:
     """Run `wrinkle`; the one place where errors become lines and exit codes."""
-    # What is imported stays to the end: to search it for rubbish, and again at exit, is a sixth of a small bake's time.
     gc.set_threshold(_BEFORE_COLLECTION)
-    atexit.register(gc.freeze)
     if isinstance(sys.stdout, io.TextIOWrapper):
         # As standard error has it: names of an asset may have characters that the terminal's encoding lacks.
         sys.stdout.reconfigure(errors="backslashreplace")
