@@ -249,6 +249,20 @@ def test_images_from_outside_the_folder(ending: str, tmp_path: Path) -> None:
     assert files(tmp_path / "direct") == files(tmp_path / "replaced")
 
 
+def test_images_come_back_through_two_bakes(tmp_path: Path) -> None:
+    """The second file holds the image itself, the first had it beside, where it is no more."""
+    (tmp_path / "in.glb").write_bytes(edited("wrist", two_meshes).read_bytes())
+    (tmp_path / "skin.png").write_bytes(PNG)
+    document = EditedDocument(read_document(tmp_path / "in.glb"))
+    document.gltf["images"] = [{"uri": "skin.png"}]
+    write(document, tmp_path / "in.glb")
+    first = bake(tmp_path / "in.glb", tmp_path / "first" / "out.gltf", {**PALM, "node": "wrist"})
+    second = bake(first, tmp_path / "second" / "out.glb", aside(BACK))
+    restored = restore.original(read_document(second))
+    assert restored.gltf == read_document(tmp_path / "in.glb").gltf
+    assert restored.resources == {"skin.png": PNG}
+
+
 def test_what_was_read_is_named(tmp_path: Path) -> None:
     (tmp_path / "in").mkdir()
     earlier = bake(scattered(tmp_path / "in"), tmp_path / "b" / "b.gltf", LIMB)

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from wrinklecli.errors import AssetError, BakeError
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edit import ALIGNMENT, EditedDocument
-from wrinklecli.gltf.files import read_uri
+from wrinklecli.gltf.images import read_image
 from wrinklecli.gltf.references import view_parts
 from wrinklecli.gltf.shape import Json, check_asset, parse_json
 from wrinklecli.gltf.writer import Bytes, Layout, Span
@@ -350,16 +350,10 @@ def _carrying_images(restored: Document, baked: Document) -> Document:
     """The original with the images that it named by relative URIs, which the baked file embeds or has beside it."""
     resources: dict[str, memoryview] = {}
     files = list(baked.files)
-    for index, (image, copied) in enumerate(zip(restored.items("images"), baked.items("images"), strict=True)):
+    for number, (image, _) in enumerate(zip(restored.items("images"), baked.items("images"), strict=True)):
         uri = image.get("uri")
-        if not isinstance(uri, str) or uri.startswith("data:"):
-            continue
-        where = baked.where("images", index)
-        if "bufferView" in copied:
-            resources[uri] = baked.view(copied["bufferView"], user=where)
-        else:
-            allowed = baked.allow_external
-            resources[uri], file = read_uri(copied["uri"], baked.path, where, allow_external=allowed)
+        if isinstance(uri, str) and not uri.startswith("data:"):
+            resources[uri], file = read_image(baked, number)
             files += [file] if file else []
     return replace(restored, resources=resources, files=tuple(files))
 

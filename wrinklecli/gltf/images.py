@@ -23,20 +23,34 @@ def image_files(edited: EditedDocument, out: str | os.PathLike[str]) -> list[str
     if edited.source.resources is not None or lies_beside(edited.source, os.fspath(out)):
         return []
     folder = os.path.dirname(edited.source.path)
-    return [os.path.join(folder, unquote(image["uri"])) for image in edited.gltf.get("images", []) if _is_a_file(image)]
+    return [os.path.join(folder, unquote(image["uri"])) for image in edited.source.items("images") if _is_a_file(image)]
+
+
+def read_image(document: Document, number: int) -> tuple[memoryview, str | None]:
+    """The bytes of an image, and the file that they came from, if any.
+
+    Raises:
+        AssetError: It cannot be read.
+    """
+    image, where = document.items("images")[number], document.where("images", number)
+    if "uri" not in image:
+        return document.view(image.get("bufferView"), user=where), None
+    if document.resources is not None and image["uri"] in document.resources:
+        return document.resources[image["uri"]], None
+    return read_uri(image["uri"], document.path, where, allow_external=document.allow_external)
 
 
 def images_to_bring(edited: EditedDocument, out: str) -> Iterator[tuple[int, memoryview]]:
-    """The images that relative URIs name but that are not beside OUT: numbers and bytes.
+    """The source's images that relative URIs name but that are not beside OUT: numbers and bytes.
 
     Raises:
         AssetError: One cannot be read.
     """
     if lies_beside(edited.source, out):
         return
-    for number, image in enumerate(edited.gltf.get("images", [])):
+    for number, image in enumerate(edited.source.items("images")):
         if _is_a_file(image):
-            yield number, _read(edited.source, image["uri"], number)
+            yield number, read_image(edited.source, number)[0]
 
 
 def put_image(uri: str, data: memoryview, out: str, files: FileGroup) -> str:
@@ -69,10 +83,3 @@ def image_type(head: bytes) -> str:
 
 def _is_a_file(image: Json) -> bool:
     return isinstance(image.get("uri"), str) and not image["uri"].startswith("data:")
-
-
-def _read(document: Document, uri: str, number: int) -> memoryview:
-    if document.resources is not None and uri in document.resources:
-        return document.resources[uri]
-    where = document.where("images", number)
-    return read_uri(uri, document.path, where, allow_external=document.allow_external)[0]
