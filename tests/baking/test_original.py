@@ -60,7 +60,7 @@ def bake(asset: Path, out: Path, *tools: Json, top: Json | None = None, **option
     out.parent.mkdir(exist_ok=True, parents=True)
     (out.parent.parent / "tools").mkdir(exist_ok=True)
     file = write_tools(out.parent.parent / "tools" / "tools.yaml", *tools, **(top or {}))
-    wrinklecli.bake(asset, file, out, **{"max_error": Length(5.0, percent=True), **options})
+    wrinklecli.bake(asset, file, out, **{"max_error": Length(5.0, percent=True), "max_levels": 1, **options})
     return out
 
 

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from kit import hostile
-from kit.asset import Asset
+from kit.asset import Asset, stored
 from kit.limb import LENGTH, RADIUS, limb, limb_asset
 from kit.samples import edited, sample, shared_mesh, two_meshes
 from wrinklecli import bake
@@ -313,6 +313,7 @@ def off(suggestion: Suggestion, place: tuple[float, float, float]) -> float:
     return float(np.linalg.norm(middle(suggestion.tool) - place))
 
 
+@pytest.mark.slow
 def test_the_sample_trousers_fold_behind_the_knees() -> None:
     found = suggest(sample("trousers"))
     knee = nearest_to(found, (0.104, 0.50, -0.0875))
@@ -347,6 +348,7 @@ def test_the_sample_head_folds_on_its_forehead() -> None:
     measured(sample("head"), found)
 
 
+@pytest.mark.slow
 def test_real_trousers_fold_behind_the_knees() -> None:
     path = in_assets("trousers.glb")
     found = suggest(path)
@@ -359,6 +361,7 @@ def test_real_trousers_fold_behind_the_knees() -> None:
     measured(path, found)
 
 
+@pytest.mark.slow
 def test_a_real_wrist_folds_on_both_sides() -> None:
     path = in_assets("hand.glb")
     found = suggest(path)
@@ -373,6 +376,7 @@ def test_a_real_wrist_folds_on_both_sides() -> None:
     measured(path, found)
 
 
+@pytest.mark.slow
 def test_a_real_forehead_folds_above_each_brow() -> None:
     path = in_assets("head_male.glb")
     found = suggest(path)
@@ -384,6 +388,7 @@ def test_a_real_forehead_folds_above_each_brow() -> None:
     measured(path, found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["cesium_man.glb", "fox.glb", "simple_skin.gltf"])
 def test_other_real_assets_fold_at_joints(name: str) -> None:
     path = in_assets(name)
@@ -396,7 +401,9 @@ def test_other_real_assets_fold_at_joints(name: str) -> None:
     measured(path, found)
 
 
-@pytest.mark.parametrize("name", ["wrist", "trousers", "head"])
+@pytest.mark.parametrize(
+    "name", ["wrist", *(pytest.param(name, marks=pytest.mark.slow) for name in ("trousers", "head"))]
+)
 def test_suggestions_bake_as_they_are(tmp_path: Path, name: str) -> None:
     found = suggest(sample(name), count=2)
     (tmp_path / "tools.yaml").write_text(found.text)
@@ -410,6 +417,7 @@ def test_suggestions_bake_as_they_are(tmp_path: Path, name: str) -> None:
         suggest(tmp_path / "out.glb")
 
 
+@pytest.mark.slow
 def test_suggestions_do_not_lie_on_one_another() -> None:
     found = suggest(sample("trousers"), count=20)
     document = read_document(sample("trousers"))
@@ -431,10 +439,22 @@ def test_suggestions_do_not_lie_on_one_another() -> None:
 # Several meshes
 
 
+def two_limbs() -> Asset:
+    """A folding limb, and further off a twin with a mesh of its own and the same joints."""
+    asset = limb_asset()
+    asset.append("meshes", json.loads(json.dumps(asset.gltf["meshes"][0])))
+    (skin,) = asset.gltf["skins"]
+    inverse = stored(asset, skin["inverseBindMatrices"]).copy()
+    inverse[:, 14] += 5.0
+    asset.append("skins", {**skin, "inverseBindMatrices": asset.accessor(inverse)})
+    asset.gltf["scenes"][0]["nodes"].append(asset.append("nodes", {"name": "twin", "mesh": 1, "skin": 1}))
+    return asset
+
+
 def test_tools_name_their_node_where_several_meshes_deform(tmp_path: Path) -> None:
-    path = edited("wrist", two_meshes)
+    path = two_limbs().write(tmp_path / "limbs.glb")
     found = suggest(path, count=4)
-    assert {each.tool.node for each in found.tools} == {"wrist", "twin"}
+    assert {each.tool.node for each in found.tools} == {"limb", "twin"}
     (tmp_path / "tools.yaml").write_text(found.text)
     bake(path, tmp_path / "tools.yaml", tmp_path / "out.glb")
     alone = suggest(path, count=4, node="twin")
@@ -443,11 +463,9 @@ def test_tools_name_their_node_where_several_meshes_deform(tmp_path: Path) -> No
 
 @pytest.mark.parametrize("name", ['a"b', "a\\b: #", "new\nline\x07", "日本 \u2028", "- [x", " "])
 def test_a_node_of_any_name_can_be_named(tmp_path: Path, name: str) -> None:
-    def renamed(editor: Any) -> None:
-        two_meshes(editor)
-        next(node for node in editor.json["nodes"] if node.get("name") == "twin")["name"] = name
-
-    path = edited("wrist", renamed)
+    asset = two_limbs()
+    asset.gltf["nodes"][-1]["name"] = name
+    path = asset.write(tmp_path / "limbs.glb")
     found = suggest(path, count=1, node=name)
     assert parse_tools(found.text).tools[0].node == name
     (tmp_path / "tools.yaml").write_text(found.text, encoding="utf-8")
