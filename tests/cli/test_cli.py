@@ -9,6 +9,8 @@ import struct
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -468,12 +470,25 @@ def test_make_bakes_again_exactly_when_it_must(tmp_path: Path) -> None:
 # Killed
 
 
-def start(*arguments: str, cwd: Path, before: str = "") -> subprocess.Popen[bytes]:
-    program = f"import sys; sys.argv = ['wrinkle', *sys.argv[1:]]\n{before}\nfrom wrinklecli.cli import main; main()"
+# Seconds for a process to end that was told to: other programs may run.
+_PATIENCE = 300
+
+
+@contextmanager
+def started(*arguments: str, cwd: Path, before: str = "") -> Iterator[subprocess.Popen[bytes]]:
+    """`wrinkle` in a process of its own, after some lines of Python; it is gone in the end.
+
+    A shell's job in the background ignores interrupts, and so would its children: this one listens again.
+    """
+    listens = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    program = f"{listens}; sys.argv = ['wrinkle', *sys.argv[1:]]\n{before}\nfrom wrinklecli.cli import main; main()"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    return subprocess.Popen(
-        [sys.executable, "-c", program, *arguments], cwd=cwd, env=environment, stderr=subprocess.PIPE
-    )
+    command = [sys.executable, "-c", program, *arguments]
+    with subprocess.Popen(command, cwd=cwd, env=environment, stderr=subprocess.PIPE) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
 
 
 @pytest.mark.parametrize("sign", [signal.SIGTERM, signal.SIGKILL])
@@ -482,27 +497,27 @@ def test_killed_at_any_moment_the_output_is_whole(sign: signal.Signals, tmp_path
     new, rng = bake_once("wrist", PALM).path.read_bytes(), random.Random(4)
     for _ in range(3):
         (tmp_path / "out.glb").write_bytes(b"old")
-        process = start("bake", WRIST, "tools.yaml", "-o", "out.glb", cwd=tmp_path)
-        time.sleep(rng.uniform(0.1, 0.9))
-        process.send_signal(sign)
-        process.communicate(timeout=30)
+        with started("bake", WRIST, "tools.yaml", "-o", "out.glb", cwd=tmp_path) as process:
+            time.sleep(rng.uniform(0.1, 0.9))
+            process.send_signal(sign)
+            process.communicate(timeout=_PATIENCE)
         assert (tmp_path / "out.glb").read_bytes() in (b"old", new)
 
 
 # Stops where the temporary file is written, but not yet in place.
-SLOW_DISK = "import os, time\nos.fsync = lambda _: (print('written', file=sys.stderr, flush=True), time.sleep(60))"
+SLOW_DISK = "import os, time\nos.fsync = lambda _: (print('written', file=sys.stderr, flush=True), time.sleep(600))"
 
 
 @pytest.mark.parametrize("sign", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
 def test_killed_while_writing_the_old_output_stays(sign: signal.Signals, tmp_path: Path) -> None:
     write_tools(tmp_path / "tools.yaml", PALM)
     (tmp_path / "out.glb").write_bytes(b"old")
-    process = start("bake", WRIST, "tools.yaml", "-o", "out.glb", cwd=tmp_path, before=SLOW_DISK)
-    assert process.stderr is not None
-    assert process.stderr.readline() == b"written\n"
-    assert len(files(tmp_path)) == 3
-    process.send_signal(sign)
-    _, said = process.communicate(timeout=30)
+    with started("bake", WRIST, "tools.yaml", "-o", "out.glb", cwd=tmp_path, before=SLOW_DISK) as process:
+        assert process.stderr is not None
+        assert process.stderr.readline() == b"written\n"
+        assert len(files(tmp_path)) == 3
+        process.send_signal(sign)
+        _, said = process.communicate(timeout=_PATIENCE)
     assert (tmp_path / "out.glb").read_bytes() == b"old"
     if sign != signal.SIGKILL:
         assert files(tmp_path).keys() == {"out.glb", "tools.yaml"}

@@ -5,8 +5,10 @@ Samples always; real assets where the folder `shared/assets` lies beside the rep
 
 import json
 from collections import Counter
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -94,10 +96,19 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("consumers")
 
 
+def but(names: Iterable[str], *, slow: Iterable[str]) -> list[Any]:
+    """Names of assets, of which some are large."""
+    return [pytest.param(name, marks=pytest.mark.slow) if name in slow else name for name in names]
+
+
 ALL = [*SAMPLES, *(f"shared/{name}" for name in TOOLS)]
+HEADS = ("head", "head_keyed", "shared/head_male")
+LARGE = (*HEADS, "trousers")
+# Its quaternions are not of unit length, which three.js takes as they are and compression mends.
+PLAYED = [name for name in ALL if name != "shared/simple_skin"]
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", but(ALL, slow=LARGE))
 def test_no_errors_and_no_new_kinds_of_warnings(name: str, folder: Path) -> None:
     kinds = [("morph", "sparse"), ("morph", "dense"), ("frames", "sparse")]
     # The keyed head differs from the other in its tracks alone.
@@ -126,9 +137,8 @@ def clip_times(file: Gltf, node: int, clip: int) -> Floats:
     )
 
 
-@pytest.mark.parametrize("name", [name for name in ALL if name != "shared/simple_skin"])
+@pytest.mark.parametrize("name", but(PLAYED, slow=("head_keyed",)))
 def test_three_js_puts_every_vertex_within_max_error(name: str, folder: Path) -> None:
-    """simple_skin is left out: its quaternions are not of unit length, and three.js does not normalise them."""
     found, out = made(name, "morph", "sparse", folder)
     plan, file, acting = planned(found), Gltf(out), 0.0
     for clip in found.clips:
@@ -148,7 +158,7 @@ def test_three_js_puts_every_vertex_within_max_error(name: str, folder: Path) ->
     assert acting > 0.1, "no tool acts in any clip: this compares nothing"
 
 
-@pytest.mark.parametrize("name", ["wrist", "head", "shared/hand", "shared/fox"])
+@pytest.mark.parametrize("name", but(("wrist", "head", "shared/hand", "shared/fox"), slow=("head",)))
 def test_three_js_reads_dense_and_sparse_alike(name: str, folder: Path) -> None:
     found, sparse = made(name, "morph", "sparse", folder)
     _, dense = made(name, "morph", "dense", folder)
@@ -165,7 +175,7 @@ def test_the_players_of_these_tests_agree_with_three_js(name: str, folder: Path)
     compare_with_three(out, found.node, 0, times.tolist(), file.pose(found.node, 0, times), tolerance=4e-6)
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", but(ALL, slow=LARGE))
 def test_three_js_shows_the_frames_in_turn(name: str, folder: Path) -> None:
     """At a time between two frames the one that is due, as the method makes it, and none before or after it."""
     found, out = made(name, "frames", "sparse", folder)
@@ -219,12 +229,9 @@ def quantization(file: Gltf, node: int, clip: int, times: Floats) -> float:
     return 3**0.5 * step * (1 + acting) / 2 + spread / 255 * joints.shape[1] / 2 + resampled
 
 
-@pytest.mark.parametrize("name", [name for name in ALL if name != "shared/simple_skin"])
+@pytest.mark.parametrize("name", but(PLAYED, slow=LARGE))
 def test_gltf_transform_reads_and_optimizes_a_bake(name: str, folder: Path, tmp_path: Path) -> None:
-    """Merged, reordered, quantised and compressed, each vertex still goes where some vertex of the bake goes.
-
-    simple_skin is left out: its quaternions are not of unit length, and compression makes them so.
-    """
+    """Merged, reordered, quantised and compressed, each vertex still goes where some vertex of the bake goes."""
     found, out = made(name, "morph", "sparse", folder)
     file, small = Gltf(out), tmp_path / "small.glb"
     report = optimize(out, small)
@@ -261,7 +268,7 @@ def test_gltf_transform_reads_and_optimizes_a_bake(name: str, folder: Path, tmp_
             assert gaps.max() < tolerance, (clip, gaps.max(), tolerance)
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", but(ALL, slow=(*LARGE, "shared/fox", "shared/cesium_man")))
 def test_gltf_transform_reads_and_optimizes_frames(name: str, folder: Path, tmp_path: Path) -> None:
     """The frame that is due is the same but for 14-bit positions, and it alone is shown."""
     found, out = made(name, "frames", "sparse", folder)

@@ -160,8 +160,20 @@ def test_products_that_overflow_say_where_in_the_program(tmp_path: Path) -> None
     assert ".py:" in line
 
 
-@pytest.mark.parametrize(("bumps", "edges"), [(64, 24), (4, 20_000)])
-def test_millions_of_triangles_are_refused(tmp_path: Path, bumps: int, edges: int) -> None:
+@pytest.mark.parametrize(
+    ("bumps", "edges", "most"),
+    [
+        (64, 24, 25_000),
+        (4, 5_000, 25_000),
+        pytest.param(64, 24, None, marks=pytest.mark.slow),
+        pytest.param(4, 20_000, None, marks=pytest.mark.slow),
+    ],
+)
+def test_millions_of_triangles_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bumps: int, edges: int, most: int | None
+) -> None:
+    if most is not None:
+        monkeypatch.setattr("wrinklecli.numeric.red_green._MOST_TRIANGLES", most)
     details = [0.1] * 4 if bumps == 64 else []
     asset = limb_asset() if bumps == 64 else hostile.pole(edges)
     (tmp_path / "limb.glb").write_bytes(asset.glb())

@@ -76,6 +76,7 @@ def edges(triangles: NDArray[np.intp]) -> NDArray[np.intp]:
     return np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
 
 
+@pytest.mark.slow
 def test_generator_makes_the_committed_files_byte_for_byte(tmp_path: Path) -> None:
     subprocess.run([sys.executable, str(SAMPLES / "make_samples.py"), str(tmp_path)], check=True)
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(f"{name}.glb" for name in NAMES)
@@ -211,6 +212,7 @@ def outputs(samples: Path) -> dict[str, int]:
     return {path.name: path.stat().st_mtime_ns for path in (samples / "out").glob("*.glb")}
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("make") is None, reason="needs make")
 def test_make_bakes_all_without_a_warning_and_again_only_what_changed(tmp_path: Path) -> None:
     samples, configs = tmp_path / "samples", tmp_path / "configs"
