@@ -1,4 +1,4 @@
-"""Tools fitted to folds, best first: attached and measured over all clips as a bake does, numbers rounded as written.
+"""Tools fitted to folds, best first: attached and measured over all clips as a bake does, in the numbers written.
 
 A tool that lies on a better one, does not attach or hardly shortens is left out, and one whose mirror image across
 x = 0 shortens too becomes a pair.
@@ -132,32 +132,18 @@ def _made(
     apart = 2.0 * abs(float(region.centre[0])) > 0.5 * min(region.length, region.width)
     if region.twin and not (apart or region.on_plane or lopsided):
         return None
-    # Where the region loses most its segment need not be shortest: a fold closes further.
-    for _ in range(2):
-        first = _attached(mesh, [_tool(fold, "probe", _WIDTH_OF_REGION * region.width)])
-        if first is None:
-            return None
-        clip, time = _deepest(mesh, first[0])
-        if clip is fold.clip and time == fold.time:
-            break
-        ends = lay_segment(mesh, region, [pose_unscaled(mesh, fold.clip, fold.time), pose_unscaled(mesh, clip, time)])
-        if ends is None:
-            return None
-        fold = replace(fold, origin=ends[0], target=ends[1])
-    driver, by_morph = driver_of(fold)
-    base, side = split_side(driver.rsplit(":", 1)[-1])
-    base = "_".join("".join(c if c.isascii() and c.isalnum() else " " for c in base).split()) or "fold"
+    refined = _refined(fold)
+    if refined is None:
+        return None
+    driver, by_morph = driver_of(refined)
+    stem, side = _stem_and_side(driver)
     size = sizes.get((mesh.rig.node, driver))
-    options = []
+    options = [[_tool(refined, f"{stem}.{side}" if side else stem, _WIDTH_OF_REGION * region.width, size)]]
     # `mirror` would exchange the side in the node's name too.
     if region.twin and apart and not (mesh.node is not None and split_side(mesh.node)[1]):
-        options.append(_pair(fold, base, side, size))
-    options.append([_tool(fold, f"{base}.{side}" if side else base, _WIDTH_OF_REGION * region.width, size)])
+        options.insert(0, _pair(refined, stem, side, size))
     for tools in options:
-        named, number = tools, 1
-        while any(tool.identifier in names for tool in named):
-            number += 1
-            named = [replace(tool, name=f"{base}_{number}{tool.name[len(base) :]}") for tool in tools]
+        named = _newly_named(tools, stem, names)
         patches = _attached(mesh, named)
         if patches is None:
             continue
@@ -186,6 +172,41 @@ def _made(
     return None
 
 
+def _refined(fold: Fold) -> Fold | None:
+    """A fold whose segment fits the pose that shortens it most too; none where no tool attaches.
+
+    Where the region loses most its segment need not be shortest: a fold closes further.
+    """
+    mesh, region = fold.mesh, fold.region
+    for _ in range(2):
+        first = _attached(mesh, [_tool(fold, "probe", _WIDTH_OF_REGION * region.width)])
+        if first is None:
+            return None
+        clip, time = _deepest(mesh, first[0])
+        if clip is fold.clip and time == fold.time:
+            break
+        ends = lay_segment(mesh, region, [pose_unscaled(mesh, fold.clip, fold.time), pose_unscaled(mesh, clip, time)])
+        if ends is None:
+            return None
+        fold = replace(fold, origin=ends[0], target=ends[1])
+    return fold
+
+
+def _stem_and_side(driver: str) -> tuple[str, str]:
+    """What tools about a joint or a morph target are named, and L or R where its name says a side."""
+    stem, side = split_side(driver.rsplit(":", 1)[-1])
+    return "_".join("".join(c if c.isascii() and c.isalnum() else " " for c in stem).split()) or "fold", side
+
+
+def _newly_named(tools: list[WrinkleTool], stem: str, names: set[str]) -> list[WrinkleTool]:
+    """Tools of a stem, with the first number after it that makes none of their identifiers one that is taken."""
+    named, number = tools, 1
+    while any(tool.identifier in names for tool in named):
+        number += 1
+        named = [replace(tool, name=f"{stem}_{number}{tool.name[len(stem) :]}") for tool in tools]
+    return named
+
+
 def _left(mesh: MeasuredMesh, driver: str) -> str:
     """The joint of the left side where the right side's drives one half of a pair."""
     base, side = split_side(driver)
@@ -201,7 +222,7 @@ def _attached(mesh: MeasuredMesh, tools: list[WrinkleTool]) -> list[Patch] | Non
         return None
 
 
-def _pair(fold: Fold, base: str, side: str, size: float | None) -> list[WrinkleTool]:
+def _pair(fold: Fold, stem: str, side: str, size: float | None) -> list[WrinkleTool]:
     """The tools of a fold on either side of x = 0, the left one first: on the side of x > 0, or as joints say."""
     region = fold.region
     width = _WIDTH_OF_REGION * region.width
@@ -209,10 +230,10 @@ def _pair(fold: Fold, base: str, side: str, size: float | None) -> list[WrinkleT
     if across > 0.5:
         # Two bells whose middles are half a width apart add up to an even height between them.
         width = min(width, 4.0 * abs(float(region.centre[0])) / across)
-    here = _tool(fold, f"{base}.L", width, size)
+    here = _tool(fold, f"{stem}.L", width, size)
     if (side or ("L" if region.centre[0] > 0 else "R")) == "R":
         here = _across(here, here.name)
-    return [here, _across(here, f"{base}.R")]
+    return [here, _across(here, f"{stem}.R")]
 
 
 def _deepest(mesh: MeasuredMesh, patch: Patch) -> tuple[Clip, float]:

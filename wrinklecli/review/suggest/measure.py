@@ -1,6 +1,7 @@
-"""Meshes that clips move, measured: which nodes have one, at which times to look, and where it is compressed most."""
+"""Meshes that clips move, measured: which nodes have one, at which times to look, and where each is compressed most."""
 
 import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,24 +61,42 @@ class MeasuredMesh:
 
 @dataclass(frozen=True, slots=True)
 class MeshNode:
-    """A node whose mesh deforms; its name as a tools file must write it, if it must."""
+    """A node whose mesh deforms.
+
+    Attributes:
+        index: Of the node.
+        name: As a tool must give it; None where it may be left out.
+    """
 
     index: int
-    node: str | None
+    name: str | None
 
 
-def mesh_nodes(document: Document, asked: str | None, notes: list[str]) -> list[MeshNode]:
+@dataclass(frozen=True, slots=True)
+class _MovedMesh:
+    """A mesh and the clips that move it."""
+
+    node: MeshNode
+    rig: Rig
+    surface: Surface
+    clips: tuple[Clip, ...]
+
+
+def find_mesh_nodes(document: Document, asked: str | None) -> tuple[list[MeshNode], list[str]]:
     """The nodes of the scene whose meshes deform, or the one asked for.
+
+    Returns:
+        The nodes, and what was left out, a line each.
 
     Raises:
         AssetError: There is no such node, or a node carries wrinkles of an earlier bake.
     """
     nodes = document.items("nodes")
     deforming = []
-    for index, carrier in enumerate(nodes):
-        if "mesh" in carrier:
-            mesh = document.item("meshes", carrier["mesh"], user=document.where("nodes", index))
-            if "skin" in carrier or morph_target_names(mesh):
+    for index, node in enumerate(nodes):
+        if "mesh" in node:
+            mesh = document.item("meshes", node["mesh"], user=document.where("nodes", index))
+            if "skin" in node or morph_target_names(mesh):
                 deforming.append(index)
     names = [nodes[index].get("name") for index in deforming]
     if asked is not None and names.count(asked) != 1:
@@ -87,7 +106,7 @@ def mesh_nodes(document: Document, asked: str | None, notes: list[str]) -> list[
             fault = f"{names.count(asked)} nodes with a mesh that deforms are named {asked!r}"
         raise AssetError(fault, where=document.path)
     shown = set(scene_nodes(document))
-    found = []
+    found, notes = [], []
     for index, name in zip(deforming, names, strict=True):
         if name != asked if asked is not None else index not in shown:
             continue
@@ -102,54 +121,73 @@ def mesh_nodes(document: Document, asked: str | None, notes: list[str]) -> list[
             notes.append(f"{where}: left out, as it has no name of its own by which a tool could say where it is")
             continue
         found.append(MeshNode(index, name if len(deforming) > 1 else None))
-    return found
+    return found, notes
 
 
 def measure_meshes(
-    document: Document, carriers: list[MeshNode], clips: tuple[Clip, ...], fps: float, progress: Progress
+    document: Document, nodes: Sequence[MeshNode], clips: tuple[Clip, ...], fps: float, progress: Progress
 ) -> list[MeasuredMesh]:
-    """The meshes that clips move, measured.
+    """Measure the meshes that clips move.
 
     Raises:
         BakeError: It would take minutes.
     """
-    parts = []
-    for carrier in carriers:
-        rig = read_rig(document, carrier.index)
+    moved = []
+    for node in nodes:
+        rig = read_rig(document, node.index)
         moving = moving_nodes(rig)
         its_clips = tuple(clip for clip in clips if any(channel.node in moving for channel in clip.channels))
         if its_clips:
-            parts.append((carrier, rig, read_surface(document, rig), its_clips))
-    wanted = {clip.index: min(_MOST_POSES, (clip.end - clip.start) * fps + 1.0) for clip in clips}
-    work = sum(len(surface.triangles) * wanted[clip.index] for _, _, surface, its in parts for clip in its)
-    thinner = min(1.0, _MOST_WORK / max(work, 1.0))
-    counts = {index: max(min(_FEWEST_POSES, round(n)), math.floor(thinner * n), 1) for index, n in wanted.items()}
-    work = sum(len(surface.triangles) * counts[clip.index] for _, _, surface, its in parts for clip in its)
-    if work > _TOO_MUCH_WORK:
-        raise BakeError(
-            f"has {work:.3g} triangles times poses to measure; at once {_TOO_MUCH_WORK:,} may be: use --clip or --node",
-            where=document.path,
-        )
-    total = sum(counts[clip.index] for _, _, _, its in parts for clip in its)
+            moved.append(_MovedMesh(node, rig, read_surface(document, rig), its_clips))
+    counts = _pose_counts(moved, clips, fps, where=document.path)
+    total = sum(counts[clip.index] for each in moved for clip in each.clips)
     meshes: list[MeasuredMesh] = []
-    before = 0
-    for carrier, rig, surface, its in parts:
-        rest = rest_pose(surface, rig, ToolsFile(path=document.path, tools=()), clips, [])
-        gauge = read_gauge(surface, rest, rig)
-        if not len(gauge.triangles):
-            continue
-        sites = spread_sites(gauge)
-        times = tuple(np.linspace(clip.start, clip.end, counts[clip.index]) for clip in its)
+    for each in moved:
+        before = sum(len(mesh.peaks.times) for mesh in meshes)
 
-        def shown(done: int, before: int = before) -> None:
+        def posed(done: int, before: int = before) -> None:
             progress("posing", before + done, total)
 
-        peaks = scan(gauge, sites, its, times, shown)
-        before += len(peaks.times)
-        primitives = document.items("meshes")[rig.mesh]["primitives"]
-        flat = not any("NORMAL" in primitive["attributes"] for primitive in primitives)
-        meshes.append(MeasuredMesh(rig, surface, rest, gauge, sites, its, times, peaks, carrier.node, flat))
+        mesh = _measure(document, each, counts, posed)
+        if mesh is not None:
+            meshes.append(mesh)
     return meshes
+
+
+def _pose_counts(moved: Sequence[_MovedMesh], clips: Sequence[Clip], fps: float, *, where: str) -> dict[int, int]:
+    """How many poses of each clip are looked at, by its index: fewer where meshes and clips are large."""
+    wanted = {clip.index: min(_MOST_POSES, (clip.end - clip.start) * fps + 1.0) for clip in clips}
+
+    def work(counts: Mapping[int, float]) -> float:
+        """Triangles times poses."""
+        return sum(len(each.surface.triangles) * counts[clip.index] for each in moved for clip in each.clips)
+
+    thinner = min(1.0, _MOST_WORK / max(work(wanted), 1.0))
+    counts = {index: max(min(_FEWEST_POSES, round(n)), math.floor(thinner * n), 1) for index, n in wanted.items()}
+    if work(counts) > _TOO_MUCH_WORK:
+        raise BakeError(
+            f"has {work(counts):.3g} triangles times poses to measure; at once {_TOO_MUCH_WORK:,} may be:"
+            " use --clip or --node",
+            where=where,
+        )
+    return counts
+
+
+def _measure(
+    document: Document, moved: _MovedMesh, counts: Mapping[int, int], progress: Callable[[int], None]
+) -> MeasuredMesh | None:
+    """Measure a mesh over its clips, so many poses of each; none where no triangle has an area."""
+    rig, surface, clips = moved.rig, moved.surface, moved.clips
+    rest = rest_pose(surface, rig, ToolsFile(path=document.path, tools=()), clips, [])
+    gauge = read_gauge(surface, rest, rig)
+    if not len(gauge.triangles):
+        return None
+    sites = spread_sites(gauge)
+    times = tuple(np.linspace(clip.start, clip.end, counts[clip.index]) for clip in clips)
+    peaks = scan(gauge, sites, clips, times, progress)
+    primitives = document.items("meshes")[rig.mesh]["primitives"]
+    flat = not any("NORMAL" in primitive["attributes"] for primitive in primitives)
+    return MeasuredMesh(rig, surface, rest, gauge, sites, clips, times, peaks, moved.node.name, flat)
 
 
 def pose_unscaled(mesh: MeasuredMesh, clip: Clip | None, time: float, weights: Floats | None = None) -> Floats:

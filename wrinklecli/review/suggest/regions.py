@@ -63,6 +63,48 @@ def grow_region(mesh: MeasuredMesh, seed: int, tensors: Floats, free: Bools, twi
         twin: Whether the pose or another compresses the other side of x = 0 likewise.
     """
     sites = mesh.sites
+    grown = _grow(sites, seed, tensors, free, twin)
+    if grown is None or len(grown.members) < _FEWEST_SITES:
+        return None
+    weights = grown.weights
+    centre, normal, along = weights @ sites.positions[grown.members] / float(weights.sum()), grown.normal, grown.along
+    own_mirror = twin and abs(centre[0]) < sites.spacing and abs(normal[0]) < _ALIGNED
+    within = own_mirror and abs(along[0]) < _ALIGNED
+    across_it = own_mirror and not within and abs(along[0]) > 1.0 - _ALIGNED**2 / 2.0
+    if within or across_it:
+        # A fold that is its own mirror image: made exactly so.
+        flattened = np.array([0.0, 1.0, 1.0])
+        centre, normal = centre * flattened, unit(normal * flattened)
+        along = unit(along * flattened) if within else np.array([1.0, 0.0, 0.0])
+    across = np.cross(normal, along)
+    relative = sites.positions[grown.members] - centre
+    (low, high), (left, right) = (_extent(relative @ axis, weights) for axis in (along, across))
+    middle = (low + high) / 2.0 * along * (not across_it) + (left + right) / 2.0 * across * (not within)
+    return Region(
+        members=grown.members,
+        weights=weights,
+        centre=centre + middle,
+        normal=normal,
+        along=along,
+        length=high - low + sites.spacing,
+        width=right - left + sites.spacing,
+        twin=twin,
+        on_plane=bool(within or across_it),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Grown:
+    """Sites around a seed that a pose compresses, as `Region` has them."""
+
+    members: Ints
+    weights: Floats
+    normal: Floats
+    along: Floats
+
+
+def _grow(sites: Sites, seed: int, tensors: Floats, free: Bools, twin: bool) -> _Grown | None:
+    """Sites connected to a seed that lose length along its direction, then along theirs; none where none is lost."""
     losses, directions = principal(tensors[seed][None], sites.normals[seed][None])
     place, normal, along = sites.positions[seed], sites.normals[seed], directions[0]
     level = _REGION_LOSS * float(losses[0])
@@ -92,34 +134,7 @@ def grow_region(mesh: MeasuredMesh, seed: int, tensors: Floats, free: Bools, twi
             _REGION_ASPECTS[0] * _thickness(sites, ahead[members], sideways[members], weights),
             _REGION_ASPECTS[1] * _thickness(sites, sideways[members], ahead[members], weights),
         )
-    if len(members) < _FEWEST_SITES:
-        return None
-    centre = weights @ sites.positions[members] / total
-    on_plane = ""
-    if twin and abs(centre[0]) < sites.spacing and abs(normal[0]) < _ALIGNED:
-        # A fold that is its own mirror image: made exactly so.
-        on_plane = "within" if abs(along[0]) < _ALIGNED else "across" if abs(along[0]) > 1.0 - _ALIGNED**2 / 2.0 else ""
-    if on_plane:
-        flattened = np.array([0.0, 1.0, 1.0])
-        centre, normal = centre * flattened, unit(normal * flattened)
-        along = unit(along * flattened) if on_plane == "within" else np.array([1.0, 0.0, 0.0])
-    across = np.cross(normal, along)
-    relative = sites.positions[members] - centre
-    (low, high), (left, right) = (_extent(relative @ axis, weights) for axis in (along, across))
-    middle = (low + high) / 2.0 * along * (on_plane != "across") + (left + right) / 2.0 * across * (
-        on_plane != "within"
-    )
-    return Region(
-        members=members,
-        weights=weights,
-        centre=centre + middle,
-        normal=normal,
-        along=along,
-        length=high - low + sites.spacing,
-        width=right - left + sites.spacing,
-        twin=twin,
-        on_plane=bool(on_plane),
-    )
+    return _Grown(members, weights, normal, along)
 
 
 def _thickness(sites: Sites, along: Floats, aside: Floats, weights: Floats) -> float:

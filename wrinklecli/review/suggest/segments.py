@@ -48,6 +48,10 @@ class _Trail:
     places: Floats
     normals: Floats
 
+    def moved(self, corners: Floats) -> Floats:
+        """(points, 3) places where the corners (points, 3, 3) of their triangles are."""
+        return np.asarray(np.einsum("pk,pkc->pc", self.barycentrics, corners))
+
 
 def lay_segment(mesh: MeasuredMesh, region: Region, poses: Sequence[Floats]) -> tuple[Floats, Floats] | None:
     """The ends of the segment across a region that poses shorten best; none where there is none.
@@ -67,30 +71,44 @@ def lay_segment(mesh: MeasuredMesh, region: Region, poses: Sequence[Floats]) -> 
     step = _REACH * region.length / _STEPS
     trails = _walk(mesh.rest, triangles, region.centre, np.concatenate([-directions, directions]), step)
     best, ends = 0.0, None
-    longest = min(_LONGEST * region.length, max(_LONGEST_OF_WIDTH * region.width, region.length))
     for turn, first, second in zip(turns, trails[: len(turns)], trails[len(turns) :], strict=True):
-        spans = _distances(first.places, second.places)
-        between = unit(second.places[None] - first.places[:, None])
-        mean = first.normals[:, None] + second.normals[None]
-        mean = unit(mean - np.sum(mean * between, axis=2, keepdims=True) * between)
-        facing = np.minimum(np.sum(mean * first.normals[:, None], axis=2), np.sum(mean * second.normals[None], axis=2))
-        walked = [np.arange(len(trail.places)) for trail in (first, second)]
-        total = walked[0][:, None] + walked[1]
-        fits = (spans >= _SHORTEST * region.length) & (spans <= longest) & (facing > _END_FACING)
-        fits &= spans >= _STRAIGHT * step * total
-        moved = [
-            [np.einsum("pk,pkc->pc", each.barycentrics, now[triangles[each.triangles]]) for each in (first, second)]
-            for now in poses
+        distances = [
+            _distances(*(trail.moved(now[triangles[trail.triangles]]) for trail in (first, second))) for now in poses
         ]
-        ratios = np.min([_distances(*ends) for ends in moved], axis=0) / np.where(fits, spans, 1.0)
-        gains = (1.0 - ratios) * np.minimum(ratios / (1.0 - _BEST_SHORTENING), 1.0) * spans**_SPAN_POWER
-        # A turn, and a middle beside the region's, must be worth their while.
-        aside = np.abs(walked[0][:, None] - walked[1]) / np.maximum(total, 1)
-        gains = np.where(fits, gains, 0.0) * np.cos(2.0 * turn) * (1.0 - _ASIDE * aside)
+        # A turn must be worth its while.
+        gains = _gains(region, first, second, np.min(distances, axis=0), step, np.cos(2.0 * turn))
         i, j = np.unravel_index(int(gains.argmax()), gains.shape)
         if gains[i, j] > best * (1.0 + 1e-9):
             best, ends = float(gains[i, j]), (first.places[i], second.places[j])
     return ends
+
+
+def _gains(region: Region, first: _Trail, second: _Trail, shortest: Floats, step: float, share: float) -> Floats:
+    """What segments between the points of two trails are worth; 0 where one does not fit.
+
+    Args:
+        region: Between them.
+        first: Trail to one side.
+        second: To the other.
+        shortest: (points, points) least distance of two points in any pose.
+        step: From one point to the next, scene units.
+        share: Of its gain that a segment along these trails keeps.
+    """
+    longest = min(_LONGEST * region.length, max(_LONGEST_OF_WIDTH * region.width, region.length))
+    spans = _distances(first.places, second.places)
+    between = unit(second.places[None] - first.places[:, None])
+    mean = first.normals[:, None] + second.normals[None]
+    mean = unit(mean - np.sum(mean * between, axis=2, keepdims=True) * between)
+    facing = np.minimum(np.sum(mean * first.normals[:, None], axis=2), np.sum(mean * second.normals[None], axis=2))
+    walked = [np.arange(len(trail.places)) for trail in (first, second)]
+    total = walked[0][:, None] + walked[1]
+    fits = (spans >= _SHORTEST * region.length) & (spans <= longest) & (facing > _END_FACING)
+    fits &= spans >= _STRAIGHT * step * total
+    ratios = shortest / np.where(fits, spans, 1.0)
+    gains = (1.0 - ratios) * np.minimum(ratios / (1.0 - _BEST_SHORTENING), 1.0) * spans**_SPAN_POWER
+    # A middle beside the region's must be worth its while.
+    aside = np.abs(walked[0][:, None] - walked[1]) / np.maximum(total, 1)
+    return np.asarray(np.where(fits, gains, 0.0) * share * (1.0 - _ASIDE * aside))
 
 
 def _distances(first: Floats, second: Floats) -> Floats:

@@ -4,12 +4,12 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from wrinklecli.character.clip import chosen_clips, read_clips
+from wrinklecli.character.clip import Clip, chosen_clips, read_clips
 from wrinklecli.gltf.document import read_document
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.review.suggest.fitting import Suggestion, fit_tools
 from wrinklecli.review.suggest.folds import LEAST_LOSS, Fold, find_folds
-from wrinklecli.review.suggest.measure import measure_meshes, mesh_nodes
+from wrinklecli.review.suggest.measure import MeasuredMesh, MeshNode, find_mesh_nodes, measure_meshes
 from wrinklecli.review.suggest.text import refuse_unwritable, tools_text
 
 
@@ -60,29 +60,37 @@ def suggest(
     with guarded(os.fspath(asset)):
         document = read_document(asset, allow_external=allow_external)
         chosen = chosen_clips(read_clips(document), clips, where=document.path)
-        notes: list[str] = []
-        carriers = mesh_nodes(document, node, notes)
-        reason = ""
-        folds: list[Fold] = []
-        if not carriers:
-            reason = "no mesh deforms: none has a skin or morph targets"
-        elif not chosen:
-            reason = "it has no clip, so nothing moves"
-        else:
-            meshes = measure_meshes(document, carriers, chosen, fps, progress)
-            if not meshes:
-                reason = "no clip moves a mesh that deforms"
-            for number, mesh in enumerate(meshes):
-
-                def shown(share: float, number: int = number) -> None:
-                    progress("laying", round(100 * (number + share)), 100 * len(meshes))
-
-                folds += find_folds(mesh, shown)
+        nodes, notes = find_mesh_nodes(document, node)
+        meshes = measure_meshes(document, nodes, chosen, fps, progress) if chosen else []
+        folds = _folds_of(meshes, progress)
         found = fit_tools(folds, count)
-        if not found and not reason:
-            reason = f"no clip compresses the surface by more than {100 * LEAST_LOSS:g} % anywhere that a tool fits"
-        text = ""
+        text = reason = ""
         if found:
             text = tools_text(found, os.path.basename(document.path), flat=all(fold.mesh.flat for fold in folds))
             refuse_unwritable(text, document, found)
+        else:
+            reason = _why_none(nodes, chosen, meshes)
         return Suggestions(tuple(found), text, reason, tuple(notes), tuple(document.files))
+
+
+def _folds_of(meshes: Sequence[MeasuredMesh], progress: Progress) -> list[Fold]:
+    """The folds of all meshes, one mesh after another."""
+    folds: list[Fold] = []
+    for number, mesh in enumerate(meshes):
+
+        def looked(share: float, number: int = number) -> None:
+            progress("laying", round(100 * (number + share)), 100 * len(meshes))
+
+        folds += find_folds(mesh, looked)
+    return folds
+
+
+def _why_none(nodes: Sequence[MeshNode], clips: Sequence[Clip], meshes: Sequence[MeasuredMesh]) -> str:
+    """Why there is nothing to suggest."""
+    if not nodes:
+        return "no mesh deforms: none has a skin or morph targets"
+    if not clips:
+        return "it has no clip, so nothing moves"
+    if not meshes:
+        return "no clip moves a mesh that deforms"
+    return f"no clip compresses the surface by more than {100 * LEAST_LOSS:g} % anywhere that a tool fits"
