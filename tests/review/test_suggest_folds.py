@@ -1,0 +1,257 @@
+"""Suggested tools lie across the folds of tubes, samples and real characters, and shorten as they say."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from kit.limb import LENGTH, RADIUS, limb
+from kit.samples import sample
+from kit.suggested import along, ends, middle
+from wrinklecli import bake
+from wrinklecli.character.clip import read_clips
+from wrinklecli.character.rig import read_rig
+from wrinklecli.character.surface import read_surface
+from wrinklecli.errors import AssetError
+from wrinklecli.gltf.document import read_document
+from wrinklecli.method.activity import lengths_over_time
+from wrinklecli.method.patch import attach_tools
+from wrinklecli.method.rest import rest_pose
+from wrinklecli.numeric.arrays import unit
+from wrinklecli.review.suggest.fitting import Suggestion
+from wrinklecli.review.suggest.suggest import Suggestions, suggest
+from wrinklecli.tools.read import load_tools, parse_tools
+
+Json = dict[str, Any]
+
+
+ASSETS = Path(__file__).parents[3] / "shared" / "assets"
+
+
+def in_assets(name: str) -> Path:
+    path = ASSETS / name
+    if not path.exists():
+        pytest.skip(f"{path} is not here")
+    return path
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"rings": 60, "sides": 40}, {"rings": 11, "sides": 8}, {"normals": False, "indices": None}]
+)
+def test_a_bent_tube_folds_on_its_inner_side_along_the_tube(tmp_path: Path, options: Json) -> None:
+    found = suggest(limb(tmp_path / "limb.glb", **options))
+    best = found.tools[0]
+    x, y, z = middle(best.tool)
+    assert abs(x) < 0.15 * best.span
+    assert y > 0.7 * RADIUS
+    assert abs(z) < 0.3 * RADIUS
+    assert abs(along(best.tool)[0]) > 0.99
+    assert 0.4 < best.shortening < 0.8
+    assert (best.driver, best.by_morph, best.clip, best.mirrored) == ("joint_1", False, "fold", False)
+    assert best.time == pytest.approx(1.0, abs=0.1)
+    assert found.text == suggest(tmp_path / "limb.glb").text
+
+
+def test_two_bends_are_one_mirrored_tool(tmp_path: Path) -> None:
+    found = suggest(limb(tmp_path / "limb.glb", joints=3, angle=200.0), count=1)
+    (best,) = found.tools
+    assert best.mirrored
+    assert best.tool.name.endswith(".L")
+    assert abs(middle(best.tool)[0]) == pytest.approx(LENGTH / 6, abs=0.2)
+    assert middle(best.tool)[1] > 0.7 * RADIUS
+    left, right = parse_tools(found.text).tools
+    assert (right.name, ends(right)[0].tolist()) == (f"{left.name[:-1]}R", (ends(left)[0] * [-1, 1, 1]).tolist())
+
+
+@pytest.mark.parametrize("scale", [0.001, 100.0])
+def test_suggestions_scale_with_the_asset(tmp_path: Path, scale: float) -> None:
+    plain = suggest(limb(tmp_path / "plain.glb"), count=1).tools[0]
+    scaled = suggest(limb(tmp_path / "scaled.glb", root={"scale": [scale] * 3}), count=1).tools[0]
+    assert np.abs(np.array(ends(scaled.tool)) / scale - np.array(ends(plain.tool))).max() < 0.02 * plain.span
+    assert scaled.tool.width.value / scale == pytest.approx(plain.tool.width.value)
+    assert scaled.tool.bumps == plain.tool.bumps
+    assert scaled.shortening == pytest.approx(plain.shortening, abs=0.02)
+
+
+def test_suggestions_turn_with_the_asset(tmp_path: Path) -> None:
+    turned = suggest(limb(tmp_path / "turned.glb", root={"rotation": [0.0, 0.0, 0.6, 0.8]}), count=1).tools[0]
+    rotation = np.array([[0.28, -0.96, 0.0], [0.96, 0.28, 0.0], [0.0, 0.0, 1.0]])
+    assert abs(along(turned.tool) @ rotation @ [1.0, 0.0, 0.0]) > 0.99
+    assert middle(turned.tool) @ rotation @ [0.0, 1.0, 0.0] > 0.7 * RADIUS
+    assert abs(middle(turned.tool) @ rotation @ [1.0, 0.0, 0.0]) < 0.2 * turned.span
+
+
+def test_a_morph_target_that_squashes_is_named(tmp_path: Path) -> None:
+    path = limb(tmp_path / "limb.glb", skinned=False, clip=None, morphs=2, morph_clip="LINEAR")
+    best = suggest(path).tools[0]
+    assert (best.driver, best.by_morph) == ("morph_0", True)
+    assert best.tool.name == "morph_0"
+    assert abs(along(best.tool)[0]) > 0.99
+
+
+# The samples and real assets
+
+
+def measured(path: Path, found: Suggestions) -> None:
+    """Check what suggestions say against the tools that the file makes, as a bake attaches them."""
+    document = read_document(path)
+    clips = read_clips(document)
+    settings = parse_tools(found.text)
+    tools = {tool.name: tool for tool in settings.tools}
+    mesh_nodes = [index for index, node in enumerate(document.items("nodes")) if "mesh" in node]
+    assert len(tools) == len(found.tools) + sum(each.mirrored for each in found.tools)
+    for each in found.tools:
+        (rig,) = [
+            rig for rig in (read_rig(document, index) for index in mesh_nodes) if rig.names[rig.node] == each.mesh
+        ]
+        surface = read_surface(document, rig)
+        rest = rest_pose(surface, rig, settings, clips, [])
+        pair = [tools[each.tool.name]]
+        if each.mirrored:
+            pair.append(tools[f"{each.tool.name[:-1]}R"])
+        patches = attach_tools(pair, surface, rest, rig, up=settings.up)
+        assert patches[0].span == pytest.approx(each.span)
+        assert max(patch.origin.distance for patch in patches) < 0.05 * each.span
+        clip = next(clip for clip in clips if clip.name == each.clip)
+        distances, _ = lengths_over_time(patches[0], rig, rest, clip, np.array([each.time]))
+        assert distances[0] == pytest.approx(each.clips[each.clip])
+        assert min(each.clips.values()) == each.clips[each.clip]
+        assert each.shortening > 0.1
+        for patch in patches:
+            shortest = min(
+                lengths_over_time(patch, rig, rest, clip, np.linspace(clip.start, clip.end, 61))[0].min()
+                for clip in clips
+            )
+            assert shortest < 0.95 * patch.span
+
+
+def nearest_to(found: Suggestions, place: tuple[float, float, float]) -> Suggestion:
+    return min(found.tools, key=lambda each: float(np.linalg.norm(middle(each.tool) - place)))
+
+
+def off(suggestion: Suggestion, place: tuple[float, float, float]) -> float:
+    return float(np.linalg.norm(middle(suggestion.tool) - place))
+
+
+@pytest.mark.slow
+def test_the_sample_trousers_fold_behind_the_knees() -> None:
+    found = suggest(sample("trousers"))
+    knee = nearest_to(found, (0.104, 0.50, -0.0875))
+    assert off(knee, (0.104, 0.50, -0.0875)) < 0.05
+    assert knee.mirrored
+    assert abs(along(knee.tool)[1]) > 0.95
+    assert knee.clip == "squat"
+    assert knee.shortening > 0.5
+    measured(sample("trousers"), found)
+
+
+def test_the_sample_wrist_folds_on_both_sides() -> None:
+    found = suggest(sample("wrist"))
+    for place, clip in (((-0.002, -0.021, 0.0), "flex"), ((0.0, 0.0208, 0.0), "extend")):
+        side = nearest_to(found, place)
+        assert side in found.tools[:2]
+        assert off(side, place) < 0.012
+        assert side.clip == clip
+        assert abs(along(side.tool)[0]) > 0.95
+        assert not side.mirrored
+    measured(sample("wrist"), found)
+
+
+def test_the_sample_head_folds_on_its_forehead() -> None:
+    found = suggest(sample("head"), clips=["raise_brows"])
+    brow = nearest_to(found, (0.030, 0.264, 0.073))
+    assert off(brow, (0.030, 0.264, 0.073)) < 0.025
+    assert brow.mirrored
+    assert (brow.driver, brow.by_morph) == ("browsUp", True)
+    assert abs(along(brow.tool)[1]) > 0.9
+    assert {each.clip for each in found.tools} == {"raise_brows"}
+    measured(sample("head"), found)
+
+
+@pytest.mark.slow
+def test_real_trousers_fold_behind_the_knees() -> None:
+    path = in_assets("trousers.glb")
+    found = suggest(path)
+    knee = nearest_to(found, (0.098, -0.311, -0.023))
+    behind = [each for each in found.tools[:3] if each.driver.startswith("lowerleg") and middle(each.tool)[2] < -0.02]
+    assert behind
+    assert all(each.mirrored and each.clip == "squat" and abs(along(each.tool)[1]) > 0.85 for each in behind)
+    assert off(behind[0], (0.098, -0.311, -0.023)) < 0.09
+    assert knee.mirrored
+    measured(path, found)
+
+
+@pytest.mark.slow
+def test_a_real_wrist_folds_on_both_sides() -> None:
+    path = in_assets("hand.glb")
+    found = suggest(path)
+    palm = nearest_to(found, (-0.4730, 0.24655, 0.1938))
+    assert off(palm, (-0.4730, 0.24655, 0.1938)) < 0.012
+    assert abs(along(palm.tool) @ unit(np.array([-0.0216, -0.0221, 0.0376]))) > 0.9
+    assert (palm.driver, palm.clip, palm.tool.name[:5]) == ("wrist.R", "bend", "wrist")
+    back = [each for each in found.tools if each.driver == "wrist.R" and each is not palm]
+    assert back
+    assert back[0].clip == "bend"
+    assert abs(back[0].time - palm.time) > 0.5
+    measured(path, found)
+
+
+@pytest.mark.slow
+def test_a_real_forehead_folds_above_each_brow() -> None:
+    path = in_assets("head_male.glb")
+    found = suggest(path)
+    brow = found.tools[0]
+    assert (brow.driver, brow.by_morph, brow.mirrored, brow.clip) == ("browsUp", True, True, "frown")
+    assert brow.time == pytest.approx(0.5, abs=0.05)
+    assert off(brow, (0.035, 0.875, 0.1375)) < 0.035
+    assert abs(along(brow.tool)[1]) > 0.8
+    measured(path, found)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["cesium_man.glb", "fox.glb", "simple_skin.gltf"])
+def test_other_real_assets_fold_at_joints(name: str) -> None:
+    path = in_assets(name)
+    found = suggest(path)
+    rig = read_rig(
+        read_document(path), next(i for i, n in enumerate(read_document(path).items("nodes")) if "mesh" in n)
+    )
+    assert found.tools
+    assert {each.driver for each in found.tools} <= {rig.names[joint] for joint in rig.joints}
+    measured(path, found)
+
+
+@pytest.mark.parametrize(
+    "name", ["wrist", *(pytest.param(name, marks=pytest.mark.slow) for name in ("trousers", "head"))]
+)
+def test_suggestions_bake_as_they_are(tmp_path: Path, name: str) -> None:
+    found = suggest(sample(name), count=2)
+    (tmp_path / "tools.yaml").write_text(found.text)
+    report = bake(sample(name), tmp_path / "tools.yaml", tmp_path / "out.glb")
+    assert [tool["name"] for tool in report.data["tools"]] == [
+        tool.name for tool in load_tools(tmp_path / "tools.yaml").tools
+    ]
+    assert all(tool["targets"] for tool in report.data["tools"])
+    assert not any("edges are still too long" in line for line in report.warnings)
+    with pytest.raises(AssetError, match="already carries wrinkles"):
+        suggest(tmp_path / "out.glb")
+
+
+@pytest.mark.slow
+def test_suggestions_do_not_lie_on_one_another() -> None:
+    found = suggest(sample("trousers"), count=20)
+    document = read_document(sample("trousers"))
+    settings = parse_tools(found.text)
+    node = next(index for index, each in enumerate(document.items("nodes")) if "mesh" in each)
+    rig, clips = read_rig(document, node), read_clips(document)
+    surface = read_surface(document, rig)
+    rest = rest_pose(surface, rig, settings, clips, [])
+    patches = attach_tools(list(settings.tools), surface, rest, rig, up=settings.up)
+    for first in patches:
+        for second in patches:
+            if first is not second and first.normal @ second.normal > 0.7:
+                place = (second.origin.position + second.target.position) / 2
+                u, v = first.coordinates(place)
+                height = abs((place - first.origin.position) @ first.normal)
+                assert not (0.1 < u < 0.9 and abs(v) < 0.5 and height < 0.25 * first.span)
