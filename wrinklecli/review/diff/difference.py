@@ -1,4 +1,4 @@
-"""A difference between two documents: its record, and what all comparisons of documents share.
+"""Differences between two documents: the record of one, and what all comparisons of documents share.
 
 A comparison is a function of the two documents side by side (`Sides`) and yields what it finds in the order in which
 people read it: differences, and links to what is to be compared next.

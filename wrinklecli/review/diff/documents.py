@@ -1,4 +1,4 @@
-"""Two documents compared by what they mean, not by how they are stored.
+"""Documents compared by what they mean, not by how they are stored: the walk through both, and what it leads to.
 
 Nodes are paired by their names from the roots down, all else through what refers to it. Accessors are compared as
 decoded numbers, images as bytes, animations by the values that they play. So the order and layout of accessors, buffer

@@ -1,4 +1,4 @@
-"""How much a moving surface is compressed: the strain of its triangles, along which direction and by how much.
+"""Strain of a moving surface: how much each triangle is compressed in a pose, and along which direction.
 
 The deformation of a triangle from rest to a pose has two principal stretches in its plane. What is compressed by a
 principal stretch σ < 1 has lost 1 − σ of its length along that direction: this is what wrinkles give back.
