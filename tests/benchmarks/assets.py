@@ -20,9 +20,9 @@ def longer(asset: Path, out: Path, seconds: float) -> Path:
     One clip, so that its frames are the bake's.
     """
     document = read_document(asset)
-    draft = EditedDocument(document)
-    del draft.gltf["animations"][1:]
-    for sampler in draft.gltf["animations"][0]["samplers"]:
+    edited = EditedDocument(document)
+    del edited.gltf["animations"][1:]
+    for sampler in edited.gltf["animations"][0]["samplers"]:
         times, values = (document.accessor(sampler[key]).astype(np.float32) for key in ("input", "output"))
         step = times[1] - times[0]
         period = float(times[-1] + step)
@@ -31,9 +31,9 @@ def longer(asset: Path, out: Path, seconds: float) -> Path:
         kept = int(np.searchsorted(repeated, seconds)) + 1
         each = len(values) // len(times)
         tiled = np.tile(values, (count, *[1] * (values.ndim - 1)))
-        sampler["input"] = draft.add(repeated[:kept], bounds=True, replaces=sampler["input"])
-        sampler["output"] = draft.add(tiled[: kept * each], replaces=sampler["output"])
-    write(draft, out)
+        sampler["input"] = edited.add(repeated[:kept], bounds=True, replaces=sampler["input"])
+        sampler["output"] = edited.add(tiled[: kept * each], replaces=sampler["output"])
+    write(edited, out)
     return out
 
 
@@ -49,9 +49,9 @@ def finer(asset: Path, out: Path, *, keep: tuple[Floats, float], rounds: int) ->
         rounds: How many times; each is four times as many triangles.
     """
     document = read_document(asset)
-    draft = EditedDocument(document)
+    edited = EditedDocument(document)
     centre, radius = keep
-    for number, primitive in enumerate(draft.gltf["meshes"][0]["primitives"]):
+    for number, primitive in enumerate(edited.gltf["meshes"][0]["primitives"]):
         attributes = primitive["attributes"]
         values = {name: document.accessor(index) for name, index in attributes.items()}
         count = len(values["POSITION"])
@@ -70,14 +70,14 @@ def finer(asset: Path, out: Path, *, keep: tuple[Floats, float], rounds: int) ->
             )
         for name, index in list(attributes.items()):
             dtype = np.dtype("<u2") if name.startswith("JOINTS") else np.dtype("<f4")
-            attributes[name] = draft.add(
+            attributes[name] = edited.add(
                 values[name].astype(dtype), target=VERTEX_DATA, bounds=name == "POSITION", replaces=index
             )
         indices = np.concatenate([kept, split]).reshape(-1)
-        primitive["indices"] = draft.add(
+        primitive["indices"] = edited.add(
             indices.astype(index_type(len(values["POSITION"]))), target=INDEX_DATA, replaces=primitive.get("indices")
         )
-    write(draft, out)
+    write(edited, out)
     return out
 
 

@@ -174,7 +174,7 @@ def test_images_follow_an_out_in_another_folder(tmp_path: Path, beside: bool, en
         {"uri": data_uri},
     ]
     edited = EditedDocument(written(asset, inside, "a.gltf"))
-    read = image_files(edited, out / f"o.{ending}")
+    read = image_files(edited.source, out / f"o.{ending}")
     write(edited, out / f"o.{ending}")
     result = read_document(out / f"o.{ending}")
     images = result.items("images")

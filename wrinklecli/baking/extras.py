@@ -22,7 +22,7 @@ _DIGITS = 8
 _TABLE_DIGITS = 5
 
 
-def encode_extras(draft: EditedDocument, plan: MeshPlan, target_sets: Sequence[TargetSet]) -> None:
+def encode_extras(edited: EditedDocument, plan: MeshPlan, target_sets: Sequence[TargetSet]) -> None:
     """Write the tools into the node's extras, enough to play wrinkles for a clip that was never baked.
 
     An engine poses both anchors (the sum over joints of weight · matrix · position, where the matrix is the joint's
@@ -35,7 +35,7 @@ def encode_extras(draft: EditedDocument, plan: MeshPlan, target_sets: Sequence[T
     drive.
     """
     rig = plan.rig
-    node = draft.gltf["nodes"][rig.node]
+    node = edited.gltf["nodes"][rig.node]
     if not isinstance(node.setdefault("extras", {}), dict):
         return
     undriven = [

@@ -125,54 +125,54 @@ def _joined(attributes: Sequence[Floats | None], parts: Sequence[RefinedPrimitiv
     )
 
 
-def encode_frames(draft: EditedDocument, every: Sequence[Frames], progress: Progress) -> None:
+def encode_frames(edited: EditedDocument, every: Sequence[Frames], progress: Progress) -> None:
     """Replace the node of each mesh by one unskinned node for each frame, shown in turn by STEP scale tracks.
 
     The first frame of the first clip is shown at rest. A clip that was not baked shows that frame throughout.
 
     Args:
-        draft: The document.
+        edited: The document.
         every: The meshes.
         progress: Called with a stage's name, frames done and frames in all.
     """
     for frames in every:
-        _encode_node(draft, frames, progress)
+        _encode_node(edited, frames, progress)
 
 
-def _encode_node(draft: EditedDocument, frames: Frames, progress: Progress) -> None:
+def _encode_node(edited: EditedDocument, frames: Frames, progress: Progress) -> None:
     rig = frames.rig
-    encode_mesh(draft, rig, frames.fine, (), sparse=True, stored=np.zeros(0))
-    node = draft.gltf["nodes"][rig.node]
-    template = draft.gltf["meshes"][node["mesh"]]
+    encode_mesh(edited, rig, frames.fine, (), sparse=True, stored=np.zeros(0))
+    node = edited.gltf["nodes"][rig.node]
+    template = edited.gltf["meshes"][node["mesh"]]
     for key in ("mesh", "skin", "weights"):
         node.pop(key, None)
-    _drop_weight_channels(draft, rig.node)
+    _drop_weight_channels(edited, rig.node)
     parts = primitives_of(frames.fine)
     bounds = np.cumsum([0] + [len(part.weld) for part in parts])
-    nodes, meshes = draft.gltf["nodes"], draft.gltf["meshes"]
+    nodes, meshes = edited.gltf["nodes"], edited.gltf["meshes"]
     group: Json = {"name": f"{rig.names[rig.node]}_frames", "children": []}
     nodes.append(group)
-    _add_root(draft, rig, len(nodes) - 1)
+    _add_root(edited, rig, len(nodes) - 1)
     total = sum(len(motion.times) for motion in frames.motions)
     first, done = len(nodes), 0
     for motion in frames.motions:
         start = len(nodes)
-        for posed in pose_frames(draft.source, frames, motion):
-            meshes.append(_frame_mesh(draft, template, posed, bounds))
+        for posed in pose_frames(edited.source, frames, motion):
+            meshes.append(_frame_mesh(edited, template, posed, bounds))
             name = f"{rig.names[rig.node]}_{motion.clip.name}_{len(nodes) - start:04d}"
             hidden = {} if len(nodes) == first else {"scale": [0.0, 0.0, 0.0]}
             group["children"].append(len(nodes))
             nodes.append({"name": name, "mesh": len(meshes) - 1, **hidden})
             done += 1
             progress("frames", done, total)
-        _show_in_turn(draft, motion, start, first)
+        _show_in_turn(edited, motion, start, first)
     baked = {motion.clip.index for motion in frames.motions}
-    for index, animation in enumerate(draft.gltf.get("animations", [])):
+    for index, animation in enumerate(edited.gltf.get("animations", [])):
         if index not in baked:
-            _add_scale(draft, animation, first, np.zeros(1), [1.0])
+            _add_scale(edited, animation, first, np.zeros(1), [1.0])
 
 
-def _frame_mesh(draft: EditedDocument, template: Json, posed: PosedFrame, bounds: Ints) -> Json:
+def _frame_mesh(edited: EditedDocument, template: Json, posed: PosedFrame, bounds: Ints) -> Json:
     primitives = []
     for index, primitive in enumerate(template["primitives"]):
         span = slice(bounds[index], bounds[index + 1])
@@ -185,15 +185,15 @@ def _frame_mesh(draft: EditedDocument, template: Json, posed: PosedFrame, bounds
         for name, values in computed.items():
             if values is not None and name in primitive["attributes"]:
                 stored = values[span].astype(np.float32)
-                attributes[name] = draft.add(stored, target=VERTEX_DATA, bounds=name == "POSITION")
+                attributes[name] = edited.add(stored, target=VERTEX_DATA, bounds=name == "POSITION")
         kept = {key: value for key, value in primitive.items() if key not in ("attributes", "targets")}
         primitives.append({"attributes": attributes, **kept})
     return {"primitives": primitives}
 
 
-def _drop_weight_channels(draft: EditedDocument, node: int) -> None:
+def _drop_weight_channels(edited: EditedDocument, node: int) -> None:
     """Take out the channels that drove the morph targets of a mesh that is gone, with their samplers."""
-    for animation in draft.gltf.get("animations", []):
+    for animation in edited.gltf.get("animations", []):
         gone = [
             channel
             for channel in animation["channels"]
@@ -208,19 +208,19 @@ def _drop_weight_channels(draft: EditedDocument, node: int) -> None:
             channel["sampler"] = kept.index(channel["sampler"])
 
 
-def _add_root(draft: EditedDocument, rig: Rig, node: int) -> None:
+def _add_root(edited: EditedDocument, rig: Rig, node: int) -> None:
     """Put a node at the root of every scene that shows the rig's node: frames are in world space."""
     root = rig.node
     while rig.parents[root] >= 0:
         root = int(rig.parents[root])
-    for scene in draft.gltf.get("scenes", []):
+    for scene in edited.gltf.get("scenes", []):
         if root in scene.get("nodes", []):
             scene["nodes"].append(node)
 
 
-def _show_in_turn(draft: EditedDocument, motion: Motion, start: int, shown: int) -> None:
+def _show_in_turn(edited: EditedDocument, motion: Motion, start: int, shown: int) -> None:
     """Scale tracks that show each frame's node from its time to the next frame's."""
-    animation = draft.gltf["animations"][motion.clip.index]
+    animation = edited.gltf["animations"][motion.clip.index]
     times = motion.times
     for frame in range(len(times)):
         keys, scales = [], []
@@ -229,17 +229,17 @@ def _show_in_turn(draft: EditedDocument, motion: Motion, start: int, shown: int)
         keys, scales = [*keys, times[frame]], [*scales, 1.0]
         if frame + 1 < len(times):
             keys, scales = [*keys, times[frame + 1]], [*scales, 0.0]
-        _add_scale(draft, animation, start + frame, np.array(keys), scales)
+        _add_scale(edited, animation, start + frame, np.array(keys), scales)
     if start != shown:
-        _add_scale(draft, animation, shown, times[:1], [0.0])
+        _add_scale(edited, animation, shown, times[:1], [0.0])
 
 
-def _add_scale(draft: EditedDocument, animation: Json, node: int, times: Floats, scales: Sequence[float]) -> None:
+def _add_scale(edited: EditedDocument, animation: Json, node: int, times: Floats, scales: Sequence[float]) -> None:
     output = np.repeat(np.array(scales, np.float32)[:, None], 3, axis=1)
     sampler = {
-        "input": draft.add(times.astype(np.float32), bounds=True),
+        "input": edited.add(times.astype(np.float32), bounds=True),
         "interpolation": "STEP",
-        "output": draft.add(output),
+        "output": edited.add(output),
     }
     animation["samplers"].append(sampler)
     number = len(animation["samplers"]) - 1

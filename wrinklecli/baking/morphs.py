@@ -55,7 +55,7 @@ class _Base:
 
 
 def encode_morphs(
-    draft: EditedDocument,
+    edited: EditedDocument,
     plan: MeshPlan,
     target_sets: list[TargetSet],
     motions: Sequence[Motion],
@@ -63,10 +63,10 @@ def encode_morphs(
     sparse: bool,
     tangents: bool = False,
 ) -> None:
-    """Put meshes, targets, tracks and extras into the draft.
+    """Put meshes, targets, tracks and extras into the edited document.
 
     Args:
-        draft: The document.
+        edited: The document.
         plan: The tools on a mesh.
         target_sets: Their targets.
         motions: Clips to write tracks for.
@@ -75,10 +75,10 @@ def encode_morphs(
     """
     targets = targets_of(target_sets)
     stored = _stored_weights(plan, target_sets)
-    groups = shared_vertices(draft.source, plan.rig.mesh, plan.fine)
-    encode_mesh(draft, plan.rig, plan.fine, targets, sparse=sparse, stored=stored, tangents=tangents, groups=groups)
-    encode_extras(draft, plan, target_sets)
-    _encode_tracks(draft, plan.rig, motions, stored)
+    groups = shared_vertices(edited.source, plan.rig.mesh, plan.fine)
+    encode_mesh(edited, plan.rig, plan.fine, targets, sparse=sparse, stored=stored, tangents=tangents, groups=groups)
+    encode_extras(edited, plan, target_sets)
+    _encode_tracks(edited, plan.rig, motions, stored)
 
 
 def _stored_weights(plan: MeshPlan, target_sets: Sequence[TargetSet]) -> Floats:
@@ -92,23 +92,23 @@ def _stored_weights(plan: MeshPlan, target_sets: Sequence[TargetSet]) -> Floats:
     return stored
 
 
-def _encode_tracks(draft: EditedDocument, rig: Rig, motions: Sequence[Motion], stored: Floats) -> None:
+def _encode_tracks(edited: EditedDocument, rig: Rig, motions: Sequence[Motion], stored: Floats) -> None:
     """Write weight tracks of all morph targets, old and new; a clip that is not baked keeps the stored weights."""
     baked = {motion.clip.index for motion in motions}
-    for clip in read_clips(draft.source):
+    for clip in read_clips(edited.source):
         channel = clip.channel(rig.node, "weights")
         if channel is not None and clip.index not in baked:
             # A channel drives all targets of its mesh, so a clip that is not baked is widened too.
-            encode_track(draft, clip, rig.node, pad(channel, stored))
+            encode_track(edited, clip, rig.node, pad(channel, stored))
     # Without a target, as where no vertex lies under a bump, a track would have no values.
     for motion in motions if len(stored) else ():
         channel = motion.clip.channel(rig.node, "weights")
         times, weights = motion.times[motion.keys], motion.weights[motion.keys]
-        encode_track(draft, motion.clip, rig.node, widen(channel, rig, motion.clip, times, weights))
+        encode_track(edited, motion.clip, rig.node, widen(channel, rig, motion.clip, times, weights))
 
 
 def encode_mesh(
-    draft: EditedDocument,
+    edited: EditedDocument,
     rig: Rig,
     fine: Refinement,
     targets: Sequence[Target],
@@ -126,7 +126,7 @@ def encode_mesh(
     means the same, as three.js otherwise adds the base normal in its place; so do those without TANGENT.
 
     Args:
-        draft: The document.
+        edited: The document.
         rig: Of the node.
         fine: Its refined surface.
         targets: The new morph targets.
@@ -136,23 +136,23 @@ def encode_mesh(
         groups: From `shared_vertices`: primitives that go on sharing vertices. Those that no tool touches too:
             a vertex more in their accessors does not show, where accessors of their own would be a copy.
     """
-    node = draft.gltf["nodes"][rig.node]
-    mesh = own_mesh(draft, node, rig.mesh)
+    node = edited.gltf["nodes"][rig.node]
+    mesh = own_mesh(edited, node, rig.mesh)
     old_names = morph_target_names(mesh)
     refined_primitives = primitives_of(fine, groups)
-    drop_repeated(draft, mesh, refined_primitives)
+    drop_repeated(edited, mesh, refined_primitives)
     smooth = _smooth_normals(fine, targets)
     written: Written = {}
     for refined in refined_primitives:
         primitive = mesh["primitives"][refined.index]
-        where = draft.source.where("meshes", rig.mesh, "primitives", refined.index)
+        where = edited.source.where("meshes", rig.mesh, "primitives", refined.index)
         # Read before refined accessors take the place of the source's.
-        base = _read_base(draft.source, primitive, refined, tangents=tangents)
+        base = _read_base(edited.source, primitive, refined, tangents=tangents)
         if len(refined.new):
-            refine_primitive(draft, primitive, refined, fine, where, written)
-        draft.unpack(primitive)
+            refine_primitive(edited, primitive, refined, fine, where, written)
+        edited.unpack(primitive)
         if targets:
-            _add_targets(draft, primitive, targets, refined, base, smooth, written, sparse=sparse)
+            _add_targets(edited, primitive, targets, refined, base, smooth, written, sparse=sparse)
     if not targets:
         return
     if isinstance(mesh.setdefault("extras", {}), dict):
@@ -163,11 +163,11 @@ def encode_mesh(
         node["weights"] = [float(each) for each in rig.morph_weights] + [float(np.float32(each)) for each in stored]
 
 
-def own_mesh(draft: EditedDocument, node: Json, mesh: int) -> Json:
+def own_mesh(edited: EditedDocument, node: Json, mesh: int) -> Json:
     """The mesh of a node, cloned first if other nodes show it too."""
-    meshes = draft.gltf["meshes"]
-    if sum(each.get("mesh") == mesh for each in draft.gltf["nodes"]) > 1:
-        node["mesh"] = draft.clone_mesh(mesh)
+    meshes = edited.gltf["meshes"]
+    if sum(each.get("mesh") == mesh for each in edited.gltf["nodes"]) > 1:
+        node["mesh"] = edited.clone_mesh(mesh)
     found: Json = meshes[node["mesh"]]
     return found
 
@@ -207,7 +207,7 @@ def _smooth_normals(fine: Refinement, targets: Sequence[Target]) -> Floats:
 
 
 def _add_targets(
-    draft: EditedDocument,
+    edited: EditedDocument,
     primitive: Json,
     targets: Sequence[Target],
     refined: RefinedPrimitive,
@@ -225,11 +225,11 @@ def _add_targets(
         for name, (vertices, deltas) in _target_deltas(each.shape, refined, base, smooth).items():
             key = ("added", number, name, refined.group if name == "POSITION" else base.key)
             if key not in written:
-                written[key] = _add_deltas(draft, vertices, deltas, count, sparse, bounds=name == "POSITION")
+                written[key] = _add_deltas(edited, vertices, deltas, count, sparse, bounds=name == "POSITION")
             added[-1][name] = written[key]
     nothing = np.zeros(0, np.intp), np.zeros((0, 3))
     old = [
-        target | {name: _add_deltas(draft, *nothing, count, sparse) for name in base.names if name not in target}
+        target | {name: _add_deltas(edited, *nothing, count, sparse) for name in base.names if name not in target}
         for target in primitive.get("targets", [])
     ]
     primitive["targets"] = old + added
@@ -273,20 +273,20 @@ def _rows(vertices: Ints, count: int) -> Ints:
 
 
 def _add_deltas(
-    draft: EditedDocument, vertices: Ints, deltas: Floats, count: int, sparse: bool, *, bounds: bool = False
+    edited: EditedDocument, vertices: Ints, deltas: Floats, count: int, sparse: bool, *, bounds: bool = False
 ) -> int:
     """Write the deltas of some of `count` vertices; those of none take no space in either form."""
     stored = deltas.astype(np.float32)
     if sparse or not len(vertices):
-        return draft.add_sparse(vertices, stored, count=count, bounds=bounds, stored=not sparse)
+        return edited.add_sparse(vertices, stored, count=count, bounds=bounds, stored=not sparse)
     dense = np.zeros((count, 3), np.float32)
     dense[vertices] = stored
-    return draft.add(dense, target=VERTEX_DATA, bounds=bounds)
+    return edited.add(dense, target=VERTEX_DATA, bounds=bounds)
 
 
-def encode_track(draft: EditedDocument, clip: Clip, node: int, track: Track) -> None:
+def encode_track(edited: EditedDocument, clip: Clip, node: int, track: Track) -> None:
     """Write a weights channel into a clip, in place of the one that the node had there."""
-    animation = draft.gltf["animations"][clip.index]
+    animation = edited.gltf["animations"][clip.index]
     channel = clip.channel(node, "weights")
     old_sampler = None
     if channel is not None:
@@ -296,9 +296,9 @@ def encode_track(draft: EditedDocument, clip: Clip, node: int, track: Track) -> 
     sampler = animation["samplers"][old_sampler] if old_sampler is not None else {}
     times = track.times.astype(np.float32)
     sampler = dict(sampler)
-    sampler["input"] = draft.add(times, bounds=True, replaces=sampler.get("input"))
+    sampler["input"] = edited.add(times, bounds=True, replaces=sampler.get("input"))
     sampler["interpolation"] = track.interpolation
-    sampler["output"] = draft.add(track.values.astype(np.float32).reshape(-1), replaces=sampler.get("output"))
+    sampler["output"] = edited.add(track.values.astype(np.float32).reshape(-1), replaces=sampler.get("output"))
     if old_sampler is not None:
         animation["samplers"][old_sampler] = sampler
         return

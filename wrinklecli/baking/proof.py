@@ -76,7 +76,7 @@ class Proof:
 
 
 def prove(
-    draft: EditedDocument,
+    edited: EditedDocument,
     plan: MeshPlan,
     target_sets: list[TargetSet],
     motions: Sequence[Motion],
@@ -84,12 +84,12 @@ def prove(
     details: bool,
     progress: Progress,
 ) -> dict[str, Residual]:
-    """Play the draft as an engine would and compare it with the method, clip by clip.
+    """Play the edited document as an engine would and compare it with the method, clip by clip.
 
     Raises:
         RefusedError: A vertex is further off than the plan's bound.
     """
-    proof = read_back(draft, plan)
+    proof = read_back(edited, plan)
     written = {clip.index: clip for clip in proof.clips}
     residuals: dict[str, Residual] = {}
     proven: dict[int, tuple[Clip, Residual]] = {}
@@ -118,11 +118,11 @@ def _refuse_beyond_bound(plan: MeshPlan, motion: Motion, residual: Residual) -> 
         )
 
 
-def read_back(draft: EditedDocument, plan: MeshPlan) -> Proof:
+def read_back(edited: EditedDocument, plan: MeshPlan) -> Proof:
     """Load what the file says of the vertices that wrinkles or refinement touch."""
     fine = plan.fine
-    refined_primitives = primitives_of(fine, shared_vertices(draft.source, plan.rig.mesh, fine))
-    written = draft.document()
+    refined_primitives = primitives_of(fine, shared_vertices(edited.source, plan.rig.mesh, fine))
+    written = edited.document()
     rig = read_rig(written, plan.rig.node)
     distinct = _distinct(written.items("meshes")[rig.mesh]["primitives"], refined_primitives)
     stored = read_vertices(written, rig, distinct)

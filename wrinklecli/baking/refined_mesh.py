@@ -142,18 +142,18 @@ def _vertex_accessors(primitive: Json, refined: RefinedPrimitive) -> Iterator[tu
             yield ("target", refined.group, number, name, index), index
 
 
-def drop_repeated(draft: EditedDocument, mesh: Json, refined_primitives: Sequence[RefinedPrimitive]) -> None:
+def drop_repeated(edited: EditedDocument, mesh: Json, refined_primitives: Sequence[RefinedPrimitive]) -> None:
     """Drop all references but the first to accessors whose successors several primitives will share."""
     seen: set[Key] = set()
     for refined in refined_primitives:
         for key, index in _vertex_accessors(mesh["primitives"][refined.index], refined) if len(refined.new) else ():
             if key in seen:
-                draft.drop(index)
+                edited.drop(index)
             seen.add(key)
 
 
 def refine_primitive(
-    draft: EditedDocument,
+    edited: EditedDocument,
     primitive: Json,
     refined: RefinedPrimitive,
     fine: Refinement,
@@ -165,8 +165,8 @@ def refine_primitive(
     for name, index in original.items():
         key: Key = ("attribute", refined.group, name, index)
         if key not in written:
-            values, normalized = _refined_attribute(draft, original, name, refined, fine, where)
-            written[key] = draft.add(
+            values, normalized = _refined_attribute(edited, original, name, refined, fine, where)
+            written[key] = edited.add(
                 values, target=VERTEX_DATA, normalized=normalized, bounds=name == "POSITION", replaces=index
             )
         primitive["attributes"][name] = written[key]
@@ -175,28 +175,28 @@ def refine_primitive(
             key = ("target", refined.group, number, name, index)
             if key not in written:
                 deltas = fine.morph_deltas[number] if name == "POSITION" else None
-                written[key] = _add_refined_target(draft, target, name, refined, deltas, where)
+                written[key] = _add_refined_target(edited, target, name, refined, deltas, where)
             target[name] = written[key]
     if refined.changed or "indices" not in primitive:
         if primitive.get("mode", TRIANGLES) != TRIANGLES:
             del primitive["mode"]
         indices = refined.triangles.reshape(-1).astype(index_type(len(refined.weld)))
-        primitive["indices"] = draft.add(indices, target=INDEX_DATA, replaces=primitive.get("indices"))
+        primitive["indices"] = edited.add(indices, target=INDEX_DATA, replaces=primitive.get("indices"))
 
 
 def _add_refined_target(
-    draft: EditedDocument, target: Json, name: str, refined: RefinedPrimitive, deltas: Floats | None, where: str
+    edited: EditedDocument, target: Json, name: str, refined: RefinedPrimitive, deltas: Floats | None, where: str
 ) -> int:
     """Write an old morph target's attribute with new vertices: mixed, or of (fine vertices, 3) deltas."""
     size = 3 if name in _VECTORS else None
-    old = old_values(draft.source, target, name, refined, size=size, where=where)
+    old = old_values(edited.source, target, name, refined, size=size, where=where)
     new = refined.mix(old) if deltas is None else deltas[refined.new_weld]
     values = np.concatenate([old, new]).astype(np.float32)
     index, bounds = target[name], name == "POSITION"
-    if "sparse" in draft.source.items("accessors")[index]:
+    if "sparse" in edited.source.items("accessors")[index]:
         changed = np.flatnonzero(values.any(axis=1))
-        return draft.add_sparse(changed, values[changed], count=len(values), bounds=bounds, replaces=index)
-    return draft.add(values, target=VERTEX_DATA, bounds=bounds, replaces=index)
+        return edited.add_sparse(changed, values[changed], count=len(values), bounds=bounds, replaces=index)
+    return edited.add(values, target=VERTEX_DATA, bounds=bounds, replaces=index)
 
 
 def old_values(
@@ -232,10 +232,10 @@ def old_values(
 
 
 def _refined_attribute(
-    draft: EditedDocument, attributes: Json, name: str, refined: RefinedPrimitive, fine: Refinement, where: str
+    edited: EditedDocument, attributes: Json, name: str, refined: RefinedPrimitive, fine: Refinement, where: str
 ) -> tuple[Array, bool]:
     """Stored values of an attribute with those of new vertices appended, and whether they are normalised."""
-    source, index = draft.source, attributes[name]
+    source, index = edited.source, attributes[name]
     old = old_values(source, attributes, name, refined, size=_VECTORS.get(name), where=where)
     accessor = source.items("accessors")[index]
     if name == "POSITION":

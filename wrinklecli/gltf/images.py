@@ -7,7 +7,6 @@ from urllib.parse import quote, unquote
 
 from wrinklecli.errors import BakeError
 from wrinklecli.gltf.document import Document
-from wrinklecli.gltf.edit import EditedDocument
 from wrinklecli.gltf.files import FileGroup, leaves_folder, read_file, read_uri
 from wrinklecli.gltf.shape import Json
 
@@ -18,12 +17,12 @@ def lies_beside(document: Document, out: str) -> bool:
     return document.resources is None and os.path.realpath(os.path.dirname(out)) == folder
 
 
-def image_files(edited: EditedDocument, out: str | os.PathLike[str]) -> list[str]:
+def image_files(document: Document, out: str | os.PathLike[str]) -> list[str]:
     """The image files that writing to `out` reads."""
-    if edited.source.resources is not None or lies_beside(edited.source, os.fspath(out)):
+    if document.resources is not None or lies_beside(document, os.fspath(out)):
         return []
-    folder = os.path.dirname(edited.source.path)
-    return [os.path.join(folder, unquote(image["uri"])) for image in edited.source.items("images") if _is_a_file(image)]
+    folder = os.path.dirname(document.path)
+    return [os.path.join(folder, unquote(image["uri"])) for image in document.items("images") if _is_a_file(image)]
 
 
 def read_image(document: Document, number: int) -> tuple[memoryview, str | None]:
@@ -40,17 +39,17 @@ def read_image(document: Document, number: int) -> tuple[memoryview, str | None]
     return read_uri(image["uri"], document.path, where, allow_external=document.allow_external)
 
 
-def images_to_bring(edited: EditedDocument, out: str) -> Iterator[tuple[int, memoryview]]:
-    """The source's images that relative URIs name but that are not beside OUT: numbers and bytes.
+def images_to_bring(document: Document, out: str) -> Iterator[tuple[int, memoryview]]:
+    """The images that relative URIs name but that are not beside OUT: numbers and bytes.
 
     Raises:
         AssetError: One cannot be read.
     """
-    if lies_beside(edited.source, out):
+    if lies_beside(document, out):
         return
-    for number, image in enumerate(edited.source.items("images")):
+    for number, image in enumerate(document.items("images")):
         if _is_a_file(image):
-            yield number, read_image(edited.source, number)[0]
+            yield number, read_image(document, number)[0]
 
 
 def put_image(uri: str, data: memoryview, out: str, files: FileGroup) -> str:

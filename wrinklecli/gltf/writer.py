@@ -150,7 +150,7 @@ def _lay_out_glb(edited: EditedDocument, out: str) -> Layout:
             part["buffer"] = 0
     views = placed.views
     images = [dict(image) for image in gltf.get("images", [])]
-    for number, data in images_to_bring(edited, out):
+    for number, data in images_to_bring(edited.source, out):
         del images[number]["uri"]
         images[number]["bufferView"] = len(views)
         images[number].setdefault("mimeType", image_type(bytes(data[:16])))
@@ -183,7 +183,7 @@ def _binary_chunk(gltf: Json) -> Json:
 
 def _write_gltf(edited: EditedDocument, out: str, seal: Seal, files: FileGroup) -> int:
     images = [dict(image) for image in edited.gltf.get("images", [])]
-    for number, data in images_to_bring(edited, out):
+    for number, data in images_to_bring(edited.source, out):
         images[number]["uri"] = put_image(images[number]["uri"], data, out, files)
     layout, contents = _lay_out_gltf(edited, images, out)
     folder = os.path.dirname(out)
