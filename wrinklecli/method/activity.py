@@ -4,15 +4,15 @@ Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004: the 
 gives the control curve of a frame. Differs: only the anchors are posed, those of all tools at once.
 """
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import LEAST_SCALE, morph_weights
 from wrinklecli.character.rig import Rig
-from wrinklecli.method.anchor import AnchorPoses, anchor_poses, posed_place
+from wrinklecli.method.anchor import AnchorPoses, anchor_poses, posed_anchor
 from wrinklecli.method.patch import Patch
 from wrinklecli.method.rest import Rest
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
@@ -46,15 +46,11 @@ def lengths_over_time(
     """
     if poses is None:
         poses = anchor_poses(anchor_joints([patch]), rig, rest, clip, times)
-    places = [posed_place(anchor, poses, len(times)) for anchor in (patch.origin, patch.target)]
-    scales = [np.zeros(len(times)), np.zeros(len(times))]
-    for scaled, anchor in zip(scales, (patch.origin, patch.target), strict=True):
-        # Scale: cube roots of determinants against rest, by influence.
-        for number, weight in zip(np.searchsorted(poses.joints, anchor.joints), anchor.weights, strict=True):
-            scaled += weight * poses.scales[number]
-    scale = (scales[0] + scales[1]) / 2.0
+    origin, first = posed_anchor(patch.origin, poses, len(times))
+    target, second = posed_anchor(patch.target, poses, len(times))
+    scale = (first + second) / 2.0
     hidden = scale < LEAST_SCALE
-    apart = places[1] - places[0]
+    apart = target - origin
     distances = np.sqrt(np.einsum("xf,xf->f", apart, apart)) / np.where(hidden, 1.0, scale)
     return np.where(hidden, np.inf, distances), rest_lengths_over_time(patch, rig, clip, times)
 
@@ -139,15 +135,5 @@ def _joined(parts: Sequence[Activity], order: Ints | None = None) -> Activity:
     """Activities of one tool, one after another; of these the frames in an order."""
     if len(parts) == 1 and order is None:
         return parts[0]
-
-    def joined(arrays: Iterable[Floats]) -> Floats:
-        together = np.concatenate(list(arrays))
-        return together if order is None else together.take(order, axis=0)
-
-    return Activity(
-        distances=joined(each.distances for each in parts),
-        rest_lengths=joined(each.rest_lengths for each in parts),
-        shortenings=joined(each.shortenings for each in parts),
-        unabsorbed=joined(each.unabsorbed for each in parts),
-        amplitudes=joined(each.amplitudes for each in parts),
-    )
+    joined = [np.concatenate([getattr(each, field.name) for each in parts]) for field in fields(Activity)]
+    return Activity(*(joined if order is None else [each.take(order, axis=0) for each in joined]))

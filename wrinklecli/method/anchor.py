@@ -159,15 +159,17 @@ def anchor_poses(joints: Ints, rig: Rig, rest: Rest, clip: Clip | None, times: F
     return AnchorPoses(joints, rows, scales, morph_weights(rig, clip, times))
 
 
-def posed_place(anchor: Anchor, poses: AnchorPoses, count: int) -> Floats:
-    """(3, frames) where `count` poses take an anchor, world space."""
+def posed_anchor(anchor: Anchor, poses: AnchorPoses, count: int) -> tuple[Floats, Floats]:
+    """(3, frames) where `count` poses take an anchor, world space, and (frames,) how they scale it against rest."""
     acting = np.flatnonzero(anchor.points[1:].any(axis=(1, 2)))
     weights, points = poses.weights[:, acting], anchor.points[np.append(0, 1 + acting)]
-    place = np.zeros((3, count))
+    place, scale = np.zeros((3, count)), np.zeros(count)
     # Of joints that nothing moves, together: a point and what each morph target adds.
     still = np.zeros((1 + len(acting), 3))
-    for number, point in zip(np.searchsorted(poses.joints, anchor.joints), points.transpose(1, 0, 2), strict=True):
+    numbers = np.searchsorted(poses.joints, anchor.joints)
+    for number, weight, point in zip(numbers, anchor.weights, points.transpose(1, 0, 2), strict=True):
         rows = poses.rows[number]
+        scale += weight * poses.scales[number]
         if rows.shape[2] == 1:
             still += np.einsum("mc,rc->mr", point, rows[:, :, 0])
             continue
@@ -179,4 +181,4 @@ def posed_place(anchor: Anchor, poses: AnchorPoses, count: int) -> Floats:
     if len(acting):
         place += np.einsum("mr,fm->rf", still[1:], weights)
     place += still[0, :, None]
-    return place
+    return place, scale

@@ -307,7 +307,7 @@ def _group(bumps: int, strategy: Strategy) -> tuple[tuple[int, ...], ...]:
 
 def weight_path(curve: ControlCurve) -> Floats:
     """(rows, groups, modes) weights as the nominal rest length shortens to nothing, in small steps of the heights."""
-    starts = group_starts(curve)
+    starts = group_starts(curve, curve.rest_length)
     steps = np.linspace(0.0, 1.0, _PATH_ROWS) ** 2  # heights start like a square root
     rising = [low + (high - low) * steps for low, high in pairwise(starts)]
     rows = distinct_values(np.concatenate([[0.0], *rising, np.linspace(starts[-1], 1.0, _FULL_ROWS)]))
@@ -321,13 +321,13 @@ def weights_at(curve: ControlCurve, shortenings: Floats) -> Floats:
     return weights_of(curve, amplitudes)
 
 
-def group_starts(curve: ControlCurve) -> Floats:
-    """(groups + 1,) the shortening over the nominal rest length at which each group starts, and the last is full."""
+def group_starts(curve: ControlCurve, rest_length: float) -> Floats:
+    """(groups + 1,) the shortening over the rest length at which each group starts, and the last is full."""
     groups = np.arange(len(curve.groups))
     low, high = np.full(len(groups), 1.0 - TAUT), np.ones(len(groups))
     for _ in range(_ROUNDS):
         tried = np.linspace(low, high, _PARTS + 1)
-        lengths = np.full(tried.size, curve.rest_length)
+        lengths = np.full(tried.size, rest_length)
         shortenings = curve.shortening((1.0 - tried.reshape(-1)) * lengths, lengths)
         full = curve.absorb(shortenings, lengths).rising.reshape(tried.shape) > groups
         full[-1] = True  # the last stands for what is never full

@@ -46,8 +46,6 @@ _LEAST_LENGTHS = 5
 _CHECKED_GROUPS = 200
 # Shares of the way from one group's start to the next at which they are: its height begins like their root.
 _CHECKED_SHARES = np.concatenate([[0.0], np.geomspace(1e-9, 1.0, 128)])
-# Halvings that find where a group of bumps starts to the last bits of a float.
-_START_HALVINGS = 60
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,7 +112,7 @@ def tabulate_weights(curve: ControlCurve, weights: Callable[[Floats], Floats]) -
     def signal(shortenings: Floats) -> Floats:
         return np.round(weights(weights_at(curve, shortenings)), _DECIMALS)
 
-    starts = group_starts(curve)
+    starts = group_starts(curve, curve.rest_length)
     behind = starts[:-1] + (starts[1:] - starts[:-1]) * _BEHIND[:, None]
     grid = distinct_values(np.concatenate([np.linspace(0.0, 1.0, _FIRST_ROWS), starts, behind.reshape(-1)]))
     most = TABLE_ERROR * np.abs(signal(grid)).max(initial=0.0)
@@ -217,16 +215,7 @@ def _where_to_check(curve: ControlCurve, shortest: float, longest: float) -> tup
     """(points,) rest lengths and distances, close behind the start of every group of bumps."""
     count = int(np.clip(_CHECKED_GROUPS // len(curve.groups), _LEAST_LENGTHS, _MOST_LENGTHS))
     lengths = np.linspace(shortest, longest, count if longest > shortest else 1)
-    starts = [TAUT * lengths]
-    for group in range(len(curve.groups)):
-        before = sum(len(each) for each in curve.groups[: group + 1])
-        low, high = np.zeros(len(lengths)), starts[-1]
-        for _ in range(_START_HALVINGS):
-            middle = (low + high) / 2.0
-            capacities = curve.profile.capacity(middle / curve.interval_count, curve.max_height)
-            passed_on = TAUT * lengths - middle > before * capacities
-            low, high = np.where(passed_on, middle, low), np.where(passed_on, high, middle)
-        starts.append(low)
+    starts = [(1.0 - each) * lengths for each in np.stack([group_starts(curve, length) for length in lengths], axis=1)]
     distances = [high + _CHECKED_SHARES[:, None] * (low - high) for high, low in pairwise(starts)]
     distances.append(np.linspace(0.0, 1.0, len(_CHECKED_SHARES))[:, None] * starts[-1])
     together = np.concatenate(distances)

@@ -133,18 +133,16 @@ def displaced_normals(fine: Refinement, vertices: Ints, displacements: Floats) -
         (touched,) vertices of every triangle that a displaced vertex has, and (samples, touched, 3) their
         unit area-weighted normals.
     """
-    count = len(fine.positions)
     touched = distinct_values(fine.triangles[np.isin(fine.triangles, vertices).any(axis=1)])
     faces = fine.triangles[np.isin(fine.triangles, touched).any(axis=1)]
     around, local = np.unique(faces, return_inverse=True)
     local = local.reshape(-1, 3)
-    place = np.full(count, -1, np.intp)
-    place[around] = np.arange(len(around))
+    moved, rows = np.searchsorted(around, vertices), np.searchsorted(around, touched)
     normals = np.zeros((len(displacements), len(touched), 3))
     for sample, displacement in enumerate(displacements):
         positions = fine.bind_positions[around]
-        positions[place[vertices]] += displacement
-        normals[sample] = vertex_normals(positions, local)[place[touched]]
+        positions[moved] += displacement
+        normals[sample] = vertex_normals(positions, local)[rows]
     return touched, normals
 
 
