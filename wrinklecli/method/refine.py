@@ -139,77 +139,128 @@ def refine(
         tolerance: Scene units. An edge is not split where the midpoint's skin weights, pruned to `influences`,
             would move it further off in any pose.
     """
-
-    def wants(level: Level) -> Bools:
-        wanted = np.zeros(len(level.edges), bool)
-        for patch in patches:
-            faces = np.flatnonzero(patch.members[level.parents])
-            vertices, local = np.unique(level.triangles[faces], return_inverse=True)
-            u, v = patch.coordinates(_rest_positions(level, vertices, rest))
-            u_faces, v_faces = u[local.reshape(-1, 3)], v[local.reshape(-1, 3)]
-            meets = (u_faces.max(axis=1) > 0) & (u_faces.min(axis=1) < 1)
-            meets &= (v_faces.max(axis=1) > -1) & (v_faces.min(axis=1) < 1)
-            edges = distinct_values(level.triangle_edges[faces[meets]])
-            ends = np.searchsorted(vertices, level.edges[edges])
-            wanted[edges] |= np.abs(u[ends[:, 1]] - u[ends[:, 0]]) > _greatest_step(patch, settings)
-        return wanted
-
     distances = joint_distances(rig, patches)
     members = np.any([patch.members for patch in patches], axis=0)
-    near = np.asarray(np.isin(surface.triangles, surface.triangles[members]).any(axis=1))
-    # Most joints move no vertex of a patch.
-    acting = distinct_values(surface.joints[surface.triangles[near]])
-    dense = _dense_weights(surface, distinct_values(surface.triangles[near]), len(rig.joints), acting)
-    between, moving = distances[np.ix_(acting, acting)], poses[:, acting]
-
-    def forbids(level: Level) -> Bools:
-        """Mark edges along another mesh, and those near a patch whose midpoint has too many joints."""
-        last = int(level.edges.max(initial=0))
-        touching = np.zeros(max(last + 1, len(contacts)), bool)
-        touching[: len(contacts)] = contacts
-        forbidden = touching[level.edges[:, 0]] & touching[level.edges[:, 1]]
-        edges = distinct_values(level.triangle_edges[near[level.parents]])
-        weights = _midpoints(level.linear, level.edges[edges], dense)
-        many = (weights > 0).sum(axis=1) > influences
-        edges, weights = edges[many], weights[many]
-        positions = _midpoints(level.matrix, level.edges[edges], rest.bind_positions)
-        forbidden[edges] |= pruning_errors(weights, positions, between, influences, moving) > tolerance
-        return forbidden
-
+    storage = _storage(
+        surface, rest, members, distances, contacts=contacts, influences=influences, poses=poses, tolerance=tolerance
+    )
     normals, under = np.zeros((len(surface.positions), 3)), distinct_values(surface.triangles[members])
     normals[under] = rest.normals_at(under)
-
-    def shows(level: Level) -> Bools:
-        """Mark edges along which a patch leaves some of its height."""
-        shown = np.zeros(len(level.edges), bool)
-        for patch in patches:
-            edges = distinct_values(level.triangle_edges[patch.members[level.parents]])
-            if patch.tool.attachment == "patch":
-                # Projected anew each frame, any of them may come to lie on the patch.
-                shown[edges] = True
-                continue
-            vertices, ends = np.unique(level.edges[edges], return_inverse=True)
-            u, v = patch.coordinates(_rest_positions(level, vertices, rest))
-            cosines = unit(_rows(level.linear, vertices, normals)) @ patch.normal
-            u, v, cosines = (each[ends.reshape(-1, 2)] for each in (u, v, cosines))
-            within = (u.max(axis=1) > 0) & (u.min(axis=1) < 1)
-            nearest = np.where(v[:, 0] * v[:, 1] > 0, np.abs(v).min(axis=1), 0.0)
-            factors = patch.factors(np.full(len(edges), 0.5), nearest, cosines.max(axis=1))
-            shown[edges] |= within & (np.abs(factors) > _LEAST_SHOWN * abs(patch.shape_strength))
-        return shown
-
     subdivision = subdivide(
         surface.triangles,
         len(surface.positions),
-        wants=wants,
-        forbids=forbids,
-        shows=shows,
+        wants=lambda level: _long_edges(level, patches, rest, settings),
+        forbids=lambda level: _unstorable_edges(level, storage),
+        shows=lambda level: _showing_edges(level, patches, rest, normals),
         max_levels=settings.max_levels,
         near=members,
         scheme=settings.scheme,
         where=rig.names[rig.node],
     )
     return _refined(surface, rest, subdivision, distances, influences)
+
+
+def _long_edges(level: Level, patches: Sequence[Patch], rest: Rest, settings: RefinementSettings) -> Bools:
+    """(edges,) those on a patch that are too long along u for its control curve to show."""
+    wanted = np.zeros(len(level.edges), bool)
+    for patch in patches:
+        faces = np.flatnonzero(patch.members[level.parents])
+        vertices, local = np.unique(level.triangles[faces], return_inverse=True)
+        u, v = patch.coordinates(_rest_positions(level, vertices, rest))
+        u_faces, v_faces = u[local.reshape(-1, 3)], v[local.reshape(-1, 3)]
+        meets = (u_faces.max(axis=1) > 0) & (u_faces.min(axis=1) < 1)
+        meets &= (v_faces.max(axis=1) > -1) & (v_faces.min(axis=1) < 1)
+        edges = distinct_values(level.triangle_edges[faces[meets]])
+        ends = np.searchsorted(vertices, level.edges[edges])
+        wanted[edges] |= np.abs(u[ends[:, 1]] - u[ends[:, 0]]) > _greatest_step(patch, settings)
+    return wanted
+
+
+@dataclass(frozen=True, slots=True)
+class _Storage:
+    """What a file can store of midpoints' skin weights, and how far that may move them off.
+
+    Attributes:
+        contacts: (coarse vertices,) those that touch another mesh.
+        near: (coarse triangles,) those at a patch.
+        bind_positions: (coarse vertices, 3) bind space at rest.
+        weights: (coarse vertices, acting joints) skin weights near the patches; 0 elsewhere.
+        distances: (acting joints, acting joints) in the skeleton.
+        poses: (poses, acting joints, 4, 4) bind to world space.
+        influences: How many joints a vertex of the file can have.
+        tolerance: Scene units.
+    """
+
+    contacts: Bools
+    near: Bools
+    bind_positions: Floats
+    weights: Floats
+    distances: Floats
+    poses: Floats
+    influences: int
+    tolerance: float
+
+
+def _storage(
+    surface: Surface,
+    rest: Rest,
+    members: Bools,
+    distances: Floats,
+    *,
+    contacts: Bools,
+    influences: int,
+    poses: Floats,
+    tolerance: float,
+) -> _Storage:
+    """Keep of the surface what is at (coarse triangles,) members, and of joints those that act there."""
+    near = np.asarray(np.isin(surface.triangles, surface.triangles[members]).any(axis=1))
+    # Most joints move no vertex of a patch.
+    acting = distinct_values(surface.joints[surface.triangles[near]])
+    return _Storage(
+        contacts=contacts,
+        near=near,
+        bind_positions=rest.bind_positions,
+        weights=_dense_weights(surface, distinct_values(surface.triangles[near]), len(distances), acting),
+        distances=distances[np.ix_(acting, acting)],
+        poses=poses[:, acting],
+        influences=influences,
+        tolerance=tolerance,
+    )
+
+
+def _unstorable_edges(level: Level, storage: _Storage) -> Bools:
+    """(edges,) those along another mesh, and those near a patch whose midpoint has too many joints."""
+    touching = np.zeros(max(int(level.edges.max(initial=0)) + 1, len(storage.contacts)), bool)
+    touching[: len(storage.contacts)] = storage.contacts
+    forbidden: Bools = touching[level.edges[:, 0]] & touching[level.edges[:, 1]]
+    edges = distinct_values(level.triangle_edges[storage.near[level.parents]])
+    weights = _midpoints(level.linear, level.edges[edges], storage.weights)
+    many = (weights > 0).sum(axis=1) > storage.influences
+    edges, weights = edges[many], weights[many]
+    positions = _midpoints(level.matrix, level.edges[edges], storage.bind_positions)
+    errors = pruning_errors(weights, positions, storage.distances, storage.influences, storage.poses)
+    forbidden[edges] |= errors > storage.tolerance
+    return forbidden
+
+
+def _showing_edges(level: Level, patches: Sequence[Patch], rest: Rest, normals: Floats) -> Bools:
+    """(edges,) those along which a patch leaves some of its height, from (coarse vertices, 3) normals at rest."""
+    shown = np.zeros(len(level.edges), bool)
+    for patch in patches:
+        edges = distinct_values(level.triangle_edges[patch.members[level.parents]])
+        if patch.tool.attachment == "patch":
+            # Projected anew each frame, any of them may come to lie on the patch.
+            shown[edges] = True
+            continue
+        vertices, ends = np.unique(level.edges[edges], return_inverse=True)
+        u, v = patch.coordinates(_rest_positions(level, vertices, rest))
+        cosines = unit(_rows(level.linear, vertices, normals)) @ patch.normal
+        u, v, cosines = (each[ends.reshape(-1, 2)] for each in (u, v, cosines))
+        within = (u.max(axis=1) > 0) & (u.min(axis=1) < 1)
+        nearest = np.where(v[:, 0] * v[:, 1] > 0, np.abs(v).min(axis=1), 0.0)
+        factors = patch.factors(np.full(len(edges), 0.5), nearest, cosines.max(axis=1))
+        shown[edges] |= within & (np.abs(factors) > _LEAST_SHOWN * abs(patch.shape_strength))
+    return shown
 
 
 def _greatest_step(patch: Patch, settings: RefinementSettings) -> float:
