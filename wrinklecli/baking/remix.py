@@ -39,6 +39,16 @@ def with_unit_weights(target_set: TargetSet) -> TargetSet:
     return _remixed(target_set, [*shapes, *negated], Remix(np.diag(1.0 / peaks), unmix, split=split))
 
 
+def _path(target_set: TargetSet) -> Floats:
+    """(rows, shapes) weights that a tool's targets take: over all shortenings, or as sampled where it has no curve."""
+    if not target_set.from_skin:
+        return np.concatenate(target_set.weights) if target_set.weights else np.zeros((0, len(target_set.targets)))
+    table = target_set.shape_weights(weight_path(target_set.carried.patch.curve))
+    tool, strength = target_set.carried.patch.tool, target_set.carried.patch.shape_strength
+    factors = [1.0, *(each / strength for each in tool.clips.values())] if strength else [1.0]
+    return np.concatenate([factor * table for factor in factors])
+
+
 def with_fewest(target_set: TargetSet, tolerance: float) -> tuple[TargetSet, float]:
     """A tool's fewest targets that give all heights within a tolerance, and their error; scene units.
 
@@ -51,7 +61,7 @@ def with_fewest(target_set: TargetSet, tolerance: float) -> tuple[TargetSet, flo
     written = target_set.columns
     if not target_set.from_skin or len(written) < 2:
         return target_set, 0.0
-    old = [target.shape for target in target_set.targets if target is not None]
+    old = [target.shape for target in targets_of([target_set])]
     heights = np.array([shape.tallest for shape in old])
     path = _path(target_set)[:, written] * heights
     groups = written // target_set.carried.patch.curve.greatest_amplitudes.shape[1]
@@ -120,7 +130,7 @@ def in_turn(target_set: TargetSet, least: float) -> TargetSet:
             mix[column, column] = 1.0
             if k:
                 mix[column, acting[k - 1]] = -heights[k] / heights[k - 1]
-    old = [target.shape for target in target_set.targets if target is not None]
+    old = [target.shape for target in targets_of([target_set])]
     shapes = [
         _sum(old, row[has.reshape(-1)]) if target is not None else None
         for row, target in zip(shares, target_set.targets, strict=True)
@@ -132,38 +142,46 @@ def keyed_at_turns(
     plan: MeshPlan, target_sets: Sequence[TargetSet], motions: Sequence[Motion]
 ) -> tuple[list[TargetSet], list[Motion]]:
     """Keys where one group of bumps is full and the next begins, so that no interval shows three groups of a tool."""
-    series: list[tuple[Floats, ...]] = []
+    keyed = [
+        _keyed_clip(plan, target_sets, motion, [target_set.weights[number] for target_set in target_sets])
+        for number, motion in enumerate(motions)
+    ]
+    by_tool = zip(*(weights for _, weights in keyed), strict=True)
+    extended = [replace(target_set, weights=weights) for target_set, weights in zip(target_sets, by_tool, strict=True)]
+    return extended, remade(extended, [motion for motion, _ in keyed])
+
+
+def _keyed_clip(
+    plan: MeshPlan, target_sets: Sequence[TargetSet], motion: Motion, weights: list[Floats]
+) -> tuple[Motion, list[Floats]]:
+    """One clip with these keys, and (frames, shapes) weights of each tool."""
+    clip, times, keys = motion.clip, motion.times, motion.keys
+    for number, target_set in enumerate(target_sets):
+        while target_set.remix is not None and target_set.remix.least > 0:
+            turns = _turns(plan, target_set, clip, times[keys], weights[number][keys])
+            if not len(turns):
+                break
+            fresh = np.setdiff1d(turns, times)
+            places = np.searchsorted(times, fresh)
+            weights = [
+                np.insert(old, places, _weights_at(plan, each, clip, old, times, fresh), axis=0) if len(fresh) else old
+                for each, old in zip(target_sets, weights, strict=True)
+            ]
+            keyed = np.union1d(times[keys], turns)
+            times = np.insert(times, places, fresh)
+            keys = np.searchsorted(times, keyed)
+    patches = [target_set.carried.patch for target_set in target_sets]
+    seen = further_activities(patches, plan.rig, plan.rest, clip, times, known=motion.seen, known_at=motion.times)
+    return replace(motion, times=times, keys=keys, seen=tuple(seen)), weights
+
+
+def remade(target_sets: Sequence[TargetSet], motions: Sequence[Motion]) -> list[Motion]:
+    """The same clips with the weights of other targets."""
     made = []
     for index, motion in enumerate(motions):
-        times, keys = motion.times, motion.keys
-        weights = [target_set.weights[index] for target_set in target_sets]
-        for number, target_set in enumerate(target_sets):
-            while target_set.remix is not None and target_set.remix.least > 0:
-                turns = _turns(plan, target_set, motion.clip, times[keys], weights[number][keys])
-                if not len(turns):
-                    break
-                fresh = np.setdiff1d(turns, times)
-                if len(fresh):
-                    places = np.searchsorted(times, fresh)
-                    for other, each in enumerate(target_sets):
-                        inserted = _weights_at(plan, each, motion.clip, weights[other], times, fresh)
-                        weights[other] = np.insert(weights[other], places, inserted, axis=0)
-                    keyed = np.union1d(times[keys], turns)
-                    times = np.insert(times, places, fresh)
-                    keys = np.searchsorted(times, keyed)
-                else:
-                    keys = np.union1d(keys, np.searchsorted(times, turns))
-        series.append(tuple(weights))
-        patches = [target_set.carried.patch for target_set in target_sets]
-        seen = further_activities(
-            patches, plan.rig, plan.rest, motion.clip, times, known=motion.seen, known_at=motion.times
-        )
-        made.append(replace(motion, times=times, keys=keys, seen=tuple(seen)))
-    extended = [
-        replace(target_set, weights=weights)
-        for target_set, weights in zip(target_sets, zip(*series, strict=True), strict=True)
-    ]
-    return extended, remade(extended, made)
+        columns = [target_set.written(target_set.weights[index]) for target_set in target_sets]
+        made.append(replace(motion, weights=np.concatenate(columns, axis=1)))
+    return made
 
 
 def _turns(plan: MeshPlan, target_set: TargetSet, clip: Clip, keys: Floats, weights: Floats) -> Floats:
@@ -240,22 +258,3 @@ def _sum(shapes: Sequence[Shape], factors: Floats) -> Shape:
 
 def _longest(deltas: Floats) -> float:
     return float(np.sqrt(np.sum(deltas**2, axis=1)).max())
-
-
-def _path(target_set: TargetSet) -> Floats:
-    """(rows, shapes) weights that a tool's targets take: over all shortenings, or as sampled where it has no curve."""
-    if not target_set.from_skin:
-        return np.concatenate(target_set.weights) if target_set.weights else np.zeros((0, len(target_set.targets)))
-    table = target_set.shape_weights(weight_path(target_set.carried.patch.curve))
-    tool, strength = target_set.carried.patch.tool, target_set.carried.patch.shape_strength
-    factors = [1.0, *(each / strength for each in tool.clips.values())] if strength else [1.0]
-    return np.concatenate([factor * table for factor in factors])
-
-
-def remade(target_sets: Sequence[TargetSet], motions: Sequence[Motion]) -> list[Motion]:
-    """The same clips with the weights of other targets."""
-    made = []
-    for index, motion in enumerate(motions):
-        columns = [target_set.written(target_set.weights[index]) for target_set in target_sets]
-        made.append(replace(motion, weights=np.concatenate(columns, axis=1)))
-    return made
