@@ -7,7 +7,7 @@ would take about a hundred tables.) But what one bump does depends on one number
 on the distance alone, and its height over chord and shortening on their ratio. So these two are tabulated, and the
 player distributes the shortening itself.
 
-Source: `curve.py`, whose profiles are homogeneous: chord and shortening twice as long, height twice as high.
+Not in the paper. It works since the profiles are homogeneous: chord and shortening twice as long, height twice as high.
 """
 
 from collections.abc import Callable

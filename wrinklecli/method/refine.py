@@ -1,4 +1,4 @@
-"""The refined surface: enough triangles under every patch to show its wrinkles, refined once, in bind space.
+"""Which edges are split: the surface refined once, in bind space, until the triangles under patches show wrinkles.
 
 Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004, on mesh refinement. Differs: the
 paper refines the posed mesh on the fly; here refinement acts before skinning, and once, so that the skeleton
