@@ -7,7 +7,6 @@ from wrinklecli.numeric.arrays import Floats, face_normals
 
 Colour = tuple[float, float, float]
 
-
 # Compression, 1 - the smallest principal stretch, and its colour, sRGB.
 HEAT: tuple[tuple[float, Colour], ...] = (
     (0.0, (0.84, 0.84, 0.82)),

@@ -142,7 +142,7 @@ def _read_shown(
     plans: tuple[MeshPlan, ...] = ()
     warnings: list[str] = []
     if options.tools is not None:
-        (document,) = documents
+        document = documents[0]
         applied = apply_tools(
             document.path,
             options.tools,

@@ -1,4 +1,4 @@
-"""Image files: textures read, labelled sheets laid out, pictures and animations written. The one door to Pillow."""
+"""Sheets: labelled pictures in rows and columns above a legend, written as a picture or an animation. Uses Pillow."""
 
 import io
 import math
