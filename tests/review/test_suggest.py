@@ -85,7 +85,7 @@ def test_a_clip_that_moves_another_node_is_not_looked_at(tmp_path: Path) -> None
 
 def two_limbs() -> Asset:
     """A folding limb, and further off a twin with a mesh of its own and the same joints."""
-    asset = limb_asset()
+    asset = limb_asset(rings=11, sides=8)
     asset.append("meshes", json.loads(json.dumps(asset.gltf["meshes"][0])))
     (skin,) = asset.gltf["skins"]
     inverse = stored(asset, skin["inverseBindMatrices"]).copy()
@@ -333,6 +333,7 @@ def test_damaged_assets_are_measured_or_refused(tmp_path: Path, first: int) -> N
     assert all(outcomes)
 
 
+@pytest.mark.slow
 def test_shared_meshes_are_looked_at_for_each_node() -> None:
     found = suggest(edited("wrist", shared_mesh), count=4)
     assert {each.mesh for each in found.tools} == {"wrist", "twin"}

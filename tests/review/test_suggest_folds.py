@@ -37,7 +37,7 @@ def in_assets(name: str) -> Path:
 
 
 @pytest.mark.parametrize(
-    "options", [{}, {"rings": 60, "sides": 40}, {"rings": 11, "sides": 8}, {"normals": False, "indices": None}]
+    "options", [{}, {"rings": 40, "sides": 28}, {"rings": 11, "sides": 8}, {"normals": False, "indices": None}]
 )
 def test_a_bent_tube_folds_on_its_inner_side_along_the_tube(tmp_path: Path, options: Json) -> None:
     found = suggest(limb(tmp_path / "limb.glb", **options))

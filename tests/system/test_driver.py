@@ -146,7 +146,7 @@ def test_keyed_rest_lengths_of_a_sample(clip: str) -> None:
     assert_driven(bare, whole, "head", clip)
 
 
-@pytest.mark.parametrize("strategy", ["everywhere", "origin", "both_ends"])
+@pytest.mark.parametrize("strategy", ["everywhere", pytest.param("origin", marks=pytest.mark.slow), "both_ends"])
 @pytest.mark.parametrize("look", [{"bumps": 5}, {"bumps": 3, "details": [0.3, 0.2], "profile": "polyline", "gap": 1}])
 @pytest.mark.parametrize(
     "rest_length",
