@@ -1,5 +1,5 @@
-"""Arrays in, arrays out: vectors, nearest points, subdivision, signals over time; and the guard around computing.
+"""Arrays in, arrays out: vectors, nearest points, subdivision, signals over time.
 
-Every function here would serve a program without glTF or wrinkles just as well, so nothing here may know what an asset
-or a tool holds. (`guard` names them, in its messages alone.)
+All of it would serve a program without glTF or wrinkles just as well: nothing here may know what an asset or a tool
+holds, and only messages speak of them. `guard` is no arithmetic; it says under which conditions all arithmetic runs.
 """

@@ -1,6 +1,7 @@
 """Vectors, normals and small matrices, and which values of an array are distinct or among others.
 
-The types of the house: `Floats` are float64, `Ints` index arrays, `Bools` chosen rows, `Array` is of any type.
+The array types of all rooms stand here too: `Floats` are float64, `Ints` are indices, `Bools` are flags, and an `Array`
+may be of any type.
 """
 
 from typing import Any
@@ -13,7 +14,7 @@ Ints = NDArray[np.intp]
 Bools = NDArray[np.bool_]
 Array = NDArray[Any]
 
-# Singular values of a blended matrix further apart than this cannot be undone.
+# Least singular value of a matrix over the greatest at which its inverse is still of use.
 _SINGULAR = 1e-3
 
 
@@ -24,7 +25,7 @@ def unit(vectors: Floats) -> Floats:
 
 
 def face_normals(positions: Floats, triangles: Ints) -> Floats:
-    """(triangles, 3) normals of twice the triangles' area in length."""
+    """(triangles, 3) normals, each as long as twice its triangle's area."""
     a, b, c = (positions[triangles[:, k]] for k in range(3))
     return np.cross(b - a, c - a)
 
@@ -35,7 +36,7 @@ def vertex_normals(positions: Floats, triangles: Ints) -> Floats:
 
 
 def normals_at(positions: Floats, triangles: Ints, vertices: Ints) -> Floats:
-    """(chosen, 3) `vertex_normals` of some vertices."""
+    """(chosen, 3) `vertex_normals` of (chosen,) vertices."""
     wanted = np.zeros(len(positions), bool)
     wanted[vertices] = True
     a, b, c = wanted[triangles].T
@@ -50,7 +51,7 @@ def _normal_sums(positions: Floats, triangles: Ints) -> Floats:
 
 
 def distinct(rows: Array) -> tuple[Ints, Ints]:
-    """Where each distinct one of (n, columns) rows is, these rising, and (n,) which of them each row is.
+    """(distinct,) where each distinct one of (n, columns) rows is, in rising order, and (n,) which of them each row is.
 
     As `np.unique` along an axis, but several times as fast.
     """
@@ -68,8 +69,7 @@ def distinct(rows: Array) -> tuple[Ints, Ints]:
 def distinct_values(values: Array) -> Array:
     """The values of an array, each once, rising.
 
-    As `np.unique`, but several times as fast (numpy 2.3 and later hash), and without importing `numpy.ma`, which takes
-    as long as refining a small patch.
+    As `np.unique`, but several times as fast: numpy 2.3 and later hash the values before they sort them.
     """
     ordered = np.sort(values, axis=None)
     fresh = np.ones(len(ordered), bool)
@@ -95,19 +95,19 @@ def dot(a: Floats | list[Floats], b: Floats | list[Floats]) -> Floats:
     return total
 
 
-def inverses(blended: Floats) -> Floats:
-    """(vertices, 3, 3) inverses of the linear parts of (vertices, 3, 4); 0 where near singular."""
+def inverses(matrices: Floats) -> Floats:
+    """(n, 3, 3) inverses of the linear parts of (n, 3, 4) matrices; 0 where these are `singular`."""
     # By cofactors: as exact as LAPACK where matrices are far from singular, and several times as fast.
-    a, b, c = np.moveaxis(blended[:, :, :3], 0, 2)
+    a, b, c = np.moveaxis(matrices[:, :, :3], 0, 2)
     columns = np.array([cross(b, c), cross(c, a), cross(a, b)])
-    regular = ~singular(blended)
+    regular = ~singular(matrices)
     determinant = np.where(regular, np.sum(a * columns[0], axis=0), 1.0)
     return np.where(regular, columns / determinant, 0.0).transpose(2, 1, 0)
 
 
-def singular(blended: Floats) -> Bools:
-    """(vertices,) whether the smallest singular value is below 1/1000 of the largest."""
-    linear = blended[:, :, :3]
+def singular(matrices: Floats) -> Bools:
+    """(n,) whether the least singular value of each of (n, 3, 4) linear parts is at most 1/1000 of the greatest."""
+    linear = matrices[:, :, :3]
     # The product of the three is |det|, and none exceeds the Frobenius norm: most matrices need no decomposition.
     norms = np.sqrt(np.sum(linear * linear, axis=(1, 2)))
     near: Bools = np.abs(determinants(linear)) <= 2.0 * _SINGULAR * norms**3

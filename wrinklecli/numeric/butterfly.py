@@ -1,4 +1,6 @@
-"""Butterfly stencils: of which vertices around a split edge its new vertex is mixed, and in what shares.
+"""Butterfly stencils: the vertices around a split edge of which its new vertex is mixed, and their shares.
+
+A regular vertex has six edges, its valence; one with another valence is extraordinary and has a stencil of its own.
 
 Sources:
     - D. Zorin, P. Schröder, W. Sweldens, *Interpolating Subdivision for Meshes with Arbitrary Topology*,
@@ -24,14 +26,12 @@ import numpy as np
 from wrinklecli.numeric.arrays import Bools, Ints, among, any_of, distinct, distinct_values, flags_of
 from wrinklecli.numeric.sparse import Matrix
 
-# Edges at a vertex beyond which it counts as irregular: the stencils of its edges take the square of them.
+# Edges at a vertex beyond which it has no stencil: the stencils of its edges together take the square of them.
 _MOST_VALENCE = 256
 
 
 def butterfly(triangles: Ints, ends: Ints, vertex_count: int) -> Matrix:
     """The modified butterfly's stencils.
-
-    Differs: a vertex of more than 256 edges has none.
 
     Args:
         triangles: (F, 3) vertices; all faces round the ends are among them.
@@ -44,10 +44,10 @@ def butterfly(triangles: Ints, ends: Ints, vertex_count: int) -> Matrix:
     fans = _fans(triangles, flags_of(ends, vertex_count))
     valences = fans.valences[ends]
     valences = np.where(valences > _MOST_VALENCE, 0, valences)
-    peculiar = (valences != 0) & (valences != 6)
-    peculiar_count = peculiar.sum(axis=1)
+    extraordinary = (valences != 0) & (valences != 6)
+    extraordinary_count = extraordinary.sum(axis=1)
     # Each end has a share in the edge's stencil, and spreads it over itself and its ring.
-    shares = peculiar / np.maximum(peculiar_count, 1)[:, None]
+    shares = extraordinary / np.maximum(extraordinary_count, 1)[:, None]
     shares[(valences == 6).all(axis=1)] = 1.0
 
     border = fans.border_counts[ends] == 2
@@ -129,7 +129,7 @@ class _Fans:
 
 
 def _fans(triangles: Ints, centres: Bools) -> _Fans:
-    """Walk round the flagged vertices only: a patch is small in a large mesh.
+    """The fans of the flagged vertices only: what is refined is often a small part of a mesh.
 
     Args:
         triangles: (F, 3) vertices.

@@ -1,4 +1,4 @@
-"""Nearest points of triangle meshes, distances of one surface from another, and of triangles along rays.
+"""Nearest points of triangle meshes, distances of points from a surface, and distances of triangles along rays.
 
 Sources:
     - C. Ericson, *Real-Time Collision Detection*, 2005, §5.1.5: closest points. Differs: the nearest of the three edges
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 
 # Centroids looked at first for each point; twice as many until nothing nearer can be left.
 _FIRST = 8
-# Pairs of a point and a triangle at once: bounds the memory (about 500 bytes each).
+# Pairs of a point and a triangle that are computed at once: bounds the memory (about 500 bytes each).
 _PAIRS = 2**17
-# Points whose distance is found at once, the farthest first: what they show spares most of the others.
+# Points whose distance is found at once, the seemingly farthest first: their distances rule out most others.
 _BATCH = 1024
 # Size classes of triangles below the largest, each of half the size: the smallest share the last.
 _CLASSES = 20
-# Errors of distances to a point, over the extent, are far smaller.
+# A reach grows by this share of itself and of the greatest coordinate: rounding errors of distances are far smaller.
 _ROUNDING = 1e-9
 
 
@@ -198,7 +198,11 @@ def _nearest(
 def _look(
     points: Floats, corners: Floats, each: _SizeClass, best: Floats, triangles: Ints, chosen: Ints, count: int
 ) -> Ints:
-    """Try the nearest members of a class, in place; the points to which another member may still be nearer."""
+    """Try the nearest members of a class, and write into `best` and `triangles` what is nearer.
+
+    Returns:
+        (some,) the chosen points to which a member further on may still be nearer.
+    """
     found_away, found_members = each.tree.query(points[chosen], k=count)
     away = np.asarray(found_away).reshape(len(chosen), count)
     members = np.asarray(found_members).reshape(len(chosen), count)

@@ -12,24 +12,26 @@ from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, float32_val
 # starts, each halving takes only a factor of 1.4 from the error: five times left 1.2 % of the tallest wrinkle, ten
 # times, on a grid of 10 frames per second, 1.1 %.
 _BISECTIONS = 16
-# Of an interval whose quartic is not good enough.
+# How often an interval may be halved whose quartic is not good enough.
 _FIT_HALVINGS = 6
 # Intervals of the grid that are sampled and thinned at once: bounds the memory.
 _STRETCH = 8192
-# Fewer where a signal has many values, as `attachment: patch` has three for each vertex: these in all.
+# Numbers of a stretch at most: it is shorter where a signal has many values, as `attachment: patch` has three a vertex.
 _MOST_VALUES = 2**22
 # Times that a signal is asked for at once: what stays in a core's cache.
 _CHUNK = 8192
-# Intervals of a lane, at whose ends there are keys, so that the lines of many lanes are found side by side.
+# A line is found interval by interval. So that numpy can do that for many places at once, a signal is cut into lanes of
+# so many intervals with keys at their ends, which do not depend on each other. That costs a key in 64 times at most.
 _LANE = 64
-# Where an interval is looked into, as shares of it: first here, then there, and where it is almost too far off, closer.
-# Of a square root that starts anywhere in it at most 1.7 times what this finds is missed; seven points even apart: 1.9.
+# Where an interval is looked into, as shares of it: first its middle, then the others, and the closer ones where it is
+# almost too far off. If a square root starts anywhere in it, the greatest error is at most 1.7 times the one seen here;
+# with seven points at equal steps it is 1.9 times.
 _MIDDLE = np.array([0.5])
 _OTHERS = np.array([0.2, 0.8])
 _CLOSER = np.array([0.3, 0.7])
-# Of the tolerance.
+# Share of the tolerance above which an interval is almost too far off.
 _ALMOST = 0.75
-# Points of an interval that are kept, from its start on.
+# Where an interval is known when keys are chosen: its start and the first three points above, in order.
 _SHARES = np.sort(np.concatenate([[0.0], _MIDDLE, _OTHERS]))
 _PER_INTERVAL = len(_SHARES)
 
@@ -57,12 +59,10 @@ def key_times(
 
     Returns:
         (frames,) seconds, rising, each a float32 value, and (keys,) indices into them, the first and last among them.
-
-    Keys may be microseconds apart where a wrinkle starts: there heights rise like a square root.
+        Keys may be microseconds apart where a wrinkle starts: there heights rise like a square root.
 
     Source: K. Williams, *An efficient algorithm for the piecewise linear approximation of planar curves*, 1978.
-    Differs: all values share their keys; and there is a key at the ends of lanes of 64 intervals, so that the lines of
-    many are found side by side.
+    Differs: all values share their keys; and moving parts have a key at each 64th time at the latest (see `_LANE`).
     """
     times, keys, count = [grid[:1]], [np.zeros(1, np.intp)], 0
     width = max(signal_on(grid[:2])(grid[:1]).shape[1], 1) if len(grid) > 1 else 1
@@ -120,7 +120,7 @@ def _sampled(signal: Signal, times: Floats) -> Floats:
 
 
 def _sampled_inside(signal: Signal, low: Floats, high: Floats, shares: Floats, width: int) -> Floats:
-    """(intervals, shares, values) of a signal at shares of (intervals,) intervals; it need not take no times."""
+    """(intervals, shares, values) of a signal at shares of (intervals,) intervals; unasked where there are none."""
     if not len(low):
         return np.zeros((0, len(shares), width))
     times = low[:, None] + shares * (high - low)[:, None]
@@ -137,7 +137,7 @@ def _farthest(first: Floats, last: Floats, shares: Floats, values: Floats) -> Fl
 
 
 def _greatest(numbers: Floats) -> Floats:
-    """(n,) of (n, …), or 0. Along rows of a few numbers `max` takes eight times as long."""
+    """(n,) the greatest of each row of (n, …), or 0. `max` along rows of a few numbers takes eight times as long."""
     columns = np.ascontiguousarray(numbers.reshape(len(numbers), math.prod(numbers.shape[1:])).T)
     greatest: Floats = np.maximum.reduce(columns, axis=0, initial=0.0)
     return greatest
@@ -148,7 +148,7 @@ def _thinned(times: Floats, values: Floats, tolerance: float) -> Ints:
     points = np.append((times[:-1, None] + _SHARES * np.diff(times)[:, None]), times[-1])
     moving = (values[1:] != values[:-1]).any(axis=1).reshape(-1, _PER_INTERVAL).any(axis=1)
     bounds = np.concatenate([[0], np.flatnonzero(np.diff(moving)) + 1, [len(moving)]])
-    # Where nothing moves the ends are enough; elsewhere lanes begin, which are gone through side by side.
+    # Where nothing moves the ends are enough; what moves is cut into lanes (see `_LANE`).
     starts = np.concatenate([np.zeros(0, np.intp), *(np.arange(a, b, _LANE) for a, b in pairwise(bounds) if moving[a])])
     stops = np.minimum(starts + _LANE, bounds[np.searchsorted(bounds, starts, side="right")])
     return distinct_values(np.concatenate([bounds, *_lines(points, values, starts, stops, tolerance)]))
@@ -246,7 +246,7 @@ def _quartics(begins: Floats, spans: Floats, powers: Floats) -> Signal:
     def fitted(times: Floats) -> Floats:
         which = np.clip(np.searchsorted(begins, times, side="right") - 1, 0, len(begins) - 1)
         t = (times - begins[which]) / spans[which]
-        # Clipped, since what has to be able to fail takes longer, and `row[:, which]` seven times as long.
+        # `which` is in range; "clip" spares the check for it, and `row[:, which]` takes seven times as long.
         found: Floats = table[4].take(which, axis=1, mode="clip")
         for row in table[3::-1]:
             found *= t

@@ -69,7 +69,7 @@ Criterion: TypeAlias = Callable[[Level], Bools]
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """What is asked of a subdivision; see `subdivide`."""
+    """What is asked of a subdivision: the options of `subdivide`, which explains them."""
 
     wants: Criterion
     forbids: Criterion | None
@@ -80,7 +80,7 @@ class Rules:
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """A level on its way to the fixpoint.
+    """A level with what is known of its edges, as long as splits are still added.
 
     Attributes:
         level: The faces and edges.
@@ -127,8 +127,8 @@ class Stage:
         edges[self.level.triangle_edges[faces]] = True
         return edges
 
-    def six(self, faces: Bools) -> tuple[Ints, Floats]:
-        """(n, 6) vertices, (n, 6, 3) barycentrics: a face's corners, its edges' midpoints (-1: not split)."""
+    def corners_and_midpoints(self, faces: Bools) -> tuple[Ints, Floats]:
+        """(n, 6) vertices and (n, 6, 3) barycentrics: a face's corners, then its edges' midpoints (-1: not split)."""
         midpoints = np.full(self.split.size, -1)
         midpoints[self.split] = self.complete.size + np.arange(np.count_nonzero(self.split))
         corners = self.level.triangles[faces]
@@ -246,7 +246,7 @@ def _child(stage: Stage, stages: list[Stage], earlier: list[Stage], rules: Rules
     halves = Matrix.of_entries(np.repeat(np.arange(len(ends)), 2), ends.reshape(-1), np.full(ends.size, 0.5), count)
     linear = halves.below(level.linear)
     matrix = linear if rules.scheme == "midpoint" else butterfly(level.triangles, ends, count).below(level.matrix)
-    corners, barycentrics = stage.six(red)
+    corners, barycentrics = stage.corners_and_midpoints(red)
     child = _stage(
         _level(
             level.number + 1,

@@ -1,4 +1,6 @@
-"""Subdivision of a triangle mesh where it is wanted: without T-junctions, and linear in the vertices.
+"""Subdivision of a triangle mesh where it is wanted: without T-junctions, and as a sparse matrix on its vertices.
+
+(A T-junction is a vertex inside a neighbour's edge: a gap opens there as soon as it moves.)
 
 Which edges are split is decided in `red_green`, and where new vertices lie in `butterfly`. Here the levels become one
 mesh: splits of which nothing would be seen are undone, and what is left splits coarse faces into fine triangles.
@@ -186,7 +188,7 @@ def _leaves(triangles: Ints, stages: list[Stage], needed: list[Bools]) -> tuple[
         there = np.repeat((there & red)[stage.red], 4)
         split = splits[stage.level.triangle_edges[green]]
         codes = stage.codes[green]
-        corners, barycentrics = stage.six(green)
+        corners, barycentrics = stage.corners_and_midpoints(green)
         two = split.sum(axis=1) == 2
         for turn in range(3):
             turned = (np.arange(3) + turn) % 3
