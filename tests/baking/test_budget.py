@@ -218,7 +218,7 @@ def test_more_targets_than_three_takes_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("strengths", [{"flex": -0.5}, {"flex": 2.0}, {"flex": -1.5, "extend": 0.5}])
-@pytest.mark.parametrize("base", [PALM, ROUGH])
+@pytest.mark.parametrize("base", [PALM, pytest.param(ROUGH, marks=SLOW)])
 def test_unity_gets_weights_from_0_to_1_and_the_same_motion(base: Json, strengths: Json) -> None:
     tool = {**base, "clips": strengths}
     plain, held = bake_once("wrist", tool), bake_once("wrist", tool, engine="unity")

@@ -178,16 +178,17 @@ class Gltf:
             start += count
         return np.concatenate(parts)
 
-    def blended(
-        self, node: str | int, clip: str | int | None, times: Sequence[float] | Floats, vertices: Vertices = ALL
+    def _blended(
+        self, node: str | int, clip: str | int | None, times: Sequence[float] | Floats, vertices: Vertices
     ) -> Floats:
-        """(times, vertices, 4, 4) each vertex's matrix from bind to world space."""
+        """(3, 4, times, vertices) each vertex's matrix from bind to world space, a number of all after another."""
         index = self.node(node)
         world = self.matrices(clip, times)
         carrier = self.json["nodes"][index]
         count = len(self.attribute(index, "POSITION"))
         if "skin" not in carrier:
-            return np.broadcast_to(world[:, index, None], (len(times), count, 4, 4))[:, vertices]
+            rows = world[:, index, :3].transpose(1, 2, 0)[..., None]
+            return np.broadcast_to(rows, (3, 4, len(times), count))[..., vertices]
         skin = self.json["skins"][carrier["skin"]]
         inverse = np.tile(np.eye(4), (len(skin["joints"]), 1, 1))
         if "inverseBindMatrices" in skin:
@@ -203,7 +204,7 @@ class Gltf:
         weightless = np.flatnonzero(dense.sum(axis=1) == 0)
         dense[weightless, self.attribute(index, "JOINTS_0").astype(int)[weightless, 0]] = 1.0
         dense /= dense.sum(axis=1, keepdims=True)
-        return np.einsum("vj,tjab->tvab", dense[vertices], palette)
+        return palette[:, :, :3].transpose(2, 3, 0, 1) @ dense[vertices].T
 
     def pose(
         self, node: str | int, clip: str | int | None, times: Sequence[float] | Floats, vertices: Vertices = ALL
@@ -212,8 +213,8 @@ class Gltf:
         morphed = self.attribute(node, "POSITION")[vertices] + np.tensordot(
             self.weights(node, clip, times), self.deltas(node)[:, vertices], axes=1
         )
-        matrices = self.blended(node, clip, times, vertices)
-        return _times(matrices, morphed) + matrices[..., :3, 3]
+        matrices = self._blended(node, clip, times, vertices)
+        return _times(matrices, morphed) + np.moveaxis(matrices[:, 3], 0, 2)
 
     def normals(
         self, node: str | int, clip: str | int | None, times: Sequence[float] | Floats, vertices: Vertices = ALL
@@ -223,16 +224,21 @@ class Gltf:
             self.weights(node, clip, times), self.deltas(node, "NORMAL")[:, vertices], axes=1
         )
         # Times the matrix of cofactors, which is the inverse transposed but for the determinant.
-        a, b, c = np.moveaxis(self.blended(node, clip, times, vertices)[..., :3, :3], 3, 0)
-        cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=3)
-        turned = _times(cofactors, bent) * np.sign(np.sum(a * cofactors[..., 0], axis=2))[..., None]
+        a, b, c = np.moveaxis(self._blended(node, clip, times, vertices)[:, :3], 1, 0)
+        cofactors = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)], axis=1)
+        turned = _times(cofactors, bent) * np.sign(np.sum(a * cofactors[:, 0], axis=0))[..., None]
         return turned / np.linalg.norm(turned, axis=2, keepdims=True)
 
 
 def _times(matrices: Floats, vectors: Floats) -> Floats:
-    """(times, vertices, 3) the upper left 3×3 of each matrix times its vector: by columns, faster than einsum."""
-    x, y, z = (vectors[..., k, None] for k in range(3))
-    return matrices[..., :3, 0] * x + matrices[..., :3, 1] * y + matrices[..., :3, 2] * z
+    """(times, vertices, 3) each vector times its matrix of (3, 3 or 4, times, vertices): faster than einsum."""
+    x, y, z = np.moveaxis(vectors, 2, 0)
+    return np.stack([row[0] * x + row[1] * y + row[2] * z for row in matrices], axis=2)
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    """(3, …) cross products."""
+    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 def _between(keys: Floats, values: Floats, kind: str, path: str, time: float) -> Floats:

@@ -19,7 +19,7 @@ from wrinklecli.character import pose
 from wrinklecli.gltf import edit
 from wrinklecli.method.activity import anchor_joints
 from wrinklecli.numeric import piecewise as tracks
-from wrinklecli.numeric import subdivide
+from wrinklecli.numeric import red_green
 
 # Frames per second, and seconds in which the limb folds and unfolds.
 FPS, PERIOD = 30, 2.0
@@ -210,7 +210,7 @@ def test_the_proof_poses_as_much_of_any_clip_and_of_any_mesh(baker: Baker, monke
 
 def test_a_take_of_several_names_is_looked_into_once(baker: Baker, monkeypatch: pytest.MonkeyPatch) -> None:
     sampled = counting(monkeypatch, sample, "_key_times", lambda _plan, clip, **_: clip.name)
-    proven = counting(monkeypatch, proof, "compare", lambda _proof, motion, *_, **__: motion.clip.name)
+    proven = counting(monkeypatch, proof, "measure_residual", lambda *arguments, **_: arguments[4].name)
     asset = folding(3)
     (fold,) = asset.gltf["animations"]
     asset.gltf["animations"] += [{**fold, "name": "Armature|fold"}, {**fold, "name": "weak"}]
@@ -227,7 +227,7 @@ def test_a_take_of_several_names_is_looked_into_once(baker: Baker, monkeypatch: 
 
 
 def test_all_levels_hold_the_patch_alone(baker: Baker, monkeypatch: pytest.MonkeyPatch) -> None:
-    built = counting(monkeypatch, subdivide, "_level", lambda number, *rest: (number, len(rest[2])))
+    built = counting(monkeypatch, red_green, "_level", lambda number, *rest: (number, len(rest[2])))
     found = []
     for sheet in (0, 16, 64):
         built.clear()
