@@ -16,7 +16,7 @@ from wrinklecli.character.rig import morph_target_names
 from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.gltf.document import TRIANGLE_FAN, TRIANGLE_STRIP, TRIANGLES, Document, read_document
 from wrinklecli.gltf.draco import EXTENSION as DRACO
-from wrinklecli.gltf.files import read_uri
+from wrinklecli.gltf.images import read_image
 from wrinklecli.gltf.references import accessor_views, draco_primitives, view_parts
 from wrinklecli.gltf.shape import COMPRESSIONS, Json
 
@@ -251,10 +251,10 @@ def _bytes(document: Document) -> tuple[list[Json], Json]:
             kinds[kind] += high - low
     for number, image in enumerate(document.items("images")):
         if isinstance(image.get("uri"), str):
-            data, name = _image(document, image["uri"], number)
-            kinds["images"] += data or 0
+            size, name = _image_size(document, number)
+            kinds["images"] += size or 0
             if name is not None:
-                sizes.setdefault(name, data)
+                sizes.setdefault(name, size)
     whole = sum(size or 0 for size in sizes.values())
     kinds["other"] = max(whole - sum(kinds.values()), 0)
     return [{"name": name, "bytes": size} for name, size in sizes.items()], kinds
@@ -304,11 +304,11 @@ def _accessor_uses(document: Document) -> Iterator[tuple[int, str]]:
             yield from ((sampler[key], "animation") for key in ("input", "output") if key in sampler)
 
 
-def _image(document: Document, uri: str, number: int) -> tuple[int | None, str | None]:
-    """The size of an image behind a URI, if it can be read, and its file."""
-    where = document.where("images", number)
+def _image_size(document: Document, number: int) -> tuple[int | None, str | None]:
+    """The bytes of an image that a URI names, None where it cannot be read, and its file, None for a data URI."""
+    uri = document.items("images")[number]["uri"]
     try:
-        data, name = read_uri(uri, document.path, where, allow_external=document.allow_external)
+        data, name = read_image(document, number)
     except AssetError:
         return None, None if uri.startswith("data:") else os.path.join(os.path.dirname(document.path), unquote(uri))
     return len(data), name

@@ -7,7 +7,7 @@ import numpy as np
 
 from wrinklecli.character.rig import morph_target_names
 from wrinklecli.gltf.document import Document
-from wrinklecli.gltf.files import read_uri
+from wrinklecli.gltf.images import read_image
 from wrinklecli.gltf.shape import Json
 from wrinklecli.review.diff.difference import Difference, Found, Place, Sides, differ
 from wrinklecli.review.diff.values import array_differences, count_that_differ, dict_differences
@@ -140,8 +140,6 @@ def image_differences(sides: Sides, i: int, j: int) -> Found:
 
 
 def _image_bytes(document: Document, index: int) -> bytes:
-    image, where = document.items("images")[index], document.where("images", index)
-    if "bufferView" in image:
-        return bytes(document.view(image["bufferView"], user=where))
-    uri = image.get("uri")
-    return bytes(read_uri(uri, document.path, where, allow_external=document.allow_external)[0]) if uri else b""
+    """The bytes of an image; none where it names none."""
+    image = document.items("images")[index]
+    return bytes(read_image(document, index)[0]) if "bufferView" in image or image.get("uri") else b""
