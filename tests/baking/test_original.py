@@ -283,10 +283,10 @@ def test_data_in_uris_comes_back_to_the_letter(uri: str, tmp_path: Path) -> None
         gltf["buffers"][0]["uri"] = f"{head},{b64encode(b64decode(body) + bytes(2)).decode()}"
         path.write_text(json.dumps(gltf))
     source = read_document(path)
-    draft = EditedDocument(source)
-    draft.gltf["nodes"][0].setdefault("extras", {})["wrinkle"] = {"tools": []}
-    draft.add(source.stored(0))
-    write(draft, tmp_path / "b.glb", seal=restore.seal)
+    edited = EditedDocument(source)
+    edited.gltf["nodes"][0].setdefault("extras", {})["wrinkle"] = {"tools": []}
+    edited.add(source.stored(0))
+    write(edited, tmp_path / "b.glb", seal=restore.seal)
     assert_same(restore.original(read_document(tmp_path / "b.glb")), source)
     record = read_document(tmp_path / "b.glb").items("bufferViews")[-1]["byteLength"]
     if uri == "plain":

@@ -93,8 +93,8 @@ def test_a_wrong_shape_is_refused(
 ) -> None:
     encode_mesh = encode.encode_mesh
 
-    def wrong(draft: Any, rig: Any, fine: Any, targets: Any, **options: Any) -> None:
-        encode_mesh(draft, rig, fine, [damage(target) for target in targets], **options)
+    def wrong(edited: Any, rig: Any, fine: Any, targets: Any, **options: Any) -> None:
+        encode_mesh(edited, rig, fine, [damage(target) for target in targets], **options)
 
     monkeypatch.setattr(encode, "encode_mesh", wrong)
     message = refused(tmp_path, sample("wrist"), PALM)

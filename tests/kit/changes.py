@@ -239,9 +239,9 @@ PRIMITIVE = "/meshes/0/primitives/0"
 # What means the same
 
 
-def through_draft(folder: Path, path: Path, *, suffix: str = ".glb") -> Path:
+def rewritten(folder: Path, path: Path, *, suffix: str = ".glb") -> Path:
     """The same document, laid out anew."""
-    made = folder / "draft" / f"out{suffix}"
+    made = folder / "rewritten" / f"out{suffix}"
     made.parent.mkdir()
     write(EditedDocument(read_document(path)), made)
     return made

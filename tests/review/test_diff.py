@@ -207,9 +207,9 @@ def test_the_samples_are_checked_and_compared_with_their_golden(tmp_path: Path) 
     ran = make_samples(samples, "test", "-j2")
     assert "same: at most" in ran.stdout
 
-    draft = EditedDocument(read_document(golden))
-    draft.gltf["nodes"][0]["extras"]["wrinkle"]["tools"][0]["rest_length"] *= 1.01
-    write(draft, golden)
+    edited = EditedDocument(read_document(golden))
+    edited.gltf["nodes"][0]["extras"]["wrinkle"]["tools"][0]["rest_length"] *= 1.01
+    write(edited, golden)
     with pytest.raises(subprocess.CalledProcessError) as caught:
         make_samples(samples, "golden-check")
     assert "/nodes/0/extras/wrinkle/tools/0/rest_length" in caught.value.stdout

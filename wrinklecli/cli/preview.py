@@ -8,8 +8,9 @@ import click
 
 from wrinklecli.cli.options import FILE, allow_external_option, clip_option, fps_option, quiet_option, tool_option
 from wrinklecli.cli.output import Progress, say, warn
+from wrinklecli.review.preview.options import MOST_SIDE, PreviewOptions, Style
 
-_SIDE = (16, 16_383)  # pixels of a picture
+_LEAST_SIDE = 16  # pixels of a picture's width or height
 
 
 def _numbers(_context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[float, ...]:
@@ -56,9 +57,9 @@ def _labels(_context: click.Context, _parameter: click.Parameter, value: str | N
 def _size(_context: click.Context, parameter: click.Parameter, value: str) -> tuple[int, int]:
     found = re.fullmatch(r"(\d{1,6})x(\d{1,6})", value)
     size = (int(found[1]), int(found[2])) if found else (0, 0)
-    if not all(_SIDE[0] <= side <= _SIDE[1] for side in size):
+    if not all(_LEAST_SIDE <= side <= MOST_SIDE for side in size):
         raise click.BadParameter(
-            f"{value!r} is not WIDTHxHEIGHT, such as 800x600, of {_SIDE[0]} to {_SIDE[1]} pixels", param=parameter
+            f"{value!r} is not WIDTHxHEIGHT, such as 800x600, of {_LEAST_SIDE} to {MOST_SIDE} pixels", param=parameter
         )
     return size
 
@@ -124,7 +125,6 @@ def preview(
     """
     _refuse_misuse(assets, output, options)
 
-    from wrinklecli.review.preview.options import PreviewOptions, Style
     from wrinklecli.review.preview.preview import preview as run
 
     style = Style(wire=wire, clay=clay, backfaces=backfaces)

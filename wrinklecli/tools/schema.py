@@ -2,7 +2,7 @@
 
 Source: JSON Schema, draft 2020-12. Beyond it, `errorMessage` is what a refused value should have been: a bake puts it
 behind what it found, and the language servers of JSON and YAML show it. What the schema has no words for (order, sums,
-names that differ) `config` checks as it reads the values.
+names that differ) `read` checks as it reads the values.
 """
 
 from collections.abc import Mapping

@@ -4,15 +4,17 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+MOST_SIDE = 16_383  # pixels of a picture's width or height: the most that WebP holds
+
 
 @dataclass(frozen=True, slots=True)
 class Style:
     """How to draw.
 
     Attributes:
-        wire: The triangles' edges too.
-        clay: Grey, whatever the colours.
-        backfaces: Triangles that are seen from behind in red.
+        wire: Draw the triangles' edges too.
+        clay: Draw all in grey, whatever the colours.
+        backfaces: Draw triangles that are seen from behind in red.
     """
 
     wire: bool = False
@@ -28,18 +30,18 @@ class PreviewOptions:
     """What to show of assets, and how.
 
     Attributes:
-        tools: A YAML file of tools, to apply to the one asset and to draw on it.
+        tools: A YAML file of tools, which are applied to the one asset and drawn on it.
         only: Names of these tools; all where left out.
         before: Show the asset without the tools beside it.
         hide_tools: Apply the tools, but do not draw them.
         clips: Names; the first of the first asset where left out.
-        rest: The pose as stored instead.
+        rest: Show the stored pose, and no clip.
         times: Seconds; where left out, moments are spread over each clip.
         frames: How many moments of each clip.
         fps: Moments per second: of the clip, and of the animation.
         views: Names of `VIEWS`, `facing` (the wrinkles' side) or azimuth:elevation in degrees.
         focus: (3,) the point to look at, world space; where left out, the wrinkles, or else all.
-        radius: Of what to see about it, scene units.
+        radius: How far around that point the camera sees, scene units.
         follow: The camera moves with the wrinkles, or with the skin that is at `focus` in the stored pose.
         size: Width and height of each picture, pixels.
         columns: Moments in a row of a sheet.

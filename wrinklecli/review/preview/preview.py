@@ -1,6 +1,6 @@
 """Pictures of assets, baked or not, with or without their tools: a contact sheet over time, or an animation.
 
-Posed as an engine would, then ray cast. No other file is written.
+Assets are posed as an engine would pose them, then traced by rays. Nothing but the picture is written.
 """
 
 import os
@@ -21,7 +21,7 @@ from wrinklecli.review.preview.apply import apply_tools
 from wrinklecli.review.preview.framing import View, plan_views
 from wrinklecli.review.preview.heat import HEAT, HEAT_TICKS, heat_colours
 from wrinklecli.review.preview.moments import Moment, frame_seconds, plan_moments
-from wrinklecli.review.preview.options import PreviewOptions
+from wrinklecli.review.preview.options import MOST_SIDE, PreviewOptions
 from wrinklecli.review.preview.render import render
 from wrinklecli.review.preview.shown import INKS, ShownAsset, read_shown, take_snapshot, tool_names
 
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from wrinklecli.review.preview.sheet import Legend, Sheet
 
 
-MOST_SIDE = 16_383  # pixels: of a WebP
-MOST_PIXELS = 2**28  # of a sheet, or of all frames of an animation, which are held until the file is written
+# Pixels of a sheet, or of all frames of an animation: they are held in memory until the file is written.
+MOST_PIXELS = 2**28
 _ENDINGS = {".png": "png", ".webp": "webp", ".gif": "gif"}
 _SHEET_COLUMNS = 3  # moments in a row, of one asset
 
