@@ -187,24 +187,20 @@ def _equal_primitives(one: ScenePrimitive, other: ScenePrimitive) -> bool:
     first, second = one.rig, other.rig
     if (first.node, first.skinned, len(first.locals)) != (second.node, second.skinned, len(second.locals)):
         return False
-    arrays = [
-        (
-            *(
-                primitive.vertices.positions,
-                primitive.vertices.morph_deltas,
-                primitive.vertices.normals,
-                primitive.vertices.normal_deltas,
-            ),
-            *(primitive.vertices.joints, primitive.vertices.weights),
-            *(primitive.rig.joints, primitive.rig.inverse_binds, primitive.rig.parents, primitive.rig.morph_weights),
-        )
-        for primitive in (one, other)
-    ]
-    return all(_equal(*pair) for pair in zip(*arrays, strict=True)) and all(
+    arrays = zip(_arrays(one), _arrays(other), strict=True)
+    return all(_equal_arrays(*pair) for pair in arrays) and all(
         here.keys() == there.keys() and all(np.array_equal(here[key], there[key]) for key in here)
         for here, there in zip(first.locals, second.locals, strict=True)
     )
 
 
-def _equal(one: NDArray[Any] | None, other: NDArray[Any] | None) -> bool:
+def _arrays(primitive: ScenePrimitive) -> tuple[NDArray[Any] | None, ...]:
+    """All arrays by which a primitive is posed."""
+    vertices, rig = primitive.vertices, primitive.rig
+    shape = vertices.positions, vertices.morph_deltas, vertices.normals, vertices.normal_deltas
+    skin = vertices.joints, vertices.weights
+    return (*shape, *skin, rig.joints, rig.inverse_binds, rig.parents, rig.morph_weights)
+
+
+def _equal_arrays(one: NDArray[Any] | None, other: NDArray[Any] | None) -> bool:
     return one is other if one is None or other is None else np.array_equal(one, other)

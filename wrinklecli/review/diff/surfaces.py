@@ -11,15 +11,13 @@ from wrinklecli.numeric.nearest import farthest
 from wrinklecli.review.diff.difference import Difference
 from wrinklecli.review.diff.moments import Moment
 
-# Called with how many of the times, or what share of one, are done.
+# A function that is told how many more times are done; a part of a time is a fraction.
 Advance = Callable[[float], None]
 
-
-# Vertices of a file posed at once, over all times of a chunk: bounds the memory (about 100 bytes each).
+# Vertices that are posed at once, over all times of a chunk. This bounds the memory: each takes about 100 bytes.
 _CHUNK = 2**16
 
-
-# A vector of length 0 is 1 from any unit vector: below this squared distance there is none.
+# Squared distance of two normals. A vector of length 0 is at 1 from any unit vector, so below this there is none.
 _ZERO_CHORD = 0.99
 
 
@@ -99,8 +97,8 @@ def compare_vertices(
             off |= beyond.any(axis=0)
         frame, vertex = np.unravel_index(int(squared.argmax()), squared.shape)
         if squared[frame, vertex] > worst.distance**2:
-            far, when = float(np.sqrt(squared[frame, vertex])), float(now[frame])
-            worst = replace(worst, distance=far, vertex=int(seen[vertex]), time=when)
+            distance, time = float(np.sqrt(squared[frame, vertex])), float(now[frame])
+            worst = replace(worst, distance=distance, vertex=int(seen[vertex]), time=time)
         if first.normals is not None and second.normals is not None:
             normal = max(normal or 0.0, _greatest_angle(first.normals, second.normals, used))
         advance(len(now))

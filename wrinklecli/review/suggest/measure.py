@@ -20,13 +20,13 @@ from wrinklecli.review.suggest.sites import Peaks, Sites, scan, spread_sites
 from wrinklecli.review.suggest.strain import Gauge, posed, read_gauge
 from wrinklecli.tools.records import ToolsFile
 
-# Poses of a clip, at most: what compresses does so for longer than the 200th part of a clip.
+# Most poses of a clip: a compression that matters lasts longer than a 200th of its clip.
 _MOST_POSES = 200
-# Triangles times poses of all clips and meshes: about five seconds. Beyond it, poses lie further apart ...
+# Triangles times poses, of all clips and meshes; these take about five seconds. Beyond it, poses lie further apart ...
 _MOST_WORK = 6_000_000
-# ... but a clip has this many at least.
+# ... but each clip has at least so many.
 _FEWEST_POSES = 9
-# Triangles times poses that are refused: minutes.
+# Triangles times poses beyond which an asset is refused: more would take minutes.
 _TOO_MUCH_WORK = 200_000_000
 
 
@@ -39,7 +39,7 @@ class MeasuredMesh:
         surface: The mesh, welded.
         rest: Its stored pose.
         gauge: What measures it.
-        sites: On it.
+        sites: Points spread over it.
         clips: Those that move it.
         times: Of each clip, (frames,) seconds.
         peaks: The greatest compression of each site over the clips.
@@ -145,10 +145,10 @@ def measure_meshes(
     for each in moved:
         before = sum(len(mesh.peaks.times) for mesh in meshes)
 
-        def posed(done: int, before: int = before) -> None:
+        def report(done: int, before: int = before) -> None:
             progress("posing", before + done, total)
 
-        mesh = _measure(document, each, counts, posed)
+        mesh = _measure(document, each, counts, report)
         if mesh is not None:
             meshes.append(mesh)
     return meshes
