@@ -3,7 +3,6 @@
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -14,13 +13,12 @@ from wrinklecli.baking.plan import MeshPlan, plan_meshes
 from wrinklecli.baking.sample import moving_clips, refuse_many_frames
 from wrinklecli.baking.warnings import mesh_warnings, tool_warnings
 from wrinklecli.character.clip import Clip, clip_grid
+from wrinklecli.gltf.shape import Json
 from wrinklecli.method.activity import Activity, activity
 from wrinklecli.method.anchor import Anchor
 from wrinklecli.method.carry import CarriedPatch
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
-
-Json = dict[str, Any]
 
 VERSION = 1
 # Decimal digits of measured numbers, as in the report of a bake.

@@ -37,8 +37,6 @@ from wrinklecli.tools.yaml_tree import MAX_BYTES, MAX_SHOWN, Node, Problem, path
 
 Place: TypeAlias = tuple[str | int, ...]  # keys and indices that lead to a value
 
-# --- The tree checked by the schema ---
-
 
 @functools.cache
 def _validator() -> Draft202012Validator:
@@ -107,10 +105,8 @@ def _check(root: Node) -> tuple[list[Problem], set[Place]]:
     return problems, wrong
 
 
-# --- What the schema accepts, read ---
-
-
-def _parts(value: Mapping[str, Any]) -> dict[str, Any]:
+def _converted(value: Mapping[str, Any]) -> dict[str, Any]:
+    """The values of a mapping, each as its record holds it."""
     return {key: _READ[key](part) if key in _READ else part for key, part in value.items()}
 
 
@@ -140,19 +136,19 @@ def _keys(value: Mapping[str, Any]) -> dict[str, tuple[tuple[float, Length], ...
 
 def _rest_length(value: Any) -> Literal["auto"] | Length | RestLengthKeys | RestLengthMorph:
     if isinstance(value, dict):
-        return RestLengthKeys(**_parts(value)) if "keys" in value else RestLengthMorph(**_parts(value))
+        return RestLengthKeys(**_converted(value)) if "keys" in value else RestLengthMorph(**_converted(value))
     return "auto" if value == "auto" else parse_length(value)
 
 
 # How a key's value becomes a record's, wherever the key stands; those that are not here stay as they are.
 _READ: Mapping[str, Callable[[Any], Any]] = {
     "version": int,
-    "rest": lambda value: RestFrame(**_parts(value)) if isinstance(value, dict) else value,
+    "rest": lambda value: RestFrame(**_converted(value)) if isinstance(value, dict) else value,
     "time": float,
-    "sampling": lambda value: Sampling(**_parts(value)),
+    "sampling": lambda value: Sampling(**_converted(value)),
     "fps": float,
     "clips": _clips,
-    "refinement": lambda value: RefinementSettings(**_parts(value)),
+    "refinement": lambda value: RefinementSettings(**_converted(value)),
     "max_levels": int,
     "edges_per_interval": int,
     "origin": _anchor,
@@ -198,11 +194,8 @@ def _read(root: Node, place: Place, wrong: Collection[Place]) -> tuple[dict[str,
         odd = [(_at(root, (*place, key, *below)), expected) for below, expected in _odd(key, value)]
         problems += [Problem(part.line, path, _refusal(part, expected)) for (part, path), expected in odd]
         if not odd:
-            values |= _parts({key: value})
+            values |= _converted({key: value})
     return values, problems
-
-
-# --- The tools ---
 
 
 @dataclass(frozen=True, slots=True)

@@ -65,9 +65,6 @@ def _properties(animation: Json) -> set[tuple[Any, Any]]:
     return {(target.get("node"), target.get("path")) for target in targets}
 
 
-# Channels that move nodes
-
-
 def _clip_differences(sides: Sides, first: Clip, second: Clip) -> Found:
     place: Place = ("animations", first.index)
     spans = [(clip.start, clip.end) for clip in (first, second)]
@@ -119,9 +116,6 @@ def _channel_differences(
         part = f" (number {column})" if first.path == "weights" else ""
         message = f"{what}{part} differs by {apart[worst]:.3g} at {times[worst]:.6g} s"
         yield differ("animation", place, message, name=clip)
-
-
-# Channels that move no node
 
 
 def _other_channel_differences(sides: Sides, i: int, j: int, clip_a: Clip | None, clip_b: Clip | None) -> Found:

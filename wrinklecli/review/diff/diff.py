@@ -1,4 +1,4 @@
-"""Command diff: two assets compared for golden tests, by what documents mean and by what a viewer sees over time."""
+"""Two assets compared for golden tests: by what their documents mean, and by what a viewer sees over time."""
 
 import os
 from collections import Counter
@@ -24,7 +24,6 @@ from wrinklecli.tools.records import Length
 # On one machine the same bake gives the same bytes; between processors it may differ by eight float32 roundings at the
 # asset's size, or at its farthest coordinate where that is more.
 DEFAULT_TOLERANCE = Length(1e-4, percent=True)
-
 
 # Frames per second of the grid of times, which the clips' own keys join.
 DEFAULT_FPS = 30.0

@@ -13,8 +13,6 @@ from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.diff.difference import Difference, Found, Link, Sides, differ, pairs_by_key, shown
 from wrinklecli.review.diff.values import dict_differences, property_gaps, value_differences
 
-# Pairs
-
 
 def pair_nodes(a: Document, b: Document) -> tuple[dict[int, int], list[Difference]]:
     """Pair nodes from the roots down: by name, then what is left and looks alike, then wherever a name is.
@@ -129,9 +127,6 @@ def _look(node: Json) -> tuple[Hashable, ...]:
 
 def _name_at(names: Sequence[Any], index: int) -> str:
     return repr(names[index]) if index >= 0 else "none"
-
-
-# Differences
 
 
 def node_differences(sides: Sides, i: int, j: int) -> Found:

@@ -41,9 +41,6 @@ _DEFAULTS: dict[str, Json] = {
 _MISSING: Any = object()
 
 
-# JSON
-
-
 def dict_differences(
     first: Json,
     second: Json,
@@ -143,9 +140,6 @@ def _stripped(extensions: Any) -> Any:
 
 def _are_numbers(values: Sequence[Any]) -> bool:
     return all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
-
-
-# Arrays
 
 
 def array_differences(
