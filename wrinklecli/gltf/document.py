@@ -44,8 +44,9 @@ BIN_CHUNK = b"BIN\0"
 
 # An accessor may claim any count; nothing real has more elements than this.
 _COUNT_LIMIT = 2**26
-# Numbers of 8 bytes that a file may ask for without storing them (zeros, morph deltas, skin weights of all joints):
-# any file so many, and more for each byte of its buffers. Nothing real comes near; 200 bytes cannot ask for gigabytes.
+# Numbers of 8 bytes that a file may ask for without storing them (zeros, morph deltas, skin weights of all joints).
+# Any file may ask for the first count, a large one for so many by each byte of its buffers, up to the limit. No real
+# file comes near, and a file of 200 bytes cannot ask for gigabytes.
 _FREE_NUMBERS = 2**22
 _NUMBERS_PER_BYTE = 256
 _NUMBERS_LIMIT = 2**28

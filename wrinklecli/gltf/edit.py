@@ -36,8 +36,8 @@ VERTEX_DATA: int = pygltflib.ARRAY_BUFFER
 INDEX_DATA: int = pygltflib.ELEMENT_ARRAY_BUFFER
 ALIGNMENT = 4  # bytes; the largest component is 4 bytes, and GLB chunks are padded to it
 
-_SPOOL_BYTES = 2**26
-_CHUNK_BYTES = 2**20
+_SPOOL_BYTES = 2**26  # of new data that stay in memory; more goes to a temporary file
+_CHUNK_BYTES = 2**20  # of new data that are read back at a time
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,19 +14,21 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-# Curves of each tool, from rest to its greatest shortening, and that of a tool that nothing shortens.
+# Curves that are drawn of each tool, from rest to its greatest shortening; for a tool that no clip shortens, up to
+# this shortening.
 _CURVES = 5
 _SHOWN_SHORTENING = 0.5
 # A shortening below this part of the rest length is as good as none.
 _VISIBLE = 1e-3
-# Points of a curve for each control interval and detail level.
+# Points of a curve for each control interval, doubled by each level of details.
 _POINTS = 32
-# Between two of them: over the tallest bump, and at least over the length.
+# Distance of two curves' base lines, as a multiple of the tallest bump, and at least this part of the rest length.
 _SPACING, _LEAST_SPACING = 1.4, 0.06
-# Clips that are named in a legend; the others are grey.
+# Clips that a legend names; the others are drawn in grey.
 _NAMED = 8
 _LONGEST_NAME, _LONGEST_TITLE = 24, 60
-# Inches, and dots of each: a row with its gap has 220, and Agg draws 65,536.
+# Width of the picture, height of a tool's row, and the gap in it below the axes, inches; and dots of an inch. A row has
+# 220 dots, and matplotlib's renderer Agg draws 65,536 at most.
 _WIDTH, _ROW, _GAP = 11.0, 2.2, 0.5
 _DOTS = 100
 _MOST_TOOLS = 100

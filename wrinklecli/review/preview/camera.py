@@ -8,7 +8,6 @@ from wrinklecli.numeric.arrays import Floats
 
 TANGENT = float(np.tan(np.radians(12.0)))  # of half the vertical field of view: a long lens, little distortion
 
-
 FACING = "facing"
 # Azimuth and elevation, degrees.
 VIEWS = {

@@ -17,14 +17,14 @@ from wrinklecli.review.preview.shown import ShownAsset
 
 _DEFAULT = "oblique"
 
-# Of the greatest displacement that is shown: less is not framed.
+# Part of the greatest displacement shown below which a vertex is not framed.
 _LEAST_WRINKLE = 0.05
-# Of the distance: wrinkles with what is around them, and a whole figure with room for a label.
+# Factors of the distance: wrinkles are shown with what is around them, a whole figure with room for a label.
 _WRINKLES_MARGIN, _FIGURE_MARGIN = 1.35, 1.12
 _DIRECTIONS = 128  # in which a cloud of points is bounded, to frame it
 # Views that may face the wrinkles, degrees; from higher up one loses sight of which part of the body it is.
 _AZIMUTHS, _ELEVATIONS = range(-165, 181, 15), range(-60, 61, 15)
-_JUDGED_MOMENTS, _JUDGED_SPOTS = 4, 200  # by which they are judged
+_JUDGED_MOMENTS, _JUDGED_SPOTS = 4, 200  # moments, and vertices of each primitive, by which these views are judged
 _ASIDE = 0.7  # cosine of normal and view beyond which there is nothing to be gained
 _LEVEL = 0.25  # how much of its score a view from straight above or below would lose
 

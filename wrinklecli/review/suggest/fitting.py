@@ -20,16 +20,18 @@ from wrinklecli.review.suggest.segments import lay_segment
 from wrinklecli.tools.mirror import split_side
 from wrinklecli.tools.records import Length, WrinkleTool
 
-# Of the best suggestion's score: less is not worth a tool.
+# Part of the best suggestion's score below which a fold is not worth a tool.
 _LEAST_SCORE = 0.02
-# A bump is this part of the patch's width: wrinkles are several times as long as they are wide.
+# Length of a bump, as a part of the patch's width: wrinkles are several times as long as they are wide.
 _BUMP_OF_WIDTH = 0.18
 _FEWEST_BUMPS, _MOST_BUMPS = 4, 6
-# The profile across is at half its height at half the width, which is where the region ends.
+# Width of a tool, as a multiple of its region's. The attenuation falls to half within the region, and to 0
+# beyond it.
 _WIDTH_OF_REGION = 1.4
-# A twin must shorten by this part of what its original does.
+# Part of the original's shortening that a twin must reach.
 _TWIN_SHORTENING = 0.5
-# Slack before the first wrinkle: clips rarely come back to the stored pose, and 1 % already shows.
+# Slack before the first wrinkle, per cent of the rest distance: clips rarely come back to the stored pose, and 1 %
+# already shows.
 SLACK = 5
 
 
@@ -44,7 +46,7 @@ class Suggestion:
         driver: The joint or morph target that compresses the region, as the asset names it.
         by_morph: Whether that is a morph target.
         clip: The clip that shortens the segment most.
-        time: When, seconds.
+        time: Seconds at which it does.
         span: Distance of the anchors at rest, scene units.
         clips: Of each clip, the least distance of the anchors with animated scale taken out, scene units; infinite
             where the character is hidden in all of it.

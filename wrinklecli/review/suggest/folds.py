@@ -19,11 +19,11 @@ from wrinklecli.review.suggest.regions import Region, grow_region, is_buried, si
 from wrinklecli.review.suggest.segments import lay_segment
 from wrinklecli.review.suggest.sites import at_sites
 
-# Regions that are looked into, of a mesh.
+# Regions of a mesh that are looked into.
 _MOST_REGIONS = 50
-# Poses that are kept while looking: many regions share one, and one of a large mesh takes 50 MB.
+# Poses that are kept while regions are looked for: many regions share one. One of a large mesh takes 50 MB.
 _KNOWN_POSES = 8
-# A site must lose this part of its length to be looked into.
+# Part of its length that a site must lose to be looked into.
 LEAST_LOSS = 0.15
 # A region that looks at another part of the surface nearer than its own length is a fold at rest already (the crotch,
 # the inside of a lip): nobody sees its wrinkles, so little of its score counts.

@@ -10,25 +10,26 @@ from wrinklecli.numeric.arrays import Floats, Ints, unit
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.review.suggest.regions import Region
 
-# Points at which a trail from the centre may end, and how far it goes, of the region's length.
+# Steps of a trail from the region's centre, and how far they go together, as a multiple of the region's length.
 _STEPS = 30
 _REACH = 2.6
-# Directions that are tried, from that of the region's loss.
+# Angles of the directions that are tried, from that of the region's loss, radians.
 _TURNS = np.radians([0.0, -8.0, 8.0, -16.0, 16.0, -24.0, 24.0])
-# Spans that are tried, of the region's length: the loss at the ends must be small, and wrinkles need room ...
+# Spans that are tried, as multiples of the region's length: the loss at the ends must be small, and wrinkles need
+# room ...
 _SHORTEST, _LONGEST = 0.8, 5.0
-# ... but of the region's width, too: further away begins another part of the body.
+# ... but at most this multiple of the region's width: further away begins another part of the body.
 _LONGEST_OF_WIDTH = 2.5
 # What a span is worth: its shortening times the span to this power. 1 would prefer ever longer segments over a bend,
 # 0 ever shorter ones within the fold.
 _SPAN_POWER = 0.3
 # A segment that shortens by more is all within a fold, and so are its wrinkles: a longer one is worth more.
 _BEST_SHORTENING = 0.55
-# Of the way over the surface, what a segment has at least: a shorter one reaches across a fold or a gap at rest.
+# Least length of a segment, as a part of the way over the surface: a shorter one spans a fold or a gap at rest.
 _STRAIGHT = 0.75
-# What a segment is worth less, of which one half is all of it.
+# Part of its worth that a segment loses where all of it lies on one side of the centre.
 _ASIDE = 0.6
-# Cosine of the surface at an end with the patch between the ends: below 0.6 wrinkles fade.
+# Least cosine of the normal at an end with that of the patch between the ends: below 0.6 wrinkles fade.
 _END_FACING = 0.45
 
 

@@ -15,13 +15,14 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.numeric.arrays import Floats, Ints, unit
 from wrinklecli.review.suggest.strain import Gauge, principal, strain
 
-# Radius of the neighbourhood over which strain is averaged, of the diagonal of the mesh's box: 27 mm of a person.
+# Radius of the neighbourhood over which strain is averaged, as a part of the diagonal of the mesh's box: 27 mm on a
+# person. It is at least the second number times a typical triangle's longest edge: less would tell single triangles
+# apart.
 _RADIUS = 0.015
-# And at least this part of a typical triangle's longest edge: less would tell single triangles apart.
 _OF_TRIANGLES = 0.6
-# Sites are this far apart, of that radius: a dozen of them in a neighbourhood.
+# Distance of neighbouring sites, as a part of that radius: a neighbourhood then has about a dozen.
 _SPACING = 0.5
-# More would take seconds; beyond it, they move apart.
+# More sites would take seconds; where there would be more, they move apart.
 _MOST_SITES = 12_000
 # A triangle is sampled at the centroids of at most 8 × 8 parts.
 _MOST_PARTS = 8

@@ -1,4 +1,4 @@
-"""Command suggest: tools for an asset, segments across the folds of its clips, in a file that bakes as it is."""
+"""Tools suggested for an asset: segments across the folds that its clips make, in a file that bakes as it is."""
 
 import os
 from collections.abc import Sequence
