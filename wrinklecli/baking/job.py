@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 from wrinklecli.baking.original import original
-from wrinklecli.character.clip import Clip, chosen_clips, no_clip, read_clips
+from wrinklecli.character.clip import Clip, chosen_clips, read_clips, unknown_clip
 from wrinklecli.character.rig import morph_target_names
 from wrinklecli.errors import BakeError, ConfigError, listed, nearest
 from wrinklecli.gltf.document import Document, read_document
@@ -247,7 +247,7 @@ def _vain_clips(settings: ToolsFile, clips: tuple[Clip, ...]) -> list[str]:
     for tool in settings.tools:
         keyed = tool.rest_length.keys if isinstance(tool.rest_length, RestLengthKeys) else {}
         warnings += [
-            f"{tool.name}: the asset has {no_clip(name, names)}"
+            f"{tool.name}: the asset has {unknown_clip(name, names)}"
             for name in dict.fromkeys([*tool.clips, *keyed])
             if name not in names
         ]

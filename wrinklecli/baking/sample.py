@@ -10,7 +10,7 @@ import numpy as np
 from wrinklecli.baking.job import Mode
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.targets import TargetSet, named_targets
-from wrinklecli.character.clip import Clip, clip_grid, turns
+from wrinklecli.character.clip import Clip, clip_grid, motion_breaks
 from wrinklecli.character.rig import moving_nodes
 from wrinklecli.errors import BakeError
 from wrinklecli.method.activity import (
@@ -144,11 +144,11 @@ def _key_times(
     Returns:
         (frames,) seconds and (keys,) indices into them, as `key_times`.
     """
-    bends, tolerance = turns(clip, plan.rig), _SAMPLING_SHARE * bound
+    clip_breaks, tolerance = motion_breaks(clip, plan.rig), _SAMPLING_SHARE * bound
 
     def signal_on(stretch: Floats) -> Signal:
         tell_left(math.ceil((clip.end - stretch[0]) * fps))
-        within = bends[(bends > stretch[0]) & (bends < stretch[-1])]
+        within = clip_breaks[(clip_breaks > stretch[0]) & (clip_breaks < stretch[-1])]
         breaks = distinct_values(np.concatenate([stretch[::_FRAMES_OF_A_QUARTIC], stretch[-1:], within]))
         return _signals(plan, clip, breaks, tolerance)
 

@@ -14,7 +14,7 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, float32_values, unit_quaternions
 
-# Of one clip: almost two hours at 30 a second.
+# Frames of one clip at most: almost two hours at 30 a second.
 _MOST_FRAMES = 200_000
 
 
@@ -141,8 +141,8 @@ def _target_count(document: Document, node: int) -> int:
     return len(morph_target_names(mesh))
 
 
-def no_clip(name: str, names: Sequence[str]) -> str:
-    """For a message: that no clip is so named, and which there are."""
+def unknown_clip(name: str, names: Sequence[str]) -> str:
+    """The part of a message that says that no clip has a name, and which names there are."""
     return f"no clip {name!r}{nearest(name, names)}; there are {listed(names)}"
 
 
@@ -154,7 +154,7 @@ def clip_named(clips: Sequence[Clip], name: str, *, where: str) -> Clip:
     """
     names = [clip.name for clip in clips]
     if name not in names:
-        raise AssetError(f"has {no_clip(name, names)}", where=where)
+        raise AssetError(f"has {unknown_clip(name, names)}", where=where)
     return clips[names.index(name)]
 
 
@@ -182,7 +182,7 @@ def sample(channel: Channel, times: Floats) -> Floats:
     if len(keys) == 1:
         return np.tile((unit_quaternions(points) if turning else points).T, (len(times), 1))
     before = np.clip(np.searchsorted(keys, times, side="right") - 1, 0, len(keys) - 2)
-    # Of a long clip, at a few times, only the keys around them.
+    # A few times of a long clip need only the keys around them.
     part = slice(int(before.min(initial=len(keys) - 2)), int(before.max(initial=0)) + 2)
     keys, values, points, before = keys[part], values[part], points[:, part], before - part.start
     if turning and channel.interpolation != "CUBICSPLINE":
@@ -205,7 +205,7 @@ def sample(channel: Channel, times: Floats) -> Floats:
 
 
 def _at(values: Floats, places: Ints) -> Floats:
-    """(…, frames) of (…, keys). Clipped, since what has to be able to fail takes longer, and indexing longer still."""
+    """(…, frames) of (…, keys), at places in range: "clip" spares the check for it, and indexing takes longer still."""
     return values.take(places, axis=-1, mode="clip")
 
 
@@ -246,12 +246,12 @@ def clip_grid(clip: Clip, rig: Rig | None, *, fps: float) -> Floats:
     count = int(np.floor((clip.end - clip.start) * fps * (1.0 + 1e-9)))
     grid: list[Floats] = [clip.start + np.arange(count + 1) / fps, np.array([clip.end])]
     if rig is not None:
-        grid.append(turns(clip, rig))
+        grid.append(motion_breaks(clip, rig))
     return distinct_values(float32_values(np.concatenate(grid)))
 
 
-def turns(clip: Clip, rig: Rig) -> Floats:
-    """(keys,) seconds, rising, float32 values: between these a clip moves a rig smoothly.
+def motion_breaks(clip: Clip, rig: Rig) -> Floats:
+    """(breaks,) seconds, rising, float32 values: between these a clip moves a rig smoothly.
 
     Jumps of STEP channels count twice, with the last float32 time before each.
     """
@@ -266,5 +266,5 @@ def turns(clip: Clip, rig: Rig) -> Floats:
 
 
 def just_before(times: Floats) -> Floats:
-    """The last float32 times before some, when a STEP channel has not jumped yet."""
+    """The last float32 time before each time, when a STEP channel that jumps there has not jumped yet."""
     return np.nextafter(times.astype(np.float32), np.float32(-np.inf)).astype(np.float64)

@@ -1,4 +1,4 @@
-"""Contacts of a mesh with itself and with the other meshes of its file: vertices that refinement must not part."""
+"""Contacts of a mesh with itself and with the other meshes of its file: vertices at which a gap opens if one moves."""
 
 from itertools import product
 
@@ -11,20 +11,19 @@ from wrinklecli.character.surface import Surface, dense_influences, read_vertice
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, distinct_values
 
-# Meshes touch where vertices are this near, over the box's diagonal.
+# Meshes touch where vertices are this near, as a share of the bounding box's diagonal.
 _CONTACT = 1e-6
 
 
 def contacts_of(document: Document, rig: Rig, surface: Surface, positions: Floats) -> Bools:
     """Mark the vertices that must stay where they are, or a gap would open.
 
-    All vertices are compared, not those of the patches alone: to keep the mesh conforming, refinement goes on beside
-    them, and an edge along another mesh that is split there leaves it too.
+    All vertices are compared, also those that nothing displaces: an edge along another mesh leaves it when it is split.
 
     Args:
         document: With the other meshes.
         rig: Of this mesh.
-        surface: Welded; vertices with an unwelded twin are marked.
+        surface: This mesh, welded; vertices with an unwelded twin are marked.
         positions: (vertices, 3) world space at rest.
 
     Returns:

@@ -11,7 +11,7 @@ from wrinklecli.character.clip import Channel, Clip, sample
 from wrinklecli.character.rig import TRANSFORM_DEFAULTS, Rig
 from wrinklecli.numeric.arrays import Floats, Ints, affine_rows, unit_quaternions
 
-# Against rest, such as a scale of nodes: a character below it is hidden, and distances on it say nothing.
+# Least scale of a node or an anchor against rest: below it a character is hidden, and distances on it say nothing.
 LEAST_SCALE = 1e-6
 
 

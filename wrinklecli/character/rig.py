@@ -15,10 +15,10 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints, affine_rows, unit_quaternions
 
-# Of nodes, one below the other, and of joints in a skin: time and memory grow with them, and nothing real has as many.
+# Nodes one below the other, and joints of a skin: time and memory grow with them, and nothing real has as many.
 _MOST_LEVELS = 4096
 _MOST_JOINTS = 4096
-# Of a transform: no real one comes near, and products of a dozen of these are still numbers.
+# Greatest number of a transform: no real one comes near, and products of a dozen of these are still finite.
 LARGEST = 1e15
 TRANSFORM_DEFAULTS = {"translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scale": (1.0, 1.0, 1.0)}
 
@@ -28,7 +28,7 @@ class Rig:
     """What moves the mesh of one node.
 
     Attributes:
-        node: The node that carries the mesh.
+        node: The node that has the mesh.
         mesh: Its mesh.
         skinned: Whether the node has a skin.
         joints: (joints,) nodes; the mesh's own node where there is no skin.

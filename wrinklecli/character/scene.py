@@ -52,14 +52,14 @@ class ScenePrimitive:
 
 
 @dataclass(frozen=True, slots=True)
-class Posed:
+class PosedPrimitive:
     """A primitive at some times, world space, scene units.
 
     Attributes:
         positions: (frames, vertices, 3).
         normals: (frames, vertices, 3) unit; None where the file has none, which means flat shading.
         mirrored: (frames,) whether the node mirrors an unskinned mesh, so that its triangles wind the other way.
-        hidden: (frames,) whether the node is scaled to nothing, as players of per-frame geometry have it.
+        hidden: (frames,) whether the node of an unskinned mesh is scaled to 0: so files with a mesh a frame hide one.
     """
 
     positions: Floats
@@ -136,7 +136,7 @@ def _skin(vertices: Vertices, joint_count: int) -> Skin:
     return prepare(weights, vertices.positions, vertices.morph_deltas, vertices.normals, vertices.normal_deltas)
 
 
-def pose_primitive(primitive: ScenePrimitive, clip: Clip | None, times: Floats) -> Posed:
+def pose_primitive(primitive: ScenePrimitive, clip: Clip | None, times: Floats) -> PosedPrimitive:
     """Morph and skin a primitive by its own weights.
 
     Args:
@@ -152,4 +152,4 @@ def pose_primitive(primitive: ScenePrimitive, clip: Clip | None, times: Floats) 
     hidden = np.zeros(len(times), bool) if rig.skinned else determinants == 0
     positions, normals = pose(primitive.skin, matrices, weights)
     turned = None if normals is None else normals.transpose(0, 2, 1)
-    return Posed(positions.transpose(0, 2, 1), turned, mirrored, hidden)
+    return PosedPrimitive(positions.transpose(0, 2, 1), turned, mirrored, hidden)

@@ -13,8 +13,8 @@ import numpy as np
 
 from wrinklecli.numeric.arrays import Floats, cross, dot
 
-# Vertices times frames that are posed at once. Of half as many, products are slow; twice as many leave the cache, and
-# the allocator gives their memory back each time.
+# Vertices times frames that are posed at once. Matrix products of half as many are slow; twice as many leave the cache,
+# and the allocator gives their memory back to the system each time.
 _CHUNK = 2**13
 
 
@@ -45,7 +45,7 @@ def prepare(
     Args:
         weights: (vertices, joints) skin weights, rows summing to 1.
         positions: (vertices, 3) bind space.
-        deltas: (shapes, vertices, 3) what each morph target or wrinkle adds at weight 1.
+        deltas: (shapes, vertices, 3) what each shape, such as a morph target, adds at weight 1.
         normals: (vertices, 3) unit, bind space; none where they are not wanted.
         normal_deltas: (shapes, vertices, 3) what each shape adds to them.
     """
@@ -103,7 +103,7 @@ def pose(skin: Skin, matrices: Floats, weights: Floats, offsets: Floats | None =
 
 
 def _turned(matrices: Floats, normals: Floats, *, mirroring: bool) -> list[Floats]:
-    """Three (…) coordinates of normals (3, …) turned by the inverse transposes of matrices (3, 3, …), but for lengths.
+    """Three (…) coordinates of normals (3, …) turned by inverse transposes of matrices (3, 3, …), of other lengths.
 
     A cofactor matrix is the inverse transpose times the determinant, of which only the sign counts: that of a joint
     which mirrors.

@@ -17,12 +17,13 @@ from wrinklecli.gltf.draco import EXTENSION
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, distinct
 
-# Largest difference of two influences or, over the box's diagonal, of two morph deltas of one point; after Draco, which
-# rounds each primitive on its own, of two positions too.
+# Vertices of one point differ by this at most: in skin weights and, as a share of the bounding box's diagonal, in
+# morph deltas; after Draco, which rounds each primitive on its own, in positions too.
 _WELD_TOLERANCE = 1e-6
-# Welded vertices at one place that others are compared with, one after another; what is none of them stays alone.
+# Welded vertices at one place that others are compared with, one after another; a vertex unlike all of them is left as
+# it is.
 _MOST_TWINS = 1000
-# Sets of four joints of a vertex; comparing each with each takes the square.
+# Sets of four joints of a vertex: the time to compare each joint with each grows with their square.
 _MOST_SETS = 16
 
 
@@ -40,7 +41,7 @@ class Surface:
         primitives: (triangles,) the primitive that each triangle came from.
         weld: (glTF vertices,) the welded vertex of each; primitives follow one another.
         vertex_starts: (primitives + 1,) the first glTF vertex of each primitive.
-        twins: (vertices,) another welded vertex lies at the same place, moving differently.
+        twins: (vertices,) whether another welded vertex lies at the same place, and moves differently.
     """
 
     positions: Floats

@@ -60,7 +60,7 @@ def widen(channel: Channel | None, rig: Rig, clip: Clip, times: Floats, weights:
 
 
 def pad(channel: Channel, added: Floats) -> Track:
-    """A clip's weights channel with constant weights for new targets, (new targets,) each; its keys are kept."""
+    """A clip's weights channel with a constant weight for each of (new targets,); its keys are kept."""
     values = channel.values
     constant = np.broadcast_to(added, (*values.shape[:-1], len(added))).copy()
     if channel.interpolation == "CUBICSPLINE":

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrinklecli.character.clip import no_clip, read_clips
+from wrinklecli.character.clip import read_clips, unknown_clip
 from wrinklecli.character.pose import joint_matrices
 from wrinklecli.character.scene import pose_primitive, read_scene
 from wrinklecli.errors import AssetError
@@ -125,7 +125,7 @@ def diff(
     names = list(dict.fromkeys(clip.name for scene in scenes for clip in scene.clips))
     for name in clips:
         if name not in names:
-            raise AssetError(f"have {no_clip(name, names)}", where=both)
+            raise AssetError(f"have {unknown_clip(name, names)}", where=both)
     with guarded(both):
         return _compare((first, second), scenes, tolerance, posed, clips, fps, progress)
 
