@@ -75,6 +75,7 @@ def _interpolated(at: Floats, times: Floats, weights: Floats) -> Floats:
 
 
 def _widen_spline(channel: Channel, times: Floats, weights: Floats) -> Track:
+    """As `widen`, of a CUBICSPLINE channel."""
     union = distinct_values(np.concatenate([times, channel.times]))
     values = sample(channel, union)
     into, out = _spline_slopes(channel, union)

@@ -71,14 +71,14 @@ def rest_lengths_over_time(patch: Patch, rig: Rig, clip: Clip | None, times: Flo
 
 @dataclass(frozen=True, slots=True)
 class Activity:
-    """What a clip makes of one tool, before any mesh.
+    """What a clip makes of one tool, whichever vertices the tool moves.
 
     Attributes:
         distances: (frames,) of the anchors, animated scale taken out, scene units.
         rest_lengths: (frames,).
-        shortenings: (frames,).
-        unabsorbed: (frames,) what no bump could take.
-        amplitudes: (frames, groups, modes) of the curve, clip strength not applied.
+        shortenings: (frames,) what rest lengths exceed distances by, without rounding noise; 0 where they do not.
+        unabsorbed: (frames,) the part of them that no bump can take.
+        amplitudes: (frames, groups, modes) of the curve; the tool's strength in the clip is not applied.
     """
 
     distances: Floats
@@ -120,7 +120,7 @@ def further_activities(
     known: Sequence[Activity],
     known_at: Floats,
 ) -> list[Activity]:
-    """As `activities` at (frames,) times, rising; those at some of these, `known_at`, are known."""
+    """As `activities` at (frames,) times, rising, where those at some of these times, `known_at`, are known already."""
     fresh = np.ones(len(times), bool)
     fresh[np.searchsorted(times, known_at)] = False
     if not fresh.any():
@@ -132,7 +132,7 @@ def further_activities(
 
 
 def _joined(parts: Sequence[Activity], order: Ints | None = None) -> Activity:
-    """Activities of one tool, one after another; of these the frames in an order."""
+    """Activities of one tool, one after another; with their frames in an order, (frames,), if there is one."""
     if len(parts) == 1 and order is None:
         return parts[0]
     joined = [np.concatenate([getattr(each, field.name) for each in parts]) for field in fields(Activity)]

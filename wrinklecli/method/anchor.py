@@ -19,13 +19,13 @@ from wrinklecli.numeric.arrays import Floats, Ints, determinants, distinct_value
 from wrinklecli.numeric.nearest import closest_point
 from wrinklecli.tools.records import Marker, WrinkleTool
 
-# An anchor further from the mesh than this part of its segment was meant for somewhere else.
+# An anchor further from the mesh than this part of its segment is a mistake.
 _ANCHOR_REACH = 0.25
 
 
 @dataclass(frozen=True, slots=True)
 class Anchor:
-    """A point that the skin carries, as weighted points of joints, which carry them as rigid.
+    """A point that the skin carries, as a weighted mean of points each of which one joint carries rigidly.
 
     Its world position is the sum over k of world(joints[k]) @ (points[0] + sum over m of w_m points[m])[k].
 
@@ -123,8 +123,8 @@ def _joint_points(vertices: Ints, barycentrics: Floats, surface: Surface) -> tup
     homogeneous = np.zeros((*bind.shape[:2], 4))
     homogeneous[:, :, :3], homogeneous[0, :, 3] = bind, 1.0
     points = np.zeros((len(bind), len(joints), 4))
-    for target, corners in zip(points, homogeneous, strict=True):
-        np.add.at(target, inverse.reshape(shares.shape), shares[..., None] * corners[:, None])
+    for of_joints, corners in zip(points, homogeneous, strict=True):
+        np.add.at(of_joints, inverse.reshape(shares.shape), shares[..., None] * corners[:, None])
     acting = points[0, :, 3] > 0
     return joints[acting], points[:, acting]
 
@@ -164,7 +164,7 @@ def posed_anchor(anchor: Anchor, poses: AnchorPoses, count: int) -> tuple[Floats
     acting = np.flatnonzero(anchor.points[1:].any(axis=(1, 2)))
     weights, points = poses.weights[:, acting], anchor.points[np.append(0, 1 + acting)]
     place, scale = np.zeros((3, count)), np.zeros(count)
-    # Of joints that nothing moves, together: a point and what each morph target adds.
+    # What all joints that nothing moves make together: a point, and what each morph target adds to it.
     still = np.zeros((1 + len(acting), 3))
     numbers = np.searchsorted(poses.joints, anchor.joints)
     for number, weight, point in zip(numbers, anchor.weights, points.transpose(1, 0, 2), strict=True):

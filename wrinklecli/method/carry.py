@@ -70,7 +70,7 @@ def carry(patch: Patch, fine: Refinement, pinned: Bools) -> CarriedPatch:
     moving = np.abs(magnitudes) > LEAST_SHARE * abs(patch.shape_strength)
     if not (regular & moving).any():
         raise BakeError("moves no vertex: the mesh faces away or lies beside the patch", where=patch.tool.where)
-    # Projected anew each frame, any member may come to lie on the patch.
+    # As members are projected anew each frame, any of them may come to lie on the patch.
     chosen = regular & (moving if patch.tool.attachment == "skin" else True)
     vertices = members[chosen]
     normals_bind = np.einsum("vij,vj->vi", inverses(fine.blended[vertices]), normals[chosen])
@@ -96,9 +96,19 @@ def displacements(
     times: Floats,
     amplitudes: Floats | None = None,
 ) -> Floats:
-    """(frames, vertices, 3) what the method displaces a tool's vertices by, bind space.
+    """What the method displaces a tool's vertices by.
 
-    `amplitudes` are those of the tool's activity at these times, where they are known.
+    Args:
+        carried: The tool.
+        fine: The refined surface.
+        rig: Of the mesh.
+        rest: Its rest pose.
+        clip: The animation; none for the stored pose.
+        times: (frames,) seconds.
+        amplitudes: (frames, groups, modes) of the tool's activity at these times, where they are known.
+
+    Returns:
+        (frames, vertices, 3) bind space.
     """
     patch = carried.patch
     if amplitudes is None:

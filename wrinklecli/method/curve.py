@@ -7,9 +7,11 @@ bump makes of its share is its `profile`.
 Differs from the paper: `max_height` ends a bump's rise, in every strategy; what no bump can take is returned as
 unabsorbed.
 
-Intervals are the current x = l'/n, not the rest ones: n·x + ΣD + unabsorbed = l' + d. So a full bump keeps
-its height and absorbs more as x shrinks. Heights grow with d, but for one case that is the paper's own: a
-polyline with details, its chord below about half its length, trades its highest knot for lower ones.
+The rest length is l, the current distance of the anchors l', the shortening d = l - l', and D what one bump takes
+of it. The curve has n control intervals, two for each bump, of the current length x = l'/n, not the rest one's:
+n·x + ΣD + unabsorbed = l' + d. So a full bump keeps its height and absorbs more as x shrinks. Heights grow with d,
+but for one case that is the paper's own: a polyline with details, its chord below about half its length, trades its
+highest knot for lower ones.
 """
 
 import dataclasses
@@ -34,7 +36,7 @@ Strategy = Literal["everywhere", "origin", "both_ends"]
 TAUT = 1 - 1e-5
 """Part of the rest length below which wrinkles start: rounding noise of 1e-7 alone would raise 6e-5 l."""
 
-# Rows of a path of weights, for each group of bumps, and behind the last, where only details of a polyline still move.
+# Rows of `weight_path` for each group of bumps, and after the last is full, when only details of a polyline still move.
 _PATH_ROWS = 65
 _FULL_ROWS = 8
 # Where a group of bumps starts is found to the last bits of a float by taking one of so many parts, so often. (Halves
@@ -93,7 +95,7 @@ class ControlCurve:
     greatest_rest_length: float
     interval_count: int
     groups: tuple[tuple[int, ...], ...]
-    profile: "SmoothProfile | PolylineProfile"
+    profile: SmoothProfile | PolylineProfile
     greatest_amplitudes: Floats
 
     @property
@@ -102,7 +104,12 @@ class ControlCurve:
         return np.arange(self.bumps) * (2 + self.gap) / self.interval_count
 
     def shortening(self, distances: Floats, rest_lengths: Floats) -> Floats:
-        """Same shape, d = max((1 − 1e-5) l − l', 0): neither stretching nor rounding noise makes wrinkles."""
+        """(frames,) d = max((1 − 1e-5) l − l', 0), scene units: neither stretching nor rounding noise makes wrinkles.
+
+        Args:
+            distances: (frames,) current lengths l', scene units.
+            rest_lengths: (frames,) rest lengths l, scene units.
+        """
         return np.maximum(TAUT * rest_lengths - distances, 0.0)
 
     def absorb(self, shortenings: Floats, rest_lengths: Floats) -> Absorption:
@@ -322,7 +329,7 @@ def weights_at(curve: ControlCurve, shortenings: Floats) -> Floats:
 
 
 def group_starts(curve: ControlCurve, rest_length: float) -> Floats:
-    """(groups + 1,) the shortening over the rest length at which each group starts, and the last is full."""
+    """(groups + 1,) the shortening over the rest length at which each group starts, then at which the last is full."""
     groups = np.arange(len(curve.groups))
     low, high = np.full(len(groups), 1.0 - TAUT), np.ones(len(groups))
     for _ in range(_ROUNDS):

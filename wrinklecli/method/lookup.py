@@ -1,13 +1,14 @@
-"""A control curve as tables of numbers, for players that look its heights up while the rest length changes.
+"""A control curve as tables of numbers, for players that look weights up instead of running the method.
 
 Where the rest length is constant, heights depend on one number, and a table of weights will do (`tabulate_weights`).
 Otherwise they depend on two, distance and rest length, and straight lines between several such tables are wrong
 where a group of bumps starts: heights start like a square root there, and the start moves. (To be right to 1/256
-would take about a hundred tables.) But what one bump does depends on one number each time: what it takes when full
-on the distance alone, and its height over chord and shortening on their ratio. So these two are tabulated, and the
-player distributes the shortening itself.
+would take about a hundred tables.) But two functions of one number say all of one bump: what it takes when full
+depends on the distance alone, and its height, as a share of chord plus shortening, on the ratio of these two. So these
+functions are tabulated (`tabulate_curve`), and the player distributes the shortening over the bumps itself.
 
-Not in the paper. It works since the profiles are homogeneous: chord and shortening twice as long, height twice as high.
+Not in the paper. It works since the profiles are homogeneous: with chord and shortening twice as long, a bump is twice
+as high.
 """
 
 from collections.abc import Callable
@@ -29,22 +30,23 @@ _RISE_ERROR = 1e-3
 # How much finer the tables get, and how often at most, until the weights are right.
 _FINER = 4.0
 _MOST_TRIES = 12
-# What may be off between points that are looked into, of what may be off between rows.
+# Share of the error between rows that is left to the points at which the curve is sampled.
 _OF_POINTS = 0.25
-# Shares of the way from one group's start to the next: of heights like their root 1/2, 1/4, 1/8 …
+# First rows after a group's start, as shares of the way to the next: heights like a root are 1/2, 1/4, 1/8 … there.
 _BEHIND = 0.25 ** np.arange(1, 9)
-# Of weights: what is full moves in its last bits, for which there are to be no rows.
+# Decimals of weights that count: the weight of a full bump moves in its last bits, which need no rows.
 _DECIMALS = 7
 # Rows of a table to begin with, and how often an interval between two is halved at most.
 _FIRST_ROWS = 17
 _HALVINGS = 12
-# In place of 0, where heights have a square root.
+# Least part of a bump that is computed, in place of 0, as heights are divided by its root.
 _LEAST_PART = 1e-12
-# Rest lengths at which the tables are checked: at most, at least, and groups of bumps times lengths in between.
+# Rest lengths at which the tables are checked: at most and at least.
 _MOST_LENGTHS = 33
 _LEAST_LENGTHS = 5
+# In between, as many as give so many starts of groups of bumps over all lengths.
 _CHECKED_GROUPS = 200
-# Shares of the way from one group's start to the next at which they are: its height begins like their root.
+# Where they are checked, as shares of the way from one group's start to the next: heights begin like the root of these.
 _CHECKED_SHARES = np.concatenate([[0.0], np.geomspace(1e-9, 1.0, 128)])
 
 

@@ -4,6 +4,9 @@ Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, Computer Graph
 influence region. Differs: members face the patch and are connected to an anchor, where the paper takes every vertex
 that projects onto the patch (the back of a thin limb with them); displacement fades where the surface turns away; and
 (u, v) are those at rest.
+
+Source of the attenuation `bell`: G. Wyvill, C. McPheeters, B. Wyvill, *Data Structure for Soft Objects*, The Visual
+Computer 2(4), 1986: 1 - 22/9 v² + 17/9 v⁴ - 4/9 v⁶.
 """
 
 from dataclasses import dataclass, replace
@@ -17,21 +20,15 @@ from wrinklecli.errors import BakeError, WrinkleError, listed
 from wrinklecli.method.anchor import Anchor, anchor_at
 from wrinklecli.method.curve import ControlCurve, count_intervals, plan_curve
 from wrinklecli.method.rest import Rest, end_position
-from wrinklecli.numeric.arrays import (
-    Bools,
-    Floats,
-    Ints,
-    face_normals,
-    unit,
-)
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, face_normals, unit
 from wrinklecli.numeric.nearest import meets_box
 from wrinklecli.tools.records import RestLengthKeys, RestLengthMorph, WrinkleTool
 
-# Anchors nearer than this over the mesh's size are one point.
+# Anchors nearer than this share of the mesh's size are one point.
 _LEAST_SPAN = 1e-9
-# Length of the sum of their normals, across the segment, below which they face opposite ways.
+# Length of the sum of the anchors' normals, across the segment, below which they face opposite ways.
 _LEAST_MEAN = 1e-3
-# Facing factor: displacement fades in between these cosines of vertex and patch normal.
+# Cosines of vertex and patch normal between which displacement fades in.
 _FACING = (0.2, 0.6)
 
 
@@ -195,6 +192,7 @@ def _rest_lengths(tool: WrinkleTool, span: float) -> tuple[float, float]:
 
 
 def _max_height(tool: WrinkleTool, span: float, rest_length: float) -> float:
+    """Greatest height of a bump, scene units; for `auto` a quarter of its width on the straight segment."""
     if tool.max_height is None:
         return np.inf
     if tool.max_height == "auto":
@@ -231,7 +229,7 @@ def _members(patch: Patch, surface: Surface, rest: Rest) -> Bools:
 
 def _pieces(triangle_edges: Ints) -> Ints:
     """(triangles,) the same number for triangles that hang together by edges, (triangles, 3)."""
-    # In place of scipy's connected components, whose import takes longer than most bakes' flooding.
+    # In place of scipy's connected components, whose import takes longer than this does for most meshes.
     pieces = np.arange(len(triangle_edges))
     least = np.zeros(int(triangle_edges.max(initial=0)) + 1, np.intp)
     while True:

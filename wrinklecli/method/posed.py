@@ -23,14 +23,15 @@ from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, determinants, 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-# Triangles, times frames, posed at once: what stays in a core's cache.
+# Triangles times frames that are posed at once: what stays in a core's cache.
 _POSED_AT_ONCE = 2**16
-# Anchors of a posed patch nearer than this over their distance at rest coincide.
+# Anchors of a posed patch nearer than this share of their distance at rest coincide.
 _LEAST_SPAN = 1e-9
 # Length of the mean of their normals, across the segment, below which they face opposite ways.
 _LEAST_MEAN = 1e-6
-# Share of the tolerance of `compress` that the series may be simplified by; frames checked at once.
+# Share of the tolerance of `compress` that the series may be simplified by before shapes are chosen.
 _SPARED_SHARE = 0.02
+# Frames whose error is checked at once: bounds the memory.
 _CHECKED_AT_ONCE = 512
 # Directions that a series may move in: four times as many as any engine plays morph targets.
 _MOST_AXES = 1024
@@ -44,8 +45,8 @@ class Ring:
         vertices: (around,) fine welded vertices, rising.
         members: (members,) numbers in `vertices`.
         free: (members,) those that may move: not what touches another mesh.
-        origin: (corners,) and
-        target: (corners,) those of the anchors' vertices.
+        origin: (corners,) numbers in `vertices` of those around the origin.
+        target: (corners,) the same of the target.
         triangles: (triangles, 3) numbers in `vertices`.
         sums: (around, triangles) 1 where a triangle has a vertex.
         joints: (joints,) into the rig's, that move any of the vertices.

@@ -35,10 +35,13 @@ FIT_ERROR = 1e-13
 """Size of an interpolant's last coefficients, of its largest: four digits better than promised (1e-9)."""
 
 _LEAST = 1e-300
-"""A divisor in place of 0."""
+"""In place of a divisor that is 0."""
 
 _PIECES = 1024
-"""Of an interpolant: 56 kB, which a core's cache holds. Right to 5e-13 of the greatest value, half as many to 3e-12."""
+"""Pieces of an interpolant: 56 kB, which a core's cache holds.
+
+Right to 5e-13 of the greatest value; half as many are right to 3e-12.
+"""
 
 # Over a bump, lengths enter only as two parts of a whole: its chord 2x, and D or A. Its part c in [0, 1]
 # is mapped to q = 1 − c^¼, which makes both maps between A and D smooth on [0, 1]: the root at D = 0 is
@@ -189,7 +192,7 @@ class Interpolant:
         scaled = points * count
         pieces = np.minimum(scaled.astype(np.intp), count - 1)
         within = scaled - pieces
-        # Clipped, since what has to be able to fail takes half as long again.
+        # `pieces` are in range; "clip" spares the check for it, which takes half as long again.
         value: Floats = self.coefficients[6].take(pieces, mode="clip")
         for row in self.coefficients[5::-1]:
             value *= within
@@ -198,7 +201,7 @@ class Interpolant:
 
 
 def _interpolate(function: Callable[[Floats], Floats]) -> Interpolant:
-    """A table of a function on [0, 1]: of its Chebyshev series, as long as `FIT_ERROR` asks for."""
+    """An interpolant of a function on [0, 1], by way of a Chebyshev series as long as `FIT_ERROR` asks for."""
     coefficients = np.zeros(1)
     for degree in (63, 127, 255, 511):
         points = chebyshev.chebpts1(degree + 1)

@@ -1,8 +1,8 @@
 """Skin weights of new vertices, pruned to as many joints as a vertex of the file can have.
 
-A midpoint hangs on the joints of both ends of its edge, which may be too many. Influences go one by one, each to a
-joint that is near in the skeleton, but not across a bone that bends under a tool: heaviest four alone, a hand's
-forearm was 29 % off. `pruning_errors` says what it costs.
+A midpoint hangs on the joints of both ends of its edge, which may be too many. Influences are dropped one by one, and
+each gives its weight to a joint that is near in the skeleton, but not across a bone that bends under a tool. (With the
+heaviest four simply kept, a hand's forearm was 29 % off.) `pruning_errors` says what pruning costs.
 
 The paper (C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004) refines the posed mesh, where nothing
 has to be pruned.
@@ -16,7 +16,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.method.patch import Patch
 from wrinklecli.numeric.arrays import Floats, Ints
 
-# Of products that are computed at once: bounds the memory.
+# Numbers of the products that are computed at once: bounds the memory.
 _NUMBERS_AT_ONCE = 2**20
 # Skin weights of two anchors further apart than this differ by more than rounding.
 _SAME_SHARES = 1e-6
@@ -109,8 +109,8 @@ def _bending_nodes(rig: Rig, patches: Sequence[Patch]) -> frozenset[int]:
 def prune(weights: Floats, distances: Floats, influences: int) -> tuple[Ints, Floats]:
     """Leave each vertex as many joints as the file can store.
 
-    Step by step the influence goes that costs least, weight times distance to the nearest one kept, and its
-    weight to that one, among equally near ones to the heaviest.
+    Step by step that influence is dropped which costs least: its weight times the distance to the nearest joint
+    kept. That joint gets its weight; among equally near ones it is the heaviest.
 
     Args:
         weights: (vertices, joints), rows summing to 1.

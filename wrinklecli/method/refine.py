@@ -1,9 +1,9 @@
-"""Which edges are split: the surface refined once, in bind space, until the triangles under patches show wrinkles.
+"""Which edges are split: the surface is refined once, in bind space, until the triangles under patches show wrinkles.
 
 Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004, on mesh refinement. Differs: the
 paper refines the posed mesh on the fly; here refinement acts before skinning, and once, so that the skeleton
-survives; edges are compared with half an interval of the control curve, where the paper compares with one; and
-are not split where hardly any of the height is left.
+survives; edges are compared with half an interval of the control curve (by default: `edges_per_interval: 2`), where
+the paper compares them with one; and edges are not split where hardly any of the height is left.
 """
 
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ from wrinklecli.numeric.sparse import Matrix
 from wrinklecli.numeric.subdivide import Subdivision, subdivide
 from wrinklecli.tools.records import RefinementSettings
 
-# Share of a wrinkle's height that shows.
+# Share of a wrinkle's height above which it shows.
 _LEAST_SHOWN = 0.01
 
 
@@ -298,6 +298,7 @@ def _dense_weights(surface: Surface, vertices: Ints, joint_count: int, chosen: I
 
 
 def _refined(surface: Surface, rest: Rest, subdivision: Subdivision, distances: Floats, influences: int) -> Refinement:
+    """Give the vertices of a subdivision all that later stages ask of them; `distances` are those of the joints."""
     old = len(surface.positions)
     positions = subdivision.positions(surface.positions)
     deltas = subdivision.positions(surface.morph_deltas)

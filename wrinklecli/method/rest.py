@@ -84,7 +84,7 @@ def _bind_matrices(surface: Surface, rig: Rig, stored: Floats, bind: Floats, too
     """(joints, 4, 4) the stored matrix of the main joint of a tool's origin, for every joint."""
     place = end_position(rig, None, np.zeros(1), tool, tool.origin)
     main = 0
-    # The anchor's joint depends on where the mesh lies, which depends on the joint: once more settles it.
+    # The nearest vertex says which joint it is, but where vertices lie depends on the joint: a second round settles it.
     for _ in range(2):
         posed = bind @ stored[main, :3, :3].T + stored[main, :3, 3]
         vertex = int(np.argmin(np.sum((posed - place) ** 2, axis=1)))

@@ -14,7 +14,7 @@ from wrinklecli.method.curve import weight_path
 from wrinklecli.method.refine import Refinement
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, vertex_normals
 
-# Heights, over the greatest, at which true normals are sampled for the fit.
+# Heights, as shares of the greatest, at which true normals are sampled for the fit.
 _FIT_HEIGHTS = np.array([0.25, 0.5, 0.75, 1.0])
 # Cosine of true and base normal below which the fit does not follow: NORMAL deltas cannot turn a normal over.
 _LEAST_COSINE = 0.1

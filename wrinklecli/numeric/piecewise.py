@@ -162,12 +162,12 @@ def _lines(points: Floats, values: Floats, starts: Ints, stops: Ints, tolerance:
     Args:
         points: (points,) seconds: each time and three points between each two.
         values: (points, values).
-        starts: (lanes,) the first time of each lane, and
-        stops: (lanes,) the last.
+        starts: (lanes,) index of the first time of each lane.
+        stops: (lanes,) index of the last.
         tolerance: Greatest error of a value.
 
     Returns:
-        (some lanes,) times, first the starts.
+        Indices of times: `starts`, then for each step those at which some lanes' lines end.
     """
     inside = np.arange(1 - _PER_INTERVAL, 1)
     begins, furthest, at = starts, starts + 1, starts + 1
