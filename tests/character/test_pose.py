@@ -27,9 +27,6 @@ def local_matrix(node: dict[str, Any]) -> Floats:
     return matrix
 
 
-# --- Hierarchies ---
-
-
 def _chain() -> list[dict[str, Any]]:
     """Root with a matrix, a mirrored child, and a turned grandchild of another scale on each axis."""
     matrix = np.eye(4)
@@ -76,9 +73,6 @@ def test_deep_chain_is_no_cycle() -> None:
     nodes: list[dict[str, Any]] = [{"mesh": 0, "translation": [0, 0, 1]}]
     nodes += [{"children": [k], "translation": [1, 0, 0]} for k in range(2000)]
     assert node_matrices(rig_of(*nodes), None, np.zeros(1), [0])[0, 0, :3, 3].tolist() == [2000.0, 0.0, 1.0]
-
-
-# --- Skinning ---
 
 
 @given(seed=st.integers(0, 999), vertices=st.integers(1, 5), joints=st.integers(1, 4), morphed=st.booleans())

@@ -66,9 +66,6 @@ SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 0, 0], [1, 1, 0], [0, 1,
 ONE = np.tile([1.0, 0.0, 0.0, 0.0], (6, 1))
 
 
-# --- Welding ---
-
-
 @pytest.mark.parametrize("seam", [False, True])
 @pytest.mark.parametrize("primitives", [1, 3])
 @pytest.mark.parametrize("indices", ["u1", "u2", "u4", None])
@@ -207,9 +204,6 @@ def test_three_ways_to_move_at_one_place() -> None:
     assert np.array_equal(surface.weld[3:6], surface.weld[9:])
 
 
-# --- Influences ---
-
-
 def test_influences_are_merged_sorted_and_normalised() -> None:
     joints = np.tile([2, 0, 2, 1, 1, 0, 0, 0], (6, 1))
     weights = np.tile([0.5, 0.0, 0.5, 0.25, 0.5, 0.25, 0.0, -3.0], (6, 1))
@@ -247,9 +241,6 @@ def test_joint_that_the_skin_lacks_is_refused_unless_it_weighs_nothing(joint: in
     assert np.array_equal(kept.dense_weights(np.arange(4), 3), ONE[:4, :3])
     with pytest.raises(AssetError, match=rf"#/meshes/0/primitives/0: JOINTS refer to joint {joint} of 3"):
         surface_of(points(SQUARE, joints=joints, joint_type="i1", weights=ONE[:, [1, 0, 2, 3]]))
-
-
-# --- Triangles ---
 
 
 @pytest.mark.parametrize(
@@ -322,9 +313,6 @@ def test_positions_that_are_no_numbers_are_refused(value: float) -> None:
 def test_index_beyond_the_vertices_is_refused() -> None:
     with pytest.raises(AssetError, match="indices must be whole numbers below 6"):
         surface_of(points(SQUARE, faces=[0, 1, 6]))
-
-
-# --- Normals ---
 
 
 def test_face_normals_are_twice_the_area() -> None:

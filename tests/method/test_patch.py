@@ -70,9 +70,6 @@ def test_ends_that_face_opposite_ways_are_refused() -> None:
         prepare(limb_asset(rings=9, sides=8), tool(origin=[0, RADIUS, 0], target=[0, -RADIUS, 0]))
 
 
-# --- Members ---
-
-
 def test_members_face_the_patch_and_are_never_on_the_back_of_a_thin_limb() -> None:
     # Wider than the limb is thick: u and v of the back lie within the patch too.
     prepared = prepare(limb_asset(rings=17, sides=16), tool(width=1.0))
@@ -115,9 +112,6 @@ def test_patch_within_one_triangle_has_it_as_its_only_member() -> None:
     prepared = prepare(plate(places, [[0, 1, 2], [0, 3, 1]]), tool(origin=[2, 2, 0], target=[3, 2, 0], width=0.5))
     assert prepared.patch.members.tolist() == [True, False]
     assert prepared.patch.normal.tolist() == [0, 0, 1]
-
-
-# --- Coordinates and profiles ---
 
 
 def test_coordinates_of_the_segment_and_the_edges() -> None:

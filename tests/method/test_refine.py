@@ -25,8 +25,6 @@ def refined_attribute(fine: Refinement, coarse: Floats) -> Floats:
     return np.concatenate([coarse, np.einsum("vk,vkc->vc", fine.shares, coarse[fine.sources])])
 
 
-# --- Corners ---
-
 STORED = [{}, {"seam": False}, {"primitives": 3}, {"primitives": 2, "seam": False}, {"indices": None}]
 
 
@@ -101,9 +99,6 @@ def test_old_vertices_and_untouched_triangles_are_as_they_were(levels: int) -> N
     assert fine.subdivision.levels <= levels
 
 
-# --- How fine ---
-
-
 @pytest.mark.parametrize("edges_per_interval", [1, 2, 4])
 @pytest.mark.parametrize("details", [[], [0.3]])
 def test_edges_are_as_short_along_u_as_the_curve_needs(edges_per_interval: int, details: list[float]) -> None:
@@ -140,9 +135,6 @@ def test_edges_beside_a_patch_are_split_only_where_it_may_come_to_lie_there(atta
     beside = (u.max(axis=1) < 0) | (u.min(axis=1) > 1) | (v.max(axis=1) < -1) | (v.min(axis=1) > 1) | (cosines < 0.2)
     assert len(ends) > 100
     assert beside.any() == (attachment == "patch")
-
-
-# --- Skin weights ---
 
 
 @pytest.mark.parametrize("joints", [1, 2, 6])

@@ -84,9 +84,6 @@ def test_triangles_all_in_one_place_are_found(count: int) -> None:
     assert found.distance == pytest.approx(np.sqrt(3) * 5 / 3)
 
 
-# --- The nearest point ---
-
-
 @given(seed=st.integers(0, 999))
 def test_closest_point_is_as_near_as_any_sample_and_lies_where_it_says(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from kit.prepared import limb
 from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.character.rig import Rig
-from wrinklecli.numeric import piecewise as tracks
+from wrinklecli.numeric import piecewise
 from wrinklecli.numeric.piecewise import Signal, key_points, key_times, smooth
 
 Floats = NDArray[np.float64]
@@ -29,9 +29,6 @@ def sampled(clip: Clip, rig: Rig, signal: Signal, *, fps: float, tolerance: floa
     assert keys[-1] == len(times) - 1
     assert (np.diff(keys) > 0).all()
     return times, times[keys]
-
-
-# --- Where to sample ---
 
 
 @pytest.mark.parametrize(("start", "tolerance"), [(0.31234, 0.01), (0.9, 0.02), (0.0, 0.05), (1.999, 0.005)])
@@ -99,12 +96,12 @@ def test_endless_bisection_ends() -> None:
     near = times[np.abs(times - 0.77) < 0.1]
     assert (np.diff(times) > 0).all()
     # A tenth of a second halved as often as allowed; float32 times there are 6e-8 apart.
-    assert np.diff(near).min() == pytest.approx(0.1 / 2**tracks._BISECTIONS, abs=1.2e-7)
+    assert np.diff(near).min() == pytest.approx(0.1 / 2**piecewise._BISECTIONS, abs=1.2e-7)
 
 
 def points_of(times: Floats) -> Floats:
     """The times and the three points between each two that are looked into."""
-    inner = times[:-1, None] + tracks._SHARES * np.diff(times)[:, None]
+    inner = times[:-1, None] + piecewise._SHARES * np.diff(times)[:, None]
     return np.append(inner.reshape(-1), times[-1])
 
 
@@ -150,7 +147,7 @@ def test_no_key_could_be_left_out(seed: int, tolerance: float, thinning: float) 
     times, keys = key_times(clip_grid(clip, rig, fps=30), lambda _: signal, tolerance=tolerance, thinning=thinning)
     points = points_of(times)
     for k in range(len(keys) - 2):
-        if keys[k + 1] % tracks._LANE:
+        if keys[k + 1] % piecewise._LANE:
             longer = times[[keys[k], keys[k + 1] + 1]]
             inside = points[(points >= longer[0]) & (points <= longer[1])]
             assert worst_between(longer, signal, inside)[0] > thinning * (1 - 1e-9)
@@ -176,7 +173,7 @@ def test_where_nothing_moves_there_are_two_keys_however_long() -> None:
     assert len(times) > 15_000
     assert keys[[0, -1]].tolist() == [0.0, 500.0]
     # The ends of what is sampled at once are keys too.
-    assert len(keys) <= 2 + len(times) // tracks._STRETCH
+    assert len(keys) <= 2 + len(times) // piecewise._STRETCH
     _, keys = sampled(long, rig, signal, fps=30, tolerance=1e-3)
     assert np.sum((keys > 299) & (keys < 301)) > len(keys) / 2
 
@@ -202,9 +199,6 @@ def test_the_ends_are_never_dropped(end: float) -> None:
     short = replace(clip, channels=(), end=end)
     times, keys = sampled(short, rig, lambda t: np.zeros((len(t), 3)), fps=30, tolerance=1.0)
     assert times.tolist() == keys.tolist() == np.unique([0.0, np.float32(end)]).tolist()
-
-
-# --- Smooth functions from few samples ---
 
 
 @given(st.integers(0, 2**32 - 1))
