@@ -32,12 +32,11 @@ from wrinklecli.baking.plan import MeshPlan, poses_of
 from wrinklecli.baking.remix import (
     keyed_at_turns,
     most_at_once,
-    remade,
     with_fewest,
     with_fewest_at_once,
     with_unit_weights,
 )
-from wrinklecli.baking.sample import Motion
+from wrinklecli.baking.sample import Motion, target_weights
 from wrinklecli.baking.targets import TargetSet, targets_of
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import blend, morph_weights, transform
@@ -128,9 +127,11 @@ def fit_budget(
     if budget.influences is not None:
         found.update(_judge_influences(document, plan, clips, budget.influences, engine))
     if budget.unit_weights:
-        target_sets = [with_unit_weights(target_set) for target_set in target_sets]
-        motions = remade(target_sets, motions)
-        found.update(_weight_range(plan, motions))
+        target_sets = [
+            with_unit_weights(target_set, [motion.weights[number] for motion in motions])
+            for number, target_set in enumerate(target_sets)
+        ]
+        found.update(_weight_range(plan, target_sets, motions))
     if _excess(plan, target_sets, motions, budget):
         target_sets, motions, found["reduced"] = _reduce(plan, target_sets, motions, budget)
     excess = _excess(plan, target_sets, motions, budget)
@@ -141,17 +142,18 @@ def fit_budget(
             where=name,
         )
     found["targets"] = len(plan.rig.morph_names) + len(targets_of(target_sets))
-    found["active"] = max((int(_active(plan, motion)[0].sum()) for motion in motions), default=0)
+    found["active"] = max((int(_active(plan, target_sets, motion)[0].sum()) for motion in motions), default=0)
     found["active_attributes"] = found["active"] * _attributes(plan)
     return target_sets, motions, found
 
 
-def _weight_range(plan: MeshPlan, motions: Sequence[Motion]) -> Json:
+def _weight_range(plan: MeshPlan, target_sets: Sequence[TargetSet], motions: Sequence[Motion]) -> Json:
     """The least and greatest weights of the wrinkles, and the least of the asset's own, which are not changed."""
     own = [morph_weights(plan.rig, motion.clip, motion.times) for motion in motions]
+    wrinkles = [target_weights(target_sets, motion) for motion in motions]
     return {
-        "least_weight": min((float(motion.weights.min(initial=0.0)) for motion in motions), default=0.0),
-        "greatest_weight": max((float(motion.weights.max(initial=0.0)) for motion in motions), default=0.0),
+        "least_weight": min((float(weights.min(initial=0.0)) for weights in wrinkles), default=0.0),
+        "greatest_weight": max((float(weights.max(initial=0.0)) for weights in wrinkles), default=0.0),
         "least_weight_of_asset": min((float(weights.min(initial=0.0)) for weights in own), default=0.0),
     }
 
@@ -178,10 +180,9 @@ def _reduce(
                     "error": float(f"{error:.3e}"),
                 }
             )
-    remade_motions = remade(reduced, motions)
     if budget.active is not None:
-        reduced, remade_motions = keyed_at_turns(plan, reduced, remade_motions)
-    return reduced, remade_motions, changes
+        return reduced, [keyed_at_turns(plan, reduced, motion) for motion in motions], changes
+    return reduced, list(motions), changes
 
 
 def _excess(plan: MeshPlan, target_sets: Sequence[TargetSet], motions: Sequence[Motion], budget: Budget) -> str:
@@ -192,7 +193,7 @@ def _excess(plan: MeshPlan, target_sets: Sequence[TargetSet], motions: Sequence[
         return f"has {count} morph targets, {own} of them the asset's own"
     if budget.active is not None:
         for motion in motions:
-            shown, time = _active(plan, motion)
+            shown, time = _active(plan, target_sets, motion)
             if shown.sum() > budget.active:
                 ends = np.cumsum([own, *(len(targets_of([target_set])) for target_set in target_sets)])
                 users = ["the asset's own", *(target_set.carried.patch.tool.name for target_set in target_sets)]
@@ -202,10 +203,11 @@ def _excess(plan: MeshPlan, target_sets: Sequence[TargetSet], motions: Sequence[
     return ""
 
 
-def _active(plan: MeshPlan, motion: Motion) -> tuple[Bools, float]:
+def _active(plan: MeshPlan, target_sets: Sequence[TargetSet], motion: Motion) -> tuple[Bools, float]:
     """(targets,) which have a weight other than 0 when most do, at and between keys, and that time in seconds."""
     channel = motion.clip.channel(plan.rig.node, "weights")
-    track = widen(channel, plan.rig, motion.clip, motion.times[motion.keys], motion.weights[motion.keys])
+    weights = target_weights(target_sets, motion)[motion.keys]
+    track = widen(channel, plan.rig, motion.clip, motion.times[motion.keys], weights)
     values = track.values.astype(np.float32).reshape(len(track.times), -1, track.values.shape[-1])
     shown: Bools = np.any(values != 0, axis=1)
     # Between two keys, whatever either shows.

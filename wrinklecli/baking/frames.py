@@ -11,8 +11,8 @@ import numpy as np
 
 from wrinklecli.baking.morphs import encode_mesh, turned_normals
 from wrinklecli.baking.refined_mesh import RefinedPrimitive, base_normals, old_values, primitives_of
-from wrinklecli.baking.sample import Motion
-from wrinklecli.baking.targets import Target
+from wrinklecli.baking.sample import Motion, target_weights
+from wrinklecli.baking.targets import TargetSet, targets_of
 from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.skin import pose, prepare
@@ -33,7 +33,7 @@ class Frames:
 
     rig: Rig
     fine: Refinement
-    targets: tuple[Target, ...]
+    target_sets: tuple[TargetSet, ...]
     motions: tuple[Motion, ...]
 
 
@@ -62,24 +62,24 @@ def pose_frames(document: Document, frames: Frames, motion: Motion) -> Iterator[
     )
     tangents = _joined([_tangents(document, each, part) for each, part in zip(primitives, parts, strict=True)], parts)
     weights = fine.dense_weights(np.arange(len(fine.positions)), len(rig.joints))[welds]
-    shapes = np.zeros((len(frames.targets), *fine.positions.shape))
-    for into, target in zip(shapes, frames.targets, strict=True):
+    targets = targets_of(frames.target_sets)
+    shapes = np.zeros((len(targets), *fine.positions.shape))
+    for into, target in zip(shapes, targets, strict=True):
         into[target.shape.vertices] = target.shape.deltas
     deltas = np.concatenate([fine.morph_deltas, shapes])[:, welds]
     bent = None
     if base is not None:
-        bent = np.concatenate([old_deltas, np.zeros((len(frames.targets), *base.shape))])
-        for into, target in zip(bent[len(old_deltas) :], frames.targets, strict=True):
+        bent = np.concatenate([old_deltas, np.zeros((len(targets), *base.shape))])
+        for into, target in zip(bent[len(old_deltas) :], targets, strict=True):
             vertices, turns = turned_normals(target.shape, welds, fine.normals, base)
             into[vertices] = turns
     skin = prepare(weights, fine.positions[welds], deltas, base, bent)
     along = None if tangents is None else prepare(weights, tangents[:, :3], np.zeros((0, len(welds), 3)))
+    wrinkles = target_weights(frames.target_sets, motion)
     for start in range(0, len(motion.times), _CHUNK):
         times = motion.times[start : start + _CHUNK]
         matrices = joint_matrices(rig, motion.clip, times)
-        played = np.concatenate(
-            [morph_weights(rig, motion.clip, times), motion.weights[start : start + _CHUNK]], axis=1
-        )
+        played = np.concatenate([morph_weights(rig, motion.clip, times), wrinkles[start : start + _CHUNK]], axis=1)
         positions, normals = pose(skin, matrices, played)
         moved = None
         if along is not None:

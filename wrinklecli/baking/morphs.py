@@ -21,7 +21,7 @@ from wrinklecli.baking.refined_mesh import (
     refine_primitive,
     shared_vertices,
 )
-from wrinklecli.baking.sample import Motion, skin_weights
+from wrinklecli.baking.sample import Motion, skin_weights, target_weights
 from wrinklecli.baking.targets import Target, TargetSet, targets_of
 from wrinklecli.character.clip import Clip, read_clips
 from wrinklecli.character.rig import Rig, morph_target_names
@@ -78,7 +78,7 @@ def encode_morphs(
     groups = shared_vertices(edited.source, plan.rig.mesh, plan.fine)
     encode_mesh(edited, plan.rig, plan.fine, targets, sparse=sparse, stored=stored, tangents=tangents, groups=groups)
     encode_extras(edited, plan, target_sets)
-    _encode_tracks(edited, plan.rig, motions, stored)
+    _encode_tracks(edited, plan.rig, target_sets, motions, stored)
 
 
 def _stored_weights(plan: MeshPlan, target_sets: Sequence[TargetSet]) -> Floats:
@@ -92,7 +92,9 @@ def _stored_weights(plan: MeshPlan, target_sets: Sequence[TargetSet]) -> Floats:
     return stored
 
 
-def _encode_tracks(edited: EditedDocument, rig: Rig, motions: Sequence[Motion], stored: Floats) -> None:
+def _encode_tracks(
+    edited: EditedDocument, rig: Rig, target_sets: Sequence[TargetSet], motions: Sequence[Motion], stored: Floats
+) -> None:
     """Write weight tracks of all morph targets, old and new; a clip that is not baked keeps the stored weights."""
     baked = {motion.clip.index for motion in motions}
     for clip in read_clips(edited.source):
@@ -103,7 +105,7 @@ def _encode_tracks(edited: EditedDocument, rig: Rig, motions: Sequence[Motion], 
     # Without a target, as where no vertex lies under a bump, a track would have no values.
     for motion in motions if len(stored) else ():
         channel = motion.clip.channel(rig.node, "weights")
-        times, weights = motion.times[motion.keys], motion.weights[motion.keys]
+        times, weights = motion.times[motion.keys], target_weights(target_sets, motion)[motion.keys]
         encode_track(edited, motion.clip, rig.node, widen(channel, rig, motion.clip, times, weights))
 
 

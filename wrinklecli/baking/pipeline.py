@@ -16,7 +16,6 @@ from wrinklecli.baking.plan import MeshPlan, plan_meshes
 from wrinklecli.baking.proof import prove
 from wrinklecli.baking.report import BakedMesh, Report, make_report
 from wrinklecli.baking.sample import sample_clips
-from wrinklecli.baking.targets import targets_of
 from wrinklecli.baking.timings import StageClock, make_timings
 from wrinklecli.errors import BakeError, RefusedError
 from wrinklecli.gltf.edit import EditedDocument
@@ -126,7 +125,7 @@ def _write(
 ) -> int | None:
     """Write the files of `frames_dir` and OUT, all or none; the size of OUT with the files beside it."""
     options = job.options
-    frames = [Frames(mesh.plan.rig, mesh.plan.fine, targets_of(mesh.target_sets), mesh.motions) for mesh in posed]
+    frames = [Frames(mesh.plan.rig, mesh.plan.fine, mesh.target_sets, mesh.motions) for mesh in posed]
     if out is not None and options.mode == "frames":
         with clock.stage("encode"):
             encode_frames(edited, frames, progress)

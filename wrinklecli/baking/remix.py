@@ -21,9 +21,17 @@ _LEAST_SHARE = 0.1
 _IN_TURN = 2
 
 
-def with_unit_weights(target_set: TargetSet) -> TargetSet:
-    """The same motion with weights from 0 to 1: shapes scaled, and those of negative weights gone on with."""
-    path = _path(target_set)
+def with_unit_weights(target_set: TargetSet, sampled: Sequence[Floats]) -> TargetSet:
+    """The same motion with weights from 0 to 1: shapes scaled, and those of negative weights gone on with.
+
+    Args:
+        target_set: The tool, on its own shapes.
+        sampled: For each clip its (frames, shapes) weights, which tell the range where a tool has no curve.
+    """
+    if target_set.from_skin:
+        path = _path(target_set)
+    else:
+        path = np.concatenate([np.zeros((0, len(target_set.targets))), *sampled])
     peaks = np.maximum(np.abs(path).max(axis=0, initial=0.0), 1.0)
     negative: Bools = np.any(path < 0, axis=0)
     split = tuple(column for column, target in enumerate(target_set.targets) if target is not None and negative[column])
@@ -40,9 +48,7 @@ def with_unit_weights(target_set: TargetSet) -> TargetSet:
 
 
 def _path(target_set: TargetSet) -> Floats:
-    """(rows, shapes) weights that a tool's targets take: over all shortenings, or as sampled where it has no curve."""
-    if not target_set.from_skin:
-        return np.concatenate(target_set.weights) if target_set.weights else np.zeros((0, len(target_set.targets)))
+    """(rows, shapes) weights that a skin-attached tool's targets take over all shortenings."""
     table = target_set.shape_weights(weight_path(target_set.carried.patch.curve))
     tool, strength = target_set.carried.patch.tool, target_set.carried.patch.shape_strength
     factors = [1.0, *(each / strength for each in tool.clips.values())] if strength else [1.0]
@@ -138,50 +144,26 @@ def in_turn(target_set: TargetSet, least: float) -> TargetSet:
     return _remixed(target_set, shapes, Remix(mix, shares, least=least))
 
 
-def keyed_at_turns(
-    plan: MeshPlan, target_sets: Sequence[TargetSet], motions: Sequence[Motion]
-) -> tuple[list[TargetSet], list[Motion]]:
-    """Keys where one group of bumps is full and the next begins, so that no interval shows three groups of a tool."""
-    keyed = [
-        _keyed_clip(plan, target_sets, motion, [target_set.weights[number] for target_set in target_sets])
-        for number, motion in enumerate(motions)
-    ]
-    by_tool = zip(*(weights for _, weights in keyed), strict=True)
-    extended = [replace(target_set, weights=weights) for target_set, weights in zip(target_sets, by_tool, strict=True)]
-    return extended, remade(extended, [motion for motion, _ in keyed])
-
-
-def _keyed_clip(
-    plan: MeshPlan, target_sets: Sequence[TargetSet], motion: Motion, weights: list[Floats]
-) -> tuple[Motion, list[Floats]]:
-    """One clip with these keys, and (frames, shapes) weights of each tool."""
-    clip, times, keys = motion.clip, motion.times, motion.keys
+def keyed_at_turns(plan: MeshPlan, target_sets: Sequence[TargetSet], motion: Motion) -> Motion:
+    """A clip keyed where one group of bumps is full and the next begins: no interval shows three groups of a tool."""
+    clip, times, keys, weights = motion.clip, motion.times, motion.keys, motion.weights
     for number, target_set in enumerate(target_sets):
         while target_set.remix is not None and target_set.remix.least > 0:
-            turns = _turns(plan, target_set, clip, times[keys], weights[number][keys])
+            turns = _turns(plan, target_set, clip, times[keys], target_set.shape_weights(weights[number])[keys])
             if not len(turns):
                 break
             fresh = np.setdiff1d(turns, times)
             places = np.searchsorted(times, fresh)
-            weights = [
+            weights = tuple(
                 np.insert(old, places, _weights_at(plan, each, clip, old, times, fresh), axis=0) if len(fresh) else old
                 for each, old in zip(target_sets, weights, strict=True)
-            ]
+            )
             keyed = np.union1d(times[keys], turns)
             times = np.insert(times, places, fresh)
             keys = np.searchsorted(times, keyed)
     patches = [target_set.carried.patch for target_set in target_sets]
     seen = further_activities(patches, plan.rig, plan.rest, clip, times, known=motion.seen, known_at=motion.times)
-    return replace(motion, times=times, keys=keys, seen=tuple(seen)), weights
-
-
-def remade(target_sets: Sequence[TargetSet], motions: Sequence[Motion]) -> list[Motion]:
-    """The same clips with the weights of other targets."""
-    made = []
-    for index, motion in enumerate(motions):
-        columns = [target_set.written(target_set.weights[index]) for target_set in target_sets]
-        made.append(replace(motion, weights=np.concatenate(columns, axis=1)))
-    return made
+    return replace(motion, times=times, keys=keys, seen=tuple(seen), weights=weights)
 
 
 def _turns(plan: MeshPlan, target_set: TargetSet, clip: Clip, keys: Floats, weights: Floats) -> Floats:
@@ -228,17 +210,16 @@ def _turns(plan: MeshPlan, target_set: TargetSet, clip: Clip, keys: Floats, weig
 def _weights_at(
     plan: MeshPlan, target_set: TargetSet, clip: Clip, weights: Floats, times: Floats, fresh: Floats
 ) -> Floats:
-    """(fresh, shapes) weights of a tool at more times: its own, or between those sampled where it has no curve."""
+    """(fresh, shapes) weights of a tool at more times: its curve's, or between those sampled where it has none."""
     if target_set.from_skin:
-        return target_set.shape_weights(skin_weights(plan, target_set.carried, clip, fresh))
+        return skin_weights(plan, target_set.carried, clip, fresh)
     columns = [np.interp(fresh, times, column) for column in weights.T]
     return np.stack(columns, axis=1) if columns else np.zeros((len(fresh), 0))
 
 
 def _remixed(target_set: TargetSet, shapes: Sequence[Shape | None], remix: Remix) -> TargetSet:
     """A tool on other shapes than its own, which are those of its curve."""
-    weights = tuple(remix.weights(each) for each in target_set.weights)
-    return replace(target_set, targets=named_targets(target_set.carried, shapes), weights=weights, remix=remix)
+    return replace(target_set, targets=named_targets(target_set.carried, shapes), remix=remix)
 
 
 def _sum(shapes: Sequence[Shape], factors: Floats) -> Shape:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -53,26 +53,17 @@ class Motion:
     Attributes:
         clip: The animation.
         times: (frames,) seconds.
-        weights: (frames, targets) of the wrinkles.
         keys: (keys,) the frames that a track needs, straight between them.
         seen: What each tool does at these times.
+        weights: For each tool, (frames, shapes) of its shapes as sampled, which a remix gives the weights of others;
+            empty before there are shapes.
     """
 
     clip: Clip
     times: Floats
-    weights: Floats
     keys: Ints
     seen: tuple[Activity, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class _Sampled:
-    """One clip at its times, before there are shapes to weigh; fields as those of `Motion`."""
-
-    clip: Clip
-    times: Floats
-    keys: Ints
-    seen: tuple[Activity, ...]
+    weights: tuple[Floats, ...] = ()
 
 
 def sample_clips(
@@ -88,7 +79,7 @@ def sample_clips(
         progress: Called with a stage's name, frames done and frames in all.
 
     Returns:
-        Each tool's shapes, and each clip's weights over all of them.
+        Each tool's shapes, and each clip with their weights.
 
     Raises:
         BakeError: There are too many frames, or too many shapes.
@@ -96,21 +87,30 @@ def sample_clips(
     chosen = list(clips) if mode == "frames" else moving_clips(plan, clips)
     refuse_many_frames(plan, chosen, fps=fps)
     sampled = _sampled(plan, chosen, fps=fps, mode=mode, progress=progress)
-    target_sets = [_target_set(plan, number, sampled) for number in range(len(plan.carried_patches))]
-    motions = []
-    for number, each in enumerate(sampled):
-        columns = [target_set.written(target_set.weights[number]) for target_set in target_sets]
-        motions.append(Motion(each.clip, each.times, np.concatenate(columns, axis=1), each.keys, each.seen))
-    return target_sets, motions
+    target_sets, by_tool = [], []
+    for number in range(len(plan.carried_patches)):
+        target_set, weights = _target_set(plan, number, sampled)
+        target_sets.append(target_set)
+        by_tool.append(weights)
+    by_clip = zip(*by_tool, strict=True)
+    return target_sets, [replace(motion, weights=weights) for motion, weights in zip(sampled, by_clip, strict=True)]
 
 
-def _sampled(plan: MeshPlan, clips: Sequence[Clip], *, fps: float, mode: Mode, progress: Progress) -> list[_Sampled]:
-    """Find the times of each clip, and what the tools do then."""
+def target_weights(target_sets: Sequence[TargetSet], motion: Motion) -> Floats:
+    """(frames, targets) weights of the targets of all tools in one clip."""
+    columns = [
+        each.written(each.shape_weights(weights)) for each, weights in zip(target_sets, motion.weights, strict=True)
+    ]
+    return np.concatenate(columns, axis=1)
+
+
+def _sampled(plan: MeshPlan, clips: Sequence[Clip], *, fps: float, mode: Mode, progress: Progress) -> list[Motion]:
+    """Find the times of each clip, and what the tools do then; without weights, as there are no shapes yet."""
     patches = [carried.patch for carried in plan.carried_patches]
     bound = plan.max_error / _overlaps(plan)
     # Frames up to the end of each clip.
     ends = np.ceil(np.cumsum([1.0 + (clip.end - clip.start) * fps for clip in clips])).astype(int).tolist()
-    sampled: list[_Sampled] = []
+    sampled: list[Motion] = []
     for clip, end, take in zip(clips, ends, takes_of(plan, clips), strict=True):
         if mode == "frames":
             times = clip_grid(clip, None, fps=fps)
@@ -120,7 +120,7 @@ def _sampled(plan: MeshPlan, clips: Sequence[Clip], *, fps: float, mode: Mode, p
         else:
             tell_left = partial(_tell_left, progress, end, ends[-1])
             times, keys = _key_times(plan, clip, fps=fps, bound=bound, tell_left=tell_left)
-        sampled.append(_Sampled(clip, times, keys, tuple(activities(patches, plan.rig, plan.rest, clip, times))))
+        sampled.append(Motion(clip, times, keys, tuple(activities(patches, plan.rig, plan.rest, clip, times))))
         progress("sampling", end, ends[-1])
     return sampled
 
@@ -156,8 +156,8 @@ def _key_times(
     return key_times(grid, signal_on, tolerance=tolerance, thinning=_KEYS_SHARE * bound)
 
 
-def _target_set(plan: MeshPlan, number: int, sampled: Sequence[_Sampled]) -> TargetSet:
-    """One tool's shapes, and their weights in each clip.
+def _target_set(plan: MeshPlan, number: int, sampled: Sequence[Motion]) -> tuple[TargetSet, list[Floats]]:
+    """One tool's shapes, and for each clip their (frames, shapes) weights.
 
     Raises:
         BakeError: It has too many shapes.
@@ -168,7 +168,7 @@ def _target_set(plan: MeshPlan, number: int, sampled: Sequence[_Sampled]) -> Tar
         weights = [_weights(carried, each.clip, each.seen[number]) for each in sampled]
     else:
         shapes, weights = _compressed(plan, carried, sampled)
-    return TargetSet(carried, named_targets(carried, shapes), tuple(weights))
+    return TargetSet(carried, named_targets(carried, shapes)), weights
 
 
 def takes_of(plan: MeshPlan, clips: Sequence[Clip]) -> list[int]:
@@ -257,7 +257,7 @@ def _weights(carried: CarriedPatch, clip: Clip | None, seen: Activity) -> Floats
 
 
 def _compressed(
-    plan: MeshPlan, carried: CarriedPatch, sampled: Sequence[_Sampled]
+    plan: MeshPlan, carried: CarriedPatch, sampled: Sequence[Motion]
 ) -> tuple[list[Shape | None], list[Floats]]:
     """Shapes and weights of displacements that are new in each frame, all clips together.
 

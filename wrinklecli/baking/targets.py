@@ -1,4 +1,4 @@
-"""Morph targets of a tool: their names, shapes, weights in each clip, and other shapes that an engine asks for."""
+"""Morph targets of a tool: their names, their shapes, and other shapes that an engine asks for."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -56,13 +56,11 @@ class TargetSet:
     Attributes:
         carried: The tool on the refined surface.
         targets: One for each shape; None for a shape that moves no vertex, which is not written.
-        weights: For each sampled clip, (frames, shapes).
         remix: Where the shapes are others than the control curve's, as an engine asked for.
     """
 
     carried: CarriedPatch
     targets: tuple[Target | None, ...]
-    weights: tuple[Floats, ...]
     remix: Remix | None = None
 
     @property
