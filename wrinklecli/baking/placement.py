@@ -7,8 +7,7 @@ from itertools import chain
 import numpy as np
 
 from wrinklecli.baking.plan import MeshPlan
-from wrinklecli.character.clip import Clip
-from wrinklecli.method.activity import Activity
+from wrinklecli.baking.sample import ClipActivity
 from wrinklecli.method.carry import CarriedPatch
 from wrinklecli.method.patch import Patch
 from wrinklecli.method.refine import Refinement
@@ -116,7 +115,7 @@ class Collision:
     position: Floats
 
 
-def collision(plan: MeshPlan, carried: CarriedPatch, seen: Sequence[tuple[Clip, Floats, Activity]]) -> Collision | None:
+def collision(plan: MeshPlan, carried: CarriedPatch, clips: Sequence[ClipActivity]) -> Collision | None:
     """Compare a tool's wrinkles at rest with the distance to what lies opposite, along the normals.
 
     Opposite lies any triangle of the same mesh, but for those of the vertex itself and what touches it there.
@@ -124,11 +123,11 @@ def collision(plan: MeshPlan, carried: CarriedPatch, seen: Sequence[tuple[Clip, 
     Args:
         plan: Of the mesh.
         carried: The tool.
-        seen: What clips make of it; where there is none, the tallest wrinkles possible count.
+        clips: What it does in each clip; where there is none, the tallest wrinkles possible count.
     """
     fine = plan.fine
     count, worst = 0, None
-    for way, peaks in zip((1.0, -1.0), _peaks(carried, seen), strict=True):
+    for way, peaks in zip((1.0, -1.0), _peaks(carried, clips), strict=True):
         tall = np.flatnonzero(peaks > _LOW * peaks.max(initial=0.0))
         if not len(tall):
             continue
@@ -185,15 +184,16 @@ def _rooms(fine: Refinement, vertices: Ints, heights: Floats, way: float) -> tup
     return vertices, heights, rooms
 
 
-def _peaks(carried: CarriedPatch, seen: Sequence[tuple[Clip, Floats, Activity]]) -> tuple[Floats, Floats]:
+def _peaks(carried: CarriedPatch, clips: Sequence[ClipActivity]) -> tuple[Floats, Floats]:
     """(vertices,) how far each vertex of a tool is moved outwards, and inwards, at the most, scene units."""
     patch, curve = carried.patch, carried.patch.curve
     shapes = curve.shapes(carried.us)
     moved = [np.zeros(len(carried.us))]
-    if not seen:
+    if not clips:
         moved.append(np.einsum("gm,gmv->v", curve.greatest_amplitudes, shapes) * carried.magnitudes)
-    for clip, _, each in seen:
-        tallest = curve.heights(each.amplitudes).argmax(axis=0)
-        rows = np.stack([each.amplitudes[tallest[bumps[0]], k] for k, bumps in enumerate(curve.groups)])
-        moved.append(patch.clip_strength(clip) * np.einsum("gm,gmv->v", rows, shapes) * carried.magnitudes)
+    for each in clips:
+        amplitudes = each.seen.amplitudes
+        tallest = curve.heights(amplitudes).argmax(axis=0)
+        rows = np.stack([amplitudes[tallest[bumps[0]], k] for k, bumps in enumerate(curve.groups)])
+        moved.append(patch.clip_strength(each.clip) * np.einsum("gm,gmv->v", rows, shapes) * carried.magnitudes)
     return np.max(moved, axis=0), -np.min(moved, axis=0)

@@ -10,7 +10,7 @@ from wrinklecli.baking.extras import METHOD
 from wrinklecli.baking.job import Job, Mode
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.proof import Residual
-from wrinklecli.baking.sample import Motion
+from wrinklecli.baking.sample import ClipActivity, Motion
 from wrinklecli.baking.targets import TargetSet, targets_of
 from wrinklecli.baking.warnings import mesh_warnings, tool_warnings
 from wrinklecli.character.clip import Clip
@@ -83,9 +83,9 @@ class BakedMesh:
     residuals: dict[str, Residual] = field(default_factory=dict)
     budget: Json | None = None
 
-    def seen(self, tool: int) -> list[tuple[Clip, Floats, Activity]]:
-        """For each clip its (frames,) times and what one of the tools does then."""
-        return [(motion.clip, motion.times, motion.seen[tool]) for motion in self.motions]
+    def activity(self, tool: int) -> list[ClipActivity]:
+        """What one of the tools does in each clip."""
+        return [ClipActivity(motion.clip, motion.times, motion.seen[tool]) for motion in self.motions]
 
 
 def make_report(job: Job, baked: Sequence[BakedMesh], *, images: Sequence[str]) -> Report:
@@ -101,7 +101,7 @@ def make_report(job: Job, baked: Sequence[BakedMesh], *, images: Sequence[str]) 
         clips = [motion.clip for motion in mesh.motions]
         warnings += mesh_warnings(mesh.plan, job.settings, clips, job.options.mode)
         for number, target_set in enumerate(mesh.target_sets):
-            warnings += tool_warnings(mesh.plan, target_set.carried, mesh.seen(number))
+            warnings += tool_warnings(mesh.plan, target_set.carried, mesh.activity(number))
     engine = job.options.engine
     data: Json = {
         "report": VERSION,
@@ -167,9 +167,9 @@ def _describe_clips(baked: Sequence[BakedMesh], *, details: bool) -> list[Json]:
                 entry["residual"] = _describe_residual(mesh.residuals[motion.clip.name])
         for number, target_set in enumerate(mesh.target_sets if details else ()):
             patch = target_set.carried.patch
-            for clip, _, what in mesh.seen(number):
-                strength = patch.tool.clips.get(clip.name, patch.tool.strength)
-                clips[clip.name]["tools"].append(_describe_activity(patch, what, strength))
+            for each in mesh.activity(number):
+                strength = patch.tool.strength_in(each.clip.name)
+                clips[each.clip.name]["tools"].append(_describe_activity(patch, each.seen, strength))
     return list(clips.values())
 
 

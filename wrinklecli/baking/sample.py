@@ -66,6 +66,21 @@ class Motion:
     weights: tuple[Floats, ...] = ()
 
 
+@dataclass(frozen=True, slots=True)
+class ClipActivity:
+    """What one tool does in one clip.
+
+    Attributes:
+        clip: The animation.
+        times: (frames,) seconds.
+        seen: What the tool does at these times.
+    """
+
+    clip: Clip
+    times: Floats
+    seen: Activity
+
+
 def sample_clips(
     plan: MeshPlan, clips: Sequence[Clip], *, fps: float, mode: Mode, progress: Progress
 ) -> tuple[list[TargetSet], list[Motion]]:

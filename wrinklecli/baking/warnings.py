@@ -7,11 +7,10 @@ import numpy as np
 from wrinklecli.baking.job import Mode
 from wrinklecli.baking.placement import ground_under
 from wrinklecli.baking.plan import MeshPlan
+from wrinklecli.baking.sample import ClipActivity
 from wrinklecli.character.clip import Clip
-from wrinklecli.method.activity import Activity
 from wrinklecli.method.carry import CarriedPatch
 from wrinklecli.method.patch import Patch
-from wrinklecli.numeric.arrays import Floats
 from wrinklecli.tools.records import ToolsFile
 
 # A shortening below this part of the rest length is as good as none.
@@ -45,18 +44,18 @@ def mesh_warnings(plan: MeshPlan, settings: ToolsFile, clips: Sequence[Clip], mo
     ]
 
 
-def tool_warnings(plan: MeshPlan, carried: CarriedPatch, clips: Sequence[tuple[Clip, Floats, Activity]]) -> list[str]:
+def tool_warnings(plan: MeshPlan, carried: CarriedPatch, clips: Sequence[ClipActivity]) -> list[str]:
     """What a user should know of one tool: of its place, and of what it does.
 
     Args:
         plan: Of its mesh.
         carried: The tool.
-        clips: For each clip baked its (frames,) times and what the tool does then.
+        clips: What it does in each clip baked.
     """
     return _placement_warnings(plan, carried) + _clip_warnings(carried, clips)
 
 
-def _clip_warnings(carried: CarriedPatch, clips: Sequence[tuple[Clip, Floats, Activity]]) -> list[str]:
+def _clip_warnings(carried: CarriedPatch, clips: Sequence[ClipActivity]) -> list[str]:
     """What a user should know of how one tool acts, over all clips baked."""
     patch = carried.patch
     where = patch.tool.name
@@ -67,15 +66,15 @@ def _clip_warnings(carried: CarriedPatch, clips: Sequence[tuple[Clip, Floats, Ac
         warnings.append(f"{where}: {carried.stuck} vertices stay put: singular at rest")
     if not clips:
         return warnings
-    if max(float((seen.shortenings / seen.rest_lengths).max()) for _, _, seen in clips) < _VISIBLE:
-        warnings.append(f"{where}: never shortens in {', '.join(clip.name for clip, _, _ in clips)}: no wrinkle")
-    clip, times, seen = max(clips, key=lambda each: float((each[2].unabsorbed / each[2].rest_lengths).max()))
-    share = seen.unabsorbed / seen.rest_lengths
+    if max(float((each.seen.shortenings / each.seen.rest_lengths).max()) for each in clips) < _VISIBLE:
+        warnings.append(f"{where}: never shortens in {', '.join(each.clip.name for each in clips)}: no wrinkle")
+    worst = max(clips, key=lambda each: float((each.seen.unabsorbed / each.seen.rest_lengths).max()))
+    share = worst.seen.unabsorbed / worst.seen.rest_lengths
     if share.max() > _VISIBLE:
         frame = int(share.argmax())
         warnings.append(
-            f"{where}: {100 * share[frame]:.0f} % of its length is not absorbed in {clip.name} at"
-            f" {times[frame]:.3g} s: the bumps reach max_height"
+            f"{where}: {100 * share[frame]:.0f} % of its length is not absorbed in {worst.clip.name} at"
+            f" {worst.times[frame]:.3g} s: the bumps reach max_height"
         )
     return warnings
 

@@ -10,11 +10,11 @@ from scipy.sparse import csr_array
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.placement import collision
 from wrinklecli.baking.plan import MeshPlan, plan_meshes
-from wrinklecli.baking.sample import moving_clips, refuse_many_frames
+from wrinklecli.baking.sample import ClipActivity, moving_clips, refuse_many_frames
 from wrinklecli.baking.warnings import mesh_warnings, tool_warnings
 from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.gltf.shape import Json
-from wrinklecli.method.activity import Activity, activity
+from wrinklecli.method.activity import activity
 from wrinklecli.method.anchor import Anchor
 from wrinklecli.method.carry import CarriedPatch
 from wrinklecli.numeric.arrays import Floats
@@ -31,12 +31,12 @@ class CheckedTool:
 
     Attributes:
         carried: The tool on its mesh.
-        seen: For each clip that moves the mesh, its (frames,) times and what they make of the tool.
+        clips: What the tool does in each clip that moves the mesh.
         data: For `--json`: JSON values only.
     """
 
     carried: CarriedPatch
-    seen: tuple[tuple[Clip, Floats, Activity], ...]
+    clips: tuple[ClipActivity, ...]
     data: Json
 
 
@@ -107,13 +107,15 @@ def _check_tool(
     plan: MeshPlan, carried: CarriedPatch, grids: Sequence[tuple[Clip, Floats]], overlaps: list[Json], up: str
 ) -> CheckedTool:
     """Run the control curve of one tool over clips at their (frames,) times."""
-    seen = tuple((clip, times, activity(carried.patch, plan.rig, plan.rest, clip, times)) for clip, times in grids)
+    clips = tuple(
+        ClipActivity(clip, times, activity(carried.patch, plan.rig, plan.rest, clip, times)) for clip, times in grids
+    )
     data = _describe_tool(plan, carried, up) | {
         "overlaps": overlaps,
-        "clips": [_describe_clip(carried, *each) for each in seen],
-        "warnings": tool_warnings(plan, carried, seen) + _collision_warnings(plan, carried, seen, up),
+        "clips": [_describe_clip(carried, each) for each in clips],
+        "warnings": tool_warnings(plan, carried, clips) + _collision_warnings(plan, carried, clips, up),
     }
-    return CheckedTool(carried, seen, data)
+    return CheckedTool(carried, clips, data)
 
 
 def _describe_mesh(plan: MeshPlan) -> Json:
@@ -163,8 +165,9 @@ def _describe_anchor(plan: MeshPlan, anchor: Anchor, up: str) -> Json:
     }
 
 
-def _describe_clip(carried: CarriedPatch, clip: Clip, times: Floats, seen: Activity) -> Json:
+def _describe_clip(carried: CarriedPatch, each: ClipActivity) -> Json:
     """What one clip makes of a tool; shares are of the rest length, and of no frame where the tool is hidden in all."""
+    clip, seen = each.clip, each.seen
     strength = carried.patch.tool.strength_in(clip.name)
     shown = np.isfinite(seen.distances)
     if not shown.any():
@@ -178,7 +181,7 @@ def _describe_clip(carried: CarriedPatch, clip: Clip, times: Floats, seen: Activ
         "name": clip.name,
         "strength": strength,
         "shortening": [_round(shares[shown].min()), _round(shares[most])],
-        "time": _round(times[most]),
+        "time": _round(each.times[most]),
         "unabsorbed": _round((seen.unabsorbed / seen.rest_lengths).max()),
         "height": _round(abs(strength) * float(heights.max(initial=0.0))),
     }
@@ -199,10 +202,8 @@ def _overlaps(plan: MeshPlan) -> list[list[Json]]:
     return found
 
 
-def _collision_warnings(
-    plan: MeshPlan, carried: CarriedPatch, seen: Sequence[tuple[Clip, Floats, Activity]], up: str
-) -> list[str]:
-    found = collision(plan, carried, seen)
+def _collision_warnings(plan: MeshPlan, carried: CarriedPatch, clips: Sequence[ClipActivity], up: str) -> list[str]:
+    found = collision(plan, carried, clips)
     if found is None:
         return []
     at = ", ".join(f"{x:.4g}" for x in _written(found.position, up))

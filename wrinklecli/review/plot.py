@@ -111,7 +111,7 @@ def _draw_curves(axes: "Axes", tool: CheckedTool) -> None:
 
     patch = tool.carried.patch
     curve, strength = patch.curve, patch.shape_strength
-    greatest = max((float((seen.shortenings / seen.rest_lengths).max()) for _, _, seen in tool.seen), default=0.0)
+    greatest = max((float((each.seen.shortenings / each.seen.rest_lengths).max()) for each in tool.clips), default=0.0)
     reached = greatest > _VISIBLE
     shortenings = np.linspace(0.0, greatest if reached else _SHOWN_SHORTENING, _CURVES)
     lengths = np.full(len(shortenings), curve.greatest_rest_length)
@@ -139,9 +139,9 @@ def _draw_heights(axes: "Axes", tool: CheckedTool) -> None:
     """The height of the tallest bump over the time of each clip."""
     patch = tool.carried.patch
     lines = []
-    for clip, times, seen in tool.seen:
-        heights = patch.tool.strength_in(clip.name) * patch.curve.heights(seen.amplitudes).max(axis=1)
-        lines.append((clip.name, times, heights))
+    for each in tool.clips:
+        heights = patch.tool.strength_in(each.clip.name) * patch.curve.heights(each.seen.amplitudes).max(axis=1)
+        lines.append((each.clip.name, each.times, heights))
     named = sorted(range(len(lines)), key=lambda k: -float(np.abs(lines[k][2]).max()))[:_NAMED]
     for k, (name, times, heights) in enumerate(lines):
         if k in named:
