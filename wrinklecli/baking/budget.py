@@ -101,8 +101,8 @@ def fit_budget(
 ) -> tuple[list[TargetSet], list[Motion], Json]:
     """Hold a mesh's morph targets to what an engine plays.
 
-    Weights outside 0 to 1 cost nothing: a shape that is scaled, and one that goes on with its negative, play
-    the same at all times. Too many targets are reduced, tool by tool, to the fewest that give all heights over the
+    Weights outside 0 to 1 cost nothing: a scaled shape, and a shape with its negative as a second one, play the
+    same at all times. Too many targets are reduced, tool by tool, to the fewest that give all heights over the
     tool's whole range of shortenings within a quarter of the error bound, whatever the clips do. Too many at a time
     cost nothing where a tool's bumps rise one after another: see `remix.in_turn`. (Tools that happen to move alike, as
     mirrored ones may, keep targets of their own: shared ones would change with the clips.)

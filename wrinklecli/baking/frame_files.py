@@ -110,12 +110,12 @@ def _joined_topology(document: Document, every: Sequence[Frames]) -> tuple[Ints,
     triangles, uvs, start = [], [], 0
     for frames in every:
         primitives = document.items("meshes")[frames.rig.mesh]["primitives"]
-        for primitive, part in zip(primitives, primitives_of(frames.fine), strict=True):
-            triangles.append(part.triangles + start)
-            start += len(part.weld)
+        for primitive, refined in zip(primitives, primitives_of(frames.fine), strict=True):
+            triangles.append(refined.triangles + start)
+            start += len(refined.weld)
             if "TEXCOORD_0" in primitive["attributes"]:
-                old = old_values(document, primitive["attributes"], "TEXCOORD_0", part, size=2)
-                uvs.append(np.concatenate([old, part.mix(old)]))
+                old = old_values(document, primitive["attributes"], "TEXCOORD_0", refined, size=2)
+                uvs.append(np.concatenate([old, refined.mix(old)]))
     complete = sum(len(each) for each in uvs) == start
     # glTF counts v from the top of the image, the other formats from the bottom.
     return np.concatenate(triangles), np.concatenate(uvs) * [1.0, -1.0] + [0.0, 1.0] if complete else None

@@ -52,15 +52,13 @@ class PosedFrame:
 def pose_frames(document: Document, frames: Frames, motion: Motion) -> Iterator[PosedFrame]:
     """Pose every frame of a clip by unpruned skin weights, wrinkles included."""
     rig, fine = frames.rig, frames.fine
-    parts = primitives_of(fine)
+    refined_primitives = primitives_of(fine)
     primitives = document.items("meshes")[rig.mesh]["primitives"]
-    welds = np.concatenate([part.weld for part in parts])
-    bases = [base_normals(document, each, part) for each, part in zip(primitives, parts, strict=True)]
-    base = _joined(bases, parts)
-    old_deltas = np.concatenate(
-        [_normal_deltas(document, each, part) for each, part in zip(primitives, parts, strict=True)], axis=1
-    )
-    tangents = _joined([_tangents(document, each, part) for each, part in zip(primitives, parts, strict=True)], parts)
+    welds = np.concatenate([refined.weld for refined in refined_primitives])
+    pairs = list(zip(primitives, refined_primitives, strict=True))
+    base = _joined([base_normals(document, *pair) for pair in pairs], refined_primitives)
+    old_deltas = np.concatenate([_normal_deltas(document, *pair) for pair in pairs], axis=1)
+    tangents = _joined([_tangents(document, *pair) for pair in pairs], refined_primitives)
     weights = fine.dense_weights(np.arange(len(fine.positions)), len(rig.joints))[welds]
     targets = targets_of(frames.target_sets)
     shapes = np.zeros((len(targets), *fine.positions.shape))
@@ -93,34 +91,34 @@ def pose_frames(document: Document, frames: Frames, motion: Motion) -> Iterator[
             yield PosedFrame(positions[frame].T, None if normals is None else normals[frame].T, handed)
 
 
-def _normal_deltas(document: Document, primitive: Json, part: RefinedPrimitive) -> Floats:
+def _normal_deltas(document: Document, primitive: Json, refined: RefinedPrimitive) -> Floats:
     """(morph targets, vertices, 3) NORMAL deltas that the source has, those of new vertices mixed."""
     targets = primitive.get("targets", [])
-    deltas = np.zeros((len(targets), len(part.weld), 3))
+    deltas = np.zeros((len(targets), len(refined.weld), 3))
     for row, target in zip(deltas, targets, strict=True):
         if "NORMAL" in target:
-            old = old_values(document, target, "NORMAL", part, size=3)
-            row[:] = np.concatenate([old, part.mix(old)])
+            old = old_values(document, target, "NORMAL", refined, size=3)
+            row[:] = np.concatenate([old, refined.mix(old)])
     return deltas
 
 
-def _tangents(document: Document, primitive: Json, part: RefinedPrimitive) -> Floats | None:
+def _tangents(document: Document, primitive: Json, refined: RefinedPrimitive) -> Floats | None:
     """(vertices, 4) TANGENTs of a primitive, those of new vertices mixed; None where it has none."""
     if "TANGENT" not in primitive["attributes"]:
         return None
-    old = old_values(document, primitive["attributes"], "TANGENT", part, size=4)
-    return np.concatenate([old, part.mix_tangents(old)])
+    old = old_values(document, primitive["attributes"], "TANGENT", refined, size=4)
+    return np.concatenate([old, refined.mix_tangents(old)])
 
 
-def _joined(attributes: Sequence[Floats | None], parts: Sequence[RefinedPrimitive]) -> Floats | None:
+def _joined(attributes: Sequence[Floats | None], refined_primitives: Sequence[RefinedPrimitive]) -> Floats | None:
     """An attribute of all primitives, 0 where one lacks it; None where all do."""
     size = max((each.shape[1] for each in attributes if each is not None), default=0)
     if not size:
         return None
     return np.concatenate(
         [
-            np.zeros((len(part.weld), size)) if each is None else each
-            for each, part in zip(attributes, parts, strict=True)
+            np.zeros((len(refined.weld), size)) if each is None else each
+            for each, refined in zip(attributes, refined_primitives, strict=True)
         ]
     )
 
@@ -147,8 +145,8 @@ def _encode_node(edited: EditedDocument, frames: Frames, progress: Progress) -> 
     for key in ("mesh", "skin", "weights"):
         node.pop(key, None)
     _drop_weight_channels(edited, rig.node)
-    parts = primitives_of(frames.fine)
-    bounds = np.cumsum([0] + [len(part.weld) for part in parts])
+    refined_primitives = primitives_of(frames.fine)
+    bounds = np.cumsum([0] + [len(refined.weld) for refined in refined_primitives])
     nodes, meshes = edited.gltf["nodes"], edited.gltf["meshes"]
     group: Json = {"name": f"{rig.names[rig.node]}_frames", "children": []}
     nodes.append(group)

@@ -41,7 +41,8 @@ def bake(
         out: The .gltf or .glb to write; may be left out where `frames_dir` is given.
         options: How to bake; the defaults of `BakeOptions` where left out.
         progress: Called with a stage's name, steps done and steps in all.
-        named: Single options by their names in `BakeOptions`, in place of those in `options`.
+        named: Single options by their names in `BakeOptions`, in place of those in `options`. Type checkers see them
+            only there.
 
     Returns:
         What was made, how exact it is, and what it took.
@@ -50,6 +51,7 @@ def bake(
         ConfigError: The tools file is at fault.
         AssetError: The asset is.
         BakeError: They do not go together, or OUT cannot be written.
+        TypeError: `named` has a name that `BakeOptions` lacks.
         RefusedError: The error exceeds `max_error`, a limit of the engine cannot be held, or `strict` and there
             are warnings. Nothing is written.
     """

@@ -22,7 +22,7 @@ _IN_TURN = 2
 
 
 def with_unit_weights(target_set: TargetSet, sampled: Sequence[Floats]) -> TargetSet:
-    """The same motion with weights from 0 to 1: shapes scaled, and those of negative weights gone on with.
+    """The same motion with weights from 0 to 1: shapes are scaled, and split where weights are negative.
 
     Args:
         target_set: The tool, on its own shapes.
