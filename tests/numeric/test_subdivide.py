@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wrinklecli.numeric.red_green import Level
+from wrinklecli.numeric.sparse import apply
 from wrinklecli.numeric.subdivide import subdivide
 
 
@@ -31,7 +32,7 @@ def chance(seed, probability, vertex_count, levels=math.inf):
     places = np.random.default_rng(seed).random((vertex_count, 1))
 
     def choose(level: Level):
-        middles = level.interpolate(places)[level.edges, 0].mean(axis=1)
+        middles = apply(level.linear, places)[level.edges, 0].mean(axis=1)
         return ((middles * 1e5) % 1.0 < probability) & (level.number < levels)
 
     return choose
@@ -350,7 +351,7 @@ def test_linear_functions_are_reproduced_inside_a_regular_grid():
     points, triangles = grid(12, 12)
 
     def wants(level):
-        middles = level.positions(points)[level.edges].mean(axis=1)
+        middles = apply(level.matrix, points)[level.edges].mean(axis=1)
         return np.linalg.norm(middles - [6, 6, 0], axis=1) < 2
 
     fine = subdivide(triangles, len(points), wants=wants, max_levels=2)
@@ -365,7 +366,7 @@ def test_new_vertices_of_a_sphere_lie_near_it(whole, times):
     points, triangles = icosphere(times)
 
     def wants(level):
-        middles = level.positions(points)[level.edges].mean(axis=1)
+        middles = apply(level.matrix, points)[level.edges].mean(axis=1)
         return (level.number < 1) & (whole | (middles @ [1.0, 2.0, 3.0] > 1.5))
 
     fine = subdivide(triangles, len(points), wants=wants, max_levels=3)
@@ -385,7 +386,7 @@ triangles = np.array([[0, 1, 2], [2, 1, 3], [3, 3, 1]])
 wants = lambda level: np.zeros(len(level.edges), dtype=bool)
 fine = subdivide(triangles, 5, wants=wants, max_levels=4)
 assert np.array_equal(fine.triangles, triangles) and fine.matrix is None and fine.linear is None
-assert (fine.vertex_count, fine.coarse_vertex_count, fine.levels) == (5, 5, 0)
+assert (fine.vertex_count, fine.levels) == (5, 0)
 coarse = np.arange(30.0).reshape(2, 5, 3)
 assert np.array_equal(fine.positions(coarse), coarse) and np.array_equal(fine.interpolate(coarse), coarse)
 assert not any(name.startswith("scipy") for name in sys.modules)
@@ -416,7 +417,7 @@ def test_any_choice_of_edges_gives_a_conforming_mesh(name, seed, probability, ma
 
     def wants(level):
         chosen = chance(seed, probability, len(points))(level)
-        rows = level.interpolate(np.eye(len(points)))[level.edges].mean(axis=1)
+        rows = apply(level.linear, np.eye(len(points)))[level.edges].mean(axis=1)
         for row, want, never in zip(rows, chosen, forbids(level), strict=True):
             wanted[row.tobytes()] = (level.number, bool(want), bool(never))
         return chosen
@@ -590,7 +591,7 @@ def test_each_level_is_built_a_few_times_only():
 
     def wants(level):
         calls.append(level.number)
-        ends = level.positions(points)[level.edges]
+        ends = apply(level.matrix, points)[level.edges]
         lengths = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
         return np.linalg.norm(ends.mean(axis=1) - [5.31, 6.17, 0], axis=1) < 0.75 * lengths
 
@@ -608,7 +609,7 @@ def test_a_split_that_cannot_be_leaves_no_trace(name, seed, probability, forbidd
     present = set(places(fine, count)[count:])
 
     def wants_what_can_be(level):
-        middles = level.interpolate(np.eye(count))[level.edges].mean(axis=1)
+        middles = apply(level.linear, np.eye(count))[level.edges].mean(axis=1)
         can_be = [tuple((int(v), float(row[v])) for v in np.flatnonzero(row)) in present for row in middles]
         return wants(level) & np.array(can_be, dtype=bool)
 
@@ -672,7 +673,7 @@ def test_only_splits_that_show_or_that_finer_ones_need_are_left(name, seed, prob
     shown = set()
 
     def shows(level):
-        shares, flags = level.interpolate(np.eye(count)), choice(level)
+        shares, flags = apply(level.linear, np.eye(count)), choice(level)
         middles = shares[level.edges[flags]].mean(axis=1)
         shown.update(tuple((int(v), float(row[v])) for v in np.flatnonzero(row)) for row in middles)
         return flags

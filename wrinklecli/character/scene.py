@@ -33,7 +33,6 @@ class ScenePrimitive:
         triangles: (triangles, 3) its vertices; none for points and lines.
         skin: Its vertices, ready to be posed.
         colour: (3,) base colour factor of its material, linear RGB.
-        double_sided: Whether its material shows both sides.
     """
 
     rig: Rig
@@ -43,7 +42,6 @@ class ScenePrimitive:
     triangles: Ints
     skin: Skin
     colour: Floats
-    double_sided: bool
 
     @property
     def name(self) -> str:
@@ -100,7 +98,7 @@ def read_scene(document: Document) -> tuple[ScenePrimitive, ...]:
             where = document.where("meshes", rig.mesh, "primitives", number)
             vertices = read_primitive(document, primitive, rig, where)
             count = len(vertices.positions)
-            material = _material(document, primitive, where)
+            colour = _base_colour(_material(document, primitive, where))
             primitives.append(
                 ScenePrimitive(
                     rig=rig,
@@ -109,8 +107,7 @@ def read_scene(document: Document) -> tuple[ScenePrimitive, ...]:
                     vertices=vertices,
                     triangles=read_triangles(document, primitive, count, where),
                     skin=_skin(vertices, len(rig.joints)),
-                    colour=_base_colour(material),
-                    double_sided=bool(material.get("doubleSided", False)),
+                    colour=colour,
                 )
             )
     return tuple(primitives)

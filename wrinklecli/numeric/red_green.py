@@ -23,7 +23,7 @@ import numpy as np
 from wrinklecli.errors import BakeError
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, among, any_of, flags_of
 from wrinklecli.numeric.butterfly import butterfly
-from wrinklecli.numeric.sparse import Matrix, apply
+from wrinklecli.numeric.sparse import Matrix
 
 # Triangles of a level: real-time characters have a tenth, and a level of these takes about 2 GB.
 _MOST_TRIANGLES = 500_000
@@ -54,14 +54,6 @@ class Level:
     parents: Ints
     edges: Ints
     triangle_edges: Ints
-
-    def positions(self, coarse: Floats) -> Floats:
-        """(..., V, C) coarse positions or morph deltas → (..., vertices, C) of this level."""
-        return apply(self.matrix, coarse)
-
-    def interpolate(self, coarse: Floats) -> Floats:
-        """(..., V, C) skin weights or the like → (..., vertices, C) of this level."""
-        return apply(self.linear, coarse)
 
 
 Criterion: TypeAlias = Callable[[Level], Bools]

@@ -34,7 +34,6 @@ class Subdivision:
         barycentrics: (F', 3, 3); corner c of fine triangle f is `barycentrics[f, c] @ corners` of its coarse
             triangle. Multiples of powers of two, exact. For corner attributes, so that seams stay seams.
         vertex_count: Of the fine mesh.
-        coarse_vertex_count: Of the coarse mesh.
         matrix: (V', V), positions and morph deltas; None is the identity: nothing was split.
         linear: (V', V), the same by edge midpoints, for skin weights; None as above.
         limited: Edges that still want a split at the highest level allowed.
@@ -46,7 +45,6 @@ class Subdivision:
     parents: Ints
     barycentrics: Floats
     vertex_count: int
-    coarse_vertex_count: int
     matrix: Matrix | None
     linear: Matrix | None
     limited: int
@@ -133,7 +131,6 @@ def subdivide(
         parents=parents,
         barycentrics=barycentrics,
         vertex_count=int(kept.sum()),
-        coarse_vertex_count=vertex_count,
         matrix=matrix,
         linear=linear,
         limited=int(limited.sum()),
