@@ -1,6 +1,7 @@
 """Settings of every test: floating-point faults raise, property tests repeat the same examples, in CI more of them."""
 
 import signal
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -22,6 +23,19 @@ def pytest_configure(config: pytest.Config) -> None:
     """Node's packages are installed before workers start, which would get in each other's way."""
     if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
         install()
+
+
+@pytest.hookimpl(tryfirst=True)  # before pytest looks at `-m`
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Of a test that is marked `quick(n)`, all cases but the first n are slow."""
+    seen: Counter[str] = Counter()
+    for item in items:
+        marker = item.get_closest_marker("quick")
+        if marker is not None:
+            name = item.nodeid.partition("[")[0]
+            seen[name] += 1
+            if seen[name] > marker.args[0]:
+                item.add_marker("slow")
 
 
 @pytest.fixture

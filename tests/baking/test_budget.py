@@ -95,6 +95,7 @@ def test_extras_play_reduced_targets() -> None:
 IN_TURN: Json = {**BROW, "strategy": "origin", "bumps": 5, "mirror": "x", "name": "brow.L"}
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("asset", "tools"),
     [
@@ -137,6 +138,7 @@ def test_bumps_that_rise_in_turn_take_two_targets_at_a_time(asset: str, tools: l
         assert turned.min() > np.cos(np.radians(0.5))
 
 
+@pytest.mark.slow
 def test_the_forehead_of_the_samples_plays_with_eight_targets(tmp_path: Path) -> None:
     tools = ROOT / "configs" / "head.yaml"
     made = wrinklecli.bake(sample("head"), tools, tmp_path / "out.glb", engine="spec8", details=True)
@@ -166,6 +168,7 @@ def test_targets_in_turn_do_not_depend_on_the_clips() -> None:
     ]
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("tool", [ROUGH, {**BROW, "strategy": "origin", "bumps": 9}])
 def test_heights_of_other_shapes_are_proven_at_all_times(
     tool: Json, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -235,6 +238,7 @@ def test_unity_gets_weights_from_0_to_1_and_the_same_motion(base: Json, strength
     assert names == [f"wrinkle_palm_{number}" for number in range(1, len(names) + 1)]
 
 
+@pytest.mark.slow
 def test_unity_splits_targets_of_posed_displacements() -> None:
     tool = {**PALM, "attachment": "patch"}
     plain, held = bake_once("wrist", tool), bake_once("wrist", tool, engine="unity")

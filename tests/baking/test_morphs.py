@@ -41,6 +41,7 @@ atexit.register(shutil.rmtree, FOLDER, ignore_errors=True)
 # Targets
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("mode", ["sparse", "dense"])
 @pytest.mark.parametrize(("name", "config"), [("wrist", "wrist"), ("head", "head"), ("trousers", "trousers")])
 def test_names_counts_and_weights_fit(name: str, config: str, mode: str) -> None:

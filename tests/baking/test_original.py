@@ -142,6 +142,7 @@ AS_GLTF = (
 )
 
 
+@pytest.mark.quick(10)
 @pytest.mark.parametrize(("case", "ending"), [(each, "glb") for each in CASES] + [(each, "gltf") for each in AS_GLTF])
 def test_same_bytes_as_from_the_original(case: str, ending: str, tmp_path: Path) -> None:
     asset, first, options, second = CASES[case]
@@ -196,6 +197,7 @@ def test_bakes_of_one_node_after_another_come_off_together(tmp_path: Path) -> No
     assert_same(restore.original(read_document(second)), read_document(asset))
 
 
+@pytest.mark.quick(8)
 @pytest.mark.parametrize(
     ("earlier", "out"),
     [
@@ -588,6 +590,7 @@ LIES: dict[str, Callable[[Json, bytes], tuple[Json, bytes]]] = {
 }
 
 
+@pytest.mark.quick(12)
 @pytest.mark.parametrize("lie", LIES)
 def test_a_record_that_lies_is_refused_in_one_line(lie: str, tmp_path: Path) -> None:
     path = forged(baked_limb(tmp_path), LIES[lie])

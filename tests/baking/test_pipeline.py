@@ -36,6 +36,7 @@ def geometry(file: Gltf, node: str) -> list[tuple[str, bytes]]:
 # Morph targets
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("details", [[], [0.15, 0.2]])
 @pytest.mark.parametrize(("strategy", "count"), STRATEGIES.items())
 def test_targets_of_five_bumps(strategy: str, count: int, details: list[float]) -> None:
@@ -65,6 +66,7 @@ def test_bumps_rise_in_the_order_of_their_strategy() -> None:
             assert (first[second > 0.02] > 0.98).all()
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("asset", "config"), [("wrist", "wrist"), ("head", "head")])
 def test_geometry_does_not_depend_on_clips(asset: str, config: str) -> None:
     whole = bake_config(asset, config)

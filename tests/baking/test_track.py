@@ -91,6 +91,7 @@ def assert_tracks(made: Gltf, whole: Gltf, node: str, clip: str) -> None:
     assert np.abs(found - expected).max() < CLOSE
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("change", [skeleton_only, in_centimetres])
 @pytest.mark.parametrize(("name", "clips"), [("trousers", ["squat", "walk"]), ("wrist", ["flex", "extend"])])
 def test_a_clip_in_a_file_of_its_own_gets_the_weights_that_baking_gives(
@@ -133,6 +134,7 @@ def as_it_was(made: Gltf, before: Gltf) -> Json:
     return gltf
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("change", [skeleton_only, in_centimetres, idle, with_bystanders])
 def test_nothing_else_changes_and_the_stub_costs_no_bytes(change: Callable[[Editor], None], tmp_path: Path) -> None:
     anim = edited("trousers", change)
@@ -177,6 +179,7 @@ def test_buffers_outside_the_folder_are_read_on_request_only(tmp_path: Path) -> 
     assert_tracks(Gltf(Path(made.path)), bake_config("trousers", "trousers"), "trousers", "walk")
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("name", ["trousers", "wrist", "head"])
 def test_three_js_drives_the_body_by_name(name: str, tmp_path: Path) -> None:
     body, whole = body_of(name), bake_config(name, name)
@@ -205,6 +208,7 @@ def test_three_js_drives_every_part_of_a_body(tmp_path: Path) -> None:
     assert_valid(made.path)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("name", ["trousers", "head"])
 def test_the_files_own_body_takes_the_tracks(name: str, tmp_path: Path) -> None:
     """The original, with the mesh that the body had before: it keeps its weights and gets targets that do nothing."""
@@ -232,6 +236,7 @@ def test_a_body_with_the_targets_gets_its_tracks_anew(name: str, tmp_path: Path)
     assert_valid(made.path)
 
 
+@pytest.mark.quick(5)
 @pytest.mark.parametrize("clip", ["think", "raise_brows"])
 @pytest.mark.parametrize("strategy", ["everywhere", "origin", "both_ends"])
 @pytest.mark.parametrize(

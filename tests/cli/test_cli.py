@@ -423,6 +423,7 @@ def test_a_report_is_the_same_every_time(wrinkle: Wrinkle, tmp_path: Path) -> No
 # Dependencies
 
 
+@pytest.mark.slow
 def test_make_bakes_again_exactly_when_it_must(tmp_path: Path) -> None:
     make = shutil.which("make")
     if make is None:

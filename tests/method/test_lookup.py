@@ -51,6 +51,7 @@ def everywhere(curve: ControlCurve, shares: Sequence[float]) -> tuple[Floats, Fl
     return distances, lengths
 
 
+@pytest.mark.quick(12)
 @pytest.mark.parametrize("strategy", ["everywhere", "origin", "both_ends"])
 @pytest.mark.parametrize(
     ("profile", "details"), [("smooth", ()), ("smooth", (0.3, 0.2)), ("polyline", ()), ("polyline", (0.2,))]
@@ -76,6 +77,7 @@ def test_any_number_of_bumps(bumps: int, gap: int) -> None:
     assert len(table.distances) < 8000
 
 
+@pytest.mark.quick(14)
 @pytest.mark.parametrize("strategy", ["everywhere", "origin", "both_ends"])
 @pytest.mark.parametrize(
     ("profile", "details"), [("smooth", ()), ("smooth", (0.3, 0.2)), ("polyline", ()), ("polyline", (0.2,))]

@@ -266,6 +266,7 @@ def test_a_patch_over_two_layers_is_warned_of_by_their_share(fold: float, tmp_pa
         assert share == pytest.approx(100 * 2 * fold / (2 * REACH), abs=8.0)
 
 
+@pytest.mark.slow
 def test_no_sample_s_tool_is_warned_of() -> None:
     for asset, config in (("wrist", "wrist"), ("head", "head"), ("head", "head_keyed"), ("trousers", "trousers")):
         assert check(sample(asset), ROOT / "configs" / f"{config}.yaml").warnings == ()
@@ -423,6 +424,7 @@ def test_names_cannot_command_a_terminal(wrinkle: Wrinkle, tmp_path: Path) -> No
 # --- The picture ---
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["svg", pytest.param("png", marks=pytest.mark.slow)])
 def test_a_picture_is_the_same_in_every_process(wrinkle: Wrinkle, tmp_path: Path, kind: str) -> None:
     write_tools(tmp_path / "tools.yaml", PALM, BACK)

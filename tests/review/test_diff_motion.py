@@ -217,6 +217,7 @@ def test_other_triangles_of_one_surface_are_the_same_as_posed(tmp_path: Path) ->
     assert {each.place for each in found.differences} <= {f"/meshes/0/primitives/{k}" for k in range(8)}
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("first", "second"),
     [

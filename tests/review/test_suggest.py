@@ -108,6 +108,7 @@ def test_tools_name_their_node_where_several_meshes_deform(tmp_path: Path) -> No
     assert {each.tool.node for each in alone.tools} == {"twin"}
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("name", ['a"b', "a\\b: #", "new\nline\x07", "日本 \u2028", "- [x", " "])
 def test_a_node_of_any_name_can_be_named(tmp_path: Path, name: str) -> None:
     asset = two_limbs()
@@ -228,6 +229,7 @@ def test_wrong_usage_is_code_2(arguments: list[str]) -> None:
     assert run(*(["limb.glb", *arguments] if arguments else [])).exit_code == 2
 
 
+@pytest.mark.slow
 def test_same_bytes_in_another_folder_and_process(tmp_path: Path) -> None:
     for folder, seed in (("a", "1"), ("b", "2")):
         (tmp_path / folder).mkdir()
@@ -317,6 +319,7 @@ def test_clips_that_hide_the_character_are_null_in_json(tmp_path: Path) -> None:
     assert clips["fold"] > 0
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("first", range(0, 60, 20))
 def test_damaged_assets_are_measured_or_refused(tmp_path: Path, first: int) -> None:
     outcomes = []

@@ -36,6 +36,7 @@ def in_assets(name: str) -> Path:
     return path
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     "options", [{}, {"rings": 40, "sides": 28}, {"rings": 11, "sides": 8}, {"normals": False, "indices": None}]
 )
@@ -158,6 +159,7 @@ def test_the_sample_wrist_folds_on_both_sides() -> None:
     measured(sample("wrist"), found)
 
 
+@pytest.mark.slow
 def test_the_sample_head_folds_on_its_forehead() -> None:
     found = suggest(sample("head"), clips=["raise_brows"])
     brow = nearest_to(found, (0.030, 0.264, 0.073))

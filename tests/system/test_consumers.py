@@ -108,6 +108,7 @@ LARGE = (*HEADS, "trousers")
 PLAYED = [name for name in ALL if name != "shared/simple_skin"]
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("name", but(ALL, slow=LARGE))
 def test_no_errors_and_no_new_kinds_of_warnings(name: str, folder: Path) -> None:
     kinds = [("morph", "sparse"), ("morph", "dense"), ("frames", "sparse")]
@@ -137,6 +138,7 @@ def clip_times(file: Gltf, node: int, clip: int) -> Floats:
     )
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("name", but(PLAYED, slow=("head_keyed",)))
 def test_three_js_puts_every_vertex_within_max_error(name: str, folder: Path) -> None:
     found, out = made(name, "morph", "sparse", folder)
@@ -175,6 +177,7 @@ def test_the_players_of_these_tests_agree_with_three_js(name: str, folder: Path)
     compare_with_three(out, found.node, 0, times.tolist(), file.pose(found.node, 0, times), tolerance=4e-6)
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("name", but(ALL, slow=LARGE))
 def test_three_js_shows_the_frames_in_turn(name: str, folder: Path) -> None:
     """At a time between two frames the one that is due, as the method makes it, and none before or after it."""
@@ -229,6 +232,7 @@ def quantization(file: Gltf, node: int, clip: int, times: Floats) -> float:
     return 3**0.5 * step * (1 + acting) / 2 + spread / 255 * joints.shape[1] / 2 + resampled
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("name", but(PLAYED, slow=LARGE))
 def test_gltf_transform_reads_and_optimizes_a_bake(name: str, folder: Path, tmp_path: Path) -> None:
     """Merged, reordered, quantised and compressed, each vertex still goes where some vertex of the bake goes."""

@@ -20,6 +20,7 @@ def test_the_sample_is_small() -> None:
     assert sum(lines) < 150
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize(
     ("name", "config", "clip"),
     [
@@ -55,6 +56,7 @@ def joint_of_the_bodys_name(editor: Editor) -> None:
     next(node for node in editor.json["nodes"] if node["name"] == "skull")["name"] = "head"
 
 
+@pytest.mark.slow
 def test_a_body_may_be_named_like_a_joint() -> None:
     asset = edited("head", joint_of_the_bodys_name)
     bare, whole = (bake_once(asset, top=config("head"), tracks=tracks) for tracks in ("none", "all"))
@@ -111,6 +113,7 @@ def optimised(kind: str, path: Path, out: Path) -> Path:
     return out
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("kind", ["glTF-Transform", "-ke -kn", "-ke -kn -cc"])
 @pytest.mark.parametrize(
     ("name", "clip"),
@@ -126,6 +129,7 @@ def test_an_optimiser_may_have_been_over_the_file(name: str, clip: str, kind: st
     assert_driven(Gltf(small), whole, name, clip)
 
 
+@pytest.mark.slow
 def test_gltfpack_stores_morph_weights_in_8_bits(tmp_path: Path) -> None:
     """What it adds to the table's error, by itself: brows lie up to 1/510 of their way elsewhere.
 
@@ -140,12 +144,14 @@ def test_gltfpack_stores_morph_weights_in_8_bits(tmp_path: Path) -> None:
         assert np.abs(values[:, :2] - source.weights("head", "raise_brows", times)[:, :2]).max() <= 1 / 510 + 1e-6
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("clip", ["raise_brows", "think"])
 def test_keyed_rest_lengths_of_a_sample(clip: str) -> None:
     bare, whole = bake_config("head", "head_keyed", tracks="none"), bake_config("head", "head_keyed")
     assert_driven(bare, whole, "head", clip)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("strategy", ["everywhere", pytest.param("origin", marks=pytest.mark.slow), "both_ends"])
 @pytest.mark.parametrize("look", [{"bumps": 5}, {"bumps": 3, "details": [0.3, 0.2], "profile": "polyline", "gap": 1}])
 @pytest.mark.parametrize(

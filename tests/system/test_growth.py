@@ -280,6 +280,7 @@ def test_a_finer_mesh_elsewhere_adds_no_byte(baker: Baker) -> None:
 # Memory
 
 
+@pytest.mark.slow
 def test_memory_hardly_grows_with_the_clip(baker: Baker) -> None:
     # Both longer than what is sampled or proven at once.
     short, long = (baker.peak(folding(periods)) for periods in (300, 900))
@@ -287,6 +288,7 @@ def test_memory_hardly_grows_with_the_clip(baker: Baker) -> None:
     assert long - short < 800 * frames_of(600)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.usefixtures("small_spool")
 @pytest.mark.parametrize("sheet", [0, 32])
 def test_memory_of_posed_frames_does_not_hold_them(baker: Baker, sheet: int) -> None:
@@ -299,6 +301,7 @@ def test_memory_of_posed_frames_does_not_hold_them(baker: Baker, sheet: int) -> 
     assert long - short < min(8000 * frames_of(10), (more - less) / 4)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.usefixtures("small_spool")
 @pytest.mark.parametrize(("mode", "each"), [("morph", 3000), ("frames", 6000)])
 def test_memory_grows_evenly_with_a_mesh_elsewhere(baker: Baker, mode: str, each: int) -> None:

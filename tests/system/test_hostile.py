@@ -42,6 +42,7 @@ def test_damaged_input_is_baked_or_refused(tmp_path: Path, first: int) -> None:
             pytest.fail(f"case {case.name}: {type(error).__name__}: {error}", pytrace=True)
 
 
+@pytest.mark.quick(5)
 @pytest.mark.parametrize("number", range(len(hostile.corpus())))
 def test_corpus_is_sound(tmp_path: Path, number: int) -> None:
     source = hostile.corpus()[number]
@@ -112,6 +113,7 @@ def test_endless_clip_is_refused(tmp_path: Path, end: float) -> None:
     assert "frames" in refusal(tmp_path, asset)
 
 
+@pytest.mark.slow
 def test_many_vertices_at_one_place_take_no_minutes(tmp_path: Path) -> None:
     count = 20_000
     asset = limb_asset(**SMALL)
@@ -205,6 +207,7 @@ def linked(uri: str, *, kind: str = "buffers") -> str:
     return json.dumps({**asset.gltf, "buffers": [buffer], "images": [{"uri": uri}] if kind == "images" else []})
 
 
+@pytest.mark.quick(8)
 @pytest.mark.parametrize("kind", ["buffers", "images"])
 @pytest.mark.parametrize(
     "uri",
@@ -276,6 +279,7 @@ def _after(calls: int, function: Callable[..., Any], fault: Callable[..., Any]) 
     return failing
 
 
+@pytest.mark.quick(8)
 @pytest.mark.parametrize("calls", [0, 1, 2, 3])
 @pytest.mark.parametrize(
     ("module", "name", "fault"),

@@ -179,6 +179,7 @@ def test_the_golden_is_a_glb(pytester: pytest.Pytester, folder: Path, tmp_path: 
     result.stdout.fnmatch_lines(["*ValueError: a golden is one file, a .glb, not 'goldens/limb.gltf'*"])
 
 
+@pytest.mark.slow
 def test_installing_registers_the_plugin(pytester: pytest.Pytester) -> None:
     (found,) = (each for each in entry_points(group="pytest11") if each.value == "wrinklecli.testing")
     assert found.name == "wrinkle"
