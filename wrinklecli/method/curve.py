@@ -142,12 +142,15 @@ class ControlCurve:
         count = len(self.groups)
         amplitudes = np.zeros((len(absorbed.rising), count, self.greatest_amplitudes.shape[1]))
         full, partly = np.flatnonzero(absorbed.rising > 0), np.flatnonzero(absorbed.rising < count)
-        heights = self.profile.fullest(absorbed.capacities[full], absorbed.intervals[full], self.max_height)
-        for number in range(absorbed.rising.max(initial=0)):
-            amplitudes[full, number] = heights * (absorbed.rising[full] > number)[:, None]
-        amplitudes[partly, absorbed.rising[partly]] = self.profile.amplitudes(
-            absorbed.shares[partly], absorbed.intervals[partly], self.max_height
-        )
+        # Few frames at a time are asked for, mostly of one kind: the profile's cost then is that of being asked at all.
+        if len(full):
+            heights = self.profile.fullest(absorbed.capacities[full], absorbed.intervals[full], self.max_height)
+            for number in range(absorbed.rising.max()):
+                amplitudes[full, number] = heights * (absorbed.rising[full] > number)[:, None]
+        if len(partly):
+            amplitudes[partly, absorbed.rising[partly]] = self.profile.amplitudes(
+                absorbed.shares[partly], absorbed.intervals[partly], self.max_height
+            )
         return amplitudes
 
     def follow(self, distances: Floats, rest_lengths: Floats) -> tuple[Floats, Floats]:
@@ -159,10 +162,11 @@ class ControlCurve:
         """
         shortenings = self.shortening(distances, rest_lengths)
         acting = np.flatnonzero(shortenings)
-        absorbed = self.absorb(shortenings[acting], rest_lengths[acting])
         amplitudes = np.zeros((len(shortenings), *self.greatest_amplitudes.shape))
         unabsorbed = np.zeros(len(shortenings))
-        amplitudes[acting], unabsorbed[acting] = self.amplitudes(absorbed), absorbed.unabsorbed
+        if len(acting):
+            absorbed = self.absorb(shortenings[acting], rest_lengths[acting])
+            amplitudes[acting], unabsorbed[acting] = self.amplitudes(absorbed), absorbed.unabsorbed
         return amplitudes, unabsorbed
 
     def shapes(self, us: Floats) -> Floats:
