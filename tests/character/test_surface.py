@@ -14,7 +14,7 @@ from kit.prepared import as_document
 from wrinklecli.character.rig import read_rig
 from wrinklecli.character.surface import Surface, influence_count, read_surface, read_triangles
 from wrinklecli.errors import AssetError
-from wrinklecli.numeric.arrays import distinct, distinct_values, face_normals, normals_at, unit, vertex_normals
+from wrinklecli.numeric.arrays import distinct, distinct_values, face_normals, median, normals_at, unit, vertex_normals
 
 Floats = NDArray[np.float64]
 
@@ -351,6 +351,13 @@ def test_distinct_values_are_numpy_s(values: list[int], dtype: type) -> None:
     array = np.array(values, dtype)
     assert np.array_equal(distinct_values(array), np.unique(array))
     assert np.array_equal(distinct_values(np.stack([array, array])), np.unique(array))
+
+
+@given(st.integers(1, 9), st.integers(1, 3), st.integers(0, 999))
+def test_a_median_is_numpy_s(count: int, columns: int, seed: int) -> None:
+    values = np.random.default_rng(seed).normal(size=(count, columns))
+    assert np.array_equal(median(values), np.median(values, axis=0))
+    assert np.array_equal(median(values[:, 0]), np.median(values[:, 0]))
 
 
 def test_vertex_normals_of_a_tube_point_outward() -> None:

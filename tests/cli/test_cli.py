@@ -87,7 +87,7 @@ def test_help_needs_no_numpy() -> None:
 
 def test_a_small_bake_imports_no_more_than_it_uses(tmp_path: Path) -> None:
     write_tools(tmp_path / "tools.yaml", PALM)
-    rarely_needed = {"scipy", "trimesh", "matplotlib", "PIL", "DracoPy"}
+    rarely_needed = {"scipy", "trimesh", "matplotlib", "PIL", "DracoPy", "numpy.ma"}
     code = (
         "import sys, numpy; before = set(sys.modules); from wrinklecli.cli import main\n"
         "try: main()\n"

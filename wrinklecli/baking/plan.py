@@ -18,7 +18,7 @@ from wrinklecli.method.carry import CarriedPatch, carry
 from wrinklecli.method.patch import Patch, attach_tools
 from wrinklecli.method.refine import Refinement, refine
 from wrinklecli.method.rest import Rest, rest_pose
-from wrinklecli.numeric.arrays import Floats, Ints, determinants, distinct_values
+from wrinklecli.numeric.arrays import Floats, Ints, determinants, distinct_values, median
 from wrinklecli.tools.records import Length, ToolsFile, WrinkleTool
 
 # Products of skinning round a few times; below this many units in the last place float32 sets the limit.
@@ -126,7 +126,7 @@ def plan_mesh(
             problems.append(error)
     if problems:
         raise BakeError.of_all(problems)
-    scale = float(np.median(np.cbrt(np.abs(determinants(rest.blended[:, :, :3])))))
+    scale = float(median(np.cbrt(np.abs(determinants(rest.blended[:, :, :3])))))
     return MeshPlan(rig, rest, fine, tuple(carried_patches), tallest, bound, scale, _has_normals(document, rig.mesh))
 
 

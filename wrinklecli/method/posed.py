@@ -18,7 +18,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.errors import BakeError
 from wrinklecli.method.patch import Patch
 from wrinklecli.method.refine import Refinement
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, determinants, inverses
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, determinants, inverses, median
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -155,7 +155,7 @@ def _posed_ring(
     positions = np.sum(blended[:, :3] * bind, axis=1) + blended[:, 3]
     a, b, c = (positions[:, ring.triangles[:, k]] for k in range(3))
     # A mirrored pose turns the winding inside out.
-    outward = np.sign(np.median(determinants(blended[:, :3].transpose(2, 3, 0, 1)), axis=0))
+    outward = np.sign(median(determinants(blended[:, :3].transpose(2, 3, 0, 1))))
     faces = cross(b - a, c - a)
     return blended, positions, outward * _units(np.stack([np.asarray(ring.sums @ each) for each in faces]))
 

@@ -77,6 +77,16 @@ def distinct_values(values: Array) -> Array:
     return ordered[fresh]
 
 
+def median(values: Floats) -> Floats:
+    """(…) the medians of (n, …) values along the first axis.
+
+    As `np.median`, which imports `numpy.ma` to look for masks: a thirtieth of a small bake.
+    """
+    ordered, half = np.sort(values, axis=0), len(values) // 2
+    middles: Floats = (ordered[(len(values) - 1) // 2] + ordered[half]) / 2.0
+    return middles
+
+
 def cross(a: Floats, b: Floats) -> list[Floats]:
     """Three (…) coordinates of the cross product of (3, …) vectors."""
     products = []
