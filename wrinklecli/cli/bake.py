@@ -153,7 +153,7 @@ def bake(
     if timings is not None:
         replace_bytes(timings, json.dumps(made.timings, indent=1, allow_nan=False).encode() + b"\n")
     if depfile is not None and output is not None:
-        replace_bytes(depfile, dependencies(output, made.inputs).encode())
+        replace_bytes(depfile, dependencies(output, made.inputs))
     if quiet:
         return
     for warning in made.warnings:

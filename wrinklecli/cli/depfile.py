@@ -1,26 +1,52 @@
-"""The file of `--depfile`: what an output depends on, as rules for Make and Ninja."""
+"""The file of `--depfile`: what an output depends on, as rules for Make and Ninja.
 
+Source: GNU Make manual, §3.1.1 (splitting lines), §4.2 (rule syntax), §4.4 (wildcards); Ninja's depfile_parser.in.cc,
+which reads a part of Make's quoting (& ' " since Ninja 1.12). What both were seen to read: `tests/cli/test_depfile.py`.
+"""
+
+import os
+import re
 from collections.abc import Iterable
 
+from wrinklecli.errors import WrinkleError
 
-def dependencies(target: str, inputs: Iterable[str]) -> str:
+# Control characters, wildcards, and what ends a list of files or means something else in one of the two.
+_NOT_CARRIED = re.compile(r"[\x00-\x1f\x7f*?\[;|<>^`]")
+# A backslash that would quote what quotes it, in one of the two; what they drop, look up elsewhere or assign.
+_NOT_CARRIED_AT = re.compile(r"\\[#:$=]|[ :\\)]$|^(\./+)*(~|-l|\.[A-Z_]+$)|^[+!]?=|^$")
+# As the target of a rule: a pattern, a variable, several targets as one, an option of Make's.
+_NO_TARGET = re.compile(r"[%=]|&$|^(\./+)*\.[^/]*$")
+# Before a word with =, these make it a variable.
+_MODIFIERS = {"define", "export", "override", "private", "undefine", "unexport"}
+
+
+def dependencies(target: str, inputs: Iterable[str]) -> bytes:
     """A Make rule that rebuilds the target when an input changes, and an empty rule for each input.
 
-    The empty rules keep Make going when an input is renamed.
+    The empty rules keep Make going when an input is renamed; a path that means something else there has none.
+
+    Raises:
+        WrinkleError: Make or Ninja would take a path for something else, however it is quoted.
     """
-    escaped = [_escape(path) for path in dict.fromkeys(inputs)]
-    return f"{_escape(target)}: {' '.join(escaped)}\n" + "".join(f"\n{path}:\n" for path in escaped)
+    paths = list(dict.fromkeys(inputs))
+    # `target: a=b` sets a variable, but `target: c a=b` does not.
+    paths.sort(key=lambda path: "=" in path or path in _MODIFIERS)
+    for path in (target, *paths):
+        if _NOT_CARRIED.search(path) or _NOT_CARRIED_AT.search(path):
+            raise _refusal(path)
+    if _NO_TARGET.search(target):
+        raise _refusal(target)
+    if any("=" in path for path in paths) and ("=" in paths[0] or paths[0] in _MODIFIERS):
+        raise _refusal(next(path for path in paths if "=" in path))
+    rules = [f"{_escape(target)}: {' '.join(map(_escape, paths))}\n"]
+    rules += [f"\n{_escape(path)}:\n" for path in paths if not _NO_TARGET.search(path)]
+    return os.fsencode("".join(rules))
+
+
+def _refusal(path: str) -> WrinkleError:
+    return WrinkleError("is a name that Make or Ninja cannot read from --depfile; rename it", where=path)
 
 
 def _escape(path: str) -> str:
-    """A path in a Make rule: a space, # and the backslashes before them escaped, $ doubled."""
-    escaped: list[str] = []
-    for c in path:
-        if c in " #\t":
-            backslashes = len(escaped)
-            while backslashes and escaped[backslashes - 1] == "\\":
-                backslashes -= 1
-            escaped += ["\\"] * (len(escaped) - backslashes) + ["\\", c]
-        else:
-            escaped.append("$$" if c == "$" else c)
-    return "".join(escaped)
+    """A path in a Make rule: a space and the backslashes before it, # and : quoted by backslashes, $ doubled."""
+    return re.sub(r"(\\*) ", r"\1\1\\ ", path).replace("$", "$$").replace("#", r"\#").replace(":", r"\:")
