@@ -161,7 +161,7 @@ def test_samples_come_back_and_their_records_are_small(asset: str, config: str) 
     assert_same(restore.original(baked), source)
     record = baked.items("bufferViews")[-1]["byteLength"]
     assert record < 0.02 * (len(baked.buffers[0]) - len(source.buffers[0]))
-    assert record < 10_000
+    assert record < 15_000
 
 
 @pytest.mark.parametrize("name", ["wrist", "head", "trousers"])
@@ -177,8 +177,11 @@ def test_old_vertices_are_found_and_not_compressed(name: str, tmp_path: Path, mo
     tool = {"wrist": PALM, "head": BROW, "trousers": KNEE}[name]
     baked = read_document(bake(sample(name), tmp_path / "b" / "out.glb", tool, max_levels=1))
     ((primitive,),) = (mesh["primitives"] for mesh in baked.items("meshes"))
-    # Of indices the triangles between the first and the last that were split, and weight tracks.
-    assert 0 < alike[0] < 1.05 * baked.stored(primitive["indices"]).nbytes
+    # Of indices the triangles between the first and the last that were split, weight tracks, and own targets that
+    # have become sparse.
+    own = len(read_document(sample(name)).items("meshes")[0]["primitives"][0].get("targets", []))
+    sparse = [baked.items("accessors")[k]["sparse"]["count"] for t in primitive["targets"][:own] for k in t.values()]
+    assert 0 < alike[0] < 1.05 * baked.stored(primitive["indices"]).nbytes + 12 * sum(sparse)
     restore.original(baked)
     assert alike[1:] == alike[:1]
 

@@ -2,19 +2,21 @@
 
 import copy
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kit.asset import ARRAY_BUFFER, Asset, Json
+from kit.asset import ARRAY_BUFFER, Array, Asset, Json
+from kit.clients import assert_valid
 from kit.documents import arrays, assert_tight, same_bits, written
 from kit.limb import limb_asset
 from wrinklecli.errors import BakeError
-from wrinklecli.gltf import edit
+from wrinklecli.gltf import new_data
 from wrinklecli.gltf.document import Document, read_document
-from wrinklecli.gltf.edit import VERTEX_DATA, EditedDocument, index_type
+from wrinklecli.gltf.edit import VERTEX_DATA, EditedDocument, Storage, index_type
 from wrinklecli.gltf.writer import write
 
 
@@ -209,39 +211,103 @@ def test_added_accessors_are_aligned_and_read_back(
                 assert view.get("byteOffset", 0) % 4 == 0
 
 
-@pytest.mark.parametrize("count", [4, 300, 70_000])
-@pytest.mark.parametrize("changed", [[0], [1, 3], [0, 1, 2, 3]])
-def test_added_sparse_accessor(tmp_path: Path, count: int, changed: list[int]) -> None:
-    edited = EditedDocument(written(limb_asset(rings=3, sides=4), tmp_path))
-    indices = np.array([*changed[:-1], count - 1 if changed[-1] != 0 else 0])
-    values = np.arange(3.0 * len(indices)).reshape(-1, 3).astype(np.float32) - 4
-    index = edited.add_sparse(indices, values, count=count, bounds=True)
-    write(edited, tmp_path / "out.glb")
-    document = read_document(tmp_path / "out.glb")
+def _deltas(document: EditedDocument, vertices: list[int], count: int, **options: Any) -> tuple[int, Array]:
+    """Deltas added at some of so many vertices: the accessor, and what it should hold."""
+    deltas = np.arange(1.0, 3.0 * len(vertices) + 1).reshape(-1, 3) - 1000
     wanted = np.zeros((count, 3), np.float32)
-    wanted[indices] = values
-    accessor = document.items("accessors")[index]
-    assert np.array_equal(document.accessor(index), wanted)
+    wanted[vertices] = deltas
+    return document.add_deltas(np.array(vertices, np.intp), deltas, count=count, bounds=True, **options), wanted
+
+
+@pytest.mark.parametrize("storage", ["sparse", "dense", "based"])
+@pytest.mark.parametrize("count", [4, 300, 70_000])
+@pytest.mark.parametrize("changed", [[0], [1, -1], [0, 1, 2, -1], []])
+def test_added_deltas(tmp_path: Path, count: int, changed: list[int], storage: Storage) -> None:
+    document = EditedDocument(written(limb_asset(rings=3, sides=4), tmp_path), storage=storage)
+    vertices = [vertex % count for vertex in changed]
+    index, wanted = _deltas(document, vertices, count)
+    write(document, tmp_path / "out.glb")
+    read = read_document(tmp_path / "out.glb")
+    accessor = read.items("accessors")[index]
+    assert np.array_equal(read.accessor(index), wanted)
     assert accessor["min"] == wanted.min(axis=0).tolist()
     assert accessor["max"] == wanted.max(axis=0).tolist()
-    assert "byteOffset" not in accessor
-    widest = {4: 5121, 300: 5123, 70_000: 5125}[count if indices[-1] else 4]
-    assert accessor["sparse"]["indices"]["componentType"] == widest
+    few = changed != [] and count > 4
+    assert ("sparse" in accessor) == ((few and storage != "dense") or (changed == [] and storage == "sparse"))
+    assert ("bufferView" in accessor) == (storage != "sparse" or "sparse" not in accessor)
+    if few and "sparse" in accessor:
+        widest = {1: 5121, 300: 5123, 70_000: 5125}[count if changed[-1] else 1]
+        assert accessor["sparse"]["indices"]["componentType"] == widest
+    assert_valid(tmp_path / "out.glb")
 
 
-@pytest.mark.parametrize("stored", [False, True])
-def test_zero_accessors_are_shared_by_count_and_type(tmp_path: Path, stored: bool) -> None:
-    edited = EditedDocument(written(Asset(), tmp_path))
-    nothing = np.zeros(0, np.intp), np.zeros((0, 3), np.float32)
-    first, second, longer = (edited.add_sparse(*nothing, count=n, bounds=True, stored=stored) for n in (5, 5, 6))
+@pytest.mark.parametrize(("changed", "sparse"), [(10, True), (215, True), (228, False), (250, False)])
+def test_deltas_are_stored_as_takes_less(tmp_path: Path, changed: int, sparse: bool) -> None:
+    """Twelve bytes each, and one for an index below 255; as in the file, JSON counted."""
+    sizes = {}
+    for storage in ("sparse", "dense"):
+        document = EditedDocument(written(limb_asset(rings=3, sides=4), tmp_path), storage=storage)
+        index, _ = _deltas(document, list(range(changed)), 250)
+        sizes[storage] = write(document, tmp_path / "out.glb")
+        if storage == "sparse":
+            assert ("sparse" in document.gltf["accessors"][index]) == sparse
+    assert (sizes["sparse"] < sizes["dense"]) == sparse
+
+
+def test_deltas_of_zero_are_not_stored(tmp_path: Path) -> None:
+    document = EditedDocument(written(limb_asset(rings=3, sides=4), tmp_path))
+    deltas = np.zeros((300, 3))
+    deltas[[7, 9], 1] = 1.0
+    index = document.add_deltas(np.arange(300), deltas, count=300)
+    assert document.gltf["accessors"][index]["sparse"]["count"] == 2
+
+
+@pytest.mark.parametrize("storage", ["sparse", "dense", "based"])
+def test_zero_accessors_are_shared_by_count_and_type(tmp_path: Path, storage: Storage) -> None:
+    document = EditedDocument(written(Asset(), tmp_path), storage=storage)
+    nothing = np.zeros(0, np.intp), np.zeros((0, 3))
+    first, second, longer = (document.add_deltas(*nothing, count=count, bounds=True) for count in (5, 5, 6))
     assert first == second != longer
-    write(edited, tmp_path / "out.glb")
-    document = read_document(tmp_path / "out.glb")
-    accessor = document.items("accessors")[first]
-    assert ("bufferView" in accessor) == stored
-    assert "sparse" not in accessor
+    write(document, tmp_path / "out.glb")
+    read = read_document(tmp_path / "out.glb")
+    accessor = read.items("accessors")[first]
+    assert ("bufferView" in accessor) == (storage != "sparse")
+    assert ("sparse" in accessor) == (storage == "sparse")
     assert accessor["min"] == accessor["max"] == [0.0, 0.0, 0.0]
-    assert np.array_equal(document.accessor(longer), np.zeros((6, 3)))
+    assert np.array_equal(read.accessor(longer), np.zeros((6, 3)))
+
+
+@pytest.mark.parametrize("storage", ["sparse", "dense", "based"])
+def test_accessors_that_zeros_replace_leave_no_data(tmp_path: Path, storage: Storage) -> None:
+    """Their numbers go to what is added next; what is left over is zeros too."""
+    asset = Asset()
+    old = [asset.accessor(np.full((9, 3), float(number + 1))) for number in range(4)]
+    document = EditedDocument(written(asset, tmp_path), storage=storage)
+    shared = [document.add_deltas(np.arange(9), np.zeros((9, 3)), count=9, replaces=number) for number in old]
+    assert len(set(shared)) == 1
+    added = document.add(np.ones((2, 3), np.float32))
+    write(document, tmp_path / "out.glb")
+    read = read_document(tmp_path / "out.glb")
+    assert len(read.items("accessors")) == 4
+    for index in range(4):
+        assert read.accessor(index).any() == (index == added)
+    assert len(read.buffers[0]) < 9 * 12 + 2 * 12 + 4 * len(read.items("bufferViews"))
+    assert_valid(tmp_path / "out.glb")
+
+
+def test_zeros_below_deltas_grow_with_the_longest_and_stay_behind_all_data(tmp_path: Path) -> None:
+    document = EditedDocument(written(Asset(), tmp_path), storage="based")
+    added = [_deltas(document, [3, 7], count) for count in (100, 400, 200)]
+    for read in (document.document(), document.document()):
+        for index, wanted in added:
+            assert np.array_equal(read.accessor(index), wanted)
+    write(document, tmp_path / "out.glb")
+    read = read_document(tmp_path / "out.glb")
+    assert {each["bufferView"] for each in read.items("accessors")} == {0}
+    assert (read.items("bufferViews")[0]["byteLength"], read.items("bufferViews")[0]["byteStride"]) == (4800, 12)
+    for index, wanted in added:
+        assert np.array_equal(read.accessor(index), wanted)
+    assert_valid(tmp_path / "out.glb")
 
 
 def test_cloned_mesh_shares_accessors_until_one_is_replaced(tmp_path: Path) -> None:
@@ -266,7 +332,7 @@ def test_edited_document_never_writes_to_its_source(tmp_path: Path) -> None:
 
 
 def test_large_data_goes_through_the_disk_unchanged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(edit, "_SPOOL_BYTES", 64)
+    monkeypatch.setattr(new_data, "_SPOOL_BYTES", 64)
     edited = EditedDocument(written(Asset(), tmp_path))
     values = np.arange(300, dtype=np.float32)
     index = edited.add(values)

@@ -139,7 +139,7 @@ def encode_frames(edited: EditedDocument, every: Sequence[Frames], progress: Pro
 
 def _encode_node(edited: EditedDocument, frames: Frames, progress: Progress) -> None:
     rig = frames.rig
-    encode_mesh(edited, rig, frames.fine, (), sparse=True, stored=np.zeros(0))
+    encode_mesh(edited, rig, frames.fine, (), stored=np.zeros(0))
     node = edited.gltf["nodes"][rig.node]
     template = edited.gltf["meshes"][node["mesh"]]
     for key in ("mesh", "skin", "weights"):

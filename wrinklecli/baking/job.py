@@ -10,6 +10,7 @@ from wrinklecli.character.clip import Clip, chosen_clips, read_clips, unknown_cl
 from wrinklecli.character.rig import morph_target_names
 from wrinklecli.errors import BakeError, ConfigError, listed, nearest
 from wrinklecli.gltf.document import Document, read_document
+from wrinklecli.gltf.edit import Storage
 from wrinklecli.tools.read import load_tools
 from wrinklecli.tools.records import Length, RestLengthKeys, ToolsFile, WrinkleTool
 
@@ -30,7 +31,8 @@ class BakeOptions:
         fps: Overrides `sampling.fps`.
         max_error: Largest distance of the file from the method, of the tallest wrinkle where in per cent.
         max_levels: Overrides `refinement.max_levels`.
-        accessors: `dense` for readers that cannot take sparse accessors.
+        accessors: How morph targets are stored: `dense` for readers that cannot take sparse accessors, `based` for
+            those that need zeros below them; see `gltf.edit`.
         tracks: `none` writes targets and extras without weight tracks.
         frames_dir: Also write a file for each frame into this folder.
         frames_format: Of those files.
@@ -49,7 +51,7 @@ class BakeOptions:
     fps: float | None = None
     max_error: Length = _ONE_PERCENT
     max_levels: int | None = None
-    accessors: Literal["sparse", "dense"] = "sparse"
+    accessors: Storage = "sparse"
     tracks: Literal["all", "none"] = "all"
     frames_dir: str | os.PathLike[str] | None = None
     frames_format: Literal["obj", "ply", "glb"] = "obj"

@@ -1,4 +1,4 @@
-"""Morph targets and weight tracks, written into the document: sparse or dense targets, and channels that drive them.
+"""Morph targets and weight tracks, written into the document: targets, and channels that drive them.
 
 Source: glTF 2.0 §3.7.2.2 (morph targets), §3.6.2.3 (sparse accessors), §3.11 (animation).
 """
@@ -27,8 +27,9 @@ from wrinklecli.character.clip import Clip, read_clips
 from wrinklecli.character.rig import Rig, morph_target_names
 from wrinklecli.character.weight_track import Track, pad, widen
 from wrinklecli.gltf.document import Document
-from wrinklecli.gltf.edit import VERTEX_DATA, EditedDocument
+from wrinklecli.gltf.edit import EditedDocument
 from wrinklecli.gltf.shape import Json
+from wrinklecli.gltf.unpack import unpack
 from wrinklecli.method.refine import Refinement
 from wrinklecli.method.shapes import Shape, turn_to
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
@@ -60,7 +61,6 @@ def encode_morphs(
     target_sets: list[TargetSet],
     motions: Sequence[Motion],
     *,
-    sparse: bool,
     tangents: bool = False,
 ) -> None:
     """Put meshes, targets, tracks and extras into the edited document.
@@ -70,13 +70,12 @@ def encode_morphs(
         plan: The tools on a mesh.
         target_sets: Their targets.
         motions: Clips to write tracks for.
-        sparse: Write targets as sparse accessors.
         tangents: Write TANGENT targets where the base has TANGENT.
     """
     targets = targets_of(target_sets)
     stored = _stored_weights(plan, target_sets)
     groups = shared_vertices(edited.source, plan.rig.mesh, plan.fine)
-    encode_mesh(edited, plan.rig, plan.fine, targets, sparse=sparse, stored=stored, tangents=tangents, groups=groups)
+    encode_mesh(edited, plan.rig, plan.fine, targets, stored=stored, tangents=tangents, groups=groups)
     encode_extras(edited, plan, target_sets)
     _encode_tracks(edited, plan.rig, target_sets, motions, stored)
 
@@ -115,7 +114,6 @@ def encode_mesh(
     fine: Refinement,
     targets: Sequence[Target],
     *,
-    sparse: bool,
     stored: Floats,
     tangents: bool = False,
     groups: Sequence[int] | None = None,
@@ -132,7 +130,6 @@ def encode_mesh(
         rig: Of the node.
         fine: Its refined surface.
         targets: The new morph targets.
-        sparse: Write targets as sparse accessors.
         stored: (targets,) weights in the stored pose.
         tangents: Write TANGENT targets where the base has TANGENT.
         groups: From `shared_vertices`: primitives that go on sharing vertices. Those that no tool touches too:
@@ -152,15 +149,15 @@ def encode_mesh(
         base = _read_base(edited.source, primitive, refined, tangents=tangents)
         if len(refined.new):
             refine_primitive(edited, primitive, refined, fine, where, written)
-        edited.unpack(primitive)
+        unpack(edited, primitive)
         if targets:
-            _add_targets(edited, primitive, targets, refined, base, smooth, written, sparse=sparse)
+            _add_targets(edited, primitive, targets, refined, base, smooth, written)
     if not targets:
         return
     if isinstance(mesh.setdefault("extras", {}), dict):
         mesh["extras"]["targetNames"] = old_names + [target.name for target in targets]
-    if "weights" in mesh:
-        mesh["weights"] = mesh["weights"][: len(old_names)] + [0.0] * len(targets)
+    # VTK plays no target of a mesh without.
+    mesh["weights"] = mesh.get("weights", [0.0] * len(old_names))[: len(old_names)] + [0.0] * len(targets)
     if "weights" in node or stored.any():
         node["weights"] = [float(each) for each in rig.morph_weights] + [float(np.float32(each)) for each in stored]
 
@@ -216,8 +213,6 @@ def _add_targets(
     base: _Base,
     smooth: Floats,
     written: Written,
-    *,
-    sparse: bool,
 ) -> None:
     """Append morph targets to a primitive, and zeros to its old ones for attributes that they lack."""
     count = len(refined.weld)
@@ -227,11 +222,11 @@ def _add_targets(
         for name, (vertices, deltas) in _target_deltas(each.shape, refined, base, smooth).items():
             key = ("added", number, name, refined.group if name == "POSITION" else base.key)
             if key not in written:
-                written[key] = _add_deltas(edited, vertices, deltas, count, sparse, bounds=name == "POSITION")
+                written[key] = edited.add_deltas(vertices, deltas, count=count, bounds=name == "POSITION")
             added[-1][name] = written[key]
     nothing = np.zeros(0, np.intp), np.zeros((0, 3))
     old = [
-        target | {name: _add_deltas(edited, *nothing, count, sparse) for name in base.names if name not in target}
+        target | {name: edited.add_deltas(*nothing, count=count) for name in base.names if name not in target}
         for target in primitive.get("targets", [])
     ]
     primitive["targets"] = old + added
@@ -272,18 +267,6 @@ def _rows(vertices: Ints, count: int) -> Ints:
     rows = np.full(count, -1, np.intp)
     rows[vertices] = np.arange(len(vertices))
     return rows
-
-
-def _add_deltas(
-    edited: EditedDocument, vertices: Ints, deltas: Floats, count: int, sparse: bool, *, bounds: bool = False
-) -> int:
-    """Write the deltas of some of `count` vertices; those of none take no space in either form."""
-    stored = deltas.astype(np.float32)
-    if sparse or not len(vertices):
-        return edited.add_sparse(vertices, stored, count=count, bounds=bounds, stored=not sparse)
-    dense = np.zeros((count, 3), np.float32)
-    dense[vertices] = stored
-    return edited.add(dense, target=VERTEX_DATA, bounds=bounds)
 
 
 def encode_track(edited: EditedDocument, clip: Clip, node: int, track: Track) -> None:

@@ -25,8 +25,9 @@ from numpy.typing import NDArray
 
 from wrinklecli.errors import AssetError, BakeError
 from wrinklecli.gltf.document import Document
-from wrinklecli.gltf.edit import ALIGNMENT, EditedDocument
+from wrinklecli.gltf.edit import EditedDocument
 from wrinklecli.gltf.images import read_image
+from wrinklecli.gltf.new_data import ALIGNMENT
 from wrinklecli.gltf.references import view_parts
 from wrinklecli.gltf.shape import Json, check_asset, parse_json
 from wrinklecli.gltf.writer import Bytes, Layout, Span
@@ -173,7 +174,10 @@ def _with_echoes(
     found, alike = [list(each) for each in kept], []
     # New data has the number of the accessor that it replaces.
     for old, now in zip(source.items("accessors"), gltf.get("accessors", []), strict=False):
-        for was, becomes in zip(_stored(source.gltf, old), _stored(gltf, now), strict=True):
+        elements, *sparse = _stored(gltf, now)
+        if "sparse" in now and "sparse" not in old:
+            elements = sparse[-1]  # morph targets, of which zeros are no longer stored
+        for was, becomes in zip(_stored(source.gltf, old), (elements, *sparse), strict=True):
             if was is None or was[0] >= len(source.buffers):
                 continue
             if becomes is None or becomes[0] != buffer or becomes[1] < start:

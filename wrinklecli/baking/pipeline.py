@@ -63,7 +63,7 @@ def bake(
             refuse_overwriting(job.inputs, [out] if out is not None else [])
         with clock.stage("plan"):
             plans = plan_meshes(job, influences=BUDGETS[options.engine].influences if options.engine else None)
-        edited = EditedDocument(job.document)
+        edited = EditedDocument(job.document, storage=options.accessors)
         posed, morphed = [], []
         if options.mode == "frames" or options.frames_dir is not None:
             posed = [_pose_frames(job, plan, clock, progress) for plan in plans]
@@ -108,8 +108,7 @@ def _add_morph_targets(
             )
     tracked = motions if options.tracks == "all" else []
     with clock.stage("encode"):
-        sparse, tangents = options.accessors == "sparse", options.morph_tangents
-        encode_morphs(edited, plan, target_sets, tracked, sparse=sparse, tangents=tangents)
+        encode_morphs(edited, plan, target_sets, tracked, tangents=options.morph_tangents)
     if options.tracks == "none":
         return BakedMesh(plan, tuple(target_sets), tuple(motions), budget=budget)
     with clock.stage("prove"):

@@ -12,8 +12,9 @@ import numpy as np
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import TRIANGLES, Document
 from wrinklecli.gltf.draco import EXTENSION
-from wrinklecli.gltf.edit import INDEX_DATA, VERTEX_DATA, EditedDocument, index_type, used_joints
+from wrinklecli.gltf.edit import INDEX_DATA, VERTEX_DATA, EditedDocument, index_type
 from wrinklecli.gltf.shape import Json
+from wrinklecli.gltf.unpack import used_joints
 from wrinklecli.method.refine import Refinement
 from wrinklecli.numeric.arrays import Array, Floats, Ints, unit
 
@@ -191,12 +192,9 @@ def _add_refined_target(
     size = 3 if name in _VECTORS else None
     old = old_values(edited.source, target, name, refined, size=size, where=where)
     new = refined.mix(old) if deltas is None else deltas[refined.new_weld]
-    values = np.concatenate([old, new]).astype(np.float32)
-    index, bounds = target[name], name == "POSITION"
-    if "sparse" in edited.source.items("accessors")[index]:
-        changed = np.flatnonzero(values.any(axis=1))
-        return edited.add_sparse(changed, values[changed], count=len(values), bounds=bounds, replaces=index)
-    return edited.add(values, target=VERTEX_DATA, bounds=bounds, replaces=index)
+    values = np.concatenate([old, new])
+    vertices = np.arange(len(values))
+    return edited.add_deltas(vertices, values, count=len(values), bounds=name == "POSITION", replaces=target[name])
 
 
 def old_values(

@@ -6,7 +6,7 @@ from wrinklecli.baking.baked_body import BakedBody
 from wrinklecli.baking.morphs import own_mesh
 from wrinklecli.character.rig import morph_target_names
 from wrinklecli.errors import AssetError, listed
-from wrinklecli.gltf.edit import EditedDocument
+from wrinklecli.gltf.edit import VERTEX_DATA, EditedDocument
 from wrinklecli.gltf.shape import Json
 
 
@@ -35,11 +35,12 @@ def node_for_tracks(edited: EditedDocument, body: BakedBody) -> int:
 
 def _add_stub(edited: EditedDocument, body: BakedBody) -> int:
     """Append a node with a mesh of the body's names and targets, three vertices in one point, and give its index."""
-    point = edited.add_sparse(np.zeros(0, np.intp), np.zeros((0, 3), np.float32), count=3, bounds=True)
+    point = edited.add(np.zeros((3, 3), np.float32), target=VERTEX_DATA, bounds=True)
     primitive: Json = {"attributes": {"POSITION": point}, "targets": [{"POSITION": point} for _ in body.targets]}
     mesh: Json = {} if body.mesh is None else {"name": body.mesh}
     # Players name the parts of a mesh by their number, and tracks by the part.
     mesh["primitives"] = [primitive for _ in range(body.primitives)]
+    mesh["weights"] = [0.0] * len(body.targets)
     mesh["extras"] = {"targetNames": list(body.targets)}
     meshes = edited.gltf.setdefault("meshes", [])
     meshes.append(mesh)
@@ -64,11 +65,12 @@ def _add_idle_targets(edited: EditedDocument, node: Json, body: BakedBody) -> No
         kinds = [kind for kind in ("NORMAL", "TANGENT") if any(kind in each for each in old)]
         idle = {}
         for kind in ("POSITION", *kinds):
-            nothing = np.zeros((0, 3), np.float32)
-            idle[kind] = edited.add_sparse(np.zeros(0, np.intp), nothing, count=count, bounds=kind == "POSITION")
+            nothing = np.zeros(0, np.intp), np.zeros((0, 3))
+            idle[kind] = edited.add_deltas(*nothing, count=count, bounds=kind == "POSITION")
         primitive["targets"] = [old[own.index(name)] if name in own else dict(idle) for name in body.targets]
     if isinstance(mesh.setdefault("extras", {}), dict):
         mesh["extras"]["targetNames"] = list(body.targets)
+    mesh.setdefault("weights", [0.0] * len(own))
     for holder in (mesh, node):
         if "weights" in holder:
             holder["weights"] = [holder["weights"][own.index(name)] if name in own else 0.0 for name in body.targets]

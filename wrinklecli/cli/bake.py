@@ -52,10 +52,11 @@ from wrinklecli.cli.output import Progress, say, warn
 @max_levels_option()
 @click.option(
     "--accessors",
-    type=click.Choice(["sparse", "dense"]),
+    type=click.Choice(["sparse", "dense", "based"]),
     default="sparse",
     show_default=True,
-    help="dense: for readers without sparse accessors, such as VTK and f3d.",
+    help="Of morph targets. dense: for readers without sparse accessors; based: sparse, with zeros below for Godot 3,"
+    " VTK and f3d.",
 )
 @click.option(
     "--tracks",

@@ -7,19 +7,17 @@ Source: glTF 2.0 specification, §3.6 (binary data storage), §5.1 (accessors).
 """
 
 import copy
-import tempfile
-import weakref
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import IO, Any
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import pygltflib
 
 from wrinklecli.errors import BakeError
-from wrinklecli.gltf import draco
 from wrinklecli.gltf.document import COMPONENT_TYPES, SIZE_TYPES, Document
+from wrinklecli.gltf.kept import KeptBytes, PlacedViews
+from wrinklecli.gltf.new_data import ALIGNMENT, NewData
 from wrinklecli.gltf.references import (
     accessor_references,
     accessor_views,
@@ -34,58 +32,13 @@ from wrinklecli.numeric.arrays import Array
 
 VERTEX_DATA: int = pygltflib.ARRAY_BUFFER
 INDEX_DATA: int = pygltflib.ELEMENT_ARRAY_BUFFER
-ALIGNMENT = 4  # bytes; the largest component is 4 bytes, and GLB chunks are padded to it
 
-_SPOOL_BYTES = 2**26  # of new data that stay in memory; more goes to a temporary file
-_CHUNK_BYTES = 2**20  # of new data that are read back at a time
+Storage: TypeAlias = Literal["sparse", "dense", "based"]
+"""How deltas are stored: where it is smaller only those that are not 0 (sparse); always all (dense); or like sparse,
+in place of zeros that are stored once, for readers that cannot do without a buffer view below (based)."""
 
-
-@dataclass(frozen=True, slots=True)
-class KeptBytes:
-    """What is kept of a buffer: spans of it, laid one after another.
-
-    Attributes:
-        data: The whole buffer.
-        spans: Bytes [low, high) that are kept, rising.
-    """
-
-    data: memoryview
-    spans: tuple[tuple[int, int], ...]
-
-    @property
-    def parts(self) -> list[memoryview]:
-        """The kept bytes, a part for each span."""
-        return [self.data[low:high] for low, high in self.spans]
-
-    @property
-    def whole(self) -> bool:
-        """Whether all is kept."""
-        return sum(high - low for low, high in self.spans) == len(self.data)
-
-    def moved(self, offset: int) -> int:
-        """Where among the kept bytes the byte at an offset is; 0 where it is not kept."""
-        start = 0
-        for low, high in self.spans:
-            if low <= offset < high:
-                return start + offset - low
-            start += high - low
-        return 0
-
-
-@dataclass(frozen=True, slots=True)
-class PlacedViews:
-    """Copies of a document's buffer views, to be given the places that a written file has for their bytes.
-
-    Attributes:
-        views: All of them, for the file's JSON.
-        of_source: For each buffer of the source what still shows its bytes: views, or the extensions that compress
-            them.
-        of_new: Views of new data; `byteOffset` is that in the new data.
-    """
-
-    views: list[Json]
-    of_source: tuple[list[Json], ...]
-    of_new: list[Json]
+_BASE_COMPONENTS = 3  # of the vectors below those that are stored `based`; others are dense there
+_SPARSE_JSON_BYTES = 130  # by which the JSON of a sparse accessor and its views is longer than a dense one's
 
 
 class EditedDocument:
@@ -98,22 +51,23 @@ class EditedDocument:
     Attributes:
         source: What was read.
         gltf: The JSON to patch; a deep copy.
-        new_size: Bytes of new data.
+        storage: Of deltas.
     """
 
-    def __init__(self, source: Document) -> None:
+    def __init__(self, source: Document, *, storage: Storage = "sparse") -> None:
         self.source = source
         self.gltf: Json = copy.deepcopy(source.gltf)
-        self.new_size = 0
-        # New data goes to disk when it outgrows memory: per-frame geometry may be gigabytes.
-        self._data: IO[bytes] = tempfile.SpooledTemporaryFile(max_size=_SPOOL_BYTES)  # noqa: SIM115
-        weakref.finalize(self, self._data.close)
+        self.storage = storage
+        self._data = NewData()
         self._new_views: set[int] = set()
         self._dead_views: set[int] = set()  # of the source: nothing refers to them any more
         self._free_views: list[int] = []  # of these, whose index no other has got yet
+        self._free_accessors: list[int] = []
         self._accessor_uses = Counter(accessor_references(self.gltf))
         self._view_uses = Counter(view_references(self.gltf))
-        self._shared: dict[tuple[Any, ...], int] = {}
+        self._zeros: dict[tuple[Any, ...], int] = {}  # accessors
+        self._zeros_view: int | None = None  # below all accessors that are stored `based`
+        self._index_views: dict[bytes, int] = {}
         # An extension that we do not know may refer to accessors and views; whatever it could mean is kept.
         foreign = set(extension_integers(self.gltf))
         self._accessor_uses.update(foreign)
@@ -163,59 +117,108 @@ class EditedDocument:
         accessor = {"bufferView": self._add_view(data, target=target, stride=stride), **accessor}
         return self._place(accessor, slot)
 
-    def add_sparse(
-        self,
-        indices: Array,
-        values: Array,
-        *,
-        count: int,
-        bounds: bool = False,
-        stored: bool = False,
-        replaces: int | None = None,
+    def add_deltas(
+        self, vertices: Array, deltas: Array, *, count: int, bounds: bool = False, replaces: int | None = None
     ) -> int:
-        """Add an accessor of float32 vectors that are zero but at some indices.
+        """Add an accessor of float32 vectors that are zero but at some vertices, stored as `storage` says.
 
-        Accessors that are zero throughout are shared: one for each count and type.
+        Those that are zero throughout are shared: one for each count and type. None goes without data, as glTF 2.0
+        §5.1.1 allows: assimp, Open3D, glTFast, UnityGLTF and Bevy refuse that.
 
         Args:
-            indices: (changed,) strictly rising.
-            values: (changed, components) float32.
+            vertices: (changed,) strictly rising.
+            deltas: (changed, components).
             count: Of the whole accessor.
             bounds: Write `min` and `max`.
-            stored: Store an accessor that is zero throughout, for readers that need its bytes.
             replaces: An accessor to which the caller is about to drop one reference.
-
-        Source: glTF 2.0 §3.6.2.3.
         """
+        deltas = deltas.astype("<f4")
+        moved = np.flatnonzero(deltas.any(axis=1))
+        vertices, deltas = vertices[moved], deltas[moved]
+        if not len(moved):
+            return self._add_zeros(count, deltas.shape[1], bounds=bounds, replaces=replaces)
+        if self._takes_less_sparse(vertices, count, deltas.shape[1]):
+            accessor = self._zeros_accessor(count, deltas, bounds=bounds) | {"sparse": self._sparse(vertices, deltas)}
+            return self._place(accessor, self._release(replaces))
+        dense = np.zeros((count, deltas.shape[1]), "<f4")
+        dense[vertices] = deltas
+        return self.add(dense, target=VERTEX_DATA, bounds=bounds, replaces=replaces)
+
+    def _can_be_sparse(self, components: int) -> bool:
+        return self.storage == "sparse" or (self.storage == "based" and components == _BASE_COMPONENTS)
+
+    def _takes_less_sparse(self, vertices: Array, count: int, components: int) -> bool:
+        each = 4 * components + _index_dtype(vertices).itemsize
+        return self._can_be_sparse(components) and len(vertices) * each + _SPARSE_JSON_BYTES < 4 * components * count
+
+    def _zeros_accessor(self, count: int, deltas: Array, *, bounds: bool) -> Json:
+        """An accessor of zeros; its bounds are those with deltas in the place of some."""
         accessor = _plain(
-            pygltflib.Accessor(componentType=pygltflib.FLOAT, count=count, type=SIZE_TYPES[values.shape[1]])
+            pygltflib.Accessor(componentType=pygltflib.FLOAT, count=count, type=SIZE_TYPES[deltas.shape[1]])
         )
+        if self.storage == "based":
+            accessor = {"bufferView": self._base(count), **accessor}
         if bounds:
-            low, high = np.zeros(values.shape[1]), np.zeros(values.shape[1])
-            if len(values):
-                low, high = values.min(axis=0), values.max(axis=0)
-                if len(values) < count:
-                    low, high = np.minimum(low, 0.0), np.maximum(high, 0.0)
+            low, high = deltas.min(axis=0), deltas.max(axis=0)
+            if len(deltas) < count:
+                low, high = np.minimum(low, 0.0), np.maximum(high, 0.0)
             accessor["min"], accessor["max"] = _json_numbers(low), _json_numbers(high)
-        if not len(indices):
-            key = (count, accessor["type"], bounds)
-            if key not in self._shared:
-                zeros = np.zeros((count, values.shape[1]), np.float32)
-                self._shared[key] = (
-                    self.add(zeros, target=VERTEX_DATA, bounds=bounds) if stored else self._place(accessor, None)
-                )
-            return self._shared[key]
-        slot = self._release(replaces)
-        index_dtype = index_type(int(indices[-1]) + 1, smallest=np.uint8)
-        accessor["sparse"] = {
-            "count": len(indices),
+        return accessor
+
+    def _sparse(self, vertices: Array, deltas: Array) -> Json:
+        """What a sparse accessor has; `byteOffset` of 0 may be left out (glTF 2.0 §5.3.2), but VTK insists on it."""
+        index_dtype = _index_dtype(vertices)
+        indices = vertices.astype(index_dtype).tobytes()
+        # A target's POSITION and NORMAL often change at the same vertices.
+        if indices not in self._index_views:
+            self._index_views[indices] = self._add_view(indices)
+        return {
+            "count": len(vertices),
             "indices": {
-                "bufferView": self._add_view(indices.astype(index_dtype).tobytes()),
+                "bufferView": self._index_views[indices],
+                "byteOffset": 0,
                 "componentType": COMPONENT_TYPES[index_dtype],
             },
-            "values": {"bufferView": self._add_view(values.astype("<f4").tobytes())},
+            "values": {"bufferView": self._add_view(deltas.tobytes()), "byteOffset": 0},
         }
-        return self._place(accessor, slot)
+
+    def _base(self, count: int) -> int:
+        """The view of zeros below sparse vectors, made or grown to hold so many."""
+        if self._zeros_view is None:
+            self._zeros_view = self._place_view(
+                pygltflib.BufferView(
+                    buffer=len(self.source.buffers), byteLength=0, byteStride=4 * _BASE_COMPONENTS, target=VERTEX_DATA
+                )
+            )
+        self._data.zeros = max(self._data.zeros, count * 4 * _BASE_COMPONENTS)
+        self._settle_zeros()
+        return self._zeros_view
+
+    def _settle_zeros(self) -> None:
+        """Let the view of zeros show them where they are now, behind all other new data."""
+        if self._zeros_view is not None:
+            place = {"byteOffset": self._data.zeros_start, "byteLength": self._data.zeros}
+            self.gltf["bufferViews"][self._zeros_view] |= place
+
+    def _add_zeros(self, count: int, components: int, *, bounds: bool, replaces: int | None) -> int:
+        """The accessor of so many zeros."""
+        freed = self._release(replaces)
+        self._free_accessors += [] if freed is None else [freed]
+        key = (count, components, bounds)
+        if key not in self._zeros:
+            if self._can_be_sparse(components):
+                zero = np.zeros((1, components), "<f4")
+                accessor = self._zeros_accessor(count, zero, bounds=bounds)
+                if self.storage == "sparse":
+                    accessor["sparse"] = self._sparse(np.zeros(1, np.intp), zero)
+                self._zeros[key] = self._place(accessor, None)
+            else:
+                zeros = np.zeros((count, components), "<f4")
+                self._zeros[key] = self.add(zeros, target=VERTEX_DATA, bounds=bounds)
+        if freed in self._free_accessors:
+            # Until it has another use, it must be something.
+            self.gltf["accessors"][freed] = copy.copy(self.gltf["accessors"][self._zeros[key]])
+        return self._zeros[key]
 
     def clone_mesh(self, mesh: int) -> int:
         """Append a copy of a mesh, which shares its accessors, and give its index."""
@@ -229,35 +232,9 @@ class EditedDocument:
         """Drop one reference to an accessor, not the last: its successor will be there for another's sake."""
         self._release(accessor)
 
-    def unpack(self, primitive: Json) -> None:
-        """Give a primitive that Draco compressed plain accessors, where it has not got them yet."""
-        extension = primitive.get("extensions", {}).pop(draco.EXTENSION, None)
-        if extension is None:
-            return
-        if not primitive["extensions"]:
-            del primitive["extensions"]
-        primitive.pop("mode", None)  # a strip came as triangles
-        attributes = primitive["attributes"]
-        packed = dict(attributes)
-        users = [(attributes, name, VERTEX_DATA) for name in attributes]
-        users += [(primitive, "indices", INDEX_DATA)] if "indices" in primitive else []
-        for owner, key, target in users:
-            index = owner[key]
-            accessor = self.gltf["accessors"][index]
-            if "bufferView" not in accessor and self.source.is_draco(index):
-                values = self.source.stored(index)
-                weights = packed.get(key.replace("JOINTS_", "WEIGHTS_")) if key.startswith("JOINTS_") else None
-                if weights is not None:
-                    values = used_joints(values, self.source.accessor(weights), key)
-                owner[key] = self.add(
-                    values,
-                    target=target,
-                    normalized=accessor.get("normalized", False),
-                    bounds="min" in accessor,
-                    replaces=index,
-                )
-        if extension.get("bufferView", len(self.gltf["bufferViews"])) < len(self.gltf["bufferViews"]):
-            self._release_view(extension["bufferView"])
+    def drop_view(self, view: int) -> None:
+        """Drop one reference to a buffer view that no accessor has."""
+        self._release_view(view)
 
     def document(self) -> Document:
         """The changed document as a reader will see it, in memory: the source's buffers and one of new data."""
@@ -265,11 +242,14 @@ class EditedDocument:
         data = memoryview(b"".join(self.new_data()))
         return Document(self.source.path, self.gltf | {"buffers": buffers}, (*self.source.buffers, data), ())
 
+    @property
+    def new_size(self) -> int:
+        """Bytes of new data."""
+        return len(self._data)
+
     def new_data(self) -> Iterator[bytes]:
         """The new data, in pieces: there may be more than memory holds."""
-        self._data.seek(0)
-        while piece := self._data.read(_CHUNK_BYTES):
-            yield piece
+        return self._data.pieces()
 
     def kept(self, buffer: int) -> KeptBytes:
         """What is kept of a buffer of the source: all but dead views that no other view overlaps."""
@@ -316,6 +296,10 @@ class EditedDocument:
 
     def _place(self, accessor: Json, slot: int | None) -> int:
         accessors = self.gltf.setdefault("accessors", [])
+        if slot is None and self._free_accessors:
+            slot = self._free_accessors.pop(0)
+            accessors[slot] = accessor
+            return slot
         if slot is None:
             accessors.append(accessor)
             return len(accessors) - 1
@@ -342,22 +326,19 @@ class EditedDocument:
 
     def _add_view(self, data: bytes, *, target: int | None = None, stride: int | None = None) -> int:
         """Append data; its view's offset is that in the new data until the file is laid out."""
-        padding = -self.new_size % ALIGNMENT
-        try:
-            self._data.seek(self.new_size)
-            self._data.write(bytes(padding) + data)
-        except OSError as error:
-            raise BakeError(f"cannot be written: {error.strerror or error}", where=tempfile.gettempdir()) from error
-        view = _plain(
-            pygltflib.BufferView(
-                buffer=len(self.source.buffers),
-                byteOffset=self.new_size + padding,
-                byteLength=len(data),
-                byteStride=stride,
-                target=target,
-            )
+        view = pygltflib.BufferView(
+            buffer=len(self.source.buffers),
+            byteOffset=self._data.append(data),
+            byteLength=len(data),
+            byteStride=stride,
+            target=target,
         )
-        self.new_size += padding + len(data)
+        slot = self._place_view(view)
+        self._settle_zeros()
+        return slot
+
+    def _place_view(self, built: pygltflib.BufferView) -> int:
+        view = _plain(built)
         views = self.gltf.setdefault("bufferViews", [])
         if self._free_views:
             slot = self._free_views.pop(0)
@@ -367,24 +348,6 @@ class EditedDocument:
             views.append(view)
         self._new_views.add(slot)
         return slot
-
-
-def used_joints(joints: Array, weights: Array, name: str) -> Array:
-    """(vertices, 4) joints, those of weight 0 as joint 0: rounding, as Draco's, leaves some behind.
-
-    Args:
-        joints: (vertices, 4).
-        weights: (vertices, 4) of the same set.
-        name: JOINTS_0 or another set. In the first a vertex without weight keeps its first joint, which it follows.
-
-    Source: glTF 2.0 §3.7.3.3, "joints with a weight of zero SHOULD be set to zero".
-    """
-    if weights.shape != joints.shape:
-        return joints
-    used = weights > 0
-    if name == "JOINTS_0":
-        used[:, 0] |= ~used.any(axis=1)
-    return np.where(used, joints, 0).astype(joints.dtype)
 
 
 def index_type(count: int, *, smallest: type = np.uint16) -> np.dtype[Any]:
@@ -397,6 +360,11 @@ def index_type(count: int, *, smallest: type = np.uint16) -> np.dtype[Any]:
         if dtype.itemsize >= np.dtype(smallest).itemsize and count < 256**dtype.itemsize:
             return dtype
     raise BakeError(f"{count} vertices are more than glTF's 32-bit indices can count")
+
+
+def _index_dtype(vertices: Array) -> np.dtype[Any]:
+    """The smallest dtype for (changed,) rising indices of a sparse accessor."""
+    return index_type(int(vertices[-1]) + 1, smallest=np.uint8)
 
 
 def _plain(built: Any) -> Json:

@@ -17,9 +17,10 @@ from urllib.parse import quote
 from wrinklecli.errors import AssetError, BakeError
 from wrinklecli.gltf import meshopt
 from wrinklecli.gltf.document import BIN_CHUNK, GLB_MAGIC, JSON_CHUNK, Document
-from wrinklecli.gltf.edit import ALIGNMENT, EditedDocument
+from wrinklecli.gltf.edit import EditedDocument
 from wrinklecli.gltf.files import FileGroup, read_uri, replace_file
 from wrinklecli.gltf.images import image_type, images_to_bring, lies_beside, put_image
+from wrinklecli.gltf.new_data import ALIGNMENT
 from wrinklecli.gltf.references import compressions, view_parts
 from wrinklecli.gltf.shape import Json
 

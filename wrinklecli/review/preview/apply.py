@@ -57,6 +57,6 @@ def apply_tools(
     fps = job.settings.sampling.fps
     for plan in plans:
         target_sets, motions = sample_clips(plan, chosen, fps=fps, mode="morph", progress=progress)
-        encode_morphs(edited, plan, target_sets, motions, sparse=True)
+        encode_morphs(edited, plan, target_sets, motions)
     document = replace(edited.document(), allow_external=allow_external)
     return AppliedTools(document, tuple(plans), tuple(job.warnings))

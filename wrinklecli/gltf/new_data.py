@@ -1,0 +1,65 @@
+"""Bytes that a changed document gains: in memory, or on disk where they outgrow it, and zeros that follow them.
+
+Source: glTF 2.0 specification, §3.6.2.4 (data alignment).
+"""
+
+import tempfile
+import weakref
+from collections.abc import Iterator
+from typing import IO
+
+from wrinklecli.errors import BakeError
+
+ALIGNMENT = 4  # bytes; the largest component is 4 bytes, and GLB chunks are padded to it
+
+_SPOOL_BYTES = 2**26  # that stay in memory; more goes to a temporary file
+_CHUNK_BYTES = 2**20  # that are read back at a time
+
+
+class NewData:
+    """Data appended piece by piece; zeros that may grow meanwhile stand behind all of it.
+
+    Attributes:
+        zeros: Bytes of zeros.
+    """
+
+    def __init__(self) -> None:
+        self.zeros = 0
+        self._appended = 0
+        # Per-frame geometry may be gigabytes.
+        self._file: IO[bytes] = tempfile.SpooledTemporaryFile(max_size=_SPOOL_BYTES)  # noqa: SIM115
+        weakref.finalize(self, self._file.close)
+
+    def __len__(self) -> int:
+        return self.zeros_start + self.zeros if self.zeros else self._appended
+
+    @property
+    def zeros_start(self) -> int:
+        """Where the zeros begin."""
+        return _aligned(self._appended)
+
+    def append(self, data: bytes) -> int:
+        """Append data; where it begins, at a multiple of 4 bytes.
+
+        Raises:
+            BakeError: The disk is full.
+        """
+        start = _aligned(self._appended)
+        try:
+            self._file.seek(self._appended)
+            self._file.write(bytes(start - self._appended) + data)
+        except OSError as error:
+            raise BakeError(f"cannot be written: {error.strerror or error}", where=tempfile.gettempdir()) from error
+        self._appended = start + len(data)
+        return start
+
+    def pieces(self) -> Iterator[bytes]:
+        """All of it, in pieces: there may be more than memory holds."""
+        self._file.seek(0)
+        while piece := self._file.read(_CHUNK_BYTES):
+            yield piece
+        yield bytes(len(self) - self._appended)
+
+
+def _aligned(size: int) -> int:
+    return size + -size % ALIGNMENT
