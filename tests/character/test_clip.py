@@ -6,12 +6,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from kit.asset import Asset
 from kit.limb import limb_asset
 from kit.prepared import as_document, limb, rotation_matrix
-from wrinklecli.character.clip import Channel, clip_grid, read_clips, sample
+from wrinklecli.character.clip import KEY_GAP, Channel, clip_grid, linear_keys, read_clips, sample
 from wrinklecli.character.pose import morph_weights
 from wrinklecli.character.rig import read_rig
 from wrinklecli.errors import AssetError
@@ -181,9 +183,14 @@ def test_grid_begins_and_ends_with_the_clip_and_takes_its_keys(fps: float) -> No
     assert (np.diff(times) > 0).all()
     assert times[0] == 0.0
     assert times[-1] == 2.0
-    assert np.isin(stored([0.3, 0.7, 1.0, 1.5]), times).all()
-    assert np.isin(stored(np.arange(int(2 * fps) + 1) / fps), times).all()
-    assert np.diff(times).max() <= 1 / fps + 1e-6
+    keys = stored([0.0, 0.3, 0.7, 1.0, 1.5, 2.0])
+    assert np.isin(keys, times).all()
+    frames = stored(np.arange(int(2 * fps) + 1) / fps)
+    apart = np.abs(frames[:, None] - keys).min(axis=1)
+    assert np.isin(frames[apart >= KEY_GAP], times).all()
+    # Rounded to float32 values, which are 1.2e-7 apart.
+    assert np.diff(times).min() >= KEY_GAP - 3e-7
+    assert np.diff(times).max() <= 1 / fps + KEY_GAP
     assert len(clip_grid(clip, None, fps=fps)) <= int(2 * fps) + 2
 
 
@@ -197,5 +204,41 @@ def test_grid_of_a_clip_that_does_not_begin_at_0() -> None:
 def test_jumps_are_keyed_on_both_sides() -> None:
     rig, clip = limb(interpolation="STEP")
     times = clip_grid(clip, rig, fps=1)
-    before = np.nextafter(np.float32([1, 2]), np.float32(0)).astype(np.float64)
-    assert times.tolist() == [0.0, before[0], 1.0, before[1], 2.0]
+    assert times == pytest.approx([0.0, 0.999, 1.0, 1.999, 2.0], abs=3e-7)
+    assert np.diff(times).min() >= KEY_GAP
+
+
+@given(
+    st.lists(st.floats(0.0, 0.02), min_size=1, max_size=9, unique=True),
+    st.lists(st.floats(0.0, 0.02), max_size=9, unique=True),
+    st.sampled_from(["LINEAR", "STEP"]),
+)
+def test_times_are_apart_but_for_keys_of_own_weights(others: list[float], own: list[float], kind: str) -> None:
+    rig, clip = limb(morphs=1, clip=None, morph_clip="LINEAR")
+    channels = []
+    for path, keys in (("translation", others), ("weights", own)):
+        times = np.unique(stored(keys))
+        if len(times):
+            channels.append(Channel(0, rig.node, path, times, np.zeros((len(times), 1)), kind))
+    shortest = replace(clip, channels=tuple(channels), start=0.0, end=0.02)
+    times = clip_grid(shortest, rig, fps=300)
+    ends = stored([0.0, 0.02])
+    kept = np.unique(np.concatenate([ends, *(linear_keys(each) for each in channels if each.path == "weights")]))
+    assert np.isin(kept, times).all()
+    close = np.diff(times) < KEY_GAP - 2e-9
+    assert np.isin(times[:-1][close], kept).all()
+    assert np.isin(times[1:][close], kept).all()
+    # Nothing is far from where it was asked for.
+    assert np.abs(np.unique(stored(others))[:, None] - times).min(axis=1).max() < KEY_GAP
+
+
+def test_linear_keys_of_steps_play_them_but_for_a_millisecond() -> None:
+    times = stored([0.0, 0.5, 0.5015, 1.0])
+    channel = Channel(0, 0, "weights", times, np.array([[0.0], [1.0], [0.25], [0.5]]), "STEP")
+    keys = linear_keys(channel)
+    assert np.isin(times, keys).all()
+    # None before the third key: it would be closer than a millisecond to the second.
+    assert len(keys) == 6
+    assert np.diff(keys).min() >= KEY_GAP
+    assert sample(channel, keys)[:, 0].tolist() == [0.0, 0.0, 1.0, 0.25, 0.25, 0.5]
+    assert np.array_equal(linear_keys(replace(channel, interpolation="LINEAR")), times)

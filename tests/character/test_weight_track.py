@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from kit.prepared import limb
-from wrinklecli.character.clip import Channel, sample
+from wrinklecli.character.clip import Channel, linear_keys, sample
 from wrinklecli.character.weight_track import Track, pad, widen
 
 Floats = NDArray[np.float64]
@@ -51,9 +51,10 @@ def test_old_weights_play_as_before_and_new_ones_run_straight(interpolation: str
     assert np.isin(channel.times, track.times).all()
     at = np.concatenate([rng.uniform(-0.5, 2.5, 200), channel.times, times])
     if interpolation == "STEP":
-        # But for one float32 step before each jump, in which LINEAR keys cross over.
+        # But for a millisecond before each jump, in which LINEAR keys cross over.
         jumps = channel.times[1:]
-        step = np.nextafter(jumps.astype(np.float32), np.float32(-np.inf)).astype(np.float64)
+        step = np.setdiff1d(linear_keys(channel), channel.times)
+        assert len(step) == len(jumps)
         at = at[~((at[:, None] > step) & (at[:, None] < jumps)).any(axis=1)]
         at = np.concatenate([at, step])
     result = played(track, at)
@@ -77,7 +78,7 @@ def test_any_keys_can_be_joined(keys: list[int], fresh: list[int], interpolation
     channel = Channel(0, 0, "weights", key_times, rng.normal(size=shape), interpolation)
     its_clip = replace(clip, channels=(channel,))
     track = widen(channel, rig, its_clip, times, random_weights(rng, times))
-    # 1/64 s apart, so that no sample falls in the float32 step before a jump.
+    # 1/64 s apart, so that no sample falls in the millisecond before a jump.
     at = np.arange(-30, 240) / 64 + 1 / 200
     assert played(track, at)[:, :1] == pytest.approx(sample(channel, at), abs=1e-11)
 

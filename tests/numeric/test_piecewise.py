@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from kit.prepared import limb
-from wrinklecli.character.clip import Clip, clip_grid
+from wrinklecli.character.clip import KEY_GAP, Clip, clip_grid
 from wrinklecli.character.rig import Rig
 from wrinklecli.numeric import piecewise
 from wrinklecli.numeric.piecewise import Signal, key_points, key_times, smooth
@@ -22,9 +22,12 @@ def stored(times: Any) -> Floats:
     return np.asarray(times).astype(np.float32).astype(np.float64)
 
 
-def sampled(clip: Clip, rig: Rig, signal: Signal, *, fps: float, tolerance: float) -> tuple[Floats, Floats]:
+def sampled(
+    clip: Clip, rig: Rig, signal: Signal, *, fps: float, tolerance: float, gap: float = 1e-6
+) -> tuple[Floats, Floats]:
     """Times, and those of them that are keys, of one tolerance."""
-    times, keys = key_times(clip_grid(clip, rig, fps=fps), lambda _: signal, tolerance=tolerance, thinning=tolerance)
+    grid = clip_grid(clip, rig, fps=fps)
+    times, keys = key_times(grid, lambda _: signal, tolerance=tolerance, thinning=tolerance, gap=gap)
     assert keys[0] == 0
     assert keys[-1] == len(times) - 1
     assert (np.diff(keys) > 0).all()
@@ -64,7 +67,7 @@ def test_a_root_that_starts_anywhere_is_hardly_further_off_than_it_looks(
     def signal(times: Floats) -> Floats:
         return np.sqrt(np.maximum(start - times if falling else times - start, 0.0))[:, None]
 
-    times, _ = key_points(np.array([0.0, 1.0]), signal, tolerance=tolerance, thinning=tolerance)
+    times, _ = key_points(np.array([0.0, 1.0]), signal, tolerance=tolerance, thinning=tolerance, gap=1e-6)
     inner = times[:-1] + np.linspace(0, 1, 65)[:, None] * np.diff(times)
     lines = np.interp(inner, times, signal(times)[:, 0])
     assert np.abs(lines - signal(inner.reshape(-1)).reshape(inner.shape)).max() <= 1.7 * tolerance
@@ -76,8 +79,8 @@ def test_straight_signal_needs_no_more_than_the_grid() -> None:
     assert np.array_equal(times, clip_grid(clip, rig, fps=7))
 
 
-def test_intervals_to_halve_are_asked_for_in_their_middle() -> None:
-    """Three points inside each interval that is kept, seldom five; one inside others, and the new end."""
+def test_a_time_is_asked_for_once() -> None:
+    """Three points inside each interval, seldom five, are asked for; where it is halved its middle is a time."""
     rig, clip = limb()
     asked = []
 
@@ -85,23 +88,27 @@ def test_intervals_to_halve_are_asked_for_in_their_middle() -> None:
         asked.append(len(times))
         return np.sqrt(500 * times % 1.0)[:, None]
 
-    times, _ = sampled(clip, rig, signal, fps=1000, tolerance=0.02)
+    times, _ = sampled(clip, rig, signal, fps=1000, tolerance=0.02, gap=1e-7)
     assert len(times) > 8 * 2000
     assert sum(asked) < 10 * len(times)
 
 
-def test_endless_bisection_ends() -> None:
+@given(st.floats(0.01, 1.99), st.floats(1e-3, 0.04))
+def test_no_two_times_are_closer_than_the_gap_and_none_at_a_jump_twice_as_far(jump: float, gap: float) -> None:
     rig, clip = limb()
-    times, _ = sampled(clip, rig, lambda t: (t > 0.77).astype(float)[:, None], fps=10, tolerance=1e-3)
-    near = times[np.abs(times - 0.77) < 0.1]
-    assert (np.diff(times) > 0).all()
-    # A tenth of a second halved as often as allowed; float32 times there are 6e-8 apart.
-    assert np.diff(near).min() == pytest.approx(0.1 / 2**piecewise._BISECTIONS, abs=1.2e-7)
+    times, _ = sampled(clip, rig, lambda t: (t > jump).astype(float)[:, None], fps=10, tolerance=1e-3, gap=gap)
+    assert np.diff(times).min() >= gap
+    after = int(np.searchsorted(times, jump))
+    # A middle is a float32 value: there they are 1.2e-7 apart.
+    assert times[after] - times[after - 1] < 2 * gap + 1.2e-7
 
 
 def points_of(times: Floats) -> Floats:
     """The times and the three points between each two that are looked into."""
-    inner = times[:-1, None] + piecewise._SHARES * np.diff(times)[:, None]
+    inner = times[:-1, None] + np.array([0.0, 0.2, 0.5, 0.8]) * np.diff(times)[:, None]
+    middles = stored(inner[:, 2])
+    divisible = np.minimum(middles - times[:-1], times[1:] - middles) >= 1e-6
+    inner[divisible, 2] = middles[divisible]
     return np.append(inner.reshape(-1), times[-1])
 
 
@@ -136,7 +143,7 @@ def test_dropped_keys_leave_lines_that_are_right(seed: int, tolerance: float, co
 
 @given(st.integers(0, 2**32 - 1), st.floats(1e-3, 0.1), st.floats(1e-3, 0.1))
 def test_no_key_could_be_left_out(seed: int, tolerance: float, thinning: float) -> None:
-    """From each key the next is the furthest that a straight line reaches, but for the ends of lanes."""
+    """From each key the next is the furthest that a straight line reaches, but for the longest that are allowed."""
     rng = np.random.default_rng(seed)
     waves = rng.uniform(0, 12, (2, 3))
 
@@ -144,10 +151,11 @@ def test_no_key_could_be_left_out(seed: int, tolerance: float, thinning: float) 
         return np.sin(waves[0] * times[:, None] + waves[1])
 
     rig, clip = limb()
-    times, keys = key_times(clip_grid(clip, rig, fps=30), lambda _: signal, tolerance=tolerance, thinning=thinning)
+    grid = clip_grid(clip, rig, fps=30)
+    times, keys = key_times(grid, lambda _: signal, tolerance=tolerance, thinning=thinning, gap=1e-6)
     points = points_of(times)
     for k in range(len(keys) - 2):
-        if keys[k + 1] % piecewise._LANE:
+        if keys[k + 1] - keys[k] < piecewise._LONGEST:
             longer = times[[keys[k], keys[k + 1] + 1]]
             inside = points[(points >= longer[0]) & (points <= longer[1])]
             assert worst_between(longer, signal, inside)[0] > thinning * (1 - 1e-9)
@@ -188,9 +196,9 @@ def test_smooth_heights_need_few_keys() -> None:
 
 def test_jumps_keep_both_their_keys() -> None:
     rig, clip = limb(interpolation="STEP")
-    _, keys = sampled(clip, rig, lambda t: np.floor(t)[:, None], fps=30, tolerance=0.01)
-    before = np.nextafter(np.float32([1, 2]), np.float32(0)).astype(np.float64)
-    assert keys.tolist() == [0.0, before[0], 1.0, before[1], 2.0]
+    _, keys = sampled(clip, rig, lambda t: np.floor(t)[:, None], fps=30, tolerance=0.01, gap=KEY_GAP)
+    assert keys == pytest.approx([0.0, 0.999, 1.0, 1.999, 2.0], abs=3e-7)
+    assert np.diff(keys).min() >= KEY_GAP
 
 
 @pytest.mark.parametrize("end", [0.0, 1e-3])

@@ -9,7 +9,7 @@ from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.refined_mesh import RefinedPrimitive, primitives_of, shared_vertices
 from wrinklecli.baking.sample import Motion, takes_of
 from wrinklecli.baking.targets import TargetSet, targets_of
-from wrinklecli.character.clip import Clip, read_clips
+from wrinklecli.character.clip import KEY_GAP, Clip, read_clips
 from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.skin import pose, prepare
@@ -41,7 +41,8 @@ class Residual:
     Attributes:
         position: Largest distance of a vertex, scene units.
         time: When that is, seconds.
-        weights: Largest error of a tool's height, at and between all keys, scene units.
+        weights: Largest error of a tool's height, at all frames sampled and between them, scene units; not where two
+            are too close for another one (see `KEY_GAP`).
         normal: 99th percentile of the angle between the file's and the true normals, degrees; None where
             the mesh has none.
     """
@@ -232,8 +233,13 @@ def _vertex_errors(
 
 
 def _all_times(times: Floats) -> Floats:
-    """(times,) every key and two points between each two, seconds, as an engine's float32 clock shows them."""
-    between = (times[:-1, None] + np.array([0.25, 0.5]) * np.diff(times)[:, None]).reshape(-1)
+    """(times,) every frame and two points between each two, seconds, as an engine's float32 clock shows them.
+
+    None between frames that are too close for another one (see `KEY_GAP`): no player shows what is there.
+    """
+    gaps = np.diff(times)
+    wide = gaps >= 2.0 * KEY_GAP
+    between = (times[:-1][wide, None] + np.array([0.25, 0.5]) * gaps[wide, None]).reshape(-1)
     return distinct_values(np.concatenate([times, between.astype(np.float32).astype(np.float64)]))
 
 

@@ -14,6 +14,11 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, float32_values, unit_quaternions
 
+KEY_GAP = 1e-3
+"""Seconds between two keys at least. No player shows what lies between, and Blender drops keys closer than 0.42 ms."""
+
+# The same between times that are rounded to float32: at 1,000 frames per second, frames are just so far apart.
+_ROUNDED_GAP = 0.999 * KEY_GAP
 # Frames of one clip at most: almost two hours at 30 a second.
 _MOST_FRAMES = 200_000
 
@@ -233,7 +238,9 @@ def _slerp(points: Floats, before: Ints, t: Floats) -> Floats:
 def clip_grid(clip: Clip, rig: Rig | None, *, fps: float) -> Floats:
     """(frames,) seconds, float32 values: a grid over the clip with its end, and the keys that move a rig.
 
-    Jumps of STEP channels count twice, with the last float32 time before each.
+    Before each jump of a STEP channel stands a time too. No two times are closer than `KEY_GAP`, but for the keys of
+    the rig's own morph weights, which a track keeps, and the two ends. Of others the ones of the grid give way, and of
+    keys the earlier.
 
     Raises:
         BakeError: It would have more than 200,000 frames.
@@ -244,10 +251,46 @@ def clip_grid(clip: Clip, rig: Rig | None, *, fps: float) -> Floats:
             where=clip.name,
         )
     count = int(np.floor((clip.end - clip.start) * fps * (1.0 + 1e-9)))
-    grid: list[Floats] = [clip.start + np.arange(count + 1) / fps, np.array([clip.end])]
-    if rig is not None:
-        grid.append(motion_breaks(clip, rig))
-    return distinct_values(float32_values(np.concatenate(grid)))
+    moving = set() if rig is None else moving_nodes(rig)
+    keys = [np.zeros(0)]
+    kept = [np.array([clip.start, clip.end])]
+    for channel in clip.channels:
+        if channel.node in moving:
+            own = rig is not None and channel.node == rig.node and channel.path == "weights"
+            (kept if own else keys).append(linear_keys(channel))
+    grid = distinct_values(float32_values(np.concatenate(kept)))
+    grid = _joined(grid, _apart(distinct_values(float32_values(np.concatenate(keys)))))
+    return _joined(grid, float32_values(clip.start + np.arange(count + 1) / fps))
+
+
+def linear_keys(channel: Channel) -> Floats:
+    """(keys,) seconds, rising, between which straight lines play a LINEAR or STEP channel, but inside `KEY_GAP`.
+
+    Those of a STEP channel are its keys, and the last float32 time a gap before each, where the channel has not jumped
+    yet; no such time where the key before is closer than two gaps.
+    """
+    if channel.interpolation != "STEP":
+        return channel.times
+    before = _just_before(channel.times[1:] - KEY_GAP)
+    return distinct_values(np.concatenate([channel.times, before[before >= channel.times[:-1] + KEY_GAP]]))
+
+
+def _joined(kept: Floats, more: Floats) -> Floats:
+    """(times,) rising: those kept, and of more those that are no closer than `KEY_GAP` to any of them."""
+    padded, after = np.concatenate([[-np.inf], kept, [np.inf]]), np.searchsorted(kept, more)
+    nearest = np.minimum(more - padded[after], padded[after + 1] - more)
+    return distinct_values(np.concatenate([kept, more[nearest >= _ROUNDED_GAP]]))
+
+
+def _apart(times: Floats) -> Floats:
+    """(times,) rising: of rising ones those that are no closer than `KEY_GAP` to the next one left."""
+    if not (np.diff(times) < _ROUNDED_GAP).any():
+        return times
+    left = [float(times[-1])]
+    for time in times[-2::-1].tolist():
+        if left[-1] - time >= _ROUNDED_GAP:
+            left.append(time)
+    return np.array(left[::-1])
 
 
 def motion_breaks(clip: Clip, rig: Rig) -> Floats:
@@ -261,10 +304,10 @@ def motion_breaks(clip: Clip, rig: Rig) -> Floats:
         if channel.node in moving:
             keys.append(channel.times)
             if channel.interpolation == "STEP":
-                keys.append(just_before(channel.times[1:]))
+                keys.append(_just_before(channel.times[1:]))
     return distinct_values(float32_values(np.concatenate(keys)))
 
 
-def just_before(times: Floats) -> Floats:
-    """The last float32 time before each time, when a STEP channel that jumps there has not jumped yet."""
+def _just_before(times: Floats) -> Floats:
+    """The last float32 time before each time."""
     return np.nextafter(times.astype(np.float32), np.float32(-np.inf)).astype(np.float64)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrinklecli.character.clip import Channel, Clip, just_before, sample
+from wrinklecli.character.clip import Channel, Clip, linear_keys, sample
 from wrinklecli.character.pose import morph_weights
 from wrinklecli.character.rig import Rig
 from wrinklecli.numeric.arrays import Floats, distinct_values
@@ -43,18 +43,15 @@ def widen(channel: Channel | None, rig: Rig, clip: Clip, times: Floats, weights:
 
     Returns:
         A channel over old and new targets. LINEAR keeps its values at the union of key times. STEP becomes
-        LINEAR with an extra key one float32 step before each jump. CUBICSPLINE stays: its pieces are split
-        where new keys fall, by Hermite subdivision; new weights get the secants' tangents.
+        LINEAR with an extra key a millisecond before each jump (see `linear_keys`). CUBICSPLINE stays: its pieces
+        are split where new keys fall, by Hermite subdivision; new weights get the secants' tangents.
     """
     if channel is None:
         old = morph_weights(rig, None, times)
         return Track(times, np.concatenate([old, weights], axis=1), "LINEAR")
     if channel.interpolation == "CUBICSPLINE":
         return _widen_spline(channel, times, weights)
-    union = distinct_values(np.concatenate([times, channel.times]))
-    if channel.interpolation == "STEP":
-        before = just_before(channel.times[1:])
-        union = distinct_values(np.concatenate([union, before[before > channel.times[:-1]]]))
+    union = distinct_values(np.concatenate([times, linear_keys(channel)]))
     old = morph_weights(rig, clip, union)
     return Track(union, np.concatenate([old, _interpolated(union, times, weights)], axis=1), "LINEAR")
 

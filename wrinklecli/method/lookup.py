@@ -34,6 +34,8 @@ _MOST_TRIES = 12
 _OF_POINTS = 0.25
 # First rows after a group's start, as shares of the way to the next: heights like a root are 1/2, 1/4, 1/8 … there.
 _BEHIND = 0.25 ** np.arange(1, 9)
+# Between two rows, at least.
+_LEAST_STEP = 1e-6
 # Decimals of weights that count: the weight of a full bump moves in its last bits, which need no rows.
 _DECIMALS = 7
 # Rows of a table to begin with, and how often an interval between two is halved at most.
@@ -118,7 +120,9 @@ def tabulate_weights(curve: ControlCurve, weights: Callable[[Floats], Floats]) -
     behind = starts[:-1] + (starts[1:] - starts[:-1]) * _BEHIND[:, None]
     grid = distinct_values(np.concatenate([np.linspace(0.0, 1.0, _FIRST_ROWS), starts, behind.reshape(-1)]))
     most = TABLE_ERROR * np.abs(signal(grid)).max(initial=0.0)
-    points, rows = key_points(grid, signal, tolerance=_OF_POINTS * most, thinning=(1 - _OF_POINTS) * most)
+    points, rows = key_points(
+        grid, signal, tolerance=_OF_POINTS * most, thinning=(1 - _OF_POINTS) * most, gap=_LEAST_STEP
+    )
     return points[rows], signal(points[rows])
 
 
