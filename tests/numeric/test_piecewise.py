@@ -23,11 +23,11 @@ def stored(times: Any) -> Floats:
 
 
 def sampled(
-    clip: Clip, rig: Rig, signal: Signal, *, fps: float, tolerance: float, gap: float = 1e-6
+    clip: Clip, rig: Rig, signal: Signal, *, fps: float, tolerance: float, gap: float = 1e-6, step: float = 1e-6
 ) -> tuple[Floats, Floats]:
     """Times, and those of them that are keys, of one tolerance."""
     grid = clip_grid(clip, rig, fps=fps)
-    times, keys = key_times(grid, lambda _: signal, tolerance=tolerance, thinning=tolerance, gap=gap)
+    times, keys = key_times(grid, lambda _: signal, tolerance=tolerance, thinning=tolerance, gap=gap, step=step)
     assert keys[0] == 0
     assert keys[-1] == len(times) - 1
     assert (np.diff(keys) > 0).all()
@@ -67,7 +67,7 @@ def test_a_root_that_starts_anywhere_is_hardly_further_off_than_it_looks(
     def signal(times: Floats) -> Floats:
         return np.sqrt(np.maximum(start - times if falling else times - start, 0.0))[:, None]
 
-    times, _ = key_points(np.array([0.0, 1.0]), signal, tolerance=tolerance, thinning=tolerance, gap=1e-6)
+    times, _ = key_points(np.array([0.0, 1.0]), signal, tolerance=tolerance, thinning=tolerance, gap=1e-6, step=1e-6)
     inner = times[:-1] + np.linspace(0, 1, 65)[:, None] * np.diff(times)
     lines = np.interp(inner, times, signal(times)[:, 0])
     assert np.abs(lines - signal(inner.reshape(-1)).reshape(inner.shape)).max() <= 1.7 * tolerance
@@ -88,7 +88,7 @@ def test_a_time_is_asked_for_once() -> None:
         asked.append(len(times))
         return np.sqrt(500 * times % 1.0)[:, None]
 
-    times, _ = sampled(clip, rig, signal, fps=1000, tolerance=0.02, gap=1e-7)
+    times, _ = sampled(clip, rig, signal, fps=1000, tolerance=0.02, gap=1e-7, step=1e-7)
     assert len(times) > 8 * 2000
     assert sum(asked) < 10 * len(times)
 
@@ -101,6 +101,21 @@ def test_no_two_times_are_closer_than_the_gap_and_none_at_a_jump_twice_as_far(ju
     after = int(np.searchsorted(times, jump))
     # A middle is a float32 value: there they are 1.2e-7 apart.
     assert times[after] - times[after - 1] < 2 * gap + 1.2e-7
+
+
+def test_times_are_multiples_of_the_step_where_that_leaves_a_gap() -> None:
+    rig, clip = limb()
+    times, _ = sampled(
+        clip, rig, lambda t: np.sqrt(np.abs(t - 0.777))[:, None], fps=7, tolerance=1e-3, gap=1e-3, step=1 / 600
+    )
+    added = np.setdiff1d(times, clip_grid(clip, rig, fps=7))
+    assert len(added) > 10
+    assert np.abs(added * 600 - np.round(added * 600)).max() < 1e-4
+    # Steps that are too close together are no use: then the middle is taken.
+    closer, _ = sampled(
+        clip, rig, lambda t: np.sqrt(np.abs(t - 0.777))[:, None], fps=7, tolerance=1e-3, gap=1e-3, step=0.5
+    )
+    assert len(closer) > len(clip_grid(clip, rig, fps=7)) + 10
 
 
 def points_of(times: Floats) -> Floats:
@@ -152,7 +167,7 @@ def test_no_key_could_be_left_out(seed: int, tolerance: float, thinning: float) 
 
     rig, clip = limb()
     grid = clip_grid(clip, rig, fps=30)
-    times, keys = key_times(grid, lambda _: signal, tolerance=tolerance, thinning=thinning, gap=1e-6)
+    times, keys = key_times(grid, lambda _: signal, tolerance=tolerance, thinning=thinning, gap=1e-6, step=1e-6)
     points = points_of(times)
     for k in range(len(keys) - 2):
         if keys[k + 1] - keys[k] < piecewise._LONGEST:

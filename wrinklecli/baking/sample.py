@@ -10,7 +10,7 @@ import numpy as np
 from wrinklecli.baking.job import Mode
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.targets import TargetSet, named_targets
-from wrinklecli.character.clip import KEY_GAP, Clip, clip_grid, motion_breaks
+from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip, clip_grid, motion_breaks
 from wrinklecli.character.rig import moving_nodes
 from wrinklecli.errors import BakeError
 from wrinklecli.method.activity import (
@@ -169,7 +169,7 @@ def _key_times(
         return _signals(plan, clip, breaks, tolerance)
 
     grid = clip_grid(clip, plan.rig, fps=fps)
-    return key_times(grid, signal_on, tolerance=tolerance, thinning=_KEYS_SHARE * bound, gap=KEY_GAP)
+    return key_times(grid, signal_on, tolerance=tolerance, thinning=_KEYS_SHARE * bound, gap=KEY_GAP, step=KEY_STEP)
 
 
 def _target_set(plan: MeshPlan, number: int, sampled: Sequence[Motion]) -> tuple[TargetSet, list[Floats]]:

@@ -17,7 +17,7 @@ from wrinklecli.baking.baked_body import BakedAnchor, BakedBody, BakedTool, coun
 from wrinklecli.baking.job import refuse_overwriting
 from wrinklecli.baking.morphs import encode_track
 from wrinklecli.baking.track_node import node_for_tracks
-from wrinklecli.character.clip import KEY_GAP, Clip, clip_grid, read_clips
+from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip, clip_grid, read_clips
 from wrinklecli.character.pose import LEAST_SCALE, morph_weights, node_matrices
 from wrinklecli.character.rig import Rig, moving_nodes, read_rig
 from wrinklecli.character.weight_track import Track, pad, widen
@@ -265,6 +265,7 @@ class _DrivenTools:
             tolerance=_SAMPLING_SHARE * tolerance,
             thinning=_KEYS_SHARE * tolerance,
             gap=KEY_GAP,
+            step=KEY_STEP,
         )
         return times[keys]
 

@@ -17,7 +17,10 @@ from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, float32_val
 KEY_GAP = 1e-3
 """Seconds between two keys at least. No player shows what lies between, and Blender drops keys closer than 0.42 ms."""
 
-# The same between times that are rounded to float32: at 1,000 frames per second, frames are just so far apart.
+KEY_STEP = 1 / 600
+"""Seconds of which keys that we add are multiples, as whole frames are at 24, 25, 30, 50 and 60 per second."""
+
+# `KEY_GAP` between times that are rounded to float32: at 1,000 frames per second, frames are just so far apart.
 _ROUNDED_GAP = 0.999 * KEY_GAP
 # Frames of one clip at most: almost two hours at 30 a second.
 _MOST_FRAMES = 200_000

@@ -120,9 +120,8 @@ def tabulate_weights(curve: ControlCurve, weights: Callable[[Floats], Floats]) -
     behind = starts[:-1] + (starts[1:] - starts[:-1]) * _BEHIND[:, None]
     grid = distinct_values(np.concatenate([np.linspace(0.0, 1.0, _FIRST_ROWS), starts, behind.reshape(-1)]))
     most = TABLE_ERROR * np.abs(signal(grid)).max(initial=0.0)
-    points, rows = key_points(
-        grid, signal, tolerance=_OF_POINTS * most, thinning=(1 - _OF_POINTS) * most, gap=_LEAST_STEP
-    )
+    bounds = {"tolerance": _OF_POINTS * most, "thinning": (1 - _OF_POINTS) * most}
+    points, rows = key_points(grid, signal, **bounds, gap=_LEAST_STEP, step=_LEAST_STEP)
     return points[rows], signal(points[rows])
 
 

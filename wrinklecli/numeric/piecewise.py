@@ -32,12 +32,12 @@ Signal = Callable[[Floats], Floats]
 
 
 def key_times(
-    grid: Floats, signal_on: Callable[[Floats], Signal], *, tolerance: float, thinning: float, gap: float
+    grid: Floats, signal_on: Callable[[Floats], Signal], *, tolerance: float, thinning: float, gap: float, step: float
 ) -> tuple[Floats, Ints]:
     """Times so close that straight lines between them are right, and which of them to key.
 
     Times are first those of a grid, such as a clip's frames and its own keys. Heights start like a square root, so an
-    interval is halved until straight lines are right at three points inside it, and at two more where they are almost
+    interval is divided until straight lines are right at three points inside it, and at two more where they are almost
     too far off. Of these times a key is then the furthest to which a straight line from the key before passes all of
     them and all those three. A root that starts between such points may be 1.7 times the tolerance off there.
 
@@ -47,7 +47,8 @@ def key_times(
             values.
         tolerance: Greatest error of a value between two times.
         thinning: The same between two keys; exceeded only between two neighbouring times that exceed it already.
-        gap: Seconds, above 0. No interval is halved whose halves would be shorter, whatever is inside it.
+        gap: Seconds, above 0. No interval is divided so that a part is shorter, whatever is inside it.
+        step: Seconds. An interval is divided at the multiple of it that is nearest to its middle, if that may be.
 
     Returns:
         (frames,) seconds, rising, each a float32 value, and (keys,) indices into them, the first and last among them.
@@ -60,20 +61,22 @@ def key_times(
     stretch = min(max(_MOST_VALUES // (_PER_INTERVAL * width), 1), _STRETCH)
     for start in range(0, len(grid) - 1, stretch):
         part = grid[start : start + stretch + 1]
-        found, needed = key_points(part, signal_on(part), tolerance=tolerance, thinning=thinning, gap=gap)
+        found, needed = key_points(part, signal_on(part), tolerance=tolerance, thinning=thinning, gap=gap, step=step)
         times.append(found[1:])
         keys.append(count + needed[1:])
         count += len(found) - 1
     return np.concatenate(times), np.concatenate(keys)
 
 
-def key_points(grid: Floats, signal: Signal, *, tolerance: float, thinning: float, gap: float) -> tuple[Floats, Ints]:
+def key_points(
+    grid: Floats, signal: Signal, *, tolerance: float, thinning: float, gap: float, step: float
+) -> tuple[Floats, Ints]:
     """As `key_times`, from (points,) rising points on, of any signal."""
-    points, values = _bisected(grid, signal, tolerance, gap)
+    points, values = _bisected(grid, signal, tolerance, gap, step)
     return points[::_PER_INTERVAL], _thinned(points, values, thinning)
 
 
-def _bisected(grid: Floats, signal: Signal, tolerance: float, gap: float) -> tuple[Floats, Floats]:
+def _bisected(grid: Floats, signal: Signal, tolerance: float, gap: float, step: float) -> tuple[Floats, Floats]:
     """(4 (times - 1) + 1,) the times and three points between each two, rising, and (…, values) there."""
     at_grid = _sampled(signal, grid)
     low, high, first, last = grid[:-1], grid[1:], at_grid[:-1], at_grid[1:]
@@ -81,7 +84,9 @@ def _bisected(grid: Floats, signal: Signal, tolerance: float, gap: float) -> tup
     while len(low):
         inside = low[:, None] + _SHARES * (high - low)[:, None]
         # A middle that may become a time is a float32 value.
-        middles = float32_values(inside[:, 1])
+        snapped = float32_values(np.round(inside[:, 1] / step) * step)
+        fits = np.minimum(snapped - low, high - snapped) >= gap
+        middles = np.where(fits, snapped, float32_values(inside[:, 1]))
         divisible = np.minimum(middles - low, high - middles) >= gap
         inside[divisible, 1] = middles[divisible]
         values = _sampled_inside(signal, inside)
