@@ -155,6 +155,7 @@ def add_triangles(axes: Axes, corners: Floats, colour: str) -> None:
 
 # What goes from each room to the next.
 FLOW = {
+    "files": ("paths", "bytes"),
     "numeric": ("arrays", "arrays"),
     "tools": ("tools.yaml", "WrinkleTool"),
     "gltf": ("character.glb", "Document"),

@@ -119,17 +119,19 @@ class WrinkleGolden:
 
 def _keep(document: "Document", path: Path) -> None:
     """Write a document as one file: the same bytes where it is one, else with all its parts embedded."""
+    from wrinklecli.files.outputs import Outputs
     from wrinklecli.gltf.document import GLB_MAGIC
     from wrinklecli.gltf.edit import EditedDocument
-    from wrinklecli.gltf.files import read_file, replace_bytes
+    from wrinklecli.gltf.files import read_file
     from wrinklecli.gltf.writer import write
 
     data = read_file(document.path)
     apart = len(document.files) > 1 or any("uri" in image for image in document.items("images"))
-    if apart or bytes(data[:4]) != GLB_MAGIC:
-        write(EditedDocument(document), path)
-    else:
-        replace_bytes(os.fspath(path), data)
+    with Outputs() as outputs:
+        if apart or bytes(data[:4]) != GLB_MAGIC:
+            write(EditedDocument(document), path, outputs=outputs)
+        else:
+            outputs.add_bytes(path, data)
 
 
 def _length(tolerance: float | str) -> "Length":

@@ -1,6 +1,7 @@
 """Files of posed frames: what is in them, and that a folder gets all of them or none."""
 
 import os
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,13 @@ import trimesh
 
 import wrinklecli
 from kit.bakes import bake_once
+from kit.command import files
 from kit.limb import write_tools
 from kit.samples import BACK, PALM, Editor, aside, edited, one_moves, sample
 from wrinklecli.baking import frame_files
 from wrinklecli.baking.frames import PosedFrame
 from wrinklecli.errors import WrinkleError
+from wrinklecli.files.outputs import Outputs
 from wrinklecli.numeric.arrays import unit
 
 
@@ -103,6 +106,32 @@ def test_clips_with_odd_names_do_not_overwrite_each_other(tmp_path: Path) -> Non
     assert sorted(path.name for path in tmp_path.iterdir()) == ["frames", "tools.yaml"]
 
 
+def collide(editor: Editor) -> None:
+    """Clips whose names are one without such characters, and one that has the name by which these are told apart."""
+    clips = editor.json["animations"]
+    clips[:] = [clips[0] | {"name": "x?"}, clips[0] | {"name": "x__2"}, clips[1] | {"name": "x!"}]
+
+
+def test_clips_whose_files_would_have_one_name(tmp_path: Path) -> None:
+    tools = write_tools(tmp_path / "tools.yaml", PALM)
+    folder = tmp_path / "frames"
+    wrinklecli.bake(edited("wrist", collide), tools, frames_dir=folder, frames_format="ply", mode="frames", fps=2)
+    stems = {path.name.rpartition("_")[0] for path in folder.iterdir()}
+    assert stems == {"x_", "x__2", "x__2_2"}
+
+
+@pytest.mark.parametrize("name", ["flex_0000.glb", "extend_0002.glb"])
+@pytest.mark.parametrize("output", ["asset", "OUT"])
+def test_frames_are_never_written_over_the_asset_or_the_output(name: str, output: str, tmp_path: Path) -> None:
+    tools = write_tools(tmp_path / "tools.yaml", PALM)
+    asset, out = (tmp_path / name, tmp_path / "out.glb") if output == "asset" else (tmp_path / "a.glb", tmp_path / name)
+    shutil.copy(sample("wrist"), asset)
+    before = files(tmp_path)
+    with pytest.raises(WrinkleError, match=f"{name}: is an"):
+        wrinklecli.bake(asset, tools, out, frames_dir=tmp_path, frames_format="glb", mode="frames", fps=2)
+    assert files(tmp_path) == before
+
+
 def test_files_of_two_meshes_of_which_a_clip_moves_one(tmp_path: Path) -> None:
     """Every file holds both meshes, the still one as stored."""
     tools = write_tools(tmp_path / "tools.yaml", {**PALM, "node": "wrist"}, aside(BACK))
@@ -121,15 +150,18 @@ def test_no_partial_folder(there: bool, tmp_path: Path, monkeypatch: pytest.Monk
     if there:
         folder.mkdir()
         (folder / "flex_0000.obj").write_text("old")
-    write, written = Path.write_bytes, []
+    add, written = Outputs.add, []
 
-    def full(self: Path, data: bytes) -> int:
-        written.append(self)
-        if len(written) > 3:
-            raise OSError(28, "No space left on device")
-        return write(self, data)
+    def full(self: Outputs, path: str, write: Any, **options: Any) -> int:
+        def write_until_full(file: Any) -> None:
+            written.append(path)
+            if len(written) > 3:
+                raise OSError(28, "No space left on device")
+            write(file)
 
-    monkeypatch.setattr(Path, "write_bytes", full)
+        return add(self, path, write_until_full, **options)
+
+    monkeypatch.setattr(Outputs, "add", full)
     with pytest.raises(WrinkleError, match="No space left on device"):
         wrinklecli.bake(sample("wrist"), tools, tmp_path / "out.glb", frames_dir=folder, mode="frames", fps=4)
     monkeypatch.undo()

@@ -13,7 +13,7 @@ from wrinklecli.cli import cli
 TESTS = Path(__file__).parents[1]
 PACKAGE = TESTS.parent / "wrinklecli"
 # The way of the data. A room is a folder, or a module beside the folders.
-ROOMS = ("errors", "numeric", "tools", "gltf", "character", "method", "baking", "review", "testing", "cli")
+ROOMS = ("errors", "files", "numeric", "tools", "gltf", "character", "method", "baking", "review", "testing", "cli")
 # Who may import a library; any module may import those that are not here.
 DOORS = {
     "yaml": {"tools/yaml_tree"},

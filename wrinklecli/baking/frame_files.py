@@ -1,21 +1,19 @@
-"""Files of posed frames: an OBJ, PLY or GLB for each frame of each clip, all put into a folder or none."""
+"""Files of posed frames: an OBJ, PLY or GLB for each frame of each clip."""
 
 import os
 import re
-import tempfile
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
 from functools import cache, partial
-from pathlib import Path
+from itertools import chain
 from typing import Any, cast
 
 import numpy as np
 
 from wrinklecli.baking.frames import Frames, PosedFrame, pose_frames
 from wrinklecli.baking.refined_mesh import old_values, primitives_of
-from wrinklecli.errors import BakeError
+from wrinklecli.character.clip import Clip
+from wrinklecli.files.outputs import Outputs
 from wrinklecli.gltf.document import Document
-from wrinklecli.gltf.files import make_folders
 from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.numeric.guard import Progress
 
@@ -23,10 +21,14 @@ from wrinklecli.numeric.guard import Progress
 _OBJ_HEADER = "# https://github.com/mikedh/trimesh\n"
 
 
-@contextmanager
-def exported_frames(
-    document: Document, every: Sequence[Frames], folder: str | os.PathLike[str], kind: str, progress: Progress
-) -> Iterator[Callable[[], None]]:
+def export_frames(
+    document: Document,
+    every: Sequence[Frames],
+    folder: str | os.PathLike[str],
+    kind: str,
+    outputs: Outputs,
+    progress: Progress,
+) -> None:
     """Write a file for each frame of each clip, `CLIP_0001.obj`, with positions, normals and UVs, world space.
 
     Args:
@@ -34,75 +36,40 @@ def exported_frames(
         every: The meshes, all with the same clips; a file holds one frame of them all.
         folder: Made where it is not there.
         kind: obj, ply or glb.
+        outputs: What the files are added to.
         progress: Called with a stage's name, frames done and frames in all.
 
-    Yields:
-        What puts the files into the folder; uncalled, or where anything fails later, all is left there as it was.
-
     Raises:
-        BakeError: The folder cannot be written to.
+        BakeError: The folder cannot be written to, or a file would be another output or an input.
     """
-    target = Path(folder)
-    made: list[str] = []
-    try:
-        made = make_folders(os.fspath(target))
-        with tempfile.TemporaryDirectory(prefix=".wrinkle-", dir=target) as temporary:
-            names = _write_frames(document, every, Path(temporary), kind, progress)
-            with _moved_together(names, Path(temporary), target) as put:
-                yield put
-    except OSError as error:
-        raise BakeError(f"cannot be written: {error.strerror or error}", where=os.fspath(folder)) from error
-    finally:
-        for each in reversed(made):
-            with suppress(OSError):  # not empty: done
-                os.rmdir(each)
-
-
-@contextmanager
-def _moved_together(names: Sequence[str], source: Path, target: Path) -> Iterator[Callable[[], None]]:
-    """Yield what moves files from one folder to another; where anything fails later, they are taken back."""
-    old = source / "old"
-    old.mkdir()
-    begun: list[str] = []
-
-    def put() -> None:
-        for name in names:
-            begun.append(name)
-            if (target / name).is_file():
-                os.replace(target / name, old / name)
-            os.replace(source / name, target / name)
-
-    try:
-        yield put
-    except BaseException:
-        for name in begun:
-            if not (source / name).exists():
-                os.unlink(target / name)
-            if (old / name).exists():
-                os.replace(old / name, target / name)
-        raise
-
-
-def _write_frames(
-    document: Document, every: Sequence[Frames], folder: Path, kind: str, progress: Progress
-) -> list[str]:
-    """Write the frames' files; their names."""
+    outputs.make_folders(folder)
+    clips = list(zip(*(frames.motions for frames in every), strict=True))
+    paths = [
+        [os.path.join(folder, f"{stem}_{number:04d}.{kind}") for number in range(len(motions[0].times))]
+        for stem, motions in zip(_stems([motions[0].clip for motions in clips]), clips, strict=True)
+    ]
+    for path in chain.from_iterable(paths):
+        outputs.claim(path)
     triangles, uvs = _joined_topology(document, every)
-    write = (
+    encode = (
         _obj_writer(triangles, uvs) if kind == "obj" else partial(_exported, triangles=triangles, uvs=uvs, kind=kind)
     )
-    names: list[str] = []
-    stems: set[str] = set()
-    for motions in zip(*(frames.motions for frames in every), strict=True):
-        stem = re.sub(r"[^A-Za-z0-9_.-]", "_", motions[0].clip.name)
-        stem = stem if stem not in stems else f"{stem}_{motions[0].clip.index}"
-        stems.add(stem)
+    for motions, own in zip(clips, paths, strict=True):
         posed = [pose_frames(document, frames, motion) for frames, motion in zip(every, motions, strict=True)]
-        for number, meshes in enumerate(zip(*posed, strict=True)):
-            names.append(f"{stem}_{number:04d}.{kind}")
-            (folder / names[-1]).write_bytes(write(meshes))
-            progress("files", number + 1, len(motions[0].times))
-    return names
+        for number, (path, meshes) in enumerate(zip(own, zip(*posed, strict=True), strict=True)):
+            outputs.add_bytes(path, encode(meshes), durable=False)
+            progress("files", number + 1, len(own))
+
+
+def _stems(clips: Sequence[Clip]) -> list[str]:
+    """What the names of each clip's files begin with: the clip's name, with its number where another has that."""
+    stems: dict[str, None] = {}
+    for clip in clips:
+        stem = re.sub(r"[^A-Za-z0-9_.-]", "_", clip.name)
+        while stem in stems:
+            stem = f"{stem}_{clip.index}"
+        stems[stem] = None
+    return list(stems)
 
 
 def _joined_topology(document: Document, every: Sequence[Frames]) -> tuple[Ints, Floats | None]:

@@ -118,18 +118,6 @@ def read_job(asset: str | os.PathLike[str], tools: str | os.PathLike[str], optio
     )
 
 
-def refuse_overwriting(inputs: Sequence[str], outputs: Sequence[str | os.PathLike[str]]) -> None:
-    """Check that no output is an input, by whatever name.
-
-    Raises:
-        BakeError: One is.
-    """
-    known = {os.path.realpath(path) for path in inputs}
-    for path in outputs:
-        if os.path.realpath(path) in known:
-            raise BakeError("is an input too and would be overwritten", where=os.fspath(path))
-
-
 def tools_by_node(document: Document, settings: ToolsFile) -> tuple[dict[int, list[WrinkleTool]], list[str]]:
     """Find each tool's mesh.
 

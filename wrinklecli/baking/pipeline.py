@@ -2,14 +2,13 @@
 
 import os
 from collections.abc import Sequence
-from contextlib import ExitStack
 from dataclasses import replace
 from typing import Any
 
 from wrinklecli.baking.budget import BUDGETS, fit_budget
-from wrinklecli.baking.frame_files import exported_frames
+from wrinklecli.baking.frame_files import export_frames
 from wrinklecli.baking.frames import Frames, encode_frames
-from wrinklecli.baking.job import BakeOptions, Job, read_job, refuse_overwriting
+from wrinklecli.baking.job import BakeOptions, Job, read_job
 from wrinklecli.baking.morphs import encode_morphs
 from wrinklecli.baking.original import seal
 from wrinklecli.baking.plan import MeshPlan, plan_meshes
@@ -18,8 +17,9 @@ from wrinklecli.baking.report import BakedMesh, Report, make_report
 from wrinklecli.baking.sample import sample_clips
 from wrinklecli.baking.timings import StageClock, make_timings
 from wrinklecli.errors import BakeError, RefusedError
+from wrinklecli.files.outputs import Outputs
 from wrinklecli.gltf.edit import EditedDocument
-from wrinklecli.gltf.images import image_files
+from wrinklecli.gltf.images import files_of, image_files
 from wrinklecli.gltf.writer import write
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 
@@ -30,6 +30,7 @@ def bake(
     out: str | os.PathLike[str] | None = None,
     options: BakeOptions | None = None,
     *,
+    outputs: Outputs | None = None,
     progress: Progress = no_progress,
     **named: Any,
 ) -> Report:
@@ -40,6 +41,8 @@ def bake(
         tools: The YAML file of tools.
         out: The .gltf or .glb to write; may be left out where `frames_dir` is given.
         options: How to bake; the defaults of `BakeOptions` where left out.
+        outputs: Other files to write, which OUT and the frames become a part of. Left out, these are in their places at
+            the end.
         progress: Called with a stage's name, steps done and steps in all.
         named: Single options by their names in `BakeOptions`, in place of those in `options`. Type checkers see them
             only there.
@@ -56,11 +59,29 @@ def bake(
             are warnings. Nothing is written.
     """
     options = replace(options or BakeOptions(), **named)
+    if outputs is not None:
+        return _bake(asset, tools, out, options, outputs, progress)
+    with Outputs() as own:
+        return _bake(asset, tools, out, options, own, progress)
+
+
+def _bake(
+    asset: str | os.PathLike[str],
+    tools: str | os.PathLike[str],
+    out: str | os.PathLike[str] | None,
+    options: BakeOptions,
+    outputs: Outputs,
+    progress: Progress,
+) -> Report:
+    """Bake, and add what is to be written to `outputs`."""
     clock = StageClock()
+    if out is not None:
+        outputs.claim(out)
+    outputs.protect([asset, tools])
     with guarded(os.fspath(asset)):
         with clock.stage("read"):
             job = read_job(asset, tools, options)
-            refuse_overwriting(job.inputs, [out] if out is not None else [])
+            outputs.protect([*job.inputs, *files_of(job.document)])
         with clock.stage("plan"):
             plans = plan_meshes(job, influences=BUDGETS[options.engine].influences if options.engine else None)
         edited = EditedDocument(job.document, storage=options.accessors)
@@ -75,7 +96,7 @@ def bake(
             report = make_report(job, baked, images=image_files(job.document, out) if out is not None else [])
             if options.strict and report.warnings:
                 raise RefusedError.of_all(RefusedError(line) for line in report.warnings)
-        written = _write(job, edited, posed, out, clock, progress)
+        written = _write(job, edited, posed, out, outputs, clock, progress)
         timings = make_timings(clock, job, baked, bytes_written=written)
         return replace(report, bytes_written=written or 0, timings=timings)
 
@@ -121,22 +142,20 @@ def _write(
     edited: EditedDocument,
     posed: Sequence[BakedMesh],
     out: str | os.PathLike[str] | None,
+    outputs: Outputs,
     clock: StageClock,
     progress: Progress,
 ) -> int | None:
-    """Write the files of `frames_dir` and OUT, all or none; the size of OUT with the files beside it."""
+    """Write the files of `frames_dir` and OUT; the size of OUT with the files beside it."""
     options = job.options
     frames = [Frames(mesh.plan.rig, mesh.plan.fine, mesh.target_sets, mesh.motions) for mesh in posed]
     if out is not None and options.mode == "frames":
         with clock.stage("encode"):
             encode_frames(edited, frames, progress)
-    with ExitStack() as stack:
-        if options.frames_dir is not None:
-            with clock.stage("export"):
-                files = exported_frames(job.document, frames, options.frames_dir, options.frames_format, progress)
-                put_there = stack.enter_context(files)
-                put_there()  # taken back where OUT fails
-        if out is None:
-            return None
-        with clock.stage("write"):
-            return write(edited, out, seal=seal)
+    if options.frames_dir is not None:
+        with clock.stage("export"):
+            export_frames(job.document, frames, options.frames_dir, options.frames_format, outputs, progress)
+    if out is None:
+        return None
+    with clock.stage("write"):
+        return write(edited, out, seal=seal, outputs=outputs)

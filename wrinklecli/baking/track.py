@@ -14,7 +14,6 @@ from functools import partial
 import numpy as np
 
 from wrinklecli.baking.baked_body import BakedAnchor, BakedBody, BakedTool, count_named, read_bodies
-from wrinklecli.baking.job import refuse_overwriting
 from wrinklecli.baking.morphs import encode_track
 from wrinklecli.baking.track_node import node_for_tracks
 from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip, clip_grid, read_clips
@@ -22,8 +21,10 @@ from wrinklecli.character.pose import LEAST_SCALE, morph_weights, node_matrices
 from wrinklecli.character.rig import Rig, moving_nodes, read_rig
 from wrinklecli.character.weight_track import Track, pad, widen
 from wrinklecli.errors import AssetError, BakeError, RefusedError, listed, nearest
+from wrinklecli.files.outputs import Outputs
 from wrinklecli.gltf.document import read_document
 from wrinklecli.gltf.edit import EditedDocument
+from wrinklecli.gltf.images import files_of
 from wrinklecli.gltf.shape import Json
 from wrinklecli.gltf.writer import write
 from wrinklecli.method.lookup import TABLE_ERROR
@@ -62,6 +63,7 @@ def track(
     max_error: float = 0.01,
     allow_external: bool = False,
     strict: bool = False,
+    outputs: Outputs | None = None,
 ) -> list[Tracked]:
     """Add weight tracks for a baked body to the clips of other files, which share its joints by name.
 
@@ -78,6 +80,7 @@ def track(
         max_error: Greatest error of a weight, a share of the greatest: above 1/256, which is the table's own.
         allow_external: Read buffers and images outside the files' folders too.
         strict: Refuse where there are warnings.
+        outputs: What the files are added to; left out, they are in their places at the end.
 
     Returns:
         What was made of each file, in order.
@@ -90,29 +93,39 @@ def track(
     """
     if not max_error > TABLE_ERROR:
         raise ValueError(f"max_error is {max_error}; the table of weights is right to 1/256")
+    if outputs is None:
+        with Outputs() as own:
+            return track(
+                baked,
+                anims,
+                folder,
+                fps=fps,
+                max_error=max_error,
+                allow_external=allow_external,
+                strict=strict,
+                outputs=own,
+            )
+    outputs.protect([baked, *anims])
     body_file = read_document(baked, allow_external=allow_external)
+    outputs.protect(files_of(body_file))
     bodies = read_bodies(body_file)
-    outputs = [os.path.join(os.fspath(folder), os.path.basename(os.fspath(path))) for path in anims]
-    for number, path in enumerate(outputs):
-        if path in outputs[:number]:
+    paths = [os.path.join(os.fspath(folder), os.path.basename(os.fspath(path))) for path in anims]
+    for number, path in enumerate(paths):
+        if path in paths[:number]:
             raise BakeError("is the output of two inputs of one name", where=path)
-    edited, inputs, results = [], list(body_file.files), []
-    for anim, output in zip(anims, outputs, strict=True):
+    edited, results = [], []
+    for anim, path in zip(anims, paths, strict=True):
         document = read_document(anim, allow_external=allow_external)
-        inputs += document.files
+        outputs.protect(files_of(document))
         edited.append(EditedDocument(document))
         with guarded(document.path):
-            results.append(_track_file(edited[-1], bodies, output, fps=fps, tolerance=max_error - TABLE_ERROR))
+            results.append(_track_file(edited[-1], bodies, path, fps=fps, tolerance=max_error - TABLE_ERROR))
     warnings = [line for result in results for line in result.warnings]
     if strict and warnings:
         raise RefusedError.of_all(RefusedError(line) for line in warnings)
-    refuse_overwriting(inputs, outputs)
-    try:
-        os.makedirs(folder, exist_ok=True)
-    except OSError as error:
-        raise BakeError(f"cannot be made: {error.strerror or error}", where=os.fspath(folder)) from error
-    for each, output in zip(edited, outputs, strict=True):
-        write(each, output)
+    outputs.make_folders(folder)
+    for each, path in zip(edited, paths, strict=True):
+        write(each, path, outputs=outputs)
     return results
 
 

@@ -2,7 +2,6 @@
 
 import atexit
 import gc
-import io
 import sys
 
 import click
@@ -14,6 +13,7 @@ from wrinklecli.cli.inspect import inspect
 from wrinklecli.cli.output import say
 from wrinklecli.cli.preview import preview
 from wrinklecli.cli.schema import schema
+from wrinklecli.cli.streams import may_be_lost, open_streams, refusal_of_output
 from wrinklecli.cli.suggest import suggest
 from wrinklecli.cli.track import track
 from wrinklecli.errors import WrinkleError
@@ -50,24 +50,28 @@ def main() -> None:
     gc.set_threshold(_BEFORE_COLLECTION)
     # To search all that is imported once more at exit is a seventh of a small bake.
     atexit.register(gc.freeze)
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        # As standard error has it: names of an asset may have characters that the terminal's encoding lacks.
-        sys.stdout.reconfigure(errors="backslashreplace")
+    open_streams()
     try:
         cli.main(prog_name="wrinkle", standalone_mode=False)
     except click.ClickException as error:
-        error.show()
+        with may_be_lost():
+            error.show()
         sys.exit(error.exit_code)
     except (click.Abort, KeyboardInterrupt):
-        click.echo("wrinkle: interrupted", err=True)
+        say("wrinkle: interrupted")
         sys.exit(130)
     except WrinkleError as error:
         for line in error.lines:
             say(line)
         sys.exit(error.exit_code)
-    except Exception:
+    except Exception as error:
+        refusal = refusal_of_output() if isinstance(error, OSError) else None
+        if refusal is not None:
+            say(f"standard output: cannot be written: {refusal}")
+            sys.exit(1)
         import traceback
 
-        traceback.print_exc()
-        click.echo("wrinkle: this is a bug of wrinkle's; please report it with the lines above", err=True)
+        with may_be_lost():
+            traceback.print_exc()
+        say("wrinkle: this is a bug of wrinkle's; please report it with the lines above")
         sys.exit(_BUG)

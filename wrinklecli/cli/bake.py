@@ -1,9 +1,6 @@
 """`wrinkle bake`."""
 
 import json
-import os
-import signal
-import sys
 from typing import Any
 
 import click
@@ -22,6 +19,7 @@ from wrinklecli.cli.options import (
     verbose_option,
 )
 from wrinklecli.cli.output import Progress, say, warn
+from wrinklecli.cli.streams import command_outputs
 
 
 @click.command(
@@ -105,7 +103,7 @@ def bake(
 ) -> None:
     r"""Bake the wrinkling tools of TOOLS (YAML) into the animations of ASSET (glTF).
 
-    OUT is replaced only by a complete file.
+    All files are written, or none: OUT is replaced last, and only by a complete file.
 
     \b
     --timings writes an object; within a version, keys are only added:
@@ -132,29 +130,21 @@ def bake(
         raise click.UsageError("'--depfile' needs '-o'.")
     if output is not None and not output.lower().endswith((".glb", ".gltf")):
         raise click.BadParameter(f"{output!r} ends neither in .glb nor .gltf", param_hint="-o")
-    # Killed softly, the bake unwinds and removes its temporary file.
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    with command_outputs() as outputs, Progress(quiet=quiet) as progress:
+        from wrinklecli import bake as run
+        from wrinklecli.baking.job import BakeOptions
 
-    from wrinklecli import bake as run
-    from wrinklecli.baking.job import BakeOptions, refuse_overwriting
-    from wrinklecli.errors import BakeError
-    from wrinklecli.gltf.files import replace_bytes
-
-    extra = [path for path in (report, timings, depfile) if path is not None]
-    refuse_overwriting([asset, tools, *([output] if output else [])], extra)
-    for path in extra:
-        # Found out afterwards, OUT would be new already.
-        if not os.access(os.path.dirname(path) or ".", os.W_OK):
-            raise BakeError("cannot be written: its folder is missing or read-only", where=path)
-    with Progress(quiet=quiet) as progress:
+        for path in (report, timings, depfile):
+            if path is not None:
+                outputs.claim(path)
         chosen = BakeOptions(details=report is not None, **options)
-        made = run(asset, tools, output, chosen, progress=progress.show)
-    if report is not None:
-        replace_bytes(report, json.dumps(made.data, indent=1, allow_nan=False).encode() + b"\n")
-    if timings is not None:
-        replace_bytes(timings, json.dumps(made.timings, indent=1, allow_nan=False).encode() + b"\n")
-    if depfile is not None and output is not None:
-        replace_bytes(depfile, dependencies(output, made.inputs))
+        made = run(asset, tools, output, chosen, outputs=outputs, progress=progress.show)
+        if report is not None:
+            outputs.add_bytes(report, json.dumps(made.data, indent=1, allow_nan=False).encode() + b"\n")
+        if timings is not None:
+            outputs.add_bytes(timings, json.dumps(made.timings, indent=1, allow_nan=False).encode() + b"\n")
+        if depfile is not None and output is not None:
+            outputs.add_bytes(depfile, dependencies(output, made.inputs))
     if quiet:
         return
     for warning in made.warnings:

@@ -15,6 +15,7 @@ from wrinklecli.cli.options import (
     tool_option,
 )
 from wrinklecli.cli.output import Progress, emit, emit_json
+from wrinklecli.cli.streams import command_outputs
 
 
 @click.command(
@@ -46,24 +47,25 @@ def check(asset: str, tools: str, plot: str | None, as_json: bool, strict: bool,
     if plot is not None and not plot.lower().endswith((".png", ".svg")):
         raise click.BadParameter(f"{plot!r} ends neither in .png nor .svg", param_hint="--plot")
 
-    from wrinklecli.baking.job import refuse_overwriting
     from wrinklecli.errors import RefusedError
-    from wrinklecli.gltf.files import replace_bytes
-    from wrinklecli.review.check import check as run
-    from wrinklecli.review.plot import draw_check, refuse_without_matplotlib
 
-    if plot is not None:
-        refuse_without_matplotlib()
-        refuse_overwriting([asset, tools], [plot])
-    with Progress() as progress:
-        made = run(asset, tools, progress=progress.show, **options)
-    if plot is not None:
-        refuse_overwriting(made.inputs, [plot])
-        replace_bytes(plot, draw_check(made, plot.lower().rpartition(".")[2]))
-    if as_json:
-        emit_json(made.data)
-    else:
-        _emit_tables(made.data)
+    with command_outputs() as outputs:
+        from wrinklecli.review.check import check as run
+        from wrinklecli.review.plot import draw_check, refuse_without_matplotlib
+
+        if plot is not None:
+            refuse_without_matplotlib()
+            outputs.claim(plot)
+        outputs.protect([asset, tools])
+        with Progress() as progress:
+            made = run(asset, tools, progress=progress.show, **options)
+        outputs.protect(made.inputs)
+        if plot is not None:
+            outputs.add_bytes(plot, draw_check(made, plot.lower().rpartition(".")[2]))
+        if as_json:
+            emit_json(made.data)
+        else:
+            _emit_tables(made.data)
     if strict and made.warnings:
         count = len(made.warnings)
         raise RefusedError(f"refused by --strict: {count} warning{'' if count == 1 else 's'}", where=tools)

@@ -7,6 +7,9 @@ from typing import IO, Any
 
 import click
 
+from wrinklecli.cli.streams import may_be_lost
+from wrinklecli.files.outputs import Outputs
+
 
 def printable(line: str) -> str:
     """A line that cannot break out of itself or command a terminal, whatever names an asset holds."""
@@ -15,12 +18,15 @@ def printable(line: str) -> str:
 
 def say(line: str, *, style: dict[str, Any] | None = None) -> None:
     """A line on standard error, for people."""
-    click.echo(click.style(printable(line), **(style or {})), err=True, color=_colours(sys.stderr))
+    with may_be_lost():
+        click.echo(click.style(printable(line), **(style or {})), err=True, color=_colours(sys.stderr))
 
 
 def warn(warning: str) -> None:
     """A warning on standard error."""
-    click.echo(click.style("warning:", fg="yellow") + " " + printable(warning), err=True, color=_colours(sys.stderr))
+    with may_be_lost():
+        marked = click.style("warning:", fg="yellow") + " " + printable(warning)
+        click.echo(marked, err=True, color=_colours(sys.stderr))
 
 
 def emit(line: str, *, style: dict[str, Any] | None = None) -> None:
@@ -33,14 +39,12 @@ def emit_json(data: dict[str, Any]) -> None:
     click.echo(json.dumps(data, indent=1, allow_nan=False))
 
 
-def write_text(output: str | None, text: str) -> None:
-    """Text to a file, which is replaced only as a whole, or to standard output for none and `-`."""
+def write_text(output: str | None, text: str, outputs: Outputs) -> None:
+    """Text to a file, or to standard output for none and `-`."""
     if output is None or output == "-":
         click.echo(text, nl=False)
-        return
-    from wrinklecli.gltf.files import replace_bytes
-
-    replace_bytes(output, text.encode())
+    else:
+        outputs.add_bytes(output, text.encode())
 
 
 def _colours(stream: IO[str]) -> bool | None:
@@ -60,7 +64,8 @@ class Progress:
 
     def __exit__(self, *_: object) -> None:
         if self._drawn:
-            click.echo("\r\x1b[K", nl=False, err=True)
+            with may_be_lost():
+                click.echo("\r\x1b[K", nl=False, err=True)
 
     def show(self, stage: str, done: int, total: int) -> None:
         """Draw a stage's share of steps that are done."""
@@ -68,5 +73,6 @@ class Progress:
             width = 30
             filled = width * done // max(total, 1)
             bar = f"{stage:>8} {'#' * filled}{'.' * (width - filled)} {done}/{total}"
-            click.echo(f"\r\x1b[K{bar}", nl=False, err=True)
+            with may_be_lost():
+                click.echo(f"\r\x1b[K{bar}", nl=False, err=True)
             self._drawn = True

@@ -8,6 +8,7 @@ import click
 
 from wrinklecli.cli.options import FILE, allow_external_option, clip_option, fps_option, quiet_option, tool_option
 from wrinklecli.cli.output import Progress, say, warn
+from wrinklecli.cli.streams import command_outputs
 from wrinklecli.review.preview.options import MOST_SIDE, PreviewOptions, Style
 
 _LEAST_SIDE = 16  # pixels of a picture's width or height
@@ -125,11 +126,11 @@ def preview(
     """
     _refuse_misuse(assets, output, options)
 
-    from wrinklecli.review.preview.preview import preview as run
+    with command_outputs() as outputs, Progress(quiet=quiet) as progress:
+        from wrinklecli.review.preview.preview import preview as run
 
-    style = Style(wire=wire, clay=clay, backfaces=backfaces)
-    with Progress(quiet=quiet) as progress:
-        made = run(assets, output, PreviewOptions(**options, style=style), progress=progress.show)
+        chosen = PreviewOptions(**options, style=Style(wire=wire, clay=clay, backfaces=backfaces))
+        made = run(assets, output, chosen, outputs=outputs, progress=progress.show)
     if quiet:
         return
     for warning in made.warnings:

@@ -6,6 +6,7 @@ import click
 
 from wrinklecli.cli.options import FILE
 from wrinklecli.cli.output import write_text
+from wrinklecli.cli.streams import command_outputs
 
 
 @click.command(short_help="JSON Schema of the tools file.", epilog="Example: wrinkle schema -o tools.schema.json")
@@ -18,6 +19,7 @@ def schema(output: str) -> None:
 
     Exit codes: 0 done; 1 FILE cannot be written; 2 wrong usage; 70 a bug.
     """
-    from wrinklecli.tools.schema import TOOLS_SCHEMA
+    with command_outputs() as outputs:
+        from wrinklecli.tools.schema import TOOLS_SCHEMA
 
-    write_text(output, json.dumps(TOOLS_SCHEMA, indent=2, ensure_ascii=False) + "\n")
+        write_text(output, json.dumps(TOOLS_SCHEMA, indent=2, ensure_ascii=False) + "\n", outputs)

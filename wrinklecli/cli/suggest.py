@@ -7,6 +7,7 @@ import click
 
 from wrinklecli.cli.options import FILE, allow_external_option, clip_option, fps_option, json_option, quiet_option
 from wrinklecli.cli.output import Progress, emit_json, say, warn, write_text
+from wrinklecli.cli.streams import command_outputs
 
 if TYPE_CHECKING:
     from wrinklecli.review.suggest.fitting import Suggestion
@@ -50,26 +51,27 @@ def suggest(asset: str, output: str | None, as_json: bool, quiet: bool, **option
     if as_json and output == "-":
         raise click.UsageError("'--json' and '-o -' both want standard output.")
 
-    from wrinklecli.baking.job import refuse_overwriting
     from wrinklecli.errors import AssetError
-    from wrinklecli.review.suggest.suggest import suggest as run
 
-    to_file = output is not None and output != "-"
-    if output is not None and to_file:
-        refuse_overwriting([asset], [output])
-    with Progress(quiet=quiet) as progress:
-        found = run(asset, progress=progress.show, **options)
-    if output is not None and to_file:
-        refuse_overwriting(found.inputs, [output])
-    if not quiet:
-        for note in found.notes:
-            warn(note)
-    if as_json:
-        emit_json(_json(asset, found))
-    if not found.tools:
-        raise AssetError(f"nothing to suggest: {found.reason}", where=asset)
-    if to_file or not as_json:
-        write_text(output, found.text)
+    with command_outputs() as outputs:
+        from wrinklecli.review.suggest.suggest import suggest as run
+
+        to_file = output is not None and output != "-"
+        if output is not None and to_file:
+            outputs.claim(output)
+        outputs.protect([asset])
+        with Progress(quiet=quiet) as progress:
+            found = run(asset, progress=progress.show, **options)
+        outputs.protect(found.inputs)
+        if not quiet:
+            for note in found.notes:
+                warn(note)
+        if as_json:
+            emit_json(_json(asset, found))
+        if not found.tools:
+            raise AssetError(f"nothing to suggest: {found.reason}", where=asset)
+        if to_file or not as_json:
+            write_text(output, found.text, outputs)
     if not quiet:
         _say_table(found.tools)
 

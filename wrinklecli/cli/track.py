@@ -6,6 +6,7 @@ import click
 
 from wrinklecli.cli.options import FILE, allow_external_option, fps_option, quiet_option, strict_option, verbose_option
 from wrinklecli.cli.output import say, warn
+from wrinklecli.cli.streams import command_outputs
 
 # Per cent: 1/256, the error of the table of weights in the node's extras.
 _LEAST_ERROR = 0.390625
@@ -57,11 +58,13 @@ def track(baked: str, anims: tuple[str, ...], folder: str, quiet: bool, verbose:
         if not path.lower().endswith((".glb", ".gltf")):
             raise click.BadParameter(f"{path!r} ends neither in .glb nor .gltf", param_hint="ANIM")
 
-    from wrinklecli.baking.track import track as run
+    with command_outputs() as outputs:
+        from wrinklecli.baking.track import track as run
 
-    for made in run(baked, anims, folder, **options):
-        if quiet:
-            continue
+        every = run(baked, anims, folder, outputs=outputs, **options)
+    if quiet:
+        return
+    for made in every:
         for warning in made.warnings:
             warn(warning)
         for line in made.tools if verbose else ():

@@ -6,8 +6,9 @@ from collections.abc import Iterator
 from urllib.parse import quote, unquote
 
 from wrinklecli.errors import BakeError
+from wrinklecli.files.outputs import Outputs
 from wrinklecli.gltf.document import Document
-from wrinklecli.gltf.files import FileGroup, leaves_folder, read_file, read_uri
+from wrinklecli.gltf.files import leaves_folder, read_file, read_uri
 from wrinklecli.gltf.shape import Json
 
 
@@ -23,6 +24,13 @@ def image_files(document: Document, out: str | os.PathLike[str]) -> list[str]:
         return []
     folder = os.path.dirname(document.path)
     return [os.path.join(folder, unquote(image["uri"])) for image in document.items("images") if _is_a_file(image)]
+
+
+def files_of(document: Document) -> list[str]:
+    """Every file that an asset consists of, read or not: nothing may be written over them."""
+    folder = os.path.dirname(document.path)
+    images = [image for image in document.items("images") if _is_a_file(image)]
+    return [*document.files, *(os.path.join(folder, unquote(image["uri"])) for image in images)]
 
 
 def read_image(document: Document, number: int) -> tuple[memoryview, str | None]:
@@ -52,7 +60,7 @@ def images_to_bring(document: Document, out: str) -> Iterator[tuple[int, memoryv
             yield number, read_image(document, number)[0]
 
 
-def put_image(uri: str, data: memoryview, out: str, files: FileGroup) -> str:
+def put_image(uri: str, data: memoryview, out: str, outputs: Outputs) -> str:
     """Put an image where its URI says beside OUT; the URI, a new one for an image from outside the folder.
 
     Raises:
@@ -63,10 +71,11 @@ def put_image(uri: str, data: memoryview, out: str, files: FileGroup) -> str:
         digest = hashlib.sha256(data).hexdigest()[:12]
         uri = quote(f"{stem}-{digest}{os.path.splitext(unquote(uri))[1]}")
     path = os.path.join(folder, unquote(uri))
-    if not os.path.exists(path):
-        files.make_folders(os.path.dirname(path))
-        files.replace_bytes(path, data)
-    elif read_file(path) != data:
+    there = outputs.found(path)
+    if there is None:
+        outputs.make_folders(os.path.dirname(path))
+        outputs.add_bytes(path, data)
+    elif read_file(there) != data:
         raise BakeError("is there already and is another image; choose another folder", where=path)
     return uri
 

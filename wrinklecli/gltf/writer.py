@@ -7,18 +7,21 @@ import copy
 import hashlib
 import json
 import os
+import re
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain
 from typing import IO, NamedTuple, TypeAlias
-from urllib.parse import quote
+from urllib.parse import quote, unquote
 
 from wrinklecli.errors import AssetError, BakeError
+from wrinklecli.files.outputs import Outputs
 from wrinklecli.gltf import meshopt
 from wrinklecli.gltf.document import BIN_CHUNK, GLB_MAGIC, JSON_CHUNK, Document
 from wrinklecli.gltf.edit import EditedDocument
-from wrinklecli.gltf.files import FileGroup, read_uri, replace_file
+from wrinklecli.gltf.files import read_file, read_uri
 from wrinklecli.gltf.images import image_type, images_to_bring, lies_beside, put_image
 from wrinklecli.gltf.new_data import ALIGNMENT
 from wrinklecli.gltf.references import compressions, view_parts
@@ -66,17 +69,20 @@ def no_seal(_edited: EditedDocument, layout: Layout) -> tuple[Json, bytes]:
     return layout.gltf, b""
 
 
-def write(edited: EditedDocument, path: str | os.PathLike[str], *, seal: Seal = no_seal) -> int:
+def write(
+    edited: EditedDocument, path: str | os.PathLike[str], *, seal: Seal = no_seal, outputs: Outputs | None = None
+) -> int:
     """Write .glb or .gltf, as the path's ending says, replacing the file only by a complete one.
 
     A .glb embeds every buffer. A .gltf keeps embedded and relative buffers as they are and writes one
-    more file, `STEM-<hash>.bin`, before its JSON. Images with relative URIs are copied beside an OUT in
-    another folder (.gltf) or embedded (.glb).
+    more file, `STEM-<hash>.bin`, before its JSON; such a file that only the earlier OUT named goes. Images with
+    relative URIs are copied beside an OUT in another folder (.gltf) or embedded (.glb).
 
     Args:
         edited: The document.
         path: OUT.
         seal: Gives what is to follow the new data.
+        outputs: What OUT is one of, as a main output; it is in its place when these are. Left out: at once.
 
     Returns:
         The bytes written.
@@ -85,13 +91,14 @@ def write(edited: EditedDocument, path: str | os.PathLike[str], *, seal: Seal = 
         BakeError: The disk is full, the folder is missing or read-only, or a .glb passes 4 GiB.
     """
     out = os.fspath(path)
-    if not out.lower().endswith(".gltf"):
-        return _write_glb(edited, out, seal)
-    with FileGroup() as files:
-        return _write_gltf(edited, out, seal, files)
+    kind = _write_gltf if out.lower().endswith(".gltf") else _write_glb
+    if outputs is not None:
+        return kind(edited, out, seal, outputs)
+    with Outputs() as own:
+        return kind(edited, out, seal, own)
 
 
-def _write_glb(edited: EditedDocument, out: str, seal: Seal) -> int:
+def _write_glb(edited: EditedDocument, out: str, seal: Seal, outputs: Outputs) -> int:
     layout = _lay_out_glb(edited, out)
     gltf, tail = seal(edited, layout)
     size = sum(len(part) for part in layout.contents[0]) + edited.new_size + len(tail)
@@ -113,8 +120,7 @@ def _write_glb(edited: EditedDocument, out: str, seal: Seal) -> int:
             file.writelines(edited.new_data())
             file.write(tail + padding)
 
-    replace_file(out, write_chunks)
-    return total
+    return outputs.add(out, write_chunks, last=True)
 
 
 def _lay_out_glb(edited: EditedDocument, out: str) -> Layout:
@@ -182,13 +188,12 @@ def _binary_chunk(gltf: Json) -> Json:
     return {key: value for key, value in gltf["buffers"][0].items() if key not in left_out}
 
 
-def _write_gltf(edited: EditedDocument, out: str, seal: Seal, files: FileGroup) -> int:
+def _write_gltf(edited: EditedDocument, out: str, seal: Seal, outputs: Outputs) -> int:
     images = [dict(image) for image in edited.gltf.get("images", [])]
     for number, data in images_to_bring(edited.source, out):
-        images[number]["uri"] = put_image(images[number]["uri"], data, out, files)
+        images[number]["uri"] = put_image(images[number]["uri"], data, out, outputs)
     layout, contents = _lay_out_gltf(edited, images, out)
-    folder = os.path.dirname(out)
-    written = sum(files.replace_bytes(os.path.join(folder, name), content) for name, content in contents)
+    written = sum(_put_buffer(name, content, out, outputs) for name, content in contents)
     gltf = layout.gltf
     if edited.new_size:
         gltf, tail = seal(edited, layout)
@@ -197,13 +202,13 @@ def _write_gltf(edited: EditedDocument, out: str, seal: Seal, files: FileGroup) 
             digest.update(piece)
         name = _buffer_file(out, digest.hexdigest())
         gltf["buffers"][-1] |= {"uri": quote(name), "byteLength": edited.new_size + len(tail)}
-        written += files.replace_file(
-            os.path.join(folder, name), lambda file: file.writelines(chain(edited.new_data(), [tail]))
-        )
-    return written + files.replace_bytes(out, _dump(gltf, indent=2) + b"\n")
+        written += _put_buffer(name, chain(edited.new_data(), [tail]), out, outputs)
+    for path in _old_buffer_files(out):
+        outputs.drop(path)
+    return written + outputs.add_bytes(out, _dump(gltf, indent=2) + b"\n", last=True)
 
 
-def _lay_out_gltf(edited: EditedDocument, images: list[Json], out: str) -> tuple[Layout, list[tuple[str, bytes]]]:
+def _lay_out_gltf(edited: EditedDocument, images: list[Json], out: str) -> tuple[Layout, list[tuple[str, list[Bytes]]]]:
     """Buffers where they are, but those that lost data, or would not be found from OUT: these get files of their own.
 
     Returns:
@@ -216,7 +221,7 @@ def _lay_out_gltf(edited: EditedDocument, images: list[Json], out: str) -> tuple
     placed = edited.placed_views(stored[0] if stored else 0)
     contents: list[list[Bytes]] = [[] for _ in buffers]
     kept: list[list[Span]] = [[] for _ in source.buffers]
-    new_files: list[tuple[str, bytes]] = []
+    new_files: list[tuple[str, list[Bytes]]] = []
     for number in stored:
         bytes_kept = edited.kept(number)
         kept[number] = [Span(low, high, number, bytes_kept.moved(low)) for low, high in bytes_kept.spans]
@@ -227,7 +232,7 @@ def _lay_out_gltf(edited: EditedDocument, images: list[Json], out: str) -> tuple
             _set_offset(part, bytes_kept.moved(part.get("byteOffset", 0)))
         content = b"".join(bytes_kept.parts) or bytes(ALIGNMENT)  # a buffer may not be empty
         contents[number] = [content]
-        new_files.append((_buffer_file(out, hashlib.sha256(content).hexdigest()), content))
+        new_files.append((_buffer_file(out, hashlib.sha256(content).hexdigest()), [content]))
         buffers[number] |= {"byteLength": len(content), "uri": quote(new_files[-1][0])}
     if edited.new_size:
         buffers.append({})
@@ -278,6 +283,33 @@ def _found_beside(source: Document, out: str, uris: Sequence[str]) -> bool:
 def _buffer_file(out: str, digest: str) -> str:
     """The name of a buffer's file beside OUT, by the digest of its content."""
     return f"{os.path.splitext(os.path.basename(out))[0]}-{digest[:12]}.bin"
+
+
+def _put_buffer(name: str, content: Iterable[Bytes], out: str, outputs: Outputs) -> int:
+    """Write a buffer's file beside OUT, unless it is there: its name tells its content. Its size."""
+    path = os.path.join(os.path.dirname(out), name)
+    there = outputs.found(path)
+    if there is not None and _is_buffer_file(there, name, out):
+        return os.path.getsize(there)
+    return outputs.add(path, lambda file: file.writelines(content))
+
+
+def _old_buffer_files(out: str) -> Iterator[str]:
+    """The files of buffers that an earlier bake has written beside OUT: those that OUT names and that have its name."""
+    with suppress(AssetError):
+        for uri in re.findall(rb'"uri": *"([^"\\/]+-[0-9a-f]{12}\.bin)"', read_file(out)):
+            name = unquote(os.fsdecode(uri))
+            path = os.path.join(os.path.dirname(out), name)
+            if _is_buffer_file(path, name, out):
+                yield path
+
+
+def _is_buffer_file(path: str, name: str, out: str) -> bool:
+    """Whether a file has the content that its name as a buffer of OUT tells."""
+    try:
+        return name == _buffer_file(out, hashlib.sha256(read_file(path)).hexdigest())
+    except AssetError:
+        return False
 
 
 def _without_idle_compressions(gltf: Json, source: Json) -> Json:

@@ -13,6 +13,7 @@ from wrinklecli.baking.plan import MeshPlan, plan_meshes
 from wrinklecli.baking.sample import ClipActivity, moving_clips, refuse_many_frames
 from wrinklecli.baking.warnings import mesh_warnings, tool_warnings
 from wrinklecli.character.clip import Clip, clip_grid
+from wrinklecli.gltf.images import files_of
 from wrinklecli.gltf.shape import Json
 from wrinklecli.method.activity import activity
 from wrinklecli.method.anchor import Anchor
@@ -47,7 +48,7 @@ class Check:
     Attributes:
         data: For `--json`: JSON values only.
         warnings: All of them, a line each.
-        inputs: Every file that was read.
+        inputs: Every file that was read, and the asset's images.
         tools: In the order of `data["tools"]`.
     """
 
@@ -100,7 +101,7 @@ def check(
         "tools": [tool.data for tool in checked],
         "warnings": warnings,
     }
-    return Check(data, tuple(warnings), job.inputs, tuple(checked))
+    return Check(data, tuple(warnings), (*job.inputs, *files_of(job.document)), tuple(checked))
 
 
 def _check_tool(

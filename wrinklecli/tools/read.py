@@ -17,6 +17,7 @@ from typing import Any, Literal, TypeAlias
 from jsonschema_rs import Draft202012Validator
 
 from wrinklecli.errors import ConfigError
+from wrinklecli.files.inputs import open_input
 from wrinklecli.tools.mirror import mirrored
 from wrinklecli.tools.records import (
     Length,
@@ -319,7 +320,7 @@ def load_tools(path: str | os.PathLike[str]) -> ToolsFile:
     name = os.fspath(path)
     shown_name = printable(name, len(name))
     try:
-        with open(path, "rb") as file:
+        with open_input(path) as file:
             data = file.read(MAX_BYTES + 1)
     except (OSError, ValueError) as error:  # ValueError: a null character in the path
         reason = (error.strerror if isinstance(error, OSError) else None) or str(error)

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from wrinklecli.baking.job import refuse_overwriting
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.errors import WrinkleError
+from wrinklecli.files.outputs import Outputs
 from wrinklecli.gltf.document import Document, read_document
-from wrinklecli.gltf.files import replace_bytes
+from wrinklecli.gltf.images import files_of
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.review.preview.apply import apply_tools
 from wrinklecli.review.preview.framing import View, plan_views
@@ -65,6 +65,7 @@ def preview(
     out: str | os.PathLike[str],
     options: PreviewOptions | None = None,
     *,
+    outputs: Outputs | None = None,
     progress: Progress = no_progress,
 ) -> Preview:
     """Draw assets, a contact sheet over time or an animation.
@@ -73,6 +74,7 @@ def preview(
         assets: .gltf or .glb; several are shown side by side, at the same moments and from the same places.
         out: A .png (a sheet), or a .webp or .gif (an animation).
         options: What to show, and how.
+        outputs: What the picture is added to; left out, it is in its place at the end.
         progress: Called with a stage's name, steps done and steps in all.
 
     Raises:
@@ -80,6 +82,9 @@ def preview(
         WrinkleError: The tools do not fit; the picture would be too large or cannot be written; or Pillow or embreex
             is missing.
     """
+    if outputs is None:
+        with Outputs() as own:
+            return preview(assets, out, options, outputs=own, progress=progress)
     options = options or PreviewOptions()
     path = os.fspath(out)
     _refuse_missing()
@@ -88,7 +93,7 @@ def preview(
     with guarded(os.fspath(assets[0])):
         kind = _kind(path)
         animated = kind != "png"
-        documents = _read_documents(assets, path, options)
+        documents = _read_documents(assets, path, options, outputs)
         moments = plan_moments(documents[0], options, animated=animated)
         shown, plans, warnings = _read_shown(documents, moments, options, progress)
         views = plan_views(shown, moments, options, progress)
@@ -103,7 +108,7 @@ def preview(
             data = encode_animation(images, kind, seconds=frame_seconds(shown[0].document, moments, options))
         else:
             data = encode_picture(images[0])
-        replace_bytes(path, data)
+        outputs.add_bytes(path, data)
     return Preview(path, size, len(moments), tuple(view.name for view in views), warnings)
 
 
@@ -125,13 +130,15 @@ def _kind(path: str) -> str:
     return kind
 
 
-def _read_documents(assets: Sequence[str | os.PathLike[str]], out: str, options: PreviewOptions) -> list[Document]:
+def _read_documents(
+    assets: Sequence[str | os.PathLike[str]], out: str, options: PreviewOptions, outputs: Outputs
+) -> list[Document]:
     """Read assets, none of whose files, nor the tools, may be written to."""
+    outputs.claim(out)
+    outputs.protect([*assets, *([] if options.tools is None else [options.tools])])
     documents = [read_document(each, allow_external=options.allow_external) for each in assets]
-    inputs = [file for document in documents for file in document.files]
-    if options.tools is not None:
-        inputs.append(os.fspath(options.tools))
-    refuse_overwriting(inputs, [out])
+    for document in documents:
+        outputs.protect(files_of(document))
     return documents
 
 

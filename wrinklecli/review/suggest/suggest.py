@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from wrinklecli.character.clip import Clip, chosen_clips, read_clips
 from wrinklecli.gltf.document import read_document
+from wrinklecli.gltf.images import files_of
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.review.suggest.fitting import Suggestion, fit_tools
 from wrinklecli.review.suggest.folds import LEAST_LOSS, Fold, find_folds
@@ -22,7 +23,7 @@ class Suggestions:
         text: A tools file of them; empty where there are none.
         reason: Why there are none; empty where there are some.
         notes: What was left out, a line each.
-        inputs: Every file that was read.
+        inputs: Every file that was read, and the asset's images.
     """
 
     tools: tuple[Suggestion, ...]
@@ -70,7 +71,7 @@ def suggest(
             refuse_unwritable(text, document, found)
         else:
             reason = _why_none(nodes, chosen, meshes)
-        return Suggestions(tuple(found), text, reason, tuple(notes), tuple(document.files))
+        return Suggestions(tuple(found), text, reason, tuple(notes), tuple(files_of(document)))
 
 
 def _folds_of(meshes: Sequence[MeasuredMesh], progress: Progress) -> list[Fold]:

@@ -1,0 +1,86 @@
+"""Standard streams that are closed or full, and signals: a command ends in a line and an exit code all the same."""
+
+import io
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from types import FrameType
+from typing import IO
+
+import click
+
+from wrinklecli.files.outputs import Outputs
+
+# Those that end a process and may be heard; Windows has no SIGHUP.
+_ENDING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+
+
+def open_streams() -> None:
+    """Give the process the standard streams that it was started without, so that no other file gets their numbers.
+
+    As GNU's programs do: what is written to standard output then fails, as it would without this.
+    """
+    for number, flags in ((0, os.O_WRONLY), (1, os.O_RDONLY), (2, os.O_WRONLY)):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, flags)  # the lowest number that is free
+    if sys.stdout is None:
+        sys.stdout = open(1, "w", closefd=False)  # noqa: SIM115
+    if sys.stderr is None:
+        sys.stderr = open(2, "w", closefd=False)  # noqa: SIM115
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        # As standard error has it: names of an asset may have characters that the terminal's encoding lacks.
+        sys.stdout.reconfigure(errors="backslashreplace")
+
+
+@contextmanager
+def may_be_lost() -> Iterator[None]:
+    """What is written to standard error within is for people: that it cannot be is no reason to fail."""
+    try:
+        yield
+    except OSError:
+        _give_up(sys.stderr)
+
+
+def refusal_of_output() -> str | None:
+    """Why standard output takes nothing more, if it does not."""
+    try:
+        sys.stdout.flush()
+    except OSError as error:
+        _give_up(sys.stdout)
+        return error.strerror
+    return None
+
+
+def _give_up(stream: IO[str]) -> None:
+    """Let what a stream still holds go nowhere: it would fail again at exit."""
+    with suppress(OSError, ValueError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, stream.fileno())
+        os.close(nowhere)
+
+
+@contextmanager
+def command_outputs() -> Iterator[Outputs]:
+    """What a command writes, unless a signal ends it first: then all is as it was. Later ones are not heard."""
+    with Outputs(at_commit=_ignore_signals) as outputs:
+
+        def end(number: int, _frame: FrameType | None) -> None:
+            # Here and not by an exception, which may come where another one is dealt with.
+            outputs.discard()
+            with suppress(OSError):
+                click.echo(("\r\x1b[K" if sys.stderr.isatty() else "") + "wrinkle: interrupted", err=True)
+            os._exit(128 + number)
+
+        for each in _ENDING:
+            if signal.getsignal(each) != signal.SIG_IGN:  # as for a job in the background, or after `nohup`
+                signal.signal(each, end)
+        yield outputs
+
+
+def _ignore_signals() -> None:
+    for each in _ENDING:
+        signal.signal(each, signal.SIG_IGN)

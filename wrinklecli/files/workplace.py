@@ -1,0 +1,120 @@
+"""A run's folder for files that are not yet in their places, and those that runs have left that were killed.
+
+The folder is locked as long as its run lives; the system drops the lock with the process, however that ends. A lock
+may be unknown to other machines, so their folders are left alone for a week.
+"""
+
+import os
+import re
+import stat
+import time
+from contextlib import suppress
+from functools import cache
+
+try:
+    import fcntl
+except ImportError:  # Windows: nothing is known of other runs there, and what they have left stays
+    fcntl = None  # type: ignore[assignment]
+
+_NAME = re.compile(r"\.wrinkle-([0-9a-f]{8})-[0-9a-f]{16}")
+# Seconds: longer than any run writes to one folder without a change in it.
+_STALE = 7 * 24 * 3600.0
+
+
+class Workplace:
+    """A folder of this run's.
+
+    Args:
+        folder: That it will be in, and that what killed runs have left is removed from.
+    """
+
+    def __init__(self, folder: str) -> None:
+        self._folder = folder
+        self._path = ""
+        self._lock: int | None = None
+        self._count = 0
+
+    def make(self) -> None:
+        """Make it.
+
+        Raises:
+            OSError: It cannot be made.
+        """
+        _remove_leftovers(self._folder)
+        while True:
+            self._path = os.path.join(self._folder, f".wrinkle-{_machine()}-{os.urandom(8).hex()}")
+            os.mkdir(self._path, 0o700)
+            if fcntl is None or self._is_locked():
+                return
+            self.remove()
+
+    def _is_locked(self) -> bool:
+        """Lock the folder, unless another run has taken it for one that was left."""
+        try:
+            self._lock = os.open(self._path, os.O_RDONLY)
+            fcntl.flock(self._lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except (FileNotFoundError, BlockingIOError):
+            return False
+        except OSError:  # a disk without locks: nobody removes the folder, as that needs one
+            return True
+        return os.path.isdir(self._path)
+
+    def next_path(self) -> str:
+        """A path in it that was not given before."""
+        self._count += 1
+        return os.path.join(self._path, str(self._count))
+
+    def remove(self) -> None:
+        """Take it away with all that is in it. It may be called at any moment, and again."""
+        if self._path:
+            _remove(self._path)
+        if self._lock is not None:
+            lock, self._lock = self._lock, None
+            os.close(lock)
+
+
+def _remove_leftovers(folder: str) -> None:
+    """Take away the folders of runs of this user's that were killed."""
+    with suppress(OSError):
+        for name in os.listdir(folder):
+            found = _NAME.fullmatch(name)
+            if found:
+                with suppress(OSError):
+                    _remove_if_left(os.path.join(folder, name), same_machine=found[1] == _machine())
+
+
+def _remove_if_left(path: str, *, same_machine: bool) -> None:
+    status = os.lstat(path)
+    if fcntl is None or not stat.S_ISDIR(status.st_mode) or status.st_uid != os.geteuid():
+        return
+    if not same_machine and time.time() - status.st_mtime < _STALE:
+        return
+    descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        _remove(path)
+    finally:
+        os.close(descriptor)
+
+
+def _remove(path: str) -> None:
+    """Take away a folder with files that have the names of ours, and nothing else."""
+    with suppress(OSError):
+        for name in os.listdir(path):
+            if name.isdecimal():
+                with suppress(OSError):
+                    os.unlink(os.path.join(path, name))
+        os.rmdir(path)
+
+
+@cache
+def _machine() -> str:
+    """Eight hexadecimal digits that this machine has until it starts anew: other containers on it have them too."""
+    try:
+        with open("/proc/sys/kernel/random/boot_id") as file:
+            return file.read(8)
+    except OSError:
+        import platform
+        import zlib
+
+        return f"{zlib.crc32(platform.node().encode()):08x}"
