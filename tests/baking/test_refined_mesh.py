@@ -1,12 +1,15 @@
 """Refined primitives: old vertices stay, new ones lie between them, and what primitives share stays shared."""
 
 from itertools import chain
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import wrinklecli
 from kit.bakes import bake_once
 from kit.clients import assert_valid, compare_with_three
+from kit.limb import blendshape_limb, tool, write_tools
 from kit.player import Gltf, Json
 from kit.samples import PALM, Editor, edited, sample, three_materials, two_parts
 from wrinklecli.gltf.references import accessor_references
@@ -120,3 +123,51 @@ def test_the_refined_surface_is_whole() -> None:
             counts.append(np.bincount(uses))
         assert len(counts[1]) == len(counts[0]) == 3
         assert counts[1][1] == counts[0][1], "the border has changed"
+
+
+@pytest.mark.parametrize("normals", [False, True])
+@pytest.mark.parametrize("accessors", ["sparse", "based"])
+def test_many_blendshapes_cost_no_more_than_they_did(normals: bool, accessors: str, tmp_path: Path) -> None:
+    """Refinement doubles the vertices of this limb: dense, they would cost twice as much."""
+    asset = blendshape_limb(normals=normals).write(tmp_path / "in.glb")
+    tools = write_tools(tmp_path / "tools.yaml", tool(bumps=6, width=0.4))
+    report = wrinklecli.bake(asset, tools, tmp_path / "out.glb", accessors=accessors)
+    (mesh,) = report.data["meshes"]
+    assert mesh["vertices"] > 1.8 * mesh["coarse_vertices"]
+    own = mesh["own_targets"]
+    assert own["count"] == 67
+    kinds = 2 if normals else 1
+    assert own["bytes_before"] == 67 * 12 * mesh["coarse_vertices"] * kinds
+    assert own["bytes"] < 0.5 * own["bytes_before"]
+    assert f"the asset's own 67 morph targets in {own['bytes'] / 1e6:.2f} MB" in report.summary
+    before, after = Gltf(asset), Gltf(tmp_path / "out.glb")
+    old = len(before.attribute("limb", "POSITION"))
+    for name in ("POSITION", "NORMAL")[:kinds]:
+        assert np.array_equal(after.deltas("limb", name)[:67, :old], before.deltas("limb", name))
+        assert after.deltas("limb", name)[:67, old:].any()
+    zeros = {
+        index
+        for target in after.mesh("limb")["primitives"][0]["targets"]
+        for index in target.values()
+        if not after.array(index).any()
+    }
+    assert len(zeros) == 1, "what is zero is shared"
+    assert_valid(tmp_path / "out.glb")
+
+
+def test_dense_is_dense_for_refined_targets_of_the_asset_too(tmp_path: Path) -> None:
+    asset = blendshape_limb(3)
+    (primitive,) = asset.gltf["meshes"][0]["primitives"]
+    count = asset.gltf["accessors"][primitive["attributes"]["POSITION"]]["count"]
+    for target in primitive["targets"]:
+        deltas = np.zeros((count, 3))
+        deltas[100:120] = 0.01
+        target["NORMAL"] = asset.sparse(deltas, base=False)
+    wrinklecli.bake(
+        asset.write(tmp_path / "in.glb"),
+        write_tools(tmp_path / "t.yaml", tool(bumps=6)),
+        tmp_path / "o.glb",
+        accessors="dense",
+    )
+    assert not any("sparse" in accessor for accessor in Gltf(tmp_path / "o.glb").json["accessors"])
+    assert_valid(tmp_path / "o.glb")

@@ -178,6 +178,30 @@ def limb_asset(
     return asset
 
 
+def blendshape_limb(count: int = 67, *, normals: bool = True) -> Asset:
+    """A limb with as many blendshapes as a face has for speech: each moves a spot, stored dense as exporters do.
+
+    Args:
+        count: Of the blendshapes.
+        normals: Let them have NORMAL too; that of every fifth is 0 throughout.
+    """
+    rings, sides = 24, 16
+    asset = limb_asset(rings=rings, sides=sides)
+    (primitive,) = asset.gltf["meshes"][0]["primitives"]
+    positions, _ = limb_positions(*_band(0, rings - 1, sides, True).T, rings, sides)
+    primitive["targets"] = []
+    for spot in positions[np.linspace(0, len(positions) - 1, count).round().astype(int)]:
+        near = np.maximum(0.0, 1.0 - np.linalg.norm(positions - spot, axis=1) / 0.2)
+        delta = 0.02 * near[:, None] * [0.0, 1.0, 1.0]
+        target = {"POSITION": asset.accessor(delta, bounds=True, target=ARRAY_BUFFER)}
+        if normals:
+            moved = 0.0 if len(primitive["targets"]) % 5 == 0 else 1.0
+            target["NORMAL"] = asset.accessor(moved * delta, target=ARRAY_BUFFER)
+        primitive["targets"].append(target)
+    asset.gltf["meshes"][0]["extras"] = {"targetNames": [f"shape_{k}" for k in range(count)]}
+    return asset
+
+
 def _band(first: int, last: int, sides: int, seam: bool) -> Array:
     """(vertices, 2) ring and side of the vertices of a band; with a seam one side more than there are."""
     ring, side = np.meshgrid(np.arange(first, last + 1), np.arange(sides + seam), indexing="ij")

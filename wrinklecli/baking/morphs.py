@@ -29,6 +29,7 @@ from wrinklecli.character.weight_track import Track, pad, widen
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edit import EditedDocument
 from wrinklecli.gltf.shape import Json
+from wrinklecli.gltf.sizes import stored_bytes
 from wrinklecli.gltf.unpack import unpack
 from wrinklecli.method.refine import Refinement
 from wrinklecli.method.shapes import Shape, turn_to
@@ -160,6 +161,14 @@ def encode_mesh(
     mesh["weights"] = mesh.get("weights", [0.0] * len(old_names))[: len(old_names)] + [0.0] * len(targets)
     if "weights" in node or stored.any():
         node["weights"] = [float(each) for each in rig.morph_weights] + [float(np.float32(each)) for each in stored]
+
+
+def own_target_bytes(gltf: Json, rig: Rig) -> int:
+    """Bytes that the asset's own morph targets take, in the asset or in what is written."""
+    mesh = gltf["meshes"][gltf["nodes"][rig.node]["mesh"]]
+    count = len(rig.morph_names)
+    own = [target for primitive in mesh["primitives"] for target in primitive.get("targets", [])[:count]]
+    return stored_bytes(gltf, (accessor for target in own for accessor in target.values()))
 
 
 def own_mesh(edited: EditedDocument, node: Json, mesh: int) -> Json:

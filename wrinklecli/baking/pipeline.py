@@ -9,7 +9,7 @@ from wrinklecli.baking.budget import BUDGETS, fit_budget
 from wrinklecli.baking.frame_files import export_frames
 from wrinklecli.baking.frames import Frames, encode_frames
 from wrinklecli.baking.job import BakeOptions, Job, read_job
-from wrinklecli.baking.morphs import encode_morphs
+from wrinklecli.baking.morphs import encode_morphs, own_target_bytes
 from wrinklecli.baking.original import seal
 from wrinklecli.baking.plan import MeshPlan, plan_meshes
 from wrinklecli.baking.proof import prove
@@ -130,11 +130,12 @@ def _add_morph_targets(
     tracked = motions if options.tracks == "all" else []
     with clock.stage("encode"):
         encode_morphs(edited, plan, target_sets, tracked, tangents=options.morph_tangents)
-    if options.tracks == "none":
-        return BakedMesh(plan, tuple(target_sets), tuple(motions), budget=budget)
-    with clock.stage("prove"):
-        residuals = prove(edited, plan, target_sets, motions, details=options.details, progress=progress)
-    return BakedMesh(plan, tuple(target_sets), tuple(motions), residuals, budget)
+    residuals = {}
+    if options.tracks == "all":
+        with clock.stage("prove"):
+            residuals = prove(edited, plan, target_sets, motions, details=options.details, progress=progress)
+    own_bytes = own_target_bytes(job.document.gltf, plan.rig), own_target_bytes(edited.gltf, plan.rig)
+    return BakedMesh(plan, tuple(target_sets), tuple(motions), residuals, budget, own_bytes)
 
 
 def _write(

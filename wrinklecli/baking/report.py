@@ -57,6 +57,11 @@ class Report:
         ]
         if self.data["mode"] == "morph":
             parts.append(f"{sum(mesh['gpu_bytes'] for mesh in meshes) / 1e6:.1f} MB of targets on a GPU")
+        own = [mesh["own_targets"] for mesh in meshes if mesh.get("own_targets", {}).get("count")]
+        if own:
+            before, after = (sum(each[key] for each in own) / 1e6 for key in ("bytes_before", "bytes"))
+            listed = _counted(sum(each["count"] for each in own), "morph target")
+            parts.append(f"the asset's own {listed} in {after:.2f} MB ({before:.2f} before)")
         proven = [clip["residual"] for clip in self.data["clips"] if clip.get("residual")]
         if proven and self.data["tallest_wrinkle"]:
             worst = max(each["position"] for each in proven)
@@ -75,6 +80,7 @@ class BakedMesh:
         motions: Of each clip that was sampled.
         residuals: By clip, where the file was proved.
         budget: What `fit_budget` says, where an engine was named.
+        own_bytes: What the asset's own morph targets take, in the asset and in the written file.
     """
 
     plan: MeshPlan
@@ -82,6 +88,7 @@ class BakedMesh:
     motions: tuple[Motion, ...] = ()
     residuals: dict[str, Residual] = field(default_factory=dict)
     budget: Json | None = None
+    own_bytes: tuple[int, int] = (0, 0)
 
     def activity(self, tool: int) -> list[ClipActivity]:
         """What one of the tools does in each clip."""
@@ -137,6 +144,8 @@ def _describe_mesh(mesh: BakedMesh, mode: Mode) -> Json:
         "tallest_wrinkle": plan.tallest,
     }
     if mode == "morph":
+        before, after = mesh.own_bytes
+        data["own_targets"] = {"count": len(rig.morph_names), "bytes_before": before, "bytes": after}
         # Of all morph targets, those of the asset among them.
         data["gpu_bytes"] = texture_bytes(plan, len(rig.morph_names) + len(targets_of(mesh.target_sets)))
     return data

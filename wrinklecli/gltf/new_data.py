@@ -36,7 +36,7 @@ class NewData:
     @property
     def zeros_start(self) -> int:
         """Where the zeros begin."""
-        return _aligned(self._appended)
+        return aligned(self._appended)
 
     def append(self, data: bytes) -> int:
         """Append data; where it begins, at a multiple of 4 bytes.
@@ -44,7 +44,7 @@ class NewData:
         Raises:
             BakeError: The disk is full.
         """
-        start = _aligned(self._appended)
+        start = aligned(self._appended)
         try:
             self._file.seek(self._appended)
             self._file.write(bytes(start - self._appended) + data)
@@ -61,5 +61,6 @@ class NewData:
         yield bytes(len(self) - self._appended)
 
 
-def _aligned(size: int) -> int:
+def aligned(size: int) -> int:
+    """The next multiple of what data is aligned to."""
     return size + -size % ALIGNMENT
