@@ -13,7 +13,7 @@ from wrinklecli.cli.inspect import inspect
 from wrinklecli.cli.output import say
 from wrinklecli.cli.preview import preview
 from wrinklecli.cli.schema import schema
-from wrinklecli.cli.streams import may_be_lost, open_streams, refusal_of_output
+from wrinklecli.cli.streams import is_of_output, may_be_lost, open_streams
 from wrinklecli.cli.suggest import suggest
 from wrinklecli.cli.track import track
 from wrinklecli.errors import WrinkleError
@@ -65,9 +65,8 @@ def main() -> None:
             say(line)
         sys.exit(error.exit_code)
     except Exception as error:
-        refusal = refusal_of_output() if isinstance(error, OSError) else None
-        if refusal is not None:
-            say(f"standard output: cannot be written: {refusal}")
+        if isinstance(error, OSError) and is_of_output(error):
+            say(f"standard output: cannot be written: {error.strerror}")
             sys.exit(1)
         import traceback
 

@@ -45,14 +45,16 @@ def may_be_lost() -> Iterator[None]:
         _give_up(sys.stderr)
 
 
-def refusal_of_output() -> str | None:
-    """Why standard output takes nothing more, if it does not."""
-    try:
-        sys.stdout.flush()
-    except OSError as error:
-        _give_up(sys.stdout)
-        return error.strerror
-    return None
+def is_of_output(error: OSError) -> bool:
+    """Whether it was standard output that could not be written to, which then goes nowhere."""
+    trace = error.__traceback__
+    while trace is not None:
+        # What is written to standard error is inside `may_be_lost`.
+        if trace.tb_frame.f_code is click.echo.__code__:
+            _give_up(sys.stdout)
+            return True
+        trace = trace.tb_next
+    return False
 
 
 def _give_up(stream: IO[str]) -> None:
