@@ -74,7 +74,7 @@ def test_malformed_skin_is_refused(skin: dict[str, Any], message: str) -> None:
     if skin.get("inverseBindMatrices") == "its own":
         skin = skin | {"inverseBindMatrices": asset.gltf["skins"][0]["inverseBindMatrices"]}
     asset.gltf["skins"] = [skin]
-    with pytest.raises(AssetError, match=f"#/skins/0: {message}"):
+    with pytest.raises(AssetError, match=f"#/skins/0(/joints)?: {message}"):
         read_rig(as_document(asset), 0)
 
 

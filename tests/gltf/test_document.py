@@ -4,6 +4,7 @@ import copy
 import itertools
 import json
 import os
+import re
 import struct
 from pathlib import Path
 from typing import Any
@@ -303,9 +304,8 @@ def test_malformed_sparse_accessor_is_refused(tmp_path: Path, path: tuple[str, .
     for key in path[:-1]:
         place = place[key]
     place[path[-1]] = value
-    document = written(asset, tmp_path)
-    with pytest.raises(AssetError, match=f"#/accessors/0: .*{message}"):
-        document.accessor(0)
+    with pytest.raises(AssetError, match=f"#/accessors/0.*: .*{message}"):
+        written(asset, tmp_path).accessor(0)
 
 
 def test_sparse_index_out_of_range_is_refused(tmp_path: Path) -> None:
@@ -317,6 +317,47 @@ def test_sparse_index_out_of_range_is_refused(tmp_path: Path) -> None:
     document = written(asset, tmp_path)
     with pytest.raises(AssetError, match="#/accessors/0: sparse index 2, but the count is 2"):
         document.accessor(0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"materials": 5}, "#/materials: is 5, not an array"),
+        ({"materials": ["red"]}, "#/materials/0: is 'red', not an object"),
+        ({"cameras": {}}, "#/cameras: is {}, not an array"),
+        ({"samplers": [[]]}, "#/samplers/0: is [], not an object"),
+        ({"textures": [{"name": 5}]}, "#/textures/0/name: is 5, not text"),
+        ({"skins": [{"skeleton": []}]}, "#/skins/0/skeleton: is [], not a whole number of 0 or more"),
+        ({"scene": "0"}, "#/scene: is '0', not a whole number of 0 or more"),
+        ({"scene": 1, "scenes": [{}]}, "#/: refers to scenes[1], but there are 1"),
+        ({"scenes": [{"nodes": [0]}]}, "#/scenes/0/nodes: refers to nodes[0], but there are 0"),
+        ({"images": [{"bufferView": 3}]}, "#/images/0: refers to bufferViews[3], but there are 0"),
+        ({"nodes": [{"matrix": [1.0] * 15}]}, "#/nodes/0/matrix: has 15 numbers, not 16"),
+        ({"buffers": [{"uri": "\ud800.bin"}]}, "#/buffers/0: uri '\\ud800.bin' is not a file"),
+        ({"images": [{"uri": "a\0b"}]}, "#/images/0: uri 'a\\x00b' is not a file"),
+        (
+            {"nodes": [{}], "animations": [{"channels": [{"sampler": 0, "target": {"node": 0, "path": "scale"}}]}]},
+            "#/animations/0/channels/0: has no sampler with input and output",
+        ),
+    ],
+)
+def test_what_is_read_has_its_type_and_refers_to_something(tmp_path: Path, changes: Any, message: str) -> None:
+    with pytest.raises(AssetError, match=re.escape(message)):
+        written(Asset({"asset": {"version": "2.0"}, **changes}), tmp_path)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"textures": [{"source": 9, "sampler": "x"}], "materials": [{"pbrMetallicRoughness": 3}]},
+        {"meshes": [{"primitives": [{"material": 9, "unknown": {}}]}], "nodes": [{"camera": 9}]},
+        {"skins": [{"skeleton": 9}], "unknown": 5, "extensions": [], "nodes": [{"extras": [], "extensions": {"A": 5}}]},
+        {"nodes": [{}], "animations": [{"channels": [{"sampler": 9, "target": {"node": 0, "path": "pointer"}}]}]},
+    ],
+)
+def test_what_is_not_read_may_be_anything(tmp_path: Path, changes: Any) -> None:
+    gltf = {"asset": {"version": "2.0"}, **changes}
+    assert written(Asset(gltf), tmp_path).gltf == gltf
 
 
 @pytest.mark.parametrize("index", [2, -1, 1.0, "0", None])

@@ -196,7 +196,7 @@ def _node_of(tool: WrinkleTool, document: Document, mesh_nodes: Sequence[int], d
 
 def _deforms(document: Document, mesh_node: int) -> bool:
     node = document.items("nodes")[mesh_node]
-    mesh = document.item("meshes", node["mesh"], user=document.where("nodes", mesh_node))
+    mesh = document.items("meshes")[node["mesh"]]
     return "skin" in node or bool(morph_target_names(mesh))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from wrinklecli.character.rig import LARGEST, TRANSFORM_DEFAULTS, Rig, in_range, morph_target_names, moving_nodes
 from wrinklecli.errors import AssetError, BakeError, listed, nearest
 from wrinklecli.gltf.document import Document
-from wrinklecli.gltf.shape import Json
+from wrinklecli.gltf.shape import Json, moves_node
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, float32_values, unit_quaternions
 
 KEY_GAP = 1e-3
@@ -95,12 +95,10 @@ def read_clips(document: Document) -> tuple[Clip, ...]:
     """
     clips: list[Clip] = []
     for index, animation in enumerate(document.items("animations")):
-        where = document.where("animations", index)
-        channels = tuple(_read_channels(document, animation, index, where))
+        channels = tuple(_read_channels(document, animation, index))
         if not channels:
             continue
-        name = animation.get("name")
-        name = name if isinstance(name, str) and name else f"animation_{index}"
+        name = animation.get("name") or f"animation_{index}"
         if any(clip.name == name for clip in clips):
             name = f"{name}#{index}"
         start = min(float(channel.times[0]) for channel in channels)
@@ -109,21 +107,15 @@ def read_clips(document: Document) -> tuple[Clip, ...]:
     return tuple(clips)
 
 
-def _read_channels(document: Document, animation: Json, index: int, where: str) -> Iterable[Channel]:
+def _read_channels(document: Document, animation: Json, index: int) -> Iterable[Channel]:
     samplers = animation.get("samplers", [])
     for number, channel in enumerate(animation.get("channels", [])):
-        target = channel.get("target", {}) if isinstance(channel, dict) else {}
-        node, path = target.get("node"), target.get("path")
-        if node is None or path not in (*TRANSFORM_DEFAULTS, "weights"):
+        if not moves_node(channel):
             continue
-        document.item("nodes", node, user=where)
+        node, path, sampler = channel["target"]["node"], channel["target"]["path"], samplers[channel["sampler"]]
         at = document.where("animations", index, "channels", number)
-        try:
-            sampler = samplers[channel["sampler"]]
-            times, values = (document.accessor(sampler[key], user=at) for key in ("input", "output"))
-            interpolation = sampler.get("interpolation", "LINEAR")
-        except (KeyError, IndexError, TypeError) as error:
-            raise AssetError("has no sampler with input and output", where=at) from error
+        times, values = (document.accessor(sampler[key]) for key in ("input", "output"))
+        interpolation = sampler.get("interpolation", "LINEAR")
         if interpolation not in ("LINEAR", "STEP", "CUBICSPLINE"):
             raise AssetError(f"interpolation {interpolation!r} is not of glTF 2.0", where=at)
         groups = 3 if interpolation == "CUBICSPLINE" else 1
@@ -145,8 +137,7 @@ def _target_count(document: Document, node: int) -> int:
     animated = document.items("nodes")[node]
     if "mesh" not in animated:
         return 0
-    mesh = document.item("meshes", animated["mesh"], user=document.where("nodes", node))
-    return len(morph_target_names(mesh))
+    return len(morph_target_names(document.items("meshes")[animated["mesh"]]))
 
 
 def unknown_clip(name: str, names: Sequence[str]) -> str:

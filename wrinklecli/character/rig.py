@@ -64,23 +64,19 @@ def read_rig(document: Document, node: int) -> Rig:
     parents = np.full(len(nodes), -1, np.intp)
     for index, each in enumerate(nodes):
         for child in each.get("children", []):
-            document.item("nodes", child, user=document.where("nodes", index, "children"))
             parents[child] = index
     _refuse_cycles(parents, document)
     mesh_node = nodes[node]
-    mesh = document.item("meshes", mesh_node.get("mesh"), user=document.where("nodes", node))
+    mesh = document.items("meshes")[mesh_node["mesh"]]
     joints, inverse_binds = np.array([node], np.intp), np.eye(4)[None]
     if "skin" in mesh_node:
-        joints, inverse_binds = _read_skin(document, mesh_node["skin"], document.where("nodes", node))
+        joints, inverse_binds = _read_skin(document, mesh_node["skin"])
     primitives = mesh.get("primitives") or [{}]
     count = len(primitives[0].get("targets", []))
     weights = np.zeros(count)
-    try:
-        stored = np.array(mesh_node.get("weights", mesh.get("weights", [])), np.float64).reshape(-1)[:count]
-        weights[: len(stored)] = stored
-        locals_ = tuple(_stored_local(each) for each in nodes)
-    except (TypeError, ValueError) as error:
-        raise AssetError("a node's transform or weights are not numbers", where=document.where("nodes")) from error
+    stored: Sequence[float] = (mesh_node if "weights" in mesh_node else mesh).get("weights", ())
+    weights[: len(stored)] = stored[:count]
+    locals_ = tuple(_stored_local(each) for each in nodes)
     for index, parts in enumerate(locals_):
         if not all(in_range(part) for part in parts.values()):
             message = f"is moved by a number that is not finite, or above {LARGEST:g}"
@@ -125,12 +121,10 @@ def _refuse_cycles(parents: Ints, document: Document) -> None:
         )
 
 
-def _read_skin(document: Document, index: object, user: str) -> tuple[Ints, Floats]:
-    skin = document.item("skins", index, user=user)
-    where = document.where("skins", str(index))
+def _read_skin(document: Document, index: int) -> tuple[Ints, Floats]:
+    skin = document.items("skins")[index]
+    where = document.where("skins", index)
     joints = skin.get("joints", [])
-    for joint in joints:
-        document.item("nodes", joint, user=where)
     if not joints:
         raise AssetError("has no joints", where=where)
     if len(joints) > _MOST_JOINTS:
@@ -160,10 +154,7 @@ def _stored_local(node: Json) -> dict[str, Floats]:
         return {"matrix": np.array(node["matrix"], np.float64).reshape(4, 4).T}
     local = {}
     for path, default in TRANSFORM_DEFAULTS.items():
-        value = np.array(node.get(path, default), np.float64)
-        if value.shape != (len(default),) or not np.isfinite(value).all():
-            raise ValueError(path)
-        local[path] = value
+        local[path] = np.array(node.get(path, default), np.float64)
     return local
 
 

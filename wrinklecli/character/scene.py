@@ -71,14 +71,13 @@ def scene_nodes(document: Document) -> list[int]:
     nodes, scenes = document.items("nodes"), document.items("scenes")
     if not scenes:
         return list(range(len(nodes)))
-    scene = document.item("scenes", document.gltf.get("scene", 0), user=document.path)
     found: set[int] = set()
-    stack = list(scene.get("nodes", []))
+    stack = list(scenes[document.gltf.get("scene", 0)].get("nodes", []))
     while stack:
         node = stack.pop()
         if node not in found:
             found.add(node)
-            stack += document.item("nodes", node, user=document.where("scenes")).get("children", [])
+            stack += nodes[node].get("children", [])
     return sorted(found)
 
 
@@ -98,7 +97,7 @@ def read_scene(document: Document) -> tuple[ScenePrimitive, ...]:
             where = document.where("meshes", rig.mesh, "primitives", number)
             vertices = read_primitive(document, primitive, rig, where)
             count = len(vertices.positions)
-            colour = _base_colour(_material(document, primitive, where))
+            colour = _base_colour(_material(document, primitive))
             primitives.append(
                 ScenePrimitive(
                     rig=rig,
@@ -113,9 +112,11 @@ def read_scene(document: Document) -> tuple[ScenePrimitive, ...]:
     return tuple(primitives)
 
 
-def _material(document: Document, primitive: Json, where: str) -> Json:
-    material = document.item("materials", primitive["material"], user=where) if "material" in primitive else {}
-    return material if isinstance(material, dict) else {}
+def _material(document: Document, primitive: Json) -> Json:
+    """A primitive's material; empty where it has none, or one that is not there."""
+    materials = document.items("materials")
+    number = primitive.get("material", len(materials))
+    return materials[number] if number < len(materials) else {}
 
 
 def _base_colour(material: Json) -> Floats:

@@ -6,9 +6,12 @@ Source: glTF 2.0 specification, §5 (properties); EXT_meshopt_compression, KHR_m
 
 import json
 import math
+import os
 import re
 import sys
+from dataclasses import dataclass
 from typing import Any
+from urllib.parse import unquote
 
 from wrinklecli.errors import AssetError, listed
 from wrinklecli.gltf import draco, meshopt
@@ -18,8 +21,31 @@ Json = dict[str, Any]
 _DEPTH_LIMIT = 256  # levels of JSON; copying and writing recurse
 _SHOWN = 40  # characters of a found value that a message repeats
 
+
+@dataclass(frozen=True, slots=True)
+class _Index:
+    """A whole number that refers to an item of a top-level array."""
+
+    kind: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Numbers:
+    """An array of so many numbers."""
+
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Uri:
+    """Text that can be the name of a file, or holds data."""
+
+
+_NODE, _MESH, _SKIN, _ACCESSOR, _VIEW, _BUFFER = map(
+    _Index, ("nodes", "meshes", "skins", "accessors", "bufferViews", "buffers")
+)
 _MESHOPT_SHAPE: Json = {
-    "buffer": int,
+    "buffer": _BUFFER,
     "byteOffset": int,
     "byteLength": int,
     "byteStride": int,
@@ -27,51 +53,57 @@ _MESHOPT_SHAPE: Json = {
     "mode": str,
     "filter": str,
 }
-_DRACO_SHAPE: Json = {"bufferView": int, "attributes": {"*": int}}
-# What is read of a document: objects by key (`*`: any), arrays by their items, indices and counts as int.
+_DRACO_SHAPE: Json = {"bufferView": _VIEW, "attributes": {"*": int}}
+# What is read of a document: objects by key (`*`: any), arrays by their items, counts as int. What only says how things
+# look may refer to anything, since a bake does not follow it, and converters that drop images leave such behind.
 _SHAPE: Json = {
     "asset": {"version": str},
     "extensionsUsed": [str],
     "extensionsRequired": [str],
-    "scenes": [{"nodes": [int]}],
+    "scene": _Index("scenes"),
+    "scenes": [{"name": str, "nodes": [_NODE]}],
     "nodes": [
         {
             "name": str,
-            "children": [int],
-            "mesh": int,
-            "skin": int,
-            "matrix": [float],
-            "translation": [float],
-            "rotation": [float],
-            "scale": [float],
+            "children": [_NODE],
+            "mesh": _MESH,
+            "skin": _SKIN,
+            "camera": int,
+            "matrix": _Numbers(16),
+            "translation": _Numbers(3),
+            "rotation": _Numbers(4),
+            "scale": _Numbers(3),
             "weights": [float],
+            "extensions": {"EXT_mesh_gpu_instancing": {"attributes": {"*": _ACCESSOR}}},
         }
     ],
     "meshes": [
         {
+            "name": str,
             "primitives": [
                 {
-                    "attributes": {"*": int},
-                    "indices": int,
+                    "attributes": {"*": _ACCESSOR},
+                    "indices": _ACCESSOR,
+                    "material": int,
                     "mode": int,
-                    "targets": [{"*": int}],
+                    "targets": [{"*": _ACCESSOR}],
                     "extensions": {draco.EXTENSION: _DRACO_SHAPE},
                 }
             ],
             "weights": [float],
         }
     ],
-    "skins": [{"joints": [int], "inverseBindMatrices": int}],
+    "skins": [{"name": str, "joints": [_NODE], "inverseBindMatrices": _ACCESSOR, "skeleton": int}],
     "animations": [
         {
             "name": str,
-            "channels": [{"sampler": int, "target": {"node": int, "path": str}}],
-            "samplers": [{"input": int, "output": int, "interpolation": str}],
+            "channels": [{"sampler": int, "target": {"node": _NODE, "path": str}}],
+            "samplers": [{"input": _ACCESSOR, "output": _ACCESSOR, "interpolation": str}],
         }
     ],
     "accessors": [
         {
-            "bufferView": int,
+            "bufferView": _VIEW,
             "byteOffset": int,
             "componentType": int,
             "count": int,
@@ -79,14 +111,14 @@ _SHAPE: Json = {
             "normalized": bool,
             "sparse": {
                 "count": int,
-                "indices": {"bufferView": int, "byteOffset": int, "componentType": int},
-                "values": {"bufferView": int, "byteOffset": int},
+                "indices": {"bufferView": _VIEW, "byteOffset": int, "componentType": int},
+                "values": {"bufferView": _VIEW, "byteOffset": int},
             },
         }
     ],
     "bufferViews": [
         {
-            "buffer": int,
+            "buffer": _BUFFER,
             "byteOffset": int,
             "byteLength": int,
             "byteStride": int,
@@ -94,11 +126,24 @@ _SHAPE: Json = {
         }
     ],
     "buffers": [
-        {"uri": str, "byteLength": int, "extensions": {name: {"fallback": bool} for name in meshopt.EXTENSIONS}}
+        {"uri": _Uri(), "byteLength": int, "extensions": {name: {"fallback": bool} for name in meshopt.EXTENSIONS}}
     ],
-    "images": [{"uri": str, "bufferView": int, "mimeType": str}],
+    "images": [{"name": str, "uri": _Uri(), "bufferView": _VIEW, "mimeType": str}],
+    "materials": [{"name": str}],
+    "textures": [{"name": str}],
+    "samplers": [{"name": str}],
+    "cameras": [{"name": str}],
 }
-_KINDS = {int: "a whole number of 0 or more", float: "a number", str: "text", bool: "true or false"}
+# Properties of a node that channels animate (glTF 2.0 §3.11).
+ANIMATED_PATHS = ("translation", "rotation", "scale", "weights")
+_KINDS = {
+    int: "a whole number of 0 or more",
+    float: "a number",
+    str: "text",
+    bool: "true or false",
+    dict: "an object",
+    list: "an array",
+}
 
 # Compressions that are decoded where needed; with the next, all extensions of geometry that we understand.
 COMPRESSIONS = (draco.EXTENSION, *meshopt.EXTENSIONS)
@@ -158,7 +203,15 @@ def check_asset(gltf: Json, path: str) -> None:
     Raises:
         AssetError: It does not.
     """
-    _check_shape(gltf, _SHAPE, path, ())
+    counts: dict[str, int] = {}
+    for kind, shape in _SHAPE.items():
+        if isinstance(shape, list):
+            value = gltf.get(kind, [])
+            if not isinstance(value, list):
+                raise _misfit(value, list, path, (kind,))
+            counts[kind] = len(value)
+    _check_shape(gltf, _SHAPE, _Limits(path, counts), ())
+    _check_channels(gltf, path)
     version = gltf.get("asset", {}).get("version")
     if not isinstance(version, str) or not version.startswith("2."):
         raise AssetError(f"asset.version is {version!r}; glTF 2.0 is read", where=place(path, "asset", "version"))
@@ -171,24 +224,87 @@ def check_asset(gltf: Json, path: str) -> None:
             )
 
 
-def _check_shape(value: Any, shape: Any, path: str, pointer: tuple[str | int, ...]) -> None:
-    """Check that a value of the JSON, at a pointer into it, and all below are of the types of a shape."""
+@dataclass(frozen=True, slots=True)
+class _Limits:
+    """What checks of one document share: its path, for messages, and the lengths of its top-level arrays."""
+
+    path: str
+    counts: dict[str, int]
+
+
+def _check_shape(value: Any, shape: Any, limits: _Limits, pointer: tuple[str | int, ...]) -> None:
+    """Check that a value of the JSON, at a pointer into it, and all below are as a shape has them."""
     if isinstance(shape, dict):
-        fits = isinstance(value, dict)
-        children = [(key, child, shape.get(key, shape.get("*"))) for key, child in value.items()] if fits else []
+        if not isinstance(value, dict):
+            raise _misfit(value, dict, limits.path, pointer)
+        every = shape.get("*")
+        for key, child in value.items():
+            inner = shape.get(key, every)
+            if inner is not None:
+                _check_shape(child, inner, limits, (*pointer, key))
     elif isinstance(shape, list):
-        fits = isinstance(value, list)
-        children = [(index, child, shape[0]) for index, child in enumerate(value)] if fits else []
-    else:
-        accepted = (int, float) if shape is float else shape
+        if not isinstance(value, list):
+            raise _misfit(value, list, limits.path, pointer)
+        for index, child in enumerate(value):
+            _check_shape(child, shape[0], limits, (*pointer, index))
+    elif isinstance(shape, _Numbers):
+        _check_shape(value, [float], limits, pointer)
+        if len(value) != shape.count:
+            message = f"has {len(value)} numbers, not {shape.count}"
+            raise AssetError(message, where=place(limits.path, *pointer))
+    elif isinstance(shape, _Index):
+        if type(value) is not int or value < 0:
+            raise _misfit(value, int, limits.path, pointer)
+        if value >= limits.counts[shape.kind]:
+            message = f"refers to {shape.kind}[{value}], but there are {limits.counts[shape.kind]}"
+            raise AssetError(message, where=place(limits.path, *pointer[:-1]))
+    elif isinstance(shape, _Uri):
+        _check_uri(value, limits.path, pointer)
+    elif not _is_of(value, shape):
+        raise _misfit(value, shape, limits.path, pointer)
+
+
+def _is_of(value: Any, kind: type) -> bool:
+    """Whether a value is text, true or false, a whole number of 0 or more, or a number that a float can be."""
+    if kind is int:
+        return type(value) is int and value >= 0
+    if kind is float:
         # An integer of JSON may be too large for a float.
-        fits = not (shape is float and isinstance(value, int) and abs(value) > sys.float_info.max)
-        fits = fits and isinstance(value, accepted) and isinstance(value, bool) == (shape is bool)
-        fits = fits and not (shape is int and value < 0)
-        children = []
-    if not fits:
-        kind = "an object" if isinstance(shape, dict) else "an array" if isinstance(shape, list) else _KINDS[shape]
-        raise AssetError(f"is {repr(value)[:_SHOWN]}, not {kind}", where=place(path, *pointer))
-    for key, child, inner in children:
-        if inner is not None:
-            _check_shape(child, inner, path, (*pointer, key))
+        return type(value) is float or (type(value) is int and abs(value) <= sys.float_info.max)
+    return type(value) is kind
+
+
+def _check_channels(gltf: Json, path: str) -> None:
+    """Check that each channel that moves a node has a sampler with input and output."""
+    for index, animation in enumerate(gltf.get("animations", [])):
+        samplers = animation.get("samplers", [])
+        for number, channel in enumerate(animation.get("channels", [])):
+            if moves_node(channel):
+                which = channel.get("sampler", len(samplers))
+                if which >= len(samplers) or not {"input", "output"} <= samplers[which].keys():
+                    where = place(path, "animations", index, "channels", number)
+                    raise AssetError("has no sampler with input and output", where=where)
+
+
+def moves_node(channel: Json) -> bool:
+    """Whether a channel animates a property of a node that the core specification knows."""
+    target = channel.get("target", {})
+    return "node" in target and target.get("path") in ANIMATED_PATHS
+
+
+def _check_uri(value: Any, path: str, pointer: tuple[str | int, ...]) -> None:
+    if not isinstance(value, str):
+        raise _misfit(value, str, path, pointer)
+    # A name of half a character, or with NUL in it, no system has; data URIs are long, and ASCII.
+    name = "" if value.startswith("data:") else unquote(value)
+    try:
+        known = b"\0" not in os.fsencode(name)
+    except UnicodeEncodeError:
+        known = False
+    if not known:
+        message = f"uri {value[:_SHOWN]!r} is not a file below the asset's folder"
+        raise AssetError(message, where=place(path, *pointer[:-1]))
+
+
+def _misfit(value: Any, kind: type, path: str, pointer: tuple[str | int, ...]) -> AssetError:
+    return AssetError(f"is {repr(value)[:_SHOWN]}, not {_KINDS[kind]}", where=place(path, *pointer))

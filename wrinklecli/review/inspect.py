@@ -15,10 +15,10 @@ from wrinklecli.baking.original import original, wrinkled
 from wrinklecli.character.rig import morph_target_names
 from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.gltf.document import TRIANGLE_FAN, TRIANGLE_STRIP, TRIANGLES, Document, read_document
-from wrinklecli.gltf.draco import EXTENSION as DRACO
 from wrinklecli.gltf.images import read_image
-from wrinklecli.gltf.references import accessor_views, draco_primitives, view_parts
-from wrinklecli.gltf.shape import COMPRESSIONS, Json
+from wrinklecli.gltf.references import accessor_views, draco_views, view_parts
+from wrinklecli.gltf.shape import COMPRESSIONS, Json, moves_node
+from wrinklecli.numeric.guard import guarded
 
 VERSION = 1
 _MODES = ("points", "lines", "line loop", "line strip", "triangles", "triangle strip", "triangle fan")
@@ -39,7 +39,11 @@ def inspect(asset: str | os.PathLike[str], *, allow_external: bool = False) -> J
     Raises:
         AssetError: The asset is malformed.
     """
-    document = read_document(asset, allow_external=allow_external)
+    with guarded(os.fspath(asset)):
+        return _describe(read_document(asset, allow_external=allow_external))
+
+
+def _describe(document: Document) -> Json:
     gltf = document.gltf
     about = gltf.get("asset", {})
     generator = about.get("generator")
@@ -64,28 +68,20 @@ def inspect(asset: str | os.PathLike[str], *, allow_external: bool = False) -> J
     }
 
 
-def _name(item: Json) -> str | None:
-    name = item.get("name")
-    return name if isinstance(name, str) else None
+def _node_name(document: Document, index: int) -> str:
+    return document.items("nodes")[index].get("name") or f"node_{index}"
 
 
-def _node_name(document: Document, index: int, user: str) -> str:
-    return _name(document.item("nodes", index, user=user)) or f"node_{index}"
-
-
-def _count(document: Document, index: object, user: str) -> int:
-    count = document.item("accessors", index, user=user).get("count", 0)
-    return count if isinstance(count, int) else 0
+def _count(document: Document, index: int) -> int:
+    count: int = document.items("accessors")[index].get("count", 0)
+    return count
 
 
 def _describe_mesh(document: Document, index: int) -> Json:
     mesh = document.items("meshes")[index]
-    primitives = [
-        _describe_primitive(document, primitive, document.where("meshes", index, "primitives", number))
-        for number, primitive in enumerate(mesh.get("primitives", []))
-    ]
+    primitives = [_describe_primitive(document, primitive) for primitive in mesh.get("primitives", [])]
     return {
-        "name": _name(mesh),
+        "name": mesh.get("name"),
         "vertices": sum(each["vertices"] for each in primitives),
         "triangles": sum(each["triangles"] for each in primitives),
         "morph_targets": morph_target_names(mesh),
@@ -93,23 +89,20 @@ def _describe_mesh(document: Document, index: int) -> Json:
     }
 
 
-def _describe_primitive(document: Document, primitive: Json, where: str) -> Json:
-    attributes = primitive.get("attributes", {})
-    vertices = _count(document, attributes["POSITION"], where) if "POSITION" in attributes else 0
-    corners = _count(document, primitive["indices"], where) if "indices" in primitive else vertices
+def _describe_primitive(document: Document, primitive: Json) -> Json:
+    attributes, materials = primitive.get("attributes", {}), document.items("materials")
+    vertices = _count(document, attributes["POSITION"]) if "POSITION" in attributes else 0
+    corners = _count(document, primitive["indices"]) if "indices" in primitive else vertices
     mode = primitive.get("mode", TRIANGLES)
     by_mode = {TRIANGLES: corners // 3, TRIANGLE_STRIP: max(corners - 2, 0), TRIANGLE_FAN: max(corners - 2, 0)}
-    material = primitive.get("material")
-    name = None
-    if isinstance(material, int) and 0 <= material < len(document.items("materials")):
-        name = _name(document.items("materials")[material])
+    material = primitive.get("material", len(materials))
     return {
         "mode": _MODES[mode] if mode < len(_MODES) else str(mode),
         "vertices": vertices,
         "triangles": by_mode.get(mode, 0),
         "attributes": list(attributes),
         "morph_targets": len(primitive.get("targets", [])),
-        "material": name,
+        "material": materials[material].get("name") if material < len(materials) else None,
         "compression": next((name for name in COMPRESSIONS if name in _compressions(document, primitive)), None),
     }
 
@@ -120,9 +113,8 @@ def _compressions(document: Document, primitive: Json) -> set[str]:
     used = [*primitive.get("attributes", {}).values(), *([primitive["indices"]] if "indices" in primitive else [])]
     views = document.items("bufferViews")
     for index in used:
-        for view in accessor_views(document.item("accessors", index, user=document.path)):
-            if view < len(views):
-                found |= set(views[view].get("extensions", {}))
+        for view in accessor_views(document.items("accessors")[index]):
+            found |= set(views[view].get("extensions", {}))
     return found
 
 
@@ -131,14 +123,10 @@ def _deforming(document: Document, meshes: list[Json]) -> Iterator[Json]:
     for index, node in enumerate(document.items("nodes")):
         if "mesh" not in node:
             continue
-        where = document.where("nodes", index)
-        document.item("meshes", node["mesh"], user=where)
-        if "skin" in node:
-            document.item("skins", node["skin"], user=where)
         morphs = len(meshes[node["mesh"]]["morph_targets"])
         if "skin" in node or morphs:
             yield {
-                "node": _node_name(document, index, where),
+                "node": _node_name(document, index),
                 "mesh": node["mesh"],
                 "skin": node.get("skin"),
                 "morph_targets": morphs,
@@ -147,39 +135,31 @@ def _deforming(document: Document, meshes: list[Json]) -> Iterator[Json]:
 
 def _describe_skin(document: Document, index: int) -> Json:
     skin = document.items("skins")[index]
-    where = document.where("skins", index)
-    return {"name": _name(skin), "joints": [_node_name(document, joint, where) for joint in skin.get("joints", [])]}
+    return {"name": skin.get("name"), "joints": [_node_name(document, joint) for joint in skin.get("joints", [])]}
 
 
 def _clips(document: Document) -> Iterator[Json]:
     """The animations under the names that `--clip` takes, with the times that their accessors state."""
     names: set[str] = set()
     for index, animation in enumerate(document.items("animations")):
-        where = document.where("animations", index)
-        samplers, paths = animation.get("samplers", []), Counter[str]()
+        paths = Counter[str]()
         nodes, inputs = set(), set()
-        for channel in animation.get("channels", []):
-            target = channel.get("target", {})
-            if target.get("path") not in ("translation", "rotation", "scale", "weights") or "node" not in target:
-                continue
-            number = channel.get("sampler", -1)
-            if not 0 <= number < len(samplers) or "input" not in samplers[number]:
-                raise AssetError(f"has no sampler {number} with an input", where=where)
-            paths[target["path"]] += 1
-            nodes.add(target["node"])
-            inputs.add(samplers[number]["input"])
+        for channel in filter(moves_node, animation.get("channels", [])):
+            paths[channel["target"]["path"]] += 1
+            nodes.add(channel["target"]["node"])
+            inputs.add(animation["samplers"][channel["sampler"]]["input"])
         if not inputs:
             continue
-        name = _name(animation) or f"animation_{index}"
+        name = animation.get("name") or f"animation_{index}"
         name = f"{name}#{index}" if name in names else name
         names.add(name)
-        accessors = [document.item("accessors", each, user=where) for each in sorted(inputs)]
+        accessors = [document.items("accessors")[each] for each in sorted(inputs)]
         starts, ends = (_bounds(accessors, key) for key in ("min", "max"))
         yield {
             "name": name,
             "start": min(starts) if starts else None,
             "end": max(ends) if ends else None,
-            "keys": max(_count(document, each, where) for each in inputs),
+            "keys": max(_count(document, each) for each in inputs),
             "nodes": len(nodes),
             "channels": dict(sorted(paths.items())),
         }
@@ -202,7 +182,7 @@ def _wrinkles(document: Document) -> Iterator[Json]:
         entry = extras["wrinkle"]
         try:
             yield {
-                "node": _node_name(document, index, document.where("nodes", index)),
+                "node": _node_name(document, index),
                 "method": entry.get("method"),
                 "tools": [
                     {
@@ -263,29 +243,24 @@ def _bytes(document: Document) -> tuple[list[Json], Json]:
 def _view_users(document: Document) -> dict[int, Counter[str]]:
     """For each buffer view in use how many elements of which kind it holds."""
     users: defaultdict[int, Counter[str]] = defaultdict(Counter)
-    views = document.items("bufferViews")
-
-    def use(view: int, kind: str, elements: int) -> None:
-        if view < len(views):
-            users[view][kind] += max(elements, 1)
 
     kinds: dict[int, str] = {}
     for index, kind in _accessor_uses(document):
-        if index < len(document.items("accessors")):
-            kinds.setdefault(index, kind)
+        kinds.setdefault(index, kind)
     for index, kind in kinds.items():
         accessor = document.items("accessors")[index]
         for view in accessor_views(accessor):
-            use(view, kind, accessor.get("count", 0))
-    for primitive in draco_primitives(document.gltf):
-        use(primitive["extensions"][DRACO].get("bufferView", len(views)), "geometry", 1)
+            users[view][kind] += max(accessor.get("count", 0), 1)
+    for view in draco_views(document.gltf):
+        users[view]["geometry"] += 1
     for image in document.items("images"):
-        use(image.get("bufferView", len(views)), "images", 1)
+        if "bufferView" in image:
+            users[image["bufferView"]]["images"] += 1
     for node in wrinkled(document.gltf):
         entry = document.items("nodes")[node]["extras"]["wrinkle"]
         kept = entry.get("original") if isinstance(entry, dict) else None
-        if isinstance(kept, int) and kept >= 0:
-            use(kept, "original", 1)
+        if isinstance(kept, int) and kept in range(len(document.items("bufferViews"))):
+            users[kept]["original"] += 1
     return users
 
 

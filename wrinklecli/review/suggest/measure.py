@@ -95,7 +95,7 @@ def find_mesh_nodes(document: Document, asked: str | None) -> tuple[list[MeshNod
     deforming = []
     for index, node in enumerate(nodes):
         if "mesh" in node:
-            mesh = document.item("meshes", node["mesh"], user=document.where("nodes", index))
+            mesh = document.items("meshes")[node["mesh"]]
             if "skin" in node or morph_target_names(mesh):
                 deforming.append(index)
     names = [nodes[index].get("name") for index in deforming]
