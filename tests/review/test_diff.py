@@ -5,22 +5,18 @@ import json
 import re
 import shutil
 import subprocess
-from collections import Counter
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from kit import hostile
 from kit.asset import Asset, attribute, stored
 from kit.changes import compared, image_byte, moved_vertex, renamed_clip
 from kit.command import Wrinkle, make_samples
 from kit.limb import limb_asset
 from kit.places import SAMPLES
 from kit.variants import SMALL, rich
-from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import read_document
 from wrinklecli.gltf.edit import EditedDocument
 from wrinklecli.gltf.writer import write
@@ -34,11 +30,12 @@ Json = dict[str, Any]
 
 
 def test_progress_reaches_the_end(tmp_path: Path) -> None:
-    before, after = rich(), rich()
+    before, alike, after = rich(), rich(), rich()
+    alike.gltf["asset"]["generator"] = "another"
     moved_vertex(after)
     renamed_clip(after)
     strip = rich(mode="strip", indices="u2")
-    for other in (before, after, strip):
+    for other in (alike, after, strip):
         steps: list[tuple[str, int, int]] = []
         found = compared(tmp_path, before, other, progress=lambda *step, to=steps: to.append(step))
         assert [done for _, done, _ in steps] == sorted(done for _, done, _ in steps)
@@ -72,24 +69,6 @@ def test_far_from_the_origin_the_default_tolerance_is_that_of_float32(tmp_path: 
 # Faults
 
 
-def test_damaged_files_are_compared_or_refused(tmp_path: Path) -> None:
-    outcomes: Counter[str] = Counter()
-    for number in range(60):
-        case = hostile.make_case(number)
-        path = tmp_path / f"bad{case.suffix}"
-        path.write_bytes(case.asset)
-        source = hostile.corpus()[number % len(hostile.corpus())]
-        sound = tmp_path / f"sound{source.suffix}"
-        sound.write_bytes(hostile.packed(source.gltf, source.data, source.suffix))
-        outcome = "refused"
-        with hostile.bounded(), suppress(WrinkleError):
-            diff(sound, path)
-            assert diff(path, path).same
-            outcome = "compared"
-        outcomes[outcome] += 1
-    assert min(outcomes["compared"], outcomes["refused"]) > 10
-
-
 # The command
 
 
@@ -102,6 +81,11 @@ def test_exit_codes_say_same_different_or_neither(wrinkle: Wrinkle, tmp_path: Pa
     (tmp_path / "bad.glb").write_bytes(a.read_bytes()[:1000])
 
     ran = wrinkle("diff", a, "c.glb")
+    assert (ran.code, ran.lines, ran.out) == (0, [], "same: to the byte\n")
+
+    alike = rich()
+    alike.gltf["asset"]["generator"] = "another"
+    ran = wrinkle("diff", a, alike.write(tmp_path / "d.glb"))
     assert (ran.code, ran.lines) == (0, [])
     assert ran.out.startswith("same: at most 0 apart; tolerance ")
     assert len(ran.out.splitlines()) == 1
@@ -184,7 +168,8 @@ def test_a_file_without_anything_to_see_is_compared_too(wrinkle: Wrinkle, tmp_pa
     a = asset.write(tmp_path / "a.glb")
     stored(asset, animation["samplers"][0]["output"])[1, 0] = 1.001
     b = asset.write(tmp_path / "b.glb")
-    ran = wrinkle("diff", a, a)
+    asset.gltf["asset"]["generator"] = "another"
+    ran = wrinkle("diff", b, asset.write(tmp_path / "c.glb"))
     assert (ran.code, ran.out.strip()) == (0, "same: no positions to compare")
     ran = wrinkle("diff", a, b)
     assert ran.code == 1

@@ -342,3 +342,49 @@ def test_whole_numbers_are_the_same_or_not(tmp_path: Path, change: Callable[[Ass
     before, after = rich(), rich()
     change(after)
     assert not compared(tmp_path, before, after, tolerance=Length(100.0, percent=True)).same
+
+
+def joint_twice(asset: Asset) -> None:
+    skin = asset.gltf["skins"][0]
+    skin["joints"].append(skin["joints"][0])
+    del skin["inverseBindMatrices"]
+
+
+def channel_twice(asset: Asset) -> None:
+    animation = fold(asset)
+    animation["channels"].append(animation["channels"][0])
+
+
+def texture_of_nothing(asset: Asset) -> None:
+    asset.gltf["textures"][0] |= {"source": 9, "sampler": -1}
+    asset.gltf["meshes"][1]["primitives"][0]["material"] = 9
+    asset.gltf["skins"][0]["skeleton"] = 99
+
+
+@pytest.mark.parametrize("change", [joint_twice, channel_twice, texture_of_nothing])
+def test_what_no_valid_file_has_is_the_same_as_itself(change: Callable[[Asset], None], tmp_path: Path) -> None:
+    before, after = rich(), rich()
+    for asset in (before, after):
+        change(asset)
+    assert list(compared(tmp_path, before, after).lines()) == ["same: to the byte"]
+    after.gltf["asset"]["generator"] = "another"
+    assert compared(tmp_path, before, after).same
+
+
+def test_a_reference_to_nothing_is_a_difference(tmp_path: Path) -> None:
+    after = rich()
+    after.gltf["meshes"][1]["primitives"][0]["material"] = 9
+    (found,) = compared(tmp_path, rich(), after).differences
+    assert (found.place, found.message) == ("/meshes/1/primitives/0/material", "leads somewhere only in A")
+
+
+def test_the_same_content_needs_no_measuring(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise AssertionError("poses the scene")
+
+    monkeypatch.setattr("wrinklecli.review.diff.diff.read_scene", refuse)
+    a = rich().write(tmp_path / "a.gltf")
+    b, c = (rich().write(tmp_path / name) for name in ("b.glb", "c.glb"))
+    for pair in ((a, a), (b, c)):
+        found = diff(*pair)
+        assert (found.same, found.size, found.tolerance, found.times) == (True, None, None, 0)

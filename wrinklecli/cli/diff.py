@@ -63,8 +63,9 @@ def diff(a: str, b: str, *, as_json: bool, quiet: bool, verbose: bool, **options
       same         whether nothing differs
       a, b         the paths
       posed        whether --posed was given
-      tolerance    scene units
-      size         of the larger asset, scene units
+      tolerance    scene units; null if the files are the same to the byte,
+                   which needs no measuring
+      size         of the larger asset, scene units; null as above
       times        how many moments were compared
       worst        distance, side (A or B), place, name, vertex, clip (null:
                    stored pose), time; null if nothing could be compared

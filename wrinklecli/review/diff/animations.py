@@ -72,14 +72,20 @@ def _clip_differences(sides: Sides, first: Clip, second: Clip) -> Found:
         message = " -> ".join(f"{start:.6g} to {end:.6g} s" for start, end in spans)
         yield differ("animation", place, message, name=first.name)
     nodes_a, nodes_b = node_names(sides.a), node_names(sides.b)
-    left = {(channel.node, channel.path): channel for channel in second.channels}
-    for channel in first.channels:
+    # Those of one property, which no valid file has twice, in their order.
+    pairs = pairs_by_key(
+        range(len(first.channels)),
+        range(len(second.channels)),
+        lambda k: (sides.nodes.get(first.channels[k].node, -1), first.channels[k].path),
+        lambda k: (second.channels[k].node, second.channels[k].path),
+    )
+    for number, channel in enumerate(first.channels):
         what = f"{channel.path} of {nodes_a[channel.node]!r}"
         at = (*place, "channels", channel.index)
-        other = left.pop((sides.nodes.get(channel.node, -1), channel.path), None)
-        if other is None:
+        if number not in pairs:
             yield differ("animation", at, f"{what}: only in A", name=first.name)
             continue
+        other = second.channels[pairs[number]]
         yield from _channel_differences(channel, other, at, sides.limits, what=what, clip=first.name)
         stored_a, stored_b = (
             document.items("animations")[clip.index]["channels"][each.index]
@@ -87,7 +93,8 @@ def _clip_differences(sides: Sides, first: Clip, second: Clip) -> Found:
         )
         skip = {"sampler", "target"}
         yield from dict_differences(stored_a, stored_b, at, "animations", sides.limits, name=first.name, skip=skip)
-    for channel in left.values():
+    for number in without(range(len(second.channels)), pairs.values()):
+        channel = second.channels[number]
         at = ("animations", second.index, "channels", channel.index)
         what = f"{channel.path} of {nodes_b[channel.node]!r}"
         yield differ("animation", at, f"{what}: only in B", name=first.name)
@@ -151,5 +158,5 @@ def _other_channels(document: Document, animation: int, clip: Clip | None) -> li
 def _sampler(document: Document, animation: int, channel: Json) -> Json:
     """A copy of a channel's sampler; empty where it has none."""
     samplers = document.items("animations")[animation].get("samplers", [])
-    number = channel.get("sampler", -1)
-    return dict(samplers[number]) if number in range(len(samplers)) else {}
+    number = channel.get("sampler", len(samplers))
+    return dict(samplers[number]) if number < len(samplers) else {}

@@ -114,11 +114,11 @@ class Sides:
         """An object of a top-level array in either document."""
         return self.a.items(kind)[i], self.b.items(kind)[j]
 
-    def have_same_node(self, i: Any, j: Any) -> bool:
+    def have_same_node(self, i: int | None, j: int | None) -> bool:
         """Whether two references, if they are any, lead to paired nodes."""
-        if is_index(i) and i in self.nodes:
-            return bool(self.nodes[i] == j)
-        return bool(i == j) and j not in self.paired
+        if i is not None and i in self.nodes:
+            return self.nodes[i] == j
+        return i == j and j not in self.paired
 
 
 def differ(kind: Kind, place: Place, message: str, *, name: object = "", distance: float | None = None) -> Difference:
@@ -144,15 +144,15 @@ def shown(value: Any) -> str:
 
 
 def pairs_by_key(
-    first: Sequence[int], second: Sequence[int], key_a: Callable[[int], Any], key_b: Callable[[int], Any]
+    first: Sequence[int], second: Sequence[int], key_a: Callable[[int], Hashable], key_b: Callable[[int], Hashable]
 ) -> dict[int, int]:
     """Items of the second list by those of the first with equal keys; those of the same key in their order."""
     waiting: dict[Hashable, list[int]] = {}
     for j in reversed(second):
-        waiting.setdefault(_hashable(key_b(j)), []).append(j)
+        waiting.setdefault(key_b(j), []).append(j)
     pairs = {}
     for i in first:
-        found = waiting.get(_hashable(key_a(i)))
+        found = waiting.get(key_a(i))
         if found:
             pairs[i] = found.pop()
     return pairs
@@ -162,7 +162,3 @@ def without(items: Iterable[int], others: Iterable[Any]) -> list[int]:
     """The items that are none of the others."""
     known = set(others)
     return [each for each in items if each not in known]
-
-
-def _hashable(key: Any) -> Hashable:
-    return key if isinstance(key, Hashable) else repr(key)

@@ -86,16 +86,23 @@ class _Walk:
         for each in found:
             if isinstance(each, Difference):
                 yield each
+            elif not (reached := self._reached(each))[0] or not reached[1]:
+                if reached[0] or reached[1]:
+                    yield differ("structure", each.place, f"leads somewhere only in {'A' if reached[0] else 'B'}")
             elif each.kind == "accessors":
                 one, other = a.accessor(each.first, user=a.path), b.accessor(each.second, user=b.path)
                 yield from array_differences(one, other, each.place, self.sides.limits, name=each.name)
             else:
-                a.item(each.kind, each.first, user=a.where(*each.place))
-                b.item(each.kind, each.second, user=b.path)
                 key = each.kind, each.first, each.second
                 if key not in self.met:
                     self.met.add(key)
                     yield from self.follow(self._compare(*key))
+
+    def _reached(self, link: Link) -> tuple[bool, bool]:
+        """Whether a link leads to anything in either document: what only says how things look need not."""
+        ends = (self.sides.a, link.first), (self.sides.b, link.second)
+        one, other = (index in range(len(document.items(link.kind))) for document, index in ends)
+        return one, other
 
     def _compare(self, kind: str, i: int, j: int) -> Found:
         if kind in _COMPARISONS:

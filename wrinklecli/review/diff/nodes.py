@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from wrinklecli.character.rig import TRANSFORM_DEFAULTS, morph_target_names
-from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats
@@ -52,7 +51,7 @@ class _Pairing:
         a, b = self.documents
         nodes_a, nodes_b = a.items("nodes"), b.items("nodes")
         names_a, names_b = self.names
-        known_a, known_b = ({name for name in names if isinstance(name, str)} for names in self.names)
+        known_a, known_b = (set(names) - {None} for names in self.names)
         stack = [(list(roots_a), list(roots_b))]
         while stack:
             level_a, level_b = stack.pop()
@@ -115,8 +114,6 @@ def _from_roots(document: Document, parents: Sequence[int]) -> list[int]:
 
 def _children(document: Document, node: int) -> list[int]:
     children: list[int] = document.items("nodes")[node].get("children", [])
-    for child in children:
-        document.item("nodes", child, user=document.where("nodes", node, "children"))
     return children
 
 
@@ -168,7 +165,7 @@ def _transform_differences(sides: Sides, i: int, j: int) -> Iterator[Difference]
 
 def _stored_weights(document: Document, node: Json) -> list[float]:
     """The stored weights of a node's morph targets, those of the node before those of the mesh."""
-    mesh = document.item("meshes", node["mesh"], user=document.path)
+    mesh = document.items("meshes")[node["mesh"]]
     count = len(morph_target_names(mesh))
     weights = node.get("weights") or mesh.get("weights") or []
     return [float(weight) for weight in [*weights, *[0.0] * count][:count]]
@@ -176,11 +173,7 @@ def _stored_weights(document: Document, node: Json) -> list[float]:
 
 def _stored(document: Document, index: int, key: str) -> Floats:
     """The numbers of a node's transform."""
-    default = TRANSFORM_DEFAULTS.get(key, (0.0,) * 16)
-    values = np.array(document.items("nodes")[index].get(key, default), np.float64)
-    if values.shape != (len(default),):
-        raise AssetError(f"has {values.size} numbers, not {len(default)}", where=document.where("nodes", index, key))
-    return values
+    return np.array(document.items("nodes")[index].get(key, TRANSFORM_DEFAULTS.get(key)), np.float64)
 
 
 def _local_matrix(document: Document, index: int) -> Floats:

@@ -9,19 +9,17 @@ from wrinklecli.character.surface import dense_influences, read_primitive
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats
-from wrinklecli.review.diff.difference import Difference, Found, Place, Sides, differ, node_names
+from wrinklecli.review.diff.difference import Difference, Found, Place, Sides, differ, node_names, pairs_by_key, without
 from wrinklecli.review.diff.values import count_that_differ, dict_differences, gaps
 
 
 def joint_pairs(sides: Sides, i: int, j: int) -> dict[int, int]:
-    """Joint numbers of a skin of the second document by those of the first."""
+    """Joint numbers of a skin of the second document by those of the first; a node that is twice in both, twice."""
     first, second = (skin.get("joints", []) for skin in sides.items("skins", i, j))
-    numbers = {node: number for number, node in enumerate(second)}
-    return {
-        number: number if sides.nodes.get(node) in second[number : number + 1] else numbers[sides.nodes[node]]
-        for number, node in enumerate(first)
-        if sides.nodes.get(node) in numbers
-    }
+    wanted = [sides.nodes.get(node, -1) for node in first]
+    pairs = {number: number for number, both in enumerate(zip(wanted, second, strict=False)) if both[0] == both[1]}
+    left_a, left_b = without(range(len(first)), pairs), without(range(len(second)), pairs)
+    return pairs | pairs_by_key(left_a, left_b, wanted.__getitem__, second.__getitem__)
 
 
 def skin_differences(sides: Sides, i: int, j: int) -> Found:
