@@ -339,6 +339,31 @@ def test_a_mesh_with_other_targets_of_the_same_name(tmp_path: Path) -> None:
         track(bake_config("trousers", "trousers").path, [editor.save(tmp_path / "a.glb")], tmp_path / "out")
 
 
+def without_position(primitive: Json) -> None:
+    del primitive["attributes"]["POSITION"]
+
+
+def without_attributes(primitive: Json) -> None:
+    del primitive["attributes"]
+
+
+@pytest.mark.parametrize("change", [without_position, without_attributes])
+def test_a_mesh_without_vertices_is_said(change: Callable[[Json], None], tmp_path: Path) -> None:
+    def broken(editor: Editor) -> None:
+        change(editor.json["meshes"][0]["primitives"][0])
+
+    with pytest.raises(AssetError, match="#/meshes/0/primitives/0: has no POSITION"):
+        track(body_of("wrist").path, [edited("wrist", broken)], tmp_path)
+
+
+def test_a_mesh_without_primitives_is_said(tmp_path: Path) -> None:
+    def broken(editor: Editor) -> None:
+        del editor.json["meshes"][0]["primitives"]
+
+    with pytest.raises(AssetError, match="#/meshes/0: has no primitives"):
+        track(body_of("wrist").path, [edited("wrist", broken)], tmp_path)
+
+
 def test_inputs_are_not_overwritten(tmp_path: Path) -> None:
     body = bake_config("trousers", "trousers")
     anim = tmp_path / "squat.glb"

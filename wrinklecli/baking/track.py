@@ -106,19 +106,20 @@ def track(
                 outputs=own,
             )
     outputs.protect([baked, *anims])
-    body_file = read_document(baked, allow_external=allow_external)
-    outputs.protect(files_of(body_file))
-    bodies = read_bodies(body_file)
+    with guarded(os.fspath(baked)):
+        body_file = read_document(baked, allow_external=allow_external)
+        outputs.protect(files_of(body_file))
+        bodies = read_bodies(body_file)
     paths = [os.path.join(os.fspath(folder), os.path.basename(os.fspath(path))) for path in anims]
     for number, path in enumerate(paths):
         if path in paths[:number]:
             raise BakeError("is the output of two inputs of one name", where=path)
     edited, results = [], []
     for anim, path in zip(anims, paths, strict=True):
-        document = read_document(anim, allow_external=allow_external)
-        outputs.protect(files_of(document))
-        edited.append(EditedDocument(document))
-        with guarded(document.path):
+        with guarded(os.fspath(anim)):
+            document = read_document(anim, allow_external=allow_external)
+            outputs.protect(files_of(document))
+            edited.append(EditedDocument(document))
             results.append(_track_file(edited[-1], bodies, path, fps=fps, tolerance=max_error - TABLE_ERROR))
     warnings = [line for result in results for line in result.warnings]
     if strict and warnings:

@@ -6,6 +6,7 @@ from wrinklecli.baking.baked_body import BakedBody
 from wrinklecli.baking.morphs import own_mesh
 from wrinklecli.character.rig import morph_target_names
 from wrinklecli.errors import AssetError, listed
+from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edit import VERTEX_DATA, EditedDocument
 from wrinklecli.gltf.shape import Json
 
@@ -14,7 +15,7 @@ def node_for_tracks(edited: EditedDocument, body: BakedBody) -> int:
     """The node that gets the body's tracks: the file's own of that name, or a stub.
 
     Raises:
-        AssetError: The file has a mesh on a node of that name, with other morph targets.
+        AssetError: The file has a mesh on a node of that name, with other morph targets, or without vertices.
     """
     nodes = edited.gltf.setdefault("nodes", [])
     found = [index for index, node in enumerate(nodes) if node.get("name") == body.node and "mesh" in node]
@@ -29,8 +30,22 @@ def node_for_tracks(edited: EditedDocument, body: BakedBody) -> int:
             where=edited.source.where("nodes", found[0]),
         )
     if names != body.targets:
+        _refuse_incomplete(edited.source, node["mesh"], targets=len(names))
         _add_idle_targets(edited, node, body)
     return found[0]
+
+
+def _refuse_incomplete(document: Document, mesh: int, *, targets: int) -> None:
+    """Check that a mesh has primitives, all of them with vertices and with so many morph targets."""
+    primitives = document.items("meshes")[mesh].get("primitives", [])
+    if not primitives:
+        raise AssetError("has no primitives", where=document.where("meshes", mesh))
+    for number, primitive in enumerate(primitives):
+        where = document.where("meshes", mesh, "primitives", number)
+        if "POSITION" not in primitive.get("attributes", {}):
+            raise AssetError("has no POSITION", where=where)
+        if len(primitive.get("targets", [])) != targets:
+            raise AssetError(f"has {len(primitive.get('targets', []))} morph targets, not {targets}", where=where)
 
 
 def _add_stub(edited: EditedDocument, body: BakedBody) -> int:
@@ -60,7 +75,7 @@ def _add_idle_targets(edited: EditedDocument, node: Json, body: BakedBody) -> No
     own = list(body.own)
     for primitive in mesh["primitives"]:
         old = primitive.get("targets", [])
-        count = edited.gltf["accessors"][primitive["attributes"]["POSITION"]]["count"]
+        count = len(edited.source.accessor(primitive["attributes"]["POSITION"]))
         # three.js takes the base's normals for a target that lacks them where another has them.
         kinds = [kind for kind in ("NORMAL", "TANGENT") if any(kind in each for each in old)]
         idle = {}
@@ -73,4 +88,5 @@ def _add_idle_targets(edited: EditedDocument, node: Json, body: BakedBody) -> No
     mesh.setdefault("weights", [0.0] * len(own))
     for holder in (mesh, node):
         if "weights" in holder:
-            holder["weights"] = [holder["weights"][own.index(name)] if name in own else 0.0 for name in body.targets]
+            weights = [*holder["weights"], *[0.0] * len(own)]  # what is left out is 0
+            holder["weights"] = [weights[own.index(name)] if name in own else 0.0 for name in body.targets]
