@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from kit import hostile
 from kit.asset import Asset, stored
 from kit.limb import limb, limb_asset
 from kit.samples import edited, shared_mesh, two_meshes
@@ -317,23 +316,6 @@ def test_clips_that_hide_the_character_are_null_in_json(tmp_path: Path) -> None:
     clips = json.loads(result.stdout)["tools"][0]["clips"]
     assert clips["hidden"] is None
     assert clips["fold"] > 0
-
-
-@pytest.mark.quick(1)
-@pytest.mark.parametrize("first", range(0, 60, 20))
-def test_damaged_assets_are_measured_or_refused(tmp_path: Path, first: int) -> None:
-    outcomes = []
-    for number in range(first, first + 20):
-        case = hostile.make_case(number)
-        path = tmp_path / f"case_{number}{case.suffix}"
-        path.write_bytes(case.asset)
-        with hostile.bounded(seconds=hostile.SECONDS, megabytes=hostile.MEGABYTES):
-            try:
-                found = suggest(path)
-                outcomes.append(bool(found.text) == bool(found.tools) != bool(found.reason))
-            except WrinkleError as error:
-                outcomes.append(bool(error.lines))
-    assert all(outcomes)
 
 
 @pytest.mark.slow

@@ -1,0 +1,209 @@
+"""Commands run on damaged files, always the same for the same number, and what holds however they end."""
+
+import io
+import json
+import os
+import random
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from kit.damage import Edit, copied, damage, damaged, is_baked
+from kit.hostile import MEGABYTES, SECONDS, Source, bounded, corpus, packed
+from wrinklecli.cli import main
+from wrinklecli.gltf.document import read_document
+
+_LONGEST_LINE = 1500  # characters of a message
+_CODES = {"diff": (0, 1, 2)}
+_LARGE = 5  # sources at the end of the corpus that take longer
+_COMMANDS = {"bake": 30, "inspect": 15, "diff": 20, "check": 10, "suggest": 8, "track": 10, "preview": 7}
+
+
+@dataclass(frozen=True)
+class Case:
+    """A command on damaged files.
+
+    Attributes:
+        name: For messages.
+        source: Number of the sound asset in the corpus.
+        edits: What was done to it and its tools.
+        arguments: Of the command line; names of files are relative to the case's folder.
+    """
+
+    name: str
+    source: int
+    edits: Sequence[Edit]
+    arguments: Sequence[str]
+
+    def dumped(self) -> str:
+        """The case as a line of JSON."""
+        return json.dumps({"source": self.source, "edits": self.edits, "arguments": self.arguments})
+
+
+def loaded(line: str, name: str) -> Case:
+    """A case as it was dumped."""
+    return Case(name, **json.loads(line))
+
+
+def make_case(number: int) -> Case:
+    """The case of a number."""
+    chance = random.Random(number)
+    sources = corpus()
+    command = chance.choices(list(_COMMANDS), list(_COMMANDS.values()))[0]
+    wanted = [k for k, source in enumerate(sources) if command != "track" or chance.random() < 0.5 or is_baked(source)]
+    source = chance.choices(wanted, [1 if k >= len(sources) - _LARGE else 3 for k in wanted])[0]
+    edits = damage(chance, sources[source])
+    arguments = list(_arguments(chance, command, sources[source]))
+    return Case(f"{number} ({' '.join(arguments)})", source, edits, arguments)
+
+
+def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[str]:
+    def some(*options: str, share: float = 0.15) -> Iterator[str]:
+        if chance.random() < share:
+            yield from options
+
+    asset = f"limb{source.suffix}"
+    yield command
+    match command:
+        case "bake":
+            yield from (asset, "tools.yaml", *some("--replace", share=0.6), *some("--report", "report.json"))
+            yield from some("--mode", "frames")
+            yield from some("--accessors", "dense")
+            yield from some("--tracks", "none")
+            yield from some("--morph-tangents")
+            yield from some("--engine", chance.choice(["three", "unity", "spec8"]))
+            yield from some("--frames-dir", "frames", "--frames-format", chance.choice(["obj", "ply", "glb"]))
+            yield from some("--timings", "timings.json", share=0.05)
+            yield from some("--depfile", "out.d")
+            yield from some("--max-levels", "0")
+            yield from some("--fps", "2")
+            yield from some("--clip", "fold")
+            yield from some("--strict", share=0.05)
+            yield from some("--verbose")
+            yield from some("--allow-external")
+            yield from ("-o", chance.choice(["out.glb", "out.glb", "out.gltf", "sub/out.gltf"]))
+        case "check":
+            yield from (asset, "tools.yaml", *some("--json", share=0.5), *some("--clip", "fold"), *some("--fps", "3"))
+            yield from some("--strict")
+        case "inspect":
+            yield from (asset, *some("--json", share=0.5), *some("--allow-external"))
+        case "diff":
+            yield from chance.choice([(asset, "sound.glb"), ("sound.glb", asset), (asset, "twin.glb"), (asset, asset)])
+            yield from (*some("--json", share=0.3), *some("--posed", share=0.2), *some("--clip", "fold"))
+            yield from (*some("--verbose", share=0.3), *some("--fps", "3", share=0.5), *some("--tolerance", "1"))
+        case "suggest":
+            yield from (asset, *some("--json", share=0.3), *some("-o", "found.yaml", share=0.5), "--fps", "4")
+            yield from (*some("--node", "limb"), *some("--count", "2"), *some("--clip", "fold"))
+        case "preview":
+            yield from (asset, "-o", chance.choice(["p.png", "p.png", "p.gif"]), "--size", "32x32", "--frames", "2")
+            yield from (*some("--tools", "tools.yaml", share=0.4), *some("--heat"), *some("--wire"), *some("--clay"))
+            yield from (*some("--clip", "fold"), *some("--views", "front,facing"), *some("--follow"))
+        case _:
+            if is_baked(source) and chance.random() < 0.5:
+                yield from (asset, "sound.glb")
+            else:
+                yield from ("body.glb", asset)
+            yield from ("-o", "tracked", *some("--fps", "4", share=0.5), *some("--verbose"), *some("--strict"))
+
+
+@cache
+def _sound(source: int) -> bytes:
+    chosen = corpus()[source]
+    return packed(copied(chosen.gltf), chosen.data, ".glb" if chosen.suffix == ".glb" else ".gltf")
+
+
+@cache
+def _body() -> bytes:
+    return _sound(next(number for number, source in enumerate(corpus()) if is_baked(source)))
+
+
+def prepare(case: Case, folder: Path) -> None:
+    """Write the case's files: the damaged asset, a copy of it that is spelled otherwise, sound ones, tools."""
+    source = corpus()[case.source]
+    asset, tools = damaged(source, case.edits)
+    Path(folder, f"limb{source.suffix}").write_bytes(asset)
+    Path(folder, "twin.glb").write_bytes(_spelled_otherwise(asset))
+    Path(folder, "sound.glb").write_bytes(_sound(case.source))
+    Path(folder, "body.glb").write_bytes(_body())
+    Path(folder, "tools.yaml").write_bytes(tools)
+    Path(folder, "sub").mkdir()
+    Path(folder, "out.glb").write_bytes(b"old")
+
+
+def _spelled_otherwise(asset: bytes) -> bytes:
+    """The same asset by another generator, where it is a whole .gltf or .glb and names none."""
+    named = (b'"asset": {', b'"asset": {"generator": "twin", ')
+    if asset[:4] != b"glTF":
+        return asset.replace(*named, 1)
+    size = int.from_bytes(asset[12:16], "little")
+    if asset[16:20] != b"JSON" or 20 + size > len(asset) or asset[8:12] != len(asset).to_bytes(4, "little"):
+        return asset
+    text = asset[20 : 20 + size].replace(*named, 1)
+    text += b" " * (-len(text) % 4)
+    lengths = [(each + len(text) - size).to_bytes(4, "little") for each in (len(asset), size)]
+    return asset[:8] + lengths[0] + lengths[1] + b"JSON" + text + asset[20 + size :]
+
+
+def attack(case: Case, folder: Path) -> int:
+    """Run a case in an empty folder; the exit code.
+
+    Raises:
+        AssertionError: It ended in a traceback, left what it should not, took too long or too much, or said it badly.
+    """
+    prepare(case, folder)
+    before = _found(folder)
+    with bounded(seconds=SECONDS, megabytes=MEGABYTES):
+        code, out, err = run(case.arguments, folder)
+    command = case.arguments[0]
+    assert code in _CODES.get(command, (0, 1, 3)), f"exit code {code}:\n{err[-3000:]}"
+    refused = code != 0 and not (command == "diff" and code == 1)
+    if refused:
+        assert err.strip(), "an error without a message"
+        after = _found(folder)
+        assert after == before, f"left or changed {sorted(set(after.items()) ^ set(before.items()))}"
+    for line in err.splitlines() + ([] if "--json" in case.arguments else out.splitlines()):
+        assert len(line) <= _LONGEST_LINE, f"a line of {len(line)} characters: {line[:200]}"
+        assert line.isprintable(), f"a line that commands the terminal: {line[:200]!r}"
+    if code == 0 and command == "bake":
+        read_document(folder / case.arguments[-1])
+    if command == "diff" and ("twin.glb" in case.arguments or case.arguments[1] == case.arguments[2]):
+        assert code != 1, f"a file differs from itself:\n{out[-1000:]}"
+    return code
+
+
+def _found(folder: Path) -> dict[str, bytes]:
+    """Every file below a folder."""
+    return {str(path): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def run(arguments: Sequence[str], folder: Path) -> tuple[int, str, str]:
+    """Run `wrinkle` in this process and a folder: its exit code, standard output and standard error."""
+    streams = [io.TextIOWrapper(io.BytesIO(), "utf-8", errors="backslashreplace") for _ in range(2)]
+    code: Any = 0
+    with _working_in(folder, ["wrinkle", *arguments]), redirect_stdout(streams[0]), redirect_stderr(streams[1]):
+        try:
+            main()
+        except SystemExit as ended:
+            code = ended.code or 0
+    texts = []
+    for stream in streams:
+        stream.flush()
+        texts.append(stream.buffer.getvalue().decode("utf-8", "backslashreplace"))  # type: ignore[attr-defined]
+    return code, texts[0], texts[1]
+
+
+@contextmanager
+def _working_in(folder: Path, arguments: Sequence[str]) -> Iterator[None]:
+    """Change the folder and the command line of this process."""
+    home, earlier = os.getcwd(), sys.argv
+    os.chdir(folder)
+    sys.argv = list(arguments)
+    try:
+        yield
+    finally:
+        sys.argv = earlier
+        os.chdir(home)

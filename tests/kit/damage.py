@@ -1,0 +1,360 @@
+"""Faults put into an asset and its tools at random, as a list of edits that can be kept, replayed and shortened.
+
+An edit is JSON: what it does, to which part, where, and with what. Parts are `asset` and `tools` (their JSON), `record`
+(the JSON of the original asset in a baked file, which is then forged to fit), `data` (the asset's buffer), and
+`asset bytes` and `tools bytes` (the files as they are written).
+"""
+
+import json
+import math
+import random
+import struct
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from kit.asset import Json
+from kit.forged import forge
+from kit.hostile import Source, packed
+
+Edit = list[Any]
+TREES = ("asset", "tools", "record")
+
+_WORDS = ["SCALAR", "VEC3", "VEC4", "MAT4", "STEP", "LINEAR", "CUBICSPLINE", "translation", "rotation", "scale"]
+_PATHS = ["weights", "POSITION", "NORMAL", "../x.bin", "/etc/passwd", "file:///etc/passwd", "http://localhost/x"]
+_TEXTS = ["", "x", "\n\x1b[31mred\x07", "\ud800", "%2e%2e/%2e%2e/x", "a\0b", "limb.bin", ".", "data:,", "x" * 5000]
+_URIS = ["data:application/octet-stream;base64,AAAA", "data:;base64,*", "limb.glb", "//host/x", "C:\\x", "joint_0"]
+_MODES = ["ATTRIBUTES", "TRIANGLES", "INDICES", "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL", "COLOR", "NONE", "MAT2"]
+_SMALL = [-1, 0, 1, 2, 3, 4, 5, 7, 16, 255, 256, 5120, 5121, 5123, 5125, 5126]
+_LARGE = [2**16, 2**20, 2**26, 2**26 + 1, 2**31, 2**32 - 1, 2**53, 2**63, 2**64, 10**400, -(2**31), -(10**30)]
+_REALS = [0.5, -0.0, 1e-45, 1e-320, 1e-6, 1e6, 1e12, 1e30, 3.4e38, 3.5e38, 1e160, 1.7e308, -1e30, math.nan, math.inf]
+_OTHERS = [None, True, False, [], {}, [0], [[]], {"a": 1}, [1e30] * 3, [0.0] * 4, [1e300] * 16, [0] * 1000, [{}] * 500]
+_JUNK = [_SMALL, _SMALL, _LARGE, _REALS, _WORDS, _PATHS, _TEXTS, _URIS, _MODES, _OTHERS, _OTHERS]
+_FLOATS = [math.nan, math.inf, -math.inf, 1e30, -3e38, 1e-45, 1e-38, 0.0, -0.0, 1e10, 1e-10, 1e20, 2.0]
+# fmt: off
+_KEYS = [
+    "matrix", "weights", "skin", "mesh", "children", "translation", "rotation", "scale", "sparse", "bufferView",
+    "byteOffset", "byteStride", "normalized", "count", "uri", "extensions", "extras", "targets", "indices", "mode",
+    "skeleton", "images", "extensionsRequired", "name", "camera", "targetNames", "width", "bumps", "gap", "details",
+    "max_height", "rest_length", "strength", "attenuation", "snap", "mirror", "clips", "sampling", "fps", "rest",
+    "up", "materials", "textures", "samplers", "cameras", "source", "sampler", "material", "pbrMetallicRoughness",
+    "baseColorTexture", "index", "texCoord", "nodes", "scenes", "scene", "skins", "joints", "inverseBindMatrices",
+    "animations", "channels", "wrinkle", "original", "attributes", "POSITION",
+]
+# fmt: on
+
+
+def copied(value: Any) -> Any:
+    """A deep copy of JSON."""
+    return json.loads(json.dumps(value))
+
+
+def damage(chance: random.Random, source: Source) -> list[Edit]:
+    """One to three faults."""
+    edits: list[Edit] = []
+    kinds = ["json", "top", "sly", "link", "number", "data", "asset bytes", "tools", "tools bytes", "record"]
+    shares = [18, 12, 24, 14, 14, 14, 4, 6, 2, 12 if is_baked(source) else 0]
+    for _ in range(chance.choice([1, 1, 1, 2, 3])):
+        match chance.choices(kinds, shares)[0]:
+            case "json":
+                edits += _tree_edit(chance, "asset", source.gltf)
+            case "top":
+                edits += _top_edit(chance, source.gltf)
+            case "sly":
+                edits += _sly_edits(chance, source.gltf)
+            case "link":
+                edits += _link_edit(chance, source.gltf)
+            case "number":
+                edits += _number_edit(chance, source.gltf)
+            case "data":
+                edits += _data_edits(chance, source)
+            case "tools":
+                edits += _tree_edit(chance, "tools", source.tools)
+            case "record":
+                edits += _tree_edit(chance, "record", {"gltf": source.gltf, "sizes": [1], "kept": [[[0, 4, 0, 0]]]})
+            case part:
+                size = len(packed(copied(source.gltf), source.data, source.suffix)) if part == "asset bytes" else 300
+                edits += _byte_edits(chance, part, size)
+    return edits
+
+
+def is_baked(source: Source) -> bool:
+    """Whether a source carries wrinkles, and a record of what it was."""
+    return any("wrinkle" in (node.get("extras") or {}) and "mesh" in node for node in source.gltf["nodes"])
+
+
+def _junk(chance: random.Random) -> Any:
+    return chance.choice(chance.choice(_JUNK))
+
+
+def _pointer(chance: random.Random, root: Any) -> list[Any]:
+    """Keys and indices of something in a tree."""
+    at, pointer = root, [chance.choice(list(root))]
+    while isinstance(at[pointer[-1]], dict | list) and at[pointer[-1]] and chance.random() < 0.8:
+        at = at[pointer[-1]]
+        pointer.append(chance.choice(list(at)) if isinstance(at, dict) else chance.randrange(len(at)))
+    return pointer
+
+
+def _at(root: Any, pointer: Sequence[Any]) -> Any:
+    for key in pointer:
+        root = root[key]
+    return root
+
+
+def _tree_edit(chance: random.Random, part: str, root: Any) -> Iterator[Edit]:
+    """Replace, delete, copy, insert or repeat something anywhere."""
+    pointer = _pointer(chance, root)
+    above = _at(root, pointer[:-1])
+    match chance.randrange(6):
+        case 0 | 1:
+            yield ["set", part, pointer, _junk(chance)]
+        case 2:
+            yield ["drop", part, pointer]
+        case 3:
+            yield ["set", part, pointer, copied(_at(root, _pointer(chance, root)))]
+        case 4 if isinstance(above, list):
+            yield ["insert", part, pointer, copied(chance.choice(above)) if chance.random() < 0.5 else _junk(chance)]
+        case _ if isinstance(above, dict):
+            yield ["set", part, [*pointer[:-1], chance.choice([*above, *_KEYS])], _junk(chance)]
+        case _:
+            yield ["repeat", part, pointer, chance.choice([1, 2, 300])]
+
+
+def _top_edit(chance: random.Random, gltf: Json) -> Iterator[Edit]:
+    """Something in a top-level array that is rare there, one item of it, or a key of one."""
+    kind = chance.choice([*gltf, "materials", "cameras", "samplers", "textures", "images", "skins", "meshes", "scenes"])
+    items = gltf.get(kind)
+    if not isinstance(items, list) or not items or chance.random() < 0.3:
+        yield ["set", "asset", [kind], _junk(chance)]
+        return
+    number = chance.randrange(len(items))
+    if not isinstance(items[number], dict) or chance.random() < 0.3:
+        yield ["set", "asset", [kind, number], _junk(chance)]
+        return
+    key = chance.choice([*items[number], *_KEYS])
+    yield ["set", "asset", [kind, number, key], _junk(chance)]
+
+
+def _sly_edits(chance: random.Random, gltf: Json) -> Iterator[Edit]:
+    """What has the right types but is twice, missing, empty, of another length, or refers to nothing."""
+    items = [(kind, number) for kind in gltf if isinstance(gltf[kind], list) for number in range(len(gltf[kind]))]
+    objects = [(kind, number) for kind, number in items if isinstance(gltf[kind][number], dict)]
+    lists = [pointer for pointer, value in _lists(gltf) if value]
+    match chance.randrange(9):
+        case 0:  # twice
+            pointer = chance.choice(lists)
+            number = chance.randrange(len(_at(gltf, pointer)))
+            yield ["repeat", "asset", [*pointer, number], chance.choice([1, 1, 2])]
+        case 1:
+            yield ["set", "asset", chance.choice(lists), []]
+        case 2:
+            pointer = chance.choice(lists)
+            yield ["drop", "asset", [*pointer, chance.randrange(len(_at(gltf, pointer)))]]
+        case 3:
+            yield ["drop", "asset", [chance.choice(list(gltf))]]
+        case 4:
+            kind, number = chance.choice(objects)
+            yield ["set", "asset", [kind, number, "name"], chance.choice([*_TEXTS, "limb", "joint_0", "N" * 40000])]
+        case 5:
+            indices = [("textures", "source"), ("textures", "sampler"), ("skins", "skeleton"), ("nodes", "camera")]
+            kind, key = chance.choice([*indices, ("images", "bufferView"), ("images", "uri"), ("buffers", "uri")])
+            value = chance.choice(_TEXTS) if key == "uri" else chance.choice([0, 1, 7, 99, -1])
+            yield ["set", "asset", [kind, 0, key], value]
+        case 6:
+            mesh = chance.randrange(max(len(gltf.get("meshes", [])), 1))
+            place = ["meshes", mesh, "primitives", 0]
+            changes = (
+                ["set", "asset", [*place, "material"], chance.choice([0, 1, 99])],
+                ["set", "asset", [*place, "mode"], chance.choice([0, 1, 2, 3, 5, 6, 7, 99])],
+                [
+                    "drop",
+                    "asset",
+                    [*place, "attributes", chance.choice(["POSITION", "NORMAL", "JOINTS_0", "WEIGHTS_0"])],
+                ],
+                ["drop", "asset", [*place, "attributes"]],
+                ["drop", "asset", [*place, "indices"]],
+                [
+                    "set",
+                    "asset",
+                    [*place, "targets"],
+                    chance.choice([[], [{}], [{"NORMAL": 0}], [{"POSITION": 0}] * 2]),
+                ],
+                ["set", "asset", ["meshes", mesh, "weights"], chance.choice([[], [1], [0.5] * 40])],
+                [
+                    "set",
+                    "asset",
+                    ["meshes", mesh, "extras"],
+                    {"targetNames": chance.choice([5, [], [1, None, {}], "ab"])},
+                ],
+            )
+            yield chance.choice(changes)
+        case 7:
+            accessor = chance.randrange(len(gltf["accessors"]))
+            kind = chance.choice(["SCALAR", "VEC2", "VEC3", "VEC4", "MAT4"])
+            yield ["set", "asset", ["accessors", accessor, "type"], kind]
+            if chance.random() < 0.5:
+                yield ["set", "asset", ["accessors", accessor, "count"], chance.choice([1, 2, 3, 5, 16])]
+        case _:
+            node = chance.randrange(len(gltf["nodes"]))
+            entry = chance.choice([5, None, [], {}, {"tools": [{}]}, {"tools": 5, "original": 0}, {"original": -1}])
+            yield ["set", "asset", ["nodes", node, "extras"], {"wrinkle": entry}]
+
+
+def _lists(root: Any, above: tuple[Any, ...] = ()) -> Iterator[tuple[list[Any], list[Any]]]:
+    """Every array of a tree, with its pointer."""
+    for key, child in root.items() if isinstance(root, dict) else enumerate(root):
+        if isinstance(child, list):
+            yield [*above, key], child
+        if isinstance(child, dict | list):
+            yield from _lists(child, (*above, key))
+
+
+def _link_edit(chance: random.Random, gltf: Json) -> Iterator[Edit]:
+    """Turn an index to something else, or bend the node graph, skin or channels."""
+    count = len(gltf["nodes"])
+    if chance.random() < 0.4:
+        node, number = chance.randrange(count), chance.randrange(count)
+        match chance.randrange(7):
+            case 0:
+                yield ["set", "asset", ["nodes", node, "children"], [number]]
+            case 1:
+                yield ["set", "asset", ["nodes", node, "children"], list(range(count))]
+            case 2:
+                yield ["set", "asset", ["nodes", node, "skin"], chance.choice(_SMALL)]
+            case 3:
+                yield ["set", "asset", ["nodes", node, "mesh"], chance.choice([0, 0, 1])]
+            case 4:
+                moved = chance.choice(["translation", "scale"])
+                yield ["set", "asset", ["nodes", node, moved], [chance.choice(_REALS[:-2]) for _ in range(3)]]
+            case 5 if gltf.get("skins"):
+                yield ["insert", "asset", ["skins", 0, "joints", 0], chance.choice([number, 0, 1, 99])]
+            case _:
+                yield [
+                    "set",
+                    "asset",
+                    ["nodes", node, "matrix"],
+                    [chance.choice([0, 1, *_REALS[:-2]]) for _ in range(16)],
+                ]
+        return
+    integers = [each for each, value in _leaves(gltf) if isinstance(value, int) and not isinstance(value, bool)]
+    yield ["set", "asset", chance.choice(integers), chance.randrange(12)]
+
+
+def _number_edit(chance: random.Random, gltf: Json) -> Iterator[Edit]:
+    """Another number in the accessors, views, buffers, samplers: counts, offsets, lengths, types."""
+    kind = chance.choice(["accessors", "accessors", "bufferViews", "buffers", "meshes", "skins", "animations", "nodes"])
+    if not gltf.get(kind):
+        return
+    index = chance.randrange(len(gltf[kind]))
+    numbers = [(each, value) for each, value in _leaves(gltf[kind][index]) if isinstance(value, int | float)]
+    if numbers:
+        pointer, value = chance.choice(numbers)
+        near = [value - 1, value + 1, value * 2, value // 2] if abs(value) < math.inf else []
+        yield [
+            "set",
+            "asset",
+            [kind, index, *pointer],
+            chance.choice([*near, chance.choice([*_SMALL, *_LARGE, *_REALS])]),
+        ]
+    if kind == "accessors" and chance.random() < 0.2:
+        yield ["drop", "asset", [kind, index, "bufferView"]]
+        yield ["set", "asset", [kind, index, "count"], chance.choice([1, 49, 2**20, 2**24, 2**26, 2**32])]
+
+
+def _leaves(root: Any, above: tuple[Any, ...] = ()) -> Iterator[tuple[list[Any], Any]]:
+    """Every leaf of a tree, with its pointer."""
+    for key, child in root.items() if isinstance(root, dict) else enumerate(root):
+        if isinstance(child, dict | list):
+            yield from _leaves(child, (*above, key))
+        else:
+            yield [*above, key], child
+
+
+def _data_edits(chance: random.Random, source: Source) -> Iterator[Edit]:
+    """Numbers that are not, or are too large or small, in what an accessor shows; or any bytes."""
+    view = chance.choice(source.gltf["bufferViews"])
+    start, length = view.get("byteOffset", 0), view.get("byteLength", 4)
+    start = min(start, max(len(source.data) - 4, 0))  # of a placeholder's view
+    count = min(length, len(source.data) - start) // 4
+    value = struct.pack("<f", chance.choice(_FLOATS))
+    for _ in range(chance.choice([1, 1, 3, min(count, 40)])):
+        place = start + 4 * chance.randrange(max(count, 1))
+        yield ["write", "data", place, (value if chance.random() < 0.8 else chance.randbytes(4)).hex()]
+
+
+def _byte_edits(chance: random.Random, part: str, size: int) -> Iterator[Edit]:
+    """Cut, flip, overwrite, repeat or insert bytes of a file."""
+    place = chance.randrange(size)
+    head = min(place, chance.choice([12, 40, size]))
+    match chance.randrange(6):
+        case 0:
+            yield ["cut", part, place, size]
+        case 1:
+            for _ in range(chance.choice([1, 2, 8])):
+                yield ["flip", part, chance.randrange(size), 1 << chance.randrange(8)]
+        case 2:
+            number = chance.choice([b"\0\0\0\0", b"\xff\xff\xff\xff", b"\xff\xff\xff\x7f", b"\1\0\0\0"])
+            yield ["write", part, head, number.hex()]
+        case 3 | 4:
+            yield ["cut", part, place, chance.choice([1, 4, 64])]
+        case _:
+            texts = [b"[" * 3000, b"&a [*a, *a]", b"\0", b"1e999", b'"', b"\xff\xfe", b": ", b"- "]
+            yield ["put", part, place, chance.choice(texts).hex()]
+
+
+def damaged(source: Source, edits: Sequence[Edit]) -> tuple[bytes, bytes]:
+    """The files of an asset and its tools, with these faults; edits of what others took away do nothing."""
+    trees: dict[str, Any] = {"asset": copied(source.gltf), "tools": copied(source.tools)}
+    data = bytearray(source.data)
+    of_record = [edit for edit in edits if edit[1] == "record"]
+    if of_record:
+
+        def change(record: Json) -> None:
+            for edit in of_record:
+                edit_tree(record, edit)
+
+        trees["asset"], forged = forge(trees["asset"], bytes(data), change)
+        data = bytearray(forged)
+    for edit in edits:
+        if edit[1] in trees:
+            edit_tree(trees[edit[1]], edit)
+    for edit in edits:
+        if edit[1] == "data":
+            _edit_bytes(data, edit)
+    files = {
+        "asset bytes": bytearray(packed(trees["asset"], bytes(data), source.suffix)),
+        "tools bytes": bytearray(json.dumps(trees["tools"]).encode("utf-8", "replace")),
+    }
+    for edit in edits:
+        if edit[1] in files:
+            _edit_bytes(files[edit[1]], edit)
+    return bytes(files["asset bytes"]), bytes(files["tools bytes"])
+
+
+def edit_tree(root: Any, edit: Edit) -> None:
+    """Change a tree."""
+    what, _, (*above, key), *values = edit
+    try:
+        at = _at(root, above)
+        if what == "set":
+            at[key] = copied(values[0])
+        elif what == "drop":
+            del at[key]
+        elif what == "insert":
+            at.insert(key, copied(values[0]))
+        else:
+            at[key:key] = [at[key]] * values[0]
+    except (LookupError, TypeError, AttributeError):
+        pass
+
+
+def _edit_bytes(data: bytearray, edit: Edit) -> None:
+    what, _, place, value = edit
+    if what == "cut":
+        del data[place : place + value]
+    elif what == "flip" and place < len(data):
+        data[place] ^= value
+    elif what == "put":
+        data[place:place] = bytes.fromhex(value)
+    elif what == "write" and place < len(data):
+        data[place : place + len(value) // 2] = bytes.fromhex(value)
