@@ -13,7 +13,7 @@ from wrinklecli.baking.proof import Residual
 from wrinklecli.baking.sample import ClipActivity, Motion
 from wrinklecli.baking.targets import TargetSet, targets_of
 from wrinklecli.baking.warnings import mesh_warnings, tool_warnings
-from wrinklecli.character.clip import Clip
+from wrinklecli.character.clip import KEY_GAP, Clip
 from wrinklecli.gltf.shape import Json
 from wrinklecli.method.activity import Activity
 from wrinklecli.method.patch import Patch
@@ -219,8 +219,9 @@ def _describe_activity(patch: Patch, seen: Activity, strength: float) -> Json:
 
 
 def _describe_residual(residual: Residual) -> Json:
-    """How far the written file is from the method in one clip."""
+    """How far the written file is from the method in one clip, but inside gaps of seconds that get no further key."""
     return {
+        "gap": 2.0 * KEY_GAP,
         "position": float(f"{residual.position:.3e}"),
         "time": _round(residual.time),
         "weights": float(f"{residual.weights:.3e}"),
