@@ -43,6 +43,10 @@ class AssetError(WrinkleError):
     """The glTF asset is at fault."""
 
 
+class TooMuchError(AssetError):
+    """It would take more memory than `--max-memory` allows."""
+
+
 class BakeError(WrinkleError):
     """Tools and asset do not go together, or the result cannot be written."""
 

@@ -22,6 +22,7 @@ from kit.places import IN_CI, ROOT
 from wrinklecli import bake
 from wrinklecli.errors import BakeError, WrinkleError
 from wrinklecli.gltf.document import read_document
+from wrinklecli.tools.records import MAX_VERTICES
 
 Json = dict[str, Any]
 
@@ -177,17 +178,13 @@ def test_products_that_overflow_say_where_in_the_program(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("bumps", "edges", "most"),
     [
-        (64, 24, 25_000),
-        (4, 5_000, 25_000),
-        pytest.param(64, 24, None, marks=pytest.mark.slow),
-        pytest.param(4, 20_000, None, marks=pytest.mark.slow),
+        (64, 24, 12_500),
+        (4, 5_000, 12_500),
+        pytest.param(64, 24, MAX_VERTICES, marks=pytest.mark.slow),
+        pytest.param(4, 20_000, MAX_VERTICES, marks=pytest.mark.slow),
     ],
 )
-def test_millions_of_triangles_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bumps: int, edges: int, most: int | None
-) -> None:
-    if most is not None:
-        monkeypatch.setattr("wrinklecli.numeric.red_green._MOST_TRIANGLES", most)
+def test_millions_of_triangles_are_refused(tmp_path: Path, bumps: int, edges: int, most: int) -> None:
     details = [0.1] * 4 if bumps == 64 else []
     asset = limb_asset() if bumps == 64 else hostile.pole(edges)
     (tmp_path / "limb.glb").write_bytes(asset.glb())
@@ -195,11 +192,12 @@ def test_millions_of_triangles_are_refused(
         tmp_path / "tools.yaml", tool(bumps=bumps, details=details, width=1.0), refinement={"max_levels": 8}
     )
     with hostile.bounded(), pytest.raises(WrinkleError) as caught:
-        bake(tmp_path / "limb.glb", settings, tmp_path / "out.glb")
+        bake(tmp_path / "limb.glb", settings, tmp_path / "out.glb", max_vertices=most)
     (line,) = caught.value.lines
     assert line.startswith("limb: would have ")
-    assert "triangles at level" in line
+    assert "new vertices at level" in line
     assert "max_levels, now 8" in line
+    assert line.endswith("or raise --max-vertices")
 
 
 def test_yaml_bomb_is_refused(tmp_path: Path) -> None:

@@ -11,8 +11,9 @@ from wrinklecli.character.rig import morph_target_names
 from wrinklecli.errors import BakeError, ConfigError, listed, nearest
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.edit import Storage
+from wrinklecli.numeric.memory import MAX_MEMORY, Memory
 from wrinklecli.tools.read import load_tools
-from wrinklecli.tools.records import Length, RestLengthKeys, ToolsFile, WrinkleTool
+from wrinklecli.tools.records import MAX_VERTICES, Length, RestLengthKeys, ToolsFile, WrinkleTool
 
 Mode: TypeAlias = Literal["morph", "frames"]
 Engine: TypeAlias = Literal["three", "unity", "spec8"]
@@ -31,12 +32,14 @@ class BakeOptions:
         fps: Overrides `sampling.fps`.
         max_error: Largest distance of the file from the method, of the tallest wrinkle where in per cent.
         max_levels: Overrides `refinement.max_levels`.
+        max_vertices: That refinement may add to a mesh.
         accessors: How morph targets are stored: `dense` for readers that cannot take sparse accessors, `based` for
             those that need zeros below them; see `gltf.edit`.
         tracks: `none` writes targets and extras without weight tracks.
         frames_dir: Also write a file for each frame into this folder.
         frames_format: Of those files.
         allow_external: Read buffers and images outside the asset's folder too.
+        max_memory: Bytes that reading the asset may take.
         morph_tangents: Also write TANGENT targets, where the base has TANGENT.
         engine: Hold morph targets to what this one plays: three, unity, or spec8 (eight at a time).
         strict: Refuse to write where there are warnings.
@@ -51,11 +54,13 @@ class BakeOptions:
     fps: float | None = None
     max_error: Length = _ONE_PERCENT
     max_levels: int | None = None
+    max_vertices: int = MAX_VERTICES
     accessors: Storage = "sparse"
     tracks: Literal["all", "none"] = "all"
     frames_dir: str | os.PathLike[str] | None = None
     frames_format: Literal["obj", "ply", "glb"] = "obj"
     allow_external: bool = False
+    max_memory: int = MAX_MEMORY
     morph_tangents: bool = False
     engine: Engine | None = None
     strict: bool = False
@@ -100,7 +105,7 @@ def read_job(asset: str | os.PathLike[str], tools: str | os.PathLike[str], optio
         WrinkleError: One of them is at fault, or they do not go together.
     """
     settings = _overridden(load_tools(tools), options)
-    document = read_document(asset, allow_external=options.allow_external)
+    document = read_document(asset, allow_external=options.allow_external, memory=Memory(options.max_memory))
     if options.replace:
         document = original(document)
     every_clip = read_clips(document)

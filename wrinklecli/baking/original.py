@@ -23,13 +23,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from wrinklecli.errors import AssetError, BakeError
+from wrinklecli.errors import AssetError, BakeError, TooMuchError
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edit import EditedDocument
 from wrinklecli.gltf.images import read_image
 from wrinklecli.gltf.new_data import ALIGNMENT
 from wrinklecli.gltf.references import view_parts
-from wrinklecli.gltf.shape import Json, check_asset, parse_json
+from wrinklecli.gltf.shape import Json, check_asset, json_memory, parse_json
 from wrinklecli.gltf.writer import Bytes, Layout, Span
 
 # Bytes [low, high) of the record's buffer.
@@ -44,10 +44,6 @@ _MOST_LONGER = 16  # times: in a track of many more keys and targets little is a
 _LEVEL = 9  # higher ones take several times as long and save a fifth
 _DICTIONARY_BYTES = 2**27  # bounds time and memory
 _TABLE_LOG = 24  # of zstd's tables, which are to index the dictionary; 64 MiB each
-# What a record may unpack to: a file of zeros does not ask for gigabytes. Nothing real comes near.
-_FREE_BYTES = 2**20
-_BYTES_PER_BYTE = 256
-_BYTES_LIMIT = 2**32
 
 
 def wrinkled(gltf: Json) -> list[int]:
@@ -136,17 +132,21 @@ def _compressed(content: bytes, dictionary: bytes) -> bytes:
     return zstandard.ZstdCompressor(dict_data=raw, compression_params=parameters).compress(content)
 
 
-def _decompressed(packed: bytes, dictionary: bytes, limit: int) -> bytes:
-    """The content of what `_compressed` gave.
+def _decompressed(packed: bytes, dictionary: bytes, document: Document, where: str) -> bytes:
+    """The content of what `_compressed` gave, in a view of a document.
 
     Raises:
-        ValueError: It is damaged, or larger than the limit.
+        ValueError: It is damaged.
+        TooMuchError: It is too large.
     """
     import zstandard
 
     try:
-        if not 0 < zstandard.frame_content_size(packed) <= limit:
-            raise ValueError("too large")
+        size = zstandard.frame_content_size(packed)
+        if size <= 0:
+            raise ValueError("empty, or of no size")
+        # Once more when its JSON is taken off.
+        document.claim_unstored(2 * size, "the bytes of the original asset", where=where)
         raw = zstandard.ZstdCompressionDict(dictionary, dict_type=zstandard.DICT_TYPE_RAWCONTENT)
         decompressor = zstandard.ZstdDecompressor(dict_data=raw, max_window_size=2**zstandard.WINDOWLOG_MAX)
         return decompressor.decompress(packed, allow_extra_data=False)
@@ -241,12 +241,14 @@ def original(document: Document) -> Document:
 
     Raises:
         BakeError: It carries wrinkles, but is not as `bake` wrote it.
+        TooMuchError: It takes too much memory.
     """
-    limit = min(_BYTES_LIMIT, _FREE_BYTES + _BYTES_PER_BYTE * sum(len(data) for data in document.buffers))
     while left := wrinkled(document.gltf):
         where = document.where("nodes", left[0], "extras", "wrinkle")
         try:
-            document = _restored(document, _read_record(document, left, limit))
+            document = _restored(document, _read_record(document, left, where))
+        except TooMuchError:
+            raise
         except (
             AssetError,
             ArithmeticError,
@@ -267,10 +269,11 @@ def original(document: Document) -> Document:
     return document
 
 
-def _read_record(document: Document, nodes: Sequence[int], limit: int) -> bytes:
-    """The content of the record that one of the nodes refers to, of at most so many bytes.
+def _read_record(document: Document, nodes: Sequence[int], where: str) -> bytes:
+    """The content of the record that one of the nodes refers to.
 
     Raises:
+        TooMuchError: It is too large; at `where`.
         ValueError: Or others: the file is not as it was written.
     """
     gltf, last = document.gltf, len(document.items("bufferViews")) - 1
@@ -280,6 +283,7 @@ def _read_record(document: Document, nodes: Sequence[int], limit: int) -> bytes:
     if len(record) < _HEADER.size:
         raise ValueError("no header")
     buffer, offset = view["buffer"], view.get("byteOffset", 0)
+    document.memory.check(sum(len(data) for data in document.buffers), "the bytes of all buffers", where=where)
     digest, count = _HEADER.unpack_from(record)
     body = _HEADER.size + count * _RANGE.size
     contents: list[list[Bytes]] = [[data] for data in document.buffers]
@@ -290,7 +294,7 @@ def _read_record(document: Document, nodes: Sequence[int], limit: int) -> bytes:
     alike = [document.buffers[buffer][low:high] for low, high in _RANGE.iter_unpack(record[_HEADER.size : body])]
     if sum(len(part) for part in alike) > offset:
         raise ValueError("ranges overlap")
-    return _decompressed(bytes(record[body:]), _dictionary(bare, alike), limit)
+    return _decompressed(bytes(record[body:]), _dictionary(bare, alike), document, where)
 
 
 def _restored(document: Document, content: bytes) -> Document:
@@ -300,6 +304,7 @@ def _restored(document: Document, content: bytes) -> Document:
         ValueError: Or others: the file is not as it was written.
     """
     text, _, dead = content.partition(b"\n")
+    document.memory.claim(json_memory(text), "the values of the original's JSON", where=document.path)
     made = parse_json(text, document.path)
     restored: Json = made["gltf"]
     images = restored.get("images", [])

@@ -19,7 +19,7 @@ from wrinklecli.method.patch import Patch, attach_tools
 from wrinklecli.method.refine import Refinement, refine
 from wrinklecli.method.rest import Rest, rest_pose
 from wrinklecli.numeric.arrays import Floats, Ints, determinants, distinct_values, median
-from wrinklecli.tools.records import Length, ToolsFile, WrinkleTool
+from wrinklecli.tools.records import MAX_VERTICES, Length, ToolsFile, WrinkleTool
 
 # Products of skinning round a few times; below this many units in the last place float32 sets the limit.
 _FLOAT32_STEPS = 8
@@ -71,7 +71,14 @@ def plan_meshes(job: Job, *, influences: int | None = None) -> list[MeshPlan]:
     for node, tools in job.by_node.items():
         try:
             plan = plan_mesh(
-                job.document, node, tools, job.settings, job.every_clip, job.options.max_error, influences=influences
+                job.document,
+                node,
+                tools,
+                job.settings,
+                job.every_clip,
+                job.options.max_error,
+                influences=influences,
+                max_vertices=job.options.max_vertices,
             )
         except WrinkleError as error:
             problems.append(error)
@@ -92,10 +99,12 @@ def plan_mesh(
     max_error: Length,
     *,
     influences: int | None = None,
+    max_vertices: int = MAX_VERTICES,
 ) -> MeshPlan:
     """Attach tools to the mesh of a node and refine it: what depends on mesh and tools only.
 
-    New vertices have at most as many joints as the asset's sets of them can hold, or `influences`.
+    New vertices have at most as many joints as the asset's sets of them can hold, or `influences`. There may be
+    `max_vertices` of them.
 
     Raises:
         WrinkleError: Of all tools that do not fit, a line each.
@@ -117,6 +126,7 @@ def plan_mesh(
         influences=min(influence_count(document, rig), influences or sys.maxsize),
         poses=poses_of(rig, clips, distinct_values(surface.joints)),
         tolerance=_PRUNING_SHARE * bound,
+        max_vertices=max_vertices,
     )
     carried_patches, problems = [], []
     for patch in patches:

@@ -30,6 +30,7 @@ from wrinklecli.gltf.writer import write
 from wrinklecli.method.lookup import TABLE_ERROR
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.guard import guarded
+from wrinklecli.numeric.memory import MAX_MEMORY, Memory
 from wrinklecli.numeric.piecewise import key_times
 
 # Of what the error bound leaves beside the table's own error, the part of the samples and that of dropped keys.
@@ -62,6 +63,7 @@ def track(
     fps: float = 30.0,
     max_error: float = 0.01,
     allow_external: bool = False,
+    max_memory: int = MAX_MEMORY,
     strict: bool = False,
     outputs: Outputs | None = None,
 ) -> list[Tracked]:
@@ -79,6 +81,7 @@ def track(
         fps: Frames per second of the grid, which is refined where weights bend.
         max_error: Greatest error of a weight, a share of the greatest: above 1/256, which is the table's own.
         allow_external: Read buffers and images outside the files' folders too.
+        max_memory: Bytes that all of them may take.
         strict: Refuse where there are warnings.
         outputs: What the files are added to; left out, they are in their places at the end.
 
@@ -102,12 +105,14 @@ def track(
                 fps=fps,
                 max_error=max_error,
                 allow_external=allow_external,
+                max_memory=max_memory,
                 strict=strict,
                 outputs=own,
             )
     outputs.protect([baked, *anims])
+    memory = Memory(max_memory)
     with guarded(os.fspath(baked)):
-        body_file = read_document(baked, allow_external=allow_external)
+        body_file = read_document(baked, allow_external=allow_external, memory=memory)
         outputs.protect(files_of(body_file))
         bodies = read_bodies(body_file)
     paths = [os.path.join(os.fspath(folder), os.path.basename(os.fspath(path))) for path in anims]
@@ -117,7 +122,7 @@ def track(
     edited, results = [], []
     for anim, path in zip(anims, paths, strict=True):
         with guarded(os.fspath(anim)):
-            document = read_document(anim, allow_external=allow_external)
+            document = read_document(anim, allow_external=allow_external, memory=memory)
             outputs.protect(files_of(document))
             edited.append(EditedDocument(document))
             results.append(_track_file(edited[-1], bodies, path, fps=fps, tolerance=max_error - TABLE_ERROR))

@@ -23,6 +23,8 @@ _WELD_TOLERANCE = 1e-6
 # Welded vertices at one place that others are compared with, one after another; a vertex unlike all of them is left as
 # it is.
 _MOST_TWINS = 1000
+# Of a morph target's delta of a vertex, three float64; and of a weight.
+_DELTA_BYTES, _WEIGHT_BYTES = 24, 8
 # Sets of four joints of a vertex: the time to compare each joint with each grows with their square.
 _MOST_SETS = 16
 
@@ -168,9 +170,12 @@ def read_primitive(document: Document, primitive: Json, rig: Rig, where: str) ->
     targets = primitive.get("targets", [])
     if len(targets) != len(rig.morph_weights):
         raise AssetError(f"has {len(targets)} morph targets, others have {len(rig.morph_weights)}", where=where)
-    document.refuse_excess(len(targets) * count * 3, f"{len(targets)} morph targets of {count} vertices", where=where)
-    document.refuse_excess(
-        len(rig.joints) * count, f"{count} vertices' weights of {len(rig.joints)} joints", where=where
+    kinds = 1 + ("NORMAL" in attributes)
+    document.claim_unstored(
+        _DELTA_BYTES * kinds * len(targets) * count, f"{len(targets)} morph targets of {count} vertices", where=where
+    )
+    document.claim_unstored(
+        _WEIGHT_BYTES * len(rig.joints) * count, f"{count} vertices' weights of {len(rig.joints)} joints", where=where
     )
 
     def deltas_of(name: str) -> Floats:

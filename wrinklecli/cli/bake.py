@@ -13,6 +13,8 @@ from wrinklecli.cli.options import (
     fps_option,
     length,
     max_levels_option,
+    max_memory_option,
+    max_vertices_option,
     quiet_option,
     strict_option,
     tool_option,
@@ -48,6 +50,7 @@ from wrinklecli.cli.streams import command_outputs
     help="Refuse a file that is off by more: scene units, or per cent of the tallest wrinkle.",
 )
 @max_levels_option()
+@max_vertices_option()
 @click.option(
     "--accessors",
     type=click.Choice(["sparse", "dense", "based"]),
@@ -84,6 +87,7 @@ from wrinklecli.cli.streams import command_outputs
 )
 @click.option("--depfile", type=FILE, metavar="FILE.d", help="Write the files that OUT depends on, for Make and Ninja.")
 @allow_external_option()
+@max_memory_option()
 @click.option(
     "--replace", is_flag=True, help="Where ASSET is the output of a bake: bake its original, as if from another folder."
 )

@@ -11,6 +11,8 @@ from wrinklecli.cli.options import (
     fps_option,
     json_option,
     max_levels_option,
+    max_memory_option,
+    max_vertices_option,
     strict_option,
     tool_option,
 )
@@ -28,7 +30,9 @@ from wrinklecli.cli.streams import command_outputs
 @tool_option("Look at this tool only; may be repeated.")
 @fps_option("Frames per second; overrides sampling.fps (30).")
 @max_levels_option()
+@max_vertices_option()
 @allow_external_option()
+@max_memory_option()
 @click.option("--plot", type=FILE, metavar="FILE.png|svg", help="Draw control curves, and heights over each clip.")
 @json_option("Print JSON instead of tables.")
 @strict_option()

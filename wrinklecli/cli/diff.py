@@ -13,6 +13,7 @@ from wrinklecli.cli.options import (
     fps_option,
     json_option,
     length,
+    max_memory_option,
     quiet_option,
     verbose_option,
 )
@@ -44,6 +45,7 @@ _LINES = 10
 @clip_option("Compare only this clip; may be repeated.")
 @fps_option("Frames per second of the times to compare at, besides all keys.", default=30.0)
 @allow_external_option("Read buffers and images outside the assets' folders too.")
+@max_memory_option()
 @json_option("Print the comparison as JSON.")
 @quiet_option("Print nothing but errors: the exit code says it.")
 @verbose_option(f"Print every difference, not {_LINES} of each kind.")

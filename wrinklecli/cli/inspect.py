@@ -4,15 +4,16 @@ from typing import Any
 
 import click
 
-from wrinklecli.cli.options import FILE, allow_external_option, json_option
+from wrinklecli.cli.options import FILE, allow_external_option, json_option, max_memory_option
 from wrinklecli.cli.output import emit, emit_json
 
 
 @click.command(short_help="What is in an asset.", epilog="Example: wrinkle inspect samples/trousers.glb")
 @click.argument("asset", type=FILE)
 @allow_external_option()
+@max_memory_option()
 @json_option("Print JSON instead of a tree.")
-def inspect(asset: str, allow_external: bool, as_json: bool) -> None:
+def inspect(asset: str, allow_external: bool, max_memory: int, as_json: bool) -> None:
     """Say what is in ASSET (glTF): meshes, what deforms them, clips, bytes; of a baked file, its tools.
 
     Vertices are the file's own. Keys of a clip are those of its longest channel.
@@ -25,7 +26,7 @@ def inspect(asset: str, allow_external: bool, as_json: bool) -> None:
     """
     from wrinklecli.review.inspect import inspect as run
 
-    data = run(asset, allow_external=allow_external)
+    data = run(asset, allow_external=allow_external, max_memory=max_memory)
     if as_json:
         emit_json(data)
     else:

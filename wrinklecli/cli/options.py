@@ -1,16 +1,23 @@
 """The options that several commands have, each declared once."""
 
 import math
+import re
 from collections.abc import Callable
 from typing import Any
 
 import click
+
+from wrinklecli.numeric.memory import held, shown_bytes
+from wrinklecli.tools.records import MAX_VERTICES
 
 # Decorates a command's function, as `click.option(…)` does.
 Option = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 # A file by name, which shells complete; whether it is there is for the core to say.
 FILE = click.Path(readable=False)
+
+_UNITS = {"MB": 10**6, "GB": 10**9, "TB": 10**12}
+_LEAST_MEMORY = 50 * 10**6  # bytes; with less no sample is baked
 
 
 def clip_option(text: str) -> Option:
@@ -48,6 +55,29 @@ def allow_external_option(
     return click.option("--allow-external", is_flag=True, help=text)
 
 
+def max_memory_option() -> Option:
+    """`--max-memory`, bytes; the process is held to it while the command runs."""
+    return click.option(
+        "--max-memory",
+        metavar="SIZE",
+        default="1GB",
+        show_default=True,
+        callback=_memory,
+        help="Refuse what would take more memory, such as 500MB or 4GB.",
+    )
+
+
+def max_vertices_option() -> Option:
+    """`--max-vertices`, of refinement."""
+    return click.option(
+        "--max-vertices",
+        type=click.IntRange(0, 100_000_000),
+        default=MAX_VERTICES,
+        show_default=True,
+        help="Refuse tools that would add more vertices to a mesh.",
+    )
+
+
 def json_option(text: str) -> Option:
     """`--json`: `as_json`."""
     return click.option("--json", "as_json", is_flag=True, help=text)
@@ -79,6 +109,17 @@ def length(_context: click.Context, parameter: click.Parameter, value: str | Non
     except ValueError as error:
         message = f"{value!r} is neither a length above 0 nor a percentage such as 1%"
         raise click.BadParameter(message, param=parameter) from error
+
+
+def _memory(context: click.Context, parameter: click.Parameter, value: str) -> int:
+    """A size in bytes, decimal units; until the command ends, the process cannot take more."""
+    found = re.fullmatch(r"(\d{1,6}(?:\.\d{1,3})?) ?(MB|GB|TB)", value, re.IGNORECASE)
+    size = int(float(found[1]) * _UNITS[found[2].upper()]) if found else 0
+    if size < _LEAST_MEMORY:
+        message = f"{value!r} is no size from {shown_bytes(_LEAST_MEMORY)} up, such as 500MB or 4GB"
+        raise click.BadParameter(message, param=parameter)
+    context.with_resource(held(size))
+    return size
 
 
 def _number(_context: click.Context, parameter: click.Parameter, value: float | None) -> float | None:

@@ -6,7 +6,16 @@ from typing import Any
 
 import click
 
-from wrinklecli.cli.options import FILE, allow_external_option, clip_option, fps_option, quiet_option, tool_option
+from wrinklecli.cli.options import (
+    FILE,
+    allow_external_option,
+    clip_option,
+    fps_option,
+    max_memory_option,
+    max_vertices_option,
+    quiet_option,
+    tool_option,
+)
 from wrinklecli.cli.output import Progress, say, warn
 from wrinklecli.cli.streams import command_outputs
 from wrinklecli.review.preview.options import MOST_SIDE, PreviewOptions, Style
@@ -112,6 +121,8 @@ def _above_0(_context: click.Context, parameter: click.Parameter, value: float |
 @click.option("--clay", is_flag=True, help="Grey, whatever the materials say.")
 @click.option("--backfaces", is_flag=True, help="Paint triangles seen from behind red.")
 @allow_external_option()
+@max_memory_option()
+@max_vertices_option()
 @quiet_option()
 def preview(
     assets: tuple[str, ...], output: str, wire: bool, clay: bool, backfaces: bool, quiet: bool, **options: Any

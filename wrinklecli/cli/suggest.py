@@ -5,7 +5,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from wrinklecli.cli.options import FILE, allow_external_option, clip_option, fps_option, json_option, quiet_option
+from wrinklecli.cli.options import (
+    FILE,
+    allow_external_option,
+    clip_option,
+    fps_option,
+    json_option,
+    max_memory_option,
+    quiet_option,
+)
 from wrinklecli.cli.output import Progress, emit_json, say, warn, write_text
 from wrinklecli.cli.streams import command_outputs
 
@@ -32,6 +40,7 @@ if TYPE_CHECKING:
 @click.option("--node", metavar="NAME", help="Look at the mesh of this node only.")
 @fps_option("Poses per second, but 200 of a clip at most.", default=30.0)
 @allow_external_option("Read buffers outside the asset's folder too.")
+@max_memory_option()
 @json_option("Print JSON to standard output; YAML goes to -o alone.")
 @quiet_option("Print no table and no notes.")
 def suggest(asset: str, output: str | None, as_json: bool, quiet: bool, **options: Any) -> None:

@@ -4,7 +4,15 @@ from typing import Any
 
 import click
 
-from wrinklecli.cli.options import FILE, allow_external_option, fps_option, quiet_option, strict_option, verbose_option
+from wrinklecli.cli.options import (
+    FILE,
+    allow_external_option,
+    fps_option,
+    max_memory_option,
+    quiet_option,
+    strict_option,
+    verbose_option,
+)
 from wrinklecli.cli.output import say, warn
 from wrinklecli.cli.streams import command_outputs
 
@@ -43,6 +51,7 @@ def _share(_context: click.Context, parameter: click.Parameter, value: str) -> f
     help="Greatest error of a weight, per cent of the greatest; more needs fewer keys.",
 )
 @allow_external_option("Read buffers and images outside the files' folders too.")
+@max_memory_option()
 @strict_option()
 @quiet_option()
 @verbose_option()

@@ -8,18 +8,19 @@ Source: glTF 2.0 specification, §3.6 (binary data storage), §4 (GLB), §5.1 (a
 
 import os
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from wrinklecli.errors import AssetError
+from wrinklecli.errors import AssetError, TooMuchError
 from wrinklecli.gltf import draco, meshopt
-from wrinklecli.gltf.files import read_file, read_uri
+from wrinklecli.gltf.files import local_file, read_data_uri, read_file
 from wrinklecli.gltf.references import draco_primitives, is_placeholder, view_parts
-from wrinklecli.gltf.shape import Json, check_asset, parse_json, place
+from wrinklecli.gltf.shape import Json, check_asset, json_memory, parse_json, place
 from wrinklecli.numeric.arrays import Array
+from wrinklecli.numeric.memory import MAX_MEMORY, Memory, shown_bytes
 
 # Primitive modes (§5.24.4) and component types (§5.1.3).
 TRIANGLES = 4
@@ -44,12 +45,12 @@ BIN_CHUNK = b"BIN\0"
 
 # An accessor may claim any count; nothing real has more elements than this.
 _COUNT_LIMIT = 2**26
-# Numbers of 8 bytes that a file may ask for without storing them (zeros, morph deltas, skin weights of all joints).
-# Any file may ask for the first count, a large one for so many by each byte of its buffers, up to the limit. No real
-# file comes near, and a file of 200 bytes cannot ask for gigabytes.
-_FREE_NUMBERS = 2**22
-_NUMBERS_PER_BYTE = 256
-_NUMBERS_LIMIT = 2**28
+_DECODED_BYTES = 8  # of a number as float64
+# Bytes of numbers that a file may ask for without storing them (zeros, morph deltas, skin weights of all joints), at
+# the usual bound of memory. Any file may ask for the first count, a large one for so many by each byte of its buffers.
+# No real file comes near, and a file of 200 bytes cannot ask for gigabytes.
+_FREE_BYTES = 2**25
+_FREE_PER_BYTE = 2**11
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,7 @@ class Document:
         allow_external: Whether buffers and images may lie outside the asset's folder.
         resources: Images by relative URI, of a document that was restored from a file elsewhere, where these are not at
             their places beside `path`. None where they are.
+        memory: That reading may take.
     """
 
     path: str
@@ -73,6 +75,7 @@ class Document:
     files: tuple[str, ...]
     allow_external: bool = False
     resources: dict[str, memoryview] | None = None
+    memory: Memory = field(default_factory=Memory, compare=False)
 
     def where(self, *pointer: str | int) -> str:
         """The place of a JSON value for messages: `hand.glb#/meshes/0`."""
@@ -113,30 +116,58 @@ class Document:
         """
         if index not in self._decoded:
             accessor = self.item("accessors", index, user=user or self.where("accessors", index))
-            self._decoded[index] = _values(accessor, self.stored(index))
+            elements = self.stored(index)
+            where = self.where("accessors", index)
+            self.memory.claim(_DECODED_BYTES * elements.size, f"{len(elements)} elements", where=where)
+            self._decoded[index] = _values(accessor, elements)
         return self._decoded[index]
 
     @cached_property
     def _decoded(self) -> dict[int, Array]:
         return {}
 
-    def refuse_excess(self, numbers: int, what: str, *, where: str) -> None:
-        """Check that the file is large enough to ask for memory, before it is taken.
+    def claim_unstored(self, size: int, what: str, *, where: str) -> None:
+        """Claim memory for what the file does not store byte by byte: it must be large enough to ask for so much.
 
         Args:
-            numbers: That `what` takes, in all.
-            what: For the message.
+            size: Bytes.
+            what: That takes them, in the plural, for the message.
             where: In the document.
 
         Raises:
-            AssetError: It is not.
+            TooMuchError: It is not, or there is too little memory left.
         """
-        stored = sum(len(each) for each in self.buffers)
-        most = min(_NUMBERS_LIMIT, max(_FREE_NUMBERS, _NUMBERS_PER_BYTE * stored))
-        if numbers > most:
-            raise AssetError(
-                f"{what} are {numbers} numbers; a file of {stored} bytes of data may have {most}", where=where
+        most = max(_FREE_BYTES, _FREE_PER_BYTE * self._stored_bytes) * self.memory.most // MAX_MEMORY
+        if size > most:
+            raise TooMuchError(
+                f"{what} would take {shown_bytes(size)}; a file of {shown_bytes(self._stored_bytes)} of data may take"
+                f" {shown_bytes(most)} for what it does not store: raise --max-memory",
+                where=where,
             )
+        self.memory.claim(size, what, where=where)
+
+    @cached_property
+    def _stored_bytes(self) -> int:
+        """Of all buffers, those that share a file once."""
+        return sum({id(each.obj): len(each) for each in self.buffers}.values())
+
+    def read_uri(self, uri: str, where: str) -> tuple[memoryview, str | None]:
+        """The bytes behind a URI, and the file they came from (none for a data URI). Each file is read once.
+
+        Raises:
+            AssetError: The file is missing, too large, or lies outside the asset's folder; or the data is malformed.
+        """
+        if uri.startswith("data:"):
+            return read_data_uri(uri, where, memory=self.memory), None
+        file = local_file(uri, self.path, where, allow_external=self.allow_external)
+        if file not in self._read:
+            self._read[file] = read_file(file, memory=self.memory, where=where)
+        return self._read[file], file
+
+    @cached_property
+    def _read(self) -> dict[str, memoryview]:
+        """Contents of files by their paths."""
+        return {}
 
     def stored(self, index: int) -> Array:
         """(count, components) elements of an accessor as they are stored, sparse substitutions applied.
@@ -148,11 +179,13 @@ class Document:
         dtype, size = _element(accessor, where)
         count = _whole(accessor, "count", where, least=1, most=_COUNT_LIMIT)
         if "bufferView" in accessor:
-            elements = self._view_elements(accessor, dtype, size, count, where).copy()
+            elements = self._view_elements(accessor, dtype, size, count, where)
+            self.memory.check(elements.nbytes, f"{count} elements", where=where)
+            elements = elements.copy()
         elif index in self._draco_sources:
             elements = self._draco_elements(index, dtype, size, where)
         else:
-            self.refuse_excess(count * size, f"{count} elements that are not stored", where=where)
+            self.claim_unstored(_DECODED_BYTES * count * size, f"{count} elements that are not stored", where=where)
             elements = np.zeros((count, size), dtype)
         if (sparse := accessor.get("sparse")) is not None:
             indices, values = self._sparse_elements(sparse, dtype, size, len(elements), where)
@@ -195,7 +228,7 @@ class Document:
         view = extension.get("bufferView", -1)
         if view not in self._draco_meshes:
             self._draco_meshes[view] = draco.decode(
-                self.view(view, user=where), where=self.where("bufferViews", str(view))
+                self.view(view, user=where), memory=self.memory, where=self.where("bufferViews", str(view))
             )
         mesh = self._draco_meshes[view]
         values = mesh.indices[:, None] if name is None else mesh.attributes.get(extension["attributes"][name])
@@ -271,6 +304,7 @@ class Document:
                 stride=stride,
                 mode=found.get("mode", ""),
                 filter_name=found.get("filter", "NONE"),
+                memory=self.memory,
                 where=where,
             )
             self._decompressed[index] = memoryview(decoded)
@@ -323,28 +357,34 @@ def _whole(source: Json, key: str, where: str, *, default: int | None = None, le
     return value
 
 
-def read_document(path: str | os.PathLike[str], *, allow_external: bool = False) -> Document:
+def read_document(
+    path: str | os.PathLike[str], *, allow_external: bool = False, memory: Memory | None = None
+) -> Document:
     """Read a .glb or .gltf file and every buffer of it.
 
     Args:
         path: The file; told apart by its first bytes, not its name.
         allow_external: Let buffers and images lie outside the asset's folder, where an asset from elsewhere could
             name any file of this machine.
+        memory: That it may take, now and later; 1 GB where left out.
 
     Raises:
         AssetError: A file is missing, truncated or malformed, or lies outside the asset's folder, itself or where a
-            link leads to.
+            link leads to; or there is more in it than memory may hold.
     """
     name = os.fspath(path)
-    data = read_file(name)
+    memory = memory or Memory()
+    data = read_file(name, memory=memory)
     if bytes(data[:4]) == GLB_MAGIC:
         json_bytes, binary = _split_glb(data, name)
     else:
         json_bytes, binary = data, None
-    gltf = parse_json(bytes(json_bytes), name)
+    text = bytes(json_bytes)
+    memory.claim(json_memory(text), "the values of the JSON", where=name)
+    gltf = parse_json(text, name)
     files = [name]
     check_asset(gltf, name)
-    document = Document(name, gltf, (), ())
+    document = Document(name, gltf, (), (), allow_external, memory=memory)
     buffers = []
     for index, buffer in enumerate(document.items("buffers")):
         where = document.where("buffers", index)
@@ -352,7 +392,7 @@ def read_document(path: str | os.PathLike[str], *, allow_external: bool = False)
         if uri is None and index == 0 and binary is not None:
             content = binary
         elif isinstance(uri, str):
-            content, file = read_uri(uri, name, where, allow_external=allow_external)
+            content, file = document.read_uri(uri, where)
             files += [file] if file else []
         elif uri is None and is_placeholder(gltf, index):
             buffers.append(memoryview(b""))
@@ -363,7 +403,7 @@ def read_document(path: str | os.PathLike[str], *, allow_external: bool = False)
         if len(content) < length:
             raise AssetError(f"has {len(content)} bytes of {length}; is the file truncated?", where=where)
         buffers.append(content[:length])
-    return Document(name, gltf, tuple(buffers), tuple(files), allow_external)
+    return replace(document, buffers=tuple(buffers), files=tuple(dict.fromkeys(files)))
 
 
 def _split_glb(data: memoryview, name: str) -> tuple[memoryview, memoryview | None]:

@@ -240,7 +240,13 @@ class EditedDocument:
         """The changed document as a reader will see it, in memory: the source's buffers and one of new data."""
         buffers = [*self.source.items("buffers"), {"byteLength": self.new_size}]
         data = memoryview(b"".join(self.new_data()))
-        return Document(self.source.path, self.gltf | {"buffers": buffers}, (*self.source.buffers, data), ())
+        return Document(
+            self.source.path,
+            self.gltf | {"buffers": buffers},
+            (*self.source.buffers, data),
+            (),
+            memory=self.source.memory,
+        )
 
     @property
     def new_size(self) -> int:

@@ -7,34 +7,43 @@ from urllib.parse import unquote
 
 from wrinklecli.errors import AssetError
 from wrinklecli.files.inputs import open_input
+from wrinklecli.numeric.memory import Memory
 
 
-def read_file(path: str, *, where: str = "") -> memoryview:
-    """The bytes of a file; AssetError, at `where`, if it cannot be read."""
+def read_file(path: str, *, memory: Memory | None = None, where: str = "") -> memoryview:
+    """The bytes of a file, as many as it has when it is opened; of the usual memory where none is given.
+
+    Raises:
+        AssetError: At `where`: it cannot be read, or is too large.
+    """
     try:
         with open_input(path) as file:
-            return memoryview(file.read())
+            size = os.fstat(file.fileno()).st_size
+            (memory or Memory()).claim(size, "the bytes of the file", where=where or path)
+            return memoryview(file.read(size))
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise AssetError(f"cannot be read: {reason or error}", where=where or path) from error
 
 
-def read_uri(uri: str, asset: str, where: str, *, allow_external: bool) -> tuple[memoryview, str | None]:
-    """The bytes behind a URI, and the file they came from (none for a data URI)."""
-    if uri.startswith("data:"):
-        head, comma, body = uri.partition(",")
-        try:
-            if not comma or not head.endswith(";base64"):
-                raise ValueError("not base64")
-            return memoryview(base64.b64decode(body, validate=True)), None
-        except (ValueError, binascii.Error) as error:
-            raise AssetError(f"the data URI is malformed: {error}", where=where) from error
-    file = _local_file(uri, asset, where, allow_external=allow_external)
-    return read_file(file, where=where), file
+def read_data_uri(uri: str, where: str, *, memory: Memory) -> memoryview:
+    """The bytes that a data URI holds."""
+    head, comma, body = uri.partition(",")
+    memory.claim(len(body), "the bytes of a data URI", where=where)
+    try:
+        if not comma or not head.endswith(";base64"):
+            raise ValueError("not base64")
+        return memoryview(base64.b64decode(body, validate=True))
+    except (ValueError, binascii.Error) as error:
+        raise AssetError(f"the data URI is malformed: {error}", where=where) from error
 
 
-def _local_file(uri: str, asset: str, where: str, *, allow_external: bool) -> str:
-    """The file that a URI without a scheme names; below the asset's folder, unless others are allowed."""
+def local_file(uri: str, asset: str, where: str, *, allow_external: bool) -> str:
+    """The file that a URI without a scheme names; below the asset's folder, unless others are allowed.
+
+    Raises:
+        AssetError: It lies elsewhere.
+    """
     folder = os.path.dirname(asset)
     relative = unquote(uri)
     file = os.path.join(folder, relative)

@@ -8,7 +8,7 @@ from urllib.parse import quote, unquote
 from wrinklecli.errors import BakeError
 from wrinklecli.files.outputs import Outputs
 from wrinklecli.gltf.document import Document
-from wrinklecli.gltf.files import leaves_folder, read_file, read_uri
+from wrinklecli.gltf.files import leaves_folder, read_file
 from wrinklecli.gltf.shape import Json
 
 
@@ -44,7 +44,7 @@ def read_image(document: Document, number: int) -> tuple[memoryview, str | None]
         return document.view(image.get("bufferView"), user=where), None
     if document.resources is not None and image["uri"] in document.resources:
         return document.resources[image["uri"]], None
-    return read_uri(image["uri"], document.path, where, allow_external=document.allow_external)
+    return document.read_uri(image["uri"], where)
 
 
 def images_to_bring(document: Document, out: str) -> Iterator[tuple[int, memoryview]]:
@@ -75,7 +75,7 @@ def put_image(uri: str, data: memoryview, out: str, outputs: Outputs) -> str:
     if there is None:
         outputs.make_folders(os.path.dirname(path))
         outputs.add_bytes(path, data)
-    elif read_file(there) != data:
+    elif os.path.getsize(there) != len(data) or read_file(there) != data:
         raise BakeError("is there already and is another image; choose another folder", where=path)
     return uri
 

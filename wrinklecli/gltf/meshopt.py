@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from wrinklecli.errors import AssetError, listed
 from wrinklecli.numeric.arrays import Array, Floats
+from wrinklecli.numeric.memory import Memory
 
 Bytes = NDArray[np.uint8]
 
@@ -36,6 +37,12 @@ _TABLE_BYTES = 16
 _VARINT_BYTES = 5
 _MASK = 0xFFFFFFFF  # indices wrap at 32 bits
 
+# Bytes of memory while decoding, at most: for a byte of attributes (deltas, elements, those filtered in float64), for a
+# byte of indices (Python's numbers, of two bytes each at the least), and for a byte of the stream (places of groups).
+_BYTES_PER_BYTE = 8
+_INDEX_BYTES = 20
+_STREAM_BYTES = 80
+
 # Exponents that appendix B allows end at 100; outside of them the result is unspecified, here it stays a float32.
 _EXPONENTS = (-126, 100)
 
@@ -44,7 +51,16 @@ class _MalformedError(ValueError):
     """What is wrong with a stream; `decode` says where."""
 
 
-def decode(data: memoryview, *, count: int, stride: int, mode: str, filter_name: str = "NONE", where: str) -> bytes:
+def decode(
+    data: memoryview,
+    *,
+    count: int,
+    stride: int,
+    mode: str,
+    filter_name: str = "NONE",
+    memory: Memory | None = None,
+    where: str,
+) -> bytes:
     """Decode one compressed view.
 
     Args:
@@ -53,6 +69,7 @@ def decode(data: memoryview, *, count: int, stride: int, mode: str, filter_name:
         stride: Bytes of an element.
         mode: ATTRIBUTES, TRIANGLES or INDICES.
         filter_name: NONE, OCTAHEDRAL, QUATERNION, EXPONENTIAL or COLOR.
+        memory: That it may take; 1 GB where left out.
         where: The view, for messages.
 
     Returns:
@@ -86,6 +103,12 @@ def decode(data: memoryview, *, count: int, stride: int, mode: str, filter_name:
     if mode == "TRIANGLES" and count % 3:
         raise AssetError(f"count is {count}, not three for each triangle", where=where)
     try:
+        if len(data) < _least_bytes(mode, count, stride, version=data[0] & 1 if len(data) else 0):
+            raise _MalformedError(f"{len(data)} bytes are too few for {count} elements")
+        memory, size = memory or Memory(), count * stride
+        peak = size * (_BYTES_PER_BYTE if mode == "ATTRIBUTES" else _INDEX_BYTES) + len(data) * _STREAM_BYTES
+        memory.check(peak, f"{count} compressed elements", where=where)
+        memory.claim(size, f"{count} compressed elements", where=where)
         elements = decoders[mode](np.frombuffer(data, np.uint8), count, stride)
     except _MalformedError as error:
         raise AssetError(f"the meshopt stream is malformed: {error}", where=where) from error
@@ -94,18 +117,29 @@ def decode(data: memoryview, *, count: int, stride: int, mode: str, filter_name:
     return elements.tobytes()
 
 
+def _least_bytes(mode: str, count: int, stride: int, version: int) -> int:
+    """The bytes of the shortest stream of so many elements: of attributes, a byte for each channel of each block."""
+    if mode == "ATTRIBUTES":
+        return 1 + -(-count // _elements_of_a_block(stride)) * stride // _WORD + _tail_bytes(stride, version)
+    return 1 + (count // 3 if mode == "TRIANGLES" else count)
+
+
+def _tail_bytes(stride: int, version: int) -> int:
+    return max(stride + version * (stride // _WORD), _TAIL_BYTES[version])
+
+
+def _elements_of_a_block(stride: int) -> int:
+    return min(_BLOCK_BYTES // stride & -_GROUP, _BLOCK_ELEMENTS)
+
+
 def _attributes(data: Bytes, count: int, stride: int) -> Array:
     """(count, stride) bytes of mode 0."""
     if len(data) < 1 or data[0] not in (0xA0, 0xA1):
         raise _MalformedError("no attributes of version 0 or 1")
     version = int(data[0] & 1)
     tail = stride + version * (stride // _WORD)
-    end = len(data) - max(tail, _TAIL_BYTES[version])
-    per_block = min(_BLOCK_BYTES // stride & -_GROUP, _BLOCK_ELEMENTS)
-    blocks = -(-count // per_block)
-    if end - 1 < blocks * stride // _WORD:  # the least a block takes; a short stream must not claim gigabytes
-        raise _MalformedError(f"{len(data)} bytes are too few for {count} elements")
-    deltas = _deltas(data[:end], version, count, stride, per_block)
+    end = len(data) - _tail_bytes(stride, version)
+    deltas = _deltas(data[:end], version, count, stride, _elements_of_a_block(stride))
     baseline = data[len(data) - tail :][:stride]
     channels = data[len(data) - stride // _WORD :] if version else np.zeros(stride // _WORD, np.uint8)
     elements = np.zeros((count, stride), np.uint8)

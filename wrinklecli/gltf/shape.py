@@ -18,6 +18,9 @@ from wrinklecli.gltf import draco, meshopt
 
 Json = dict[str, Any]
 
+# Of CPython's objects, by the mark that none goes without: a value with its place in a list, a key with its place in a
+# dict, an empty dict, an empty list.
+_MARK_BYTES = {b",": 64, b":": 104, b"{": 136, b"[": 56}
 _DEPTH_LIMIT = 256  # levels of JSON; copying and writing recurse
 _SHOWN = 40  # characters of a found value that a message repeats
 
@@ -158,6 +161,11 @@ _APPEARANCE_WORDS = re.compile("texture|material|image|light", re.IGNORECASE)
 def place(path: str, *pointer: str | int) -> str:
     """The place of a JSON value for messages: `hand.glb#/meshes/0`."""
     return f"{path}#/" + "/".join(str(part) for part in pointer)
+
+
+def json_memory(data: bytes) -> int:
+    """Bytes that the values of a JSON text take at most, counted by what stands between them."""
+    return len(data) + sum(size * data.count(mark) for mark, size in _MARK_BYTES.items())
 
 
 def parse_json(data: bytes, name: str) -> Json:

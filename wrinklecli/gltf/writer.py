@@ -21,7 +21,7 @@ from wrinklecli.files.outputs import Outputs
 from wrinklecli.gltf import meshopt
 from wrinklecli.gltf.document import BIN_CHUNK, GLB_MAGIC, JSON_CHUNK, Document
 from wrinklecli.gltf.edit import EditedDocument
-from wrinklecli.gltf.files import read_file, read_uri
+from wrinklecli.gltf.files import read_file
 from wrinklecli.gltf.images import image_type, images_to_bring, lies_beside, put_image
 from wrinklecli.gltf.new_data import ALIGNMENT
 from wrinklecli.gltf.references import compressions, view_parts
@@ -139,6 +139,7 @@ def _lay_out_glb(edited: EditedDocument, out: str) -> Layout:
         size = start + sum(len(part) for part in parts)
         return start
 
+    _refuse_repetition(edited.source, out)
     gltf = copy.copy(edited.gltf)
     placed = edited.placed_views(0)
     kept: list[list[Span]] = [[] for _ in edited.source.buffers]
@@ -157,11 +158,14 @@ def _lay_out_glb(edited: EditedDocument, out: str) -> Layout:
             part["buffer"] = 0
     views = placed.views
     images = [dict(image) for image in gltf.get("images", [])]
+    brought: dict[int, int] = {}  # views of what several images share
     for number, data in images_to_bring(edited.source, out):
+        if id(data) not in brought:
+            brought[id(data)] = len(views)
+            views.append({"buffer": 0, "byteOffset": append(data), "byteLength": len(data)})
         del images[number]["uri"]
-        images[number]["bufferView"] = len(views)
+        images[number]["bufferView"] = brought[id(data)]
         images[number].setdefault("mimeType", image_type(bytes(data[:16])))
-        views.append({"buffer": 0, "byteOffset": append(data), "byteLength": len(data)})
     if images:
         gltf["images"] = images
     append()
@@ -178,6 +182,13 @@ def _lay_out_glb(edited: EditedDocument, out: str) -> Layout:
     return Layout(gltf, [content, *([] for _ in placeholders)], 0, kept, _found_beside(edited.source, out, named))
 
 
+def _refuse_repetition(source: Document, out: str) -> None:
+    """Check that buffers which share a file, and are each written for themselves, do not become a flood."""
+    size = sum(len(data) for data in source.buffers)
+    if size > sum({id(data.obj): len(data) for data in source.buffers}.values()):
+        source.memory.check(size, f"{len(source.buffers)} buffers, each written for itself,", where=out)
+
+
 def _binary_chunk(gltf: Json) -> Json:
     """What is said of the first buffer, where that becomes the binary chunk; its length apart."""
     if not gltf.get("buffers"):
@@ -190,8 +201,10 @@ def _binary_chunk(gltf: Json) -> Json:
 
 def _write_gltf(edited: EditedDocument, out: str, seal: Seal, outputs: Outputs) -> int:
     images = [dict(image) for image in edited.gltf.get("images", [])]
+    brought: dict[str, str] = {}
     for number, data in images_to_bring(edited.source, out):
-        images[number]["uri"] = put_image(images[number]["uri"], data, out, outputs)
+        uri = images[number]["uri"]
+        brought[uri] = images[number]["uri"] = brought[uri] if uri in brought else put_image(uri, data, out, outputs)
     layout, contents = _lay_out_gltf(edited, images, out)
     written = sum(_put_buffer(name, content, out, outputs) for name, content in contents)
     gltf = layout.gltf
@@ -218,6 +231,7 @@ def _lay_out_gltf(edited: EditedDocument, images: list[Json], out: str) -> tuple
     gltf = copy.copy(edited.gltf)
     buffers: list[Json] = [dict(buffer) for buffer in gltf.get("buffers", [])]
     stored = [number for number, data in enumerate(source.buffers) if len(data)]
+    _refuse_repetition(source, out)
     placed = edited.placed_views(stored[0] if stored else 0)
     contents: list[list[Bytes]] = [[] for _ in buffers]
     kept: list[list[Span]] = [[] for _ in source.buffers]
@@ -269,7 +283,7 @@ def _is_in_place(source: Document, number: int, out: str) -> bool:
         return False
     where = source.where("buffers", number)
     try:
-        data, _ = read_uri(uri, source.path, where, allow_external=source.allow_external)
+        data, _ = source.read_uri(uri, where)
     except AssetError:  # it has been restored from another file
         return False
     return data[: len(content)] == content

@@ -22,7 +22,7 @@ from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct, distinct_va
 from wrinklecli.numeric.red_green import Level
 from wrinklecli.numeric.sparse import Matrix
 from wrinklecli.numeric.subdivide import Subdivision, subdivide
-from wrinklecli.tools.records import RefinementSettings
+from wrinklecli.tools.records import MAX_VERTICES, RefinementSettings
 
 # Share of a wrinkle's height above which it shows.
 _LEAST_SHOWN = 0.01
@@ -120,6 +120,7 @@ def refine(
     influences: int,
     poses: Floats,
     tolerance: float,
+    max_vertices: int = MAX_VERTICES,
 ) -> Refinement:
     """Split the triangles under the patches until the control curves show.
 
@@ -138,6 +139,7 @@ def refine(
         poses: (poses, joints, 4, 4) of the asset's clips, bind to world space.
         tolerance: Scene units. An edge is not split where the midpoint's skin weights, pruned to `influences`,
             would move it further off in any pose.
+        max_vertices: How many may be added.
     """
     distances = joint_distances(rig, patches)
     members = np.any([patch.members for patch in patches], axis=0)
@@ -153,6 +155,7 @@ def refine(
         forbids=lambda level: _unstorable_edges(level, storage),
         shows=lambda level: _showing_edges(level, patches, rest, normals),
         max_levels=settings.max_levels,
+        max_vertices=max_vertices,
         near=members,
         scheme=settings.scheme,
         where=rig.names[rig.node],

@@ -50,4 +50,4 @@ def guarded(asset: str) -> Iterator[None]:
         )
         raise AssetError(message, where=asset) from error
     except MemoryError as error:
-        raise BakeError("takes more memory than there is", where=asset) from error
+        raise BakeError("takes more memory than there is, or than --max-memory allows", where=asset) from error

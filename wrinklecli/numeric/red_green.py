@@ -25,8 +25,6 @@ from wrinklecli.numeric.arrays import Bools, Floats, Ints, among, any_of, flags_
 from wrinklecli.numeric.butterfly import butterfly
 from wrinklecli.numeric.sparse import Matrix
 
-# Triangles of a level: real-time characters have a tenth, and a level of these takes about 2 GB.
-_MOST_TRIANGLES = 500_000
 # Corners 0, 1, 2 of a face and the midpoints 3, 4, 5 of the edges that follow them.
 _RED = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
 
@@ -67,6 +65,7 @@ class Rules:
     forbids: Criterion | None
     max_levels: int
     scheme: Literal["butterfly", "midpoint"]
+    max_vertices: int | None
     where: str
 
 
@@ -161,7 +160,7 @@ def close(root: Stage, earlier: list[Stage], rules: Rules) -> tuple[list[Stage],
         The stages, and whether one found out late that a split cannot be.
 
     Raises:
-        BakeError: A level would have more than 500,000 new triangles.
+        BakeError: There would be too many new vertices.
     """
     stages = [replace(root, denied=_carried(earlier, root, "denied"))]
     wasted = False
@@ -225,16 +224,15 @@ def _child(stage: Stage, stages: list[Stage], earlier: list[Stage], rules: Rules
     settled, in `stages` and, if denied, in `earlier` ones: else the work would double with each level.
     """
     level, red = stage.level, stage.red
-    triangle_count = 4 * int(np.count_nonzero(red))
-    if triangle_count > _MOST_TRIANGLES:
-        raise BakeError(
-            f"would have {triangle_count:,} triangles at level {level.number + 1} of refinement; at most"
-            f" {_MOST_TRIANGLES:,} are made: lower max_levels, now {rules.max_levels}, or ask for fewer bumps or"
-            " details",
-            where=rules.where,
-        )
     ends = level.edges[stage.split]
     count = stage.complete.size
+    new = count + len(ends) - stages[0].complete.size
+    if rules.max_vertices is not None and new > rules.max_vertices:
+        raise BakeError(
+            f"would have {new:,} new vertices at level {level.number + 1} of refinement, and {rules.max_vertices:,} may"
+            f" be: lower max_levels, now {rules.max_levels}, ask for fewer bumps or details, or raise --max-vertices",
+            where=rules.where,
+        )
     halves = Matrix.of_entries(np.repeat(np.arange(len(ends)), 2), ends.reshape(-1), np.full(ends.size, 0.5), count)
     linear = halves.below(level.linear)
     matrix = linear if rules.scheme == "midpoint" else butterfly(level.triangles, ends, count).below(level.matrix)

@@ -76,6 +76,7 @@ def subdivide(
     max_levels: int,
     near: Bools | None = None,
     scheme: Literal["butterfly", "midpoint"] = "butterfly",
+    max_vertices: int | None = None,
     where: str = "",
 ) -> Subdivision:
     """Split the edges that want it, and those that must follow to keep the mesh conforming.
@@ -96,17 +97,18 @@ def subdivide(
         near: (F,) triangles that have every edge that wants a split, at any level; all where left out. What lies
             further off takes hardly any time.
         scheme: `butterfly`, smooth through the coarse vertices, or `midpoint`, which keeps the coarse shape.
+        max_vertices: How many may be new, those that are undone at the end among them; any number where left out.
         where: Whose triangles they are, for the message.
 
     Returns:
         The plan. New vertices are numbered by level, then by their edge's vertex pair.
 
     Raises:
-        BakeError: A level would have more than 500,000 new triangles.
+        BakeError: There would be more new vertices.
     """
     triangles = np.asarray(triangles, dtype=np.intp)
     held = np.ones(len(triangles), dtype=np.bool_) if near is None else _held(near, triangles, vertex_count)
-    rules = Rules(wants, forbids, max_levels, scheme, where)
+    rules = Rules(wants, forbids, max_levels, scheme, max_vertices, where)
     root = coarse_stage(triangles, held, vertex_count, rules)
     stages, wasted = close(root, [], rules)
     if wasted:

@@ -20,6 +20,8 @@ from wrinklecli.method.anchor import Anchor
 from wrinklecli.method.carry import CarriedPatch
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
+from wrinklecli.numeric.memory import MAX_MEMORY
+from wrinklecli.tools.records import MAX_VERTICES
 
 VERSION = 1
 # Decimal digits of measured numbers, as in the report of a bake.
@@ -66,7 +68,9 @@ def check(
     only: Sequence[str] = (),
     fps: float | None = None,
     max_levels: int | None = None,
+    max_vertices: int = MAX_VERTICES,
     allow_external: bool = False,
+    max_memory: int = MAX_MEMORY,
     progress: Progress = no_progress,
 ) -> Check:
     """Attach tools, refine their meshes and run their control curves over the clips; bake and write nothing.
@@ -78,7 +82,15 @@ def check(
         WrinkleError: What a bake would raise before it samples clips: of all tools that do not fit, a line each.
     """
     with guarded(os.fspath(asset)):
-        options = BakeOptions(clips=clips, only=only, fps=fps, max_levels=max_levels, allow_external=allow_external)
+        options = BakeOptions(
+            clips=clips,
+            only=only,
+            fps=fps,
+            max_levels=max_levels,
+            max_vertices=max_vertices,
+            allow_external=allow_external,
+            max_memory=max_memory,
+        )
         job = read_job(asset, tools, options)
         warnings = list(job.warnings)
         checked: list[CheckedTool] = []

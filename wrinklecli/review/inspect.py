@@ -15,22 +15,25 @@ from wrinklecli.baking.original import original, wrinkled
 from wrinklecli.character.rig import morph_target_names
 from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.gltf.document import TRIANGLE_FAN, TRIANGLE_STRIP, TRIANGLES, Document, read_document
+from wrinklecli.gltf.files import local_file
 from wrinklecli.gltf.images import read_image
 from wrinklecli.gltf.references import accessor_views, draco_views, view_parts
 from wrinklecli.gltf.shape import COMPRESSIONS, Json, moves_node
 from wrinklecli.numeric.guard import guarded
+from wrinklecli.numeric.memory import MAX_MEMORY, Memory
 
 VERSION = 1
 _MODES = ("points", "lines", "line loop", "line strip", "triangles", "triangle strip", "triangle fan")
 KINDS = ("geometry", "indices", "morph targets", "animation", "skins", "images", "original", "other")
 
 
-def inspect(asset: str | os.PathLike[str], *, allow_external: bool = False) -> Json:
+def inspect(asset: str | os.PathLike[str], *, allow_external: bool = False, max_memory: int = MAX_MEMORY) -> Json:
     """Describe an asset.
 
     Args:
         asset: The .gltf or .glb to read.
         allow_external: Read buffers outside the asset's folder too, and count the bytes of images there.
+        max_memory: Bytes that it may take.
 
     Returns:
         JSON values only. `bytes` are those stored, compressed where they are so; `original` is what a bake keeps to
@@ -40,7 +43,7 @@ def inspect(asset: str | os.PathLike[str], *, allow_external: bool = False) -> J
         AssetError: The asset is malformed.
     """
     with guarded(os.fspath(asset)):
-        return _describe(read_document(asset, allow_external=allow_external))
+        return _describe(read_document(asset, allow_external=allow_external, memory=Memory(max_memory)))
 
 
 def _describe(document: Document) -> Json:
@@ -282,8 +285,14 @@ def _accessor_uses(document: Document) -> Iterator[tuple[int, str]]:
 def _image_size(document: Document, number: int) -> tuple[int | None, str | None]:
     """The bytes of an image that a URI names, None where it cannot be read, and its file, None for a data URI."""
     uri = document.items("images")[number]["uri"]
+    if uri.startswith("data:"):
+        try:
+            return len(read_image(document, number)[0]), None
+        except AssetError:
+            return None, None
     try:
-        data, name = read_image(document, number)
+        where = document.where("images", number)
+        name = local_file(uri, document.path, where, allow_external=document.allow_external)
+        return os.path.getsize(name) if os.path.isfile(name) and os.access(name, os.R_OK) else None, name
     except AssetError:
-        return None, None if uri.startswith("data:") else os.path.join(os.path.dirname(document.path), unquote(uri))
-    return len(data), name
+        return None, os.path.join(os.path.dirname(document.path), unquote(uri))

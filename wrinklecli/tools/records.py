@@ -11,6 +11,9 @@ from typing import Literal, TypeAlias
 
 Position: TypeAlias = tuple[float, float, float]
 
+# New vertices of a mesh at most, unless an option allows more: ten times a real-time character. No key of the file.
+MAX_VERTICES = 200_000
+
 
 @dataclass(frozen=True, slots=True)
 class Length:

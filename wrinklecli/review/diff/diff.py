@@ -16,6 +16,7 @@ from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.images import read_image
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
+from wrinklecli.numeric.memory import MAX_MEMORY, Memory
 from wrinklecli.review.diff.difference import ROUNDINGS, Difference, Limits
 from wrinklecli.review.diff.documents import document_differences
 from wrinklecli.review.diff.moments import AnimatedScene, common_moments
@@ -95,6 +96,7 @@ def diff(
     clips: Sequence[str] = (),
     fps: float = DEFAULT_FPS,
     allow_external: bool = False,
+    max_memory: int = MAX_MEMORY,
     progress: Progress = no_progress,
 ) -> Comparison:
     """Compare two assets.
@@ -112,6 +114,7 @@ def diff(
         clips: Names of the clips to compare; all, and the stored pose, where left out.
         fps: Frames per second of the grid of times, which the clips' own keys join.
         allow_external: Read buffers and images outside the assets' folders too.
+        max_memory: Bytes that both may take.
         progress: Called with a stage's name, steps done and steps in all.
 
     Raises:
@@ -122,7 +125,8 @@ def diff(
         >>> diff("knee.golden.glb", "knee.glb").same
         True
     """
-    first, second = (_read(path, allow_external=allow_external) for path in (a, b))
+    memory = Memory(max_memory)
+    first, second = (_read(path, allow_external=allow_external, memory=memory) for path in (a, b))
     both = f"{first.path} and {second.path}"
     with guarded(both):
         _refuse_unknown(clips, (first, second), where=both)
@@ -132,9 +136,9 @@ def diff(
         return _compare((first, second), scenes, tolerance, posed, clips, fps, progress)
 
 
-def _read(path: str | os.PathLike[str], *, allow_external: bool) -> Document:
+def _read(path: str | os.PathLike[str], *, allow_external: bool, memory: Memory) -> Document:
     with guarded(os.fspath(path)):
-        return read_document(path, allow_external=allow_external)
+        return read_document(path, allow_external=allow_external, memory=memory)
 
 
 def _read_scene(document: Document) -> AnimatedScene:

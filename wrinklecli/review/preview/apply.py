@@ -11,6 +11,8 @@ from wrinklecli.baking.sample import sample_clips
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edit import EditedDocument
 from wrinklecli.numeric.guard import Progress, no_progress
+from wrinklecli.numeric.memory import MAX_MEMORY
+from wrinklecli.tools.records import MAX_VERTICES
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +37,8 @@ def apply_tools(
     only: Sequence[str] = (),
     clips: Sequence[str] = (),
     allow_external: bool = False,
+    max_memory: int = MAX_MEMORY,
+    max_vertices: int = MAX_VERTICES,
     progress: Progress = no_progress,
 ) -> AppliedTools:
     """Bake tools into some clips of an asset, in memory.
@@ -45,12 +49,17 @@ def apply_tools(
         only: Names of the tools to apply; all where left out.
         clips: Names of the clips that get weights.
         allow_external: Read buffers and images outside the asset's folder too.
+        max_memory: Bytes that reading may take.
+        max_vertices: That may be added to a mesh.
         progress: Called with a stage's name, steps done and steps in all.
 
     Raises:
         WrinkleError: The asset or the tools are at fault, or do not go together.
     """
-    job = read_job(asset, tools, BakeOptions(clips=clips, only=only, allow_external=allow_external))
+    options = BakeOptions(
+        clips=clips, only=only, allow_external=allow_external, max_memory=max_memory, max_vertices=max_vertices
+    )
+    job = read_job(asset, tools, options)
     edited = EditedDocument(job.document)
     plans = plan_meshes(job)
     chosen = [clip for clip in job.clips if clip.name in clips]

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from wrinklecli.character.scene import ScenePrimitive
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document
-from wrinklecli.gltf.files import read_uri
 from wrinklecli.gltf.pixels import linear_rgb, read_pixels
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Array, Floats, Ints
@@ -102,7 +101,7 @@ def _read_texture(document: Document, info: Json) -> Texture:
     image = document.item("images", number, user=where)
     if "uri" in image:
         place = document.where("images", str(number))
-        data, _ = read_uri(image["uri"], document.path, place, allow_external=document.allow_external)
+        data, _ = document.read_uri(image["uri"], place)
     else:
         data = document.view(image.get("bufferView"), user=where)
     sampler = document.item("samplers", texture["sampler"], user=where) if "sampler" in texture else {}

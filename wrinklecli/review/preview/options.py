@@ -4,6 +4,9 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from wrinklecli.numeric.memory import MAX_MEMORY
+from wrinklecli.tools.records import MAX_VERTICES
+
 MOST_SIDE = 16_383  # pixels of a picture's width or height: the most that WebP holds
 
 
@@ -49,6 +52,8 @@ class PreviewOptions:
         heat: Colour the surface by its compression against the stored pose.
         style: How to draw.
         allow_external: Read buffers and images outside the asset's folder too.
+        max_memory: Bytes that reading may take.
+        max_vertices: That tools may add to a mesh.
     """
 
     tools: str | os.PathLike[str] | None = None
@@ -70,3 +75,5 @@ class PreviewOptions:
     heat: bool = False
     style: Style = PLAIN
     allow_external: bool = False
+    max_memory: int = MAX_MEMORY
+    max_vertices: int = MAX_VERTICES

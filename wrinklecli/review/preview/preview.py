@@ -17,6 +17,7 @@ from wrinklecli.files.outputs import Outputs
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.images import files_of
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
+from wrinklecli.numeric.memory import Memory
 from wrinklecli.review.preview.apply import apply_tools
 from wrinklecli.review.preview.framing import View, plan_views
 from wrinklecli.review.preview.heat import HEAT, HEAT_TICKS, heat_colours
@@ -136,7 +137,8 @@ def _read_documents(
     """Read assets, none of whose files, nor the tools, may be written to."""
     outputs.claim(out)
     outputs.protect([*assets, *([] if options.tools is None else [options.tools])])
-    documents = [read_document(each, allow_external=options.allow_external) for each in assets]
+    memory = Memory(options.max_memory)
+    documents = [read_document(each, allow_external=options.allow_external, memory=memory) for each in assets]
     for document in documents:
         outputs.protect(files_of(document))
     return documents
@@ -156,6 +158,8 @@ def _read_shown(
             only=options.only,
             clips=list(dict.fromkeys(moment.clip for moment in moments if moment.clip is not None)),
             allow_external=options.allow_external,
+            max_memory=options.max_memory,
+            max_vertices=options.max_vertices,
             progress=progress,
         )
         documents = [document, applied.document] if options.before else [applied.document]

@@ -8,6 +8,7 @@ from wrinklecli.character.clip import Clip, chosen_clips, read_clips
 from wrinklecli.gltf.document import read_document
 from wrinklecli.gltf.images import files_of
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
+from wrinklecli.numeric.memory import MAX_MEMORY, Memory
 from wrinklecli.review.suggest.fitting import Suggestion, fit_tools
 from wrinklecli.review.suggest.folds import LEAST_LOSS, Fold, find_folds
 from wrinklecli.review.suggest.measure import MeasuredMesh, MeshNode, find_mesh_nodes, measure_meshes
@@ -41,6 +42,7 @@ def suggest(
     node: str | None = None,
     fps: float = 30.0,
     allow_external: bool = False,
+    max_memory: int = MAX_MEMORY,
     progress: Progress = no_progress,
 ) -> Suggestions:
     """Find where clips compress an asset's surfaces, and lay tools there.
@@ -52,6 +54,7 @@ def suggest(
         node: Name of the node whose mesh to look at; all that deform where left out.
         fps: Poses a second; of a clip at most 200, evenly spaced, and fewer where mesh and clips are large.
         allow_external: Read buffers outside the asset's folder too.
+        max_memory: Bytes that it may take.
         progress: Called with a stage's name, steps done and steps in all.
 
     Raises:
@@ -59,7 +62,7 @@ def suggest(
         BakeError: Mesh and clips are too large to measure.
     """
     with guarded(os.fspath(asset)):
-        document = read_document(asset, allow_external=allow_external)
+        document = read_document(asset, allow_external=allow_external, memory=Memory(max_memory))
         chosen = chosen_clips(read_clips(document), clips, where=document.path)
         nodes, notes = find_mesh_nodes(document, node)
         meshes = measure_meshes(document, nodes, chosen, fps, progress) if chosen else []
