@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,15 +58,11 @@ class Matrix:
         width = max(1, int(np.prod(dense.shape[1:])))
         product = np.zeros((len(rows), *dense.shape[1:]))
         counts = np.diff(self.starts)[rows]
-        ends = np.cumsum(counts * width)
-        cuts = np.searchsorted(ends, np.arange(_AT_ONCE, (ends[-1] if len(ends) else 0) + _AT_ONCE, _AT_ONCE)) + 1
-        low = 0
-        for high in np.minimum(cuts, len(rows)):
+        for low, high in _portions(np.cumsum(counts * width)):
             entries, begins = self._entries(rows[low:high])
             if len(entries):
                 weights = self.weights[entries].reshape(-1, *[1] * (dense.ndim - 1))
                 product[low:high] = np.add.reduceat(weights * dense[self.columns[entries]], begins, axis=0)
-            low = high
         return product
 
     def chosen(self, rows: Ints) -> Matrix:
@@ -85,17 +82,36 @@ class Matrix:
         if above is None:
             identity = np.arange(self.column_count)
             above = Matrix(np.arange(self.column_count + 1), identity, np.ones(self.column_count), self.column_count)
+        counts = np.append(0, np.cumsum(np.diff(above.starts)[self.columns]))[self.starts]
+        parts = [above]
+        for low, high in _portions(counts[1:]):
+            parts.append(self.chosen(np.arange(low, high))._on(above))
+        ends = np.cumsum([part.starts[-1] for part in parts])
+        return Matrix(
+            np.concatenate(
+                [above.starts, *(end + part.starts[1:] for end, part in zip(ends, parts[1:], strict=False))]
+            ),
+            np.concatenate([part.columns for part in parts]),
+            np.concatenate([part.weights for part in parts]),
+            above.column_count,
+        )
+
+    def _on(self, above: Matrix) -> Matrix:
+        """The product of this matrix and another."""
         entries, _ = above._entries(self.columns)
         counts = np.diff(above.starts)[self.columns]
         rows = np.repeat(np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts)), counts)
         weights = np.repeat(self.weights, counts) * above.weights[entries]
-        own = Matrix.of_entries(rows, above.columns[entries], weights, above.column_count)
-        return Matrix(
-            np.concatenate([above.starts, above.starts[-1] + own.starts[1:]]),
-            np.concatenate([above.columns, own.columns]),
-            np.concatenate([above.weights, own.weights]),
-            above.column_count,
-        )
+        return Matrix.of_entries(rows, above.columns[entries], weights, above.column_count)
+
+
+def _portions(ends: Ints) -> Iterator[tuple[int, int]]:
+    """Runs of rows, of which (rows,) ends say how many numbers there are up to each, that are computed at once."""
+    cuts = np.searchsorted(ends, np.arange(_AT_ONCE, (ends[-1] if len(ends) else 0) + _AT_ONCE, _AT_ONCE)) + 1
+    low = 0
+    for high in np.minimum(cuts, len(ends)).tolist():
+        yield low, high
+        low = high
 
 
 def apply(matrix: Matrix | None, coarse: Floats) -> Floats:
