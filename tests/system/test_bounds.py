@@ -1,0 +1,110 @@
+"""What small files may ask of every command: memory is refused before it is taken, and a line says how to get more."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from kit import bombs, hostile
+from kit.asset import read_glb
+from kit.command import Wrinkle, files
+from kit.limb import limb, tool, write_tools
+from wrinklecli import bake
+from wrinklecli.errors import BakeError
+from wrinklecli.review.inspect import inspect
+
+MEMORY = "300MB"
+# What a command may grow by: what it may claim, and what comes and goes beside that.
+MEGABYTES, SECONDS = 500.0, 10.0
+COMMANDS = {
+    "bake": ["bake", "{}", "tools.yaml", "-o", "out.glb"],
+    "replace": ["bake", "{}", "tools.yaml", "--replace", "-o", "out.glb"],
+    "preview": ["preview", "{}", "-o", "out.png"],
+    "diff": ["diff", "{}", "{}"],
+    "inspect": ["inspect", "{}"],
+    "check": ["check", "{}", "tools.yaml"],
+    "suggest": ["suggest", "{}"],
+    "track": ["track", "{}", "limb.glb", "-o", "tracked"],
+}
+# These look at no geometry that a bomb hides, or refuse it for what it is before they come to that.
+UNTOUCHED = {
+    "inspect": {*bombs.BOMBS} - {"values", "hole"},
+    "track": {*bombs.BOMBS} - {"values", "hole"},
+    "bake": {"record"},
+    "check": {"record"},
+    "suggest": {"record", "overlapping"},
+    "preview": {"record"},
+    "diff": {"record"},
+}
+
+
+@pytest.mark.quick(22)
+@pytest.mark.parametrize("name", bombs.BOMBS)
+@pytest.mark.parametrize("command", COMMANDS)
+def test_bomb_is_refused_before_it_goes_off(wrinkle: Wrinkle, tmp_path: Path, command: str, name: str) -> None:
+    bomb = bombs.BOMBS[name](tmp_path)
+    limb(tmp_path / "limb.glb")
+    write_tools(tmp_path / "tools.yaml", tool())
+    before = set(files(tmp_path)) if name != "hole" else set()
+    arguments = [each.format(bomb.name) for each in COMMANDS[command]]
+    with hostile.bounded(seconds=SECONDS, megabytes=MEGABYTES):
+        ran = wrinkle(*arguments, "--max-memory", MEMORY)
+    assert ran.code in ((0, 1, 2) if command == "diff" else (0, 1))
+    if name not in UNTOUCHED.get(command, set()):
+        (line,) = ran.lines
+        assert ran.code, line
+        assert line.startswith(bomb.name)
+        assert re.search(r"(would take \d.* [GM]B\b.*: raise|or than) --max-memory", line), line
+    if name != "hole":
+        assert ran.code == 0 or set(files(tmp_path)) == before
+
+
+@pytest.mark.parametrize("size", ["", "1", "1GiB", "-1GB", "0GB", "10MB", "nan", "1e9GB", "9999999GB"])
+def test_size_that_is_none_is_wrong_usage(wrinkle: Wrinkle, tmp_path: Path, size: str) -> None:
+    ran = wrinkle("inspect", limb(tmp_path / "limb.glb"), "--max-memory", size)
+    assert ran.code == 2
+    assert "such as 500MB or 4GB" in ran.lines[-1]
+
+
+def test_more_memory_is_given_to_those_who_ask(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    path = bombs.values(tmp_path)
+    assert wrinkle("inspect", path).code == 1
+    assert wrinkle("inspect", path, "--max-memory", "4GB").code == 0
+
+
+def test_a_file_of_many_buffers_is_read_once(tmp_path: Path) -> None:
+    path = bombs.many_buffers(tmp_path)
+    with hostile.bounded(seconds=5.0, megabytes=100.0):
+        found = inspect(path)
+    assert [each["name"] for each in found["files"]] == [str(path), str(path.with_suffix(".bin"))]
+
+
+@pytest.mark.parametrize("ending", ["glb", "gltf"])
+def test_many_buffers_of_one_file_do_not_become_a_flood(tmp_path: Path, ending: str) -> None:
+    path = bombs.many_buffers(tmp_path)
+    tools, out = write_tools(tmp_path / "tools.yaml", tool()), tmp_path / f"out.{ending}"
+    with hostile.bounded(seconds=10.0, megabytes=100.0), pytest.raises(Exception, match="raise --max-memory"):
+        bake(path, tools, out)
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("ending", ["glb", "gltf"])
+def test_an_image_of_many_names_is_read_and_written_once(tmp_path: Path, ending: str) -> None:
+    (tmp_path / "in").mkdir()
+    (tmp_path / "out").mkdir()
+    path = bombs.many_images(tmp_path / "in")
+    tools, out = write_tools(tmp_path / "tools.yaml", tool()), tmp_path / "out" / f"out.{ending}"
+    with hostile.bounded(seconds=5.0, megabytes=100.0):
+        bake(path, tools, out)
+    assert sum(len(each) for each in files(tmp_path / "out").values()) < 3 * 10**6
+    if ending == "glb":
+        gltf, _ = read_glb(out.read_bytes())
+        assert len({image["bufferView"] for image in gltf["images"]}) == 1
+
+
+def test_new_vertices_are_bounded(tmp_path: Path) -> None:
+    path, out = limb(tmp_path / "limb.glb"), tmp_path / "out.glb"
+    tools = write_tools(tmp_path / "tools.yaml", tool(), refinement={"max_levels": 8, "edges_per_interval": 16})
+    with pytest.raises(BakeError, match=r"^limb: would have [\d,]+ new vertices at level \d.* raise --max-vertices$"):
+        bake(path, tools, out, max_vertices=500)
+    assert not out.exists()
