@@ -20,7 +20,7 @@ COMMANDS = {
     "bake": ["bake", "{}", "tools.yaml", "-o", "out.glb"],
     "replace": ["bake", "{}", "tools.yaml", "--replace", "-o", "out.glb"],
     "preview": ["preview", "{}", "-o", "out.png"],
-    "diff": ["diff", "{}", "{}"],
+    "diff": ["diff", "{}", "limb.glb"],
     "inspect": ["inspect", "{}"],
     "check": ["check", "{}", "tools.yaml"],
     "suggest": ["suggest", "{}"],
