@@ -22,7 +22,8 @@ class WrinkleError(Exception):
 
     def __init__(self, message: str, *, where: str = "") -> None:
         super().__init__(message)
-        self.lines: tuple[str, ...] = (f"{_cut(where)}: {_cut(message)}" if where else _cut(message),)
+        line = shortened(message, _LONGEST)
+        self.lines: tuple[str, ...] = (f"{shortened(where, _LONGEST)}: {line}" if where else line,)
 
     def __str__(self) -> str:
         return "\n".join(self.lines)
@@ -57,10 +58,10 @@ class RefusedError(BakeError):
     exit_code = 3
 
 
-def _cut(text: str) -> str:
+def shortened(text: str, longest: int) -> str:
     """Text without its middle where names or values of a file make it longer than anyone reads."""
-    half = _LONGEST // 2
-    return text if len(text) <= _LONGEST else f"{text[:half]} … {text[-half:]}"
+    half = longest // 2
+    return text if len(text) <= longest else f"{text[:half]} … {text[-half:]}"
 
 
 def listed(names: Iterable[str]) -> str:

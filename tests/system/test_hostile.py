@@ -19,6 +19,7 @@ from kit.asset import Asset
 from kit.attack import Case, attack, loaded, make_case, prepare, run
 from kit.limb import limb_asset, tool, write_tools
 from kit.places import IN_CI, ROOT
+from kit.variants import rich
 from wrinklecli import bake
 from wrinklecli.errors import BakeError, WrinkleError
 from wrinklecli.gltf.document import read_document
@@ -359,3 +360,41 @@ def test_lack_of_memory_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     assert code == (2 if arguments[0] == "diff" else 1)
     assert err.endswith("takes more memory than there is\n")
     assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["inspect", "limb.glb"],
+        ["diff", "limb.glb", "other.glb", "--verbose"],
+        ["check", "limb.glb", "tools.yaml"],
+        ["suggest", "limb.glb", "-o", "found.yaml"],
+        ["bake", "limb.glb", "tools.yaml", "-o", "out.glb", "--verbose"],
+        ["bake", "limb.glb", "tools.yaml", "-o", "out.glb", "--clip", "N" * 100_000],
+        ["preview", "limb.glb", "-o", "limb.png", "--size", "32x32", "--frames", "1"],
+    ],
+    ids=lambda arguments: " ".join(arguments)[:60],
+)
+def test_long_names_are_cut_where_they_are_shown(tmp_path: Path, arguments: list[str]) -> None:
+    asset = rich(rings=7, sides=6)
+    for kind in ("nodes", "meshes", "materials", "skins", "animations", "images", "scenes"):
+        for number, each in enumerate(asset.gltf.get(kind, [])):
+            each["name"] = f"{kind}{number}{'N' * 100_000}"
+    asset.gltf["asset"]["generator"] = "N" * 100_000
+    asset.gltf["meshes"][0]["extras"] = {"targetNames": ["t" * 100_000, "u" * 100_000]}
+    asset.write(tmp_path / "limb.glb")
+    for each in asset.gltf["nodes"]:
+        each["name"] += "x"
+    asset.write(tmp_path / "other.glb")
+    write_tools(tmp_path / "tools.yaml", tool(node=f"nodes0{'N' * 100_000}"))
+    code, out, err = run(arguments, tmp_path)
+    assert code == (1 if "--clip" in arguments or arguments[0] == "diff" else 0)
+    assert max(map(len, (out + err).splitlines())) < 10_100
+
+
+def test_json_has_long_names_whole(tmp_path: Path) -> None:
+    asset = limb_asset(**SMALL)
+    asset.gltf["nodes"][0]["name"] = "N" * 100_000
+    asset.write(tmp_path / "limb.glb")
+    _, out, _ = run(["inspect", "limb.glb", "--json"], tmp_path)
+    assert json.loads(out)["deforming"][0]["node"] == "N" * 100_000

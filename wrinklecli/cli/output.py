@@ -2,17 +2,25 @@
 
 import json
 import os
+import re
 import sys
 from typing import IO, Any
 
 import click
 
 from wrinklecli.cli.streams import may_be_lost
+from wrinklecli.errors import shortened
 from wrinklecli.files.outputs import Outputs
+
+# Characters of a word, such as a name or a path, and of a line that are shown; of longer ones their ends.
+_LONGEST_WORD = 600
+_LONGEST_LINE = 10_000
+_LONG_WORD = re.compile(rf"\S{{{_LONGEST_WORD + 1},}}")
 
 
 def printable(line: str) -> str:
-    """A line that cannot break out of itself or command a terminal, whatever names an asset holds."""
+    """A line that cannot break out of itself, flood or command a terminal, whatever names an asset holds."""
+    line = shortened(_LONG_WORD.sub(lambda word: shortened(word[0], _LONGEST_WORD), line), _LONGEST_LINE)
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
 
 

@@ -16,10 +16,14 @@ from wrinklecli.cli.options import (
 )
 from wrinklecli.cli.output import Progress, emit_json, say, warn, write_text
 from wrinklecli.cli.streams import command_outputs
+from wrinklecli.errors import shortened
 
 if TYPE_CHECKING:
     from wrinklecli.review.suggest.fitting import Suggestion
     from wrinklecli.review.suggest.suggest import Suggestions
+
+
+_WIDEST = 60  # characters of a column
 
 
 @click.command(
@@ -142,6 +146,7 @@ def _say_table(tools: "tuple[Suggestion, ...]") -> None:
         )
     if len({each.mesh for each in tools}) == 1:
         rows = [row[:1] + row[2:] for row in rows]
+    rows = [[shortened(cell, _WIDEST) for cell in row] for row in rows]
     texts = len(rows[0]) - 4
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
     for place, row in enumerate(rows):
