@@ -172,12 +172,22 @@ def test_a_base_without_normals_stays_so() -> None:
     assert_valid(after.path)
 
 
+def without_clips(editor: Editor) -> None:
+    """As nothing shows a pose in which wrinkles are tall, normals are those of the rest pose."""
+    del editor.json["animations"]
+
+
+def tangents_without_clips(editor: Editor) -> None:
+    with_tangents(editor)
+    without_clips(editor)
+
+
 TANGENTIAL: Json = {**PALM, "strategy": "both_ends", "bumps": 5}
 
 
 def test_tangent_targets_keep_tangents_in_the_surface() -> None:
     """Across the bent normals, and where the triangles' own edges carry them, at several weights of all tools."""
-    after = bake_once(edited("wrist", with_tangents), TANGENTIAL, BACK, morph_tangents=True)
+    after = bake_once(edited("wrist", tangents_without_clips), TANGENTIAL, BACK, morph_tangents=True)
     tangents, normals = after.attribute("wrist", "TANGENT"), after.attribute("wrist", "NORMAL")
     base, faces = after.attribute("wrist", "POSITION"), after.triangles("wrist")
     deltas = {name: after.deltas("wrist", name) for name in ("POSITION", "NORMAL", "TANGENT")}
@@ -247,7 +257,7 @@ def test_no_target_moves_nothing(name: str, config: str) -> None:
 
 def test_normals_follow_the_wrinkles() -> None:
     """Against area-weighted normals of the wrinkled triangles, in bind space, at several heights."""
-    after = bake_once("wrist", PALM)
+    after = bake_once(edited("wrist", without_clips), PALM)
     base, faces = after.attribute("wrist", "POSITION"), after.triangles("wrist")
     _, weld = np.unique(base, axis=0, return_inverse=True)
     weld = weld.reshape(-1)
@@ -268,6 +278,36 @@ def test_normals_follow_the_wrinkles() -> None:
         # The stored normals themselves are some degrees off the area-weighted ones.
         assert np.median(angles) < 1 < 4 < np.median(unbent)
         assert np.percentile(angles, 99) < min(8, np.percentile(unbent, 99) / 2)
+
+
+@pytest.mark.parametrize(
+    ("name", "clip"), [("head", "raise_brows"), ("wrist", "extend"), ("trousers", "squat"), ("trousers", "walk")]
+)
+def test_the_tallest_wrinkles_look_as_steep_as_they_are(name: str, clip: str) -> None:
+    """Degrees by which wrinkles turn the normals that an engine shows, and those of the posed triangles."""
+    file = bake_config(name, name)
+    wrinkles = wrinkle_columns(file, name)
+    times, weights = file.keys(clip, name)
+    tallest = times[[np.argmax(weights[:, wrinkles].sum(axis=1))]]
+    faces = file.triangles(name)
+    _, weld = np.unique(file.attribute(name, "POSITION"), axis=0, return_inverse=True)
+
+    def of_triangles(positions: NDArray[np.float64]) -> NDArray[np.float64]:
+        a, b, c = (positions[faces[:, k]] for k in range(3))
+        sums = np.zeros((weld.max() + 1, 3))
+        for k in range(3):
+            np.add.at(sums, weld.reshape(-1)[faces[:, k]], np.cross(b - a, c - a))
+        return (sums / np.linalg.norm(sums, axis=1, keepdims=True))[weld.reshape(-1)]
+
+    with_and_without: list[list[int]] = [[], wrinkles]
+    positions = [file.pose(name, clip, tallest, without=left)[0] for left in with_and_without]
+    heights = np.linalg.norm(positions[0] - positions[1], axis=1)
+    moved = heights > 0.02 * heights.max()
+    shown = [file.normals(name, clip, tallest, without=left)[0][moved] for left in with_and_without]
+    true = [of_triangles(each)[moved] for each in positions]
+    seen, wanted = (np.degrees(np.arccos(np.clip(np.sum(a * b, axis=1), -1, 1))) for a, b in (shown, true))
+    assert abs(np.median(seen) - np.median(wanted)) <= 1
+    assert abs(np.percentile(seen, 95) - np.percentile(wanted, 95)) <= 4
 
 
 # Tracks

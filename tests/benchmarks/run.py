@@ -192,7 +192,7 @@ def finished(sample: str, levels: int, paper: float) -> Iterator[Row]:
     patches = [each.patch for each in plan.carried_patches]
     members = np.unique(np.concatenate([each.vertices for each in plan.carried_patches]))
     weights, positions = fine.dense_weights(members, len(rig.joints)), fine.positions[members]
-    every = [shape for each in plan.carried_patches for shape in shapes_of(each, fine, with_normals=True)]
+    every = [shape for each in plan.carried_patches for shape in shapes_of(each, fine, plan.rest, plan.rest.pose)]
     shown = [shape is not None for shape in every]
     shapes = [shape for shape in every if shape is not None]
     old = fine.morph_deltas[:, members]

@@ -206,23 +206,47 @@ class Gltf:
         dense /= dense.sum(axis=1, keepdims=True)
         return palette[:, :, :3].transpose(2, 3, 0, 1) @ dense[vertices].T
 
-    def pose(
-        self, node: str | int, clip: str | int | None, times: Sequence[float] | Floats, vertices: Vertices = ALL
+    def _morphed(
+        self,
+        node: str | int,
+        clip: str | int | None,
+        times: Sequence[float] | Floats,
+        name: str,
+        vertices: Vertices,
+        without: Sequence[int],
     ) -> Floats:
-        """(times, vertices, 3) world space."""
-        morphed = self.attribute(node, "POSITION")[vertices] + np.tensordot(
-            self.weights(node, clip, times), self.deltas(node)[:, vertices], axes=1
+        """(times, vertices, 3) of an attribute in bind space."""
+        weights = self.weights(node, clip, times)
+        weights[:, list(without)] = 0.0
+        return self.attribute(node, name)[vertices] + np.tensordot(
+            weights, self.deltas(node, name)[:, vertices], axes=1
         )
+
+    def pose(
+        self,
+        node: str | int,
+        clip: str | int | None,
+        times: Sequence[float] | Floats,
+        vertices: Vertices = ALL,
+        *,
+        without: Sequence[int] = (),
+    ) -> Floats:
+        """(times, vertices, 3) world space, without some of the morph targets."""
+        morphed = self._morphed(node, clip, times, "POSITION", vertices, without)
         matrices = self._blended(node, clip, times, vertices)
         return _times(matrices, morphed) + np.moveaxis(matrices[:, 3], 0, 2)
 
     def normals(
-        self, node: str | int, clip: str | int | None, times: Sequence[float] | Floats, vertices: Vertices = ALL
+        self,
+        node: str | int,
+        clip: str | int | None,
+        times: Sequence[float] | Floats,
+        vertices: Vertices = ALL,
+        *,
+        without: Sequence[int] = (),
     ) -> Floats:
-        """(times, vertices, 3) unit, world space."""
-        bent = self.attribute(node, "NORMAL")[vertices] + np.tensordot(
-            self.weights(node, clip, times), self.deltas(node, "NORMAL")[:, vertices], axes=1
-        )
+        """(times, vertices, 3) unit, world space, without some of the morph targets."""
+        bent = self._morphed(node, clip, times, "NORMAL", vertices, without)
         # Times the matrix of cofactors, which is the inverse transposed but for the determinant.
         a, b, c = np.moveaxis(self._blended(node, clip, times, vertices)[:, :3], 1, 0)
         cofactors = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)], axis=1)

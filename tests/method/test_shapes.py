@@ -27,7 +27,7 @@ def test_shapes_times_weights_are_the_displacements(strategy: str) -> None:
         prepared.patch.curve, activity(prepared.patch, prepared.rig, prepared.rest, prepared.clip, times).amplitudes
     ).reshape(11, -1)
     total = np.zeros((11, len(fine.positions), 3))
-    for column, shape in enumerate(shapes_of(carried, fine, with_normals=False)):
+    for column, shape in enumerate(shapes_of(carried, fine, prepared.rest, None)):
         assert shape is not None
         assert not len(shape.normal_vertices)
         total[:, shape.vertices] += weights[:, column, None, None] * shape.deltas
@@ -40,28 +40,30 @@ def test_tallest_is_the_largest_world_displacement() -> None:
     root = {"scale": [2, 2, 2]}
     prepared = prepare(limb_asset(rings=25, sides=24, root=root), placed(root))
     carried, fine = carry_patch(prepared)
-    (shape,) = shapes_of(carried, fine, with_normals=False)
+    (shape,) = shapes_of(carried, fine, prepared.rest, None)
     assert shape is not None
     world = np.einsum("vab,vb->va", fine.blended[shape.vertices, :, :3], shape.deltas)
     assert shape.tallest == pytest.approx(np.linalg.norm(world, axis=1).max(), rel=1e-12)
     assert shape.tallest <= prepared.patch.curve.max_height * (1 + 1e-12)
 
 
-@pytest.mark.parametrize(("height", "median", "worst", "steepest"), [("5%", 0.015, 0.3, 30), ("12.5%", 0.06, 1.3, 55)])
+@pytest.mark.parametrize(("height", "median", "worst", "steepest"), [("5%", 0.02, 0.4, 30), ("12.5%", 0.1, 1.8, 55)])
 def test_fitted_normals_follow_the_wrinkled_surface(height: str, median: float, worst: float, steepest: float) -> None:
     """Degrees between what an engine shades (base plus weighted delta, normalised) and true normals where it moves.
 
-    Bounds are what was measured, rounded up, within those of design.md, §2: on slopes of 55–63° median 0.01–0.1°,
-    99 % 0.4–2.4°. A fit to t − N, not t/(t·N) − N, has 0.24° and 3.7° in the steep case.
+    Exact at full height. Below it bounds are what was measured, rounded up, within those of design.md, §2: on slopes
+    of 55–63° median 0.01–0.1°, 99 % 0.4–2.4°. A fit to t − N, not t/(t·N) − N, has 0.24° and 3.7° in the steep case.
     """
     prepared = prepare(
         limb_asset(rings=25, sides=24), tool(max_height=height, bumps=4), refinement={"edges_per_interval": 4}
     )
     carried, fine = carry_patch(prepared)
-    (shape,) = shapes_of(carried, fine, with_normals=True)
+    (shape,) = shapes_of(carried, fine, prepared.rest, prepared.rest.pose)
     assert shape is not None
     weights = np.array([0.25, 0.5, 0.75, 1.0])
-    touched, true = displaced_normals(fine, shape.vertices, weights[:, None, None] * shape.deltas)
+    touched, true = displaced_normals(
+        fine, shape.vertices, weights[:, None, None] * shape.deltas, [prepared.rest.pose] * len(weights)
+    )
     deltas = np.zeros((len(fine.positions), 3))
     deltas[shape.normal_vertices] = shape.normal_deltas
     shaded = fine.normals[touched] + weights[:, None, None] * deltas[touched]
@@ -71,6 +73,7 @@ def test_fitted_normals_follow_the_wrinkled_surface(height: str, median: float, 
     moving = angles[:, np.isin(touched, shape.vertices)]
     assert np.median(moving) <= median
     assert np.quantile(moving, 0.99) <= worst
+    assert moving[-1].max() <= 1e-3
     unmoved = np.degrees(2 * np.arcsin(np.linalg.norm(fine.normals[touched] - true, axis=2) / 2))
     assert unmoved.max() > steepest, "the case is one"
 
@@ -78,7 +81,7 @@ def test_fitted_normals_follow_the_wrinkled_surface(height: str, median: float, 
 def test_normals_change_on_all_faces_of_moved_vertices_and_nowhere_else() -> None:
     prepared = prepare(limb_asset(rings=15, sides=12))
     carried, fine = carry_patch(prepared)
-    (shape,) = shapes_of(carried, fine, with_normals=True)
+    (shape,) = shapes_of(carried, fine, prepared.rest, prepared.rest.pose)
     assert shape is not None
     around = np.unique(fine.triangles[np.isin(fine.triangles, carried.vertices).any(axis=1)])
     assert np.isin(shape.normal_vertices, around).all()
@@ -89,7 +92,9 @@ def test_normals_change_on_all_faces_of_moved_vertices_and_nowhere_else() -> Non
 def test_normals_of_undisplaced_vertices_are_the_surface_s() -> None:
     prepared = prepare(limb_asset(rings=15, sides=12))
     carried, fine = carry_patch(prepared)
-    touched, normals = displaced_normals(fine, carried.vertices, np.zeros((1, len(carried.vertices), 3)))
+    touched, normals = displaced_normals(
+        fine, carried.vertices, np.zeros((1, len(carried.vertices), 3)), [prepared.rest.pose]
+    )
     assert normals[0] == pytest.approx(fine.normals[touched], abs=1e-14)
 
 

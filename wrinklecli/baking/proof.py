@@ -10,7 +10,7 @@ from wrinklecli.baking.refined_mesh import RefinedPrimitive, primitives_of, shar
 from wrinklecli.baking.sample import Motion, takes_of
 from wrinklecli.baking.targets import TargetSet, targets_of
 from wrinklecli.character.clip import KEY_GAP, Clip, read_clips
-from wrinklecli.character.pose import joint_matrices, morph_weights
+from wrinklecli.character.pose import Pose, joint_matrices, morph_weights, pose_at
 from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.skin import pose, prepare
 from wrinklecli.character.surface import dense_influences, read_vertices
@@ -228,7 +228,8 @@ def _vertex_errors(
         if distances[frame] > worst:
             worst, worst_time = float(distances[frame]), float(now[frame])
         if with_normals and proof.normals is not None:
-            angles.append(_normal_angles(proof.normals, proof.vertices, fine, moved, played))
+            poses = [pose_at(rig, clip, time) for time in now.tolist()]
+            angles.append(_normal_angles(proof.normals, proof.vertices, fine, moved, played, poses))
     return worst, worst_time, np.concatenate(angles) if angles else None
 
 
@@ -305,16 +306,21 @@ def _method_displacements(
 
 
 def _normal_angles(
-    normals: tuple[Floats, Floats], compared: Ints, fine: Refinement, moved: Floats, played: Floats
+    normals: tuple[Floats, Floats],
+    compared: Ints,
+    fine: Refinement,
+    moved: Floats,
+    played: Floats,
+    poses: Sequence[Pose],
 ) -> Floats:
-    """(frames · vertices,) degrees between the file's normals and true ones, bind space, where they change.
+    """(frames · vertices,) degrees between the file's normals and those that each pose asks for, where they change.
 
     Those of the wrinkles alone: what the source's own morph targets do to normals is theirs.
     """
     base, deltas = normals
     old = len(fine.morph_deltas)
     vertices, first = np.unique(compared, return_index=True)
-    touched, true = displaced_normals(fine, vertices, moved[:, first])
+    touched, true = displaced_normals(fine, vertices, moved[:, first], poses)
     rows = np.searchsorted(touched, compared)
     angles = []
     for frame in range(len(moved)):

@@ -11,6 +11,7 @@ from wrinklecli.baking.job import Mode
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.targets import TargetSet, named_targets
 from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip, clip_grid, motion_breaks
+from wrinklecli.character.pose import Pose, pose_at
 from wrinklecli.character.rig import moving_nodes
 from wrinklecli.errors import BakeError
 from wrinklecli.method.activity import (
@@ -20,12 +21,13 @@ from wrinklecli.method.activity import (
     anchor_joints,
     lengths_over_time,
     rest_lengths_over_time,
+    tallest_poses,
 )
 from wrinklecli.method.anchor import anchor_poses
 from wrinklecli.method.carry import CarriedPatch, displacements
 from wrinklecli.method.curve import weights_of
 from wrinklecli.method.posed import compress
-from wrinklecli.method.shapes import Shape, make_shapes, shapes_of
+from wrinklecli.method.shapes import Sample, Shape, make_shapes, shapes_of
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
 from wrinklecli.numeric.guard import Progress
 from wrinklecli.numeric.piecewise import Signal, key_times, smooth
@@ -103,9 +105,13 @@ def sample_clips(
     chosen = list(clips) if mode == "frames" else moving_clips(plan, clips)
     refuse_many_frames(plan, chosen, fps=fps)
     sampled = _sampled(plan, chosen, fps=fps, mode=mode, progress=progress)
+    patches = [carried.patch for carried in plan.carried_patches]
+    poses: Sequence[Pose | None] = [None] * len(patches)
+    if plan.has_normals:
+        poses = tallest_poses(patches, plan.rig, plan.rest, plan.clips)
     target_sets, by_tool = [], []
-    for number in range(len(plan.carried_patches)):
-        target_set, weights = _target_set(plan, number, sampled)
+    for number, pose in enumerate(poses):
+        target_set, weights = _target_set(plan, number, sampled, pose)
         target_sets.append(target_set)
         by_tool.append(weights)
     by_clip = zip(*by_tool, strict=True)
@@ -172,15 +178,17 @@ def _key_times(
     return key_times(grid, signal_on, tolerance=tolerance, thinning=_KEYS_SHARE * bound, gap=KEY_GAP, step=KEY_STEP)
 
 
-def _target_set(plan: MeshPlan, number: int, sampled: Sequence[Motion]) -> tuple[TargetSet, list[Floats]]:
-    """One tool's shapes, and for each clip their (frames, shapes) weights.
+def _target_set(
+    plan: MeshPlan, number: int, sampled: Sequence[Motion], pose: Pose | None
+) -> tuple[TargetSet, list[Floats]]:
+    """One tool's shapes, with normals for a pose if there is one, and for each clip their (frames, shapes) weights.
 
     Raises:
         BakeError: It has too many shapes.
     """
     carried = plan.carried_patches[number]
     if carried.patch.tool.attachment == "skin":
-        shapes = shapes_of(carried, plan.fine, with_normals=plan.has_normals)
+        shapes = shapes_of(carried, plan.fine, plan.rest, pose)
         weights = [_weights(carried, each.clip, each.seen[number]) for each in sampled]
     else:
         shapes, weights = _compressed(plan, carried, sampled)
@@ -293,11 +301,12 @@ def _compressed(
     weights = np.split(together, np.cumsum([len(each.times) for each in sampled])[:-1])
     even = np.linspace(0, len(together) - 1, 16).astype(int)
     rows = distinct_values(np.concatenate([even, np.argmax(together, axis=0)]))
+    moments = [(each.clip, time) for each in sampled for time in each.times.tolist()]
     shapes = make_shapes(
         plan.fine,
         carried.vertices,
         deltas,
         tallest=plan.scale * np.sqrt(np.sum(deltas**2, axis=2)).max(axis=1, initial=0.0),
-        samples=together[rows] if plan.has_normals else None,
+        samples=[Sample(together[row], pose_at(plan.rig, *moments[row])) for row in rows] if plan.has_normals else [],
     )
     return shapes, weights

@@ -4,6 +4,7 @@ Source: glTF 2.0 specification, §3.5 (nodes), §3.7.3 (skins).
 """
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,6 +14,25 @@ from wrinklecli.numeric.arrays import Floats, Ints, affine_rows, unit_quaternion
 
 # Least scale of a node or an anchor against rest: below it a character is hidden, and distances on it say nothing.
 LEAST_SCALE = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """A mesh at one moment.
+
+    Attributes:
+        matrices: (joints, 4, 4) bind to world space.
+        morph_weights: (morph targets,).
+    """
+
+    matrices: Floats
+    morph_weights: Floats
+
+
+def pose_at(rig: Rig, clip: Clip, time: float) -> Pose:
+    """A mesh at a time of a clip, seconds."""
+    times = np.array([time])
+    return Pose(joint_matrices(rig, clip, times)[0], morph_weights(rig, clip, times)[0])
 
 
 def joint_matrices(rig: Rig, clip: Clip | None, times: Floats, joints: Ints | None = None) -> Floats:

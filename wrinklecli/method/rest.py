@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.character.pose import blend, joint_matrices, morph_weights, node_matrices, transform
+from wrinklecli.character.pose import Pose, blend, joint_matrices, morph_weights, node_matrices, transform
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
 from wrinklecli.errors import BakeError, ConfigError, listed, nearest
@@ -41,6 +41,11 @@ class Rest:
     blended: Floats
     positions: Floats
     triangles: Ints
+
+    @property
+    def pose(self) -> Pose:
+        """As of any other moment."""
+        return Pose(self.matrices, self.morph_weights)
 
     @cached_property
     def normals(self) -> Floats:
