@@ -71,7 +71,7 @@ class Outputs:
             self.discard()
 
     def protect(self, inputs: Iterable[str | os.PathLike[str]]) -> None:
-        """Never write over these files.
+        """Never write over these files, nor drop them.
 
         Raises:
             BakeError: An output is one of them, by whatever name.

@@ -75,7 +75,9 @@ def put_image(uri: str, data: memoryview, out: str, outputs: Outputs) -> str:
     if there is None:
         outputs.make_folders(os.path.dirname(path))
         outputs.add_bytes(path, data)
-    elif os.path.getsize(there) != len(data) or read_file(there) != data:
+    elif os.path.getsize(there) == len(data) and read_file(there) == data:
+        outputs.protect([there])
+    else:
         raise BakeError("is there already and is another image; choose another folder", where=path)
     return uri
 

@@ -304,6 +304,7 @@ def _put_buffer(name: str, content: Iterable[Bytes], out: str, outputs: Outputs)
     path = os.path.join(os.path.dirname(out), name)
     there = outputs.found(path)
     if there is not None and _is_buffer_file(there, name, out):
+        outputs.protect([there])
         return os.path.getsize(there)
     return outputs.add(path, lambda file: file.writelines(content))
 

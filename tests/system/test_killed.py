@@ -1,0 +1,75 @@
+"""Every command that writes, ended at every line from where it begins to: all of its files are new, or none is."""
+
+import signal
+from pathlib import Path
+
+import pytest
+
+import wrinklecli
+from kit.killed import contents, ended_at_lines
+from kit.limb import limb_asset, tool, write_tools
+
+# By the name of a command: its arguments, and its main output.
+COMMANDS = {
+    "bake": ("bake limb.glb tools.yaml -o out.gltf --report r.json --depfile out.d", "out.gltf"),
+    "frames": ("bake limb.glb tools.yaml -o out.glb --mode frames --fps 1 --frames-dir a/b", "out.glb"),
+    "track": ("track baked.glb limb.glb bent.gltf -o tracked", "tracked/bent.gltf"),
+    "suggest": ("suggest limb.glb -o new.yaml", "new.yaml"),
+    "check": ("check limb.glb tools.yaml --plot new.svg", "new.svg"),
+    "preview": ("preview limb.glb -o new.png --rest --size 32x32", "new.png"),
+    "schema": ("schema -o new.json", "new.json"),
+}
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Assets and tools, and earlier outputs to be replaced."""
+    made = tmp_path / "folder"
+    made.mkdir()
+    limb_asset(rings=7, sides=6).write(made / "limb.glb")
+    limb_asset(rings=7, sides=6).write(made / "bent.gltf")
+    tools = write_tools(made / "tools.yaml", tool(bumps=2), refinement={"max_levels": 0}, sampling={"fps": 4})
+    for name in ("baked.glb", "out.gltf"):
+        wrinklecli.bake(made / "limb.glb", tools, made / name)
+    write_tools(tools, tool(bumps=1), refinement={"max_levels": 0}, sampling={"fps": 4})
+    for name in ("r.json", "out.glb", "new.yaml", "new.svg"):
+        (made / name).write_text("old")
+        (made / name).chmod(0o600)
+    return made
+
+
+@pytest.mark.quick(3)
+@pytest.mark.parametrize(
+    ("name", "sign", "step"),
+    [
+        # A few lines, which take little time; then all.
+        ("bake", signal.SIGTERM, 29),
+        ("frames", signal.SIGKILL, 29),
+        ("track", signal.SIGINT, 29),
+        *((name, sign, 1) for name in COMMANDS for sign in (signal.SIGTERM, signal.SIGKILL)),
+        *(("bake", sign, 1) for sign in (signal.SIGINT, signal.SIGHUP)),
+    ],
+)
+def test_a_signal_at_any_line_leaves_all_files_new_or_none(
+    name: str, sign: signal.Signals, step: int, folder: Path
+) -> None:
+    arguments, main = COMMANDS[name]
+    old = contents(folder)
+    *ended, whole = ended_at_lines(folder, sign, step, *arguments.split())
+    new = whole.left
+    assert (whole.code, whole.reached) == (0, False)
+    assert len(ended) > 100 / step
+    assert new[main] != old.get(main)
+    for each in ended:
+        assert not any(".wrinkle-" in path for path in each.left), each.line
+        if sign != signal.SIGKILL:
+            assert each.left == (new if each.code == 0 else old), each.line
+            assert each.code in (0, 128 + sign), each.line
+            continue
+        assert each.code == -signal.SIGKILL
+        files = {path: content for path, content in each.left.items() if content}
+        assert all(content in (old.get(path), new.get(path)) for path, content in files.items()), each.line
+        assert each.left.get(main) != new[main] or new.items() <= files.items() | old.items() | each.left.items()
+        assert old.keys() - new.keys() <= files.keys() or each.left.get(main) == new[main], each.line
+    codes = {each.code for each in ended}
+    assert codes == ({-signal.SIGKILL} if sign == signal.SIGKILL else {0, 128 + sign})

@@ -1,0 +1,185 @@
+"""What commands write: never over what they read, all of it or nothing, and as it should be found."""
+
+import json
+import os
+import re
+import stat
+from pathlib import Path
+
+import pytest
+
+import wrinklecli
+from kit.command import Wrinkle, files
+from kit.limb import limb_asset, tool, write_tools
+from kit.variants import PNG
+
+# Commands, and what the name of their output ends in.
+WRITING = {
+    "bake": ("bake limb.gltf tools.yaml -o {}", ".glb"),
+    "bake .gltf": ("bake limb.gltf tools.yaml -o {}", ".gltf"),
+    "report": ("bake limb.gltf tools.yaml -o out.glb --report {}", ".json"),
+    "timings": ("bake limb.gltf tools.yaml -o out.glb --timings {}", ".json"),
+    "depfile": ("bake limb.gltf tools.yaml -o out.glb --depfile {}", ".d"),
+    "suggest": ("suggest limb.gltf -o {}", ".yaml"),
+    "check": ("check limb.gltf tools.yaml --plot {}", ".svg"),
+    "preview": ("preview limb.gltf --tools tools.yaml -o {} --rest --size 32x32", ".png"),
+}
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """An asset of three files, and tools."""
+    asset = limb_asset(rings=7, sides=6)
+    asset.gltf["images"] = [{"uri": "skin.png"}]
+    asset.write(tmp_path / "limb.gltf")
+    (tmp_path / "skin.png").write_bytes(PNG)
+    small_tools(tmp_path)
+    return tmp_path
+
+
+def small_tools(folder: Path, **keys: int) -> Path:
+    return write_tools(folder / "tools.yaml", tool(bumps=1) | keys, refinement={"max_levels": 0}, sampling={"fps": 4})
+
+
+@pytest.mark.parametrize("name", WRITING)
+def test_no_output_is_written_over_a_file_of_the_asset_or_the_tools(name: str, folder: Path, wrinkle: Wrinkle) -> None:
+    command, ending = WRITING[name]
+    inputs = [path.name for path in folder.iterdir() if "tools.yaml" in command or path.name != "tools.yaml"]
+    outputs = [each for each in inputs if each.endswith(ending)]
+    for number, each in enumerate(inputs):
+        outputs += [f"link{number}{ending}", f"hard{number}{ending}"]
+        os.symlink(each, outputs[-2])
+        os.link(each, outputs[-1])
+    before = files(folder)
+    for output in outputs:
+        ran = wrinkle(*command.format(output).split())
+        said = [line for line in ran.lines if not line.startswith("warning: ")]
+        assert (ran.code, ran.out, said) == (1, "", [f"{output}: is an input too and would be overwritten"])
+    assert files(folder) == before
+
+
+@pytest.mark.parametrize("output", ["limb.gltf", "limb.bin", "skin.png", "tools.yaml"])
+def test_a_track_is_never_written_over_an_input(output: str, folder: Path, wrinkle: Wrinkle) -> None:
+    wrinklecli.bake(folder / "limb.gltf", folder / "tools.yaml", folder / "baked.glb")
+    (folder / "tracked").mkdir()
+    (folder / "tracked" / "limb.gltf").symlink_to(f"../{output}")
+    before = files(folder)
+    ran = wrinkle("track", "baked.glb", "limb.gltf", "-o", "tracked")
+    if output == "tools.yaml":
+        assert ran.code == 0
+    else:
+        assert (ran.code, ran.lines) == (1, ["tracked/limb.gltf: is an input too and would be overwritten"])
+        assert files(folder) == before
+
+
+def test_a_track_that_cannot_be_written_leaves_none(folder: Path, wrinkle: Wrinkle) -> None:
+    wrinklecli.bake(folder / "limb.gltf", folder / "tools.yaml", folder / "baked.glb")
+    limb_asset(rings=7, sides=6).write(folder / "other.glb")
+    (folder / "tracked" / "other.glb").mkdir(parents=True)
+    before = files(folder)
+    ran = wrinkle("track", "baked.glb", "limb.gltf", "other.glb", "-o", "tracked")
+    assert (ran.code, ran.lines) == (1, ["tracked/other.glb: cannot be written: Is a directory"])
+    assert files(folder) == before
+
+
+@pytest.mark.parametrize("options", ["--report r --timings r", "--depfile out.glb", "--report ./r --depfile sub/../r"])
+def test_each_output_has_a_name_of_its_own(options: str, folder: Path, wrinkle: Wrinkle) -> None:
+    (folder / "sub").mkdir()
+    before = files(folder)
+    ran = wrinkle("bake", "limb.gltf", "tools.yaml", "-o", "out.glb", *options.split())
+    assert ran.code == 1
+    assert len(ran.lines) == 1
+    assert ran.lines[0].endswith(": is another output too: each needs a name of its own")
+    assert files(folder) == before
+
+
+@pytest.mark.parametrize("name", WRITING)
+def test_an_output_that_is_there_keeps_its_mode(name: str, folder: Path, wrinkle: Wrinkle) -> None:
+    command, ending = WRITING[name]
+    output = folder / f"new{ending}"
+    output.write_text("old")
+    output.chmod(0o600)
+    assert wrinkle(*command.format(output.name).split()).code == 0
+    assert stat.S_IMODE(output.stat().st_mode) == 0o600
+    assert output.read_bytes() != b"old"
+
+
+@pytest.mark.parametrize("name", WRITING)
+def test_what_is_a_device_stays_one(name: str, folder: Path, wrinkle: Wrinkle) -> None:
+    command, ending = WRITING[name]
+    (folder / f"null{ending}").symlink_to("/dev/null")
+    assert wrinkle(*command.format(f"null{ending}").split()).code == 0
+    assert stat.S_ISCHR(os.stat("/dev/null").st_mode)
+    assert not list(folder.glob(".wrinkle-*"))
+
+
+@pytest.mark.parametrize("kind", ["pipe", "device", "folder"])
+@pytest.mark.parametrize(
+    "command",
+    [
+        "bake {} tools.yaml -o out.glb",
+        "bake limb.gltf {} -o out.glb",
+        "inspect {}",
+        "check limb.gltf {}",
+        "suggest {}",
+        "preview {} -o new.png",
+        "track {} limb.gltf -o tracked",
+        "diff limb.gltf {}",
+    ],
+)
+def test_an_input_that_is_no_file_is_refused_at_once(command: str, kind: str, folder: Path, wrinkle: Wrinkle) -> None:
+    os.mkfifo(folder / "pipe")
+    (folder / "device").symlink_to("/dev/zero")
+    (folder / "folder").mkdir()
+    before = files(folder)
+    ran = wrinkle(*command.format(kind).split())
+    reason = "Is a directory" if kind == "folder" else "not a regular file"
+    assert (ran.code, ran.lines) == (2 if "diff" in command else 1, [f"{kind}: cannot be read: {reason}"])
+    assert files(folder) == before
+
+
+# Files beside a .gltf
+
+
+def buffers(folder: Path) -> set[str]:
+    return {path.name for path in folder.glob("out-*.bin")}
+
+
+def test_the_buffer_of_an_earlier_bake_goes(folder: Path) -> None:
+    def bake(bumps: int) -> set[str]:
+        wrinklecli.bake(folder / "limb.gltf", small_tools(folder, bumps=bumps), folder / "out.gltf")
+        named = {each["uri"] for each in json.loads((folder / "out.gltf").read_text())["buffers"]}
+        assert named - {"limb.bin"} == buffers(folder)
+        return named
+
+    first = bake(1)
+    assert bake(2) != first
+    assert bake(1) == first
+    assert bake(1) == first
+    assert (folder / "limb.bin").exists()
+
+
+def test_a_buffer_that_is_not_surely_ours_stays(folder: Path) -> None:
+    """It is an input, has another content, lies elsewhere, has another name, or the JSON does not name it."""
+    wrinklecli.bake(folder / "limb.gltf", small_tools(folder), folder / "out.gltf")
+    (old,) = buffers(folder)
+    text = (folder / "out.gltf").read_text()
+    content = (folder / old).read_bytes()
+    (folder / "sub").mkdir()
+    others = [old.replace("out-", "in-"), f"sub/{old}", re.sub("[0-9a-f]{12}", "0" * 12, old)]
+    for name in others:
+        (folder / name).write_bytes(content)
+        text = text.replace('"buffers": [', f'"buffers": [{{"uri": "{name}"}},')
+    (folder / "out.gltf").write_text(text)
+    wrinklecli.bake(folder / "limb.gltf", small_tools(folder, bumps=2), folder / "out.gltf")
+    assert all((folder / name).exists() for name in others)
+    assert not (folder / old).exists()
+
+
+def test_the_buffer_of_an_earlier_bake_that_is_an_input_stays(folder: Path) -> None:
+    wrinklecli.bake(folder / "limb.gltf", small_tools(folder), folder / "out.gltf")
+    (old,) = buffers(folder)
+    (folder / "again.gltf").write_bytes((folder / "out.gltf").read_bytes())
+    wrinklecli.bake(folder / "again.gltf", small_tools(folder, bumps=2), folder / "out.gltf", replace=True)
+    assert (folder / old).exists()
+    assert len(buffers(folder)) == 2
