@@ -398,3 +398,33 @@ def test_json_has_long_names_whole(tmp_path: Path) -> None:
     asset.write(tmp_path / "limb.glb")
     _, out, _ = run(["inspect", "limb.glb", "--json"], tmp_path)
     assert json.loads(out)["deforming"][0]["node"] == "N" * 100_000
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["bake", "{}.glb", "tools.yaml", "-o", "{}out.gltf", "--report", "{}.json"],
+        ["bake", "{}.gltf", "tools.yaml", "-o", "sub/{}.gltf", "--frames-dir", "{}frames"],
+        ["inspect", "{}.gltf"],
+        ["check", "{}.glb", "{}.yaml", "--plot", "{}.svg"],
+        ["diff", "{}.glb", "{}.gltf"],
+        ["suggest", "{}.glb", "-o", "{}found.yaml"],
+        ["preview", "{}.glb", "-o", "{}.png", "--size", "32x32", "--frames", "1"],
+        ["track", "body.glb", "{}.gltf", "-o", "{}tracked"],
+    ],
+    ids=" ".join,
+)
+def test_names_of_files_need_be_no_utf8(tmp_path: Path, arguments: list[str]) -> None:
+    prepare(Case("sound", 0, [], arguments), tmp_path)
+    name = os.fsdecode(b"l\xffmb")
+    asset = limb_asset(**SMALL)
+    asset.write(tmp_path / f"{name}.glb")
+    (tmp_path / f"{name}.bin").write_bytes(asset.data)
+    buffer = {"uri": "l%FFmb.bin", "byteLength": len(asset.data)}
+    (tmp_path / f"{name}.gltf").write_text(json.dumps(asset.gltf | {"buffers": [buffer]}))
+    write_tools(tmp_path / f"{name}.yaml")
+    arguments = [each.format(name) for each in arguments]
+    code, _, err = run(arguments, tmp_path)
+    assert (code, "Traceback" in err) == (0, False), err
+    if arguments[0] == "bake":
+        read_document(tmp_path / arguments[4])

@@ -3,10 +3,10 @@
 import base64
 import binascii
 import os
-from urllib.parse import unquote
 
 from wrinklecli.errors import AssetError
 from wrinklecli.files.inputs import open_input
+from wrinklecli.gltf.uris import path_of
 from wrinklecli.numeric.memory import Memory
 
 
@@ -45,7 +45,7 @@ def local_file(uri: str, asset: str, where: str, *, allow_external: bool) -> str
         AssetError: It lies elsewhere.
     """
     folder = os.path.dirname(asset)
-    relative = unquote(uri)
+    relative = path_of(uri)
     file = os.path.join(folder, relative)
     inside = os.path.realpath(folder or ".")
     if ":" in relative.split("/")[0] or "\0" in relative:
@@ -58,5 +58,5 @@ def local_file(uri: str, asset: str, where: str, *, allow_external: bool) -> str
 
 def leaves_folder(uri: str) -> bool:
     """Whether a URI's path leaves the folder that it is relative to."""
-    relative = unquote(uri)
+    relative = path_of(uri)
     return os.path.isabs(relative) or os.path.normpath(relative).split(os.sep)[0] == os.pardir

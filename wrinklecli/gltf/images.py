@@ -3,13 +3,13 @@
 import hashlib
 import os
 from collections.abc import Iterator
-from urllib.parse import quote, unquote
 
 from wrinklecli.errors import BakeError
 from wrinklecli.files.outputs import Outputs
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.files import leaves_folder, read_file
 from wrinklecli.gltf.shape import Json
+from wrinklecli.gltf.uris import path_of, uri_of
 
 
 def lies_beside(document: Document, out: str) -> bool:
@@ -23,14 +23,14 @@ def image_files(document: Document, out: str | os.PathLike[str]) -> list[str]:
     if document.resources is not None or lies_beside(document, os.fspath(out)):
         return []
     folder = os.path.dirname(document.path)
-    return [os.path.join(folder, unquote(image["uri"])) for image in document.items("images") if _is_a_file(image)]
+    return [os.path.join(folder, path_of(image["uri"])) for image in document.items("images") if _is_a_file(image)]
 
 
 def files_of(document: Document) -> list[str]:
     """Every file that an asset consists of, read or not: nothing may be written over them."""
     folder = os.path.dirname(document.path)
     images = [image for image in document.items("images") if _is_a_file(image)]
-    return [*document.files, *(os.path.join(folder, unquote(image["uri"])) for image in images)]
+    return [*document.files, *(os.path.join(folder, path_of(image["uri"])) for image in images)]
 
 
 def read_image(document: Document, number: int) -> tuple[memoryview, str | None]:
@@ -69,8 +69,8 @@ def put_image(uri: str, data: memoryview, out: str, outputs: Outputs) -> str:
     folder, stem = os.path.dirname(out), os.path.splitext(os.path.basename(out))[0]
     if leaves_folder(uri):
         digest = hashlib.sha256(data).hexdigest()[:12]
-        uri = quote(f"{stem}-{digest}{os.path.splitext(unquote(uri))[1]}")
-    path = os.path.join(folder, unquote(uri))
+        uri = uri_of(f"{stem}-{digest}{os.path.splitext(path_of(uri))[1]}")
+    path = os.path.join(folder, path_of(uri))
     there = outputs.found(path)
     if there is None:
         outputs.make_folders(os.path.dirname(path))

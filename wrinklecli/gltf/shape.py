@@ -6,15 +6,14 @@ Source: glTF 2.0 specification, §5 (properties); EXT_meshopt_compression, KHR_m
 
 import json
 import math
-import os
 import re
 import sys
 from dataclasses import dataclass
 from typing import Any
-from urllib.parse import unquote
 
 from wrinklecli.errors import AssetError, listed
 from wrinklecli.gltf import draco, meshopt
+from wrinklecli.gltf.uris import path_of
 
 Json = dict[str, Any]
 
@@ -304,9 +303,8 @@ def _check_uri(value: Any, path: str, pointer: tuple[str | int, ...]) -> None:
     if not isinstance(value, str):
         raise _misfit(value, str, path, pointer)
     # A name of half a character, or with NUL in it, no system has; data URIs are long, and ASCII.
-    name = "" if value.startswith("data:") else unquote(value)
     try:
-        known = b"\0" not in os.fsencode(name)
+        known = value.startswith("data:") or "\0" not in path_of(value)
     except UnicodeEncodeError:
         known = False
     if not known:

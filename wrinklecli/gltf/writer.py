@@ -14,7 +14,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain
 from typing import IO, NamedTuple, TypeAlias
-from urllib.parse import quote, unquote
 
 from wrinklecli.errors import AssetError, BakeError
 from wrinklecli.files.outputs import Outputs
@@ -26,6 +25,7 @@ from wrinklecli.gltf.images import image_type, images_to_bring, lies_beside, put
 from wrinklecli.gltf.new_data import ALIGNMENT
 from wrinklecli.gltf.references import compressions, view_parts
 from wrinklecli.gltf.shape import Json
+from wrinklecli.gltf.uris import path_of, uri_of
 
 Bytes: TypeAlias = bytes | memoryview
 
@@ -214,7 +214,7 @@ def _write_gltf(edited: EditedDocument, out: str, seal: Seal, outputs: Outputs) 
         for piece in chain(edited.new_data(), [tail]):
             digest.update(piece)
         name = _buffer_file(out, digest.hexdigest())
-        gltf["buffers"][-1] |= {"uri": quote(name), "byteLength": edited.new_size + len(tail)}
+        gltf["buffers"][-1] |= {"uri": uri_of(name), "byteLength": edited.new_size + len(tail)}
         written += _put_buffer(name, chain(edited.new_data(), [tail]), out, outputs)
     for path in _old_buffer_files(out):
         outputs.drop(path)
@@ -247,7 +247,7 @@ def _lay_out_gltf(edited: EditedDocument, images: list[Json], out: str) -> tuple
         content = b"".join(bytes_kept.parts) or bytes(ALIGNMENT)  # a buffer may not be empty
         contents[number] = [content]
         new_files.append((_buffer_file(out, hashlib.sha256(content).hexdigest()), [content]))
-        buffers[number] |= {"byteLength": len(content), "uri": quote(new_files[-1][0])}
+        buffers[number] |= {"byteLength": len(content), "uri": uri_of(new_files[-1][0])}
     if edited.new_size:
         buffers.append({})
         contents.append([])
@@ -313,7 +313,7 @@ def _old_buffer_files(out: str) -> Iterator[str]:
     """The files of buffers that an earlier bake has written beside OUT: those that OUT names and that have its name."""
     with suppress(AssetError):
         for uri in re.findall(rb'"uri": *"([^"\\/]+-[0-9a-f]{12}\.bin)"', read_file(out)):
-            name = unquote(os.fsdecode(uri))
+            name = path_of(os.fsdecode(uri))
             path = os.path.join(os.path.dirname(out), name)
             if _is_buffer_file(path, name, out):
                 yield path

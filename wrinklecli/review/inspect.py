@@ -9,7 +9,6 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator
 from itertools import accumulate, pairwise
 from typing import Any
-from urllib.parse import unquote
 
 from wrinklecli.baking.original import original, wrinkled
 from wrinklecli.character.rig import morph_target_names
@@ -19,6 +18,7 @@ from wrinklecli.gltf.files import local_file
 from wrinklecli.gltf.images import read_image
 from wrinklecli.gltf.references import accessor_views, draco_views, view_parts
 from wrinklecli.gltf.shape import COMPRESSIONS, Json, moves_node
+from wrinklecli.gltf.uris import path_of
 from wrinklecli.numeric.guard import guarded
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory
 
@@ -295,4 +295,4 @@ def _image_size(document: Document, number: int) -> tuple[int | None, str | None
         name = local_file(uri, document.path, where, allow_external=document.allow_external)
         return os.path.getsize(name) if os.path.isfile(name) and os.access(name, os.R_OK) else None, name
     except AssetError:
-        return None, os.path.join(os.path.dirname(document.path), unquote(uri))
+        return None, os.path.join(os.path.dirname(document.path), path_of(uri))
