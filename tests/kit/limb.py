@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from kit.asset import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, MODES, Array, Asset, Interpolation, Json
+from kit.asset import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, MODES, Array, Asset, Interpolation, Json, attribute
 
 LENGTH, RADIUS = 2.0, 0.25  # of the limb, scene units: along x around 0, and around that axis
 BLEND = 0.5  # scene units around each inner joint over which skin weights change over
@@ -333,3 +333,24 @@ def write_tools(path: Path, *tools: Json, **header: Any) -> Path:
     """Write a tools file (YAML that is JSON too) with other top-level keys; the limb's tool where none is given."""
     path.write_text(json.dumps({"version": 1, **header, "tools": list(tools) or [tool()]}))
     return path
+
+
+def flat_limb(**options: Any) -> Asset:
+    """A knobbly limb of flat faces, as low-poly artists make them: each has corners of its own, with its normal."""
+    asset = limb_asset(indices=None, **options)
+    positions = attribute(asset, 0, "POSITION")
+    positions[:, 1:] *= 1.0 + 0.15 * np.cos(6.0 * positions[:, :1])
+    corners = attribute(asset, 0, "POSITION").reshape(-1, 3, 3)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    attribute(asset, 0, "NORMAL")[:] = np.repeat(normals, 3, axis=0)
+    return asset
+
+
+def cuffed_limb(**options: Any) -> Asset:
+    """A limb with one hard edge around it, halfway: to one side of it all normals lean towards the other by 17°."""
+    asset = limb_asset(primitives=2, **options)
+    normals = attribute(asset, 0, "NORMAL")
+    normals[:, 0] += 0.3
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return asset

@@ -168,7 +168,7 @@ BAD_HEADERS = [
     ),
     (
         "refinement: {scheme: loop}",
-        "refinement.scheme: found loop, expected butterfly or midpoint",
+        "refinement.scheme: found loop, expected butterfly, midpoint or butterfly_full",
     ),
     ("defaults: 5", f"defaults: found 5, expected a mapping of {', '.join(FILE['defaults']['properties'])}"),
     ("defaults: {name: a}", "defaults.name: not inherited, each tool needs its own"),

@@ -55,7 +55,9 @@ def test_fitted_normals_follow_the_wrinkled_surface(height: str, median: float, 
     of 55–63° median 0.01–0.1°, 99 % 0.4–2.4°. A fit to t − N, not t/(t·N) − N, has 0.24° and 3.7° in the steep case.
     """
     prepared = prepare(
-        limb_asset(rings=25, sides=24), tool(max_height=height, bumps=4), refinement={"edges_per_interval": 4}
+        limb_asset(rings=25, sides=24),
+        tool(max_height=height, bumps=4),
+        refinement={"edges_per_interval": 4, "scheme": "butterfly_full"},
     )
     carried, fine = carry_patch(prepared)
     (shape,) = shapes_of(carried, fine, prepared.rest, prepared.rest.pose)

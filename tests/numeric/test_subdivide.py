@@ -351,7 +351,7 @@ def test_linear_functions_are_reproduced_inside_a_regular_grid():
     points, triangles = grid(12, 12)
 
     def wants(level):
-        middles = apply(level.matrix, points)[level.edges].mean(axis=1)
+        middles = apply(level.linear, points)[level.edges].mean(axis=1)
         return np.linalg.norm(middles - [6, 6, 0], axis=1) < 2
 
     fine = subdivide(triangles, len(points), wants=wants, max_levels=2)
@@ -366,7 +366,7 @@ def test_new_vertices_of_a_sphere_lie_near_it(whole, times):
     points, triangles = icosphere(times)
 
     def wants(level):
-        middles = apply(level.matrix, points)[level.edges].mean(axis=1)
+        middles = apply(level.linear, points)[level.edges].mean(axis=1)
         return (level.number < 1) & (whole | (middles @ [1.0, 2.0, 3.0] > 1.5))
 
     fine = subdivide(triangles, len(points), wants=wants, max_levels=3)
@@ -591,7 +591,7 @@ def test_each_level_is_built_a_few_times_only():
 
     def wants(level):
         calls.append(level.number)
-        ends = apply(level.matrix, points)[level.edges]
+        ends = apply(level.linear, points)[level.edges]
         lengths = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
         return np.linalg.norm(ends.mean(axis=1) - [5.31, 6.17, 0], axis=1) < 0.75 * lengths
 

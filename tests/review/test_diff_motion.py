@@ -250,7 +250,7 @@ def test_refined_flat_triangles_are_the_same_surface(tmp_path: Path) -> None:
     assert found.same
     assert found.worst is not None
     assert found.worst.distance <= 1e-7
-    round_ = baked(tmp_path, "butterfly", asset, scheme="butterfly", max_levels=1)
+    round_ = baked(tmp_path, "butterfly", asset, scheme="butterfly_full", max_levels=1)
     found = diff(coarse, round_, posed=True)
     assert not found.same
     assert found.worst is not None

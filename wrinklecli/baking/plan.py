@@ -15,7 +15,7 @@ from wrinklecli.character.surface import influence_count, read_surface
 from wrinklecli.errors import AssetError, BakeError, WrinkleError
 from wrinklecli.gltf.document import Document
 from wrinklecli.method.carry import CarriedPatch, carry
-from wrinklecli.method.patch import Patch, attach_tools
+from wrinklecli.method.patch import attach_tools
 from wrinklecli.method.refine import Refinement, refine
 from wrinklecli.method.rest import Rest, rest_pose
 from wrinklecli.numeric.arrays import Floats, Ints, determinants, distinct_values, median
@@ -116,7 +116,7 @@ def plan_mesh(
     rest = rest_pose(surface, rig, settings, clips, tools)
     patches = attach_tools(tools, surface, rest, rig, up=settings.up)
     contacts = contacts_of(document, rig, surface, rest.positions)
-    tallest = max(_greatest_height(patch) for patch in patches)
+    tallest = max(patch.greatest_height for patch in patches)
     bound = max(max_error.resolve(tallest), _float32_error(rest))
     fine = refine(
         surface,
@@ -168,12 +168,6 @@ def poses_of(rig: Rig, clips: Sequence[Clip], joints: Ints | None = None) -> Flo
             rig, clip, np.linspace(clip.start, clip.end, count), chosen
         )
     return poses
-
-
-def _greatest_height(patch: Patch) -> float:
-    """Of all wrinkles that a tool can make, scene units."""
-    heights = patch.curve.heights(patch.curve.greatest_amplitudes[None])
-    return abs(patch.shape_strength) * float(heights.max(initial=0.0))
 
 
 def _float32_error(rest: Rest) -> float:

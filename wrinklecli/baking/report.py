@@ -118,7 +118,11 @@ def make_report(job: Job, baked: Sequence[BakedMesh], *, images: Sequence[str]) 
         "mode": job.options.mode,
         "tallest_wrinkle": max(mesh.plan.tallest for mesh in baked),
         "meshes": [_describe_mesh(mesh, job.options.mode) for mesh in baked],
-        "tools": [_describe_tool(mesh.plan, target_set) for mesh in baked for target_set in mesh.target_sets],
+        "tools": [
+            _describe_tool(mesh.plan, number, target_set)
+            for mesh in baked
+            for number, target_set in enumerate(mesh.target_sets)
+        ],
         "clips": _describe_clips(baked, details=job.options.details),
         "warnings": warnings,
     }
@@ -151,8 +155,8 @@ def _describe_mesh(mesh: BakedMesh, mode: Mode) -> Json:
     return data
 
 
-def _describe_tool(plan: MeshPlan, target_set: TargetSet) -> Json:
-    carried, patch = target_set.carried, target_set.carried.patch
+def _describe_tool(plan: MeshPlan, number: int, target_set: TargetSet) -> Json:
+    carried, patch, fine = target_set.carried, target_set.carried.patch, plan.fine
     return {
         "name": patch.tool.name,
         "node": plan.rig.names[plan.rig.node],
@@ -160,6 +164,9 @@ def _describe_tool(plan: MeshPlan, target_set: TargetSet) -> Json:
         "anchor_distances": [patch.origin.distance, patch.target.distance],
         "moved_vertices": len(carried.vertices),
         "stuck_vertices": carried.stuck,
+        "scheme": fine.schemes[number],
+        "hard_edges": _round(fine.hard_shares[number]),
+        "departure": _round(fine.departures[number]),
         "targets": [target.name for target in target_set.targets if target is not None],
     }
 

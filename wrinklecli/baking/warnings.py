@@ -22,6 +22,8 @@ _DETOUR = 1.3
 # Parts of a segment without surface under it, and of a patch with two layers, that are as good as none.
 _GAP = 0.05
 _DOUBLED = 0.02
+# Departure of the refined surface from the old one that shows at rest, over the tallest wrinkle.
+_DEPARTURE = 0.3
 # Ends of two tools nearer than this, over the shorter segment, are at one place.
 _TWIN = 0.1
 
@@ -30,7 +32,7 @@ def mesh_warnings(plan: MeshPlan, settings: ToolsFile, clips: Sequence[Clip], mo
     """What a user should know of a mesh with all its tools, over the clips baked."""
     rig = plan.rig
     where = rig.names[rig.node]
-    warnings = _twin_warnings(plan, clips)
+    warnings = _twin_warnings(plan, clips) + _departure_warnings(plan)
     if plan.fine.subdivision.limited:
         warnings.append(
             f"{where}: {plan.fine.subdivision.limited} edges are still too long for the wrinkles at max_levels"
@@ -105,6 +107,19 @@ def _placement_warnings(plan: MeshPlan, carried: CarriedPatch) -> list[str]:
             " alike: it reaches across a fold"
         )
     return warnings
+
+
+def _departure_warnings(plan: MeshPlan) -> list[str]:
+    """Tools under which refinement rounds the surface so much that it shows where nothing wrinkles."""
+    return [
+        f"{carried.patch.tool.name}: refinement moves the surface at rest by {100 * departure:.0f} % of the tallest"
+        " wrinkle, as the mesh is coarse for it: scheme: midpoint keeps it as it is"
+        + (", butterfly nearly" if scheme == "butterfly_full" else "")
+        for carried, scheme, departure in zip(
+            plan.carried_patches, plan.fine.schemes, plan.fine.departures, strict=True
+        )
+        if departure > _DEPARTURE
+    ]
 
 
 def _twin_warnings(plan: MeshPlan, clips: Sequence[Clip]) -> list[str]:

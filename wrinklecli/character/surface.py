@@ -38,6 +38,7 @@ class Surface:
         morph_deltas: (morph targets, vertices, 3).
         joints: (vertices, influences) into the rig's joints.
         weights: (vertices, influences), rows summing to 1; 0 where a vertex has fewer.
+        normals: (glTF vertices, 3) stored normals; 0 where a primitive has none.
         triangles: (triangles, 3) welded vertices.
         corners: (triangles, 3) the glTF vertices of the same corners.
         primitives: (triangles,) the primitive that each triangle came from.
@@ -50,6 +51,7 @@ class Surface:
     morph_deltas: Floats
     joints: Ints
     weights: Floats
+    normals: Floats
     triangles: Ints
     corners: Ints
     primitives: Ints
@@ -93,6 +95,7 @@ def read_surface(document: Document, rig: Rig) -> Surface:
         morph_deltas=vertices.morph_deltas[:, firsts],
         joints=vertices.joints[firsts],
         weights=vertices.weights[firsts],
+        normals=np.zeros_like(vertices.positions) if vertices.normals is None else vertices.normals,
         triangles=weld[corners],
         corners=corners,
         primitives=np.repeat(np.arange(len(parts)), [len(part) for part in parts]),

@@ -110,9 +110,17 @@ def _rows(tool: dict[str, Any]) -> list[str]:
         f"bumps    {tool['bumps']}, {tool['strategy']}, at most {tool['height_limit']:.3g} tall",
         f"mesh     {tool['triangles']} triangles, {tool['edges_split']} edges to split;"
         f" {tool['moved_vertices']} vertices move",
+        f"at rest  {_rounding(tool)}",
         f"overlaps {overlaps or 'none'}",
     ]
     return [*rows, *(_clip_table(tool["clips"]) if tool["clips"] else ["clips    none that moves the mesh"])]
+
+
+def _rounding(tool: dict[str, Any]) -> str:
+    """What refinement does to the surface where nothing wrinkles."""
+    departure, hard = _percent(100 * tool["departure"]), _percent(100 * tool["hard_edges"])
+    rounded = f"rounded by up to {departure} % of the tallest wrinkle" if tool["departure"] else "as it was"
+    return f"{rounded}; {hard} % of the edges are hard" if tool["hard_edges"] else rounded
 
 
 def _clip_table(clips: list[dict[str, Any]]) -> list[str]:

@@ -103,6 +103,11 @@ class ControlCurve:
         """(bumps,) u where each bump starts; it spans 2/n."""
         return np.arange(self.bumps) * (2 + self.gap) / self.interval_count
 
+    @property
+    def greatest_height(self) -> float:
+        """Of all bumps, scene units."""
+        return float(self.heights(self.greatest_amplitudes[None]).max(initial=0.0))
+
     def shortening(self, distances: Floats, rest_lengths: Floats) -> Floats:
         """(frames,) d = max((1 − 1e-5) l − l', 0), scene units: neither stretching nor rounding noise makes wrinkles.
 

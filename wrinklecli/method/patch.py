@@ -86,6 +86,21 @@ class Patch:
         inside = (u >= 0.0) & (u <= 1.0) & (np.abs(v) <= 1.0)
         return np.where(inside, self.shape_strength * attenuation * t * t * (3.0 - 2.0 * t), 0.0)
 
+    def presence(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
+        """(…,) share of the tool's height that a place may have, from 0 at the patch's border to 1.
+
+        That of `factors`, without strength; over the first and the last control interval it fades along u as well,
+        where a bump begins or ends.
+        """
+        t = np.clip(np.minimum(u, 1.0 - u) * self.curve.interval_count, 0.0, 1.0)
+        share: Floats = t * t * (3.0 - 2.0 * t) * np.abs(self.factors(u, v, cosines) / self.shape_strength)
+        return share
+
+    @property
+    def greatest_height(self) -> float:
+        """Of all wrinkles that the tool can make, scene units."""
+        return abs(self.shape_strength) * self.curve.greatest_height
+
     @property
     def shape_strength(self) -> float:
         """The strength built into the shapes: the tool's own, or that of its strongest clip where it is 0."""

@@ -18,11 +18,12 @@ from wrinklecli.character.surface import Surface
 from wrinklecli.method.patch import Patch
 from wrinklecli.method.prune import joint_distances, prune, pruning_errors
 from wrinklecli.method.rest import Rest, carried_normals
+from wrinklecli.method.rounding import hard_edges, rounded
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct, distinct_values, normals_at, unit, vertex_normals
 from wrinklecli.numeric.red_green import Level
 from wrinklecli.numeric.sparse import Matrix
 from wrinklecli.numeric.subdivide import Subdivision, subdivide
-from wrinklecli.tools.records import MAX_VERTICES, RefinementSettings
+from wrinklecli.tools.records import MAX_VERTICES, RefinementSettings, Scheme
 
 # Share of a wrinkle's height above which it shows.
 _LEAST_SHOWN = 0.01
@@ -48,6 +49,9 @@ class Refinement:
         shares: (new glTF vertices, 3) of each source, summing to 1.
         primitives: (new glTF vertices,).
         weld: (glTF vertices,) the welded vertex of each.
+        schemes: Of each patch, how its new vertices are placed: that of the settings, but `midpoint` on a faceted mesh.
+        hard_shares: (patches,) of each patch's coarse edges, how many are hard.
+        departures: (patches,) how far new vertices leave the coarse surface at the most, over the tallest wrinkle.
     """
 
     surface: Surface
@@ -65,6 +69,9 @@ class Refinement:
     shares: Floats
     primitives: Ints
     weld: Ints
+    schemes: tuple[Scheme, ...]
+    hard_shares: Floats
+    departures: Floats
 
     @cached_property
     def normals(self) -> Floats:
@@ -146,6 +153,7 @@ def refine(
     storage = _storage(
         surface, rest, members, distances, contacts=contacts, influences=influences, poses=poses, tolerance=tolerance
     )
+    hard = hard_edges(surface, rest.bind_positions, patches)
     normals, under = np.zeros((len(surface.positions), 3)), distinct_values(surface.triangles[members])
     normals[under] = rest.normals_at(under)
     subdivision = subdivide(
@@ -157,10 +165,46 @@ def refine(
         max_levels=settings.max_levels,
         max_vertices=max_vertices,
         near=members,
-        scheme=settings.scheme,
+        scheme="midpoint" if settings.scheme == "midpoint" else "butterfly",
+        hard=hard.vertices if settings.scheme == "butterfly" else None,
         where=rig.names[rig.node],
     )
-    return _refined(surface, rest, subdivision, distances, influences)
+    blended = subdivision.interpolate(rest.blended.reshape(-1, 12)).reshape(-1, 3, 4)
+    placed = rounded(
+        surface,
+        subdivision,
+        patches,
+        blended=blended,
+        rest_places=transform(blended[None], subdivision.interpolate(rest.bind_positions))[0],
+        rest_normals=unit(subdivision.interpolate(normals)),
+        full=settings.scheme == "butterfly_full",
+    )
+    bind = placed.positions + np.tensordot(rest.morph_weights, placed.morph_deltas, axes=1)
+    old = len(surface.positions)
+    weights = _new_weights(surface, subdivision, len(rig.joints))
+    joints_pruned, weights_pruned = prune(weights, distances, influences)
+    corners, sources, shares, primitives, weld = _split_corners(surface, subdivision)
+    faceted = hard.faceted & (settings.scheme == "butterfly")
+    return Refinement(
+        surface=surface,
+        subdivision=subdivision,
+        positions=placed.positions,
+        morph_deltas=placed.morph_deltas,
+        bind_positions=bind,
+        blended=blended,
+        rest_positions=np.concatenate([rest.positions, transform(blended[None, old:], bind[old:])[0]]),
+        weights=weights,
+        joints_pruned=joints_pruned,
+        weights_pruned=weights_pruned,
+        corners=corners,
+        sources=sources,
+        shares=shares,
+        primitives=primitives,
+        weld=weld,
+        schemes=tuple("midpoint" if each else settings.scheme for each in faceted),
+        hard_shares=hard.shares,
+        departures=placed.departures,
+    )
 
 
 def _long_edges(level: Level, patches: Sequence[Patch], rest: Rest, settings: RefinementSettings) -> Bools:
@@ -240,7 +284,7 @@ def _unstorable_edges(level: Level, storage: _Storage) -> Bools:
     weights = _midpoints(level.linear, level.edges[edges], storage.weights)
     many = (weights > 0).sum(axis=1) > storage.influences
     edges, weights = edges[many], weights[many]
-    positions = _midpoints(level.matrix, level.edges[edges], storage.bind_positions)
+    positions = _midpoints(level.linear, level.edges[edges], storage.bind_positions)
     errors = pruning_errors(weights, positions, storage.distances, storage.influences, storage.poses)
     forbidden[edges] |= errors > storage.tolerance
     return forbidden
@@ -273,9 +317,9 @@ def _greatest_step(patch: Patch, settings: RefinementSettings) -> float:
 
 
 def _rest_positions(level: Level, vertices: Ints, rest: Rest) -> Floats:
-    """(vertices, 3) world positions at rest of some vertices of a level."""
+    """(vertices, 3) world positions at rest of some vertices of a level, on the coarse surface."""
     blended = _rows(level.linear, vertices, rest.blended.reshape(-1, 12)).reshape(1, -1, 3, 4)
-    positions: Floats = transform(blended, _rows(level.matrix, vertices, rest.bind_positions))[0]
+    positions: Floats = transform(blended, _rows(level.linear, vertices, rest.bind_positions))[0]
     return positions
 
 
@@ -300,37 +344,14 @@ def _dense_weights(surface: Surface, vertices: Ints, joint_count: int, chosen: I
     return dense
 
 
-def _refined(surface: Surface, rest: Rest, subdivision: Subdivision, distances: Floats, influences: int) -> Refinement:
-    """Give the vertices of a subdivision all that later stages ask of them; `distances` are those of the joints."""
+def _new_weights(surface: Surface, subdivision: Subdivision, joint_count: int) -> Floats:
+    """(new vertices, joints) skin weights, before pruning."""
     old = len(surface.positions)
-    positions = subdivision.positions(surface.positions)
-    deltas = subdivision.positions(surface.morph_deltas)
-    bind = positions + np.tensordot(rest.morph_weights, deltas, axes=1)
-    blended = subdivision.interpolate(rest.blended.reshape(-1, 12)).reshape(-1, 3, 4)
-    weights = np.zeros((0, len(distances)))
-    if subdivision.linear is not None:
-        split = distinct_values(subdivision.linear.columns[subdivision.linear.starts[old] :])
-        dense = _dense_weights(surface, split, len(distances))
-        weights = subdivision.linear.of_rows(np.arange(old, subdivision.vertex_count), dense)
-    joints_pruned, weights_pruned = prune(weights, distances, influences)
-    corners, sources, shares, primitives, weld = _split_corners(surface, subdivision)
-    return Refinement(
-        surface=surface,
-        subdivision=subdivision,
-        positions=positions,
-        morph_deltas=deltas,
-        bind_positions=bind,
-        blended=blended,
-        rest_positions=np.concatenate([rest.positions, transform(blended[None, old:], bind[old:])[0]]),
-        weights=weights,
-        joints_pruned=joints_pruned,
-        weights_pruned=weights_pruned,
-        corners=corners,
-        sources=sources,
-        shares=shares,
-        primitives=primitives,
-        weld=weld,
-    )
+    if subdivision.linear is None:
+        return np.zeros((0, joint_count))
+    split = distinct_values(subdivision.linear.columns[subdivision.linear.starts[old] :])
+    dense = _dense_weights(surface, split, joint_count)
+    return subdivision.linear.of_rows(np.arange(old, subdivision.vertex_count), dense)
 
 
 def _split_corners(surface: Surface, subdivision: Subdivision) -> tuple[Ints, Ints, Floats, Ints, Ints]:

@@ -15,6 +15,9 @@ Differs:
       that end's valence is 6; with both ends on a border, its midpoint (Zorin et al. have own rules).
     - Vertices that are not surrounded by one consistently wound fan count as border. Duplicates of a face (a
       sheet modelled with its back) are refined like it, but stencils see one face: the first.
+    - Hard edges are like cuts: a vertex on one counts as border, but has no 4-point rule. So a hard edge takes its
+      midpoint, and no stencil reads across it. (H. Hoppe et al., *Piecewise Smooth Surface Reconstruction*, SIGGRAPH
+      1994, have rules for creases; here they keep their shape.)
     - A vertex of more than 256 edges has no stencil.
 """
 
@@ -30,27 +33,28 @@ from wrinklecli.numeric.sparse import Matrix
 _MOST_VALENCE = 256
 
 
-def butterfly(triangles: Ints, ends: Ints, vertex_count: int) -> Matrix:
+def butterfly(triangles: Ints, ends: Ints, vertex_count: int, creased: Bools) -> Matrix:
     """The modified butterfly's stencils.
 
     Args:
         triangles: (F, 3) vertices; all faces round the ends are among them.
         ends: (n, 2) vertices of the edges to split.
         vertex_count: Of the level.
+        creased: (vertex_count,) those on a hard edge.
 
     Returns:
         (n, vertex_count) weights; rows sum to 1.
     """
     fans = _fans(triangles, flags_of(ends, vertex_count))
     valences = fans.valences[ends]
-    valences = np.where(valences > _MOST_VALENCE, 0, valences)
+    valences = np.where((valences > _MOST_VALENCE) | creased[ends], 0, valences)
     extraordinary = (valences != 0) & (valences != 6)
     extraordinary_count = extraordinary.sum(axis=1)
     # Each end has a share in the edge's stencil, and spreads it over itself and its ring.
     shares = extraordinary / np.maximum(extraordinary_count, 1)[:, None]
     shares[(valences == 6).all(axis=1)] = 1.0
 
-    border = fans.border_counts[ends] == 2
+    border = (fans.border_counts[ends] == 2) & ~creased[ends]
     border = border.all(axis=1) & fans.is_border(ends)
     plain = (shares.sum(axis=1) == 0.0) & ~border
     edges = np.arange(len(ends))

@@ -7,8 +7,8 @@ Source: R. E. Bank, A. H. Sherman, A. Weiser, *Some Subdivision Algorithms and D
 Subdivision*, Scientific Computing, 1983: red-green closure.
 
 Differs:
-    - An edge splits only where all faces round both its ends belong to the level, so each new vertex lies exactly
-      where refining the whole mesh would put it. No stencil reads green faces.
+    - An edge splits only where all faces round both its ends belong to the level, so that stencils put each new vertex
+      exactly where refining the whole mesh would. None reads green faces.
     - A face with two split edges splits in four unless its third edge must not split, then in three.
 """
 
@@ -22,7 +22,6 @@ import numpy as np
 
 from wrinklecli.errors import BakeError
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, among, any_of, flags_of
-from wrinklecli.numeric.butterfly import butterfly
 from wrinklecli.numeric.sparse import Matrix
 
 # Corners 0, 1, 2 of a face and the midpoints 3, 4, 5 of the edges that follow them.
@@ -35,8 +34,8 @@ class Level:
 
     Attributes:
         number: 0 for the coarse mesh.
-        matrix: (vertices, coarse vertices), positions and morph deltas; None is the identity (level 0).
-        linear: (vertices, coarse vertices), the same by edge midpoints, for skin weights; None as above.
+        linear: (vertices, coarse vertices), where the vertices lie on the coarse mesh: each new one at the midpoint of
+            its edge. None is the identity (level 0).
         triangles: (F, 3) vertices. Level 0 has the coarse triangles `near` which splits are wanted, except those
             with two equal corners, a higher one the quarters of the faces that split in four, not the green ones.
             Vertices are the coarse ones, then those of each level up to this one.
@@ -46,7 +45,6 @@ class Level:
     """
 
     number: int
-    matrix: Matrix | None
     linear: Matrix | None
     triangles: Ints
     parents: Ints
@@ -64,7 +62,6 @@ class Rules:
     wants: Criterion
     forbids: Criterion | None
     max_levels: int
-    scheme: Literal["butterfly", "midpoint"]
     max_vertices: int | None
     where: str
 
@@ -136,7 +133,7 @@ def coarse_stage(triangles: Ints, held: Bools, vertex_count: int, rules: Rules) 
     a, b, c = triangles.T
     faces = np.flatnonzero(held & (a != b) & (b != c) & (c != a))
     return _stage(
-        _level(0, None, None, triangles[faces], faces, vertex_count),
+        _level(0, None, triangles[faces], faces, vertex_count),
         codes=faces,
         barycentrics=np.broadcast_to(np.eye(3), (faces.size, 3, 3)),
         complete=np.ones(vertex_count, dtype=np.bool_),
@@ -234,14 +231,11 @@ def _child(stage: Stage, stages: list[Stage], earlier: list[Stage], rules: Rules
             where=rules.where,
         )
     halves = Matrix.of_entries(np.repeat(np.arange(len(ends)), 2), ends.reshape(-1), np.full(ends.size, 0.5), count)
-    linear = halves.below(level.linear)
-    matrix = linear if rules.scheme == "midpoint" else butterfly(level.triangles, ends, count).below(level.matrix)
     corners, barycentrics = stage.corners_and_midpoints(red)
     child = _stage(
         _level(
             level.number + 1,
-            matrix,
-            linear,
+            halves.below(level.linear),
             corners[:, _RED].reshape(-1, 3),
             np.repeat(level.parents[red], 4),
             count + len(ends),
@@ -275,7 +269,6 @@ def _stage(level: Level, *, codes: Ints, barycentrics: Floats, complete: Bools, 
 
 def _level(
     number: int,
-    matrix: Matrix | None,
     linear: Matrix | None,
     triangles: Ints,
     parents: Ints,
@@ -286,7 +279,6 @@ def _level(
     edges, triangle_edges = np.unique(keys.reshape(-1), return_inverse=True)
     return Level(
         number=number,
-        matrix=matrix,
         linear=linear,
         triangles=triangles,
         parents=parents,

@@ -44,6 +44,11 @@ class Matrix:
         starts = np.searchsorted(rows, np.arange(int(rows[-1]) + 2 if len(rows) else 1))
         return cls(starts, columns, weights[weights != 0], column_count)
 
+    @classmethod
+    def identity(cls, count: int) -> Matrix:
+        """Of some rows and columns."""
+        return cls(np.arange(count + 1), np.arange(count), np.ones(count), count)
+
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns."""
@@ -79,9 +84,7 @@ class Matrix:
 
     def below(self, above: Matrix | None) -> Matrix:
         """The rows of `above`, (n, V) (None: identity), then those of this matrix, on its n rows: (n + m, V)."""
-        if above is None:
-            identity = np.arange(self.column_count)
-            above = Matrix(np.arange(self.column_count + 1), identity, np.ones(self.column_count), self.column_count)
+        above = Matrix.identity(self.column_count) if above is None else above
         counts = np.append(0, np.cumsum(np.diff(above.starts)[self.columns]))[self.starts]
         parts = [above]
         for low, high in _portions(counts[1:]):

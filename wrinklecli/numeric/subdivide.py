@@ -2,18 +2,21 @@
 
 (A T-junction is a vertex inside a neighbour's edge: a gap opens there as soon as it moves.)
 
-Which edges are split is decided in `red_green`, and where new vertices lie in `butterfly`. Here the levels become one
-mesh: splits of which nothing would be seen are undone, and what is left splits coarse faces into fine triangles.
+Which edges are split is decided in `red_green`, and of what new vertices are mixed in `butterfly`. Here the levels
+become one mesh: splits of which nothing would be seen are undone, and what is left splits coarse faces into fine
+triangles.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, flags_of
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, among, any_of, flags_of
+from wrinklecli.numeric.butterfly import butterfly
 from wrinklecli.numeric.red_green import Criterion, Rules, Stage, close, coarse_stage
 from wrinklecli.numeric.sparse import Matrix, apply
 
@@ -26,7 +29,7 @@ _TRISECTED = (  # edge 0 is not split; the diagonal leaves corner 0 or corner 1
 
 @dataclass(frozen=True, slots=True)
 class Subdivision:
-    """The refined mesh, linear in the coarse one. Coarse vertices keep number and place, new ones follow.
+    """The refined mesh. Coarse vertices keep number and place, new ones follow.
 
     Attributes:
         triangles: (F', 3) fine vertices; children take their coarse triangle's place, others are unchanged.
@@ -34,8 +37,8 @@ class Subdivision:
         barycentrics: (F', 3, 3); corner c of fine triangle f is `barycentrics[f, c] @ corners` of its coarse
             triangle. Multiples of powers of two, exact. For corner attributes, so that seams stay seams.
         vertex_count: Of the fine mesh.
-        matrix: (V', V), positions and morph deltas; None is the identity: nothing was split.
-        linear: (V', V), the same by edge midpoints, for skin weights; None as above.
+        matrix: (V', V), where the scheme's stencils put the vertices; None is the identity: nothing was split.
+        linear: (V', V), where they lie on the coarse mesh, by edge midpoints; None as above.
         limited: Edges that still want a split at the highest level allowed.
         blocked: Edges that should have been split (asked for, or needed for others) and must not be.
         levels: Deepest level reached; 0: nothing was split.
@@ -58,11 +61,11 @@ class Subdivision:
         return changed
 
     def positions(self, coarse: Floats) -> Floats:
-        """(..., V, C) coarse positions or morph deltas → (..., V', C); the first V are the same bits."""
+        """(..., V, C) coarse values → (..., V', C) by the scheme's stencils; the first V are the same bits."""
         return apply(self.matrix, coarse)
 
     def interpolate(self, coarse: Floats) -> Floats:
-        """(..., V, C) skin weights or the like → (..., V', C); the first V are the same bits."""
+        """(..., V, C) coarse values → (..., V', C) by edge midpoints; the first V are the same bits."""
         return apply(self.linear, coarse)
 
 
@@ -76,6 +79,7 @@ def subdivide(
     max_levels: int,
     near: Bools | None = None,
     scheme: Literal["butterfly", "midpoint"] = "butterfly",
+    hard: Ints | None = None,
     max_vertices: int | None = None,
     where: str = "",
 ) -> Subdivision:
@@ -97,6 +101,7 @@ def subdivide(
         near: (F,) triangles that have every edge that wants a split, at any level; all where left out. What lies
             further off takes hardly any time.
         scheme: `butterfly`, smooth through the coarse vertices, or `midpoint`, which keeps the coarse shape.
+        hard: (H, 2) vertices of coarse edges, the lower first, that keep their shape and that no stencil reads across.
         max_vertices: How many may be new, those that are undone at the end among them; any number where left out.
         where: Whose triangles they are, for the message.
 
@@ -107,8 +112,8 @@ def subdivide(
         BakeError: There would be more new vertices.
     """
     triangles = np.asarray(triangles, dtype=np.intp)
-    held = np.ones(len(triangles), dtype=np.bool_) if near is None else _held(near, triangles, vertex_count)
-    rules = Rules(wants, forbids, max_levels, scheme, max_vertices, where)
+    held = np.ones(len(triangles), dtype=np.bool_) if near is None else two_rings(near, triangles, vertex_count)
+    rules = Rules(wants, forbids, max_levels, max_vertices, where)
     root = coarse_stage(triangles, held, vertex_count, rules)
     stages, wasted = close(root, [], rules)
     if wasted:
@@ -123,11 +128,12 @@ def subdivide(
     # Coarse vertices, and those of splits that are needed.
     kept = flags_of(fine, deepest.complete.size)
     kept[:vertex_count] = True
-    matrix, linear = deepest.level.matrix, deepest.level.linear
-    if matrix is not None and linear is not None:
-        rows, same = np.flatnonzero(kept), matrix is linear
-        linear = linear.chosen(rows) if len(rows) > vertex_count else None
-        matrix = linear if same or linear is None else matrix.chosen(rows)
+    matrix = linear = None
+    if deepest.level.linear is not None and kept[vertex_count:].any():
+        rows = np.flatnonzero(kept)
+        matrix = linear = deepest.level.linear.chosen(rows)
+        if scheme == "butterfly":
+            matrix = _stencils(stages, np.zeros((0, 2), np.intp) if hard is None else hard).chosen(rows)
     return Subdivision(
         triangles=(np.cumsum(kept) - 1)[fine],
         parents=parents,
@@ -141,7 +147,7 @@ def subdivide(
     )
 
 
-def _held(near: Bools, triangles: Ints, vertex_count: int) -> Bools:
+def two_rings(near: Bools, triangles: Ints, vertex_count: int) -> Bools:
     """(F,) the triangles that matter where all edges that want a split are of the flagged ones: two rings more.
 
     A finer edge asks for the faces round its ends, at every level for half as far as at the level below: in all for
@@ -151,6 +157,23 @@ def _held(near: Bools, triangles: Ints, vertex_count: int) -> Bools:
     for _ in range(2):
         near = any_of(flags_of(triangles[near], vertex_count), triangles)
     return near
+
+
+def _stencils(stages: list[Stage], hard: Ints) -> Matrix:
+    """(vertices of the last level, coarse vertices) where the butterfly puts them, from (H, 2) hard coarse edges."""
+    edges, count = stages[0].level.edges, stages[0].complete.size
+    is_hard = among(edges[:, 0] * count + edges[:, 1], np.sort(hard[:, 0] * count + hard[:, 1]))
+    matrix = Matrix.identity(count)
+    for stage, finer in pairwise(stages):
+        edges, count = stage.level.edges, stage.complete.size
+        creased = flags_of(edges[is_hard], count)
+        matrix = butterfly(stage.level.triangles, edges[stage.split], count, creased).below(matrix)
+        # Of the finer edges, those with an old end are halves: of the edge whose midpoint the other end is.
+        old, middle = finer.level.edges.T
+        was_hard, halves = is_hard[stage.split], np.flatnonzero(old < count)
+        is_hard = np.zeros(len(old), dtype=np.bool_)
+        is_hard[halves] = was_hard[middle[halves] - count]
+    return matrix
 
 
 def _needed(stages: list[Stage], shown: list[Bools]) -> list[Bools]:

@@ -101,8 +101,8 @@ def check(
             refuse_many_frames(plan, moving, fps=fps)
             grids = [(clip, clip_grid(clip, plan.rig, fps=fps)) for clip in moving]
             warnings += mesh_warnings(plan, job.settings, moving, "morph")
-            for carried, overlaps in zip(plan.carried_patches, _overlaps(plan), strict=True):
-                checked.append(_check_tool(plan, carried, grids, overlaps, job.settings.up))
+            for number, overlaps in enumerate(_overlaps(plan)):
+                checked.append(_check_tool(plan, number, grids, overlaps, job.settings.up))
                 progress("checking", len(checked), len(job.settings.tools))
     warnings += [line for tool in checked for line in tool.data["warnings"]]
     data: Json = {
@@ -117,13 +117,14 @@ def check(
 
 
 def _check_tool(
-    plan: MeshPlan, carried: CarriedPatch, grids: Sequence[tuple[Clip, Floats]], overlaps: list[Json], up: str
+    plan: MeshPlan, number: int, grids: Sequence[tuple[Clip, Floats]], overlaps: list[Json], up: str
 ) -> CheckedTool:
-    """Run the control curve of one tool over clips at their (frames,) times."""
+    """Run the control curve of one of the tools over clips at their (frames,) times."""
+    carried = plan.carried_patches[number]
     clips = tuple(
         ClipActivity(clip, times, activity(carried.patch, plan.rig, plan.rest, clip, times)) for clip, times in grids
     )
-    data = _describe_tool(plan, carried, up) | {
+    data = _describe_tool(plan, number, up) | {
         "overlaps": overlaps,
         "clips": [_describe_clip(carried, each) for each in clips],
         "warnings": tool_warnings(plan, carried, clips) + _collision_warnings(plan, carried, clips, up),
@@ -143,10 +144,10 @@ def _describe_mesh(plan: MeshPlan) -> Json:
     }
 
 
-def _describe_tool(plan: MeshPlan, carried: CarriedPatch, up: str) -> Json:
-    patch, fine = carried.patch, plan.fine
+def _describe_tool(plan: MeshPlan, number: int, up: str) -> Json:
+    carried, fine = plan.carried_patches[number], plan.fine
+    patch = carried.patch
     members = np.unique(fine.triangles[patch.members[fine.subdivision.parents]])
-    heights = patch.curve.heights(patch.curve.greatest_amplitudes[None])
     return {
         "name": patch.tool.name,
         "node": plan.rig.names[plan.rig.node],
@@ -158,10 +159,13 @@ def _describe_tool(plan: MeshPlan, carried: CarriedPatch, up: str) -> Json:
         "width": _round(2.0 * patch.half_width),
         "bumps": patch.tool.bumps,
         "strategy": patch.tool.strategy,
-        "height_limit": _round(abs(patch.shape_strength) * float(heights.max(initial=0.0))),
+        "height_limit": _round(patch.greatest_height),
         "triangles": int(patch.members.sum()),
         "edges_split": int((members >= len(fine.surface.positions)).sum()),
         "moved_vertices": len(carried.vertices),
+        "scheme": fine.schemes[number],
+        "hard_edges": _round(fine.hard_shares[number]),
+        "departure": _round(fine.departures[number]),
     }
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
 Position: TypeAlias = tuple[float, float, float]
+Scheme: TypeAlias = Literal["butterfly", "midpoint", "butterfly_full"]
 
 # New vertices of a mesh at most, unless an option allows more: ten times a real-time character. No key of the file.
 MAX_VERTICES = 200_000
@@ -89,12 +90,12 @@ class RefinementSettings:
     Args:
         max_levels: Most times that an edge is halved; 0 keeps the mesh.
         edges_per_interval: Edges on each control interval, half a bump.
-        scheme: How new vertices are placed.
+        scheme: How new vertices are placed: rounding the surface a little, not at all, or as Zorin's scheme does.
     """
 
     max_levels: int = 4
     edges_per_interval: int = 2
-    scheme: Literal["butterfly", "midpoint"] = "butterfly"
+    scheme: Scheme = "butterfly"
 
 
 @dataclass(frozen=True, slots=True)

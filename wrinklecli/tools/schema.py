@@ -116,8 +116,8 @@ _REFINEMENT = _mapping(
             _whole(1, 16), "Edges on each control interval, half a bump; more is smoother. Default 2.", default=2
         ),
         "scheme": _key(
-            _one_of("butterfly", "midpoint"),
-            "butterfly rounds the surface, midpoint keeps the coarse shape. Default butterfly.",
+            _one_of("butterfly", "midpoint", "butterfly_full"),
+            "butterfly rounds a little, midpoint keeps the shape, butterfly_full rounds all. Default butterfly.",
             default="butterfly",
         ),
     }
