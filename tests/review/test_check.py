@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 import wrinklecli
 from kit.asset import Asset
 from kit.command import Wrinkle, files
-from kit.limb import RADIUS, limb, limb_asset, tool, write_tools
+from kit.limb import RADIUS, cuffed_limb, limb, limb_asset, tool, write_tools
 from kit.places import ROOT
 from kit.player import Json
 from kit.samples import BACK, PALM, sample
@@ -109,7 +109,8 @@ def test_it_says_what_a_bake_then_does(levels: int | None, tmp_path: Path) -> No
     assert mesh["triangles"] + mesh["new_triangles"] == baked["triangles"]
     assert mesh["levels"] == baked["levels"]
     for ours, theirs in zip(found.data["tools"], report.data["tools"], strict=True):
-        assert ours["moved_vertices"] == theirs["moved_vertices"]
+        for key in ("moved_vertices", "scheme", "hard_edges", "departure"):
+            assert ours[key] == theirs[key]
         assert ours["rest_length"] == pytest.approx(theirs["rest_length"])
         assert [ours[end]["off"] for end in ("origin", "target")] == pytest.approx(theirs["anchor_distances"])
         for clip in ours["clips"]:
@@ -370,6 +371,9 @@ def test_json_has_these_keys(wrinkle: Wrinkle, tmp_path: Path) -> None:
         "triangles",
         "edges_split",
         "moved_vertices",
+        "scheme",
+        "hard_edges",
+        "departure",
         "overlaps",
         "clips",
         "warnings",
@@ -419,6 +423,49 @@ def test_names_cannot_command_a_terminal(wrinkle: Wrinkle, tmp_path: Path) -> No
     assert ran.code == 0
     assert not set("\x1b\x07") & set(ran.out)
     assert "a\\nb on \\x1b[31mred\\n" in ran.out
+
+
+# --- Rounding at rest ---
+
+
+@pytest.mark.parametrize(
+    ("asset", "row"),
+    [
+        (limb_asset(rings=12, sides=10), "at rest  rounded by up to 12 % of the tallest wrinkle"),
+        (
+            cuffed_limb(rings=12, sides=10),
+            "at rest  rounded by up to 12 % of the tallest wrinkle; 5.7 % of the edges are hard",
+        ),
+        (limb_asset(rings=12, sides=10, normals=False), "at rest  as it was; 100 % of the edges are hard"),
+    ],
+    ids=["smooth", "hard edge", "faceted"],
+)
+def test_a_row_says_how_much_the_surface_is_rounded_at_rest(
+    asset: Asset, row: str, wrinkle: Wrinkle, tmp_path: Path
+) -> None:
+    asset.write(tmp_path / "limb.glb")
+    write_tools(tmp_path / "tools.yaml")
+    assert f"  {row}" in wrinkle("check", "limb.glb", "tools.yaml").out.splitlines()
+
+
+@pytest.mark.parametrize(
+    ("scheme", "strength", "ends"),
+    [
+        ("butterfly", 0.25, "scheme: midpoint keeps it as it is"),
+        ("butterfly_full", 0.5, "scheme: midpoint keeps it as it is, butterfly nearly"),
+        ("butterfly", 1.0, None),
+        ("midpoint", 0.25, None),
+    ],
+)
+def test_warned_where_much_of_a_wrinkle_s_height_shows_at_rest(
+    scheme: str, strength: float, ends: str | None, tmp_path: Path
+) -> None:
+    asset = limb_asset(rings=12, sides=10).write(tmp_path / "limb.glb")
+    tools = write_tools(tmp_path / "tools.yaml", tool(strength=strength), refinement={"scheme": scheme})
+    made = check(asset, tools)
+    lines = [line for line in made.warnings if "moves the surface at rest" in line]
+    share = f"{100 * made.data['tools'][0]['departure']:.0f} % of the tallest wrinkle"
+    assert [line.endswith(str(ends)) and share in line for line in lines] == [True] * (ends is not None)
 
 
 # --- The picture ---
