@@ -14,7 +14,7 @@ from wrinklecli.method.patch import Patch
 from wrinklecli.tools.records import RestLengthKeys, RestLengthMorph
 
 # Raised only when the geometry that the same asset and tools give changes.
-METHOD = 1
+METHOD = 2
 
 # Decimal digits of numbers in extras: float32's own.
 _DIGITS = 8
