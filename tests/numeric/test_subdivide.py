@@ -638,6 +638,30 @@ def test_a_line_of_non_manifold_edges_takes_midpoints():
         np.testing.assert_allclose(fine.positions(points)[middle], (points[a] + points[b]) / 2)
 
 
+@pytest.mark.parametrize("wrapped", [False, True])
+def test_stencils_do_not_read_across_hard_edges(wrapped):
+    """One line, or two lines round a torus, at all levels."""
+    points, triangles = grid(6, 6, wrapped)
+    columns = points[:, 0]
+    lines = [0, 3] if wrapped else [3]
+    side, other = (columns > 0) & (columns < 3) if wrapped else columns < 3, columns > 3
+    hard = np.array([(a, b) for a, b in edge_faces(triangles) if columns[a] == columns[b] and columns[a] in lines])
+    fine, plain = (subdivide(triangles, len(points), wants=up_to(2), max_levels=2, hard=each) for each in (hard, None))
+    assert np.array_equal(fine.triangles, plain.triangles)
+    shares, flat = fine.matrix @ np.eye(len(points)), fine.linear @ np.eye(len(points))
+    on_line = (flat[:, ~np.isin(columns, lines)] == 0).all(axis=1)
+    assert on_line.sum() == len(lines) * (24 if wrapped else 25)
+    assert np.array_equal(shares[on_line], flat[on_line])
+    left, right = (flat[:, side] > 0).any(axis=1), (flat[:, other] > 0).any(axis=1)
+    assert not (left & right).any()
+    assert (shares[left][:, other] == 0).all()
+    assert (shares[right][:, side] == 0).all()
+    assert (plain.matrix @ np.eye(len(points)))[left][:, other].any(), "the case is one"
+    # Away from the line all is as ever.
+    assert not np.array_equal(shares, flat)
+    np.testing.assert_allclose(shares.sum(axis=1), 1, atol=1e-14)
+
+
 def test_the_same_bits_again():
     points, triangles = in_pieces()
     first, second = (
