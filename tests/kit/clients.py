@@ -57,7 +57,7 @@ class Report:
         ]
 
 
-def _give_up(reason: str) -> NoReturn:
+def give_up(reason: str) -> NoReturn:
     if IN_CI:
         pytest.fail(reason, pytrace=False)
     pytest.skip(reason)
@@ -87,7 +87,7 @@ def requireinstall() -> str:
     """
     node, reason = install()
     if not node:
-        _give_up(reason)
+        give_up(reason)
     return node
 
 
@@ -139,7 +139,7 @@ def _server() -> _Server:
     return _Server()
 
 
-def _ask(module: str, function: str, *arguments: Any) -> Any:
+def ask(module: str, function: str, *arguments: Any) -> Any:
     """Call a function of a module in `tests/clients`."""
     reply = _server().ask(json.dumps([module, function, *arguments]))
     if not reply:
@@ -153,7 +153,7 @@ def _ask(module: str, function: str, *arguments: Any) -> Any:
 
 def validate(paths: Sequence[Path]) -> list[Report]:
     """Run the Khronos validator over .glb and .gltf files, external buffers and images included."""
-    answers = [_ask("validate", "validate", str(path)) for path in paths]
+    answers = [ask("validate", "validate", str(path)) for path in paths]
     return [
         Report(path, answer["numErrors"], answer["numWarnings"], tuple(answer["messages"]))
         for path, answer in zip(paths, answers, strict=True)
@@ -162,7 +162,7 @@ def validate(paths: Sequence[Path]) -> list[Report]:
 
 def optimize(path: Path, out: Path) -> dict[str, Any]:
     """Run a file through glTF-Transform, as its `optimize --compress meshopt` does; what its `inspect` says of it."""
-    report: dict[str, Any] = _ask("optimize", "optimize", str(path), str(out))
+    report: dict[str, Any] = ask("optimize", "optimize", str(path), str(out))
     return report
 
 
@@ -224,7 +224,7 @@ def pose_each(file: Path, nodes: Sequence[str | int], *, clip: str | int, times:
             {**request, "node": node, "vertices": None, "output": str(Path(folder, f"{number}.f32"))}
             for number, node in enumerate(nodes)
         ]
-        answers = _ask("pose", "pose", requests)
+        answers = ask("pose", "pose", requests)
         return [
             np.fromfile(each["output"], np.float32).reshape(len(times), answer["vertices"], 3).astype(np.float64)
             for each, answer in zip(requests, answers, strict=True)
@@ -249,7 +249,7 @@ def _posed(
             "vertices": None if vertices is None else [int(vertex) for vertex in vertices],
             **outputs,
         }
-        (answer,) = _ask("pose", "pose", [request])
+        (answer,) = ask("pose", "pose", [request])
         shape = (len(times), answer["vertices"], 3)
         return [np.fromfile(path, np.float32).reshape(shape).astype(np.float64) for path in outputs.values()]
 
@@ -272,7 +272,7 @@ def drive(
     """
     request = {"file": str(file), "node": node, "clip": clip, "times": [float(time) for time in times], "drive": driver}
     request |= {} if anim is None else {"anim": str(anim)}
-    answer = _ask("drive", "drive", request)
+    answer = ask("drive", "drive", request)
     weights = np.array(answer["weights"], np.float64)
     return {name: weights[:, :, k] for k, name in enumerate(answer["targets"])}
 
@@ -280,7 +280,7 @@ def drive(
 def clip_tracks(file: Path, clip: str) -> list[tuple[str, str, Floats, Floats]]:
     """What three.js reads of a clip: node, property as three.js calls it, (keys,) seconds and (keys, …) values."""
     found = []
-    for track in _ask("drive", "tracks", str(file), clip):
+    for track in ask("drive", "tracks", str(file), clip):
         times = np.array(track["times"], np.float64)
         found.append((track["node"], track["path"], times, np.array(track["values"]).reshape(len(times), -1)))
     return found

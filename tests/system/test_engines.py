@@ -1,0 +1,81 @@
+"""Engines that compute positions themselves play what our player plays, however morph targets are stored."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kit.bakes import bake_config, bake_once, place
+from kit.engines import babylon_pose, through_assimp, vtk_pose
+from kit.limb import RADIUS, blendshape_limb, limb_asset, tool
+from kit.player import Floats, Gltf
+
+TIMES = (0.0, 0.35, 0.5, 0.9, 1.3)
+
+
+def idle_part(stored: str) -> Gltf:
+    """Three primitives, of which a tool touches the one in the middle."""
+    crease = tool(origin=[-0.3, RADIUS, 0.0], target=[0.3, RADIUS, 0.0])
+    return bake_once(place(limb_asset(primitives=3)), crease, accessors=stored)
+
+
+# Node, clip, and the bake with its morph targets stored in some way.
+CASES: dict[str, tuple[str, str, Callable[[str], Gltf]]] = {
+    "skin": ("wrist", "flex", lambda stored: bake_config("wrist", "wrist", accessors=stored)),
+    "idle_part": ("limb", "fold", idle_part),
+    "blendshapes": (
+        "limb",
+        "fold",
+        lambda stored: bake_once(place(blendshape_limb(3)), tool(bumps=6), accessors=stored),
+    ),
+    "face": ("head", "raise_brows", lambda stored: bake_config("head", "head", accessors=stored)),
+}
+
+
+def bakes(cases: tuple[str, ...], stored: tuple[str, ...]) -> pytest.MarkDecorator:
+    """A case for each asset and each way of storing its morph targets."""
+    return pytest.mark.parametrize(("case", "stored"), [(case, each) for case in cases for each in stored])
+
+
+def played(file: Gltf, node: str, clip: str) -> Floats:
+    """(times, vertices, 3) positions as our player has them, with wrinkles that an engine could miss."""
+    posed = file.pose(node, clip, TIMES)
+    moved = np.einsum("tk,kvx->tvx", file.weights(node, clip, TIMES), file.deltas(node))
+    assert np.abs(moved).max() > 1e-3 * np.abs(posed).max()
+    return posed
+
+
+@pytest.mark.quick(3)
+@bakes(("blendshapes", "idle_part", "skin", "face"), ("sparse", "dense"))
+def test_babylon_plays_the_bake(case: str, stored: str) -> None:
+    """Not based ones: it writes the first accessor's numbers into the zeros that all others stand on."""
+    node, clip, bake = CASES[case]
+    posed = played(bake(stored), node, clip)
+    shown = babylon_pose(bake(stored).path, node, clip, TIMES)
+    assert np.abs(shown - posed).max() < 2e-6 * np.abs(posed).max()
+
+
+@pytest.mark.quick(2)
+@bakes(("blendshapes", "skin", "face"), ("based", "dense"))
+def test_vtk_plays_the_bake(case: str, stored: str) -> None:
+    """Four targets at most: a vertex that others move is left out. Of several primitives VTK bends only the first."""
+    node, clip, bake = CASES[case]
+    file = bake(stored)
+    posed = played(file, node, clip)
+    shown = vtk_pose(file.path, [each["name"] for each in file.json["animations"]].index(clip), TIMES)
+    gaps = np.abs(shown - posed).max(axis=(0, 2))
+    missed = np.abs(file.deltas(node)[4:]).max(axis=(0, 2), initial=0.0) > 0
+    assert gaps[~missed].max() < 2e-6 * np.abs(posed).max()
+
+
+@pytest.mark.quick(3)
+@bakes(("idle_part", "blendshapes", "skin", "face"), ("sparse", "based", "dense"))
+def test_assimp_reads_and_writes_the_bake(case: str, stored: str, tmp_path: Path) -> None:
+    node, _, bake = CASES[case]
+    file = bake(stored)
+    made = through_assimp(file.path, tmp_path)
+    assert np.array_equal(made.attribute(node, "POSITION"), file.attribute(node, "POSITION"))
+    # What it holds are moved vertices; of normals it writes none.
+    step = 4e-7 * np.abs(file.attribute(node, "POSITION")).max()
+    assert np.abs(made.deltas(node) - file.deltas(node)).max() < step
