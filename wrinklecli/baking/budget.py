@@ -232,8 +232,9 @@ def _judge_influences(document: Document, plan: MeshPlan, clips: Sequence[Clip],
     for primitive in document.items("meshes")[rig.mesh]["primitives"]:
         joints, weights = (document.accessor(primitive["attributes"][key]) for key in ("JOINTS_0", "WEIGHTS_0"))
         rows = start + np.arange(len(joints))
+        joints = np.where(weights > 0, joints, 0).astype(np.intp)  # joints of no weight may be any
         for column in range(joints.shape[1]):
-            first[rows, joints[:, column].astype(np.intp)] += weights[:, column]
+            first[rows, joints[:, column]] += weights[:, column]
         start += len(joints)
     kept = first.sum(axis=1, keepdims=True)
     over = np.flatnonzero(((whole > 0) & (first == 0)).any(axis=1))
