@@ -362,7 +362,15 @@ def texture_of_nothing(asset: Asset) -> None:
     asset.gltf["skins"][0]["skeleton"] = 99
 
 
-@pytest.mark.parametrize("change", [joint_twice, channel_twice, texture_of_nothing])
+def index_of_nothing(asset: Asset) -> None:
+    stored(asset, asset.gltf["meshes"][1]["primitives"][0]["indices"])[0] = 99
+
+
+def joint_of_nothing(asset: Asset) -> None:
+    attribute(asset, 0, "JOINTS_0")[:] = 99
+
+
+@pytest.mark.parametrize("change", [joint_twice, channel_twice, texture_of_nothing, index_of_nothing, joint_of_nothing])
 def test_what_no_valid_file_has_is_the_same_as_itself(change: Callable[[Asset], None], tmp_path: Path) -> None:
     before, after = rich(), rich()
     for asset in (before, after):
@@ -370,6 +378,17 @@ def test_what_no_valid_file_has_is_the_same_as_itself(change: Callable[[Asset], 
     assert list(compared(tmp_path, before, after).lines()) == ["same: to the byte"]
     after.gltf["asset"]["generator"] = "another"
     assert compared(tmp_path, before, after).same
+
+
+def test_images_that_are_missing_are_compared_by_name(tmp_path: Path) -> None:
+    before, after = rich(), rich()
+    for asset in (before, after):
+        asset.gltf["images"][0] = {"uri": "gone.png"}
+    after.gltf["asset"]["generator"] = "another"
+    assert compared(tmp_path, before, after).same
+    after.gltf["images"][0]["uri"] = "lost.png"
+    (found,) = compared(tmp_path, before, after).differences
+    assert (found.place, found.message) == ("/images/0", "other files, which cannot be read")
 
 
 def test_a_reference_to_nothing_is_a_difference(tmp_path: Path) -> None:
@@ -389,3 +408,10 @@ def test_the_same_content_needs_no_measuring(tmp_path: Path, monkeypatch: pytest
     for pair in ((a, a), (b, c)):
         found = diff(*pair)
         assert (found.same, found.size, found.tolerance, found.times) == (True, None, None, 0)
+
+
+@pytest.mark.parametrize("change", [index_of_nothing, joint_of_nothing])
+def test_malformed_meshes_are_compared_as_they_are_stored(change: Callable[[Asset], None], tmp_path: Path) -> None:
+    after = rich()
+    change(after)
+    assert compared(tmp_path, rich(), after).differences[0].kind == "geometry"

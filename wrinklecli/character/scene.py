@@ -6,6 +6,7 @@ it: its own vertices, its own normals, its own skin weights.
 Source: glTF 2.0 §3.5 (scenes), §3.7.2.2 (morph targets), §3.7.3.3 (skinned meshes).
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.skin import Skin, pose, prepare
 from wrinklecli.character.surface import Vertices, dense_influences, read_primitive, read_triangles
+from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints
@@ -81,35 +83,42 @@ def scene_nodes(document: Document) -> list[int]:
     return sorted(found)
 
 
-def read_scene(document: Document) -> tuple[ScenePrimitive, ...]:
+def read_scene(document: Document, *, leave_out_malformed: bool = False) -> tuple[ScenePrimitive, ...]:
     """Every primitive of every node of the default scene, in the document's order.
+
+    Args:
+        document: With the scene.
+        leave_out_malformed: Go on without nodes whose mesh or skin is malformed.
 
     Raises:
         AssetError: A mesh, a skin or the hierarchy is malformed.
     """
     nodes = document.items("nodes")
-    primitives = []
+    primitives: list[ScenePrimitive] = []
     for node in scene_nodes(document):
-        if "mesh" not in nodes[node]:
-            continue
-        rig = read_rig(document, node)
-        for number, primitive in enumerate(document.items("meshes")[rig.mesh].get("primitives", [])):
-            where = document.where("meshes", rig.mesh, "primitives", number)
-            vertices = read_primitive(document, primitive, rig, where)
-            count = len(vertices.positions)
-            colour = _base_colour(_material(document, primitive))
-            primitives.append(
-                ScenePrimitive(
-                    rig=rig,
-                    primitive=number,
-                    where=where,
-                    vertices=vertices,
-                    triangles=read_triangles(document, primitive, count, where),
-                    skin=_skin(vertices, len(rig.joints)),
-                    colour=colour,
-                )
-            )
+        if "mesh" in nodes[node]:
+            try:
+                primitives += list(_read_node(document, node))
+            except AssetError:
+                if not leave_out_malformed:
+                    raise
     return tuple(primitives)
+
+
+def _read_node(document: Document, node: int) -> Iterator[ScenePrimitive]:
+    rig = read_rig(document, node)
+    for number, primitive in enumerate(document.items("meshes")[rig.mesh].get("primitives", [])):
+        where = document.where("meshes", rig.mesh, "primitives", number)
+        vertices = read_primitive(document, primitive, rig, where)
+        yield ScenePrimitive(
+            rig=rig,
+            primitive=number,
+            where=where,
+            vertices=vertices,
+            triangles=read_triangles(document, primitive, len(vertices.positions), where),
+            skin=_skin(vertices, len(rig.joints)),
+            colour=_base_colour(_material(document, primitive)),
+        )
 
 
 def _material(document: Document, primitive: Json) -> Json:

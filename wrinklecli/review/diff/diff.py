@@ -132,7 +132,8 @@ def diff(
         _refuse_unknown(clips, (first, second), where=both)
         if _have_same_content(first, second):
             return Comparison((), None, None, 0, None, None)
-        scenes = _read_scene(first), _read_scene(second)
+        # Of what a bake passes through unread, the documents are compared all the same.
+        scenes = _read_scene(first, whole=posed), _read_scene(second, whole=posed)
         return _compare((first, second), scenes, tolerance, posed, clips, fps, progress)
 
 
@@ -141,9 +142,9 @@ def _read(path: str | os.PathLike[str], *, allow_external: bool, memory: Memory)
         return read_document(path, allow_external=allow_external, memory=memory)
 
 
-def _read_scene(document: Document) -> AnimatedScene:
+def _read_scene(document: Document, *, whole: bool) -> AnimatedScene:
     with guarded(document.path):
-        return AnimatedScene(read_scene(document), read_clips(document))
+        return AnimatedScene(read_scene(document, leave_out_malformed=not whole), read_clips(document))
 
 
 def _refuse_unknown(clips: Sequence[str], documents: tuple[Document, Document], *, where: str) -> None:

@@ -11,6 +11,7 @@ Source: glTF 2.0 specification, §3 (concepts).
 from collections.abc import Callable, Iterator, Sequence
 
 from wrinklecli.character.rig import read_rig
+from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import COMPRESSIONS
 from wrinklecli.review.diff.animations import animation_differences
@@ -28,7 +29,7 @@ from wrinklecli.review.diff.difference import (
 )
 from wrinklecli.review.diff.meshes import image_differences, mesh_differences
 from wrinklecli.review.diff.nodes import node_differences, pair_nodes
-from wrinklecli.review.diff.skins import influence_differences, joint_pairs, skin_differences
+from wrinklecli.review.diff.skins import influence_differences, joint_pairs, skin_differences, stored_influences
 from wrinklecli.review.diff.values import array_differences, dict_differences
 
 # Top-level arrays that say how data is stored, and those that are compared through what refers to them.
@@ -118,11 +119,15 @@ class _Walk:
             first, second = sides.items("nodes", i, j)
             if all("skin" in node and "mesh" in node for node in (first, second)):
                 joints = joint_pairs(sides, first["skin"], second["skin"])
-                rig_a, rig_b = read_rig(sides.a, i), read_rig(sides.b, j)
-                key = rig_a.mesh, rig_b.mesh, tuple(joints.items())
+                key = first["mesh"], second["mesh"], tuple(joints.items())
                 if key not in weighed:
                     weighed.add(key)
-                    yield from influence_differences(sides, rig_a, rig_b, joints)
+                    try:
+                        rig_a, rig_b = read_rig(sides.a, i), read_rig(sides.b, j)
+                        found: list[Difference | Link] = [*influence_differences(sides, rig_a, rig_b, joints)]
+                    except AssetError:  # of a malformed one, what is stored
+                        found = list(stored_influences(sides, first["mesh"], second["mesh"]))
+                    yield from self.follow(iter(found))
 
     def unreferenced_differences(self) -> Iterator[Difference]:
         """Compare what nothing refers to: by name, then in order."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrinklecli.character.rig import morph_target_names
+from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.images import read_image
 from wrinklecli.gltf.shape import Json
@@ -135,11 +136,16 @@ def image_differences(sides: Sides, i: int, j: int) -> Found:
     )
     data = [_image_bytes(document, index) for document, index in ((sides.a, i), (sides.b, j))]
     if data[0] != data[1]:
-        message = f"other bytes ({len(data[0])} -> {len(data[1])})"
-        yield differ("image", ("images", i), message, name=name)
+        sizes = ["unreadable" if each is None else str(len(each)) for each in data]
+        yield differ("image", ("images", i), f"other bytes ({' -> '.join(sizes)})", name=name)
+    elif data[0] is None and first.get("uri") != second.get("uri"):
+        yield differ("image", ("images", i), "other files, which cannot be read", name=name)
 
 
-def _image_bytes(document: Document, index: int) -> bytes:
-    """The bytes of an image; none where it names none."""
+def _image_bytes(document: Document, index: int) -> bytes | None:
+    """The bytes of an image, empty where it names none; None where they cannot be read, which a bake may leave so."""
     image = document.items("images")[index]
-    return bytes(read_image(document, index)[0]) if "bufferView" in image or image.get("uri") else b""
+    try:
+        return bytes(read_image(document, index)[0]) if "bufferView" in image or image.get("uri") else b""
+    except AssetError:
+        return None

@@ -9,7 +9,17 @@ from wrinklecli.character.surface import dense_influences, read_primitive
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats
-from wrinklecli.review.diff.difference import Difference, Found, Place, Sides, differ, node_names, pairs_by_key, without
+from wrinklecli.review.diff.difference import (
+    Difference,
+    Found,
+    Link,
+    Place,
+    Sides,
+    differ,
+    node_names,
+    pairs_by_key,
+    without,
+)
 from wrinklecli.review.diff.values import count_that_differ, dict_differences, gaps
 
 
@@ -104,3 +114,14 @@ def influence_differences(sides: Sides, rig_a: Rig, rig_b: Rig, joints: Mapping[
             message += count_that_differ(int(off.sum()), len(one.positions))
             place = ("meshes", rig_a.mesh, "primitives", number, "attributes", "WEIGHTS_0")
             yield differ("geometry", place, message, name=names[rig_a.node])
+
+
+def stored_influences(sides: Sides, i: int, j: int) -> Iterator[Link]:
+    """What two meshes store of joints and weights, as links to accessors."""
+    first, second = (mesh.get("primitives", []) for mesh in sides.items("meshes", i, j))
+    for number, (one, other) in enumerate(zip(first, second, strict=False)):
+        attributes_a, attributes_b = one.get("attributes", {}), other.get("attributes", {})
+        for key in attributes_a:
+            if key.startswith(("JOINTS_", "WEIGHTS_")) and key in attributes_b:
+                place: Place = ("meshes", i, "primitives", number, "attributes", key)
+                yield Link("accessors", attributes_a[key], attributes_b[key], place)
