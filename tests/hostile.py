@@ -15,6 +15,7 @@ import traceback
 import warnings
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from tempfile import mkdtemp
 
@@ -80,10 +81,10 @@ def shortened(case: Case, way: str) -> Case:
     """A case with as few edits as fail in the same way."""
     edits = list(case.edits)
     for edit in list(edits):
-        fewer = Case(case.name, case.source, [each for each in edits if each is not edit], case.arguments)
+        fewer = replace(case, edits=[each for each in edits if each is not edit])
         if outcome(fewer) == way:
             edits = list(fewer.edits)
-    return Case(case.name, case.source, edits, case.arguments)
+    return replace(case, edits=edits)
 
 
 def main() -> int:

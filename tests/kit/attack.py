@@ -5,9 +5,9 @@ import json
 import os
 import random
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,9 @@ from wrinklecli.gltf.document import read_document
 
 _LONGEST_LINE = 10_100  # characters of a message
 _CODES = {"diff": (0, 1, 2)}
+_LINKS = ("link", "hard link", "link to itself", "link to nothing")
+_PLACES = (*_LINKS, "folder", "nothing", "pipe", "/dev/null", "/dev/full")
+_DISPLACED = 0.05  # of all cases
 _LARGE = 5  # sources at the end of the corpus that take longer
 _COMMANDS = {"bake": 30, "inspect": 15, "diff": 20, "check": 10, "suggest": 8, "track": 10, "preview": 7}
 
@@ -32,16 +35,19 @@ class Case:
         source: Number of the sound asset in the corpus.
         edits: What was done to it and its tools.
         arguments: Of the command line; names of files are relative to the case's folder.
+        places: What stands in the place of some of the files, by name: see `_displace`.
     """
 
     name: str
     source: int
     edits: Sequence[Edit]
     arguments: Sequence[str]
+    places: Mapping[str, str] = field(default_factory=dict)
 
     def dumped(self) -> str:
         """The case as a line of JSON."""
-        return json.dumps({"source": self.source, "edits": self.edits, "arguments": self.arguments})
+        kept = {"source": self.source, "edits": self.edits, "arguments": self.arguments}
+        return json.dumps(kept | ({"places": self.places} if self.places else {}))
 
 
 def loaded(line: str, name: str) -> Case:
@@ -58,7 +64,9 @@ def make_case(number: int) -> Case:
     source = chance.choices(wanted, [1 if k >= len(sources) - _LARGE else 3 for k in wanted])[0]
     edits = damage(chance, sources[source])
     arguments = list(_arguments(chance, command, sources[source]))
-    return Case(f"{number} ({' '.join(arguments)})", source, edits, arguments)
+    files = [each for each in arguments if "." in each and each not in ("--replace",)]
+    places = {chance.choice(files): chance.choice(_PLACES)} if chance.random() < _DISPLACED else {}
+    return Case(f"{number} ({' '.join(arguments)})", source, edits, arguments, places)
 
 
 def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[str]:
@@ -132,6 +140,31 @@ def prepare(case: Case, folder: Path) -> None:
     Path(folder, "tools.yaml").write_bytes(tools)
     Path(folder, "sub").mkdir()
     Path(folder, "out.glb").write_bytes(b"old")
+    inputs = {path.name for path in folder.iterdir()} - {"out.glb"}
+    for name, kind in case.places.items():
+        _displace(folder / name, kind, inputs=inputs)
+
+
+def _displace(path: Path, kind: str, *, inputs: Container[str]) -> None:
+    """Put something else in the place of a file, which may be there."""
+    elsewhere = path.with_name(f"displaced-{path.name}")
+    if path.exists():
+        path.rename(elsewhere)
+    match kind:
+        case "link":
+            path.symlink_to(elsewhere.name)
+        case "hard link" if elsewhere.exists():
+            path.hardlink_to(elsewhere)
+        case "link to itself":
+            path.symlink_to(path.name)
+        case "link to nothing":
+            path.symlink_to("nothing")
+        case "folder":
+            path.mkdir()
+        case "pipe" if path.name in inputs:  # as an output it would wait for a reader
+            os.mkfifo(path)
+        case "/dev/null" | "/dev/full":
+            path.symlink_to(kind)
 
 
 def _spelled_otherwise(asset: bytes) -> bytes:
@@ -168,16 +201,20 @@ def attack(case: Case, folder: Path) -> int:
     for line in err.splitlines() + ([] if "--json" in case.arguments else out.splitlines()):
         assert len(line) <= _LONGEST_LINE, f"a line of {len(line)} characters: {line[:200]}"
         assert line.isprintable(), f"a line that commands the terminal: {line[:200]!r}"
-    if code == 0 and command == "bake":
+    if code == 0 and command == "bake" and not case.places:
         read_document(folder / case.arguments[-1])
-    if command == "diff" and ("twin.glb" in case.arguments or case.arguments[1] == case.arguments[2]):
+        if case.arguments[-1] == "out.glb":
+            asset = case.arguments[1]
+            other, out, err = run(["diff", asset, "twin.glb", "--fps", "2"], folder)
+            assert other == 0, f"what bake passes through, diff ends with {other} of:\n{err[-2000:] or out[-1000:]}"
+    if command == "diff" and not case.places and {case.arguments[1], "twin.glb"} & set(case.arguments[2:3]):
         assert code != 1, f"a file differs from itself:\n{out[-1000:]}"
     return code
 
 
 def _found(folder: Path) -> dict[str, bytes]:
     """Every file below a folder."""
-    return {str(path): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    return {str(path): path.read_bytes() for path in folder.rglob("*") if path.is_file() and not path.is_fifo()}
 
 
 def run(arguments: Sequence[str], folder: Path) -> tuple[int, str, str]:

@@ -358,7 +358,7 @@ def test_lack_of_memory_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     monkeypatch.setattr("wrinklecli.gltf.document.parse_json", full)
     code, _, err = run(arguments, tmp_path)
     assert code == (2 if arguments[0] == "diff" else 1)
-    assert err.endswith("takes more memory than there is\n")
+    assert "takes more memory than there is" in err
     assert err.count("\n") == 1
 
 
