@@ -15,7 +15,8 @@ from kit.player import Gltf, Json, anchor_distances, described, wrinkle_columns
 from kit.samples import BACK, BROW, PALM, Editor, edited, sample
 from wrinklecli.baking import morphs as encode
 from wrinklecli.baking import proof
-from wrinklecli.baking.budget import BUDGETS
+from wrinklecli.baking.budget import BUDGETS, storage
+from wrinklecli.baking.job import Engine
 from wrinklecli.character import weight_track
 from wrinklecli.cli import main
 from wrinklecli.errors import RefusedError
@@ -42,8 +43,11 @@ def report_of(tmp_path: Path, asset: Path, *tools: Json, **options: Any) -> Json
 
 
 @pytest.mark.parametrize("engine", sorted(BUDGETS))
-def test_what_is_within_a_budget_stays_as_it_is(engine: str) -> None:
-    plain, held = bake_once("wrist", PALM, BACK), bake_once("wrist", PALM, BACK, engine=engine)
+def test_what_is_within_a_budget_stays_as_it_is(engine: Engine) -> None:
+    stored = storage(engine, "sparse")
+    plain = bake_once("wrist", PALM, BACK, accessors=stored)
+    held = bake_once("wrist", PALM, BACK, engine=engine)
+    assert (stored == "based") == BUDGETS[engine].based
     assert plain.path.read_bytes() == held.path.read_bytes()
 
 
@@ -316,3 +320,20 @@ def test_the_command_line_refuses_with_its_exit_code(
     assert ended.value.code == 3
     assert "--engine spec8 allows 8" in capsys.readouterr().err
     assert not (tmp_path / "out.glb").exists()
+
+
+@pytest.mark.parametrize("engine", ["godot3", "vtk"])
+@pytest.mark.parametrize("accessors", ["sparse", "dense"])
+def test_engines_that_need_a_base_get_one(engine: str, accessors: str) -> None:
+    after = bake_once("wrist", PALM, engine=engine, accessors=accessors)
+    sparse = [accessor for accessor in after.json["accessors"] if "sparse" in accessor]
+    assert bool(sparse) == (accessors == "sparse")
+    assert all("bufferView" in accessor for accessor in sparse)
+
+
+def test_vtk_gets_at_most_four_targets(tmp_path: Path) -> None:
+    many = {**PALM, "strategy": "origin", "bumps": 6}
+    assert len(bake_once("wrist", many).deltas("wrist")) == 6
+    tools = write_tools(tmp_path / "tools.yaml", many)
+    with pytest.raises(RefusedError, match="--engine vtk allows 4"):
+        wrinklecli.bake(sample("wrist"), tools, tmp_path / "out.glb", engine="vtk")

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from kit.bakes import bake_config, bake_once, place
+from kit.clients import compare_with_three
 from kit.engines import babylon_pose, through_assimp, vtk_pose
 from kit.limb import RADIUS, blendshape_limb, limb_asset, tool
 from kit.player import Floats, Gltf
@@ -54,6 +55,14 @@ def test_babylon_plays_the_bake(case: str, stored: str) -> None:
     posed = played(bake(stored), node, clip)
     shown = babylon_pose(bake(stored).path, node, clip, TIMES)
     assert np.abs(shown - posed).max() < 2e-6 * np.abs(posed).max()
+
+
+@pytest.mark.quick(2)
+@bakes(("idle_part", "blendshapes", "skin", "face"), ("based", "dense"))
+def test_three_plays_the_bake(case: str, stored: str) -> None:
+    """Sparse ones are played in many other tests."""
+    node, clip, bake = CASES[case]
+    compare_with_three(bake(stored).path, node, clip, TIMES, played(bake(stored), node, clip))
 
 
 @pytest.mark.quick(2)

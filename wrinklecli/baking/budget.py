@@ -20,6 +20,10 @@ Sources:
         the full shape, unless a project turns that off
         (https://docs.unity3d.com/ScriptReference/PlayerSettings-legacyClampBlendShapeWeights.html). Their number is
         not limited.
+    vtk: VTK 9.7 plays four targets of a mesh, and wrong positions where a sparse accessor has no buffer view: seen with
+        `tests/clients/vtk_pose.py`. f3d reads files with VTK.
+    godot3: Godot 3.2 reads the base's positions where a sparse accessor has no buffer view: seen with
+        `tests/clients/godot3_check.py`.
 """
 
 from collections.abc import Sequence
@@ -44,6 +48,7 @@ from wrinklecli.character.surface import dense_influences, read_vertices
 from wrinklecli.character.weight_track import widen
 from wrinklecli.errors import RefusedError
 from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.edit import Storage
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools
 
@@ -62,19 +67,28 @@ class Budget:
         active: Those of a weight other than 0 at a time.
         influences: Joints of a vertex, all in JOINTS_0.
         unit_weights: Whether weights must be from 0 to 1.
+        based: Whether sparse accessors must stand on stored zeros.
     """
 
     targets: int | None = None
     active: int | None = None
     influences: int | None = None
     unit_weights: bool = False
+    based: bool = False
 
 
 BUDGETS: dict[Engine, Budget] = {
     "three": Budget(targets=256, influences=4),
     "unity": Budget(unit_weights=True),
     "spec8": Budget(active=8),
+    "vtk": Budget(targets=4, based=True),
+    "godot3": Budget(based=True),
 }
+
+
+def storage(engine: Engine | None, wanted: Storage) -> Storage:
+    """How to store morph targets for an engine: as wanted, but based where sparse ones must be."""
+    return "based" if engine is not None and BUDGETS[engine].based and wanted == "sparse" else wanted
 
 
 def texture_bytes(plan: MeshPlan, targets: int) -> int:

@@ -16,7 +16,7 @@ from wrinklecli.tools.read import load_tools
 from wrinklecli.tools.records import MAX_VERTICES, Length, RestLengthKeys, ToolsFile, WrinkleTool
 
 Mode: TypeAlias = Literal["morph", "frames"]
-Engine: TypeAlias = Literal["three", "unity", "spec8"]
+Engine: TypeAlias = Literal["three", "unity", "spec8", "vtk", "godot3"]
 
 _ONE_PERCENT = Length(1.0, percent=True)
 
@@ -41,7 +41,8 @@ class BakeOptions:
         allow_external: Read buffers and images outside the asset's folder too.
         max_memory: Bytes that reading the asset may take.
         morph_tangents: Also write TANGENT targets, where the base has TANGENT.
-        engine: Hold morph targets to what this one plays: three, unity, or spec8 (eight at a time).
+        engine: Hold morph targets to what this one plays: three, unity, spec8 (eight at a time), vtk or godot3. For
+            the last two, sparse accessors are based.
         strict: Refuse to write where there are warnings.
         replace: Bake the asset that an earlier bake was made from, where the asset is that bake's output; see
             `baking.original`.

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from wrinklecli.baking.budget import BUDGETS, fit_budget
+from wrinklecli.baking.budget import BUDGETS, fit_budget, storage
 from wrinklecli.baking.frame_files import export_frames
 from wrinklecli.baking.frames import Frames, encode_frames
 from wrinklecli.baking.job import BakeOptions, Job, read_job
@@ -84,7 +84,7 @@ def _bake(
             outputs.protect([*job.inputs, *files_of(job.document)])
         with clock.stage("plan"):
             plans = plan_meshes(job, influences=BUDGETS[options.engine].influences if options.engine else None)
-        edited = EditedDocument(job.document, storage=options.accessors)
+        edited = EditedDocument(job.document, storage=storage(options.engine, options.accessors))
         posed, morphed = [], []
         if options.mode == "frames" or options.frames_dir is not None:
             posed = [_pose_frames(job, plan, clock, progress) for plan in plans]

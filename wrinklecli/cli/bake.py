@@ -69,9 +69,9 @@ from wrinklecli.cli.streams import command_outputs
 @click.option("--morph-tangents", is_flag=True, help="Add TANGENT to targets where the mesh has tangents.")
 @click.option(
     "--engine",
-    type=click.Choice(["three", "unity", "spec8"]),
+    type=click.Choice(["three", "unity", "spec8", "vtk", "godot3"]),
     help="Hold targets to what it plays, or refuse. three: 256 targets, 4 joints a vertex; unity: weights from 0 to 1"
-    " (the asset's own are only reported); spec8: 8 targets at a time.",
+    " (the asset's own are only reported); spec8: 8 targets at a time; vtk (f3d too): 4 targets, based; godot3: based.",
 )
 @click.option("--frames-dir", type=FILE, metavar="DIR", help="Also write a file for each frame into DIR.")
 @click.option(
