@@ -93,6 +93,21 @@ def test_each_output_has_a_name_of_its_own(options: str, folder: Path, wrinkle: 
     assert files(folder) == before
 
 
+@pytest.mark.parametrize("uri", ["d/x=\nall:;touch${IFS}PWNED;", "x;touch PWNED", "SHELL=x;"])
+def test_a_name_that_would_be_a_command_in_a_makefile_is_refused(uri: str, folder: Path, wrinkle: Wrinkle) -> None:
+    (folder / "d").mkdir()
+    (folder / "limb.bin").rename(folder / uri)
+    asset = json.loads((folder / "limb.gltf").read_text())
+    asset["buffers"][0]["uri"] = uri
+    (folder / "limb.gltf").write_text(json.dumps(asset))
+    before = files(folder)
+    ran = wrinkle("bake", "limb.gltf", "tools.yaml", "-o", "out.glb", "--depfile", "out.d")
+    assert (ran.code, len(ran.lines)) == (1, 1)
+    assert "is a name that Make or Ninja cannot read" in ran.lines[0]
+    assert files(folder) == before
+    assert wrinkle("bake", "limb.gltf", "tools.yaml", "-o", "out.glb").code == 0
+
+
 @pytest.mark.parametrize("name", WRITING)
 def test_an_output_that_is_there_keeps_its_mode(name: str, folder: Path, wrinkle: Wrinkle) -> None:
     command, ending = WRITING[name]

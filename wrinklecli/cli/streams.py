@@ -73,8 +73,8 @@ def command_outputs() -> Iterator[Outputs]:
         def end(number: int, _frame: FrameType | None) -> None:
             # Here and not by an exception, which may come where another one is dealt with.
             outputs.discard()
-            with suppress(OSError):
-                click.echo(("\r\x1b[K" if sys.stderr.isatty() else "") + "wrinkle: interrupted", err=True)
+            with suppress(OSError):  # past `sys.stderr`, which may be at work
+                os.write(2, b"\r\x1b[K"[: 4 * os.isatty(2)] + b"wrinkle: interrupted\n")
             os._exit(128 + number)
 
         for each in _ENDING:
