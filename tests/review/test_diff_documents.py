@@ -74,6 +74,7 @@ from kit.changes import (
     without_camera,
 )
 from kit.variants import PICTURE, rich
+from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import read_document
 from wrinklecli.gltf.edit import EditedDocument
 from wrinklecli.gltf.unpack import unpack
@@ -415,3 +416,12 @@ def test_malformed_meshes_are_compared_as_they_are_stored(change: Callable[[Asse
     after = rich()
     change(after)
     assert compared(tmp_path, rich(), after).differences[0].kind == "geometry"
+
+
+def test_a_hierarchy_without_end_is_refused(tmp_path: Path) -> None:
+    before, after = rich(), rich()
+    for asset in (before, after):
+        asset.gltf["nodes"][2]["children"] = [2]
+    after.gltf["asset"]["generator"] = "another"
+    with pytest.raises(AssetError, match="is its own ancestor"):
+        compared(tmp_path, before, after)

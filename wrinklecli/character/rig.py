@@ -61,11 +61,7 @@ def read_rig(document: Document, node: int) -> Rig:
         AssetError: The hierarchy has a cycle, or skin or nodes are malformed.
     """
     nodes = document.items("nodes")
-    parents = np.full(len(nodes), -1, np.intp)
-    for index, each in enumerate(nodes):
-        for child in each.get("children", []):
-            parents[child] = index
-    _refuse_cycles(parents, document)
+    parents = read_parents(document)
     mesh_node = nodes[node]
     mesh = document.items("meshes")[mesh_node["mesh"]]
     joints, inverse_binds = np.array([node], np.intp), np.eye(4)[None]
@@ -95,6 +91,21 @@ def read_rig(document: Document, node: int) -> Rig:
         morph_names=tuple(morph_target_names(mesh)),
         morph_weights=weights,
     )
+
+
+def read_parents(document: Document) -> Ints:
+    """(nodes,) the parent of each node, -1 of roots.
+
+    Raises:
+        AssetError: A node is its own ancestor, or lies too deep.
+    """
+    nodes = document.items("nodes")
+    parents = np.full(len(nodes), -1, np.intp)
+    for index, each in enumerate(nodes):
+        for child in each.get("children", []):
+            parents[child] = index
+    _refuse_cycles(parents, document)
+    return parents
 
 
 def morph_target_names(mesh: Json) -> list[str]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import joint_matrices, morph_weights
-from wrinklecli.character.rig import Rig, read_rig
+from wrinklecli.character.rig import Rig, read_parents, read_rig
 from wrinklecli.character.skin import Skin, pose, prepare
 from wrinklecli.character.surface import Vertices, dense_influences, read_primitive, read_triangles
 from wrinklecli.errors import AssetError
@@ -94,6 +94,7 @@ def read_scene(document: Document, *, leave_out_malformed: bool = False) -> tupl
         AssetError: A mesh, a skin or the hierarchy is malformed.
     """
     nodes = document.items("nodes")
+    read_parents(document)  # a hierarchy is malformed for all
     primitives: list[ScenePrimitive] = []
     for node in scene_nodes(document):
         if "mesh" in nodes[node]:
