@@ -127,10 +127,19 @@ def base_normals(source: Document, primitive: Json, refined: RefinedPrimitive) -
 
 
 def base_tangents(source: Document, primitive: Json, refined: RefinedPrimitive) -> Floats | None:
-    """(vertices, 3) TANGENTs of a primitive without their handedness; None where it has none."""
+    """(vertices, 3) TANGENTs of a primitive without their handedness; None where it has none.
+
+    Raises:
+        AssetError: They are no tangents of its vertices.
+    """
     if "TANGENT" not in primitive.get("attributes", {}):
         return None
-    old = source.accessor(primitive["attributes"]["TANGENT"])
+    index, count = primitive["attributes"]["TANGENT"], len(refined.old)
+    old = source.accessor(index)
+    if old.shape != (count, 4):
+        raise AssetError(
+            f"must hold 4 numbers for {count} vertices, as tangents", where=source.where("accessors", index)
+        )
     return np.concatenate([old, refined.mix_tangents(old)])[:, :3]
 
 
