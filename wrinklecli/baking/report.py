@@ -57,7 +57,7 @@ class Report:
         ]
         if self.data["mode"] == "morph":
             parts.append(f"{sum(mesh['gpu_bytes'] for mesh in meshes) / 1e6:.1f} MB of targets on a GPU")
-        own = [mesh["own_targets"] for mesh in meshes if mesh.get("own_targets", {}).get("count")]
+        own = [mesh["own_targets"] for mesh in meshes if mesh.get("own_targets", {}).get("bytes")]
         if own:
             before, after = (sum(each[key] for each in own) / 1e6 for key in ("bytes_before", "bytes"))
             listed = _counted(sum(each["count"] for each in own), "morph target")
