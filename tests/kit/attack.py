@@ -198,7 +198,8 @@ def attack(case: Case, folder: Path) -> int:
         assert err.strip(), "an error without a message"
         after = _found(folder)
         assert after == before, f"left or changed {sorted(set(after.items()) ^ set(before.items()))}"
-    for line in err.splitlines() + ([] if "--json" in case.arguments else out.splitlines()):
+    data = "--json" in case.arguments or command == "suggest"  # has names whole
+    for line in err.splitlines() + ([] if data else out.splitlines()):
         assert len(line) <= _LONGEST_LINE, f"a line of {len(line)} characters: {line[:200]}"
         assert line.isprintable(), f"a line that commands the terminal: {line[:200]!r}"
     if code == 0 and command == "bake" and not case.places:
