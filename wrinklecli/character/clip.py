@@ -5,6 +5,7 @@ Source: glTF 2.0 specification, §3.11 and appendix C (animation).
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -47,7 +48,7 @@ class Channel:
     interpolation: str
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Clip:
     """An animation: the channels that move nodes and morph weights.
 
@@ -64,6 +65,11 @@ class Clip:
     channels: tuple[Channel, ...]
     start: float
     end: float
+
+    @cached_property
+    def by_target(self) -> dict[tuple[int, str], Channel]:
+        """The channel of each node's property; of several the last."""
+        return {(channel.node, channel.path): channel for channel in self.channels}
 
     def key_times(self) -> Floats:
         """(keys,) the rising, distinct key times of all channels, seconds."""
@@ -82,7 +88,7 @@ class Clip:
 
     def channel(self, node: int, path: str) -> Channel | None:
         """The channel of a node's property."""
-        return next((c for c in self.channels if c.node == node and c.path == path), None)
+        return self.by_target.get((node, path))
 
 
 def read_clips(document: Document) -> tuple[Clip, ...]:
@@ -94,13 +100,14 @@ def read_clips(document: Document) -> tuple[Clip, ...]:
         AssetError: A sampler is malformed.
     """
     clips: list[Clip] = []
+    names: set[str] = set()
     for index, animation in enumerate(document.items("animations")):
         channels = tuple(_read_channels(document, animation, index))
         if not channels:
             continue
         name = animation.get("name") or f"animation_{index}"
-        if any(clip.name == name for clip in clips):
-            name = f"{name}#{index}"
+        name = f"{name}#{index}" if name in names else name
+        names.add(name)
         start = min(float(channel.times[0]) for channel in channels)
         end = max(float(channel.times[-1]) for channel in channels)
         clips.append(Clip(index, name, channels, start, end))

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrinklecli.character.pose import blend, joint_matrices, transform
-from wrinklecli.character.rig import Rig, read_rig
-from wrinklecli.character.surface import Surface, dense_influences, read_vertices
+from wrinklecli.character.rig import Rig, read_hierarchy, read_rig
+from wrinklecli.character.surface import Surface, Vertices, dense_influences, read_vertices
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, distinct_values
 
@@ -35,9 +35,14 @@ def contacts_of(document: Document, rig: Rig, surface: Surface, positions: Float
         return contacts
     # The size in the world: bind space may be of quantised units.
     reach = _CONTACT * float(np.linalg.norm(np.ptp(positions, axis=0)))
+    hierarchy = read_hierarchy(document)
+    known: dict[tuple[int, ...], Vertices] = {}  # of meshes that several nodes show
     for node in others if reach > 0 else []:
-        other_rig = read_rig(document, node)
-        vertices = read_vertices(document, other_rig)
+        other_rig = read_rig(document, node, hierarchy)
+        key = (other_rig.mesh, other_rig.skinned, len(other_rig.joints))
+        if key not in known:
+            known[key] = read_vertices(document, other_rig)
+        vertices = known[key]
         weights = dense_influences(vertices.joints, vertices.weights, len(other_rig.joints))
         morphed = vertices.positions + np.tensordot(other_rig.morph_weights, vertices.morph_deltas, axes=1)
         posed = transform(blend(weights, joint_matrices(other_rig, None, np.zeros(1))), morphed)[0]

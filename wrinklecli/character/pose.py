@@ -74,7 +74,7 @@ def node_rows(rig: Rig, clip: Clip | None, times: Floats, nodes: Iterable[int]) 
         For each node (3, 4, frames), or (3, 4, 1) where nothing moves it.
     """
     known: dict[int, Floats] = {}
-    channels = {(channel.node, channel.path): channel for channel in (clip.channels if clip else ())}
+    channels = clip.by_target if clip else {}
 
     def world(node: int) -> Floats:
         chain = []

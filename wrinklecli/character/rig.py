@@ -54,15 +54,53 @@ class Rig:
     morph_weights: Floats
 
 
-def read_rig(document: Document, node: int) -> Rig:
+@dataclass(frozen=True, slots=True)
+class Hierarchy:
+    """All nodes of a document, which the rigs of its meshes share.
+
+    Attributes:
+        parents: As of `Rig`.
+        locals: As of `Rig`.
+        rows: As of `Rig`.
+        names: As of `Rig`.
+    """
+
+    parents: Ints
+    locals: tuple[dict[str, Floats], ...]
+    rows: Floats
+    names: tuple[str, ...]
+
+
+def read_hierarchy(document: Document) -> Hierarchy:
+    """The nodes with their stored pose.
+
+    Raises:
+        AssetError: The hierarchy has a cycle, or nodes are malformed.
+    """
+    nodes = document.items("nodes")
+    parents = read_parents(document)
+    locals_ = tuple(_stored_local(each) for each in nodes)
+    for index, parts in enumerate(locals_):
+        if not all(in_range(part) for part in parts.values()):
+            message = f"is moved by a number that is not finite, or above {LARGEST:g}"
+            raise AssetError(message, where=document.where("nodes", index))
+    names = tuple(str(each.get("name", f"node_{index}")) for index, each in enumerate(nodes))
+    return Hierarchy(parents, locals_, _stored_rows(locals_), names)
+
+
+def read_rig(document: Document, node: int, hierarchy: Hierarchy | None = None) -> Rig:
     """The joints, hierarchy and stored pose that move the mesh of a node.
+
+    Args:
+        document: The asset.
+        node: With a mesh.
+        hierarchy: Of the document, where the rigs of several nodes are read.
 
     Raises:
         AssetError: The hierarchy has a cycle, or skin or nodes are malformed.
     """
-    nodes = document.items("nodes")
-    parents = read_parents(document)
-    mesh_node = nodes[node]
+    hierarchy = hierarchy or read_hierarchy(document)
+    mesh_node = document.items("nodes")[node]
     mesh = document.items("meshes")[mesh_node["mesh"]]
     joints, inverse_binds = np.array([node], np.intp), np.eye(4)[None]
     if "skin" in mesh_node:
@@ -72,22 +110,16 @@ def read_rig(document: Document, node: int) -> Rig:
     weights = np.zeros(count)
     stored: Sequence[float] = (mesh_node if "weights" in mesh_node else mesh).get("weights", ())
     weights[: len(stored)] = stored[:count]
-    locals_ = tuple(_stored_local(each) for each in nodes)
-    for index, parts in enumerate(locals_):
-        if not all(in_range(part) for part in parts.values()):
-            message = f"is moved by a number that is not finite, or above {LARGEST:g}"
-            raise AssetError(message, where=document.where("nodes", index))
-    names = tuple(str(each.get("name", f"node_{index}")) for index, each in enumerate(nodes))
     return Rig(
         node=node,
         mesh=mesh_node["mesh"],
         skinned="skin" in mesh_node,
         joints=joints,
         inverse_binds=inverse_binds,
-        parents=parents,
-        locals=locals_,
-        rows=_stored_rows(locals_),
-        names=names,
+        parents=hierarchy.parents,
+        locals=hierarchy.locals,
+        rows=hierarchy.rows,
+        names=hierarchy.names,
         morph_names=tuple(morph_target_names(mesh)),
         morph_weights=weights,
     )

@@ -7,17 +7,17 @@ Source: glTF 2.0 §3.5 (scenes), §3.7.2.2 (morph targets), §3.7.3.3 (skinned m
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import joint_matrices, morph_weights
-from wrinklecli.character.rig import Rig, read_parents, read_rig
+from wrinklecli.character.rig import Hierarchy, Rig, read_hierarchy, read_parents, read_rig
 from wrinklecli.character.skin import Skin, pose, prepare
 from wrinklecli.character.surface import Vertices, dense_influences, read_primitive, read_triangles
-from wrinklecli.errors import AssetError
+from wrinklecli.errors import AssetError, TooMuchError
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints
@@ -96,30 +96,41 @@ def read_scene(document: Document, *, leave_out_malformed: bool = False) -> tupl
     nodes = document.items("nodes")
     read_parents(document)  # a hierarchy is malformed for all
     primitives: list[ScenePrimitive] = []
+    known: dict[tuple[int, ...], ScenePrimitive] = {}
+    hierarchy: Hierarchy | None = None
     for node in scene_nodes(document):
         if "mesh" in nodes[node]:
             try:
-                primitives += list(_read_node(document, node))
+                hierarchy = hierarchy or read_hierarchy(document)
+                primitives += list(_read_node(document, node, hierarchy, known))
+            except TooMuchError:
+                raise
             except AssetError:
                 if not leave_out_malformed:
                     raise
     return tuple(primitives)
 
 
-def _read_node(document: Document, node: int) -> Iterator[ScenePrimitive]:
-    rig = read_rig(document, node)
+def _read_node(
+    document: Document, node: int, hierarchy: Hierarchy, known: dict[tuple[int, ...], ScenePrimitive]
+) -> Iterator[ScenePrimitive]:
+    """What a node shows; `known` is what other nodes show, by mesh and rig, and gets what is new."""
+    rig = read_rig(document, node, hierarchy)
     for number, primitive in enumerate(document.items("meshes")[rig.mesh].get("primitives", [])):
         where = document.where("meshes", rig.mesh, "primitives", number)
-        vertices = read_primitive(document, primitive, rig, where)
-        yield ScenePrimitive(
-            rig=rig,
-            primitive=number,
-            where=where,
-            vertices=vertices,
-            triangles=read_triangles(document, primitive, len(vertices.positions), where),
-            skin=_skin(vertices, len(rig.joints)),
-            colour=_base_colour(_material(document, primitive)),
-        )
+        key = (rig.mesh, number, rig.skinned, len(rig.joints))
+        if key not in known:
+            vertices = read_primitive(document, primitive, rig, where)
+            known[key] = ScenePrimitive(
+                rig=rig,
+                primitive=number,
+                where=where,
+                vertices=vertices,
+                triangles=read_triangles(document, primitive, len(vertices.positions), where),
+                skin=_skin(vertices, len(rig.joints)),
+                colour=_base_colour(_material(document, primitive)),
+            )
+        yield replace(known[key], rig=rig)
 
 
 def _material(document: Document, primitive: Json) -> Json:

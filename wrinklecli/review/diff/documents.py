@@ -10,8 +10,8 @@ Source: glTF 2.0 specification, §3 (concepts).
 
 from collections.abc import Callable, Iterator, Sequence
 
-from wrinklecli.character.rig import read_rig
-from wrinklecli.errors import AssetError
+from wrinklecli.character.rig import Hierarchy, read_hierarchy, read_rig
+from wrinklecli.errors import AssetError, TooMuchError
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import COMPRESSIONS
 from wrinklecli.review.diff.animations import animation_differences
@@ -114,6 +114,7 @@ class _Walk:
         """Compare paired nodes, and what they carry."""
         sides = self.sides
         weighed = set()
+        hierarchies: list[Hierarchy] = []
         for i, j in sorted(sides.nodes.items()):
             yield from self.follow(node_differences(sides, i, j))
             first, second = sides.items("nodes", i, j)
@@ -123,8 +124,11 @@ class _Walk:
                 if key not in weighed:
                     weighed.add(key)
                     try:
-                        rig_a, rig_b = read_rig(sides.a, i), read_rig(sides.b, j)
+                        hierarchies = hierarchies or [read_hierarchy(document) for document in (sides.a, sides.b)]
+                        rig_a, rig_b = read_rig(sides.a, i, hierarchies[0]), read_rig(sides.b, j, hierarchies[1])
                         found: list[Difference | Link] = [*influence_differences(sides, rig_a, rig_b, joints)]
+                    except TooMuchError:
+                        raise
                     except AssetError:  # of a malformed one, what is stored
                         found = list(stored_influences(sides, first["mesh"], second["mesh"]))
                     yield from self.follow(iter(found))

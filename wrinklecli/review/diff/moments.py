@@ -88,10 +88,12 @@ def _switch_times(scene: AnimatedScene, clip: Clip) -> Floats:
         if channel.interpolation == "STEP" and (channel.values == 0).all(axis=1).any() and channel.values.any()
     }
     times = [np.zeros(0)]
-    for primitive in scene.primitives:
-        node = primitive.rig.node
-        while node >= 0:
-            if node in switching and not primitive.rig.skinned:
+    seen: set[int] = set()
+    for primitive in scene.primitives if switching else ():
+        node = -1 if primitive.rig.skinned else primitive.rig.node
+        while node >= 0 and node not in seen:
+            seen.add(node)
+            if node in switching:
                 times.append(switching[node].times)
             node = int(primitive.rig.parents[node])
     return np.unique(np.concatenate(times))

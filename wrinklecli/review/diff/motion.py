@@ -1,5 +1,8 @@
 """Motion of two assets compared: which primitives show at each time, which are the same, and how far they are apart."""
 
+import hashlib
+import struct
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -83,7 +86,7 @@ def _compare_moment(a: AnimatedScene, b: AnimatedScene, moment: Moment, toleranc
     # Times at which both show the same primitives go together.
     _, groups = np.unique(np.concatenate(shown, axis=1), axis=0, return_inverse=True)
     groups = groups.reshape(-1)
-    same_clip = _equal_clips(*moment.clips)
+    same_motion = _equal_clips(*moment.clips) and _equal_nodes(a.primitives, b.primitives)
     found: dict[str, Apart] = {}
     alone: dict[str, Difference] = {}
     for group in dict.fromkeys(groups.tolist()):
@@ -100,7 +103,7 @@ def _compare_moment(a: AnimatedScene, b: AnimatedScene, moment: Moment, toleranc
 
         results = []
         for one, other in pairs:
-            if same_clip and _equal_primitives(one, other):
+            if same_motion and _equal_primitives(one, other):
                 results.append(untouched(one, moment, float(times[0])))
                 group_advance(len(times))
             else:
@@ -145,34 +148,98 @@ def _matched(
 
     Among several of the same triangles: the one of the same name, or where that is elsewhere, the nearest.
     """
-    waiting: dict[tuple[int, bytes], list[ScenePrimitive]] = {}
+    waiting: dict[bytes, list[ScenePrimitive]] = {}
     for primitive in primitives_b:
         waiting.setdefault(_topology(primitive), []).append(primitive)
+    candidates = {key: _Candidates(found, moment.clips[1], time, tolerance) for key, found in waiting.items()}
     pairs, left_a = [], []
     for primitive in primitives_a:
-        candidates = waiting.get(_topology(primitive), [])
-        if not candidates:
+        alike = candidates.get(_topology(primitive))
+        chosen = alike.take(primitive, moment.clips[0]) if alike is not None else None
+        if chosen is None:
             left_a.append(primitive)
-            continue
-        chosen = candidates[0]
-        if len(candidates) > 1:
-            at = np.array([time])
-            positions = pose_primitive(primitive, moment.clips[0], at).positions
-
-            def away(other: ScenePrimitive, positions: Floats = positions, at: Floats = at) -> float:
-                return float(np.abs(pose_primitive(other, moment.clips[1], at).positions - positions).max())
-
-            named = [
-                each for each in candidates if (each.name, each.primitive) == (primitive.name, primitive.primitive)
-            ]
-            chosen = named[0] if named and away(named[0]) <= tolerance else min(candidates, key=away)
-        candidates.remove(chosen)
-        pairs.append((primitive, chosen))
-    return pairs, left_a, [primitive for candidates in waiting.values() for primitive in candidates]
+        else:
+            pairs.append((primitive, chosen))
+    return pairs, left_a, [primitive for each in candidates.values() for primitive in each.left]
 
 
-def _topology(primitive: ScenePrimitive) -> tuple[int, bytes]:
-    return len(primitive.vertices.positions), primitive.triangles.tobytes()
+class _Candidates:
+    """Primitives of the second asset that have the same triangles, each to be taken once.
+
+    Each is posed once, and those of a name or at a place are found by it: thousands of instances take no minutes.
+
+    Args:
+        primitives: Not none.
+        clip: Of the second asset.
+        time: Seconds.
+        tolerance: As of `compare_motion`.
+    """
+
+    def __init__(self, primitives: Sequence[ScenePrimitive], clip: Clip | None, time: float, tolerance: float) -> None:
+        self._primitives, self._clip = primitives, clip
+        self._time, self._tolerance = np.array([time]), tolerance
+        self._waiting = np.ones(len(primitives), bool)
+        self._count = len(primitives)
+        self._by_name: dict[tuple[str, int], deque[int]] = {}
+        for number, each in enumerate(primitives):
+            self._by_name.setdefault((each.name, each.primitive), deque()).append(number)
+        self._by_place: dict[bytes, deque[int]] = {}
+        self._places = np.zeros((0, 0))
+
+    @property
+    def left(self) -> list[ScenePrimitive]:
+        """Those that have not been taken."""
+        return [self._primitives[number] for number in np.flatnonzero(self._waiting).tolist()]
+
+    def take(self, primitive: ScenePrimitive, clip: Clip | None) -> ScenePrimitive | None:
+        """The one of a primitive's name, or where that is elsewhere, the nearest; the first of equals."""
+        if not self._count:
+            return None
+        number = int(self._waiting.argmax()) if self._count == 1 else self._match(primitive, clip)
+        self._waiting[number], self._count = False, self._count - 1
+        return self._primitives[number]
+
+    def _match(self, primitive: ScenePrimitive, clip: Clip | None) -> int:
+        if not len(self._places):
+            self._places = np.stack([self._posed(each, self._clip) for each in self._primitives])
+            for number, place in enumerate(self._places):
+                self._by_place.setdefault(place.tobytes(), deque()).append(number)
+        place = self._posed(primitive, clip)
+        named = self._first(self._by_name.get((primitive.name, primitive.primitive)))
+        if named is not None and np.abs(self._places[named] - place).max(initial=0.0) <= self._tolerance:
+            return named
+        same = self._first(self._by_place.get(place.tobytes()))
+        if same is not None:
+            return same
+        return self._nearest(place)
+
+    def _nearest(self, place: Floats) -> int:
+        """The nearest of those that wait; how far the first vertices are apart spares most of the looking."""
+        numbers = np.flatnonzero(self._waiting)
+        least = np.abs(self._places[numbers, :1] - place[:1]).max(axis=(1, 2), initial=0.0)
+        best = (np.inf, -1)
+        for k in np.argsort(least, kind="stable").tolist():
+            if least[k] > best[0]:
+                break
+            number = int(numbers[k])
+            best = min(best, (float(np.abs(self._places[number] - place).max(initial=0.0)), number))
+        return best[1]
+
+    def _posed(self, primitive: ScenePrimitive, clip: Clip | None) -> Floats:
+        return np.asarray(pose_primitive(primitive, clip, self._time).positions[0] + 0.0)  # -0 and 0 are one place
+
+    def _first(self, numbers: deque[int] | None) -> int | None:
+        """The first that has not been taken; those in front of it go."""
+        while numbers and not self._waiting[numbers[0]]:
+            numbers.popleft()
+        return numbers[0] if numbers else None
+
+
+def _topology(primitive: ScenePrimitive) -> bytes:
+    """Of its triangles and how many vertices it has: a digest, as thousands of instances may have many triangles."""
+    digest = hashlib.blake2b(struct.pack("<Q", len(primitive.vertices.positions)))
+    digest.update(primitive.triangles.tobytes())
+    return digest.digest()
 
 
 def _equal_clips(one: Clip | None, other: Clip | None) -> bool:
@@ -182,16 +249,22 @@ def _equal_clips(one: Clip | None, other: Clip | None) -> bool:
     return one.moves_as(other)
 
 
-def _equal_primitives(one: ScenePrimitive, other: ScenePrimitive) -> bool:
-    """Whether two primitives are the same to the bit, as is all that moves them: a clip then poses both alike."""
-    first, second = one.rig, other.rig
-    if (first.node, first.skinned, len(first.locals)) != (second.node, second.skinned, len(second.locals)):
+def _equal_nodes(one: Sequence[ScenePrimitive], other: Sequence[ScenePrimitive]) -> bool:
+    """Whether the nodes of two assets, which their primitives share, are the same to the bit."""
+    if not one or not other:
         return False
-    arrays = zip(_arrays(one), _arrays(other), strict=True)
-    return all(_equal_arrays(*pair) for pair in arrays) and all(
+    first, second = one[0].rig, other[0].rig
+    return np.array_equal(first.parents, second.parents) and all(
         here.keys() == there.keys() and all(np.array_equal(here[key], there[key]) for key in here)
         for here, there in zip(first.locals, second.locals, strict=True)
     )
+
+
+def _equal_primitives(one: ScenePrimitive, other: ScenePrimitive) -> bool:
+    """Whether two primitives are the same to the bit: where their nodes are, a clip poses both alike."""
+    if (one.rig.node, one.rig.skinned) != (other.rig.node, other.rig.skinned):
+        return False
+    return all(_equal_arrays(*pair) for pair in zip(_arrays(one), _arrays(other), strict=True))
 
 
 def _arrays(primitive: ScenePrimitive) -> tuple[NDArray[Any] | None, ...]:
@@ -199,7 +272,7 @@ def _arrays(primitive: ScenePrimitive) -> tuple[NDArray[Any] | None, ...]:
     vertices, rig = primitive.vertices, primitive.rig
     shape = vertices.positions, vertices.morph_deltas, vertices.normals, vertices.normal_deltas
     skin = vertices.joints, vertices.weights
-    return (*shape, *skin, rig.joints, rig.inverse_binds, rig.parents, rig.morph_weights)
+    return (*shape, *skin, rig.joints, rig.inverse_binds, rig.morph_weights)
 
 
 def _equal_arrays(one: NDArray[Any] | None, other: NDArray[Any] | None) -> bool:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -29,7 +30,7 @@ _ASIDE = 0.7  # cosine of normal and view beyond which there is nothing to be ga
 _LEVEL = 0.25  # how much of its score a view from straight above or below would lose
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class _Wrinkles:
     """Where the wrinkles are.
 
@@ -41,7 +42,7 @@ class _Wrinkles:
     masks: list[list[Bools]]
     totals: Floats
 
-    @property
+    @cached_property
     def known(self) -> bool:
         """Whether there are any."""
         return any(bool(mask.any()) for masks in self.masks for mask in masks)

@@ -8,7 +8,7 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import LEAST_SCALE
-from wrinklecli.character.rig import Rig, morph_target_names, moving_nodes, read_rig
+from wrinklecli.character.rig import Rig, morph_target_names, moving_nodes, read_hierarchy, read_rig
 from wrinklecli.character.scene import scene_nodes
 from wrinklecli.character.surface import Surface, read_surface
 from wrinklecli.errors import AssetError, BakeError, listed, nearest
@@ -133,8 +133,9 @@ def measure_meshes(
         BakeError: It would take minutes.
     """
     moved = []
+    hierarchy = read_hierarchy(document)
     for node in nodes:
-        rig = read_rig(document, node.index)
+        rig = read_rig(document, node.index, hierarchy)
         moving = moving_nodes(rig)
         its_clips = tuple(clip for clip in clips if any(channel.node in moving for channel in clip.channels))
         if its_clips:
