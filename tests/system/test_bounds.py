@@ -1,5 +1,6 @@
 """What small files may ask of every command: memory is refused before it is taken, and a line says how to get more."""
 
+import os
 import re
 from pathlib import Path
 
@@ -108,3 +109,13 @@ def test_new_vertices_are_bounded(tmp_path: Path) -> None:
     with pytest.raises(BakeError, match=r"^limb: would have [\d,]+ new vertices at level \d.* raise --max-vertices$"):
         bake(path, tools, out, max_vertices=500)
     assert not out.exists()
+
+
+def test_images_that_are_too_large_to_compare_are_not_said_to_be_the_same(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        bombs.many_images(tmp_path / name, count=1 if name == "a" else 2)
+        os.truncate(tmp_path / name / "image.png", 3 * 10**9)
+    ran = wrinkle("diff", "a/images.gltf", "b/images.gltf")
+    assert ran.code == 2
+    assert "raise --max-memory" in ran.lines[-1]

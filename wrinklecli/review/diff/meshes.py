@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrinklecli.character.rig import morph_target_names
-from wrinklecli.errors import AssetError
+from wrinklecli.errors import AssetError, TooMuchError
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.images import read_image
 from wrinklecli.gltf.shape import Json
@@ -147,5 +147,7 @@ def _image_bytes(document: Document, index: int) -> bytes | None:
     image = document.items("images")[index]
     try:
         return bytes(read_image(document, index)[0]) if "bufferView" in image or image.get("uri") else b""
+    except TooMuchError:
+        raise
     except AssetError:
         return None
