@@ -371,7 +371,33 @@ def joint_of_nothing(asset: Asset) -> None:
     attribute(asset, 0, "JOINTS_0")[:] = 99
 
 
-@pytest.mark.parametrize("change", [joint_twice, channel_twice, texture_of_nothing, index_of_nothing, joint_of_nothing])
+def unreadable(*pointer: str | int) -> Callable[[Asset], None]:
+    """A change to an accessor that a pointer into the JSON leads to: no reader knows its type."""
+
+    def change(asset: Asset) -> None:
+        index: Any = asset.gltf
+        for key in pointer:
+            index = index[key]
+        asset.gltf["accessors"][index]["componentType"] = 5124
+
+    change.__name__ = f"unreadable_{pointer[-1]}"
+    return change
+
+
+UNREADABLE = [
+    unreadable("meshes", 0, "primitives", 0, "attributes", "POSITION"),
+    unreadable("meshes", 0, "primitives", 0, "attributes", "TEXCOORD_0"),
+    unreadable("meshes", 0, "primitives", 0, "attributes", "JOINTS_0"),
+    unreadable("meshes", 0, "primitives", 0, "targets", 0, "POSITION"),
+    unreadable("meshes", 0, "primitives", 0, "indices"),
+    unreadable("skins", 0, "inverseBindMatrices"),
+]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [joint_twice, channel_twice, texture_of_nothing, index_of_nothing, joint_of_nothing, *UNREADABLE],
+)
 def test_what_no_valid_file_has_is_the_same_as_itself(change: Callable[[Asset], None], tmp_path: Path) -> None:
     before, after = rich(), rich()
     for asset in (before, after):
@@ -425,3 +451,14 @@ def test_a_hierarchy_without_end_is_refused(tmp_path: Path) -> None:
     after.gltf["asset"]["generator"] = "another"
     with pytest.raises(AssetError, match="is its own ancestor"):
         compared(tmp_path, before, after)
+
+
+@pytest.mark.parametrize("change", UNREADABLE)
+def test_what_cannot_be_decoded_is_compared_as_it_is_stored(change: Callable[[Asset], None], tmp_path: Path) -> None:
+    before, after = rich(), rich()
+    change(after)
+    assert "cannot be decoded in B" in " ".join(compared(tmp_path, before, after).lines())
+    change(before)
+    for view in after.gltf["bufferViews"]:
+        after.data[view["byteOffset"]] ^= 1
+    assert "cannot be decoded, and is stored otherwise" in " ".join(compared(tmp_path, before, after).lines())

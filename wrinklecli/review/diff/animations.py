@@ -12,6 +12,7 @@ from wrinklecli.review.diff.difference import (
     Difference,
     Found,
     Limits,
+    Link,
     Place,
     Sides,
     differ,
@@ -20,7 +21,7 @@ from wrinklecli.review.diff.difference import (
     shown,
     without,
 )
-from wrinklecli.review.diff.values import array_differences, dict_differences, gaps, property_gaps
+from wrinklecli.review.diff.values import dict_differences, gaps, property_gaps
 
 
 def animation_differences(sides: Sides, chosen: Sequence[str]) -> Found:
@@ -143,8 +144,7 @@ def _other_channel_differences(sides: Sides, i: int, j: int, clip_a: Clip | None
         for key in ("input", "output"):
             one, other = sampler_a.pop(key, None), sampler_b.pop(key, None)
             if one is not None and other is not None:
-                arrays = sides.a.accessor(one), sides.b.accessor(other)
-                yield from array_differences(*arrays, (*at, key), sides.limits, name=name)
+                yield Link("accessors", one, other, (*at, key), name)
         yield from dict_differences(sampler_a, sampler_b, at, "animations", sides.limits, name=name)
 
 

@@ -14,6 +14,7 @@ from wrinklecli.character.rig import Hierarchy, read_hierarchy, read_rig
 from wrinklecli.errors import AssetError, TooMuchError
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import COMPRESSIONS
+from wrinklecli.review.diff.accessors import accessor_differences
 from wrinklecli.review.diff.animations import animation_differences
 from wrinklecli.review.diff.difference import (
     Difference,
@@ -30,7 +31,7 @@ from wrinklecli.review.diff.difference import (
 from wrinklecli.review.diff.meshes import image_differences, mesh_differences
 from wrinklecli.review.diff.nodes import node_differences, pair_nodes
 from wrinklecli.review.diff.skins import influence_differences, joint_pairs, skin_differences, stored_influences
-from wrinklecli.review.diff.values import array_differences, dict_differences
+from wrinklecli.review.diff.values import dict_differences
 
 # Top-level arrays that say how data is stored, and those that are compared through what refers to them.
 _STORAGE = ("accessors", "bufferViews", "buffers")
@@ -83,7 +84,6 @@ class _Walk:
 
     def follow(self, found: Found) -> Iterator[Difference]:
         """What is found, and in place of each link what differs where it leads."""
-        a, b = self.sides.a, self.sides.b
         for each in found:
             if isinstance(each, Difference):
                 yield each
@@ -91,8 +91,7 @@ class _Walk:
                 if reached[0] or reached[1]:
                     yield differ("structure", each.place, f"leads somewhere only in {'A' if reached[0] else 'B'}")
             elif each.kind == "accessors":
-                one, other = a.accessor(each.first, user=a.path), b.accessor(each.second, user=b.path)
-                yield from array_differences(one, other, each.place, self.sides.limits, name=each.name)
+                yield from accessor_differences(self.sides, each.first, each.second, each.place, name=each.name)
             else:
                 key = each.kind, each.first, each.second
                 if key not in self.met:

@@ -10,8 +10,9 @@ from wrinklecli.errors import AssetError, TooMuchError
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.images import read_image
 from wrinklecli.gltf.shape import Json
+from wrinklecli.review.diff.accessors import accessor_differences, decoded, unreadable_differences
 from wrinklecli.review.diff.difference import Difference, Found, Place, Sides, differ
-from wrinklecli.review.diff.values import array_differences, count_that_differ, dict_differences
+from wrinklecli.review.diff.values import count_that_differ, dict_differences
 
 # An image's bytes count, not where they lie nor the type that they show themselves.
 _IMAGE_STORAGE = ("uri", "bufferView", "mimeType")
@@ -53,17 +54,16 @@ def _primitive_differences(sides: Sides, first: Json, second: Json, place: Place
     name = mesh.name
     skip = {"attributes", "indices", "targets"}
     yield from dict_differences(first, second, place, "primitives", sides.limits, name=name, skip=skip)
-    counts = [
-        len(document.accessor(primitive["attributes"]["POSITION"], user=document.path))
-        if "POSITION" in primitive.get("attributes", {})
-        else 0
-        for document, primitive in ((sides.a, first), (sides.b, second))
-    ]
+    stored_a, stored_b = (primitive.get("attributes", {}).get("POSITION") for primitive in (first, second))
+    positions = decoded(sides.a, stored_a), decoded(sides.b, stored_b)
+    counts = [0 if each is None else len(each) for each in positions]
     targets = first.get("targets", []), second.get("targets", [])
     if len(targets[0]) != len(targets[1]):
         message = f"{len(targets[0])} -> {len(targets[1])} morph targets"
         yield differ("structure", (*place, "targets"), message, name=name)
     if counts[0] != counts[1]:
+        at: Place = (*place, "attributes", "POSITION")
+        yield from unreadable_differences(sides, stored_a, stored_b, at, name=name)
         yield differ("geometry", place, f"{counts[0]} -> {counts[1]} vertices", name=name)
         return
     attributes_a, attributes_b = (
@@ -75,7 +75,7 @@ def _primitive_differences(sides: Sides, first: Json, second: Json, place: Place
         }
         for primitive in (first, second)
     )
-    at: Place = (*place, "attributes")
+    at = (*place, "attributes")
     yield from _attribute_differences(sides, attributes_a, attributes_b, at, name=name, scale=mesh.scale)
     yield from _triangle_differences(sides, first, second, place, counts[0], name)
     for number, (one, other) in enumerate(zip(*targets, strict=False)):
@@ -89,35 +89,31 @@ def _attribute_differences(
 ) -> Iterator[Difference]:
     """Compare accessors by name; `idle` ones are zero where left out."""
     for key in dict.fromkeys([*first, *second]):
-        one, other = (
-            document.accessor(source[key], user=document.path) if key in source else None
-            for document, source in ((sides.a, first), (sides.b, second))
-        )
-        if one is None or other is None:
-            only = other if one is None else one
-            if not (idle and only is not None and not only.any()):
-                side = "A" if other is None else "B"
-                yield differ("structure", (*place, key), f"only in {side}", name=name)
+        if key in first and key in second:
+            yield from accessor_differences(sides, first[key], second[key], (*place, key), name=name, scale=scale)
             continue
-        yield from array_differences(one, other, (*place, key), sides.limits, name=name, scale=scale)
+        side, only = ("A", decoded(sides.a, first[key])) if key in first else ("B", decoded(sides.b, second[key]))
+        if not (idle and only is not None and not only.any()):
+            yield differ("structure", (*place, key), f"only in {side}", name=name)
 
 
 def _triangle_differences(
     sides: Sides, first: Json, second: Json, place: Place, count: int, name: object
 ) -> Iterator[Difference]:
     """Compare the indices of primitives of so many vertices; all in their order where there are none."""
-    indices = [
-        document.accessor(primitive["indices"], user=document.path) if "indices" in primitive else np.arange(count)
+    at: Place = (*place, "indices")
+    one, other = (
+        decoded(document, primitive["indices"]) if "indices" in primitive else np.arange(count)
         for document, primitive in ((sides.a, first), (sides.b, second))
-    ]
-    if len(indices[0]) != len(indices[1]):
-        message = f"{len(indices[0])} -> {len(indices[1])} indices"
-        yield differ("geometry", (*place, "indices"), message, name=name)
-    elif (off := indices[0] != indices[1]).any():
+    )
+    if one is None or other is None:
+        yield from unreadable_differences(sides, first.get("indices"), second.get("indices"), at, name=name)
+    elif len(one) != len(other):
+        yield differ("geometry", at, f"{len(one)} -> {len(other)} indices", name=name)
+    elif (off := one != other).any():
         number = int(off.argmax())
-        message = f"index {number}: {indices[0][number]} -> {indices[1][number]}"
-        message += count_that_differ(int(off.sum()), len(off))
-        yield differ("geometry", (*place, "indices"), message, name=name)
+        message = f"index {number}: {one[number]} -> {other[number]}{count_that_differ(int(off.sum()), len(off))}"
+        yield differ("geometry", at, message, name=name)
 
 
 def _is_skinned(document: Document, mesh: int) -> bool:

@@ -9,6 +9,7 @@ from wrinklecli.character.surface import dense_influences, read_primitive
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats
+from wrinklecli.review.diff.accessors import decoded, unreadable_differences
 from wrinklecli.review.diff.difference import (
     Difference,
     Found,
@@ -39,7 +40,7 @@ def skin_differences(sides: Sides, i: int, j: int) -> Found:
     joints_a, joints_b = first.get("joints", []), second.get("joints", [])
     pairs = joint_pairs(sides, i, j)
     complete = len(pairs) == len(joints_a) == len(joints_b)
-    binds_a, binds_b = _inverse_binds(sides.a, first, place), _inverse_binds(sides.b, second, place)
+    binds_a, binds_b = _inverse_binds(sides.a, first), _inverse_binds(sides.b, second)
     in_order = all(k == number for k, number in pairs.items())
     apart = [
         number
@@ -50,6 +51,8 @@ def skin_differences(sides: Sides, i: int, j: int) -> Found:
         yield differ("structure", (*place, "skeleton"), "another node", name=name)
     skip = {"joints", "skeleton", "inverseBindMatrices"}
     yield from dict_differences(first, second, place, "skins", sides.limits, skip=skip)
+    stored = first.get("inverseBindMatrices"), second.get("inverseBindMatrices")
+    yield from unreadable_differences(sides, *stored, (*place, "inverseBindMatrices"), name=name)
     names_a, names_b = node_names(sides.a), node_names(sides.b)
     if not complete or (apart and not in_order):
         # Joints in another order, each with its own matrix, mean the same.
@@ -66,15 +69,15 @@ def skin_differences(sides: Sides, i: int, j: int) -> Found:
         yield differ("geometry", (*place, "inverseBindMatrices", number), message, name=name)
 
 
-def _inverse_binds(document: Document, skin: Json, place: Place) -> Floats:
-    """(joints, 4, 4) as stored, transposed."""
+def _inverse_binds(document: Document, skin: Json) -> Floats:
+    """(joints, 4, 4) as stored, transposed; zeros for those that cannot be decoded."""
     count = len(skin.get("joints", []))
     if "inverseBindMatrices" not in skin:
         return np.tile(np.eye(4), (count, 1, 1))
-    stored = document.accessor(skin["inverseBindMatrices"], user=document.where(*place))
     matrices = np.zeros((count, 4, 4))
-    rows = stored[:count].reshape(-1, 4, 4) if stored.shape[1:] == (16,) else matrices[:0]
-    matrices[: len(rows)] = rows
+    stored = decoded(document, skin["inverseBindMatrices"])
+    if stored is not None and stored.shape[1:] == (16,):
+        matrices[: len(stored)] = stored[:count].reshape(-1, 4, 4)
     return matrices
 
 
