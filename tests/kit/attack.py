@@ -5,11 +5,12 @@ import json
 import os
 import random
 import sys
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
+from threading import Event, Thread
 from typing import Any
 
 from kit.damage import Edit, copied, damage, damaged, is_baked
@@ -19,11 +20,17 @@ from wrinklecli.gltf.document import read_document
 
 _LONGEST_LINE = 10_100  # characters of a message
 _CODES = {"diff": (0, 1, 2)}
+_DONE = {"diff": (0, 1), "check": (0, 3)}  # what --strict refuses, check shows all the same
 _LINKS = ("link", "hard link", "link to itself", "link to nothing")
-_PLACES = (*_LINKS, "folder", "nothing", "pipe", "/dev/null", "/dev/full")
+_DEVICES = ("/dev/null", "/dev/full", "/dev/zero")
+_PLACES = (*_LINKS, "folder", "nothing", "pipe", *_DEVICES)
 _DISPLACED = 0.05  # of all cases
 _LARGE = 5  # sources at the end of the corpus that take longer
-_COMMANDS = {"bake": 30, "inspect": 15, "diff": 20, "check": 10, "suggest": 8, "track": 10, "preview": 7}
+# fmt: off
+_COMMANDS = {
+    "bake": 30, "inspect": 15, "diff": 20, "check": 10, "suggest": 8, "track": 10, "preview": 7, "schema": 0.1,
+}
+# fmt: on
 
 
 @dataclass(frozen=True)
@@ -64,7 +71,7 @@ def make_case(number: int) -> Case:
     source = chance.choices(wanted, [1 if k >= len(sources) - _LARGE else 3 for k in wanted])[0]
     edits = damage(chance, sources[source])
     arguments = list(_arguments(chance, command, sources[source]))
-    files = [each for each in arguments if "." in each and each not in ("--replace",)]
+    files = [each for each in arguments if Path(each).suffix[1:].isalpha()]
     places = {chance.choice(files): chance.choice(_PLACES)} if chance.random() < _DISPLACED else {}
     return Case(f"{number} ({' '.join(arguments)})", source, edits, arguments, places)
 
@@ -75,47 +82,72 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
             yield from options
 
     asset = f"limb{source.suffix}"
+    memory = "--max-memory", chance.choice(["50MB", "200MB", "4GB"])
     yield command
     match command:
         case "bake":
             yield from (asset, "tools.yaml", *some("--replace", share=0.6), *some("--report", "report.json"))
             yield from some("--mode", "frames")
-            yield from some("--accessors", "dense")
+            yield from some("--accessors", chance.choice(["dense", "based"]))
             yield from some("--tracks", "none")
             yield from some("--morph-tangents")
-            yield from some("--engine", chance.choice(["three", "unity", "spec8"]))
+            yield from some("--engine", chance.choice(["three", "unity", "spec8", "vtk", "godot3"]))
             yield from some("--frames-dir", "frames", "--frames-format", chance.choice(["obj", "ply", "glb"]))
             yield from some("--timings", "timings.json", share=0.05)
             yield from some("--depfile", "out.d")
             yield from some("--max-levels", "0")
+            yield from some("--max-vertices", chance.choice(["10", "1000"]), share=0.1)
+            yield from some("--max-error", chance.choice(["0.01%", "1"]), share=0.1)
+            yield from some("--tool", "limb", share=0.05)
             yield from some("--fps", "2")
             yield from some("--clip", "fold")
             yield from some("--strict", share=0.05)
-            yield from some("--verbose")
+            yield from some(chance.choice(["--verbose", "--quiet"]))
             yield from some("--allow-external")
+            yield from some(*memory, share=0.1)
             yield from ("-o", chance.choice(["out.glb", "out.glb", "out.gltf", "sub/out.gltf"]))
         case "check":
             yield from (asset, "tools.yaml", *some("--json", share=0.5), *some("--clip", "fold"), *some("--fps", "3"))
-            yield from some("--strict")
+            yield from (*some("--strict"), *some("--allow-external"), *some(*memory, share=0.1))
+            yield from (*some("--max-levels", "0"), *some("--max-vertices", "10", share=0.1))
+            yield from some("--plot", chance.choice(["plot.svg", "plot.svg", "plot.png"]), share=0.2)
         case "inspect":
-            yield from (asset, *some("--json", share=0.5), *some("--allow-external"))
+            yield from (asset, *some("--json", share=0.5), *some("--allow-external"), *some(*memory, share=0.1))
         case "diff":
             yield from chance.choice([(asset, "sound.glb"), ("sound.glb", asset), (asset, "twin.glb"), (asset, asset)])
             yield from (*some("--json", share=0.3), *some("--posed", share=0.2), *some("--clip", "fold"))
             yield from (*some("--verbose", share=0.3), *some("--fps", "3", share=0.5), *some("--tolerance", "1"))
+            yield from (*some("--quiet", share=0.05), *some("--allow-external"), *some(*memory, share=0.1))
         case "suggest":
             yield from (asset, *some("--json", share=0.3), *some("-o", "found.yaml", share=0.5), "--fps", "4")
             yield from (*some("--node", "limb"), *some("--count", "2"), *some("--clip", "fold"))
+            yield from (*some("--quiet"), *some("--allow-external"), *some(*memory, share=0.1))
         case "preview":
-            yield from (asset, "-o", chance.choice(["p.png", "p.png", "p.gif"]), "--size", "32x32", "--frames", "2")
-            yield from (*some("--tools", "tools.yaml", share=0.4), *some("--heat"), *some("--wire"), *some("--clay"))
+            tools = ["--tools", "tools.yaml"]
+            two = chance.choice([["sound.glb"], [*tools, "--before"]])
+            yield from (
+                asset,
+                *chance.choice([[], [], tools, tools, [*tools, "--hide-tools"], two, [*two, "--labels", "a,b"]]),
+            )
+            yield from ("-o", chance.choice(["p.png", "p.png", "p.gif", "p.webp"]), "--size", "32x32")
+            yield from chance.choice([["--frames", "2"], ["--frames", "2"], ["--times", "0,0.2"]])
+            yield from (*some("--heat"), *some("--wire"), *some("--clay"), *some("--backfaces"))
             yield from (*some("--clip", "fold"), *some("--views", "front,facing"), *some("--follow"))
+            yield from (
+                *some("--radius", "2"),
+                *some("--focus", "0,1,0", "--radius", "3"),
+                *some("--max-vertices", "10", share=0.1),
+            )
+            yield from (*some("--allow-external"), *some(*memory, share=0.1))
+        case "schema":
+            yield from ("-o", "found.json")
         case _:
             if is_baked(source) and chance.random() < 0.5:
                 yield from (asset, "sound.glb")
             else:
                 yield from ("body.glb", asset)
             yield from ("-o", "tracked", *some("--fps", "4", share=0.5), *some("--verbose"), *some("--strict"))
+            yield from (*some("--max-error", "5%"), *some("--allow-external"), *some(*memory, share=0.1))
 
 
 @cache
@@ -140,12 +172,11 @@ def prepare(case: Case, folder: Path) -> None:
     Path(folder, "tools.yaml").write_bytes(tools)
     Path(folder, "sub").mkdir()
     Path(folder, "out.glb").write_bytes(b"old")
-    inputs = {path.name for path in folder.iterdir()} - {"out.glb"}
     for name, kind in case.places.items():
-        _displace(folder / name, kind, inputs=inputs)
+        _displace(folder / name, kind)
 
 
-def _displace(path: Path, kind: str, *, inputs: Container[str]) -> None:
+def _displace(path: Path, kind: str) -> None:
     """Put something else in the place of a file, which may be there."""
     elsewhere = path.with_name(f"displaced-{path.name}")
     if path.exists():
@@ -161,10 +192,39 @@ def _displace(path: Path, kind: str, *, inputs: Container[str]) -> None:
             path.symlink_to("nothing")
         case "folder":
             path.mkdir()
-        case "pipe" if path.name in inputs:  # as an output it would wait for a reader
+        case "pipe":
             os.mkfifo(path)
-        case "/dev/null" | "/dev/full":
+        case _ if kind in _DEVICES:
             path.symlink_to(kind)
+
+
+@contextmanager
+def _readers(pipes: Iterable[Path]) -> Iterator[list[bytearray]]:
+    """Read whatever is written to pipes, which would be waited for otherwise: their contents, when the block ends."""
+    contents: list[bytearray] = []
+    waiting: list[tuple[int, Thread]] = []
+    for path in pipes:
+        # Open to write too, so that there is no end before the last byte, which is ours.
+        end, content = os.open(path, os.O_RDWR), bytearray()
+
+        def read(end: int = end, content: bytearray = content) -> None:
+            while not (content.endswith(b"\0") and ended.is_set()):
+                content += os.read(end, 2**16)
+
+        contents.append(content)
+        waiting.append((end, Thread(target=read, daemon=True)))
+    ended = Event()
+    for _, thread in waiting:
+        thread.start()
+    try:
+        yield contents
+    finally:
+        ended.set()
+        for (end, thread), content in zip(waiting, contents, strict=True):
+            os.write(end, b"\0")
+            thread.join()
+            os.close(end)
+            del content[-1:]
 
 
 def _spelled_otherwise(asset: bytes) -> bytes:
@@ -189,15 +249,16 @@ def attack(case: Case, folder: Path) -> int:
     """
     prepare(case, folder)
     before = _found(folder)
-    with bounded(seconds=SECONDS, megabytes=MEGABYTES):
+    pipes = [folder / name for name, kind in case.places.items() if kind == "pipe"]
+    with _readers(pipes) as piped, bounded(seconds=SECONDS, megabytes=MEGABYTES):
         code, out, err = run(case.arguments, folder)
     command = case.arguments[0]
     assert code in _CODES.get(command, (0, 1, 3)), f"exit code {code}:\n{err[-3000:]}"
-    refused = code != 0 and not (command == "diff" and code == 1)
-    if refused:
+    if code not in _DONE.get(command, (0,)):
         assert err.strip(), "an error without a message"
         after = _found(folder)
         assert after == before, f"left or changed {sorted(set(after.items()) ^ set(before.items()))}"
+        assert not any(piped), f"wrote {len(piped[0])} bytes to a pipe"
     data = "--json" in case.arguments or command == "suggest"  # has names whole
     for line in err.splitlines() + ([] if data else out.splitlines()):
         assert len(line) <= _LONGEST_LINE, f"a line of {len(line)} characters: {line[:200]}"

@@ -64,6 +64,23 @@ def test_corpus_is_sound(tmp_path: Path, number: int) -> None:
     assert attacked(case, tmp_path) == 0
 
 
+@pytest.mark.parametrize("kind", ["pipe", "/dev/null"])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["bake", "limb.glb", "tools.yaml", "--report", "report.json", "-o", "out.glb"],
+        ["bake", "limb.glb", "tools.yaml", "-o", "out.glb", "--report", "report.json"],
+        ["check", "limb.glb", "tools.yaml", "--plot", "plot.svg"],
+        ["suggest", "limb.glb", "-o", "found.yaml"],
+        ["preview", "limb.glb", "--size", "32x32", "-o", "p.png"],
+    ],
+    ids=" ".join,
+)
+def test_outputs_go_through_pipes_and_devices(tmp_path: Path, arguments: list[str], kind: str) -> None:
+    assert attacked(Case("sound", 0, [], arguments, {arguments[-1]: kind}), tmp_path) == 0
+    assert not (tmp_path / arguments[-1]).is_file()
+
+
 def refusal(folder: Path, asset: Asset | bytes, *tools: Json, **header: Any) -> str:
     """The one line that a bake ends in, without much time or memory."""
     path = folder / "limb.glb"
