@@ -173,22 +173,17 @@ def test_a_base_without_normals_stays_so() -> None:
     assert_valid(after.path)
 
 
-def without_clips(editor: Editor) -> None:
-    """As nothing shows a pose in which wrinkles are tall, normals are those of the rest pose."""
-    del editor.json["animations"]
-
-
-def tangents_without_clips(editor: Editor) -> None:
-    with_tangents(editor)
-    without_clips(editor)
-
+# Keyed by hand, a tool has no motion of its own, so normals are fitted in the rest pose: bind space.
+AT_REST: Json = {"rest_length": {"keys": {"flex": [[0.0, "100%"]]}}}
 
 TANGENTIAL: Json = {**PALM, "strategy": "both_ends", "bumps": 5}
 
 
 def test_tangent_targets_keep_tangents_in_the_surface() -> None:
     """Across the bent normals, and where the triangles' own edges carry them, at several weights of all tools."""
-    after = bake_once(edited("wrist", tangents_without_clips), TANGENTIAL, BACK, morph_tangents=True)
+    after = bake_once(
+        edited("wrist", with_tangents), {**TANGENTIAL, **AT_REST}, {**BACK, **AT_REST}, morph_tangents=True
+    )
     tangents, normals = after.attribute("wrist", "TANGENT"), after.attribute("wrist", "NORMAL")
     base, faces = after.attribute("wrist", "POSITION"), after.triangles("wrist")
     deltas = {name: after.deltas("wrist", name) for name in ("POSITION", "NORMAL", "TANGENT")}
@@ -261,7 +256,7 @@ def test_normals_follow_the_wrinkles() -> None:
 
     On a surface as round as its normals say it is.
     """
-    after = bake_once(edited("wrist", without_clips), PALM, top={"refinement": {"scheme": "butterfly_full"}})
+    after = bake_once("wrist", {**PALM, **AT_REST}, top={"refinement": {"scheme": "butterfly_full"}})
     base, faces = after.attribute("wrist", "POSITION"), after.triangles("wrist")
     _, weld = np.unique(base, axis=0, return_inverse=True)
     weld = weld.reshape(-1)
@@ -285,9 +280,11 @@ def test_normals_follow_the_wrinkles() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "clip"), [("head", "raise_brows"), ("wrist", "extend"), ("trousers", "squat"), ("trousers", "walk")]
+    ("name", "clip", "steepest"),
+    # The clip extend closes the wrist's crease further than where its wrinkles are full at first.
+    [("head", "raise_brows", 4), ("wrist", "extend", 5), ("trousers", "squat", 4), ("trousers", "walk", 4)],
 )
-def test_the_tallest_wrinkles_look_as_steep_as_they_are(name: str, clip: str) -> None:
+def test_the_tallest_wrinkles_look_as_steep_as_they_are(name: str, clip: str, steepest: float) -> None:
     """Degrees by which wrinkles turn the normals that an engine shows, and those of the posed triangles."""
     file = bake_config(name, name)
     wrinkles = wrinkle_columns(file, name)
@@ -311,7 +308,7 @@ def test_the_tallest_wrinkles_look_as_steep_as_they_are(name: str, clip: str) ->
     true = [of_triangles(each)[moved] for each in positions]
     seen, wanted = (np.degrees(np.arccos(np.clip(np.sum(a * b, axis=1), -1, 1))) for a, b in (shown, true))
     assert abs(np.median(seen) - np.median(wanted)) <= 1
-    assert abs(np.percentile(seen, 95) - np.percentile(wanted, 95)) <= 4
+    assert abs(np.percentile(seen, 95) - np.percentile(wanted, 95)) <= steepest
 
 
 # Tracks

@@ -81,21 +81,12 @@ def crowded() -> Path:
     return place(asset)
 
 
-def unread() -> Path:
-    """What nothing reads may refer to anything: here to the buffer that a .gltf gets for new data."""
-    asset = limb_asset(rings=13)
-    view = asset.append("bufferViews", {"buffer": 1, "byteLength": 180})
-    asset.append("accessors", {"bufferView": view, "componentType": 5126, "count": 15, "type": "VEC3"})
-    return place(asset)
-
-
 def limb(ending: str = ".glb", **options: Any) -> Path:
     return place(limb_asset(rings=13, **options), ending)
 
 
 Case = tuple[Callable[[], Path], list[Json], Json, list[Json]]
 CASES: dict[str, Case] = {
-    "unread": (unread, [LIMB], {}, [FINER_LIMB]),
     "wrist": (lambda: sample("wrist"), [PALM, BACK], {}, [FINER]),
     "nothing refined": (lambda: sample("wrist"), [PALM], {"max_levels": 0}, [FINER]),
     "trousers": (lambda: sample("trousers"), [KNEE, {**KNEE, "name": "again"}], {}, [{**KNEE, "bumps": 2}]),
@@ -131,7 +122,6 @@ CASES: dict[str, Case] = {
 
 # Of a .gltf the buffers' files too: where they are kept, cut, or not there to begin with.
 AS_GLTF = (
-    "unread",
     "wrist",
     "cloned mesh",
     "two nodes",

@@ -16,7 +16,7 @@ from wrinklecli import bake
 from wrinklecli.baking import plan, proof, sample
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.character import pose
-from wrinklecli.gltf import edit
+from wrinklecli.gltf import new_data
 from wrinklecli.method.activity import anchor_joints
 from wrinklecli.numeric import piecewise as tracks
 from wrinklecli.numeric import red_green
@@ -107,7 +107,7 @@ def baker(tmp_path: Path) -> Baker:
 @pytest.fixture
 def small_spool(monkeypatch: pytest.MonkeyPatch) -> None:
     """Lets a file on disk take over from memory earlier, to see it with small assets."""
-    monkeypatch.setattr(edit, "_SPOOL_BYTES", 2**20)
+    monkeypatch.setattr(new_data, "_SPOOL_BYTES", 2**20)
 
 
 def counting(monkeypatch: pytest.MonkeyPatch, module: Any, name: str, count: Callable[..., Any]) -> list[Any]:

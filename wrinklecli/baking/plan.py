@@ -37,7 +37,6 @@ class MeshPlan:
 
     Attributes:
         rig: Of the node.
-        clips: Of the asset, whichever are baked.
         rest: The rest pose.
         fine: The refined surface.
         carried_patches: The tools, on the refined surface.
@@ -48,7 +47,6 @@ class MeshPlan:
     """
 
     rig: Rig
-    clips: tuple[Clip, ...]
     rest: Rest
     fine: Refinement
     carried_patches: tuple[CarriedPatch, ...]
@@ -139,9 +137,7 @@ def plan_mesh(
     if problems:
         raise BakeError.of_all(problems)
     scale = float(median(np.cbrt(np.abs(determinants(rest.blended[:, :, :3])))))
-    return MeshPlan(
-        rig, clips, rest, fine, tuple(carried_patches), tallest, bound, scale, _has_normals(document, rig.mesh)
-    )
+    return MeshPlan(rig, rest, fine, tuple(carried_patches), tallest, bound, scale, _has_normals(document, rig.mesh))
 
 
 def poses_of(rig: Rig, clips: Sequence[Clip], joints: Ints | None = None) -> Floats:

@@ -21,9 +21,9 @@ from wrinklecli.method.activity import (
     anchor_joints,
     lengths_over_time,
     rest_lengths_over_time,
-    tallest_poses,
 )
 from wrinklecli.method.anchor import anchor_poses
+from wrinklecli.method.bending import tallest_poses
 from wrinklecli.method.carry import CarriedPatch, displacements
 from wrinklecli.method.curve import weights_of
 from wrinklecli.method.posed import compress
@@ -108,7 +108,7 @@ def sample_clips(
     patches = [carried.patch for carried in plan.carried_patches]
     poses: Sequence[Pose | None] = [None] * len(patches)
     if plan.has_normals:
-        poses = tallest_poses(patches, plan.rig, plan.rest, plan.clips)
+        poses = tallest_poses(patches, plan.rig, plan.rest)
     target_sets, by_tool = [], []
     for number, pose in enumerate(poses):
         target_set, weights = _target_set(plan, number, sampled, pose)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.character.pose import LEAST_SCALE, Pose, morph_weights, pose_at
+from wrinklecli.character.pose import LEAST_SCALE, morph_weights
 from wrinklecli.character.rig import Rig
 from wrinklecli.method.anchor import AnchorPoses, anchor_poses, posed_anchor
 from wrinklecli.method.patch import Patch
@@ -20,10 +20,6 @@ from wrinklecli.tools.records import RestLengthKeys, RestLengthMorph
 
 # Anchors' joints and morph weights, times frames, posed at once: bounds the memory.
 _ANCHORS_AT_ONCE = 2**16
-# Moments of a clip at which tools are looked at for their tallest: every 0.03 s of two seconds.
-_MOMENTS = 65
-# Share of a tool's tallest that is as good as it. Full bumps stay full while a limb folds on.
-_TALLEST = 0.97
 
 
 def anchor_joints(patches: Sequence[Patch]) -> Ints:
@@ -141,26 +137,3 @@ def _joined(parts: Sequence[Activity], order: Ints | None = None) -> Activity:
         return parts[0]
     joined = [np.concatenate([getattr(each, field.name) for each in parts]) for field in fields(Activity)]
     return Activity(*(joined if order is None else [each.take(order, axis=0) for each in joined]))
-
-
-def tallest_poses(patches: Sequence[Patch], rig: Rig, rest: Rest, clips: Sequence[Clip]) -> list[Pose]:
-    """Where each tool's wrinkles are as tall as any clip makes them: of such moments the least shortened one.
-
-    A tool that no clip raises has the rest pose.
-    """
-    times = [np.linspace(clip.start, clip.end, _MOMENTS) for clip in clips]
-    heights, shortenings = np.zeros((2, len(patches), len(clips), _MOMENTS))
-    for column, (clip, moments) in enumerate(zip(clips, times, strict=True)):
-        for row, (patch, seen) in enumerate(zip(patches, activities(patches, rig, rest, clip, moments), strict=True)):
-            of_bumps = patch.curve.heights(seen.amplitudes)
-            heights[row, column] = abs(patch.clip_strength(clip)) * of_bumps.sum(axis=1)
-            shortenings[row, column] = seen.shortenings
-    poses = []
-    for high, short in zip(heights, shortenings, strict=True):
-        if not high.any():
-            poses.append(rest.pose)
-            continue
-        least = np.argmin(np.where(high >= _TALLEST * high.max(), short, np.inf))
-        number, moment = divmod(int(least), _MOMENTS)
-        poses.append(pose_at(rig, clips[number], times[number][moment]))
-    return poses

@@ -12,6 +12,7 @@ from PIL import Image
 from kit.asset import ARRAY_BUFFER, Asset
 from kit.limb import limb_asset
 from kit.pictures import SIZE, covered, draw, picture
+from wrinklecli.errors import AssetError
 
 Bytes = NDArray[np.uint8]
 Json = dict[str, Any]
@@ -54,7 +55,6 @@ def textured(asset: Asset, material: Json, image: bytes) -> None:
 @pytest.mark.parametrize(
     "change",
     [
-        {"materials": [5]},
         {"materials": [{"pbrMetallicRoughness": 7}]},
         {"materials": [{"pbrMetallicRoughness": {"baseColorFactor": "red"}}]},
         {"materials": [{"pbrMetallicRoughness": {"baseColorFactor": [{}, 1, 1]}}]},
@@ -63,8 +63,6 @@ def textured(asset: Asset, material: Json, image: bytes) -> None:
         {"materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, "texCoord": 7}}}]},
         {"materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, "extensions": 3}}}]},
         {"textures": [{"source": "x"}]},
-        {"textures": [4]},
-        {"samplers": [4], "textures": [{"source": 0, "sampler": 0}]},
         {"images": [{"uri": "../../etc/passwd"}]},
     ],
 )
@@ -74,3 +72,12 @@ def test_odd_looks_do_not_hide_a_shape(tmp_path: Path, change: Json) -> None:
     asset.gltf |= change
     draw([asset.write(tmp_path / "a.glb")], tmp_path / "a.png", rest=True, size=(32, 24))
     assert covered(picture(tmp_path / "a.png")).sum() > 30
+
+
+@pytest.mark.parametrize("kind", ["materials", "textures", "samplers"])
+def test_looks_that_are_no_objects_are_refused_by_name(tmp_path: Path, kind: str) -> None:
+    asset = limb_asset(rings=5, sides=6)
+    textured(asset, {"baseColorTexture": {"index": 0}}, b"\x89PNG\r\n\x1a\n")
+    asset.gltf[kind] = [4]
+    with pytest.raises(AssetError, match=f"{kind}/0: is 4, not an object"):
+        draw([asset.write(tmp_path / "a.glb")], tmp_path / "a.png", rest=True, size=(32, 24))

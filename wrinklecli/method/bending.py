@@ -1,0 +1,120 @@
+"""Poses in which a tool's wrinkles are tall: its joint bent, or a morph target raised, whatever clips there are.
+
+What follows from mesh and tools alone must not hang on clips. So a tool's own motion is found here: the joint that
+carries one of its ends and not the other turns about the patch's v axis, along which wrinkles run, or a morph target
+goes from 0 to 1. Not in the paper.
+"""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from wrinklecli.character.clip import Channel, Clip
+from wrinklecli.character.pose import Pose, node_matrices, pose_at
+from wrinklecli.character.rig import Rig
+from wrinklecli.method.activity import activity
+from wrinklecli.method.anchor import Anchor
+from wrinklecli.method.patch import Patch
+from wrinklecli.method.rest import Rest
+from wrinklecli.numeric.arrays import Floats, cross, unit, unit_quaternions
+from wrinklecli.tools.records import RestLengthKeys, RestLengthMorph
+
+# Moments of a motion at which a tool is looked at: a joint turns by 2.3° between two.
+_MOMENTS = 65
+# Radians that a joint turns at most, to either side: 150°, a knee or an elbow.
+_MOST_TURN = np.radians(150.0)
+# Difference of the shares of both ends that a joint carries, below which it hardly bends what is between them.
+_LEAST_CARRIED = 0.1
+# Share of a tool's tallest that is as good as it. Full bumps stay full while a limb folds on.
+_TALLEST = 0.97
+
+
+def tallest_poses(patches: Sequence[Patch], rig: Rig, rest: Rest) -> list[Pose]:
+    """For each tool the first pose of its own motion in which its wrinkles are about as tall as that makes them.
+
+    A tool that has no such motion, or whose rest length is keyed by hand, has the rest pose.
+    """
+    return [_tallest_pose(patch, rig, rest) for patch in patches]
+
+
+def _tallest_pose(patch: Patch, rig: Rig, rest: Rest) -> Pose:
+    tallest, pose = 0.0, rest.pose
+    if isinstance(patch.tool.rest_length, RestLengthKeys):
+        return pose
+    times = np.linspace(0.0, 1.0, _MOMENTS)
+    for motion in own_motions(patch, rig):
+        heights = patch.curve.heights(activity(patch, rig, rest, motion, times).amplitudes).sum(axis=1)
+        # The first of several that are alike.
+        if heights.max() * _TALLEST > tallest:
+            tallest = float(heights.max())
+            pose = pose_at(rig, motion, times[int(np.argmax(heights >= _TALLEST * tallest))])
+    return pose
+
+
+def own_motions(patch: Patch, rig: Rig) -> Iterator[Clip]:
+    """Motions of a second that may bring a tool's ends together: its joint turning either way, then morph targets."""
+    morphed = patch.tool.rest_length.morph if isinstance(patch.tool.rest_length, RestLengthMorph) else None
+    node = None if morphed else _bent_node(patch, rig)
+    if node is not None:
+        axis = np.stack(cross(patch.along, patch.normal))
+        yield from (_turning(rig, node, sign * axis) for sign in (1.0, -1.0))
+    for number, name in enumerate(rig.morph_names):
+        moves = any(anchor.points[1 + number].any() for anchor in (patch.origin, patch.target))
+        if moves if morphed is None else name == morphed:
+            yield _raising(rig, number)
+
+
+def _bent_node(patch: Patch, rig: Rig) -> int | None:
+    """The joint between a tool's ends: of those that carry the one more than the other, that nearest to its middle."""
+    origin, target = _carried_by(patch.origin, rig), _carried_by(patch.target, rig)
+    differences = {
+        node: abs(origin.get(node, 0.0) - target.get(node, 0.0))
+        for node in sorted(origin.keys() | target.keys())
+        if "rotation" in rig.locals[node]
+    }
+    most = max(differences.values(), default=0.0)
+    if most < _LEAST_CARRIED:
+        return None
+    likely = [node for node, difference in differences.items() if difference > most - _LEAST_CARRIED]
+    places = node_matrices(rig, None, np.zeros(1), likely)[0, :, :3, 3]
+    middle = (patch.origin.position + patch.target.position) / 2.0
+    return likely[int(np.argmin(np.linalg.norm(places - middle, axis=1)))]
+
+
+def _carried_by(anchor: Anchor, rig: Rig) -> dict[int, float]:
+    """The nodes that an anchor follows, and with which share of its weights."""
+    shares: dict[int, float] = {}
+    for joint, weight in zip(anchor.joints, anchor.weights, strict=True):
+        node = int(rig.joints[joint])
+        while node >= 0:
+            shares[node] = shares.get(node, 0.0) + float(weight)
+            node = int(rig.parents[node])
+    return shares
+
+
+def _turning(rig: Rig, node: int, axis: Floats) -> Clip:
+    """A node that turns about a (3,) axis of world space at rest, further and further."""
+    times = np.linspace(0.0, 1.0, _MOMENTS)
+    parent = int(rig.parents[node])
+    world = np.eye(4) if parent < 0 else node_matrices(rig, None, np.zeros(1), [parent])[0, 0]
+    # A turn in the parent's space about what the parent takes to the axis.
+    local = unit(np.linalg.pinv(world[:3, :3]) @ axis)
+    halves = times * _MOST_TURN / 2.0
+    turns = np.concatenate([np.sin(halves)[:, None] * local, np.cos(halves)[:, None]], axis=1)
+    stored = unit_quaternions(rig.locals[node]["rotation"])
+    values = _product(turns, stored)
+    return Clip(-1, "", (Channel(0, node, "rotation", times, values, "LINEAR"),), 0.0, 1.0)
+
+
+def _raising(rig: Rig, number: int) -> Clip:
+    """A morph target that goes from 0 to 1."""
+    weights = np.tile(rig.morph_weights, (2, 1))
+    weights[:, number] = 0.0, 1.0
+    return Clip(-1, "", (Channel(0, rig.node, "weights", np.array([0.0, 1.0]), weights, "LINEAR"),), 0.0, 1.0)
+
+
+def _product(turns: Floats, stored: Floats) -> Floats:
+    """(n, 4) quaternions (n, 4) times one (4,), x, y, z and w: first the one, then each turn."""
+    vectors, reals = turns[:, :3], turns[:, 3:]
+    imaginary = reals * stored[:3] + stored[3] * vectors + np.stack(cross(vectors.T, stored[:3, None]), axis=1)
+    return np.concatenate([imaginary, reals * stored[3] - vectors @ stored[:3, None]], axis=1)
