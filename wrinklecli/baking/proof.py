@@ -13,6 +13,7 @@ from wrinklecli.character.clip import KEY_GAP, Clip, read_clips
 from wrinklecli.character.pose import Pose, joint_matrices, morph_weights, pose_at
 from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.skin import pose, prepare
+from wrinklecli.character.sparse_targets import SparseDeltas, added, read_sparse_deltas
 from wrinklecli.character.surface import dense_influences, read_vertices
 from wrinklecli.errors import RefusedError
 from wrinklecli.gltf.edit import EditedDocument
@@ -62,9 +63,10 @@ class Proof:
         clips: Of the written file.
         vertices: (vertices,) fine welded vertex of each.
         positions: (vertices, 3) as stored.
-        deltas: (targets, vertices, 3) as stored.
+        deltas: (old targets, vertices, 3) as stored.
+        added: Of each new target, as stored.
         weights: (vertices, joints) as stored, normalised.
-        normals: (vertices, 3) and NORMAL deltas (targets, vertices, 3) as stored; None without NORMAL.
+        normals: (vertices, 3) as stored, and NORMAL deltas of each new target; None without NORMAL.
     """
 
     rig: Rig
@@ -72,8 +74,9 @@ class Proof:
     vertices: Ints
     positions: Floats
     deltas: Floats
+    added: list[SparseDeltas]
     weights: Floats
-    normals: tuple[Floats, Floats] | None
+    normals: tuple[Floats, list[SparseDeltas]] | None
 
 
 def prove(
@@ -125,26 +128,38 @@ def read_back(edited: EditedDocument, plan: MeshPlan) -> Proof:
     refined_primitives = primitives_of(fine, shared_vertices(edited.source, plan.rig.mesh, fine))
     written = edited.document()
     rig = read_rig(written, plan.rig.node)
-    distinct = _distinct(written.items("meshes")[rig.mesh]["primitives"], refined_primitives)
-    stored = read_vertices(written, rig, distinct)
+    primitives, old = written.items("meshes")[rig.mesh]["primitives"], len(fine.morph_deltas)
+    distinct = _distinct(primitives, refined_primitives)
+    stored = read_vertices(written, rig, distinct, targets=old)
+
+    def new_deltas(name: str) -> list[SparseDeltas]:
+        where = written.where("meshes", rig.mesh)
+        chosen = [primitives[number] for number in distinct]
+        return read_sparse_deltas(written, chosen, stored.starts, name, first=old, where=where)
+
     welds = np.concatenate([refined_primitives[number].weld for number in distinct])
     touched = np.zeros(len(fine.positions), bool)
     touched[len(fine.surface.positions) :] = True
     for carried in plan.carried_patches:
         touched[carried.vertices] = True
+    compared = touched[welds]
+    moving = new_deltas("POSITION")
     # A vertex that a new target moves is compared even if no tool asked for it.
-    added = stored.morph_deltas[len(fine.morph_deltas) :].any(axis=(0, 2))
-    chosen = np.flatnonzero(touched[welds] | added)
+    for target in moving:
+        compared[target.vertices] = True
+    chosen = np.flatnonzero(compared)
+    rows = np.where(compared, np.cumsum(compared) - 1, -1)
     dense = dense_influences(stored.joints[chosen], stored.weights[chosen], len(rig.joints))
     normals = None
-    if stored.normals is not None and stored.normal_deltas is not None:
-        normals = stored.normals[chosen], stored.normal_deltas[:, chosen]
+    if stored.normals is not None:
+        normals = stored.normals[chosen], [target.of_rows(rows) for target in new_deltas("NORMAL")]
     return Proof(
         rig,
         read_clips(written),
         welds[chosen],
         stored.positions[chosen],
         stored.morph_deltas[:, chosen],
+        [target.of_rows(rows) for target in moving],
         dense,
         normals,
     )
@@ -222,7 +237,8 @@ def _vertex_errors(
         matrices = joint_matrices(rig, clip, now, acting)
         wanted, _ = pose(method, matrices, morph_weights(rig, clip, now), moved.transpose(0, 2, 1))
         played = morph_weights(proof.rig, written, now)
-        got, _ = pose(file, joint_matrices(proof.rig, written, now, stored), played)
+        new = added(proof.added, played[:, len(proof.deltas) :], len(proof.vertices))
+        got, _ = pose(file, joint_matrices(proof.rig, written, now, stored), played[:, : len(proof.deltas)], new)
         distances = np.sqrt(np.sum((got - wanted) ** 2, axis=1)).max(axis=1, initial=0.0)
         frame = int(distances.argmax())
         if distances[frame] > worst:
@@ -295,18 +311,16 @@ def _method_displacements(
     proof: Proof, plan: MeshPlan, clip: Clip, times: Floats, amplitudes: Sequence[Floats]
 ) -> Floats:
     """(frames, vertices, 3) sum of all tools, at the vertices compared, bind space."""
-    total = np.zeros((len(times), len(proof.vertices), 3))
+    welded, rows = np.unique(proof.vertices, return_inverse=True)
+    total = np.zeros((len(times), len(welded), 3))
     for carried, each in zip(plan.carried_patches, amplitudes, strict=True):
-        rows = np.searchsorted(carried.vertices, proof.vertices)
-        rows = np.minimum(rows, len(carried.vertices) - 1)
-        here = carried.vertices[rows] == proof.vertices
         moved = displacements(carried, plan.fine, plan.rig, plan.rest, clip, times, each)
-        total[:, here] += moved[:, rows[here]]
-    return total
+        total[:, np.searchsorted(welded, carried.vertices)] += moved
+    return total[:, rows]
 
 
 def _normal_angles(
-    normals: tuple[Floats, Floats],
+    normals: tuple[Floats, list[SparseDeltas]],
     compared: Ints,
     fine: Refinement,
     moved: Floats,
@@ -318,14 +332,14 @@ def _normal_angles(
     Those of the wrinkles alone: what the source's own morph targets do to normals is theirs.
     """
     base, deltas = normals
-    old = len(fine.morph_deltas)
+    turned = added(deltas, played[:, len(fine.morph_deltas) :], len(base)).transpose(0, 2, 1)
     vertices, first = np.unique(compared, return_index=True)
     touched, true = displaced_normals(fine, vertices, moved[:, first], poses)
     rows = np.searchsorted(touched, compared)
     angles = []
     for frame in range(len(moved)):
         wanted = turn_to(fine.normals[compared], unit(base), true[frame, rows])
-        got = unit(base + np.tensordot(played[frame, old:], deltas[old:], axes=1))
+        got = unit(base + turned[frame])
         changed = moved[frame].any(axis=1)
         cosine = np.clip(np.sum(wanted * got, axis=1)[changed], -1.0, 1.0)
         angles.append(np.degrees(np.arccos(cosine)))

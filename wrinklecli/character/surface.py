@@ -128,8 +128,16 @@ class Vertices:
     normal_deltas: Floats | None
 
 
-def read_vertices(document: Document, rig: Rig, chosen: Sequence[int] | None = None) -> Vertices:
+def read_vertices(
+    document: Document, rig: Rig, chosen: Sequence[int] | None = None, *, targets: int | None = None
+) -> Vertices:
     """Read the vertices of a rig's mesh, or of some of its primitives.
+
+    Args:
+        document: The asset.
+        rig: Of the mesh.
+        chosen: The primitives; all where left out.
+        targets: How many of the morph targets, the first ones; all where left out.
 
     Raises:
         AssetError: An attribute is missing, malformed or not finite.
@@ -139,7 +147,7 @@ def read_vertices(document: Document, rig: Rig, chosen: Sequence[int] | None = N
     if not primitives:
         raise AssetError("has no primitives", where=where)
     numbers = range(len(primitives)) if chosen is None else chosen
-    parts = [read_primitive(document, primitives[i], rig, f"{where}/primitives/{i}") for i in numbers]
+    parts = [read_primitive(document, primitives[i], rig, f"{where}/primitives/{i}", targets=targets) for i in numbers]
     most = max(part.joints.shape[1] for part in parts)
 
     def padded(rows: Array) -> Array:
@@ -159,8 +167,10 @@ def read_vertices(document: Document, rig: Rig, chosen: Sequence[int] | None = N
     )
 
 
-def read_primitive(document: Document, primitive: Json, rig: Rig, where: str) -> Vertices:
-    """Read the vertices of one primitive of a rig's mesh.
+def read_primitive(
+    document: Document, primitive: Json, rig: Rig, where: str, *, targets: int | None = None
+) -> Vertices:
+    """Read the vertices of one primitive of a rig's mesh, with all of its morph targets or the first of them.
 
     Raises:
         AssetError: An attribute is missing, malformed or not finite.
@@ -170,20 +180,21 @@ def read_primitive(document: Document, primitive: Json, rig: Rig, where: str) ->
         raise AssetError("has no POSITION", where=where)
     count = len(document.accessor(attributes["POSITION"], user=where))
     positions = _attribute(document, attributes["POSITION"], count, 3, where)
-    targets = primitive.get("targets", [])
-    if len(targets) != len(rig.morph_weights):
-        raise AssetError(f"has {len(targets)} morph targets, others have {len(rig.morph_weights)}", where=where)
+    stored = primitive.get("targets", [])
+    if len(stored) != len(rig.morph_weights):
+        raise AssetError(f"has {len(stored)} morph targets, others have {len(rig.morph_weights)}", where=where)
+    chosen = stored[:targets]
     kinds = 1 + ("NORMAL" in attributes)
     document.claim_unstored(
-        _DELTA_BYTES * kinds * len(targets) * count, f"{len(targets)} morph targets of {count} vertices", where=where
+        _DELTA_BYTES * kinds * len(chosen) * count, f"{len(chosen)} morph targets of {count} vertices", where=where
     )
     document.claim_unstored(
         _WEIGHT_BYTES * len(rig.joints) * count, f"{count} vertices' weights of {len(rig.joints)} joints", where=where
     )
 
     def deltas_of(name: str) -> Floats:
-        deltas = np.zeros((len(targets), count, 3))
-        for index, target in enumerate(targets):
+        deltas = np.zeros((len(chosen), count, 3))
+        for index, target in enumerate(chosen):
             if name in target:
                 deltas[index] = _attribute(document, target[name], count, 3, where)
         return deltas

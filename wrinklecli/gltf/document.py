@@ -19,7 +19,7 @@ from wrinklecli.gltf import draco, meshopt
 from wrinklecli.gltf.files import local_file, read_data_uri, read_file
 from wrinklecli.gltf.references import draco_primitives, is_placeholder, view_parts
 from wrinklecli.gltf.shape import Json, check_asset, json_memory, parse_json, place
-from wrinklecli.numeric.arrays import Array
+from wrinklecli.numeric.arrays import Array, Ints
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory, shown_bytes
 
 # Primitive modes (§5.24.4) and component types (§5.1.3).
@@ -191,6 +191,26 @@ class Document:
             indices, values = self._sparse_elements(sparse, dtype, size, len(elements), where)
             elements[indices] = values
         return elements
+
+    def changes(self, index: int) -> tuple[Ints, Array]:
+        """The elements of an accessor that are not 0: (changed,) their indices, rising, and (changed, components).
+
+        Those of a sparse accessor over zeros take no more memory than it does. Nothing is kept.
+
+        Raises:
+            AssetError: As of `stored`.
+        """
+        accessor, where = self.items("accessors")[index], self.where("accessors", index)
+        sparse = accessor.get("sparse")
+        if sparse is None or "bufferView" in accessor or index in self._draco_sources:
+            elements = self.stored(index)
+            changed = np.flatnonzero(elements.any(axis=1))
+            return changed, _values(accessor, elements[changed])
+        dtype, size = _element(accessor, where)
+        count = _whole(accessor, "count", where, least=1, most=_COUNT_LIMIT)
+        indices, values = self._sparse_elements(sparse, dtype, size, count, where)
+        changed = np.flatnonzero(values.any(axis=1))
+        return indices[changed].astype(np.intp), _values(accessor, values[changed])
 
     def stored_dtype(self, index: int) -> np.dtype[Any]:
         """The component type that an accessor is stored in."""
