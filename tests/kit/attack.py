@@ -21,14 +21,15 @@ from wrinklecli.gltf.document import read_document
 _LONGEST_LINE = 10_100  # characters of a message
 _CODES = {"diff": (0, 1, 2)}
 _DONE = {"diff": (0, 1), "check": (0, 3)}  # what --strict refuses, check shows all the same
-_LINKS = ("link", "hard link", "link to itself", "link to nothing")
+_LINKS = ("link", "hard link", "link to itself", "link to nothing", "link to ASSET", "hard link to ASSET")
 _DEVICES = ("/dev/null", "/dev/full", "/dev/zero")
 _PLACES = (*_LINKS, "folder", "nothing", "pipe", *_DEVICES)
+_REPLACED = ("out.glb", "displaced-out.glb")
 _DISPLACED = 0.05  # of all cases
 _LARGE = 5  # sources at the end of the corpus that take longer
 # fmt: off
 _COMMANDS = {
-    "bake": 30, "inspect": 15, "diff": 20, "check": 10, "suggest": 8, "track": 10, "preview": 7, "schema": 0.1,
+    "bake": 30, "inspect": 15, "diff": 20, "check": 10, "suggest": 8, "track": 10, "preview": 7, "schema": 1,
 }
 # fmt: on
 
@@ -83,10 +84,12 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
 
     asset = f"limb{source.suffix}"
     memory = "--max-memory", chance.choice(["50MB", "200MB", "4GB"])
+    loudness = chance.choice(["--verbose", "--quiet"])
+    report = chance.choice(["report.json"] * 5 + ["out.glb", "tools.yaml", asset])
     yield command
     match command:
         case "bake":
-            yield from (asset, "tools.yaml", *some("--replace", share=0.6), *some("--report", "report.json"))
+            yield from (asset, "tools.yaml", *some("--replace", share=0.6), *some("--report", report))
             yield from some("--mode", "frames")
             yield from some("--accessors", chance.choice(["dense", "based"]))
             yield from some("--tracks", "none")
@@ -102,14 +105,15 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
             yield from some("--fps", "2")
             yield from some("--clip", "fold")
             yield from some("--strict", share=0.05)
-            yield from some(chance.choice(["--verbose", "--quiet"]))
+            yield from some(loudness)
             yield from some("--allow-external")
             yield from some(*memory, share=0.1)
-            yield from ("-o", chance.choice(["out.glb", "out.glb", "out.gltf", "sub/out.gltf"]))
+            yield from ("-o", chance.choice(["out.glb"] * 9 + ["out.gltf"] * 5 + ["sub/out.gltf"] * 4 + [asset]))
         case "check":
             yield from (asset, "tools.yaml", *some("--json", share=0.5), *some("--clip", "fold"), *some("--fps", "3"))
             yield from (*some("--strict"), *some("--allow-external"), *some(*memory, share=0.1))
             yield from (*some("--max-levels", "0"), *some("--max-vertices", "10", share=0.1))
+            yield from some("--tool", "limb", share=0.1)
             yield from some("--plot", chance.choice(["plot.svg", "plot.svg", "plot.png"]), share=0.2)
         case "inspect":
             yield from (asset, *some("--json", share=0.5), *some("--allow-external"), *some(*memory, share=0.1))
@@ -123,16 +127,21 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
             yield from (*some("--node", "limb"), *some("--count", "2"), *some("--clip", "fold"))
             yield from (*some("--quiet"), *some("--allow-external"), *some(*memory, share=0.1))
         case "preview":
-            tools = ["--tools", "tools.yaml"]
-            two = chance.choice([["sound.glb"], [*tools, "--before"]])
-            yield from (
-                asset,
-                *chance.choice([[], [], tools, tools, [*tools, "--hide-tools"], two, [*two, "--labels", "a,b"]]),
-            )
-            yield from ("-o", chance.choice(["p.png", "p.png", "p.gif", "p.webp"]), "--size", "32x32")
-            yield from chance.choice([["--frames", "2"], ["--frames", "2"], ["--times", "0,0.2"]])
+            tools, tool = ["--tools", "tools.yaml"], list(some("--tool", "limb", share=0.1))
+            several = [["sound.glb"], ["sound.glb", "--labels", "a,b"], [*tools, "--before"], [*tools, *tool]]
+            yield from (asset, *chance.choice([[], [], tools, [*tools, "--hide-tools"], *several]))
+            pictures = [
+                ["-o", "p.png"],
+                ["-o", "p.png", "--columns", "2"],
+                ["-o", "p.gif", "--fps", "3"],
+                ["-o", "p.webp"],
+            ]
+            moments = [["--frames", "2"], ["--frames", "2", "--clip", "fold"], ["--times", "0,0.2"]]
+            moving = [*chance.choice(pictures), *chance.choice(moments)]
+            yield from chance.choice([moving, moving, moving, moving, ["-o", "p.png", "--rest"]])
+            yield from ("--size", "32x32", *some("--quiet"))
             yield from (*some("--heat"), *some("--wire"), *some("--clay"), *some("--backfaces"))
-            yield from (*some("--clip", "fold"), *some("--views", "front,facing"), *some("--follow"))
+            yield from (*some("--views", "front,facing"), *some("--follow"))
             yield from (
                 *some("--radius", "2"),
                 *some("--focus", "0,1,0", "--radius", "3"),
@@ -146,7 +155,7 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
                 yield from (asset, "sound.glb")
             else:
                 yield from ("body.glb", asset)
-            yield from ("-o", "tracked", *some("--fps", "4", share=0.5), *some("--verbose"), *some("--strict"))
+            yield from ("-o", "tracked", *some("--fps", "4", share=0.5), *some(loudness), *some("--strict"))
             yield from (*some("--max-error", "5%"), *some("--allow-external"), *some(*memory, share=0.1))
 
 
@@ -173,10 +182,10 @@ def prepare(case: Case, folder: Path) -> None:
     Path(folder, "sub").mkdir()
     Path(folder, "out.glb").write_bytes(b"old")
     for name, kind in case.places.items():
-        _displace(folder / name, kind)
+        _displace(folder / name, kind, asset=folder / f"limb{source.suffix}")
 
 
-def _displace(path: Path, kind: str) -> None:
+def _displace(path: Path, kind: str, *, asset: Path) -> None:
     """Put something else in the place of a file, which may be there."""
     elsewhere = path.with_name(f"displaced-{path.name}")
     if path.exists():
@@ -186,6 +195,10 @@ def _displace(path: Path, kind: str) -> None:
             path.symlink_to(elsewhere.name)
         case "hard link" if elsewhere.exists():
             path.hardlink_to(elsewhere)
+        case "link to ASSET":
+            path.symlink_to(asset)
+        case "hard link to ASSET" if asset.exists():
+            path.hardlink_to(asset)
         case "link to itself":
             path.symlink_to(path.name)
         case "link to nothing":
@@ -254,9 +267,11 @@ def attack(case: Case, folder: Path) -> int:
         code, out, err = run(case.arguments, folder)
     command = case.arguments[0]
     assert code in _CODES.get(command, (0, 1, 3)), f"exit code {code}:\n{err[-3000:]}"
+    after = _found(folder)
+    lost = {name for name in before if Path(name).name not in _REPLACED and after.get(name) != before[name]}
+    assert not lost, f"changed or took away {sorted(lost)}"
     if code not in _DONE.get(command, (0,)):
         assert err.strip(), "an error without a message"
-        after = _found(folder)
         assert after == before, f"left or changed {sorted(set(after.items()) ^ set(before.items()))}"
         assert not any(piped), f"wrote {len(piped[0])} bytes to a pipe"
     data = "--json" in case.arguments or command == "suggest"  # has names whole

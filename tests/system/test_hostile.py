@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 import pytest
 
@@ -21,6 +22,7 @@ from kit.limb import limb_asset, tool, write_tools
 from kit.places import IN_CI, ROOT
 from kit.variants import rich
 from wrinklecli import bake
+from wrinklecli.cli import cli
 from wrinklecli.errors import BakeError, WrinkleError
 from wrinklecli.gltf.document import read_document
 from wrinklecli.tools.records import MAX_VERTICES
@@ -48,6 +50,16 @@ def test_commands_on_damaged_files_end_in_order(tmp_path: Path, first: int) -> N
         folder = tmp_path / str(number)
         folder.mkdir()
         attacked(make_case(number), folder)
+
+
+def test_every_option_is_attacked() -> None:
+    given: dict[str, set[str]] = {name: set() for name in cli.commands}
+    for number in range(1500):
+        command, *arguments = make_case(number).arguments
+        given[command].update(arguments)
+    for name, command in cli.commands.items():
+        options = [each for each in command.params if isinstance(each, click.Option)]
+        assert [each.opts for each in options if not set(each.opts) & given[name]] == []
 
 
 @pytest.mark.quick(20)

@@ -23,6 +23,7 @@ from wrinklecli.review.preview.framing import View, plan_views
 from wrinklecli.review.preview.heat import HEAT, HEAT_TICKS, heat_colours
 from wrinklecli.review.preview.moments import Moment, frame_seconds, plan_moments
 from wrinklecli.review.preview.options import MOST_SIDE, PreviewOptions
+from wrinklecli.review.preview.rays import leave_room
 from wrinklecli.review.preview.render import render
 from wrinklecli.review.preview.shown import INKS, ShownAsset, read_shown, take_snapshot, tool_names
 
@@ -88,10 +89,10 @@ def preview(
             return preview(assets, out, options, outputs=own, progress=progress)
     options = options or PreviewOptions()
     path = os.fspath(out)
-    _refuse_missing()
-    from wrinklecli.review.preview.sheet import encode_animation, encode_picture, sheet_size
-
     with guarded(os.fspath(assets[0])):
+        _refuse_missing()
+        from wrinklecli.review.preview.sheet import encode_animation, encode_picture, sheet_size
+
         kind = _kind(path)
         animated = kind != "png"
         documents = _read_documents(assets, path, options, outputs)
@@ -114,6 +115,7 @@ def preview(
 
 
 def _refuse_missing() -> None:
+    leave_room()
     try:
         import embreex.mesh_construction  # noqa: F401
         import PIL.Image  # noqa: F401

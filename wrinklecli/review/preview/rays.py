@@ -13,6 +13,9 @@ from wrinklecli.review.preview.camera import TANGENT
 
 # Above the surface, over half the picture's height: where rays that leave it start.
 LIFT = np.float32(2e-4)
+# Bytes that Embree takes: 130 MB for two threads, and 120 for a triangle; twice as much, as it depends on the machine.
+_EMBREE = 2**28
+_EMBREE_TRIANGLE = 240
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,9 +55,19 @@ def _traced(corners: Floats) -> Any:
     from embreex.mesh_construction import TriangleMesh
     from embreex.rtcore_scene import EmbreeScene
 
+    leave_room(len(corners))
     scene = EmbreeScene(robust=True)  # rays through a shared edge hit one triangle or the other
     TriangleMesh(scene, np.ascontiguousarray(corners, np.float32))
     return scene
+
+
+def leave_room(triangles: int = 0) -> None:
+    """Check that Embree can have its memory: where it cannot, it takes the process down.
+
+    Raises:
+        MemoryError: It cannot.
+    """
+    np.empty(_EMBREE + _EMBREE_TRIANGLE * triangles, np.uint8)
 
 
 @dataclass(frozen=True, slots=True)
