@@ -1,8 +1,8 @@
-"""Every command, with all its options, on damaged files, many thousand times: `python tests/hostile.py FIRST COUNT [--keep]`.
+"""Every command on damaged files, many thousand times: `python tests/hostile.py FIRST COUNT [--keep]`.
 
-Prints each way of failing once, with the number of its first case, and ends with 1 where there is any. Cases run in
-processes of their own kind, with little memory, so that one which takes the process down is found too. `--keep` adds
-what failed, shortened, to tests/data/hostile.jsonl, whose cases are tests.
+All options of the commands take part. Prints each way of failing once, with the number of its first case, and ends
+with 1 where there is any. Cases run in processes of their own kind, with little memory, so that one which takes the
+process down is found too. `--keep` adds what failed, shortened, to tests/data/hostile.jsonl, whose cases are tests.
 """
 
 import argparse
