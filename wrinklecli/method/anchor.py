@@ -16,7 +16,6 @@ from wrinklecli.character.surface import Surface
 from wrinklecli.errors import BakeError
 from wrinklecli.method.rest import Rest
 from wrinklecli.numeric.arrays import Floats, Ints, determinants, distinct_values, singular, unit
-from wrinklecli.numeric.nearest import closest_point
 from wrinklecli.tools.records import Marker, WrinkleTool
 
 # An anchor further from the mesh than this part of its segment is a mistake.
@@ -72,7 +71,7 @@ def anchor_at(
         BakeError: The surface is too far from the point, or singular there.
     """
     where = f"{tool.where}.{key}"
-    triangle, barycentrics, place = closest_point(rest.positions, surface.triangles, point)
+    triangle, barycentrics, place = rest.blocks.closest_point(point)
     if tool.snap == "vertex":
         used = distinct_values(surface.triangles)
         vertex = int(used[np.argmin(np.sum((rest.positions[used] - point) ** 2, axis=1))])
@@ -82,7 +81,7 @@ def anchor_at(
         barycentrics = barycentrics[barycentrics > 0]
     distance = float(np.linalg.norm(place - point))
     if distance > _ANCHOR_REACH * segment:
-        hint = "" if isinstance(getattr(tool, key), Marker) else _other_axis(point, segment, surface, rest, up)
+        hint = "" if isinstance(getattr(tool, key), Marker) else _other_axis(point, segment, rest, up)
         at = ", ".join(f"{x:.4g}" for x in (place if up == "y" else (place[0], -place[2], place[1])))
         raise BakeError(
             f"is {distance:.4g} from the mesh, more than a quarter of its segment of {segment:.4g};"
@@ -91,7 +90,8 @@ def anchor_at(
         )
     if singular(rest.blended[vertices]).any():
         raise BakeError("the joints here are singular at rest", where=where)
-    on_all = np.isin(surface.triangles, vertices).sum(axis=1) >= len(distinct_values(vertices))
+    around = rest.around.faces_of(vertices)
+    on_all = np.isin(surface.triangles[around], vertices).sum(axis=1) >= len(distinct_values(vertices))
     joints, points = _joint_points(vertices, barycentrics, surface)
     return Anchor(
         joints=joints,
@@ -99,18 +99,18 @@ def anchor_at(
         points=np.einsum("kab,mkb->mka", rig.inverse_binds[joints], points),
         vertices=vertices,
         barycentrics=barycentrics,
-        triangles=np.flatnonzero(on_all),
+        triangles=around[on_all],
         position=place,
         normal=unit(barycentrics @ rest.normals_at(vertices)),
         distance=distance,
     )
 
 
-def _other_axis(point: Floats, segment: float, surface: Surface, rest: Rest, up: str) -> str:
+def _other_axis(point: Floats, segment: float, rest: Rest, up: str) -> str:
     """A hint where the point would lie on the mesh, had the file said the other up axis."""
     x, y, z = point
     other, turned = ("y", np.array([x, -z, y])) if up == "z" else ("z", np.array([x, z, -y]))
-    found = closest_point(rest.positions, surface.triangles, turned)[2]
+    found = rest.blocks.closest_point(turned)[2]
     near = np.linalg.norm(found - turned) <= _ANCHOR_REACH * segment
     return f"; with `up: {other}` it would lie on it" if near else ""
 

@@ -19,7 +19,8 @@ from wrinklecli.method.patch import Patch
 from wrinklecli.method.prune import joint_distances, prune, pruning_errors
 from wrinklecli.method.rest import Rest, carried_normals
 from wrinklecli.method.rounding import hard_edges, rounded
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct, distinct_values, normals_at, unit, vertex_normals
+from wrinklecli.numeric.around import Around
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct, distinct_values, unit, vertex_normals
 from wrinklecli.numeric.red_green import Level
 from wrinklecli.numeric.sparse import Matrix
 from wrinklecli.numeric.subdivide import Subdivision, subdivide
@@ -80,7 +81,12 @@ class Refinement:
 
     def normals_at(self, vertices: Ints) -> Floats:
         """(chosen, 3) unit normals of `bind_positions`."""
-        return normals_at(self.bind_positions, self.triangles, vertices)
+        return self.around.normals_at(self.bind_positions, vertices)
+
+    @cached_property
+    def around(self) -> Around:
+        """The triangles of each vertex."""
+        return Around.of(self.triangles, len(self.bind_positions))
 
     @cached_property
     def rest_normals(self) -> Floats:

@@ -14,7 +14,9 @@ from wrinklecli.character.pose import Pose, blend, joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
 from wrinklecli.errors import BakeError, ConfigError, listed, nearest
-from wrinklecli.numeric.arrays import Floats, Ints, inverses, normals_at, unit, vertex_normals
+from wrinklecli.numeric.around import Around
+from wrinklecli.numeric.arrays import Floats, Ints, inverses, unit, vertex_normals
+from wrinklecli.numeric.blocks import Blocks
 from wrinklecli.tools.records import Marker, Position, ToolsFile, WrinkleTool
 
 
@@ -54,7 +56,17 @@ class Rest:
 
     def normals_at(self, vertices: Ints) -> Floats:
         """(chosen, 3) area-weighted bind normals of some vertices, carried to world space by the inverse transpose."""
-        return carried_normals(self.blended[vertices], normals_at(self.bind_positions, self.triangles, vertices))
+        return carried_normals(self.blended[vertices], self.around.normals_at(self.bind_positions, vertices))
+
+    @cached_property
+    def around(self) -> Around:
+        """The triangles of each vertex."""
+        return Around.of(self.triangles, len(self.bind_positions))
+
+    @cached_property
+    def blocks(self) -> Blocks:
+        """The triangles in world space, by neighbours."""
+        return Blocks.of(self.positions, self.triangles)
 
 
 def rest_pose(

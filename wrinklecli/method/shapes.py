@@ -19,10 +19,8 @@ from wrinklecli.method.rest import Rest, carried_normals
 from wrinklecli.numeric.arrays import (
     Floats,
     Ints,
-    any_of,
     determinants,
     distinct_values,
-    flags_of,
     unit,
     vertex_normals,
 )
@@ -179,9 +177,8 @@ def displaced_normals(
         (touched,) vertices of every triangle that a displaced vertex has, and (samples, touched, 3) unit vectors, bind
         space, which the inverse transposes of the blended matrices turn to area-weighted normals.
     """
-    count = len(fine.positions)
-    touched = distinct_values(fine.triangles[any_of(flags_of(vertices, count), fine.triangles)])
-    faces = fine.triangles[any_of(flags_of(touched, count), fine.triangles)]
+    touched = distinct_values(fine.triangles[fine.around.faces_of(vertices)])
+    faces = fine.triangles[fine.around.faces_of(touched)]
     around, local = np.unique(faces, return_inverse=True)
     local = local.reshape(-1, 3)
     moved, rows = np.searchsorted(around, vertices), np.searchsorted(around, touched)

@@ -1,0 +1,23 @@
+"""Triangles around vertices, by vertex: the same as from a look at all, to the bit."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wrinklecli.numeric import around
+from wrinklecli.numeric.around import Around
+from wrinklecli.numeric.arrays import any_of, flags_of, vertex_normals
+
+
+@pytest.mark.parametrize("many", [0.0, 1.0])
+@given(seed=st.integers(0, 999))
+def test_what_is_around_some_vertices_is_found(many: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    places, triangles = rng.normal(size=(20, 3)), rng.integers(0, 20, (30, 3))
+    vertices = rng.permutation(20)[: rng.integers(0, 20)]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(around, "_MANY", many)
+        found = Around.of(triangles, 20)
+        assert np.array_equal(found.faces_of(vertices), np.flatnonzero(any_of(flags_of(vertices, 20), triangles)))
+        assert np.array_equal(found.normals_at(places, vertices), vertex_normals(places, triangles)[vertices])

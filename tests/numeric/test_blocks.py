@@ -1,0 +1,40 @@
+"""Blocks of triangles: the nearest point is that of a look at all, to the bit."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wrinklecli.numeric import blocks
+from wrinklecli.numeric.blocks import Blocks
+from wrinklecli.numeric.nearest import closest_point
+
+
+@given(seed=st.integers(0, 9999), apart=st.sampled_from([0.0, 1e3, 1e9]), size=st.integers(1, 9))
+def test_blocks_that_are_too_far_need_not_be_looked_at(seed: int, apart: float, size: int) -> None:
+    rng = np.random.default_rng(seed)
+    # Of few numbers, so that many triangles are equally near; vertex 0 has none.
+    positions = rng.integers(-3, 4, (20, 3)) * rng.choice([0.1, 1.0]) + apart * rng.normal(size=3)
+    triangles = rng.integers(1, 20, (30, 3))[rng.integers(0, 30, 50)]
+    point = positions[0] + rng.choice([0.0, 0.05, 1.0]) * rng.integers(-1, 2, 3)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(blocks, "_MANY", 0)
+        patch.setattr(blocks, "_SIZE", size)
+        found = Blocks.of(positions, triangles).closest_point(point)
+    for each, wanted in zip(found, closest_point(positions, triangles, point), strict=True):
+        assert np.array_equal(each, wanted)
+
+
+def test_of_many_triangles_few_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[int] = []
+
+    def counting(positions: np.ndarray, triangles: np.ndarray, point: np.ndarray) -> object:
+        seen.append(len(triangles))
+        return closest_point(positions, triangles, point)
+
+    monkeypatch.setattr(blocks, "closest_point", counting)
+    steps = np.arange(5000.0)
+    positions = np.stack([steps, steps % 2, 0.0 * steps], axis=1)
+    triangles = np.arange(4998)[:, None] + np.arange(3)
+    Blocks.of(positions, triangles).closest_point(np.array([2500.0, 0.3, 1.0]))
+    assert seen[0] <= 128
