@@ -38,11 +38,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
                 item.add_marker("slow")
 
 
-@pytest.fixture
-def wrinkle(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Wrinkle]:
-    """The command, run in this process and in a folder of its own."""
+@pytest.fixture(autouse=True)
+def signals_as_before() -> Iterator[None]:
+    """Commands that run in this process say what signals do; the programs that a later test starts would inherit it."""
     handlers = {each: signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
-    monkeypatch.chdir(tmp_path)
-    yield Wrinkle(capfd, monkeypatch)
+    yield
     for each, handler in handlers.items():
         signal.signal(each, handler)
+
+
+@pytest.fixture
+def wrinkle(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Wrinkle:
+    """The command, run in this process and in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    return Wrinkle(capfd, monkeypatch)

@@ -90,6 +90,8 @@ def _try_lines(folder: Path, sign: int, step: int) -> None:
 
     kept = folder.with_name(f"{folder.name}-kept")
     shutil.copytree(folder, kept)
+    # Held open, so that none of the files that are put back gets the inode of one that the command knows.
+    held = [path.open("rb") for path in folder.rglob("*") if path.is_file()]
     number, reached = 1, True
     while reached:
         hear, tell = os.pipe()
@@ -113,6 +115,8 @@ def _try_lines(folder: Path, sign: int, step: int) -> None:
             shutil.rmtree(path) if path.is_dir() else path.unlink()
         shutil.copytree(kept, folder, dirs_exist_ok=True)
         number += step
+    for file in held:
+        file.close()
     os._exit(0)
 
 
