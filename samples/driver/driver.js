@@ -31,10 +31,11 @@ function anchor({ joints, weights, positions, scales, morphs = {} }, jointMatrix
 
 /** Weights while the rest length changes: bumps rise group by group, each until it takes no more. */
 function followed(curve, distance, length) {
-  const { taut, intervals, bumps, distances, capacities, parts, rises, mix, positive, least = 0 } = curve;
-  const chord = (2 * distance) / intervals;
-  const capacity = distances ? between(distances, capacities, distance) : Infinity;
-  let left = Math.max(taut * length - distance, 0);
+  const { taut, compressible = 0, intervals, bumps, distances, capacities, parts, rises, mix, positive, least = 0 } = curve;
+  const ends = taut * length - (1 - compressible) * (taut * length - distance);
+  const chord = (2 * ends) / intervals;
+  const capacity = distances ? between(distances, capacities, ends) : Infinity;
+  let left = Math.max(taut * length - ends, 0);
   const heights = bumps.flatMap((count) => {
     const share = Math.min(left / count, capacity);
     left = Math.max(left - count * share, 0);

@@ -1,5 +1,6 @@
 """The control curve keeps its length, rises in order, and never passes its limits."""
 
+import dataclasses
 import itertools
 import math
 import time
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.polynomial import legendre
 from scipy.integrate import quad
 
-from wrinklecli.method.curve import TAUT, ControlCurve, plan_curve
+from wrinklecli.method.curve import TAUT, ControlCurve, fitting_compressible, plan_curve
 from wrinklecli.method.profile import PolylineProfile, SmoothProfile, polyline_heights
 from wrinklecli.numeric.arrays import Floats
 
@@ -52,6 +53,7 @@ def curves(draw, profiles=("smooth", "polyline")) -> ControlCurve:
         details=draw(detail_lists()),
         profile=draw(st.sampled_from(profiles)),
         max_height=draw(limits),
+        compressible=draw(st.sampled_from([0.0, 0.0, 0.3, 0.95])),
         rest_length=length,
         greatest_rest_length=length * draw(st.floats(1.0, 1.5)),
     )
@@ -62,6 +64,11 @@ def frames_of(curve: ControlCurve, count: int = 9) -> tuple[Floats, Floats]:
     rest = np.linspace(curve.rest_length, curve.greatest_rest_length, count)
     parts = np.concatenate([[0.0, 1e-15, 1e-9, 1e-3], np.linspace(0.05, 1.0, count - 4)])
     return TAUT * rest * (1 - parts), rest
+
+
+def ends_of(curve: ControlCurve, distances: Floats, rest: Floats) -> Floats:
+    """(frames,) how far the curve's ends are apart before the tissue squeezes it."""
+    return TAUT * rest - (1 - curve.compressible) * (TAUT * rest - distances)
 
 
 def absorb(curve: ControlCurve, shortenings: Floats, rest: Floats) -> tuple[Floats, Floats]:
@@ -147,7 +154,7 @@ def test_the_exact_polyline_is_as_long_as_at_rest(curve):
     distances, rest = frames_of(curve)
     shares, unabsorbed = absorb(curve, curve.shortening(distances, rest), rest)
     us, heights = knots_of(curve, shares, rest, unabsorbed)
-    lengths = np.hypot(np.diff(us) * distances[:, None], np.diff(heights)).sum(axis=1)
+    lengths = np.hypot(np.diff(us) * ends_of(curve, distances, rest)[:, None], np.diff(heights)).sum(axis=1)
     np.testing.assert_allclose(lengths, TAUT * rest - unabsorbed, rtol=0, atol=1e-12 * rest.max())
     assert heights.min() >= 0
     assert us[0] == 0
@@ -158,15 +165,16 @@ def test_the_exact_polyline_is_as_long_as_at_rest(curve):
 def test_the_smooth_curve_is_as_long_as_at_rest(curve):
     distances, rest = frames_of(curve)
     amplitudes, unabsorbed = curve.follow(distances, rest)
+    ends = ends_of(curve, distances, rest)
     assert np.isfinite(amplitudes).all()
     assert amplitudes.min() >= 0
     for frame in range(len(rest)):
-        chord = 2 * distances[frame] / curve.interval_count
-        length = distances[frame]
+        chord = 2 * ends[frame] / curve.interval_count
+        length = ends[frame]
         for group, (amplitude,) in zip(curve.groups, amplitudes[frame], strict=True):
             length += len(group) * (length_by_quadrature(curve, amplitude, chord) - chord)
         assert abs(length - (TAUT * rest[frame] - unabsorbed[frame])) < 1e-9 * rest[frame]
-    reported = curve.lengths(amplitudes, distances)
+    reported = curve.lengths(amplitudes, ends)
     np.testing.assert_allclose(reported, TAUT * rest - unabsorbed, rtol=0, atol=1e-11 * rest.max())
 
 
@@ -228,6 +236,22 @@ def test_no_bump_passes_max_height_and_full_ones_reach_it(curve):
 
 
 @given(curves())
+def test_with_the_fitting_compressible_bumps_are_just_full_at_the_greatest_shortening(curve):
+    distances, rest = np.array([0.8, 0.4, 1.0]) * curve.rest_length, np.full(3, curve.rest_length)
+    fitting = fitting_compressible(curve, distances, rest)
+    assert 0 <= fitting < 1
+    if fitting == 0:
+        assert dataclasses.replace(curve, compressible=0.0).follow(distances, rest)[1].max() <= 1e-9 * curve.rest_length
+        return
+    fitted = dataclasses.replace(curve, compressible=fitting)
+    _, unabsorbed = absorb(fitted, fitted.shortening(distances, rest), rest)
+    assert unabsorbed.max() <= 1e-9 * curve.rest_length
+    heights = exact_heights(fitted, fitted.shortening(distances, rest), rest)
+    np.testing.assert_allclose(heights[1], curve.max_height, rtol=1e-6)
+    assert heights[0].min() < curve.max_height
+
+
+@given(curves())
 def test_none_starts_before_the_one_before_it_is_full(curve):
     distances, rest = frames_of(curve, 33)
     shares, _ = absorb(curve, curve.shortening(distances, rest), rest)
@@ -250,7 +274,7 @@ def test_heights_are_monotone_and_continuous_in_the_shortening(curve):
     shares, _ = absorb(curve, curve.shortening(distances, rest), rest)
     mild = np.ones(len(rest), bool)
     if curve.details and isinstance(curve.profile, PolylineProfile):
-        mild = (shares <= (2 * distances / curve.interval_count)[:, None]).all(axis=1)
+        mild = (shares <= (2 * ends_of(curve, distances, rest) / curve.interval_count)[:, None]).all(axis=1)
     steps = np.diff(heights, axis=0)
     scale = heights.max()
     assert (steps[mild[1:]] >= -1e-11 * scale).all()

@@ -23,6 +23,7 @@ def planned(
     longest: float = 1.2,
     bumps: int = 5,
     gap: int = 0,
+    compressible: float = 0.0,
 ) -> ControlCurve:
     """A curve of a rest length of 5 cm; `height` and `longest` are shares of it."""
     return plan_curve(
@@ -32,6 +33,7 @@ def planned(
         details=details,
         profile=profile,
         max_height=height * LENGTH,
+        compressible=compressible,
         rest_length=LENGTH,
         greatest_rest_length=longest * LENGTH,
     )
@@ -44,9 +46,11 @@ def everywhere(curve: ControlCurve, shares: Sequence[float]) -> tuple[Floats, Fl
     distances = np.concatenate([lengths[:1000] * rng.uniform(0, 1.1, 1000), lengths[1000:] * rng.uniform(0, 1, 3000)])
     # Towards the nearest multiple of a full bump, where the next one starts.
     for _ in range(12 if 0 < curve.max_height < np.inf else 0):
-        capacities = curve.profile.capacity(distances / curve.interval_count, curve.max_height)
-        full = np.rint(curve.shortening(distances, lengths) / capacities)
-        distances[1000:] = np.maximum(lengths * (1 - 1e-5) - full * capacities, 0.0)[1000:]
+        share = 1 - curve.compressible
+        shortenings = curve.shortening(distances, lengths)
+        capacities = curve.profile.capacity(curve.intervals(lengths, shortenings), curve.max_height)
+        full = np.rint(shortenings / capacities)
+        distances[1000:] = np.maximum(lengths * (1 - 1e-5) - full * capacities / share, 0.0)[1000:]
     distances[2000:] *= 1 - 10.0 ** rng.uniform(-9, -2, 2000)
     return distances, lengths
 
@@ -65,6 +69,22 @@ def test_weights_that_are_looked_up_are_right_to_the_stated_error(
     distances, lengths = everywhere(curve, (0.9, 1.2))
     wanted = weights_of(curve, curve.follow(distances, lengths)[0]).reshape(len(lengths), -1)
     assert np.abs(table.weights(distances, lengths) - wanted).max() <= TABLE_ERROR * np.abs(wanted).max()
+
+
+@pytest.mark.parametrize("compressible", [0.3, 0.95])
+@pytest.mark.parametrize("strategy", ["everywhere", "both_ends"])
+def test_compressible_tissue_is_looked_up_too(strategy: Strategy, compressible: float) -> None:
+    curve = planned(strategy, compressible=compressible)
+    distances, lengths = everywhere(curve, (0.9, 1.2))
+    wanted = weights_of(curve, curve.follow(distances, lengths)[0]).reshape(len(lengths), -1)
+    table = tabulate_curve(curve, 0.9 * LENGTH, 1.2 * LENGTH)
+    assert np.abs(table.weights(distances, lengths) - wanted).max() <= TABLE_ERROR * np.abs(wanted).max()
+    rows, weights = tabulate_weights(curve, lambda each: each.reshape(len(each), -1))
+    nominal = np.full(len(distances), LENGTH)
+    wanted = weights_of(curve, curve.follow(np.minimum(distances, LENGTH), nominal)[0]).reshape(len(nominal), -1)
+    shares = 1 - np.minimum(distances, LENGTH) / LENGTH
+    found = np.stack([np.interp(shares, rows, column) for column in weights.T], axis=1)
+    assert np.abs(found - wanted).max() <= TABLE_ERROR * np.abs(wanted).max()
 
 
 @pytest.mark.parametrize(("bumps", "gap"), [(1, 0), (2, 3), (12, 0), (64, 1)])

@@ -187,6 +187,7 @@ def _read_curve(data: Json, targets: int) -> CurveTable:
         raise ValueError
     return CurveTable(
         taut=float(data["taut"]),
+        compressible=float(data.get("compressible", 0.0)),
         intervals=intervals,
         bumps=bumps,
         distances=distances,

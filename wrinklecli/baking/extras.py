@@ -113,6 +113,7 @@ def _curve_json(target_set: TargetSet) -> Json:
     return {
         "curve": {
             "taut": table.taut,
+            **({"compressible": table.compressible} if table.compressible else {}),
             "intervals": table.intervals,
             "bumps": list(table.bumps),
             **{key: [_digits(value) for value in values] for key, values in limited.items()},

@@ -209,9 +209,11 @@ def _describe_activity(patch: Patch, seen: Activity, strength: float) -> Json:
     curve = patch.curve
     tallest = abs(strength) * float(np.abs(curve.heights(seen.amplitudes)).max(initial=0.0))
     finite = np.where(np.isfinite(seen.distances), seen.distances, seen.rest_lengths)
-    # A taut curve is as long as its ends are apart; below that it keeps its length, less what is unabsorbed.
-    wanted = np.maximum(finite, finite + seen.shortenings) - seen.unabsorbed
-    error = np.abs(curve.lengths(seen.amplitudes, finite) - wanted)
+    # A taut curve is as long as its ends are apart; below that it keeps its length, less what is unabsorbed. It is
+    # measured before the tissue squeezes it.
+    ends = finite + curve.compressible / (1.0 - curve.compressible) * seen.shortenings
+    wanted = np.maximum(ends, ends + seen.shortenings) - seen.unabsorbed
+    error = np.abs(curve.lengths(seen.amplitudes, ends) - wanted)
     return {
         "name": patch.tool.name,
         "strength": strength,

@@ -1,5 +1,6 @@
 """The warnings of a bake: tools that lie or act otherwise than their author means, and meshes too coarse for them."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,6 +11,7 @@ from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.sample import ClipActivity
 from wrinklecli.character.clip import Clip
 from wrinklecli.method.carry import CarriedPatch
+from wrinklecli.method.curve import fitting_compressible
 from wrinklecli.method.patch import Patch
 from wrinklecli.tools.records import ToolsFile
 
@@ -74,9 +76,12 @@ def _clip_warnings(carried: CarriedPatch, clips: Sequence[ClipActivity]) -> list
     share = worst.seen.unabsorbed / worst.seen.rest_lengths
     if share.max() > _VISIBLE:
         frame = int(share.argmax())
+        fitting = max(fitting_compressible(patch.curve, each.seen.distances, each.seen.rest_lengths) for each in clips)
+        percent = math.ceil(100.0 * fitting)
+        remedy = f"compressible: {percent}% lets them rise until there" if percent <= 95 else "it is too low for so few"
         warnings.append(
-            f"{where}: {100 * share[frame]:.0f} % of its length is not absorbed in {worst.clip.name} at"
-            f" {worst.times[frame]:.3g} s: the bumps reach max_height"
+            f"{where}: {100 * share[frame]:.2g} % of its length is not absorbed in {worst.clip.name} at"
+            f" {worst.times[frame]:.3g} s: the bumps reach max_height; {remedy}"
         )
     return warnings
 

@@ -1,5 +1,6 @@
 """`wrinkle check`."""
 
+import math
 from typing import Any
 
 import click
@@ -108,6 +109,7 @@ def _rows(tool: dict[str, Any]) -> list[str]:
         f"target   {_anchor(tool['target'])}",
         f"length   {length}; width {tool['width']:.4g}",
         f"bumps    {tool['bumps']}, {tool['strategy']}, at most {tool['height_limit']:.3g} tall",
+        f"tissue   {_tissue(tool)}",
         f"mesh     {tool['triangles']} triangles, {tool['edges_split']} edges to split;"
         f" {tool['moved_vertices']} vertices move",
         f"at rest  {_rounding(tool)}",
@@ -121,6 +123,18 @@ def _rounding(tool: dict[str, Any]) -> str:
     departure, hard = _percent(100 * tool["departure"]), _percent(100 * tool["hard_edges"])
     rounded = f"rounded by up to {departure} % of the tallest wrinkle" if tool["departure"] else "as it was"
     return f"{rounded}; {hard} % of the edges are hard" if tool["hard_edges"] else rounded
+
+
+def _tissue(tool: dict[str, Any]) -> str:
+    """What of each shortening makes no wrinkles, and what would have to."""
+    fitting = math.ceil(100 * tool["fitting_compressible"])
+    if not tool["clips"]:
+        would = ""
+    elif fitting:
+        would = f"; with compressible: {fitting}% all bumps are just full at the greatest"
+    else:
+        would = "; no clip has all bumps full"
+    return f"takes {100 * tool['compressible']:.3g} % of each shortening{would}"
 
 
 def _clip_table(clips: list[dict[str, Any]]) -> list[str]:

@@ -76,7 +76,8 @@ class Activity:
     Attributes:
         distances: (frames,) of the anchors, animated scale taken out, scene units.
         rest_lengths: (frames,).
-        shortenings: (frames,) what rest lengths exceed distances by, without rounding noise; 0 where they do not.
+        shortenings: (frames,) what rest lengths exceed distances by, without rounding noise and without what the
+            tissue takes itself; 0 where they do not.
         unabsorbed: (frames,) the part of them that no bump can take.
         amplitudes: (frames, groups, modes) of the curve; the tool's strength in the clip is not applied.
     """

@@ -5,11 +5,12 @@ section on the control curve: it keeps its length while its ends approach, and s
 bump makes of its share is its `profile`.
 
 Differs from the paper: `max_height` ends a bump's rise, in every strategy; what no bump can take is returned as
-unabsorbed.
+unabsorbed. And the tissue, which the paper says is compressible to a small extent, may take a share c of every
+shortening itself: it is squeezed along the segment, with the bumps that the rest of the shortening makes.
 
-The rest length is l, the current distance of the anchors l', the shortening d = l - l', and D what one bump takes
-of it. The curve has n control intervals, two for each bump, of the current length x = l'/n, not the rest one's:
-n·x + ΣD + unabsorbed = l' + d. So a full bump keeps its height and absorbs more as x shrinks. Heights grow with d,
+The rest length is l, the current distance of the anchors l', the shortening d = (1 - c) (l - l'), and D what one bump
+takes of it. The curve has n control intervals, two for each bump, of the current length x = (l - d)/n, not the rest
+one's: n·x + ΣD + unabsorbed = l. So a full bump keeps its height and absorbs more as x shrinks. Heights grow with d,
 but for one case that is the paper's own: a polyline with details, its chord below about half its length, trades its
 highest knot for lower ones.
 """
@@ -76,6 +77,7 @@ class ControlCurve:
         strategy: In which order bumps rise.
         details: Share of a bump's shortening that goes to each finer level; their sum is below 1.
         max_height: Greatest height of a bump's highest point, details included, scene units; inf for none.
+        compressible: c, the share of every shortening that the tissue takes itself, from 0 to below 1.
         rest_length: The tool's rest length, scene units.
         greatest_rest_length: The greatest that keyed rest lengths reach, scene units.
         interval_count: n, see `count_intervals`.
@@ -91,6 +93,7 @@ class ControlCurve:
     strategy: Strategy
     details: tuple[float, ...]
     max_height: float
+    compressible: float
     rest_length: float
     greatest_rest_length: float
     interval_count: int
@@ -109,13 +112,15 @@ class ControlCurve:
         return float(self.heights(self.greatest_amplitudes[None]).max(initial=0.0))
 
     def shortening(self, distances: Floats, rest_lengths: Floats) -> Floats:
-        """(frames,) d = max((1 − 1e-5) l − l', 0), scene units: neither stretching nor rounding noise makes wrinkles.
+        """(frames,) d = (1 − c) max((1 − 1e-5) l − l', 0), scene units: the shortening that makes wrinkles.
+
+        Neither stretching nor rounding noise does.
 
         Args:
             distances: (frames,) current lengths l', scene units.
             rest_lengths: (frames,) rest lengths l, scene units.
         """
-        return np.maximum(TAUT * rest_lengths - distances, 0.0)
+        return (1.0 - self.compressible) * np.maximum(TAUT * rest_lengths - distances, 0.0)
 
     def absorb(self, shortenings: Floats, rest_lengths: Floats) -> Absorption:
         """Distribute shortenings over the groups of bumps by the tool's strategy.
@@ -218,18 +223,18 @@ class ControlCurve:
         return self.profile.highest(amplitudes)[:, self.groups_of_bumps]
 
     def lengths(self, amplitudes: Floats, distances: Floats) -> Floats:
-        """(frames,) arc length of the control curve, scene units: l' + d − unabsorbed, if all is right.
+        """(frames,) arc length of the control curve, scene units: l − unabsorbed, if all is right, where d > 0.
 
         Args:
             amplitudes: (frames, groups, modes), scene units.
-            distances: (frames,) current lengths l', scene units.
+            distances: (frames,) of the curve's ends, l − d, scene units: l' where the tissue takes nothing.
         """
         intervals = (distances / self.interval_count)[:, None]
         excess = self.profile.excess(amplitudes, intervals)[:, self.groups_of_bumps]
         return np.asarray(distances + excess.sum(axis=1), np.float64)
 
     def intervals(self, rest_lengths: Floats, shortenings: Floats) -> Floats:
-        """(frames,) x = l'/n; where d = 0, l' may be longer, but nothing rises there."""
+        """(frames,) x = (l − d)/n; where d = 0, l' may be longer, but nothing rises there."""
         return np.maximum(TAUT * rest_lengths - shortenings, 0.0) / self.interval_count
 
     @property
@@ -254,6 +259,7 @@ def plan_curve(
     details: tuple[float, ...],
     profile: Profile,
     max_height: float,
+    compressible: float = 0.0,
     rest_length: float,
     greatest_rest_length: float | None = None,
 ) -> ControlCurve:
@@ -266,6 +272,7 @@ def plan_curve(
         details: Shares of the finer levels, each > 0, their sum < 1.
         profile: `smooth` or `polyline`.
         max_height: Greatest height of a bump's highest point, scene units, ≥ 0; inf for none.
+        compressible: c, the share of every shortening that the tissue takes itself, from 0 to below 1.
         rest_length: The tool's rest length, scene units, > 0.
         greatest_rest_length: The greatest that keyed rest lengths reach, scene units; else `rest_length`.
     """
@@ -276,7 +283,8 @@ def plan_curve(
     if profile == "smooth":
         shape = plan_smooth(details)
     else:
-        samples = reachable_heights(details, max_height, TAUT * greatest, interval_count, len(groups[0]))
+        reached = (1.0 - compressible) * TAUT * greatest
+        samples = reachable_heights(details, max_height, TAUT * greatest, reached, interval_count, len(groups[0]))
         shape = plan_polyline(details, samples)
     curve = ControlCurve(
         bumps=bumps,
@@ -284,6 +292,7 @@ def plan_curve(
         strategy=strategy,
         details=details,
         max_height=max_height,
+        compressible=compressible,
         rest_length=rest_length,
         greatest_rest_length=greatest,
         interval_count=interval_count,
@@ -298,7 +307,7 @@ def _greatest_amplitudes(curve: ControlCurve) -> Floats:
     """(groups, modes) bounds of |amplitude|, scene units."""
     # Heights grow with d/l, and at the same d/l with l: the greatest are those where the ends meet.
     lengths = np.array([curve.greatest_rest_length])
-    absorbed = curve.absorb(TAUT * lengths, lengths)
+    absorbed = curve.absorb(curve.shortening(np.zeros(1), lengths), lengths)
     numbers = np.arange(len(curve.groups))
     shares = np.where(numbers < absorbed.rising, absorbed.capacities, 0.0)
     shares = np.where(numbers == absorbed.rising, absorbed.shares, shares)
@@ -350,6 +359,21 @@ def group_starts(curve: ControlCurve, rest_length: float) -> Floats:
         first = np.argmax(full[1:], axis=0)
         low, high = tried[first, groups], tried[first + 1, groups]
     return np.concatenate([[1.0 - TAUT], high])
+
+
+def fitting_compressible(curve: ControlCurve, distances: Floats, rest_lengths: Floats) -> float:
+    """The `compressible`, 0 to 1, with which all bumps are just full at the greatest shortening, whatever it is now.
+
+    Args:
+        curve: The control curve.
+        distances: (frames,) current lengths l', scene units.
+        rest_lengths: (frames,) rest lengths l, scene units.
+    """
+    most = int(np.argmin(distances / rest_lengths))
+    incompressible = dataclasses.replace(curve, compressible=0.0)
+    full = group_starts(incompressible, float(rest_lengths[most]))[-1] - (1.0 - TAUT)
+    reached = TAUT - float(distances[most] / rest_lengths[most])
+    return float(max(1.0 - full / reached, 0.0)) if reached > 0 else 0.0
 
 
 def weights_of(curve: ControlCurve, amplitudes: Floats) -> Floats:

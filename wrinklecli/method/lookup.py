@@ -58,9 +58,10 @@ class CurveTable:
 
     Attributes:
         taut: Part of the rest length below which wrinkles start.
+        compressible: Share of every shortening that the tissue takes itself.
         intervals: Control intervals of the segment; a bump has two.
         bumps: How many bumps each group has, in the order in which they rise.
-        distances: (rows,) of the anchors, rising, scene units; empty where bumps have no greatest height.
+        distances: (rows,) of the curve's ends, rising, scene units; empty where bumps have no greatest height.
         capacities: (rows,) the shortening that one bump takes when full, scene units.
         parts: (rows,) shortening over chord and shortening of a bump, from 0 to 1.
         rises: (rows, modes) amplitudes over chord and shortening, and over the root of the part.
@@ -70,6 +71,7 @@ class CurveTable:
     """
 
     taut: float
+    compressible: float
     intervals: int
     bumps: tuple[int, ...]
     distances: Floats
@@ -82,11 +84,13 @@ class CurveTable:
 
     def weights(self, distances: Floats, rest_lengths: Floats) -> Floats:
         """(frames, targets) weights at (frames,) distances and rest lengths, scene units."""
-        chords = 2.0 * distances / self.intervals
+        taut = self.taut * rest_lengths
+        ends = taut - (1.0 - self.compressible) * (taut - distances)
+        chords = 2.0 * ends / self.intervals
         capacities = np.full(len(distances), np.inf)
         if len(self.distances):
-            capacities = np.interp(distances, self.distances, self.capacities)
-        left = np.maximum(self.taut * rest_lengths - distances, 0.0)
+            capacities = np.interp(ends, self.distances, self.capacities)
+        left = np.maximum(taut - ends, 0.0)
         amplitudes = []
         for count in self.bumps:
             shares = np.minimum(left / count, capacities)
@@ -152,6 +156,7 @@ def tabulate_curve(
         parts, rises = _rise_rows(curve, _RISE_ERROR / finer)
         table = CurveTable(
             taut=TAUT,
+            compressible=curve.compressible,
             intervals=curve.interval_count,
             bumps=tuple(len(group) for group in curve.groups),
             distances=at,

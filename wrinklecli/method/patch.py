@@ -187,6 +187,7 @@ def _curve(tool: WrinkleTool, span: float) -> ControlCurve:
         details=tool.details,
         profile=tool.profile,
         max_height=_max_height(tool, span, rest_length),
+        compressible=tool.compressible,
         rest_length=rest_length,
         greatest_rest_length=greatest,
     )

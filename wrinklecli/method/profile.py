@@ -297,7 +297,7 @@ def plan_polyline(details: tuple[float, ...], samples: Floats) -> PolylineProfil
 
 
 def reachable_heights(
-    details: tuple[float, ...], max_height: float, greatest: float, interval_count: int, sharing: int
+    details: tuple[float, ...], max_height: float, greatest: float, reached: float, interval_count: int, sharing: int
 ) -> Floats:
     """(samples, knots) knot heights of a bump over the (x, D) that a tool can reach, scene units.
 
@@ -305,10 +305,11 @@ def reachable_heights(
         details: Shares of the finer levels.
         max_height: Of a bump, scene units.
         greatest: The greatest taut length, scene units.
+        reached: The greatest d, scene units.
         interval_count: n.
         sharing: Bumps of the first group, which share all of d.
     """
-    distances = greatest * np.linspace(0.0, 1.0, 33, endpoint=False)
+    distances = (greatest - reached) + reached * np.linspace(0.0, 1.0, 33, endpoint=False)
     intervals = distances / interval_count
     # A tool that never rises still needs a shape.
     limit = max_height if max_height > 0 else math.inf

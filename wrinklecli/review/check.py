@@ -18,6 +18,7 @@ from wrinklecli.gltf.shape import Json
 from wrinklecli.method.activity import activity
 from wrinklecli.method.anchor import Anchor
 from wrinklecli.method.carry import CarriedPatch
+from wrinklecli.method.curve import fitting_compressible
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.memory import MAX_MEMORY
@@ -126,6 +127,10 @@ def _check_tool(
     )
     data = _describe_tool(plan, number, up) | {
         "overlaps": overlaps,
+        "fitting_compressible": max(
+            (fitting_compressible(carried.patch.curve, each.seen.distances, each.seen.rest_lengths) for each in clips),
+            default=0.0,
+        ),
         "clips": [_describe_clip(carried, each) for each in clips],
         "warnings": tool_warnings(plan, carried, clips) + _collision_warnings(plan, carried, clips, up),
     }
@@ -159,6 +164,7 @@ def _describe_tool(plan: MeshPlan, number: int, up: str) -> Json:
         "width": _round(2.0 * patch.half_width),
         "bumps": patch.tool.bumps,
         "strategy": patch.tool.strategy,
+        "compressible": patch.tool.compressible,
         "height_limit": _round(patch.greatest_height),
         "triangles": int(patch.members.sum()),
         "edges_split": int((members >= len(fine.surface.positions)).sum()),

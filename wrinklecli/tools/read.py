@@ -158,6 +158,7 @@ _READ: Mapping[str, Callable[[Any], Any]] = {
     "bumps": int,
     "gap": int,
     "max_height": _max_height,
+    "compressible": lambda value: float(value.rstrip(" %")) / 100.0,
     "details": lambda value: tuple(map(float, value)),
     "strength": float,
     "rest_length": _rest_length,

@@ -142,6 +142,7 @@ class WrinkleTool:
         bumps: Wrinkles along the segment.
         gap: Flat control intervals between neighbouring bumps.
         max_height: Highest point of a bump; `auto`; or None for no limit.
+        compressible: Share of every shortening that the tissue takes itself, from 0 to 0.95.
         details: Shares of the shortening for finer wrinkles, each > 0, their sum < 1.
         profile: Shape of a bump.
         attenuation: How a wrinkle fades across the width.
@@ -164,6 +165,7 @@ class WrinkleTool:
     bumps: int = 4
     gap: int = 0
     max_height: Literal["auto"] | Length | None = "auto"
+    compressible: float = 0.0
     details: tuple[float, ...] = ()
     profile: Literal["smooth", "polyline"] = "smooth"
     attenuation: Literal["bell", "linear"] = "bell"

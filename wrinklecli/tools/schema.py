@@ -191,6 +191,16 @@ _TOOL_KEYS = {
         "Default auto.",
         default="auto",
     ),
+    "compressible": _key(
+        _expects(
+            "a percentage from 0% to 95%",
+            type="string",
+            maxLength=40,
+            pattern=r"^\+?0*([0-9]|[1-8][0-9]|9[0-4])(\.[0-9]*)? ?%$|^\+?0*95(\.0*)? ?%$",
+        ),
+        "Share of every shortening that the tissue takes itself; the rest makes wrinkles. Default 0%.",
+        default="0%",
+    ),
     "details": _key(
         _list(_number(0.001, 0.99), 0, MAX_DETAILS, f"a list of up to {MAX_DETAILS} shares"),
         "Shares of the shortening that go into ever finer wrinkles on the bumps. Default [].",

@@ -12,6 +12,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.errors import WrinkleError
 from wrinklecli.method.activity import lengths_over_time
+from wrinklecli.method.curve import fitting_compressible
 from wrinklecli.method.patch import Patch, attach_tools
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.suggest.folds import LEAST_LOSS, Fold, driver_of
@@ -33,6 +34,10 @@ _TWIN_SHORTENING = 0.5
 # Slack before the first wrinkle, per cent of the rest distance: clips rarely come back to the stored pose, and 1 %
 # already shows.
 SLACK = 5
+# Per cent of a shortening that the tissue takes beyond what is needed: between the poses looked at, a clip may fold a
+# little further. And the most that a file may say.
+_SPARE = 1
+_MOST_COMPRESSIBLE = 95
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,8 +163,10 @@ def _made(
         if min(shares) < max(LEAST_LOSS, _TWIN_SHORTENING * max(shares)):
             continue
         best = min(lengths[0], key=lambda name: lengths[0][name])
+        compressible = _compressible(patches, lengths)
+        patches = [replace(each, tool=replace(each.tool, compressible=compressible)) for each in patches]
         suggestion = Suggestion(
-            tool=named[0],
+            tool=patches[0].tool,
             mirrored=len(named) == 2,
             mesh=mesh.rig.names[mesh.rig.node],
             driver=_left(mesh, driver) if len(named) == 2 else driver,
@@ -172,6 +179,15 @@ def _made(
         )
         return suggestion, patches
     return None
+
+
+def _compressible(patches: list[Patch], lengths: list[dict[str, tuple[float, float]]]) -> float:
+    """What the tissue has to take for no bump to be full before the deepest pose, in whole per cent and one more."""
+    needed = 0.0
+    for patch, found in zip(patches, lengths, strict=True):
+        distances = np.array([distance for distance, _ in found.values()])
+        needed = max(needed, fitting_compressible(patch.curve, distances, np.full(len(distances), patch.rest_length)))
+    return min(math.ceil(100.0 * needed) + _SPARE if needed else 0, _MOST_COMPRESSIBLE) / 100.0
 
 
 def _refined(fold: Fold) -> Fold | None:

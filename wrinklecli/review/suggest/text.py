@@ -29,7 +29,7 @@ def tools_text(suggestions: Sequence[Suggestion], asset: str, *, flat: bool = Fa
         *(["refinement: {scheme: midpoint}   # keeps the flat faces of a mesh without normals", ""] if flat else []),
         "defaults:",
         f"  rest_length: {100 - SLACK}%     # slack: the first {SLACK} % of shortening make no wrinkles",
-        "  max_height: auto     # a quarter of a bump's width; deep folds take more, in scene units or per cent",
+        "  max_height: auto     # a quarter of a bump's width, which compressible has bumps reach in the deepest fold",
         "",
         "tools:",
     ]
@@ -49,6 +49,7 @@ def tools_text(suggestions: Sequence[Suggestion], asset: str, *, flat: bool = Fa
             f"    width: {tool.width.value:.12g}",
             f"    strategy: {tool.strategy}",
             f"    bumps: {tool.bumps}",
+            *([f"    compressible: {100 * tool.compressible:.0f}%"] if tool.compressible else []),
             "",
         ]
     return "\n".join(lines[:-1]) + "\n"
