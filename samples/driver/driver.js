@@ -77,8 +77,7 @@ export class WrinkleDriver {
     this.objects = {};
     this.bodies = [];
     root.traverse((object) => {
-      // GLTFLoader changes names that it finds hard to bind; the file's own is kept beside. A body may be named
-      // like one of its joints.
+      // GLTFLoader changes names that it finds hard to bind, and keeps the file's. A body may be named like a joint.
       const name = object.userData.name ?? object.name;
       if (object.isBone || !(name in this.objects)) this.objects[name] = object;
       const meshes = [];

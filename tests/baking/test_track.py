@@ -253,6 +253,7 @@ def test_a_body_with_the_targets_gets_its_tracks_anew(name: str, tmp_path: Path)
 )
 def test_strengths_and_rest_lengths_of_a_clip(rest_length: Json, strategy: str, clip: str, tmp_path: Path) -> None:
     tool: Json = {**BROW, "bumps": 5, "strategy": strategy, "rest_length": rest_length, "clips": {"think": 0.5}}
+    tool["compressible"] = "30%"
     whole = bake_once("head", tool)
     made, report = run(bake_once("head", tool, tracks="none"), sample("head"), tmp_path)
     assert not report.warnings

@@ -1,6 +1,7 @@
 """`wrinkle check`: what it measures, what it warns of, its tables, JSON and pictures."""
 
 import json
+import math
 import os
 import subprocess
 import sys
@@ -145,6 +146,22 @@ def test_it_warns_of_all_that_a_bake_warns_of(tmp_path: Path) -> None:
         assert [line for line in report.warnings if words in line], words
     shown = {line.split(" is not absorbed")[0] for line in found.warnings}
     assert {line.split(" is not absorbed")[0] for line in report.warnings} <= shown
+
+
+def test_the_warning_and_the_check_name_the_compressible_that_absorbs_all(tmp_path: Path) -> None:
+    asset = limb(tmp_path / "limb.glb")
+    found = checked(asset, tool(max_height="6%"), max_levels=0)
+    fitting = math.ceil(100 * found.data["tools"][0]["fitting_compressible"])
+    (warning,) = [line for line in found.warnings if "not absorbed" in line]
+    assert 0 < fitting <= 95
+    assert f"compressible: {fitting}% lets them rise until there" in warning
+    after = checked(asset, tool(max_height="6%", compressible=f"{fitting}%"), max_levels=0)
+    assert not [line for line in after.warnings if "not absorbed" in line]
+    assert after.data["tools"][0]["fitting_compressible"] == found.data["tools"][0]["fitting_compressible"]
+    (clip,) = after.data["tools"][0]["clips"]
+    assert clip["unabsorbed"] == 0.0
+    # Just full: no bump stays far below its greatest height.
+    assert clip["height"] > 0.95 * after.data["tools"][0]["height_limit"]
 
 
 def test_edges_split_are_the_new_vertices_where_one_tool_splits_them(tmp_path: Path) -> None:
@@ -367,6 +384,7 @@ def test_json_has_these_keys(wrinkle: Wrinkle, tmp_path: Path) -> None:
         "width",
         "bumps",
         "strategy",
+        "compressible",
         "height_limit",
         "triangles",
         "edges_split",
@@ -375,6 +393,7 @@ def test_json_has_these_keys(wrinkle: Wrinkle, tmp_path: Path) -> None:
         "hard_edges",
         "departure",
         "overlaps",
+        "fitting_compressible",
         "clips",
         "warnings",
     ]

@@ -162,6 +162,16 @@ def test_the_file_says_what_the_record_says(tmp_path: Path) -> None:
     assert max(map(len, found.text.splitlines())) <= 120
 
 
+def test_the_file_bakes_without_a_length_that_no_bump_takes(tmp_path: Path) -> None:
+    """Bumps rise through the whole movement: compressible is what the deepest fold asks for, and a little more."""
+    path = limb(tmp_path / "limb.glb", angle=120.0)
+    found = suggest(path)
+    (tmp_path / "tools.yaml").write_text(found.text)
+    assert all(0.1 < each.tool.compressible <= 0.95 for each in found.tools)
+    report = bake(path, tmp_path / "tools.yaml", tmp_path / "out.glb", max_levels=0)
+    assert not [line for line in report.warnings if "not absorbed" in line]
+
+
 def test_command_writes_the_file_and_a_table(tmp_path: Path) -> None:
     path = limb(tmp_path / "limb.glb")
     result = run(path, "-o", tmp_path / "tools.yaml", "--count", 1)

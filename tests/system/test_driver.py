@@ -153,7 +153,9 @@ def test_keyed_rest_lengths_of_a_sample(clip: str) -> None:
 
 @pytest.mark.quick(1)
 @pytest.mark.parametrize("strategy", ["everywhere", pytest.param("origin", marks=pytest.mark.slow), "both_ends"])
-@pytest.mark.parametrize("look", [{"bumps": 5}, {"bumps": 3, "details": [0.3, 0.2], "profile": "polyline", "gap": 1}])
+@pytest.mark.parametrize(
+    "look", [{"bumps": 5, "compressible": "40%"}, {"bumps": 3, "details": [0.3, 0.2], "profile": "polyline", "gap": 1}]
+)
 @pytest.mark.parametrize(
     "rest_length",
     [

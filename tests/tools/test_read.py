@@ -130,7 +130,7 @@ def test_schema_and_records_agree_on_keys_and_defaults():
     plain = WrinkleTool(name="a", origin=(0, 0, 0), target=(1, 0, 0), width=Length(1))
     for key, entry in TOOL.items():
         if key != "mirror" and "default" in entry:
-            assert as_written(getattr(plain, key)) == entry["default"], key
+            assert as_written(getattr(plain, key), key) == entry["default"], key
     file = ToolsFile(path="", tools=())
     for key in ("up", "rest", "sampling", "refinement"):
         assert as_written(getattr(file, key)) == FILE[key]["default"]
@@ -162,6 +162,9 @@ def test_schema_and_records_agree_on_keys_and_defaults():
         ("width: 1\nbumps: !!int 3", "bumps", 3),
         ("width: 1\noptional: yes", "optional", True),
         ("width: 1\ndetails: []", "details", ()),
+        ("width: 1\ncompressible: 0%", "compressible", 0.0),
+        ("width: 1\ncompressible: 37.5 %", "compressible", 0.375),
+        ("width: 1\ncompressible: '95.0%'", "compressible", 0.95),
         ("width: 1\nclips: {on: 0.5, 1: 2, y: 0, null: 1}", "clips", {"on": 0.5, "1": 2, "y": 0, "null": 1}),
         ("width: 1\nrest_length: 110%", "rest_length", Length(110.0, percent=True)),
         ("width: 1\nrest_length: 0.06", "rest_length", Length(0.06)),
@@ -347,6 +350,10 @@ def test_all_of_a_key_s_problems_are_reported():
         "t.yaml:10: tools[0].rest_length.keys.b: found a list of 2, "
         "expected times that rise from key to key, not 2 and then 1",
     ]
+    for share in ("96%", "95.1%", "-1%", "0.5", "100%", "a%", "%"):
+        assert tool_lines(f"width: 1\ncompressible: '{share}'") == [
+            f"t.yaml:7: tools[0].compressible: found '{share}', expected a percentage from 0% to 95%"
+        ]
     assert tool_lines("width: 1\ndetails: [0, 2, .1]\nclips: {a: x, b: 300}") == [
         "t.yaml:7: tools[0].details[0]: found 0, expected a number from 0.001 to 0.99",
         "t.yaml:7: tools[0].details[1]: found 2, expected a number from 0.001 to 0.99",
@@ -533,8 +540,10 @@ def test_any_values_give_tools_or_a_config_error(header, tools):
     assert all(line.isprintable() for line in complaints(text))
 
 
-def as_written(value):
-    """A record's value as a file writes it."""
+def as_written(value, key=None):
+    """A record's value as a file writes it, at a key."""
+    if key == "compressible":
+        return f"{100 * value:.15g}%"
     match value:
         case Length(number, percent):
             return f"{number!r}%" if percent else number
@@ -561,11 +570,13 @@ def test_what_is_written_is_read(written):
     text = yaml.safe_dump({"version": 1, "tools": [written]}, allow_unicode=True)
     (read,) = parse_tools(text).tools
     again = {
-        entry.name: as_written(getattr(read, entry.name)) for entry in fields(WrinkleTool) if entry.name != "where"
+        entry.name: as_written(getattr(read, entry.name), entry.name)
+        for entry in fields(WrinkleTool)
+        if entry.name != "where"
     }
     (once_more,) = parse_tools(yaml.safe_dump({"version": 1, "tools": [again]})).tools
     assert {**again, "where": 0} == {
-        entry.name: 0 if entry.name == "where" else as_written(getattr(once_more, entry.name))
+        entry.name: 0 if entry.name == "where" else as_written(getattr(once_more, entry.name), entry.name)
         for entry in fields(WrinkleTool)
     }
     for key in ("name", "origin", "node", "bumps", "gap", "details", "strength", "clips", "optional"):
