@@ -224,6 +224,14 @@ def test_an_asset_without_triangles_shows_nothing(tmp_path: Path) -> None:
         draw([asset.write(tmp_path / "a.glb")], tmp_path / "a.png", size=(16, 16))
 
 
+def test_beside_another_an_asset_may_show_nothing(tmp_path: Path) -> None:
+    asset = limb_asset(rings=3, sides=4)
+    del asset.gltf["scenes"][0]["nodes"]
+    paths = [asset.write(tmp_path / "empty.glb"), limb(tmp_path, rings=3, sides=4)]
+    draw(paths, tmp_path / "a.png", size=(16, 16), focus=(0.0, 1.0, 0.0), radius=2.0, follow=True)
+    assert (tmp_path / "a.png").exists()
+
+
 def test_bounds_hold_a_sheet_in_memory() -> None:
     assert MOST_SIDE**2 < MOST_PIXELS <= 2**28
 

@@ -89,7 +89,8 @@ def plan_views(
     if options.focus is not None:
         centres[:] = options.focus
         if options.follow:
-            centres = _followed(assets[0], moments, centres[0])
+            shown = next(asset for asset in assets if asset.primitives)
+            centres = _followed(shown, moments, centres[0])
     relative = np.concatenate([points - centre for points, centre in zip(bounds, centres, strict=True)])
     views = []
     for view in options.views or [FACING if wrinkles.known else _DEFAULT]:

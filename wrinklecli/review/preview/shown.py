@@ -17,7 +17,7 @@ from wrinklecli.character.pose import morph_weights
 from wrinklecli.character.scene import ScenePrimitive, pose_primitive, read_scene
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import linear_rgb
-from wrinklecli.numeric.arrays import Floats, Ints, face_normals, unit
+from wrinklecli.numeric.arrays import Array, Floats, Ints, face_normals, unit
 from wrinklecli.review.preview.draw import Mark
 from wrinklecli.review.preview.heat import compressions, heat_colours
 from wrinklecli.review.preview.materials import Paint, Texture, read_paints
@@ -236,11 +236,16 @@ def take_snapshot(asset: ShownAsset, moment: Moment, *, heat: bool) -> Snapshot:
             marks.append(replace(mark, triangles=mark.triangles + start, places=places, tint=tint))
         start += len(triangles)
     return Snapshot(
-        corners=np.concatenate(corners),
-        normals=np.concatenate(normals),
-        colours=np.concatenate(colours),
-        coordinates=np.concatenate(coordinates),
-        texture_numbers=np.concatenate(numbers),
+        corners=_joined(corners, 3, 3),
+        normals=_joined(normals, 3, 3),
+        colours=_joined(colours, 3, 3),
+        coordinates=_joined(coordinates, 3, 2),
+        texture_numbers=_joined(numbers),
         textures=tuple(textures),
         marks=tuple(marks),
     )
+
+
+def _joined(parts: Sequence[Array], *shape: int) -> Array:
+    """The parts, one after the other; where nothing shows, none of this shape."""
+    return np.concatenate(parts) if parts else np.zeros((0, *shape))
