@@ -135,10 +135,10 @@ def record(folder: Path) -> Path:
     return path
 
 
-def values(folder: Path) -> Path:
-    """30 MB of JSON, ten million values."""
+def values(folder: Path, count: int = 10_000_000) -> Path:
+    """Many values of three bytes of JSON each."""
     path = folder / "values.gltf"
-    path.write_text('{"asset": {"version": "2.0"}, "extras": [' + "{}," * 10_000_000 + "0]}")
+    path.write_text('{"asset": {"version": "2.0"}, "extras": [' + "{}," * count + "0]}")
     return path
 
 

@@ -68,9 +68,9 @@ def test_size_that_is_none_is_wrong_usage(wrinkle: Wrinkle, tmp_path: Path, size
 
 
 def test_more_memory_is_given_to_those_who_ask(wrinkle: Wrinkle, tmp_path: Path) -> None:
-    path = bombs.values(tmp_path)
-    assert wrinkle("inspect", path).code == 1
-    assert wrinkle("inspect", path, "--max-memory", "4GB").code == 0
+    path = bombs.values(tmp_path, 1_000_000)
+    assert wrinkle("inspect", path, "--max-memory", "100MB").code == 1
+    assert wrinkle("inspect", path).code == 0
 
 
 def test_a_file_of_many_buffers_is_read_once(tmp_path: Path) -> None:
