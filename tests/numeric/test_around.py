@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from wrinklecli.numeric import around
 from wrinklecli.numeric.around import Around
-from wrinklecli.numeric.arrays import any_of, flags_of, vertex_normals
+from wrinklecli.numeric.arrays import any_of, children, flags_of, vertex_normals
 
 
 @pytest.mark.parametrize("many", [0.0, 1.0])
@@ -21,3 +21,10 @@ def test_what_is_around_some_vertices_is_found(many: float, seed: int) -> None:
         found = Around.of(triangles, 20)
         assert np.array_equal(found.faces_of(vertices), np.flatnonzero(any_of(flags_of(vertices, 20), triangles)))
         assert np.array_equal(found.normals_at(places, vertices), vertex_normals(places, triangles)[vertices])
+
+
+@given(seed=st.integers(0, 999), share=st.sampled_from([0.02, 0.5]))
+def test_children_are_those_whose_parent_is_flagged(seed: int, share: float) -> None:
+    rng = np.random.default_rng(seed)
+    parents, flags = np.sort(rng.integers(0, 50, 80)), rng.random(50) < share
+    assert np.array_equal(children(parents, flags), np.flatnonzero(flags[parents]))

@@ -12,9 +12,10 @@ from kit.asset import Asset
 from kit.limb import limb_asset
 from kit.tube import write_tube
 from wrinklecli import bake
-from wrinklecli.baking import pipeline
+from wrinklecli.baking import pipeline, placement
 from wrinklecli.character import rig, scene
 from wrinklecli.gltf.document import read_document
+from wrinklecli.review.check import check
 from wrinklecli.review.diff import motion
 from wrinklecli.review.diff.diff import diff
 
@@ -102,3 +103,16 @@ def test_proof_holds_of_each_target_what_it_moves(tmp_path: Path, monkeypatch: p
     # those that are compared are chosen.
     assert len(peaks) == 1
     assert peaks[0] < 14e6
+
+
+def test_a_tool_compares_its_wrinkles_with_what_is_near(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    near, found = placement._near_box, []
+
+    def counting(*arguments: Any, **options: Any) -> Any:
+        found.append(near(*arguments, **options))
+        return found[-1]
+
+    monkeypatch.setattr(placement, "_near_box", counting)
+    check(*write_tube(tmp_path, 12))
+    triangles = 1 + max(int(each.max()) for each in found)
+    assert max(map(len, found)) < triangles / 4

@@ -11,7 +11,7 @@ from wrinklecli.baking.sample import ClipActivity
 from wrinklecli.method.carry import CarriedPatch
 from wrinklecli.method.patch import Patch
 from wrinklecli.method.refine import Refinement
-from wrinklecli.numeric.arrays import Bools, Floats, Ints
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, children
 from wrinklecli.numeric.nearest import ray_distances
 
 # Lines along a patch, v, on which layers are counted, and points on each.
@@ -22,6 +22,8 @@ _APART = 0.01
 # Wrinkles lower than this part of the tallest are not looked at, nor are surfaces nearer than this part of the mesh.
 _LOW = 0.05
 _TOUCHING = 1e-6
+# Share of the mesh's size by which distances may be off: rounding errors are far smaller.
+_ROUNDING = 1e-9
 # Pairs of a wrinkle's vertex and a triangle: looked at together, and in all, which takes some seconds.
 _CHUNK = 2**18
 _MOST_PAIRS = 2**23
@@ -45,7 +47,7 @@ class Ground:
 def ground_under(plan: MeshPlan, patch: Patch) -> Ground:
     """Cut the members of a patch by planes along it."""
     fine = plan.fine
-    vertices, local = np.unique(fine.triangles[patch.members[fine.subdivision.parents]], return_inverse=True)
+    vertices, local = np.unique(fine.triangles[children(fine.subdivision.parents, patch.members)], return_inverse=True)
     members, positions = local.reshape(-1, 3), fine.rest_positions[vertices]
     u, v = patch.coordinates(positions)
     least = _LOW * abs(patch.shape_strength)
@@ -157,13 +159,14 @@ def _rooms(fine: Refinement, vertices: Ints, heights: Floats, way: float) -> tup
     """
     from scipy.spatial import cKDTree
 
-    corners = fine.rest_positions[fine.triangles]
-    middles = corners.mean(axis=1)
-    radii = np.sqrt(((corners - middles[:, None]) ** 2).sum(axis=2).max(axis=1))
     size = float(np.linalg.norm(np.ptp(fine.rest_positions, axis=0)))
     starts, rays = fine.rest_positions[vertices], way * fine.rest_normals[vertices]
+    points = starts + 0.5 * heights[:, None] * rays
+    faces = _near_box(fine, points, 0.5 * float(heights.max()), slack=_ROUNDING * size)
+    middles, radii = (each[faces] for each in fine.rest_balls)
+    corners = fine.rest_positions[fine.triangles[faces]]
     reach = radii + 0.5 * float(heights.max())
-    tree = cKDTree(starts + 0.5 * heights[:, None] * rays)
+    tree = cKDTree(points)
     near = tree.query_ball_point(middles, reach, return_length=True)
     if near.sum() > _MOST_PAIRS:
         # Only every so many of them, the tallest first: where a wrinkle goes through, so do its neighbours.
@@ -177,11 +180,21 @@ def _rooms(fine: Refinement, vertices: Ints, heights: Floats, way: float) -> tup
         lists = tree.query_ball_point(middles[part], reach[part])
         triangles = np.repeat(part, [len(each) for each in lists])
         at = np.fromiter(chain.from_iterable(lists), np.intp, len(triangles))
-        others = (fine.triangles[triangles] != vertices[at, None]).all(axis=1)
+        others = (fine.triangles[faces[triangles]] != vertices[at, None]).all(axis=1)
         triangles, at = triangles[others], at[others]
         distances = ray_distances(starts[at], rays[at], corners[triangles])
         np.minimum.at(rooms, at, np.where(distances > _TOUCHING * size, distances, np.inf))
     return vertices, heights, rooms
+
+
+def _near_box(fine: Refinement, points: Floats, distance: float, *, slack: float) -> Ints:
+    """(triangles,) those, rising, whose ball at rest comes within a distance of the box round (points, 3)."""
+    middles, radii = fine.rest_balls
+    near = np.arange(len(middles))
+    for axis, low, high in zip(middles.T, points.min(axis=0), points.max(axis=0), strict=True):
+        along, reach = axis[near], radii[near] + (distance + slack)
+        near = near[(along >= low - reach) & (along <= high + reach)]
+    return near
 
 
 def _peaks(carried: CarriedPatch, clips: Sequence[ClipActivity]) -> tuple[Floats, Floats]:

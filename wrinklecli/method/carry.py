@@ -20,7 +20,7 @@ from wrinklecli.method.patch import Patch
 from wrinklecli.method.posed import Ring, posed_displacements, ring_around
 from wrinklecli.method.refine import Refinement
 from wrinklecli.method.rest import Rest
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, inverses, singular
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, children, distinct_values, inverses, singular
 
 LEAST_SHARE = 1e-6
 """A share of a tool's height too small to be seen or stored; vertices below it do not move."""
@@ -60,7 +60,7 @@ def carry(patch: Patch, fine: Refinement, pinned: Bools) -> CarriedPatch:
     Raises:
         BakeError: The tool moves no vertex.
     """
-    members = distinct_values(fine.triangles[patch.members[fine.subdivision.parents]])
+    members = distinct_values(fine.triangles[children(fine.subdivision.parents, patch.members)])
     u, v = patch.coordinates(fine.rest_positions[members])
     normals = fine.rest_normals_at(members)
     magnitudes = patch.magnitudes(u, v, normals)

@@ -20,7 +20,7 @@ from wrinklecli.method.prune import joint_distances, prune, pruning_errors
 from wrinklecli.method.rest import Rest, carried_normals
 from wrinklecli.method.rounding import hard_edges, rounded
 from wrinklecli.numeric.around import Around
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct, distinct_values, unit, vertex_normals
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, children, distinct, distinct_values, unit, vertex_normals
 from wrinklecli.numeric.red_green import Level
 from wrinklecli.numeric.sparse import Matrix
 from wrinklecli.numeric.subdivide import Subdivision, subdivide
@@ -96,6 +96,13 @@ class Refinement:
     def rest_normals_at(self, vertices: Ints) -> Floats:
         """(chosen, 3) world space at rest."""
         return carried_normals(self.blended[vertices], self.normals_at(vertices))
+
+    @cached_property
+    def rest_balls(self) -> tuple[Floats, Floats]:
+        """(triangles, 3) middles of the triangles, world space at rest, and (triangles,) how far their corners are."""
+        corners = self.rest_positions[self.triangles]
+        middles = corners.mean(axis=1)
+        return middles, np.sqrt(((corners - middles[:, None]) ** 2).sum(axis=2).max(axis=1))
 
     @property
     def pruned_count(self) -> int:
@@ -217,7 +224,7 @@ def _long_edges(level: Level, patches: Sequence[Patch], rest: Rest, settings: Re
     """(edges,) those on a patch that are too long along u for its control curve to show."""
     wanted = np.zeros(len(level.edges), bool)
     for patch in patches:
-        faces = np.flatnonzero(patch.members[level.parents])
+        faces = children(level.parents, patch.members)
         vertices, local = np.unique(level.triangles[faces], return_inverse=True)
         u, v = patch.coordinates(_rest_positions(level, vertices, rest))
         u_faces, v_faces = u[local.reshape(-1, 3)], v[local.reshape(-1, 3)]
@@ -300,7 +307,7 @@ def _showing_edges(level: Level, patches: Sequence[Patch], rest: Rest, normals: 
     """(edges,) those along which a patch leaves some of its height, from (coarse vertices, 3) normals at rest."""
     shown = np.zeros(len(level.edges), bool)
     for patch in patches:
-        edges = distinct_values(level.triangle_edges[patch.members[level.parents]])
+        edges = distinct_values(level.triangle_edges[children(level.parents, patch.members)])
         if patch.tool.attachment == "patch":
             # Projected anew each frame, any of them may come to lie on the patch.
             shown[edges] = True

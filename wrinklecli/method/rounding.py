@@ -22,7 +22,7 @@ import numpy as np
 
 from wrinklecli.character.surface import Surface
 from wrinklecli.method.patch import Patch
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, face_normals, normals_at, unit
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, children, distinct_values, face_normals, normals_at, unit
 from wrinklecli.numeric.subdivide import Subdivision, two_rings
 
 # Cosine of the angle between authored normals of one vertex beyond which the edge between them is hard: 5°. Seams of
@@ -143,7 +143,7 @@ def rounded(
     shares, tallest = np.full(len(heights), 1.0 if full else 0.0), np.zeros(len(heights))
     on_patches = []
     for patch in patches:
-        vertices = distinct_values(subdivision.triangles[patch.members[subdivision.parents]])
+        vertices = distinct_values(subdivision.triangles[children(subdivision.parents, patch.members)])
         vertices = vertices[vertices >= old]
         on_patches.append(vertices - old)
         share = patch.presence(*patch.coordinates(rest_places[vertices]), rest_normals[vertices] @ patch.normal)

@@ -185,3 +185,14 @@ def flags_of(members: Ints, count: int) -> Bools:
     flags = np.zeros(count, dtype=np.bool_)
     flags[members] = True
     return flags
+
+
+def children(parents: Ints, flags: Bools) -> Ints:
+    """(chosen,) those, rising, whose parent is flagged, from the (n,) parents of each, which ascend."""
+    chosen = np.flatnonzero(flags)
+    if len(chosen) > len(flags) // 16:
+        return np.flatnonzero(flags[parents])
+    first, last = np.searchsorted(parents, chosen), np.searchsorted(parents, chosen, "right")
+    begins = np.cumsum(last - first) - (last - first)
+    found: Ints = np.arange(int((last - first).sum())) + np.repeat(first - begins, last - first)
+    return found

@@ -19,7 +19,7 @@ from wrinklecli.method.activity import activity
 from wrinklecli.method.anchor import Anchor
 from wrinklecli.method.carry import CarriedPatch
 from wrinklecli.method.curve import fitting_compressible
-from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.arrays import Floats, children
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.memory import MAX_MEMORY
 from wrinklecli.tools.records import MAX_VERTICES
@@ -152,7 +152,7 @@ def _describe_mesh(plan: MeshPlan) -> Json:
 def _describe_tool(plan: MeshPlan, number: int, up: str) -> Json:
     carried, fine = plan.carried_patches[number], plan.fine
     patch = carried.patch
-    members = np.unique(fine.triangles[patch.members[fine.subdivision.parents]])
+    members = np.unique(fine.triangles[children(fine.subdivision.parents, patch.members)])
     return {
         "name": patch.tool.name,
         "node": plan.rig.names[plan.rig.node],
