@@ -36,12 +36,13 @@ for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
-sys.path[:0] = [str(ROOT), str(HERE)]
+sys.path[:0] = [str(ROOT), str(HERE), str(ROOT / "tests")]
 
 import numpy as np  # noqa: E402
 from assets import finer, longer  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 
+from kit.tube import write_tube  # noqa: E402
 from wrinklecli.baking.plan import MeshPlan, plan_mesh  # noqa: E402
 from wrinklecli.character.clip import Clip, read_clips  # noqa: E402
 from wrinklecli.character.pose import joint_matrices, morph_weights  # noqa: E402
@@ -153,10 +154,10 @@ print(time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN).
 
 
 def watched(*command: str | Path, code: str) -> tuple[float, float]:
-    """Seconds, and greatest memory in MB (Linux counts in KB), of a process of this Python that prints nothing."""
+    """Seconds, and greatest memory in MB (Linux counts in KB), of a process of this Python."""
     arguments = [sys.executable, "-S", "-c", WATCH, sys.executable, "-c", code, *map(str, command)]
     done = subprocess.run(arguments, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, check=True)
-    seconds, peak = done.stdout.split()
+    seconds, peak = done.stdout.split()[-2:]
     return float(seconds), float(peak) / 1024
 
 
@@ -304,6 +305,22 @@ def track_bytes(path: Path) -> int:
     return total
 
 
+def scaling(places: Places) -> Iterator[Row]:
+    """How time and memory of a bake and a check grow with the number of tools: exponents, beyond what few take."""
+    few, some, many = 5, 100, 400
+    for command, options in (("bake", ("-q", "-o", places.folder / "tube.glb")), ("check", ())):
+        taken = {}
+        for count in (few, some, many):
+            runs = [watched(command, *write_tube(places.folder, count), *options, code=WRINKLE) for _ in range(3)]
+            taken[count] = np.median(runs, axis=0)
+        grown = np.log((taken[many] - taken[few]) / (taken[some] - taken[few])) / np.log((many - few) / (some - few))
+        for what, exponent, unit, value in zip(("time", "memory"), grown, ("s", "MB"), taken[many], strict=True):
+            label = f"exponent of {what} in tools, wrinkle {command}, {many} tools"
+            yield Row(
+                f"tools_{command}_{what}", label, f"{some} tools", float(exponent), 1.1, False, f"{value:.3g} {unit}"
+            )
+
+
 def density(places: Places) -> Iterator[Row]:
     """A bake of a mesh that is sixteen times as fine outside the patch."""
     folder, asset = places.folder, places.assets / "hand.glb"
@@ -442,7 +459,7 @@ def tallest(targets: list[Floats], weights: Floats) -> float:
     return max(float(np.linalg.norm(each, axis=-1).max()) for each in moved)
 
 
-SECTIONS = {each.__name__: each for each in (frames, rates, growth, density, start, blender)}
+SECTIONS = {each.__name__: each for each in (frames, rates, growth, scaling, density, start, blender)}
 
 
 def main() -> int:
