@@ -201,6 +201,14 @@ def test_where_nothing_moves_there_are_two_keys_however_long() -> None:
     assert np.sum((keys > 299) & (keys < 301)) > len(keys) / 2
 
 
+def test_a_signal_without_values_has_its_ends_as_keys() -> None:
+    grid = np.linspace(0.0, 1.0, 9)
+    points, keys = key_points(
+        grid, lambda at: np.zeros((len(at), 0)), tolerance=0.1, thinning=0.1, gap=0.001, step=0.001
+    )
+    assert points[keys].tolist() == [0.0, 1.0]
+
+
 def test_smooth_heights_need_few_keys() -> None:
     """Over a line of length h a parabola of curvature c is off by c h²/8: here h may be 0.28."""
     rig, clip = limb()

@@ -104,7 +104,7 @@ def _bisected(grid: Floats, signal: Signal, tolerance: float, gap: float, step: 
         first, last = np.concatenate([first[wide], at_middles]), np.concatenate([at_middles, last[wide]])
     points, at_points = (np.concatenate(each) for each in zip(*kept, strict=True))
     order = np.argsort(points[:, 0])
-    together = at_points[order].reshape(-1, at_grid.shape[1])
+    together = at_points[order].reshape(points.size, at_grid.shape[1])  # a signal may have no values
     return np.append(points[order], grid[-1]), np.concatenate([together, at_grid[-1:]])
 
 
