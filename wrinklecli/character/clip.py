@@ -260,7 +260,7 @@ def clip_grid(clip: Clip, rig: Rig | None, *, fps: float) -> Floats:
             own = rig is not None and channel.node == rig.node and channel.path == "weights"
             (kept if own else keys).append(linear_keys(channel))
     grid = distinct_values(float32_values(np.concatenate(kept)))
-    grid = _joined(grid, _apart(distinct_values(float32_values(np.concatenate(keys)))))
+    grid = _joined(grid, distinct_values(float32_values(np.concatenate(keys))))
     return _joined(grid, float32_values(clip.start + np.arange(count + 1) / fps))
 
 
@@ -277,10 +277,10 @@ def linear_keys(channel: Channel) -> Floats:
 
 
 def _joined(kept: Floats, more: Floats) -> Floats:
-    """(times,) rising: those kept, and of more those that are no closer than `KEY_GAP` to any of them."""
+    """(times,) rising: those kept, and of more those no closer than `KEY_GAP` to them, nor to the next of more left."""
     padded, after = np.concatenate([[-np.inf], kept, [np.inf]]), np.searchsorted(kept, more)
     nearest = np.minimum(more - padded[after], padded[after + 1] - more)
-    return distinct_values(np.concatenate([kept, more[nearest >= _ROUNDED_GAP]]))
+    return distinct_values(np.concatenate([kept, _apart(more[nearest >= _ROUNDED_GAP])]))
 
 
 def _apart(times: Floats) -> Floats:
