@@ -98,7 +98,7 @@ def test_no_two_times_are_closer_than_the_gap_and_none_at_a_jump_twice_as_far(ju
     rig, clip = limb()
     times, _ = sampled(clip, rig, lambda t: (t > jump).astype(float)[:, None], fps=10, tolerance=1e-3, gap=gap)
     assert np.diff(times).min() >= gap
-    after = int(np.searchsorted(times, jump))
+    after = int(np.searchsorted(times, jump, side="right"))
     # A middle is a float32 value: there they are 1.2e-7 apart.
     assert times[after] - times[after - 1] < 2 * gap + 1.2e-7
 
