@@ -313,10 +313,11 @@ def test_amplitudes_stay_below_the_greatest(curve):
     amplitudes, _ = curve.follow(distances, rest)
     greatest = curve.greatest_amplitudes
     assert greatest.min() >= 0
-    # The modes of a polyline with details turn round between the samples that bound them: the least of three equal
-    # details by 3.2 %.
-    slack = 0.05 if curve.details and isinstance(curve.profile, PolylineProfile) else 1e-10
-    assert (np.abs(amplitudes) <= greatest * (1 + slack)).all()
+    # The modes of a polyline with details turn round between the samples that bound them. Small ones are
+    # further off: of 600 random curves, at most by 0.16 % of the greatest of all.
+    sampled = curve.details and isinstance(curve.profile, PolylineProfile)
+    slack, small = (0.02, 2e-3 * greatest.max()) if sampled else (1e-10, 0.0)
+    assert (np.abs(amplitudes) <= greatest * (1 + slack) + small).all()
     assert not amplitudes[:, greatest == 0].any()
 
 
