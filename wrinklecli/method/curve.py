@@ -86,7 +86,7 @@ class ControlCurve:
         greatest_amplitudes: (groups, modes) bounds of |amplitude|, scene units: reached at full shortening or
             at `max_height`; exactly 0 for a group that never rises. Amplitudes of further modes, which only a
             polyline with details has, can be negative; such modes' bounds are sampled, to 2 % or
-            0.2 % of the greatest of all.
+            0.3 % of the greatest of all.
     """
 
     bumps: int
