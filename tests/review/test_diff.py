@@ -190,7 +190,7 @@ def test_the_samples_are_checked_and_compared_with_their_golden(tmp_path: Path) 
     kept = golden.read_bytes()
     assert len(kept) < 200_000
     ran = make_samples(samples, "test", "-j2")
-    assert "same: at most" in ran.stdout
+    assert "same: to the byte" in ran.stdout
 
     edited = EditedDocument(read_document(golden))
     edited.gltf["nodes"][0]["extras"]["wrinkle"]["tools"][0]["rest_length"] *= 1.01
