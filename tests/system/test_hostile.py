@@ -326,7 +326,6 @@ def _after(calls: int, function: Callable[..., Any], fault: Callable[..., Any]) 
         (os, "fsync", _full),
         (os, "replace", _full),
         (os, "mkdir", _read_only),
-        (tempfile, "mkstemp", _read_only),
     ],
 )
 @pytest.mark.parametrize("name_out", ["out.glb", "out.gltf"])
