@@ -10,6 +10,7 @@ import hashlib
 import json
 import os
 import shutil
+import signal
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -133,6 +134,8 @@ def _main() -> None:
     from wrinklecli.files.outputs import Outputs
 
     folder, sign, step = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])
+    if sign != signal.SIGKILL:
+        signal.signal(sign, signal.SIG_DFL)  # whatever this process was started with, as by `nohup`
     add = Outputs.add
 
     def add_from_here(self: Outputs, *arguments: Any, **options: Any) -> int:

@@ -77,7 +77,8 @@ class Outputs:
             BakeError: An output is one of them, by whatever name.
         """
         for path in inputs:
-            self._inputs |= _identities(path)
+            if "\0" not in os.fspath(path) and os.path.exists(path):  # what is not there cannot be overwritten
+                self._inputs |= _identities(path)
         for output in chain.from_iterable(self._outputs.values()):
             self._refuse_input(output)
 
