@@ -69,6 +69,11 @@ def listed(names: Iterable[str]) -> str:
     return ", ".join(repr(name) for name in names) or "none"
 
 
+def counted(count: int, one: str, many: str = "") -> str:
+    """A number of things for a message: `1 key`, `2 keys`; `many` where an s is not all."""
+    return f"{count:,} {one if count == 1 else many or one + 's'}"
+
+
 def nearest(name: str, names: Iterable[str]) -> str:
     """A hint for a message, `; did you mean 'wrist'?`, or nothing where no known name is near."""
     # Comparing takes the square of the length.

@@ -14,6 +14,7 @@ from wrinklecli.baking.sample import ClipActivity, Motion
 from wrinklecli.baking.targets import TargetSet, targets_of
 from wrinklecli.baking.warnings import mesh_warnings, tool_warnings
 from wrinklecli.character.clip import KEY_GAP, Clip
+from wrinklecli.errors import counted
 from wrinklecli.gltf.shape import Json
 from wrinklecli.method.activity import Activity
 from wrinklecli.method.patch import Patch
@@ -50,17 +51,17 @@ class Report:
         targets = sum(len(tool["targets"]) for tool in self.data["tools"])
         added = sum(mesh["vertices"] - mesh["coarse_vertices"] for mesh in meshes)
         parts = [
-            _counted(len(self.data["tools"]), "tool"),
-            _counted(targets, "morph target") if self.data["mode"] == "morph" else "per-frame geometry",
-            _counted(added, "new vertex", "new vertices"),
-            _counted(len(self.data["clips"]), "clip"),
+            counted(len(self.data["tools"]), "tool"),
+            counted(targets, "morph target") if self.data["mode"] == "morph" else "per-frame geometry",
+            counted(added, "new vertex", "new vertices"),
+            counted(len(self.data["clips"]), "clip"),
         ]
         if self.data["mode"] == "morph":
             parts.append(f"{sum(mesh['gpu_bytes'] for mesh in meshes) / 1e6:.1f} MB of targets on a GPU")
         own = [mesh["own_targets"] for mesh in meshes if mesh.get("own_targets", {}).get("bytes")]
         if own:
             before, after = (sum(each[key] for each in own) / 1e6 for key in ("bytes_before", "bytes"))
-            listed = _counted(sum(each["count"] for each in own), "morph target")
+            listed = counted(sum(each["count"] for each in own), "morph target")
             parts.append(f"the asset's own {listed} in {after:.2f} MB ({before:.2f} before)")
         proven = [clip["residual"] for clip in self.data["clips"] if clip.get("residual")]
         if proven and self.data["tallest_wrinkle"]:
@@ -187,10 +188,6 @@ def _describe_clips(baked: Sequence[BakedMesh], *, details: bool) -> list[Json]:
                 strength = patch.tool.strength_in(each.clip.name)
                 clips[each.clip.name]["tools"].append(_describe_activity(patch, each.seen, strength))
     return list(clips.values())
-
-
-def _counted(count: int, one: str, many: str = "") -> str:
-    return f"{count} {one if count == 1 else many or one + 's'}"
 
 
 def _describe_clip(clip: Clip, times: Floats) -> Json:

@@ -19,6 +19,7 @@ from wrinklecli.cli.options import (
 )
 from wrinklecli.cli.output import Progress, emit, emit_json
 from wrinklecli.cli.streams import command_outputs
+from wrinklecli.errors import RefusedError, counted
 
 
 @click.command(
@@ -52,8 +53,6 @@ def check(asset: str, tools: str, plot: str | None, as_json: bool, strict: bool,
     if plot is not None and not plot.lower().endswith((".png", ".svg")):
         raise click.BadParameter(f"{plot!r} ends neither in .png nor .svg", param_hint="--plot")
 
-    from wrinklecli.errors import RefusedError
-
     with command_outputs() as outputs:
         from wrinklecli.review.check import check as run
         from wrinklecli.review.plot import draw_check, refuse_without_matplotlib
@@ -73,7 +72,7 @@ def check(asset: str, tools: str, plot: str | None, as_json: bool, strict: bool,
             _emit_tables(made.data)
     if strict and made.warnings:
         count = len(made.warnings)
-        raise RefusedError(f"refused by --strict: {count} warning{'' if count == 1 else 's'}", where=tools)
+        raise RefusedError(f"refused by --strict: {counted(count, 'warning')}", where=tools)
 
 
 def _emit_tables(data: dict[str, Any]) -> None:
@@ -87,7 +86,7 @@ def _emit_tables(data: dict[str, Any]) -> None:
     for mesh in data["meshes"]:
         emit(
             f"{mesh['node']}: {mesh['vertices']} vertices + {mesh['new_vertices']}, {mesh['triangles']} triangles"
-            f" + {mesh['new_triangles']}, {mesh['levels']} level{'' if mesh['levels'] == 1 else 's'} of refinement"
+            f" + {mesh['new_triangles']}, {counted(mesh['levels'], 'level')} of refinement"
         )
     for warning in data["warnings"]:
         if not any(warning in tool["warnings"] for tool in data["tools"]):

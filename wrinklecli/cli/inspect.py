@@ -6,6 +6,8 @@ import click
 
 from wrinklecli.cli.options import FILE, allow_external_option, json_option, max_memory_option
 from wrinklecli.cli.output import emit, emit_json
+from wrinklecli.errors import counted
+from wrinklecli.numeric.memory import shown_bytes
 
 
 @click.command(short_help="What is in an asset.", epilog="Example: wrinkle inspect samples/trousers.glb")
@@ -36,7 +38,7 @@ def inspect(asset: str, allow_external: bool, max_memory: int, as_json: bool) ->
 def _emit_tree(data: dict[str, Any]) -> None:
     whole = sum(each["bytes"] or 0 for each in data["files"])
     made = f", by {data['generator']}" if data["generator"] else ""
-    emit(f"{data['asset']}: glTF {data['version']}{made}, {_size(whole)}", style={"bold": True})
+    emit(f"{data['asset']}: glTF {data['version']}{made}, {shown_bytes(whole)}", style={"bold": True})
     required = data["extensions_required"]
     names = [f"{name} (required)" if name in required else name for name in data["extensions_used"]]
     _emit_list("extensions", names)
@@ -51,9 +53,9 @@ def _emit_tree(data: dict[str, Any]) -> None:
     if data["replaceable"] is not None:
         state = "can be replaced: bake --replace" if data["replaceable"] else "cannot be replaced"
         _emit_list("earlier bake", [state])
-    _emit_list("bytes", [f"{_size(count):>9} {kind}" for kind, count in data["bytes"].items() if count])
+    _emit_list("bytes", [f"{shown_bytes(count):>9} {kind}" for kind, count in data["bytes"].items() if count])
     if len(data["files"]) > 1:
-        sizes = [_size(each["bytes"]) if each["bytes"] is not None else "missing" for each in data["files"]]
+        sizes = [shown_bytes(each["bytes"]) if each["bytes"] is not None else "missing" for each in data["files"]]
         _emit_list("files", [f"{size:>9} {each['name']}" for size, each in zip(sizes, data["files"], strict=True)])
 
 
@@ -67,18 +69,18 @@ def _emit_list(heading: str, lines: list[str]) -> None:
 def _mesh(number: int, mesh: dict[str, Any]) -> list[str]:
     primitives = mesh["primitives"]
     lines = [
-        f"{mesh['name'] or f'mesh {number}'}: {_counted(len(primitives), 'primitive')},"
-        f" {_counted(mesh['vertices'], 'vertex', 'vertices')}, {_counted(mesh['triangles'], 'triangle')}"
+        f"{mesh['name'] or f'mesh {number}'}: {counted(len(primitives), 'primitive')},"
+        f" {counted(mesh['vertices'], 'vertex', 'vertices')}, {counted(mesh['triangles'], 'triangle')}"
     ]
     for index, each in enumerate(primitives):
         material = f", material {each['material']}" if each["material"] else ""
         compressed = f", {each['compression']}" if each["compression"] else ""
         lines.append(
-            f"  primitive {index}: {each['mode']}, {_counted(each['vertices'], 'vertex', 'vertices')},"
+            f"  primitive {index}: {each['mode']}, {counted(each['vertices'], 'vertex', 'vertices')},"
             f" {' '.join(each['attributes'])}{material}{compressed}"
         )
     if mesh["morph_targets"]:
-        lines.append(f"  {_counted(len(mesh['morph_targets']), 'morph target')}: {', '.join(mesh['morph_targets'])}")
+        lines.append(f"  {counted(len(mesh['morph_targets']), 'morph target')}: {', '.join(mesh['morph_targets'])}")
     return lines
 
 
@@ -87,12 +89,12 @@ def _deforming(each: dict[str, Any], data: dict[str, Any]) -> str:
     if each["skin"] is not None:
         by.append(f"skin {data['skins'][each['skin']]['name'] or each['skin']}")
     if each["morph_targets"]:
-        by.append(_counted(each["morph_targets"], "morph target"))
+        by.append(counted(each["morph_targets"], "morph target"))
     return f"{each['node']}: {' and '.join(by)}"
 
 
 def _skin(number: int, skin: dict[str, Any]) -> str:
-    return f"{skin['name'] or f'skin {number}'}: {_counted(len(skin['joints']), 'joint')}: {', '.join(skin['joints'])}"
+    return f"{skin['name'] or f'skin {number}'}: {counted(len(skin['joints']), 'joint')}: {', '.join(skin['joints'])}"
 
 
 def _clip(clip: dict[str, Any]) -> str:
@@ -100,7 +102,7 @@ def _clip(clip: dict[str, Any]) -> str:
     if clip["start"] is not None and clip["end"] is not None:
         span = f"{clip['end'] - clip['start']:.4g} s" + (f" from {clip['start']:.4g} s" if clip["start"] else "")
     channels = ", ".join(f"{count} {path}" for path, count in clip["channels"].items())
-    return f"{clip['name']}: {span}, {_counted(clip['keys'], 'key')}, {_counted(clip['nodes'], 'node')}: {channels}"
+    return f"{clip['name']}: {span}, {counted(clip['keys'], 'key')}, {counted(clip['nodes'], 'node')}: {channels}"
 
 
 def _wrinkles(each: dict[str, Any]) -> list[str]:
@@ -108,20 +110,7 @@ def _wrinkles(each: dict[str, Any]) -> list[str]:
     for tool in each["tools"]:
         joints = [" + ".join(tool[key]) for key in ("origin_joints", "target_joints")]
         lines.append(f"{tool['name']}: {joints[0]} to {joints[1]}, rest length {tool['rest_length']:.4g}")
-        lines.append(f"  {_counted(len(tool['targets']), 'target')}: {', '.join(tool['targets'])}")
+        lines.append(f"  {counted(len(tool['targets']), 'target')}: {', '.join(tool['targets'])}")
     if each["undriven"]:
         lines.append(f"without a tool: {', '.join(each['undriven'])}")
     return lines
-
-
-def _counted(count: int, one: str, many: str = "") -> str:
-    return f"{count:,} {one if count == 1 else many or one + 's'}"
-
-
-def _size(count: float) -> str:
-    """Bytes for people, decimal units."""
-    for unit in ("B", "kB", "MB"):
-        if count < 999.5:
-            return f"{count:.3g} {unit}"
-        count /= 1000
-    return f"{count:,.3g} GB"

@@ -15,6 +15,7 @@ from wrinklecli.cli.options import (
 )
 from wrinklecli.cli.output import say, warn
 from wrinklecli.cli.streams import command_outputs
+from wrinklecli.errors import counted
 
 # Per cent: 1/256, the error of the table of weights in the node's extras.
 _LEAST_ERROR = 0.390625
@@ -78,5 +79,5 @@ def track(baked: str, anims: tuple[str, ...], folder: str, quiet: bool, verbose:
             warn(warning)
         for line in made.tools if verbose else ():
             say(line)
-        clips = f"{len(made.clips)} clip{'' if len(made.clips) == 1 else 's'}"
+        clips = counted(len(made.clips), "clip")
         say(f"{made.path}: {clips}{': ' if made.clips else ''}{', '.join(made.clips)}")

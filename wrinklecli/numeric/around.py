@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrinklecli.numeric.arrays import Floats, Ints, any_of, distinct_values, flags_of, normals_at
+from wrinklecli.numeric.arrays import Floats, Ints, any_of, distinct_values, flags_of, normals_at, runs
 
 # Share of the vertices from which on one look at all triangles takes less time than to gather those around each.
 _MANY = 1 / 16
@@ -35,8 +35,7 @@ class Around:
         if self._are_many(vertices):
             return np.flatnonzero(any_of(flags_of(vertices, len(self.starts) - 1), self.triangles))
         first, counts = self.starts[vertices], self.starts[vertices + 1] - self.starts[vertices]
-        begins = np.cumsum(counts) - counts
-        return distinct_values(self.faces[np.arange(int(counts.sum())) + np.repeat(first - begins, counts)])
+        return distinct_values(self.faces[runs(first, counts)])
 
     def normals_at(self, positions: Floats, vertices: Ints) -> Floats:
         """(chosen, 3) `vertex_normals` of (chosen,) vertices, from (vertices, 3) positions."""

@@ -193,6 +193,11 @@ def children(parents: Ints, flags: Bools) -> Ints:
     if len(chosen) > len(flags) // 16:
         return np.flatnonzero(flags[parents])
     first, last = np.searchsorted(parents, chosen), np.searchsorted(parents, chosen, "right")
-    begins = np.cumsum(last - first) - (last - first)
-    found: Ints = np.arange(int((last - first).sum())) + np.repeat(first - begins, last - first)
+    return runs(first, last - first)
+
+
+def runs(firsts: Ints, counts: Ints) -> Ints:
+    """One run of whole numbers after another: (n,) first numbers, and (n,) how many each run has."""
+    begins = np.cumsum(counts) - counts
+    found: Ints = np.arange(int(counts.sum())) + np.repeat(firsts - begins, counts)
     return found

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrinklecli.numeric.arrays import Floats, Ints
+from wrinklecli.numeric.arrays import Floats, Ints, runs
 
 # Numbers of a product that are computed at once: bounds the memory.
 _AT_ONCE = 2**22
@@ -79,8 +79,7 @@ class Matrix:
     def _entries(self, rows: Ints) -> tuple[Ints, Ints]:
         """Numbers of some rows' entries, row by row, and where among them each row begins."""
         counts = self.starts[rows + 1] - self.starts[rows]
-        begins = np.cumsum(counts) - counts
-        return np.arange(int(counts.sum())) + np.repeat(self.starts[rows] - begins, counts), begins
+        return runs(self.starts[rows], counts), np.cumsum(counts) - counts
 
     def below(self, above: Matrix | None) -> Matrix:
         """The rows of `above`, (n, V) (None: identity), then those of this matrix, on its n rows: (n + m, V)."""

@@ -11,7 +11,7 @@ import numpy as np
 from wrinklecli.character.clip import read_clips, unknown_clip
 from wrinklecli.character.pose import joint_matrices
 from wrinklecli.character.scene import pose_primitive, read_scene
-from wrinklecli.errors import AssetError
+from wrinklecli.errors import AssetError, counted
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.images import read_image
 from wrinklecli.numeric.arrays import Floats
@@ -82,7 +82,7 @@ class Comparison:
         if self.worst.distance:
             at = when(self.worst.clip, self.worst.time)
             what += f" ({self.worst.name!r} in {self.worst.side}, vertex {self.worst.vertex}, {at})"
-        moments = f"{self.times} moment{'' if self.times == 1 else 's'}"
+        moments = counted(self.times, "moment")
         angle = f", normals at most {self.normal:.3g} degrees" if self.normal else ""
         return f"{verdict}: {what}{angle}; tolerance {self.tolerance:.3g}, {moments}"
 

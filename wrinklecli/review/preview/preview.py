@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from wrinklecli.baking.plan import MeshPlan
-from wrinklecli.errors import WrinkleError
+from wrinklecli.errors import WrinkleError, counted
 from wrinklecli.files.outputs import Outputs
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.images import files_of
@@ -58,7 +58,7 @@ class Preview:
     @property
     def summary(self) -> str:
         """In a line."""
-        moments = "1 moment" if self.moments == 1 else f"{self.moments} moments"
+        moments = counted(self.moments, "moment")
         return f"{self.size[0]} × {self.size[1]} pixels, {moments}, seen from {', '.join(self.views)}"
 
 
