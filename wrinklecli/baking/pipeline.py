@@ -17,7 +17,7 @@ from wrinklecli.baking.report import BakedMesh, Report, make_report
 from wrinklecli.baking.sample import sample_clips
 from wrinklecli.baking.timings import StageClock, make_timings
 from wrinklecli.errors import BakeError, RefusedError
-from wrinklecli.files.outputs import Outputs
+from wrinklecli.files.outputs import Outputs, part_of
 from wrinklecli.gltf.edit import EditedDocument
 from wrinklecli.gltf.images import files_of, image_files
 from wrinklecli.gltf.writer import write
@@ -59,10 +59,8 @@ def bake(
             are warnings. Nothing is written.
     """
     options = replace(options or BakeOptions(), **named)
-    if outputs is not None:
-        return _bake(asset, tools, out, options, outputs, progress)
-    with Outputs() as own:
-        return _bake(asset, tools, out, options, own, progress)
+    with part_of(outputs) as written:
+        return _bake(asset, tools, out, options, written, progress)
 
 
 def _bake(

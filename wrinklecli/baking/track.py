@@ -21,7 +21,7 @@ from wrinklecli.character.pose import LEAST_SCALE, morph_weights, node_matrices
 from wrinklecli.character.rig import Rig, moving_nodes, read_rig
 from wrinklecli.character.weight_track import Track, pad, widen
 from wrinklecli.errors import AssetError, BakeError, RefusedError, listed, nearest
-from wrinklecli.files.outputs import Outputs
+from wrinklecli.files.outputs import Outputs, part_of
 from wrinklecli.gltf.document import read_document
 from wrinklecli.gltf.edit import EditedDocument
 from wrinklecli.gltf.images import files_of
@@ -96,43 +96,31 @@ def track(
     """
     if not max_error > TABLE_ERROR:
         raise ValueError(f"max_error is {max_error}; the table of weights is right to 1/256")
-    if outputs is None:
-        with Outputs() as own:
-            return track(
-                baked,
-                anims,
-                folder,
-                fps=fps,
-                max_error=max_error,
-                allow_external=allow_external,
-                max_memory=max_memory,
-                strict=strict,
-                outputs=own,
-            )
-    outputs.protect([baked, *anims])
-    memory = Memory(max_memory)
-    with guarded(os.fspath(baked)):
-        body_file = read_document(baked, allow_external=allow_external, memory=memory)
-        outputs.protect(files_of(body_file))
-        bodies = read_bodies(body_file)
-    paths = [os.path.join(os.fspath(folder), os.path.basename(os.fspath(path))) for path in anims]
-    for number, path in enumerate(paths):
-        if path in paths[:number]:
-            raise BakeError("is the output of two inputs of one name", where=path)
-    edited, results = [], []
-    for anim, path in zip(anims, paths, strict=True):
-        with guarded(os.fspath(anim)):
-            document = read_document(anim, allow_external=allow_external, memory=memory)
-            outputs.protect(files_of(document))
-            edited.append(EditedDocument(document))
-            results.append(_track_file(edited[-1], bodies, path, fps=fps, tolerance=max_error - TABLE_ERROR))
-    warnings = [line for result in results for line in result.warnings]
-    if strict and warnings:
-        raise RefusedError.of_all(RefusedError(line) for line in warnings)
-    outputs.make_folders(folder)
-    for each, path in zip(edited, paths, strict=True):
-        write(each, path, outputs=outputs)
-    return results
+    with part_of(outputs) as written:
+        written.protect([baked, *anims])
+        memory = Memory(max_memory)
+        with guarded(os.fspath(baked)):
+            body_file = read_document(baked, allow_external=allow_external, memory=memory)
+            written.protect(files_of(body_file))
+            bodies = read_bodies(body_file)
+        paths = [os.path.join(os.fspath(folder), os.path.basename(os.fspath(path))) for path in anims]
+        for number, path in enumerate(paths):
+            if path in paths[:number]:
+                raise BakeError("is the output of two inputs of one name", where=path)
+        edited, results = [], []
+        for anim, path in zip(anims, paths, strict=True):
+            with guarded(os.fspath(anim)):
+                document = read_document(anim, allow_external=allow_external, memory=memory)
+                written.protect(files_of(document))
+                edited.append(EditedDocument(document))
+                results.append(_track_file(edited[-1], bodies, path, fps=fps, tolerance=max_error - TABLE_ERROR))
+        warnings = [line for result in results for line in result.warnings]
+        if strict and warnings:
+            raise RefusedError.of_all(RefusedError(line) for line in warnings)
+        written.make_folders(folder)
+        for each, path in zip(edited, paths, strict=True):
+            write(each, path, outputs=written)
+        return results
 
 
 def _track_file(

@@ -11,7 +11,7 @@ import os
 import re
 import stat
 from collections.abc import Callable, Iterable
-from contextlib import suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass
 from itertools import chain
 from types import TracebackType
@@ -228,6 +228,11 @@ class Outputs:
             if isinstance(error, OSError):
                 raise _unwritable(begun[-1][0].path, error) from error
             raise
+
+
+def part_of(outputs: Outputs | None) -> AbstractContextManager[Outputs]:
+    """With `with`: outputs that a caller puts into their places; for none, own ones, which are there at its end."""
+    return Outputs() if outputs is None else nullcontext(outputs)
 
 
 def _identities(path: str | os.PathLike[str]) -> set[_Identity]:

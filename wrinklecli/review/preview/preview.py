@@ -13,7 +13,7 @@ import numpy as np
 
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.errors import WrinkleError, counted
-from wrinklecli.files.outputs import Outputs
+from wrinklecli.files.outputs import Outputs, part_of
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.images import files_of
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
@@ -84,18 +84,15 @@ def preview(
         WrinkleError: The tools do not fit; the picture would be too large or cannot be written; or Pillow or embreex
             is missing.
     """
-    if outputs is None:
-        with Outputs() as own:
-            return preview(assets, out, options, outputs=own, progress=progress)
     options = options or PreviewOptions()
     path = os.fspath(out)
-    with guarded(os.fspath(assets[0])):
+    with part_of(outputs) as written, guarded(os.fspath(assets[0])):
         _refuse_missing()
         from wrinklecli.review.preview.sheet import encode_animation, encode_picture, sheet_size
 
         kind = _kind(path)
         animated = kind != "png"
-        documents = _read_documents(assets, path, options, outputs)
+        documents = _read_documents(assets, path, options, written)
         moments = plan_moments(documents[0], options, animated=animated)
         shown, plans, warnings = _read_shown(documents, moments, options, progress)
         views = plan_views(shown, moments, options, progress)
@@ -110,7 +107,7 @@ def preview(
             data = encode_animation(images, kind, seconds=frame_seconds(shown[0].document, moments, options))
         else:
             data = encode_picture(images[0])
-        outputs.add_bytes(path, data)
+        written.add_bytes(path, data)
     return Preview(path, size, len(moments), tuple(view.name for view in views), warnings)
 
 
