@@ -31,6 +31,7 @@ tools:
     target: {marker: brow_top.L}
     snap: vertex
     width: 0.05
+    material: cloth
     strategy: both_ends
     bumps: 5
     gap: 1
@@ -83,6 +84,7 @@ BAD_TOOL_KEYS = [  # one more key on line 6 of HEAD (width on line 7), the line'
     ),
     ("snap: on", "tools[0].snap: found on, expected surface or vertex"),
     ("snap: vertx", "tools[0].snap: found vertx, expected surface or vertex; did you mean vertex?"),
+    ("material: wool", "tools[0].material: found wool, expected skin, cloth, leather or none"),
     ("mirror: w", "tools[0].mirror: found w, expected x, y, z or none"),
     (
         "strategy: Both ends",
@@ -189,6 +191,7 @@ OPTIONS = {
     "node": NAMES,
     "snap": st.sampled_from(["surface", "vertex"]),
     "strategy": st.sampled_from(["everywhere", "origin", "both_ends"]),
+    "material": st.sampled_from(["none", None, "skin", "cloth", "leather"]),
     "bumps": st.integers(1, 64),
     "gap": st.integers(0, 64),
     "max_height": st.one_of(st.sampled_from(["auto", "none", None]), LENGTH),

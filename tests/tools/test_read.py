@@ -37,6 +37,7 @@ from kit.tools_text import (
 from wrinklecli.errors import ConfigError
 from wrinklecli.tools import schema
 from wrinklecli.tools import yaml_tree as yamltree
+from wrinklecli.tools.materials import MATERIALS
 from wrinklecli.tools.read import load_tools, parse_tools
 from wrinklecli.tools.records import (
     Length,
@@ -78,6 +79,8 @@ def test_every_key_arrives():
                 target=Marker("brow_top.L"),
                 snap="vertex",
                 width=Length(0.05),
+                material="cloth",
+                compressible=MATERIALS["cloth"].compressible,
                 strategy="both_ends",
                 bumps=5,
                 gap=1,
@@ -107,6 +110,7 @@ def test_the_defaults_of_the_contract():
         target=(1.0, 4.0, 3.0),
         snap="surface",
         width=Length(1.0),
+        material=None,
         strategy="everywhere",
         bumps=4,
         gap=0,

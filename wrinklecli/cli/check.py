@@ -133,7 +133,8 @@ def _tissue(tool: dict[str, Any]) -> str:
         would = f"; with compressible: {fitting}% all bumps are just full at the greatest"
     else:
         would = "; no clip has all bumps full"
-    return f"takes {100 * tool['compressible']:.3g} % of each shortening{would}"
+    material = "" if tool["material"] == "none" else f"{tool['material']}, "
+    return f"{material}takes {100 * tool['compressible']:.3g} % of each shortening{would}"
 
 
 def _clip_table(clips: list[dict[str, Any]]) -> list[str]:

@@ -22,6 +22,7 @@ from wrinklecli.method.curve import ControlCurve, count_intervals, plan_curve
 from wrinklecli.method.rest import Rest, end_position
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, face_normals, unit
 from wrinklecli.numeric.nearest import meets_box
+from wrinklecli.tools.materials import bump_height
 from wrinklecli.tools.records import RestLengthKeys, RestLengthMorph, WrinkleTool
 
 # Anchors nearer than this share of the mesh's size are one point.
@@ -208,11 +209,11 @@ def _rest_lengths(tool: WrinkleTool, span: float) -> tuple[float, float]:
 
 
 def _max_height(tool: WrinkleTool, span: float, rest_length: float) -> float:
-    """Greatest height of a bump, scene units; for `auto` a quarter of its width on the straight segment."""
+    """Greatest height of a bump, scene units; for `auto` a part of its width on the straight segment."""
     if tool.max_height is None:
         return np.inf
     if tool.max_height == "auto":
-        return 0.25 * 2.0 * rest_length / count_intervals(tool.bumps, tool.gap)
+        return bump_height(tool.material) * 2.0 * rest_length / count_intervals(tool.bumps, tool.gap)
     return tool.max_height.resolve(span)
 
 

@@ -162,6 +162,7 @@ def _describe_tool(plan: MeshPlan, number: int, up: str) -> Json:
         "distance": _round(patch.span),
         "rest_length": _round(patch.rest_length),
         "width": _round(2.0 * patch.half_width),
+        "material": patch.tool.material or "none",
         "bumps": patch.tool.bumps,
         "strategy": patch.tool.strategy,
         "compressible": patch.tool.compressible,

@@ -1,7 +1,8 @@
 """The YAML file of wrinkling tools, read into frozen records; all of its problems are reported at once.
 
 Three steps: YAML text to a tree that knows its lines, the tree checked by the JSON Schema of `schema`, what is right
-in it read into records: defaults inherited, mirrored tools made, positions turned to Y-up.
+in it read into records: defaults inherited, mirrored tools made, positions turned to Y-up, what is left out taken
+from materials.
 `configs/README.md` is the reference of the keys.
 """
 
@@ -18,6 +19,7 @@ from jsonschema_rs import Draft202012Validator
 
 from wrinklecli.errors import ConfigError
 from wrinklecli.files.inputs import open_input
+from wrinklecli.tools.materials import with_material
 from wrinklecli.tools.mirror import mirrored
 from wrinklecli.tools.records import (
     Length,
@@ -155,6 +157,7 @@ _READ: Mapping[str, Callable[[Any], Any]] = {
     "origin": _anchor,
     "target": _anchor,
     "width": parse_length,
+    "material": lambda value: None if value == "none" else value,
     "bumps": int,
     "gap": int,
     "max_height": _max_height,
@@ -270,7 +273,7 @@ def _record(tool: _Tool, up: str, shown_name: str) -> WrinkleTool:
     """The record of a tool with which nothing is wrong."""
     values = {key: value for key, value in tool.values.items() if key != "mirror"}
     values |= {key: _y_up(values[key], up) for key in ("origin", "target")}
-    return WrinkleTool(**values, where=f"{shown_name}:{tool.node.line}: {tool.path}")
+    return WrinkleTool(**with_material(values), where=f"{shown_name}:{tool.node.line}: {tool.path}")
 
 
 def _y_up(anchor: Position | Marker, up: str) -> Position | Marker:

@@ -129,7 +129,7 @@ def identifier(name: str) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WrinkleTool:
-    """One wrinkling tool, defaults and mirror applied.
+    """One wrinkling tool, defaults, material and mirror applied.
 
     Args:
         name: Unique name.
@@ -138,6 +138,7 @@ class WrinkleTool:
         target: As origin.
         snap: What anchors go to.
         width: Full width across the segment.
+        material: What gave it the values that the file does not say; None for none.
         strategy: Which bumps rise first.
         bumps: Wrinkles along the segment.
         gap: Flat control intervals between neighbouring bumps.
@@ -161,6 +162,7 @@ class WrinkleTool:
     target: Position | Marker
     snap: Literal["surface", "vertex"] = "surface"
     width: Length
+    material: Literal["skin", "cloth", "leather"] | None = None
     strategy: Literal["everywhere", "origin", "both_ends"] = "everywhere"
     bumps: int = 4
     gap: int = 0

@@ -178,17 +178,22 @@ _TOOL_KEYS = {
         default=None,
     ),
     "width": _key(_LENGTH, "Full width across the segment: a length or a percentage. Required."),
+    "material": _key(
+        _expects("skin, cloth, leather or none", enum=["skin", "cloth", "leather", "none", None]),
+        "Gives bumps, auto heights, compressible, details and profile other defaults. Default none.",
+        default=None,
+    ),
     "strategy": _key(
         _one_of("everywhere", "origin", "both_ends"),
         "Which bumps rise first: all alike, from the origin, from both ends. Default everywhere.",
         default="everywhere",
     ),
-    "bumps": _key(_whole(1, 64), "Wrinkles along the segment. Default 4.", default=4),
+    "bumps": _key(_whole(1, 64), "Wrinkles along the segment. Default 4, or the material's.", default=4),
     "gap": _key(_whole(0, 64), "Flat control intervals, half a bump each, between bumps. Default 0.", default=0),
     "max_height": _key(
         _expects(f"auto, none, {_LENGTHS}", anyOf=[{"enum": ["auto", "none", None]}, _LENGTH]),
-        "Highest point of a bump: auto (a quarter of a rest bump's width), none, a length or a percentage. "
-        "Default auto.",
+        "Highest point of a bump: auto (a quarter of a rest bump's width, or the material's part), none, a length or a "
+        "percentage. Default auto.",
         default="auto",
     ),
     "compressible": _key(
@@ -198,17 +203,18 @@ _TOOL_KEYS = {
             maxLength=40,
             pattern=r"^\+?0*([0-9]|[1-8][0-9]|9[0-4])(\.[0-9]*)? ?%$|^\+?0*95(\.0*)? ?%$",
         ),
-        "Share of every shortening that the tissue takes itself; the rest makes wrinkles. Default 0%.",
+        "Share of every shortening that the tissue takes itself; the rest makes wrinkles. Default 0%, or the "
+        "material's.",
         default="0%",
     ),
     "details": _key(
         _list(_number(0.001, 0.99), 0, MAX_DETAILS, f"a list of up to {MAX_DETAILS} shares"),
-        "Shares of the shortening that go into ever finer wrinkles on the bumps. Default [].",
+        "Shares of the shortening that go into ever finer wrinkles on the bumps. Default [], or the material's.",
         default=[],
     ),
     "profile": _key(
         _one_of("smooth", "polyline"),
-        "Shape of a bump: smooth, or the paper's polyline. Default smooth.",
+        "Shape of a bump: smooth, or the paper's polyline. Default smooth, or the material's.",
         default="smooth",
     ),
     "attenuation": _key(

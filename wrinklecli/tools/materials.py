@@ -1,0 +1,58 @@
+"""Materials: what skin, cloth and leather give a tool where its file says nothing.
+
+`configs/README.md` shows the same table with its sources, and a test compares the two.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+
+@dataclass(frozen=True, slots=True)
+class Material:
+    """Defaults of a tool.
+
+    Attributes:
+        bump_width: Width of a bump at rest, as a part of the segment; gives the number of bumps.
+        bump_height: Highest point of a bump, as a part of its width at rest: what `max_height: auto` is.
+        compressible: Such that bumps are full where a segment loses about 40 %, as at a joint that is well bent.
+        profile: Shape of a bump.
+        details: Shares of finer wrinkles.
+    """
+
+    bump_width: float
+    bump_height: float
+    compressible: float
+    profile: Literal["smooth", "polyline"]
+    details: tuple[float, ...]
+
+    def bumps(self, gap: int) -> int:
+        """Bumps along a segment with so many flat intervals, half a bump each, between neighbours."""
+        return max(1, round((2.0 / self.bump_width + gap) / (2 + gap)))
+
+
+# That of a tool without a material; `WrinkleTool` has its other defaults.
+PLAIN_HEIGHT = 0.25
+MATERIALS: Mapping[str, Material] = {
+    "skin": Material(bump_width=0.33, bump_height=0.13, compressible=0.90, profile="smooth", details=()),
+    "cloth": Material(bump_width=0.25, bump_height=0.25, compressible=0.65, profile="smooth", details=(0.1,)),
+    "leather": Material(bump_width=0.33, bump_height=0.18, compressible=0.85, profile="polyline", details=()),
+}
+
+
+def bump_height(material: str | None) -> float:
+    """Highest point of a bump of `max_height: auto`, as a part of its width at rest."""
+    return PLAIN_HEIGHT if material is None else MATERIALS[material].bump_height
+
+
+def with_material(values: Mapping[str, Any]) -> dict[str, Any]:
+    """A tool's values, with those of its material for keys that neither the tool nor the file's defaults have.
+
+    Args:
+        values: By key, as a record holds them.
+    """
+    if values.get("material") is None:
+        return dict(values)
+    material = MATERIALS[values["material"]]
+    defaults = {key: getattr(material, key) for key in ("compressible", "profile", "details")}
+    return {"bumps": material.bumps(values.get("gap", 0)), **defaults, **values}
