@@ -42,6 +42,7 @@ import numpy as np  # noqa: E402
 from assets import finer, longer  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 
+from kit.crowd import write_crowds, write_frames  # noqa: E402
 from kit.tube import write_tube  # noqa: E402
 from wrinklecli.baking.plan import MeshPlan, plan_mesh  # noqa: E402
 from wrinklecli.character.clip import Clip, read_clips  # noqa: E402
@@ -56,6 +57,7 @@ from wrinklecli.tools.read import load_tools  # noqa: E402
 from wrinklecli.tools.records import Length  # noqa: E402
 
 Floats = NDArray[np.float64]
+Command = tuple[str | Path, ...]
 
 # Sample, levels, and the paper's frames per second.
 WORKLOADS = (("head", 1, 13.0), ("head", 2, 3.6), ("wrist", 0, 188.0), ("wrist", 2, 23.0), ("trousers", 1, 17.0))
@@ -146,15 +148,15 @@ def run(*command: str | Path, code: str = "", blender: str | None = None) -> flo
 
 # A process counts what its parent held when it began, so the parent must be small: not this one, but one between.
 WATCH = """
-import resource, subprocess, sys, time
-start = time.perf_counter()
+import resource, subprocess, sys
 subprocess.run(sys.argv[1:], check=True)
-print(time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
+taken = resource.getrusage(resource.RUSAGE_CHILDREN)
+print(taken.ru_utime + taken.ru_stime, taken.ru_maxrss)
 """
 
 
 def watched(*command: str | Path, code: str) -> tuple[float, float]:
-    """Seconds, and greatest memory in MB (Linux counts in KB), of a process of this Python."""
+    """Processor seconds, and greatest memory in MB (Linux counts in KB), of a process of this Python."""
     arguments = [sys.executable, "-S", "-c", WATCH, sys.executable, "-c", code, *map(str, command)]
     done = subprocess.run(arguments, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, check=True)
     seconds, peak = done.stdout.split()[-2:]
@@ -306,19 +308,35 @@ def track_bytes(path: Path) -> int:
 
 
 def scaling(places: Places) -> Iterator[Row]:
-    """How time and memory of a bake and a check grow with the number of tools: exponents, beyond what few take."""
-    few, some, many = 5, 100, 400
-    for command, options in (("bake", ("-q", "-o", places.folder / "tube.glb")), ("check", ())):
-        taken = {}
-        for count in (few, some, many):
-            runs = [watched(command, *write_tube(places.folder, count), *options, code=WRINKLE) for _ in range(3)]
-            taken[count] = np.median(runs, axis=0)
-        grown = np.log((taken[many] - taken[few]) / (taken[some] - taken[few])) / np.log((many - few) / (some - few))
-        for what, exponent, unit, value in zip(("time", "memory"), grown, ("s", "MB"), taken[many], strict=True):
-            label = f"exponent of {what} in tools, wrinkle {command}, {many} tools"
-            yield Row(
-                f"tools_{command}_{what}", label, f"{some} tools", float(exponent), 1.1, False, f"{value:.3g} {unit}"
-            )
+    """How time and memory grow with what a file has many of: exponents, beyond what few take."""
+    folder = places.folder
+    picture = ("-o", folder / "many.png", "-q")
+
+    def baked(count: int) -> Command:
+        return "bake", *write_tube(folder, count), "-q", "-o", folder / "tube.glb"
+
+    tools, instances, frames = (5, 100, 400), (10, 200, 800), (10, 100, 400)
+    yield from grown("tools", tools, baked)
+    yield from grown("tools", tools, lambda count: ("check", *write_tube(folder, count)))
+    yield from grown("instances", instances, lambda count: ("diff", *write_crowds(folder, count)))
+    yield from grown("instances", instances, lambda count: ("preview", write_crowds(folder, count)[0], *picture))
+    yield from grown("frames", frames, lambda count: ("diff", *write_frames(folder, count)))
+    yield from grown("frames", frames, lambda count: ("preview", write_frames(folder, count)[0], *picture))
+
+
+def grown(name: str, counts: tuple[int, int, int], command: Callable[[int], Command]) -> Iterator[Row]:
+    """The exponents of a command's time and memory, from few, some and many of what it is given."""
+    few, some, many = counts
+    taken = {}
+    for count in counts:
+        arguments = command(count)
+        taken[count] = np.median([watched(*arguments, code=WRINKLE) for _ in range(3)], axis=0)
+    exponents = np.log((taken[many] - taken[few]) / (taken[some] - taken[few])) / np.log((many - few) / (some - few))
+    verb = arguments[0]
+    for what, exponent, unit, value in zip(("time", "memory"), exponents, ("s", "MB"), taken[many], strict=True):
+        label = f"exponent of {what} in {name}, wrinkle {verb}, {many} {name}"
+        shown = f"{value:.3g} {unit}"
+        yield Row(f"{name}_{verb}_{what}", label, f"{some} {name}", float(exponent), 1.1, False, shown)
 
 
 def density(places: Places) -> Iterator[Row]:

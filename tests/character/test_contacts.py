@@ -8,7 +8,7 @@ import pytest
 from kit.asset import Asset
 from kit.limb import RADIUS, limb_asset, tool
 from kit.prepared import prepare
-from wrinklecli.character.contacts import contacts_of
+from wrinklecli.character.contacts import Neighbours, contacts_of
 from wrinklecli.method.refine import Refinement
 
 
@@ -28,7 +28,7 @@ def test_vertices_that_touch_another_mesh_are_found_and_their_edges_kept(transla
     # Rings of 9 at multiples of 1/4; the top edge of the limb is y = 1/4. Two vertices touch, one is 0.001 off.
     touching = [[0.0, 0.25, 0.0], [0.25, 0.25, 0.0], [-0.25, 0.251, 0.0]]
     prepared = prepare(with_neighbour(touching, translation=translation), refinement={"max_levels": 5})
-    contacts = contacts_of(prepared.document, prepared.rig, prepared.surface, prepared.rest.positions)
+    contacts = contacts_of(Neighbours(prepared.document), prepared.rig, prepared.surface, prepared.rest.positions)
     assert sorted(prepared.surface.positions[contacts].tolist()) == touching[:2]
     ends = set(np.flatnonzero(contacts).tolist())
 
@@ -48,12 +48,12 @@ def test_twins_of_the_own_mesh_are_contacts() -> None:
     second["JOINTS_0"] = asset.accessor(joints, "u1")
     second["WEIGHTS_0"] = asset.accessor(np.tile([1.0, 0, 0, 0], (45, 1)))
     prepared = prepare(asset, tool(target=[0.45, RADIUS, 0]))
-    contacts = contacts_of(prepared.document, prepared.rig, prepared.surface, prepared.rest.positions)
+    contacts = contacts_of(Neighbours(prepared.document), prepared.rig, prepared.surface, prepared.rest.positions)
     assert contacts.sum() == 2 * 8
     assert (prepared.surface.positions[contacts][:, 0] == 0).all()
 
 
 def test_seam_is_no_contact() -> None:
     prepared = prepare(limb_asset(rings=9, sides=8))
-    contacts = contacts_of(prepared.document, prepared.rig, prepared.surface, prepared.rest.positions)
+    contacts = contacts_of(Neighbours(prepared.document), prepared.rig, prepared.surface, prepared.rest.positions)
     assert not contacts.any()

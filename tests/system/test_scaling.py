@@ -4,37 +4,36 @@ import tracemalloc
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
-from kit.asset import Asset
-from kit.limb import limb_asset
+from kit.crowd import crowd_asset, write_frames
 from kit.tube import write_tube
 from wrinklecli import bake
-from wrinklecli.baking import pipeline, placement
-from wrinklecli.character import rig, scene
+from wrinklecli.baking import pipeline, placement, warnings
+from wrinklecli.character import contacts, rig, scene
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review.check import check
 from wrinklecli.review.diff import motion
 from wrinklecli.review.diff.diff import diff
 
 
-def instances(count: int, *, prefix: str = "limb") -> Asset:
-    """A limb that so many nodes show."""
-    asset = limb_asset(rings=7, sides=6)
-    for number in range(count):
-        node = asset.append("nodes", {"name": f"{prefix}_{number}", "mesh": 0, "skin": 0})
-        asset.gltf["scenes"][0]["nodes"].append(node)
-    return asset
-
-
-def counted(monkeypatch: pytest.MonkeyPatch, tally: Counter[str], module: Any, name: str) -> None:
-    """Count the calls of a function, as a module knows it."""
+def counted(
+    monkeypatch: pytest.MonkeyPatch,
+    tally: Counter[str],
+    module: Any,
+    name: str,
+    *,
+    amount: Callable[..., int] = lambda *_, **_options: 1,
+) -> None:
+    """Count the calls of a function, as a module knows it, or what `amount` makes of their arguments."""
     function: Callable[..., Any] = getattr(module, name)
 
     def counting(*arguments: Any, **options: Any) -> Any:
-        tally[name] += 1
+        tally[name] += amount(*arguments, **options)
         return function(*arguments, **options)
 
     monkeypatch.setattr(module, name, counting)
@@ -46,7 +45,7 @@ def test_nodes_of_a_scene_are_read_once_and_share_what_they_show(
     tally = Counter[str]()
     for name in ("read_hierarchy", "read_primitive"):
         counted(monkeypatch, tally, scene, name)
-    document = read_document(instances(100).write(tmp_path / "limbs.glb"))
+    document = read_document(crowd_asset(100, skinned=True).write(tmp_path / "limbs.glb"))
     shown = scene.read_scene(document)
     assert (len(shown), tally["read_hierarchy"], tally["read_primitive"]) == (101, 1, 1)
     assert len({id(each.rig.locals) for each in shown}) == len({id(each.vertices) for each in shown}) == 1
@@ -59,7 +58,7 @@ def test_nodes_of_a_scene_are_read_once_and_share_what_they_show(
 def test_memory_of_a_scene_grows_with_its_nodes(tmp_path: Path) -> None:
     sizes = []
     for count in (200, 400):
-        document = read_document(instances(count).write(tmp_path / "limbs.glb"))
+        document = read_document(crowd_asset(count, skinned=True).write(tmp_path / "limbs.glb"))
         scene.read_scene(document)  # what is kept of the document is not the scene's
         tracemalloc.start()
         shown = scene.read_scene(document)
@@ -73,8 +72,8 @@ def test_memory_of_a_scene_grows_with_its_nodes(tmp_path: Path) -> None:
 def test_instances_are_posed_a_few_times_each(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, prefix: str) -> None:
     calls = []
     for count in (20, 40):
-        a = instances(count).write(tmp_path / "a.glb")
-        other = instances(count, prefix=prefix)
+        a = crowd_asset(count, skinned=True).write(tmp_path / "a.glb")
+        other = crowd_asset(count, prefix=prefix, skinned=True)
         other.gltf["nodes"][2]["name"] = "another"
         b = other.write(tmp_path / "b.glb")
         tally = Counter[str]()
@@ -116,3 +115,53 @@ def test_a_tool_compares_its_wrinkles_with_what_is_near(tmp_path: Path, monkeypa
     check(*write_tube(tmp_path, 12))
     triangles = 1 + max(int(each.max()) for each in found)
     assert max(map(len, found)) < triangles / 4
+
+
+def test_frames_that_are_shown_in_turn_are_looked_at_when_they_change(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    looked = []
+    for count in (10, 30):
+        tally = Counter[str]()
+        with monkeypatch.context() as patched:
+            counted(patched, tally, motion, "joint_matrices", amount=lambda _rig, _clip, times: len(times))
+            assert diff(*write_frames(tmp_path, count)).same
+        looked.append(tally["joint_matrices"])
+    assert looked[1] <= 3.3 * looked[0]
+
+
+def test_of_many_meshes_those_that_may_touch_are_posed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    document = read_document(crowd_asset(30).write(tmp_path / "crowd.glb"))
+    tally = Counter[str]()
+    counted(monkeypatch, tally, contacts._Shown, "posed")
+    neighbours = contacts.Neighbours(document)
+    for number, shown in enumerate(scene.read_scene(document)):
+        positions = scene.pose_primitive(shown, None, np.zeros(1)).positions[0]
+        assert not list(neighbours.near(shown.rig.node, positions.min(axis=0), positions.max(axis=0)))
+        found = list(neighbours.near(-1, positions.min(axis=0), positions.max(axis=0)))
+        assert len(found) == 1
+        np.testing.assert_allclose(found[0], positions, atol=1e-12)
+        assert tally["posed"] == number + 1
+
+
+def test_pairs_of_tools_are_found_without_a_look_at_each() -> None:
+    rng = np.random.default_rng(7)
+    places = [rng.normal(size=(300, 3)) * [1.0, 20.0, 1.0], np.cumsum(np.full((2000, 3), [0.0, 0.3, 0.0]), axis=0)]
+    peaks = []
+    for middles in places:
+        halves = 0.3 * rng.normal(size=(len(middles), 3))
+        patches: list[Any] = [
+            SimpleNamespace(
+                span=2.0 * float(np.linalg.norm(half)),
+                origin=SimpleNamespace(position=middle - half),
+                target=SimpleNamespace(position=middle + half),
+            )
+            for middle, half in zip([*middles, middles[5]], [*halves, -0.99 * halves[5]], strict=True)
+        ]
+        tracemalloc.start()
+        found = warnings._twins(patches)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        assert (5, len(middles)) in found
+    # A number for each pair would be 32 MB.
+    assert peaks[1] < 4e6

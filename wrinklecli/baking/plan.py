@@ -8,7 +8,7 @@ import numpy as np
 
 from wrinklecli.baking.job import Job
 from wrinklecli.character.clip import Clip
-from wrinklecli.character.contacts import contacts_of
+from wrinklecli.character.contacts import Neighbours, contacts_of
 from wrinklecli.character.pose import joint_matrices
 from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.surface import influence_count, read_surface
@@ -68,6 +68,7 @@ def plan_meshes(job: Job, *, influences: int | None = None) -> list[MeshPlan]:
     """
     plans: list[MeshPlan] = []
     problems: list[WrinkleError] = []
+    neighbours = Neighbours(job.document)
     for node, tools in job.by_node.items():
         try:
             plan = plan_mesh(
@@ -79,6 +80,7 @@ def plan_meshes(job: Job, *, influences: int | None = None) -> list[MeshPlan]:
                 job.options.max_error,
                 influences=influences,
                 max_vertices=job.options.max_vertices,
+                neighbours=neighbours,
             )
         except WrinkleError as error:
             problems.append(error)
@@ -100,11 +102,12 @@ def plan_mesh(
     *,
     influences: int | None = None,
     max_vertices: int = MAX_VERTICES,
+    neighbours: Neighbours | None = None,
 ) -> MeshPlan:
     """Attach tools to the mesh of a node and refine it: what depends on mesh and tools only.
 
     New vertices have at most as many joints as the asset's sets of them can hold, or `influences`. There may be
-    `max_vertices` of them.
+    `max_vertices` of them. `neighbours` are those of the document, where several meshes are planned.
 
     Raises:
         WrinkleError: Of all tools that do not fit, a line each.
@@ -113,7 +116,7 @@ def plan_mesh(
     surface = read_surface(document, rig)
     rest = rest_pose(surface, rig, settings, clips, tools)
     patches = attach_tools(tools, surface, rest, rig, up=settings.up)
-    contacts = contacts_of(document, rig, surface, rest.positions)
+    contacts = contacts_of(neighbours or Neighbours(document), rig, surface, rest.positions)
     tallest = max(patch.greatest_height for patch in patches)
     bound = max(max_error.resolve(tallest), _float32_error(rest))
     fine = refine(

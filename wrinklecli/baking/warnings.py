@@ -139,14 +139,28 @@ def _twin_warnings(plan: MeshPlan, clips: Sequence[Clip]) -> list[str]:
         return any(a and b for a, b in strengths or [(first.tool.strength, second.tool.strength)])
 
     patches = [carried.patch for carried in plan.carried_patches]
-    spans = np.array([patch.span for patch in patches])
-    ends = np.array([[patch.origin.position, patch.target.position] for patch in patches])
-    # Whichever way round the two segments are.
-    ways = [np.linalg.norm(ends[:, None] - ends[None, :, order], axis=3).mean(axis=2) for order in ([0, 1], [1, 0])]
-    near = np.minimum(*ways) < _TWIN * np.minimum(spans[:, None], spans)
     return [
         f"{patches[one].tool.name} and {patches[other].tool.name}: lie nearly on top of each other, and their heights"
         " add up"
-        for one, other in np.argwhere(np.triu(near, 1))
+        for one, other in _twins(patches)
         if together(patches[one], patches[other])
     ]
+
+
+def _twins(patches: Sequence[Patch]) -> list[tuple[int, int]]:
+    """Pairs of tools, rising, whose ends are at one place, whichever way round the two segments are."""
+    spans = np.array([patch.span for patch in patches])
+    ends = np.array([[patch.origin.position, patch.target.position] for patch in patches])
+    # Middles of twins are no further apart than their ends; so few are compared, where tools lie side by side.
+    middles = ends.mean(axis=1)
+    along = middles[:, np.argmax(np.ptp(middles, axis=0))]
+    order = np.argsort(along, kind="stable")
+    reach = (1.0 + 1e-9) * _TWIN * spans[order] + 1e-9 * np.abs(along).max()
+    last = np.searchsorted(along[order], along[order] + reach, "right")
+    found = []
+    for number, one in enumerate(order.tolist()):
+        others = order[number + 1 : last[number]]
+        ways = [np.linalg.norm(ends[one] - ends[others][:, way], axis=2).mean(axis=1) for way in ([0, 1], [1, 0])]
+        near = others[np.minimum(*ways) < _TWIN * np.minimum(spans[one], spans[others])]
+        found += [(min(one, other), max(one, other)) for other in near.tolist()]
+    return sorted(found)

@@ -1,5 +1,8 @@
 """Contacts of a mesh with itself and with the other meshes of its file: vertices at which a gap opens if one moves."""
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -9,44 +12,123 @@ from wrinklecli.character.pose import blend, joint_matrices, transform
 from wrinklecli.character.rig import Rig, read_hierarchy, read_rig
 from wrinklecli.character.surface import Surface, Vertices, dense_influences, read_vertices
 from wrinklecli.gltf.document import Document
-from wrinklecli.numeric.arrays import Bools, Floats, distinct_values
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
 
 # Meshes touch where vertices are this near, as a share of the bounding box's diagonal.
 _CONTACT = 1e-6
+# Share of its coordinates by which a box may be off: rounding errors are far smaller.
+_ROUNDING = 1e-9
 
 
-def contacts_of(document: Document, rig: Rig, surface: Surface, positions: Floats) -> Bools:
+@dataclass(frozen=True, slots=True)
+class _Shown:
+    """A mesh as one node shows it.
+
+    Attributes:
+        rig: What moves it.
+        vertices: Of the mesh, as stored.
+        acting: (acting,) the joints that any vertex follows.
+    """
+
+    rig: Rig
+    vertices: Vertices
+    acting: Ints
+
+    def morphed(self) -> Floats:
+        """(vertices, 3) with the stored morph weights, bind space."""
+        vertices = self.vertices
+        return vertices.positions + np.tensordot(self.rig.morph_weights, vertices.morph_deltas, axes=1)
+
+    def posed(self) -> Floats:
+        """(vertices, 3) in the stored pose, world space."""
+        weights = dense_influences(self.vertices.joints, self.vertices.weights, len(self.rig.joints))[:, self.acting]
+        matrices = joint_matrices(self.rig, None, np.zeros(1), self.acting)
+        posed: Floats = transform(blend(weights, matrices), self.morphed())[0]
+        return posed
+
+    def box(self) -> Floats:
+        """(2, 3) least and greatest coordinates of what has all of it in the stored pose, world space.
+
+        Skin weights are shares, so each vertex lies among the places where its joints alone would take it, and these in
+        the boxes that the joints make of the box in bind space.
+        """
+        morphed = self.morphed()
+        low, high = morphed.min(axis=0), morphed.max(axis=0)
+        matrices = joint_matrices(self.rig, None, np.zeros(1), self.acting)[0, :, :3]
+        middles = matrices[:, :, :3] @ ((low + high) / 2.0) + matrices[:, :, 3]
+        reaches = np.abs(matrices[:, :, :3]) @ ((high - low) / 2.0)
+        return np.stack([(middles - reaches).min(axis=0), (middles + reaches).max(axis=0)])
+
+
+class Neighbours:
+    """All meshes of a file in the stored pose, by the nodes that show them. They are read when they are asked for.
+
+    Args:
+        document: The file.
+    """
+
+    def __init__(self, document: Document) -> None:
+        self._document = document
+        self._nodes = np.array([i for i, node in enumerate(document.items("nodes")) if "mesh" in node], np.intp)
+
+    def near(self, node: int, low: Floats, high: Floats) -> Iterator[Floats]:
+        """(vertices, 3) positions of each other node's mesh that may reach into a box, of (3,) bounds, world space.
+
+        Raises:
+            AssetError: A mesh or a skin is malformed.
+        """
+        if len(self._nodes) < 2:
+            return
+        boxes = self._boxes
+        slack = _ROUNDING * np.abs(boxes).max(axis=(1, 2))[:, None]
+        meets = ((boxes[:, 0] - slack <= high) & (boxes[:, 1] + slack >= low)).all(axis=1) & (self._nodes != node)
+        for number in np.flatnonzero(meets).tolist():
+            yield self._shown[number].posed()
+
+    @cached_property
+    def _shown(self) -> list[_Shown]:
+        hierarchy = read_hierarchy(self._document)
+        known: dict[tuple[int, ...], tuple[Vertices, Ints]] = {}  # of meshes that several nodes show
+        shown = []
+        for node in self._nodes.tolist():
+            rig = read_rig(self._document, node, hierarchy)
+            key = (rig.mesh, rig.skinned, len(rig.joints))
+            if key not in known:
+                vertices = read_vertices(self._document, rig)
+                known[key] = vertices, distinct_values(vertices.joints[vertices.weights > 0])
+            shown.append(_Shown(rig, *known[key]))
+        return shown
+
+    @cached_property
+    def _boxes(self) -> Floats:
+        """(nodes, 2, 3)."""
+        return np.stack([each.box() for each in self._shown])
+
+
+def contacts_of(neighbours: Neighbours, rig: Rig, surface: Surface, positions: Floats) -> Bools:
     """Mark the vertices that must stay where they are, or a gap would open.
 
     All vertices are compared, also those that nothing displaces: an edge along another mesh leaves it when it is split.
 
     Args:
-        document: With the other meshes.
+        neighbours: The meshes of the file.
         rig: Of this mesh.
         surface: This mesh, welded; vertices with an unwelded twin are marked.
         positions: (vertices, 3) world space at rest.
 
     Returns:
         (vertices,) whether a vertex has a twin or touches a vertex of another mesh at rest.
+
+    Raises:
+        AssetError: Another mesh is malformed.
     """
     contacts = surface.twins.copy()
-    others = [i for i, node in enumerate(document.items("nodes")) if "mesh" in node and i != rig.node]
-    if not others:
-        return contacts
     # The size in the world: bind space may be of quantised units.
-    reach = _CONTACT * float(np.linalg.norm(np.ptp(positions, axis=0)))
-    hierarchy = read_hierarchy(document)
-    known: dict[tuple[int, ...], Vertices] = {}  # of meshes that several nodes show
-    for node in others if reach > 0 else []:
-        other_rig = read_rig(document, node, hierarchy)
-        key = (other_rig.mesh, other_rig.skinned, len(other_rig.joints))
-        if key not in known:
-            known[key] = read_vertices(document, other_rig)
-        vertices = known[key]
-        weights = dense_influences(vertices.joints, vertices.weights, len(other_rig.joints))
-        morphed = vertices.positions + np.tensordot(other_rig.morph_weights, vertices.morph_deltas, axes=1)
-        posed = transform(blend(weights, joint_matrices(other_rig, None, np.zeros(1))), morphed)[0]
-        contacts |= _touching(positions, posed, reach)
+    low, high = positions.min(axis=0), positions.max(axis=0)
+    reach = _CONTACT * float(np.linalg.norm(high - low))
+    if reach > 0:
+        for posed in neighbours.near(rig.node, low - 2.0 * reach, high + 2.0 * reach):
+            contacts |= _touching(positions, posed, reach)
     return contacts
 
 

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrinklecli.character.clip import Clip
+from wrinklecli.character.clip import Channel, Clip
 from wrinklecli.character.pose import joint_matrices
+from wrinklecli.character.rig import Rig
 from wrinklecli.character.scene import ScenePrimitive, pose_primitive
-from wrinklecli.numeric.arrays import Bools, Floats
+from wrinklecli.numeric.arrays import Bools, Floats, distinct_values
 from wrinklecli.numeric.guard import Progress
 from wrinklecli.review.diff.difference import Difference
 from wrinklecli.review.diff.moments import AnimatedScene, Moment
@@ -84,16 +85,17 @@ def _compare_moment(a: AnimatedScene, b: AnimatedScene, moment: Moment, toleranc
     """Compare what both show in a clip."""
     shown = [_shown(side.primitives, clip, moment.times) for side, clip in zip((a, b), moment.clips, strict=True)]
     # Times at which both show the same primitives go together.
-    _, groups = np.unique(np.concatenate(shown, axis=1), axis=0, return_inverse=True)
-    groups = groups.reshape(-1)
+    groups: dict[bytes, list[int]] = {}
+    for frame, row in enumerate(np.packbits(np.concatenate(shown, axis=1), axis=1)):
+        groups.setdefault(row.tobytes(), []).append(frame)
     same_motion = _equal_clips(*moment.clips) and _equal_nodes(a.primitives, b.primitives)
     found: dict[str, Apart] = {}
     alone: dict[str, Difference] = {}
-    for group in dict.fromkeys(groups.tolist()):
-        times = moment.times[groups == group]
-        frame = int(np.argmax(groups == group))
+    for frames in groups.values():
+        times = moment.times[frames]
         primitives_a, primitives_b = (
-            [side.primitives[k] for k in np.flatnonzero(each[frame])] for side, each in zip((a, b), shown, strict=True)
+            [side.primitives[k] for k in np.flatnonzero(each[frames[0]]).tolist()]
+            for side, each in zip((a, b), shown, strict=True)
         )
         pairs, left_a, left_b = _matched(primitives_a, primitives_b, moment, float(times[0]), tolerance)
         share = 1.0 / max(len(pairs) + int(bool(left_a and left_b)), 1)
@@ -131,10 +133,25 @@ def _shown(primitives: Sequence[ScenePrimitive], clip: Clip | None, times: Float
     for column, primitive in enumerate(primitives):
         if not primitive.rig.skinned:
             if primitive.rig.node not in by_node:
-                matrices = joint_matrices(primitive.rig, clip, times)[:, 0, :3, :3]
-                by_node[primitive.rig.node] = np.linalg.det(matrices) != 0
+                by_node[primitive.rig.node] = _node_shown(primitive.rig, clip, times)
             shown[:, column] = by_node[primitive.rig.node]
     return shown
+
+
+def _node_shown(rig: Rig, clip: Clip | None, times: Floats) -> Bools:
+    """(times,) whether a node is scaled to nothing; of thousands, each with a few steps, few moments are looked at."""
+    channels: list[Channel] = []
+    node = rig.node
+    while node >= 0:
+        channels += [each for path in ("rotation", "scale") if clip and (each := clip.channel(node, path))]
+        node = int(rig.parents[node])
+    starts = np.arange(len(times))
+    if all(channel.interpolation == "STEP" for channel in channels):
+        keys = np.concatenate([np.zeros(0), *(channel.times for channel in channels)])
+        starts = distinct_values(np.append(0, np.searchsorted(times, keys)))
+        starts = starts[starts < len(times)]
+    seen = np.linalg.det(joint_matrices(rig, clip, times[starts])[:, 0, :3, :3]) != 0
+    return np.repeat(seen, np.diff(np.append(starts, len(times))))
 
 
 def _matched(
