@@ -74,7 +74,7 @@ def test_members_face_the_patch_and_are_never_on_the_back_of_a_thin_limb() -> No
     # Wider than the limb is thick: u and v of the back lie within the patch too.
     prepared = prepare(limb_asset(rings=17, sides=16), tool(width=1.0))
     members = prepared.surface.triangles[prepared.patch.members]
-    assert prepared.patch.members.sum() > 16
+    assert len(prepared.patch.members) > 16
     normals = face_normals(prepared.rest.positions, members)
     assert (normals @ prepared.patch.normal > 0).all()
     assert (prepared.rest.positions[members].mean(axis=1)[:, 1] > 0).all()
@@ -94,7 +94,7 @@ def test_members_are_the_connected_facing_triangles_that_the_patch_meets(width: 
         normal = np.cross(*(prepared.rest.positions[corners[1:]] - prepared.rest.positions[corners[0]]))
         normal *= np.sign(normal @ outward[corners].sum(axis=0))
         meets = u[corners].max() >= 0 and u[corners].min() <= 1 and v[corners].max() >= -1 and v[corners].min() <= 1
-        assert patch.members[face] == (meets and normal @ patch.normal > 0)
+        assert (face in patch.members) == (meets and normal @ patch.normal > 0)
 
 
 def test_what_is_not_connected_to_an_anchor_is_no_member() -> None:
@@ -104,13 +104,13 @@ def test_what_is_not_connected_to_an_anchor_is_no_member() -> None:
     places = np.concatenate([square, square + above, square + beside])
     faces = np.concatenate([np.array([[0, 1, 2], [0, 2, 3]]) + 4 * k for k in range(3)])
     prepared = prepare(plate(places, faces), tool(origin=[0.5, 0.5, 0], target=[3.5, 0.5, 0], width=9))
-    assert prepared.patch.members.tolist() == [True, True, False, False, False, False]
+    assert prepared.patch.members.tolist() == [0, 1]
 
 
 def test_patch_within_one_triangle_has_it_as_its_only_member() -> None:
     places = np.array([[0, 0, 0], [10, 0, 0], [0, 10, 0], [10, -10, 0]], float)
     prepared = prepare(plate(places, [[0, 1, 2], [0, 3, 1]]), tool(origin=[2, 2, 0], target=[3, 2, 0], width=0.5))
-    assert prepared.patch.members.tolist() == [True, False]
+    assert prepared.patch.members.tolist() == [0]
     assert prepared.patch.normal.tolist() == [0, 0, 1]
 
 

@@ -109,7 +109,7 @@ def test_edges_are_as_short_along_u_as_the_curve_needs(edges_per_interval: int, 
     )
     fine, patch = prepared.refined(), prepared.patch
     assert fine.subdivision.limited == 0
-    member = patch.members[fine.subdivision.parents]
+    member = np.isin(fine.subdivision.parents, patch.members)
     u, v = patch.coordinates(fine.rest_positions)
     heights = patch.magnitudes(np.full(len(u), 0.5), v, fine.rest_normals)
     edges = np.unique(np.sort(fine.triangles[member][:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)), axis=0)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from wrinklecli.numeric import around
 from wrinklecli.numeric.around import Around
-from wrinklecli.numeric.arrays import any_of, children, flags_of, vertex_normals
+from wrinklecli.numeric.arrays import Places, any_of, children, flags_of, vertex_normals
 
 
 @pytest.mark.parametrize("many", [0.0, 1.0])
@@ -24,7 +24,16 @@ def test_what_is_around_some_vertices_is_found(many: float, seed: int) -> None:
 
 
 @given(seed=st.integers(0, 999), share=st.sampled_from([0.02, 0.5]))
-def test_children_are_those_whose_parent_is_flagged(seed: int, share: float) -> None:
+def test_children_are_those_whose_parent_is_chosen(seed: int, share: float) -> None:
     rng = np.random.default_rng(seed)
     parents, flags = np.sort(rng.integers(0, 50, 80)), rng.random(50) < share
-    assert np.array_equal(children(parents, flags), np.flatnonzero(flags[parents]))
+    assert np.array_equal(children(parents, np.flatnonzero(flags)), np.flatnonzero(flags[parents]))
+
+
+@given(seed=st.integers(0, 999))
+def test_places_of_values_are_found(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    values, wanted = rng.integers(0, 20, 60), rng.permutation(30)[: rng.integers(0, 30)]
+    places, which = Places.of(values).holding(wanted)
+    assert np.array_equal(places, np.flatnonzero(np.isin(values, wanted)))
+    assert np.array_equal(wanted[which], values[places])

@@ -1,4 +1,4 @@
-"""Blocks of triangles: the nearest point is that of a look at all, to the bit."""
+"""Blocks: the nearest point is that of a look at all triangles, to the bit, and what reaches into a box is found."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wrinklecli.numeric import blocks
-from wrinklecli.numeric.blocks import Blocks
+from wrinklecli.numeric.blocks import Blocks, Boxes
 from wrinklecli.numeric.nearest import closest_point
 
 
@@ -23,6 +23,23 @@ def test_blocks_that_are_too_far_need_not_be_looked_at(seed: int, apart: float, 
         found = Blocks.of(positions, triangles).closest_point(point)
     for each, wanted in zip(found, closest_point(positions, triangles, point), strict=True):
         assert np.array_equal(each, wanted)
+
+
+@given(seed=st.integers(0, 9999), many=st.booleans())
+def test_things_that_reach_between_bounds_are_found_and_few_others(seed: int, many: bool) -> None:
+    rng = np.random.default_rng(seed)
+    places = np.cumsum(rng.normal(size=(300, 3)), axis=0) * 10.0 ** rng.integers(-3, 9)
+    origin, directions = places[7], rng.normal(size=(2, 3)) / np.ptp(places)
+    low, high = np.sort(rng.normal(size=(2, 2)) / 4.0, axis=0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(blocks, "_MANY", 0 if many else 1000)
+        patch.setattr(blocks, "_SIZE", 8)
+        found = Boxes.of(places, places).reaching(origin, directions, low, high)
+    along = (places - origin) @ directions.T
+    assert set(np.flatnonzero(((along >= low) & (along <= high)).all(axis=1))) <= set(found.tolist())
+    assert (np.diff(found) > 0).all()
+    if not many:
+        assert len(found) in (0, 300)
 
 
 def test_of_many_triangles_few_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,7 +20,7 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edit import VERTEX_DATA, EditedDocument
 from wrinklecli.gltf.shape import Json
 from wrinklecli.method.refine import Refinement
-from wrinklecli.numeric.arrays import Floats, Ints, unit
+from wrinklecli.numeric.arrays import Floats, Ints, Places, unit
 from wrinklecli.numeric.guard import Progress
 
 # Frames posed at once: bounds the memory.
@@ -67,9 +67,10 @@ def pose_frames(document: Document, frames: Frames, motion: Motion) -> Iterator[
     deltas = np.concatenate([fine.morph_deltas, shapes])[:, welds]
     bent = None
     if base is not None:
+        copies = Places.of(welds)
         bent = np.concatenate([old_deltas, np.zeros((len(targets), *base.shape))])
         for into, target in zip(bent[len(old_deltas) :], targets, strict=True):
-            vertices, turns = turned_normals(target.shape, welds, fine.normals, base)
+            vertices, turns = turned_normals(target.shape, welds, copies, fine.normals, base)
             into[vertices] = turns
     skin = prepare(weights, fine.positions[welds], deltas, base, bent)
     along = None if tangents is None else prepare(weights, tangents[:, :3], np.zeros((0, len(welds), 3)))

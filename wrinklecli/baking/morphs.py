@@ -33,7 +33,7 @@ from wrinklecli.gltf.sizes import stored_bytes
 from wrinklecli.gltf.unpack import unpack
 from wrinklecli.method.refine import Refinement
 from wrinklecli.method.shapes import Shape, turn_to
-from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
+from wrinklecli.numeric.arrays import Floats, Ints, Places, distinct_values
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,11 +224,11 @@ def _add_targets(
     written: Written,
 ) -> None:
     """Append morph targets to a primitive, and zeros to its old ones for attributes that they lack."""
-    count = len(refined.weld)
+    count, copies = len(refined.weld), Places.of(refined.weld)
     added: list[Json] = []
     for number, each in enumerate(targets):
         added.append({})
-        for name, (vertices, deltas) in _target_deltas(each.shape, refined, base, smooth).items():
+        for name, (vertices, deltas) in _target_deltas(each.shape, refined, copies, base, smooth).items():
             key = ("added", number, name, refined.group if name == "POSITION" else base.key)
             if key not in written:
                 written[key] = edited.add_deltas(vertices, deltas, count=count, bounds=name == "POSITION")
@@ -242,40 +242,32 @@ def _add_targets(
 
 
 def _target_deltas(
-    shape: Shape, refined: RefinedPrimitive, base: _Base, smooth: Floats
+    shape: Shape, refined: RefinedPrimitive, copies: Places, base: _Base, smooth: Floats
 ) -> dict[str, tuple[Ints, Floats]]:
     """One morph target on one primitive: the vertices that each attribute changes at, and by how much."""
-    rows = _rows(shape.vertices, len(smooth))[refined.weld]
-    moved = np.flatnonzero(rows >= 0)
-    deltas = {"POSITION": (moved, shape.deltas[rows[moved]])}
+    moved, rows = copies.holding(shape.vertices)
+    deltas = {"POSITION": (moved, shape.deltas[rows])}
     if base.normals is not None:
-        vertices, turns = turned_normals(shape, refined.weld, smooth, base.normals)
+        vertices, turns = turned_normals(shape, refined.weld, copies, smooth, base.normals)
         deltas["NORMAL"] = vertices, turns
         if base.tangents is not None:
             deltas["TANGENT"] = vertices, tangent_deltas(base.tangents[vertices], base.normals[vertices], turns)
     return deltas
 
 
-def turned_normals(shape: Shape, weld: Ints, smooth: Floats, normals: Floats) -> tuple[Ints, Floats]:
+def turned_normals(shape: Shape, weld: Ints, copies: Places, smooth: Floats, normals: Floats) -> tuple[Ints, Floats]:
     """The glTF vertices whose normal a shape changes, and by how much at weight 1.
 
     Args:
         shape: Of a morph target.
-        weld: (vertices,) fine welded vertex of each.
+        weld: (vertices,) fine welded vertex of each,
+        copies: and which vertices have each.
         smooth: (fine vertices, 3) unit normals of the welded surface.
         normals: (vertices, 3) unit normals, which may have edges.
     """
-    rows = _rows(shape.normal_vertices, len(smooth))[weld]
-    vertices = np.flatnonzero(rows >= 0)
-    turns = turn_to(smooth[weld[vertices]], normals[vertices], shape.normal_deltas[rows[vertices]])
+    vertices, rows = copies.holding(shape.normal_vertices)
+    turns = turn_to(smooth[weld[vertices]], normals[vertices], shape.normal_deltas[rows])
     return vertices, turns
-
-
-def _rows(vertices: Ints, count: int) -> Ints:
-    """(count,) where each vertex is in a list of them, -1 where it is not."""
-    rows = np.full(count, -1, np.intp)
-    rows[vertices] = np.arange(len(vertices))
-    return rows
 
 
 def encode_track(edited: EditedDocument, clip: Clip, node: int, track: Track) -> None:

@@ -159,8 +159,8 @@ def _rooms(fine: Refinement, vertices: Ints, heights: Floats, way: float) -> tup
     """
     from scipy.spatial import cKDTree
 
-    size = float(np.linalg.norm(np.ptp(fine.rest_positions, axis=0)))
-    starts, rays = fine.rest_positions[vertices], way * fine.rest_normals[vertices]
+    size = fine.rest_size
+    starts, rays = fine.rest_positions[vertices], way * fine.rest_normals_at(vertices)
     points = starts + 0.5 * heights[:, None] * rays
     faces = _near_box(fine, points, 0.5 * float(heights.max()), slack=_ROUNDING * size)
     middles, radii = (each[faces] for each in fine.rest_balls)
@@ -190,11 +190,11 @@ def _rooms(fine: Refinement, vertices: Ints, heights: Floats, way: float) -> tup
 def _near_box(fine: Refinement, points: Floats, distance: float, *, slack: float) -> Ints:
     """(triangles,) those, rising, whose ball at rest comes within a distance of the box round (points, 3)."""
     middles, radii = fine.rest_balls
-    near = np.arange(len(middles))
-    for axis, low, high in zip(middles.T, points.min(axis=0), points.max(axis=0), strict=True):
-        along, reach = axis[near], radii[near] + (distance + slack)
-        near = near[(along >= low - reach) & (along <= high + reach)]
-    return near
+    low, high = points.min(axis=0), points.max(axis=0)
+    near = fine.rest_boxes.reaching(np.zeros(3), np.eye(3), low - (distance + slack), high + (distance + slack))
+    away = np.maximum(low - middles[near], middles[near] - high).max(axis=1)
+    found: Ints = near[away <= radii[near] + (distance + slack)]
+    return found
 
 
 def _peaks(carried: CarriedPatch, clips: Sequence[ClipActivity]) -> tuple[Floats, Floats]:

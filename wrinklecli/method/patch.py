@@ -20,7 +20,7 @@ from wrinklecli.errors import BakeError, WrinkleError, listed
 from wrinklecli.method.anchor import Anchor, anchor_at
 from wrinklecli.method.curve import ControlCurve, count_intervals, plan_curve
 from wrinklecli.method.rest import Rest, end_position
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, face_normals, unit
+from wrinklecli.numeric.arrays import Floats, Ints, face_normals, unit
 from wrinklecli.numeric.nearest import meets_box
 from wrinklecli.tools.materials import bump_height
 from wrinklecli.tools.records import RestLengthKeys, RestLengthMorph, WrinkleTool
@@ -46,7 +46,7 @@ class Patch:
         half_width: |v| = 1 at this distance from the segment, scene units.
         along: (3,) unit vector from origin to target, world space at rest.
         normal: (3,) unit normal of the patch.
-        members: (triangles,) which coarse triangles belong to it.
+        members: (members,) the coarse triangles that belong to it, rising.
     """
 
     tool: WrinkleTool
@@ -57,7 +57,7 @@ class Patch:
     half_width: float
     along: Floats
     normal: Floats
-    members: Bools
+    members: Ints
 
     @property
     def rest_length(self) -> float:
@@ -67,8 +67,13 @@ class Patch:
     def coordinates(self, positions: Floats) -> tuple[Floats, Floats]:
         """(…,) u along the segment and v across it, of (…, 3) world positions at rest."""
         relative = positions - self.origin.position
-        across = np.cross(self.along, self.normal)
-        return relative @ self.along / self.span, relative @ across / self.half_width
+        along, across = self.along, np.cross(self.along, self.normal)
+        return relative @ along / self.span, relative @ across / self.half_width
+
+    @property
+    def axes(self) -> Floats:
+        """(2, 3) what u and v are measured along, from the origin: unit vectors over the lengths that they count."""
+        return np.stack([self.along / self.span, np.cross(self.along, self.normal) / self.half_width])
 
     def magnitudes(self, u: Floats, v: Floats, normals: Floats) -> Floats:
         """(…,) factor on the curve's height: strength, attenuation, facing; 0 outside the patch."""
@@ -173,7 +178,7 @@ def _attach(tool: WrinkleTool, surface: Surface, rest: Rest, rig: Rig, up: str) 
         half_width=tool.width.resolve(span) / 2.0,
         along=along,
         normal=unit(mean),
-        members=np.zeros(len(surface.triangles), bool),
+        members=np.zeros(0, np.intp),
     )
     return replace(patch, members=_members(patch, surface, rest))
 
@@ -217,31 +222,28 @@ def _max_height(tool: WrinkleTool, span: float, rest_length: float) -> float:
     return tool.max_height.resolve(span)
 
 
-def _members(patch: Patch, surface: Surface, rest: Rest) -> Bools:
-    """(triangles,) the coarse triangles that face a patch, meet it and hang together with an anchor."""
-    u, v = patch.coordinates(rest.positions)
-    meets = meets_box(np.stack([u, v], axis=1), np.array([0.0, -1.0]), np.array([1.0, 1.0]), surface.triangles)
-    triangles = surface.triangles[meets]
+def _members(patch: Patch, surface: Surface, rest: Rest) -> Ints:
+    """(members,) the coarse triangles, rising, that face a patch, meet it and hang together with an anchor."""
+    low, high = np.array([0.0, -1.0]), np.array([1.0, 1.0])
+    near = rest.blocks.boxes.reaching(patch.origin.position, patch.axes, low, high)
+    used, corners = np.unique(surface.triangles[near], return_inverse=True)
+    places = np.stack(patch.coordinates(rest.positions[used]), axis=1)
+    near = near[meets_box(places, low, high, corners.reshape(-1, 3))]
+    triangles = surface.triangles[near]
     vertices, corners = np.unique(triangles, return_inverse=True)
     # Winding may be mirrored at rest; vertex normals are not.
     faces = face_normals(rest.positions, triangles)
     normals = rest.normals_at(vertices)[corners.reshape(-1, 3)]
     outward = np.sign(np.sum(faces * normals.sum(axis=1), axis=1))
-    chosen = np.flatnonzero(meets)[outward * (faces @ patch.normal) > 0]
-    seeds = np.concatenate([patch.origin.triangles, patch.target.triangles])
-    facing, reached = np.zeros((2, len(surface.triangles)), bool)
-    facing[chosen] = True
-    reached[seeds] = facing[seeds]
+    chosen = near[outward * (faces @ patch.normal) > 0]
+    inside = np.isin(chosen, np.concatenate([patch.origin.triangles, patch.target.triangles]))
+    if not inside.any():
+        raise BakeError("no triangle at its ends faces the patch", where=patch.tool.where)
     sides = np.sort(surface.triangles[chosen][:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
     _, edge = np.unique(sides[:, 0] * len(rest.positions) + sides[:, 1], return_inverse=True)
-    edge = edge.reshape(-1, 3)
-    inside = reached[chosen]
-    if inside.any():
-        piece = _pieces(edge)
-        reached[chosen[np.isin(piece, piece[inside])]] = True
-    if not reached.any():
-        raise BakeError("no triangle at its ends faces the patch", where=patch.tool.where)
-    return reached
+    piece = _pieces(edge.reshape(-1, 3))
+    members: Ints = chosen[np.isin(piece, piece[inside])]
+    return members
 
 
 def _pieces(triangle_edges: Ints) -> Ints:

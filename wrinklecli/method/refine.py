@@ -20,7 +20,18 @@ from wrinklecli.method.prune import joint_distances, prune, pruning_errors
 from wrinklecli.method.rest import Rest, carried_normals
 from wrinklecli.method.rounding import hard_edges, rounded
 from wrinklecli.numeric.around import Around
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, children, distinct, distinct_values, unit, vertex_normals
+from wrinklecli.numeric.arrays import (
+    Bools,
+    Floats,
+    Ints,
+    children,
+    distinct,
+    distinct_values,
+    flags_of,
+    unit,
+    vertex_normals,
+)
+from wrinklecli.numeric.blocks import Boxes
 from wrinklecli.numeric.red_green import Level
 from wrinklecli.numeric.sparse import Matrix
 from wrinklecli.numeric.subdivide import Subdivision, subdivide
@@ -104,6 +115,17 @@ class Refinement:
         middles = corners.mean(axis=1)
         return middles, np.sqrt(((corners - middles[:, None]) ** 2).sum(axis=2).max(axis=1))
 
+    @cached_property
+    def rest_boxes(self) -> Boxes:
+        """Round the balls of triangles that follow one another."""
+        middles, radii = self.rest_balls
+        return Boxes.of(middles - radii[:, None], middles + radii[:, None])
+
+    @cached_property
+    def rest_size(self) -> float:
+        """Diagonal of the bounding box at rest, scene units."""
+        return float(np.linalg.norm(np.ptp(self.rest_positions, axis=0)))
+
     @property
     def pruned_count(self) -> int:
         """How many new welded vertices have fewer joints in the file than their place on the surface asks for."""
@@ -162,7 +184,7 @@ def refine(
         max_vertices: How many may be added.
     """
     distances = joint_distances(rig, patches)
-    members = np.any([patch.members for patch in patches], axis=0)
+    members = flags_of(np.concatenate([patch.members for patch in patches]), len(surface.triangles))
     storage = _storage(
         surface, rest, members, distances, contacts=contacts, influences=influences, poses=poses, tolerance=tolerance
     )

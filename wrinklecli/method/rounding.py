@@ -22,7 +22,17 @@ import numpy as np
 
 from wrinklecli.character.surface import Surface
 from wrinklecli.method.patch import Patch
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, children, distinct_values, face_normals, normals_at, unit
+from wrinklecli.numeric.arrays import (
+    Bools,
+    Floats,
+    Ints,
+    children,
+    distinct_values,
+    face_normals,
+    flags_of,
+    normals_at,
+    unit,
+)
 from wrinklecli.numeric.subdivide import Subdivision, two_rings
 
 # Cosine of the angle between authored normals of one vertex beyond which the edge between them is hard: 5°. Seams of
@@ -67,7 +77,8 @@ def hard_edges(surface: Surface, positions: Floats, patches: Sequence[Patch]) ->
         patches: Where more than half of the edges of one are hard, all are.
     """
     count = len(surface.positions)
-    faces = np.flatnonzero(two_rings(np.any([patch.members for patch in patches], axis=0), surface.triangles, count))
+    members = flags_of(np.concatenate([patch.members for patch in patches]), len(surface.triangles))
+    faces = np.flatnonzero(two_rings(members, surface.triangles, count))
     triangles = surface.triangles[faces]
     starts, ends = triangles.reshape(-1), np.roll(triangles, -1, axis=1).reshape(-1)
     keys, edges = np.unique(np.minimum(starts, ends) * count + np.maximum(starts, ends), return_inverse=True)
@@ -88,7 +99,7 @@ def hard_edges(surface: Surface, positions: Floats, patches: Sequence[Patch]) ->
         hard[pairs] |= np.sum(here[one] * across, axis=1) < _SAME_NORMAL
 
     edges = edges.reshape(-1, 3)
-    of_patches = [distinct_values(edges[patch.members[faces]]) for patch in patches]
+    of_patches = [distinct_values(edges[children(faces, patch.members)]) for patch in patches]
     shares = np.array([hard[each].mean() for each in of_patches])
     for number in np.flatnonzero(shares > _FACETED):
         hard[of_patches[number]] = True

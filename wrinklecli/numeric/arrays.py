@@ -4,6 +4,7 @@ The array types of all rooms stand here too: `Floats` are float64, `Ints` are in
 may be of any type.
 """
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -187,11 +188,8 @@ def flags_of(members: Ints, count: int) -> Bools:
     return flags
 
 
-def children(parents: Ints, flags: Bools) -> Ints:
-    """(chosen,) those, rising, whose parent is flagged, from the (n,) parents of each, which ascend."""
-    chosen = np.flatnonzero(flags)
-    if len(chosen) > len(flags) // 16:
-        return np.flatnonzero(flags[parents])
+def children(parents: Ints, chosen: Ints) -> Ints:
+    """Those, rising, whose parent is one of (chosen,) rising ones, from the (n,) parents of each, which ascend."""
     first, last = np.searchsorted(parents, chosen), np.searchsorted(parents, chosen, "right")
     return runs(first, last - first)
 
@@ -201,3 +199,29 @@ def runs(firsts: Ints, counts: Ints) -> Ints:
     begins = np.cumsum(counts) - counts
     found: Ints = np.arange(int(counts.sum())) + np.repeat(firsts - begins, counts)
     return found
+
+
+@dataclass(frozen=True, slots=True)
+class Places:
+    """Where an array holds each value: looked up without a look at all of it.
+
+    Attributes:
+        ordered: (n,) its values, rising.
+        order: (n,) the place of each in the array.
+    """
+
+    ordered: Ints
+    order: Ints
+
+    @classmethod
+    def of(cls, values: Ints) -> "Places":
+        """Sort (n,) values."""
+        order = np.argsort(values, kind="stable")
+        return cls(values[order], order)
+
+    def holding(self, values: Ints) -> tuple[Ints, Ints]:
+        """(found,) the places, rising, of (values,) distinct ones, and (found,) which of these each place holds."""
+        first, last = np.searchsorted(self.ordered, values), np.searchsorted(self.ordered, values, "right")
+        places, which = self.order[runs(first, last - first)], np.repeat(np.arange(len(values)), last - first)
+        rising = np.argsort(places)
+        return places[rising], which[rising]

@@ -167,7 +167,7 @@ def _describe_tool(plan: MeshPlan, number: int, up: str) -> Json:
         "strategy": patch.tool.strategy,
         "compressible": patch.tool.compressible,
         "height_limit": _round(patch.greatest_height),
-        "triangles": int(patch.members.sum()),
+        "triangles": len(patch.members),
         "edges_split": int((members >= len(fine.surface.positions)).sum()),
         "moved_vertices": len(carried.vertices),
         "scheme": fine.schemes[number],

@@ -17,7 +17,7 @@ from wrinklecli.character.pose import morph_weights
 from wrinklecli.character.scene import ScenePrimitive, pose_primitive, read_scene
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import linear_rgb
-from wrinklecli.numeric.arrays import Array, Floats, Ints, face_normals, unit
+from wrinklecli.numeric.arrays import Array, Floats, Ints, among, children, distinct_values, face_normals, unit
 from wrinklecli.review.preview.draw import Mark
 from wrinklecli.review.preview.heat import compressions, heat_colours
 from wrinklecli.review.preview.materials import Paint, Texture, read_paints
@@ -191,13 +191,15 @@ def _marks(source: ScenePrimitive, plans: Sequence[MeshPlan]) -> Iterator[Mark]:
         for carried in plan.carried_patches:
             patch = carried.patch
             # Around the members too, for the ends of the segment lie on the rectangle's edge.
-            coarse = fine.surface.triangles
-            near = np.any(np.isin(coarse, coarse[patch.members]), axis=1)
-            triangles = np.flatnonzero(near[parents] & (outwards @ patch.normal > 0) | patch.members[parents])
+            around = plan.rest.around.faces_of(distinct_values(fine.surface.triangles[patch.members]))
+            triangles = children(parents, around)
+            inside = among(parents[triangles], patch.members)
+            shown = inside | (outwards[triangles] @ patch.normal > 0)
+            triangles, inside = triangles[shown], inside[shown]
             u, v = patch.coordinates(fine.rest_positions[welded[triangles]])
             yield Mark(
                 triangles=triangles,
-                inside=patch.members[parents[triangles]],
+                inside=inside,
                 places=np.stack([u * patch.span, v * patch.half_width], axis=2),
                 span=patch.span,
                 half_width=patch.half_width,
