@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from kit.asset import Asset, stored
 from kit.limb import limb, limb_asset
 from kit.samples import edited, shared_mesh, two_meshes
-from kit.suggested import ends, run
+from kit.suggested import ends, middle, run
 from wrinklecli import bake
 from wrinklecli.errors import AssetError, BakeError, WrinkleError
 from wrinklecli.review.suggest.suggest import suggest
@@ -56,7 +56,7 @@ KEYS = [
     [
         ({"skinned": False, "clip": None}, "no mesh deforms"),
         ({"skinned": False, "clip": "grow"}, "no mesh deforms"),
-        ({"clip": None}, "no clip"),
+        ({"clip": None, "joints": 1}, "no clip"),
         ({"clip": "grow"}, "compresses"),
         ({"angle": 2.0}, "compresses"),
     ],
@@ -71,6 +71,22 @@ def test_nothing_is_suggested_where_nothing_is_compressed(tmp_path: Path, option
     assert isinstance(result.exception, AssetError)
     assert reason in str(result.exception)
     assert not (tmp_path / "tools.yaml").exists()
+
+
+def test_an_asset_without_clips_is_looked_at_in_its_range_of_motion(tmp_path: Path) -> None:
+    path = limb(tmp_path / "limb.glb", clip=None, morphs=1)
+    found = suggest(path, clips=["joint_1 about z, +90°"])
+    assert any("has no clip; looked at in 7 motions of 1 joint and 1 morph target" in note for note in found.notes)
+    (tool,) = {each.tool for each in found.tools[:1]}
+    assert middle(tool)[1] > 0.2, "the limb folds towards +y"
+    (tmp_path / "tools.yaml").write_text(found.text)
+    bake(path, tmp_path / "tools.yaml", tmp_path / "out.glb")
+    assert {each.clip for each in suggest(path, clips=["morph_0"]).tools} == {"morph_0"}
+    folded = limb(tmp_path / "folded.glb")
+    assert not suggest(folded).notes
+    result = run(folded, "--range-of-motion", "-o", tmp_path / "own.yaml")
+    assert "1 joint" in result.stderr
+    assert result.exit_code == 0
 
 
 def test_a_clip_that_moves_another_node_is_not_looked_at(tmp_path: Path) -> None:

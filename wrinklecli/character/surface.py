@@ -176,10 +176,8 @@ def read_primitive(
         AssetError: An attribute is missing, malformed or not finite.
     """
     attributes = primitive.get("attributes", {})
-    if "POSITION" not in attributes:
-        raise AssetError("has no POSITION", where=where)
-    count = len(document.accessor(attributes["POSITION"], user=where))
-    positions = _attribute(document, attributes["POSITION"], count, 3, where)
+    positions = read_positions(document, primitive, where)
+    count = len(positions)
     stored = primitive.get("targets", [])
     if len(stored) != len(rig.morph_weights):
         raise AssetError(f"has {len(stored)} morph targets, others have {len(rig.morph_weights)}", where=where)
@@ -199,9 +197,7 @@ def read_primitive(
                 deltas[index] = _attribute(document, target[name], count, 3, where)
         return deltas
 
-    joints, weights = np.zeros((count, 1), np.intp), np.ones((count, 1))
-    if rig.skinned:
-        joints, weights = _read_influences(document, attributes, count, len(rig.joints), where)
+    joints, weights = read_influences(document, primitive, rig, count, where)
     has_normals = "NORMAL" in attributes
     return Vertices(
         starts=np.array([0, count]),
@@ -213,6 +209,20 @@ def read_primitive(
         normals=_attribute(document, attributes["NORMAL"], count, 3, where) if has_normals else None,
         normal_deltas=deltas_of("NORMAL") if has_normals else None,
     )
+
+
+def read_positions(document: Document, primitive: Json, where: str) -> Floats:
+    """(vertices, 3) stored positions of a primitive, bind space.
+
+    Raises:
+        AssetError: They are missing, malformed or not finite.
+    """
+    attributes = primitive.get("attributes", {})
+    if "POSITION" not in attributes:
+        raise AssetError("has no POSITION", where=where)
+    count = len(document.accessor(attributes["POSITION"], user=where))
+    positions: Floats = _attribute(document, attributes["POSITION"], count, 3, where)
+    return positions
 
 
 def _attribute(document: Document, index: int, count: int, size: int, where: str) -> Any:
@@ -231,13 +241,17 @@ def influence_sets(attributes: Json) -> int:
     return sets
 
 
-def _read_influences(
-    document: Document, attributes: Json, count: int, joint_count: int, where: str
-) -> tuple[Ints, Floats]:
+def read_influences(document: Document, primitive: Json, rig: Rig, count: int, where: str) -> tuple[Ints, Floats]:
     """(vertices, influences) joints and normalised weights, each joint once, in rising order, padded by 0.
 
-    A vertex without weight follows its first joint, as three.js has it.
+    A vertex without weight follows its first joint, as three.js has it; those without a skin follow the node.
+
+    Raises:
+        AssetError: They are missing or malformed.
     """
+    if not rig.skinned:
+        return np.zeros((count, 1), np.intp), np.ones((count, 1))
+    attributes, joint_count = primitive.get("attributes", {}), len(rig.joints)
     sets = influence_sets(attributes)
     if sets > _MOST_SETS:
         raise AssetError(f"has {sets} sets of joints; at most {_MOST_SETS} are read", where=where)

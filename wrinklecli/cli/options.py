@@ -25,6 +25,12 @@ def clip_option(text: str) -> Option:
     return click.option("--clip", "clips", metavar="NAME", multiple=True, help=text)
 
 
+def range_of_motion_option(text: str) -> Option:
+    """`--range-of-motion`."""
+    about = "Bend each joint about its axes and raise each morph target, one at a time, though ASSET has clips."
+    return click.option("--range-of-motion", is_flag=True, help=f"{about} {text}")
+
+
 def tool_option(text: str) -> Option:
     """`--tool`, the names of tools: `only`."""
     return click.option("--tool", "only", metavar="NAME", multiple=True, help=text)

@@ -13,6 +13,7 @@ from wrinklecli.cli.options import (
     json_option,
     max_memory_option,
     quiet_option,
+    range_of_motion_option,
 )
 from wrinklecli.cli.output import Progress, emit_json, say, warn, write_text
 from wrinklecli.cli.streams import command_outputs
@@ -43,12 +44,16 @@ _WIDEST = 60  # characters of a column
 )
 @click.option("--node", metavar="NAME", help="Look at the mesh of this node only.")
 @fps_option("Poses per second, but 200 of a clip at most.", default=30.0)
+@range_of_motion_option("Look at that too.")
 @allow_external_option("Read buffers outside the asset's folder too.")
 @max_memory_option()
 @json_option("Print JSON to standard output; YAML goes to -o alone.")
 @quiet_option("Print no table and no notes.")
 def suggest(asset: str, output: str | None, as_json: bool, quiet: bool, **options: Any) -> None:
     """Find where the clips of ASSET (glTF) compress its surface most, and write a tools file for `wrinkle bake`.
+
+    An asset without clips is looked at in its range of motion: each joint bent about its axes, each morph target
+    raised. --clip takes the names of these motions too, such as "LeftLeg about x, +90°".
 
     The file bakes as it is, and is made to be edited. A table of the suggestions goes to standard error. Where there
     is nothing to suggest, as for a rigid asset, nothing is written and the exit code is 1, so that a pipeline stops.

@@ -8,6 +8,7 @@ Source: glTF 2.0 specification, §3.6 (binary data storage), §4 (GLB), §5.1 (a
 
 import os
 import struct
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -76,6 +77,19 @@ class Document:
     allow_external: bool = False
     resources: dict[str, memoryview] | None = None
     memory: Memory = field(default_factory=Memory, compare=False)
+
+    def extended(self, gltf: Json, buffers: Sequence[memoryview], files: Iterable[str] = ()) -> "Document":
+        """The document with more in it, read from further files or made; what has been decoded of it stays so.
+
+        Args:
+            gltf: The JSON, whose accessors, views and buffers are those of this document and others behind them.
+            buffers: The contents, this document's first.
+            files: That have been read beside its own.
+        """
+        more = replace(self, gltf=gltf, buffers=tuple(buffers), files=tuple(dict.fromkeys([*self.files, *files])))
+        for name in ("_decoded", "_decompressed", "_draco_meshes", "_read"):
+            vars(more)[name] = getattr(self, name)
+        return more
 
     def where(self, *pointer: str | int) -> str:
         """The place of a JSON value for messages: `hand.glb#/meshes/0`."""

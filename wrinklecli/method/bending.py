@@ -9,14 +9,15 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from wrinklecli.character.clip import Channel, Clip
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.motion import motion_clip, raising, turning
 from wrinklecli.character.pose import Pose, node_matrices, pose_at
 from wrinklecli.character.rig import Rig
 from wrinklecli.method.activity import activity
 from wrinklecli.method.anchor import Anchor
 from wrinklecli.method.patch import Patch
 from wrinklecli.method.rest import Rest
-from wrinklecli.numeric.arrays import Floats, cross, unit, unit_quaternions
+from wrinklecli.numeric.arrays import Floats, cross, unit
 from wrinklecli.tools.records import RestLengthKeys, RestLengthMorph
 
 # Moments of a motion at which a tool is looked at: a joint turns by 2.3° between two.
@@ -61,7 +62,7 @@ def own_motions(patch: Patch, rig: Rig) -> Iterator[Clip]:
     for number, name in enumerate(rig.morph_names):
         moves = any(anchor.points[1 + number].any() for anchor in (patch.origin, patch.target))
         if moves if morphed is None else name == morphed:
-            yield _raising(rig, number)
+            yield motion_clip("", [raising(rig, {number: 1.0})])
 
 
 def _bent_node(patch: Patch, rig: Rig) -> int | None:
@@ -94,27 +95,8 @@ def _carried_by(anchor: Anchor, rig: Rig) -> dict[int, float]:
 
 def _turning(rig: Rig, node: int, axis: Floats) -> Clip:
     """A node that turns about a (3,) axis of world space at rest, further and further."""
-    times = np.linspace(0.0, 1.0, _MOMENTS)
     parent = int(rig.parents[node])
     world = np.eye(4) if parent < 0 else node_matrices(rig, None, np.zeros(1), [parent])[0, 0]
     # A turn in the parent's space about what the parent takes to the axis.
     local = unit(np.linalg.pinv(world[:3, :3]) @ axis)
-    halves = times * _MOST_TURN / 2.0
-    turns = np.concatenate([np.sin(halves)[:, None] * local, np.cos(halves)[:, None]], axis=1)
-    stored = unit_quaternions(rig.locals[node]["rotation"])
-    values = _product(turns, stored)
-    return Clip(-1, "", (Channel(0, node, "rotation", times, values, "LINEAR"),), 0.0, 1.0)
-
-
-def _raising(rig: Rig, number: int) -> Clip:
-    """A morph target that goes from 0 to 1."""
-    weights = np.tile(rig.morph_weights, (2, 1))
-    weights[:, number] = 0.0, 1.0
-    return Clip(-1, "", (Channel(0, rig.node, "weights", np.array([0.0, 1.0]), weights, "LINEAR"),), 0.0, 1.0)
-
-
-def _product(turns: Floats, stored: Floats) -> Floats:
-    """(n, 4) quaternions (n, 4) times one (4,), x, y, z and w: first the one, then each turn."""
-    vectors, reals = turns[:, :3], turns[:, 3:]
-    imaginary = reals * stored[:3] + stored[3] * vectors + np.stack(cross(vectors.T, stored[:3, None]), axis=1)
-    return np.concatenate([imaginary, reals * stored[3] - vectors @ stored[:3, None]], axis=1)
+    return motion_clip("", [turning(rig, node, local, _MOST_TURN, np.linspace(0.0, 1.0, _MOMENTS))])

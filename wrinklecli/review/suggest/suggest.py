@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from wrinklecli.character.clip import Clip, chosen_clips, read_clips
+from wrinklecli.character.moved import Motions, moved
 from wrinklecli.gltf.document import read_document
 from wrinklecli.gltf.images import files_of
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
@@ -41,11 +42,14 @@ def suggest(
     count: int = 8,
     node: str | None = None,
     fps: float = 30.0,
+    range_of_motion: bool = False,
     allow_external: bool = False,
     max_memory: int = MAX_MEMORY,
     progress: Progress = no_progress,
 ) -> Suggestions:
     """Find where clips compress an asset's surfaces, and lay tools there.
+
+    An asset without clips is looked at in its range of motion: joints and morph targets, one at a time.
 
     Args:
         asset: The .gltf or .glb to read.
@@ -53,6 +57,7 @@ def suggest(
         count: Suggestions at most; a pair counts as one.
         node: Name of the node whose mesh to look at; all that deform where left out.
         fps: Poses a second; of a clip at most 200, evenly spaced, and fewer where mesh and clips are large.
+        range_of_motion: Look at that too, though the asset has clips.
         allow_external: Read buffers outside the asset's folder too.
         max_memory: Bytes that it may take.
         progress: Called with a stage's name, steps done and steps in all.
@@ -63,8 +68,10 @@ def suggest(
     """
     with guarded(os.fspath(asset)):
         document = read_document(asset, allow_external=allow_external, memory=Memory(max_memory))
-        chosen = chosen_clips(read_clips(document), clips, where=document.path)
         nodes, notes = find_mesh_nodes(document, node)
+        motions = moved(document, [each.index for each in nodes], Motions(range_of_motion=range_of_motion))
+        document, notes = motions.document, [*notes, *motions.notes]
+        chosen = chosen_clips(read_clips(document), clips, where=document.path)
         meshes = measure_meshes(document, nodes, chosen, fps, progress) if chosen else []
         folds = _folds_of(meshes, progress)
         found = fit_tools(folds, count)
@@ -94,7 +101,7 @@ def _why_none(nodes: Sequence[MeshNode], clips: Sequence[Clip], meshes: Sequence
     if not nodes:
         return "no mesh deforms: none has a skin or morph targets"
     if not clips:
-        return "it has no clip, so nothing moves"
+        return "it has no clip, no joint that bends a mesh and no morph target: nothing moves"
     if not meshes:
         return "no clip moves a mesh that deforms"
     return f"no clip compresses the surface by more than {100 * LEAST_LOSS:g} % anywhere that a tool fits"

@@ -1,0 +1,137 @@
+"""The range of motion against turns written out here: which joints turn, about what, how far, and what rises."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kit.asset import Asset
+from kit.limb import limb_asset
+from kit.prepared import as_document, rotation_matrix
+from wrinklecli.character.bent import bent_areas
+from wrinklecli.character.clip import Clip, read_clips
+from wrinklecli.character.pose import joint_matrices, morph_weights, node_matrices
+from wrinklecli.character.range_of_motion import range_of_motion
+from wrinklecli.character.rig import read_rig
+from wrinklecli.character.surface import read_surface
+from wrinklecli.numeric.arrays import face_normals
+
+AXES = {"x": [1.0, 0.0, 0.0], "y": [0.0, 1.0, 0.0], "z": [0.0, 0.0, 1.0]}
+
+
+def motions(asset: Asset) -> dict[str, Clip]:
+    document = as_document(asset)
+    return {clip.name: clip for clip in range_of_motion(document, [0], read_clips(document)).clips}
+
+
+def test_a_joint_turns_about_its_own_axes_both_ways() -> None:
+    asset = limb_asset(rings=5, sides=4, clip=None)
+    asset.gltf["nodes"][2]["rotation"] = [0.5, 0.5, 0.5, 0.5]
+    made, rig = motions(asset), read_rig(as_document(asset), 0)
+    # The limb's first joint carries all of it. Its second one's bone goes on from the first, along its own z here.
+    ends = {(axis, sign * (45 if axis == "z" else 90)) for axis in "xyz" for sign in (-1, 1)}
+    assert {*made} == {f"joint_1 about {axis}, {angle:+d}°" for axis, angle in ends}
+    rest = node_matrices(rig, None, np.zeros(1), [2])[0, 0, :3, :3]
+    for axis, angle in ends:
+        half = np.radians(angle) / 2
+        turn = rotation_matrix([*(np.sin(half) * np.array(AXES[axis])), np.cos(half)])
+        clip = made[f"joint_1 about {axis}, {angle:+d}°"]
+        found = node_matrices(rig, clip, np.array([0.0, 1.0]), [2])[:, 0, :3, :3]
+        assert found == pytest.approx(np.array([rest, rest @ turn]), abs=1e-12)
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+def test_what_bends_is_what_a_node_carries_in_part(seed: int) -> None:
+    """Against sums over all triangles and nodes, of a random hierarchy and random weights."""
+    random = np.random.default_rng(seed)
+    asset = limb_asset(rings=4, sides=3, joints=5, clip=None)
+    nodes, joints = asset.gltf["nodes"], asset.gltf["skins"][0]["joints"]
+    parents = {joint: int(random.choice([-1, *joints[:place]])) for place, joint in enumerate(joints)}
+    for node in nodes:
+        node.pop("children", None)
+    for joint, parent in parents.items():
+        if parent >= 0:
+            nodes[parent].setdefault("children", []).append(joint)
+    document = as_document(asset)
+    rig = read_rig(document, 0)
+    surface = read_surface(document, rig)
+    areas, moved = bent_areas(document, [rig, rig])
+    sizes = np.linalg.norm(face_normals(surface.positions, surface.triangles), axis=1) / 2
+    shares = surface.dense_weights(np.arange(len(surface.positions)), len(joints))[surface.triangles].mean(axis=1)
+    for node in range(len(nodes)):
+        below = []
+        for place, joint in enumerate(joints):
+            above = joint
+            while above not in (node, -1):
+                above = parents.get(above, -1)
+            below += [place] * (above == node)
+        share = shares[:, below].sum(axis=1)
+        assert areas[node] == pytest.approx(np.sum(sizes * share * (1 - share)), abs=1e-9)
+        assert moved[node] == pytest.approx(np.sum(sizes * share), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("angle", "ends"),
+    [(100.0, {"z, +100°"}), (20.0, {"x, -45°", "x, +45°", "y, -90°", "y, +90°", "z, -90°", "z, +90°"})],
+)
+def test_a_joint_goes_as_far_as_its_clips_where_these_tell(angle: float, ends: set[str]) -> None:
+    assert {*motions(limb_asset(rings=5, sides=4, angle=angle))} == {f"joint_1 about {end}" for end in ends}
+
+
+def test_the_trunk_bends_less_and_a_face_hardly() -> None:
+    asset = limb_asset(rings=13, sides=4, joints=5, clip=None)
+    for node, name in zip(asset.gltf["nodes"][1:6], ["root", "mixamorig:Spine2", "Arm", "Head", "jaw"], strict=True):
+        node["name"] = name
+    assert {name.replace("+", "-") for name in motions(asset)} == {
+        f"{name} about {axis}, {-min(bend, 45) if axis == 'x' else -bend}°"
+        for name, bend in (("mixamorig:Spine2", 45), ("Arm", 90), ("Head", 45), ("jaw", 20))
+        for axis in "xyz"
+    }
+
+
+def test_morph_targets_of_one_name_rise_together_and_those_that_move_nothing_do_not() -> None:
+    asset = limb_asset(rings=4, sides=3, morphs=3, skinned=False, clip=None, weights_at="node")
+    (mesh,) = asset.gltf["meshes"]
+    mesh["extras"]["targetNames"] = ["browInnerUp", "idle", "browInnerUp"]
+    asset.gltf["nodes"].append({"name": "twin", "mesh": 0})
+    for primitive in mesh["primitives"]:
+        count = asset.gltf["accessors"][primitive["targets"][1]["POSITION"]]["count"]
+        primitive["targets"][1]["POSITION"] = asset.accessor(np.zeros((count, 3), np.float32))
+    document = as_document(asset)
+    nodes = [0, len(asset.gltf["nodes"]) - 1]
+    (clip,) = range_of_motion(document, nodes, ()).clips
+    assert clip.name == "browInnerUp"
+    for node in nodes:
+        rig = read_rig(document, node)
+        wanted = rig.morph_weights.copy()
+        wanted[[0, 2]] = 1.0
+        assert morph_weights(rig, clip, np.array([1.0]))[0] == pytest.approx(wanted)
+    assert not range_of_motion(document, nodes, (), driven={node: {"browInnerUp"} for node in nodes}).clips
+
+
+def test_names_that_a_clip_has_are_told_apart() -> None:
+    asset = limb_asset(rings=4, sides=3, morphs=1, clip="grow")
+    asset.gltf["animations"][0]["name"] = "target_0"
+    asset.gltf["meshes"][0]["extras"]["targetNames"] = ["target_0"]
+    made = motions(asset)
+    assert made["target_0#7"].index == 7
+    assert [clip.index for clip in made.values()] == list(range(1, 8))
+
+
+def test_the_rest_of_many_joints_is_left_out_and_said() -> None:
+    """A chain of 4,000 joints, of which a tenth bends something."""
+    asset = limb_asset(rings=160, sides=3, joints=130, clip=None)
+    nodes, (skin,) = asset.gltf["nodes"], asset.gltf["skins"]
+    last = skin["joints"][-1]
+    for _ in range(3800):
+        nodes[last]["children"] = [len(nodes)]
+        last = len(nodes)
+        nodes.append({"name": f"end_{last}"})
+    document = as_document(asset)
+    found = range_of_motion(document, [0])
+    assert len({clip.channels[0].node for clip in found.clips}) == 100
+    assert "100 joints" in found.summary
+    assert "left out: 29 joints that bend less" in found.summary
+    rig = read_rig(document, 0)
+    clip = found.clips[-1]
+    assert not np.allclose(joint_matrices(rig, clip, np.ones(1)), joint_matrices(rig, None, np.ones(1)))

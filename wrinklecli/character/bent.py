@@ -1,0 +1,96 @@
+"""What each node bends: the area of the triangles that it carries in part."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from wrinklecli.character.rig import Rig
+from wrinklecli.character.surface import read_influences, read_positions, read_triangles
+from wrinklecli.gltf.document import Document
+from wrinklecli.numeric.arrays import Floats, Ints, face_normals
+
+# The heaviest joints of a vertex, which tell enough: time and memory grow with the square of their number.
+_INFLUENCES = 4
+# Triangles that are looked at at once: bounds the memory.
+_AT_ONCE = 2**16
+
+
+def bent_areas(document: Document, rigs: Sequence[Rig]) -> tuple[Floats, Floats]:
+    """The areas of skinned meshes that would bend, and that would move, if a node alone turned, bind units squared.
+
+    Of a triangle's area A, where s is the share of its weights that is of the node and those below, A s moves, and
+    A s (1 − s) bends. So what moves as a whole does not bend.
+
+    Args:
+        document: The asset.
+        rigs: Of its meshes, at least one.
+
+    Returns:
+        (nodes,) what bends, and (nodes,) what moves.
+
+    Raises:
+        AssetError: A mesh is malformed.
+    """
+    root = len(rigs[0].parents)  # above all
+    up = np.append(np.where(rigs[0].parents < 0, root, rigs[0].parents), root)
+    depths = _depths(up)
+    moved, whole = np.zeros(root + 1), np.zeros(root + 1)
+    known = set()
+    for rig in rigs:
+        key = rig.mesh, rig.joints.tobytes()
+        if not rig.skinned or key in known:
+            continue
+        known.add(key)
+        for one, other, areas in _carried_together(document, rig):
+            np.add.at(moved, one, areas)
+            np.add.at(whole, _meeting(one, other, up, depths), areas)
+    order = np.argsort(-depths, kind="stable")
+    for nodes in np.split(order, np.flatnonzero(np.diff(depths[order])) + 1)[:-1]:
+        for totals in (moved, whole):
+            np.add.at(totals, up[nodes], totals[nodes])
+    return (moved - whole)[:root], moved[:root]
+
+
+def _carried_together(document: Document, rig: Rig) -> Iterator[tuple[Ints, Ints, Floats]]:
+    """Pairs of nodes, either way round and each with itself, and the area that the one carries of the other's.
+
+    Of a triangle that two carry by s and t this is A s t.
+    """
+    from scipy.sparse import csr_array
+
+    for index, primitive in enumerate(document.items("meshes")[rig.mesh].get("primitives", [])):
+        where = document.where("meshes", rig.mesh, "primitives", index)
+        positions = read_positions(document, primitive, where)
+        joints, weights = read_influences(document, primitive, rig, len(positions), where)
+        heaviest = np.argsort(-weights, axis=1, kind="stable")[:, :_INFLUENCES]
+        joints, weights = np.take_along_axis(joints, heaviest, 1), np.take_along_axis(weights, heaviest, 1)
+        weights = weights / (3.0 * weights.sum(axis=1, keepdims=True))
+        triangles = read_triangles(document, primitive, len(positions), where)
+        for low in range(0, len(triangles), _AT_ONCE):
+            part = triangles[low : low + _AT_ONCE]
+            areas = np.sqrt(np.sum(face_normals(positions, part) ** 2, axis=1)) / 2.0
+            columns = joints[part].reshape(-1)
+            rows = np.repeat(np.arange(len(part)), len(columns) // len(part))
+            shares = csr_array((weights[part].reshape(-1), (rows, columns)), shape=(len(part), len(rig.joints)))
+            pairs = (shares.T @ (shares * areas[:, None])).tocoo()
+            yield rig.joints[pairs.row], rig.joints[pairs.col], pairs.data
+
+
+def _depths(up: Ints) -> Ints:
+    """(nodes,) how many levels each lies below the last, which is above all, by the (nodes,) parents of each."""
+    above, depths = up, np.ones(len(up), np.intp)
+    depths[-1] = 0
+    # Each round doubles the generations that are looked up.
+    for _ in range(len(up).bit_length()):
+        depths, above = depths + depths[above], above[above]
+    return depths
+
+
+def _meeting(one: Ints, other: Ints, up: Ints, depths: Ints) -> Ints:
+    """(pairs,) the lowest node that both of each pair hang on, or are."""
+    one, other = one.copy(), other.copy()
+    while len(apart := np.flatnonzero(one != other)):
+        first, second = one[apart], other[apart]
+        one[apart] = np.where(depths[first] >= depths[second], up[first], first)
+        other[apart] = np.where(depths[second] >= depths[first], up[second], second)
+    return one

@@ -1,0 +1,100 @@
+"""A document joined with clips that its file has not: they follow its own animations, in memory."""
+
+from collections.abc import Collection, Sequence
+from typing import Any
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.edit import EditedDocument
+from wrinklecli.gltf.shape import Json
+from wrinklecli.numeric.arrays import Floats, affine_rows, determinants
+
+# Greatest part of a matrix's greatest number by which it may differ from what it was taken apart into.
+_SHEARED = 1e-6
+
+
+def with_clips(document: Document, clips: Sequence[Clip]) -> Document:
+    """The document with clips as further animations, in their order; where there are none, as it is.
+
+    Args:
+        document: As it was read, or after `with_free_nodes`.
+        clips: Of the document's nodes. Their indices do not matter.
+    """
+    if not clips:
+        return document
+    edited = EditedDocument(document)
+    edited.gltf.setdefault("animations", []).extend([_animation(edited, clip) for clip in clips])
+    joined = edited.document()
+    return document.extended(joined.gltf, joined.buffers)
+
+
+def _animation(edited: EditedDocument, clip: Clip) -> Json:
+    """The JSON of a clip, whose data has been added; channels with the same key times share them."""
+    samplers: list[Json] = []
+    inputs: dict[bytes, int] = {}
+    for channel in clip.channels:
+        times = channel.times.astype(np.float32)
+        if times.tobytes() not in inputs:
+            inputs[times.tobytes()] = edited.add(times, bounds=True)
+        # Each weight is an element of its own.
+        width = (-1,) if channel.path == "weights" else (-1, channel.values.shape[-1])
+        values = edited.add(channel.values.astype(np.float32).reshape(width))
+        samplers.append(
+            {"input": inputs[times.tobytes()], "interpolation": channel.interpolation, "output": values},
+        )
+    channels = [
+        {"sampler": number, "target": {"node": each.node, "path": each.path}}
+        for number, each in enumerate(clip.channels)
+    ]
+    return {"name": clip.name, "samplers": samplers, "channels": channels}
+
+
+def with_free_nodes(document: Document, nodes: Collection[int]) -> Document:
+    """The document with translation, rotation and scale of these nodes in the place of matrices: only so can they move.
+
+    A matrix that shears has none of these (glTF 2.0 §3.5.3); its node stays as it is.
+    """
+    freed = {}
+    for index in nodes:
+        node = document.items("nodes")[index]
+        parts = _parts(np.array(node["matrix"], np.float64).reshape(4, 4).T) if "matrix" in node else None
+        if parts is not None:
+            freed[index] = {key: value for key, value in node.items() if key != "matrix"} | parts
+    if not freed:
+        return document
+    every = [freed.get(index, node) for index, node in enumerate(document.items("nodes"))]
+    return document.extended(document.gltf | {"nodes": every}, document.buffers)
+
+
+def _parts(matrix: Floats) -> dict[str, Any] | None:
+    """Translation, rotation and scale of a (4, 4) matrix; none where it shears or is singular."""
+    scale = np.sqrt(np.sum(matrix[:3, :3] ** 2, axis=0))
+    if not scale.min() > 0:
+        return None
+    scale[0] *= -1.0 if determinants(matrix[:3, :3]) < 0 else 1.0
+    rotation = _quaternion(matrix[:3, :3] / scale)
+    again = affine_rows(matrix[:3, 3, None], rotation[:, None], scale[:, None])[..., 0]
+    if not np.abs(again - matrix[:3]).max() <= _SHEARED * np.abs(matrix).max():
+        return None
+    parts = {"translation": matrix[:3, 3], "rotation": rotation, "scale": scale}
+    return {key: [float(value) for value in values] for key, values in parts.items()}
+
+
+def _quaternion(matrix: Floats) -> Floats:
+    """(4,) x, y, z and w of the rotation that a (3, 3) matrix is, if it is one.
+
+    Source: S. W. Shepperd, Quaternion from Rotation Matrix, Journal of Guidance and Control 1(3), 1978.
+    """
+    (a, b, c), (d, e, f), (g, h, i) = matrix
+    squares = np.array([1 + a - e - i, 1 - a + e - i, 1 - a - e + i, 1 + a + e + i])
+    largest = int(squares.argmax())
+    mixed = [
+        [squares[0], b + d, c + g, h - f],
+        [b + d, squares[1], f + h, c - g],
+        [c + g, f + h, squares[2], d - b],
+        [h - f, c - g, d - b, squares[3]],
+    ]
+    rotation: Floats = np.array(mixed[largest]) / (2.0 * np.sqrt(max(float(squares[largest]), 1e-30)))
+    return rotation
