@@ -104,13 +104,13 @@ IN_TURN: Json = {**BROW, "strategy": "origin", "bumps": 5, "mirror": "x", "name"
 @pytest.mark.parametrize(
     ("asset", "tools"),
     [
+        ("wrist", [{**PALM, "strategy": "origin", "bumps": 12, "max_height": "2%"}, {**BACK, "bumps": 3}]),
         ("head", [{**BROW, "strategy": "origin", "bumps": 9}]),
         ("head", [IN_TURN]),
         pytest.param(
             "head", [{**BROW, "strategy": "both_ends", "bumps": 20, "clips": {"raise_brows": 0.4}}], marks=SLOW
         ),
         pytest.param("head", [{**BROW, "strategy": "origin", "bumps": 9, "clips": {"raise_brows": -0.5}}], marks=SLOW),
-        ("wrist", [{**PALM, "strategy": "origin", "bumps": 12, "max_height": "2%"}, {**BACK, "bumps": 3}]),
         pytest.param(
             "wrist", [{**PALM, "strategy": "origin", "bumps": 12, "max_height": "2%", "rest_length": "85%"}], marks=SLOW
         ),
@@ -232,6 +232,7 @@ def test_more_targets_than_three_takes_are_refused(tmp_path: Path) -> None:
         report_of(tmp_path, edited("wrist", many_targets), PALM, engine="three")
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("strengths", [{"flex": -0.5}, {"flex": 2.0}, {"flex": -1.5, "extend": 0.5}])
 @pytest.mark.parametrize("base", [PALM, pytest.param(ROUGH, marks=SLOW)])
 def test_unity_gets_weights_from_0_to_1_and_the_same_motion(base: Json, strengths: Json) -> None:

@@ -43,6 +43,7 @@ atexit.register(shutil.rmtree, FOLDER, ignore_errors=True)
 
 @pytest.mark.quick(3)
 @pytest.mark.parametrize("mode", ["sparse", "dense", "based"])
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("name", "config"), [("wrist", "wrist"), ("head", "head"), ("trousers", "trousers")])
 def test_names_counts_and_weights_fit(name: str, config: str, mode: str) -> None:
     before, after = Gltf(sample(name)), bake_config(name, config, accessors=mode)
@@ -100,6 +101,7 @@ def test_every_primitive_gets_every_target_and_the_untouched_share_zeros() -> No
     assert_valid(after.path)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("name", "config"), [("wrist", "wrist"), ("head", "head"), ("trousers", "trousers")])
 def test_min_and_max_are_those_of_the_stored_numbers(name: str, config: str) -> None:
     for mode in ("sparse", "dense", "based"):
@@ -120,6 +122,7 @@ def test_min_and_max_are_those_of_the_stored_numbers(name: str, config: str) -> 
         assert bounded
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("name", "config"), [("wrist", "wrist"), ("head", "head"), ("trousers", "trousers")])
 def test_sparse_dense_and_based_hold_the_same_numbers(name: str, config: str) -> None:
     sparse, dense, based = (bake_config(name, config, accessors=mode) for mode in ("sparse", "dense", "based"))
@@ -244,6 +247,7 @@ def test_old_targets_without_names_are_numbered(change: Callable[[Editor], None]
     assert_valid(after.path)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("name", "config"), [("wrist", "wrist"), ("head", "head"), ("trousers", "trousers")])
 def test_no_target_moves_nothing(name: str, config: str) -> None:
     after = bake_config(name, config)

@@ -132,7 +132,7 @@ AS_GLTF = (
 )
 
 
-@pytest.mark.quick(10)
+@pytest.mark.quick(6)
 @pytest.mark.parametrize(("case", "ending"), [(each, "glb") for each in CASES] + [(each, "gltf") for each in AS_GLTF])
 def test_same_bytes_as_from_the_original(case: str, ending: str, tmp_path: Path) -> None:
     asset, first, options, second = CASES[case]

@@ -92,6 +92,7 @@ def test_bakes_are_valid_and_pose_as_the_original_does(name: str) -> None:
             assert cKDTree(other).query(one)[0].max() < TOLERANCE
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("name", EVERY)
 def test_the_touched_mesh_is_plain_and_the_rest_as_it_was(name: str) -> None:
     out = bake_once(compressed_sample(name), *TOOLS).path
