@@ -5,7 +5,7 @@ An unskinned mesh is treated as skinned to its own node with weight 1, so that a
 Source: glTF 2.0 specification, §3.5 (nodes), §3.7.3 (skins).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -216,11 +216,16 @@ def _stored_rows(local: Sequence[dict[str, Floats]]) -> Floats:
     return rows
 
 
-def moving_nodes(rig: Rig) -> frozenset[int]:
-    """The nodes whose channels can move a mesh: its joints with their ancestors, and the node itself."""
+def moving_nodes(rig: Rig, joints: Iterable[int] | None = None) -> frozenset[int]:
+    """The nodes whose channels can move a mesh: its joints, or some of them, with their ancestors, and the node itself.
+
+    Args:
+        rig: Of the mesh.
+        joints: Into the rig's joints; all where left out.
+    """
     nodes: set[int] = {rig.node}
-    for joint in rig.joints:
-        node = int(joint)
+    for joint in range(len(rig.joints)) if joints is None else joints:
+        node = int(rig.joints[joint])
         while node >= 0 and node not in nodes:
             nodes.add(node)
             node = int(rig.parents[node])

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wrinklecli.character.clip import Clip
+from wrinklecli.character.rig import moving_nodes
 from wrinklecli.errors import WrinkleError
 from wrinklecli.method.activity import lengths_over_time
 from wrinklecli.method.curve import fitting_compressible
@@ -302,7 +303,11 @@ def decimals(span: float) -> int:
 def _shortest(mesh: MeasuredMesh, patch: Patch) -> dict[str, tuple[float, float]]:
     """Of each clip the least distance of a tool's anchors, scene units, and when, seconds."""
     found = {}
+    moving = moving_nodes(mesh.rig, (*patch.origin.joints, *patch.target.joints))
     for clip, times in zip(mesh.clips, mesh.times, strict=True):
+        if not any(channel.node in moving for channel in clip.channels):
+            found[clip.name] = patch.span, float(times[0])
+            continue
         distances, _ = lengths_over_time(patch, mesh.rig, mesh.rest, clip, times)
         best = int(distances.argmin())
         found[clip.name] = float(distances[best]), float(times[best])

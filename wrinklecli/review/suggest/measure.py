@@ -26,6 +26,8 @@ _MOST_POSES = 200
 _MOST_WORK = 6_000_000
 # ... but each clip has at least so many.
 _FEWEST_POSES = 9
+# Poses of a clip that goes from one key to another: it folds most at one of its ends, or hardly less.
+_POSES_OF_TWO_KEYS = 4
 # Triangles times poses beyond which an asset is refused: more would take minutes.
 _TOO_MUCH_WORK = 200_000_000
 
@@ -157,7 +159,13 @@ def measure_meshes(
 
 def _pose_counts(moved: Sequence[_MovedMesh], clips: Sequence[Clip], fps: float, *, where: str) -> dict[int, int]:
     """How many poses of each clip are looked at, by its index: fewer where meshes and clips are large."""
-    wanted = {clip.index: min(_MOST_POSES, (clip.end - clip.start) * fps + 1.0) for clip in clips}
+    wanted = {
+        clip.index: min(
+            _POSES_OF_TWO_KEYS if max(len(channel.times) for channel in clip.channels) <= 2 else _MOST_POSES,
+            (clip.end - clip.start) * fps + 1.0,
+        )
+        for clip in clips
+    }
 
     def work(counts: Mapping[int, float]) -> float:
         """Triangles times poses."""
