@@ -16,6 +16,10 @@ class WrinkleError(Exception):
         message: What was found and what is accepted.
         where: File, line and path of it, such as `tools.yaml:12: tools[2].strategy` or
             `hand.glb#/meshes/0/primitives/1`.
+
+    Attributes:
+        lines: What is printed.
+        places: `where` of each line.
     """
 
     exit_code = 1
@@ -24,6 +28,7 @@ class WrinkleError(Exception):
         super().__init__(message)
         line = shortened(message, _LONGEST)
         self.lines: tuple[str, ...] = (f"{shortened(where, _LONGEST)}: {line}" if where else line,)
+        self.places: tuple[str, ...] = (where,)
 
     def __str__(self) -> str:
         return "\n".join(self.lines)
@@ -31,8 +36,9 @@ class WrinkleError(Exception):
     @classmethod
     def of_all(cls, problems: Iterable["WrinkleError"]) -> "WrinkleError":
         """One error that reports all the problems at once, a line each."""
-        error = cls("")
-        error.lines = tuple(line for problem in problems for line in problem.lines)
+        error, every = cls(""), tuple(problems)
+        error.lines = tuple(line for problem in every for line in problem.lines)
+        error.places = tuple(place for problem in every for place in problem.places)
         return error
 
 

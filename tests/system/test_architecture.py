@@ -24,7 +24,7 @@ DOORS = {
     "threadpoolctl": {"numeric/guard"},
     "trimesh": {"baking/frame_files"},
     "embreex": {"review/preview/preview", "review/preview/rays"},
-    "PIL": {"gltf/pixels", "review/preview/preview", "review/preview/sheet"},
+    "PIL": {"gltf/pixels", "review/preview/cards", "review/preview/preview", "review/preview/sheet"},
     "matplotlib": {"review/plot"},
     "click": {"cli"},
     "pytest": {"testing"},

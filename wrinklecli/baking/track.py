@@ -13,11 +13,11 @@ from functools import partial
 
 import numpy as np
 
-from wrinklecli.baking.baked_body import BakedAnchor, BakedBody, BakedTool, count_named, read_bodies
+from wrinklecli.baking.baked_body import BakedBody, BakedTool, count_named, read_bodies
+from wrinklecli.baking.baked_segment import joint_named, segment_lengths
 from wrinklecli.baking.morphs import encode_track
 from wrinklecli.baking.track_node import node_for_tracks
 from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip, clip_grid, read_clips
-from wrinklecli.character.pose import LEAST_SCALE, morph_weights, node_matrices
 from wrinklecli.character.rig import Rig, moving_nodes, read_rig
 from wrinklecli.character.weight_track import Track, pad, widen
 from wrinklecli.errors import AssetError, BakeError, RefusedError, listed, nearest
@@ -280,7 +280,7 @@ class _DrivenTools:
 def _driven_tools(edited: EditedDocument, node: int, body: BakedBody, tools: Sequence[BakedTool]) -> _DrivenTools:
     """Find a body's joints in the file that has the node for its tracks."""
     whole = read_rig(edited.document(), node)
-    joints = {joint: _joint(edited.gltf["nodes"], joint) for tool in tools for joint in tool.joints}
+    joints = {joint: joint_named(edited.gltf["nodes"], joint) for tool in tools for joint in tool.joints}
     rig = replace(
         whole,
         joints=np.array(list(joints.values()), np.intp),
@@ -293,20 +293,11 @@ def _driven_tools(edited: EditedDocument, node: int, body: BakedBody, tools: Seq
     return _DrivenTools(tuple(tools), rig, joints, stored, columns)
 
 
-def _joint(nodes: Sequence[Json], name: str) -> int:
-    """The node of a name; among several the first without a mesh, as bodies are often named like a joint."""
-    found = [index for index, node in enumerate(nodes) if node.get("name") == name]
-    return next((index for index in found if "mesh" not in nodes[index]), found[0])
-
-
 def _weights(tool: BakedTool, rig: Rig, joints: dict[str, int], clip: Clip, times: Floats) -> Floats:
     """(frames, targets) a tool's weights in a clip; `joints` are nodes by name."""
-    own = morph_weights(rig, clip, times)
-    places, scales = zip(*(_posed_anchor(each, rig, joints, clip, times, own) for each in tool.anchors), strict=True)
-    scale = (scales[0] + scales[1]) / 2.0
-    hidden = scale < LEAST_SCALE
-    distances = np.linalg.norm(places[1] - places[0], axis=1) / np.where(hidden, 1.0, scale)
-    rest_lengths = _rest_lengths(tool, rig, clip, times, own)
+    distances, rest_lengths = segment_lengths(tool, rig, joints, clip, times)
+    hidden = np.isinf(distances)
+    distances = np.where(hidden, rest_lengths, distances)
     if tool.curve is None:
         shortenings = 1.0 - distances / rest_lengths
         weights = np.stack([np.interp(shortenings, tool.rows, column) for column in tool.table.T], axis=1)
@@ -314,38 +305,3 @@ def _weights(tool: BakedTool, rig: Rig, joints: dict[str, int], clip: Clip, time
         weights = tool.curve.weights(distances, rest_lengths)
     made: Floats = tool.strengths.get(clip.name, 1.0) * np.where(hidden[:, None], 0.0, weights)
     return made
-
-
-def _posed_anchor(
-    anchor: BakedAnchor, rig: Rig, joints: dict[str, int], clip: Clip, times: Floats, morphs: Floats
-) -> tuple[Floats, Floats]:
-    """(frames, 3) where an anchor is, world space, and (frames,) its scale against rest.
-
-    Args:
-        anchor: In the spaces of its joints.
-        rig: Of the node that gets the tracks.
-        joints: Nodes by name.
-        clip: The animation.
-        times: (frames,) seconds.
-        morphs: (frames, morph targets) weights of the rig's.
-    """
-    matrices = node_matrices(rig, clip, times, [joints[joint] for joint in anchor.joints])
-    positions = np.tile(anchor.positions, (len(times), 1, 1))
-    for name, deltas in anchor.morphs.items():
-        if name in rig.morph_names:
-            positions += morphs[:, rig.morph_names.index(name), None, None] * deltas
-    moved = np.einsum("fkab,fkb->fka", matrices[:, :, :3, :3], positions) + matrices[:, :, :3, 3]
-    scales = np.cbrt(np.abs(np.linalg.det(matrices[:, :, :3, :3])))
-    return np.einsum("k,fka->fa", anchor.weights, moved), (scales / anchor.scales) @ anchor.weights
-
-
-def _rest_lengths(tool: BakedTool, rig: Rig, clip: Clip, times: Floats, morphs: Floats) -> Floats:
-    """(frames,) scene units; `morphs` are (frames, morph targets) weights of the rig's."""
-    constant = np.full(len(times), tool.rest_length)
-    if clip.name in tool.keys:
-        return np.interp(times, *tool.keys[clip.name].T)
-    if tool.morph is None or tool.morph[0] not in rig.morph_names:
-        return constant
-    share = np.clip(morphs[:, rig.morph_names.index(tool.morph[0])], 0.0, 1.0)
-    lengths: Floats = constant + share * (tool.morph[1] - tool.rest_length)
-    return lengths

@@ -64,7 +64,9 @@ def _labels(_context: click.Context, _parameter: click.Parameter, value: str | N
     return tuple(value.split(",")) if value else ()
 
 
-def _size(_context: click.Context, parameter: click.Parameter, value: str) -> tuple[int, int]:
+def _size(_context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[int, int] | None:
+    if value is None:
+        return None
     found = re.fullmatch(r"(\d{1,6})x(\d{1,6})", value)
     size = (int(found[1]), int(found[2])) if found else (0, 0)
     if not all(_LEAST_SIDE <= side <= MOST_SIDE for side in size):
@@ -90,6 +92,13 @@ def _above_0(_context: click.Context, parameter: click.Parameter, value: float |
 )
 @click.option("--tools", type=FILE, metavar="TOOLS", help="Apply these tools (YAML) without a bake, and draw them.")
 @tool_option("Only this tool of TOOLS; may be repeated.")
+@click.option(
+    "--review",
+    is_flag=True,
+    help="Every tool close up, before and after, at its peak. The default of a sheet where there are several tools or"
+    " clips, unless other options name what to show: --clip, --rest, --times, --frames, --fps, --views, --focus,"
+    " --follow, --labels.",
+)
 @click.option("--before", is_flag=True, help="Show ASSET without the tools beside it.")
 @click.option("--hide-tools", is_flag=True, help="Apply the tools, but do not draw them.")
 @click.option("--heat", is_flag=True, help="Colour the surface by its compression against the stored pose.")
@@ -114,7 +123,7 @@ def _above_0(_context: click.Context, parameter: click.Parameter, value: float |
     is_flag=True,
     help="The camera moves with what it looks at; a --focus is then a point of the stored pose.",
 )
-@click.option("--size", metavar="WxH", default="800x600", show_default=True, callback=_size, help="Of each picture.")
+@click.option("--size", metavar="WxH", callback=_size, help="Of each picture. Default: 800x600; of a review, as fits.")
 @click.option("--columns", type=click.IntRange(1, 1000), help="Moments in a row of a sheet.")
 @click.option("--labels", metavar="A,B", callback=_labels, help="One for each asset, or for before and after.")
 @click.option("--wire", is_flag=True, help="Draw the triangles' edges.")
@@ -127,7 +136,7 @@ def _above_0(_context: click.Context, parameter: click.Parameter, value: float |
 def preview(
     assets: tuple[str, ...], output: str, wire: bool, clay: bool, backfaces: bool, quiet: bool, **options: Any
 ) -> None:
-    """Draw ASSET (glTF), baked or not: a contact sheet over time, or an animation.
+    """Draw ASSET (glTF), baked or not: its tools in review, a contact sheet over time, or an animation.
 
     Two assets are shown side by side, at the same moments and from the same places. The camera looks at the wrinkles,
     where there are any. Tools are drawn as their patch and its segment, from a dot at the origin to a ring at the
@@ -157,15 +166,28 @@ def _refuse_misuse(assets: tuple[str, ...], output: str, options: dict[str, Any]
         raise click.UsageError(f"{len(assets)} assets were given; at most two are shown side by side.")
     if options["tools"] is not None and len(assets) > 1:
         raise click.UsageError("'--tools' takes one ASSET; '--before' shows it without the tools too.")
-    for key, name in (("only", "--tool"), ("before", "--before"), ("hide_tools", "--hide-tools")):
+    for key, name in (("before", "--before"), ("hide_tools", "--hide-tools")):
         if options[key] and options["tools"] is None:
             raise click.UsageError(f"'{name}' needs '--tools'.")
+    if options["only"] and options["tools"] is None and not options["review"]:
+        raise click.UsageError("'--tool' needs '--tools' or '--review'.")
+    if options["review"]:
+        _refuse_beside_review(assets, output, options)
     if options["rest"] and (options["clips"] or options["times"] or options["frames"] or options["fps"]):
         raise click.UsageError("'--rest' is one moment: it goes without '--clip', '--times', '--frames' and '--fps'.")
     if options["times"] and options["frames"]:
         raise click.UsageError("'--times' and '--frames' exclude each other.")
     if options["focus"] is not None and options["radius"] is None:
         raise click.UsageError("'--focus' needs '--radius'.")
-    count = 2 if options["before"] else len(assets)
+    count = 2 if options["before"] or options["review"] else len(assets)
     if options["labels"] and len(options["labels"]) != count:
         raise click.UsageError(f"'--labels' has {len(options['labels'])}, not {count}.")
+
+
+def _refuse_beside_review(assets: tuple[str, ...], output: str, options: dict[str, Any]) -> None:
+    """Refuse what says otherwise when, where or how much to look."""
+    if len(assets) > 1 or not output.lower().endswith(".png"):
+        raise click.UsageError("'--review' makes a sheet (.png) of one ASSET.")
+    for key in ("rest", "times", "frames", "fps", "focus", "radius", "follow"):
+        if options[key]:
+            raise click.UsageError(f"'--review' finds each tool's moment and place: it goes without '--{key}'.")

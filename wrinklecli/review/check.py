@@ -125,13 +125,13 @@ def _check_tool(
     clips = tuple(
         ClipActivity(clip, times, activity(carried.patch, plan.rig, plan.rest, clip, times)) for clip, times in grids
     )
-    data = _describe_tool(plan, number, up) | {
+    data = describe_tool(plan, number, up) | {
         "overlaps": overlaps,
         "fitting_compressible": max(
             (fitting_compressible(carried.patch.curve, each.seen.distances, each.seen.rest_lengths) for each in clips),
             default=0.0,
         ),
-        "clips": [_describe_clip(carried, each) for each in clips],
+        "clips": [describe_clip(carried, each) for each in clips],
         "warnings": tool_warnings(plan, carried, clips) + _collision_warnings(plan, carried, clips, up),
     }
     return CheckedTool(carried, clips, data)
@@ -149,7 +149,8 @@ def _describe_mesh(plan: MeshPlan) -> Json:
     }
 
 
-def _describe_tool(plan: MeshPlan, number: int, up: str) -> Json:
+def describe_tool(plan: MeshPlan, number: int, up: str) -> Json:
+    """How one of the tools of a mesh lies there, whatever the clips: JSON values only."""
     carried, fine = plan.carried_patches[number], plan.fine
     patch = carried.patch
     members = np.unique(fine.triangles[children(fine.subdivision.parents, patch.members)])
@@ -189,7 +190,7 @@ def _describe_anchor(plan: MeshPlan, anchor: Anchor, up: str) -> Json:
     }
 
 
-def _describe_clip(carried: CarriedPatch, each: ClipActivity) -> Json:
+def describe_clip(carried: CarriedPatch, each: ClipActivity) -> Json:
     """What one clip makes of a tool; shares are of the rest length, and of no frame where the tool is hidden in all."""
     clip, seen = each.clip, each.seen
     strength = carried.patch.tool.strength_in(clip.name)

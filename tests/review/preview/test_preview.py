@@ -16,7 +16,8 @@ from kit.pictures import SIZE, baked, draw, limb, near, picture
 from wrinklecli import cli
 from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.review.preview.camera import FACING, VIEWS
-from wrinklecli.review.preview.preview import MOST_PIXELS, MOST_SIDE
+from wrinklecli.review.preview.options import MOST_SIDE
+from wrinklecli.review.preview.sheet import MOST_PIXELS
 from wrinklecli.review.preview.shown import INKS
 
 Json = dict[str, Any]
@@ -64,7 +65,7 @@ def test_an_animation_has_so_many_frames_and_takes_as_long_as_the_clip(
 ) -> None:
     out = tmp_path / f"fold.{ending}"
     made = draw([limb(tmp_path, rings=5, sides=6)], out, size=(32, 24), views=["front"], **options)
-    assert made.moments == count
+    assert made.shown == f"{count} moments"
     with Image.open(out) as image:
         total = 0
         frames = []
@@ -149,7 +150,10 @@ def test_help_names_every_view(capfd: pytest.CaptureFixture[str], monkeypatch: p
         (["a.glb", "-o", "a.jpg"], "none of .png, .webp, .gif"),
         (["a", "b", "c", "-o", "a.png"], "at most two"),
         (["a", "b", "--tools", "t.yaml", "-o", "a.png"], "takes one ASSET"),
-        (["a", "--tool", "x", "-o", "a.png"], "needs '--tools'"),
+        (["a", "--tool", "x", "-o", "a.png"], "needs '--tools' or '--review'"),
+        (["a", "--review", "-o", "a.gif"], "'--review' makes a sheet"),
+        (["a", "--review", "--times", "1", "-o", "a.png"], "goes without '--times'"),
+        (["a", "--review", "--labels", "x", "-o", "a.png"], "has 1, not 2"),
         (["a", "--before", "-o", "a.png"], "needs '--tools'"),
         (["a", "--hide-tools", "-o", "a.png"], "needs '--tools'"),
         (["a", "--rest", "--times", "1", "-o", "a.png"], "one moment"),

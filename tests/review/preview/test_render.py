@@ -130,6 +130,7 @@ def test_wires_are_drawn_along_the_edges() -> None:
 def test_a_mark_has_an_outline_a_segment_and_ends_of_even_width_on_any_slope(turn: float) -> None:
     frame = square(half=0.9)
     mark = Mark(
+        name="",
         triangles=np.array([0, 1]),
         inside=np.array([True, True]),
         places=frame.corners[..., [1, 0]] + (0.5, 0.0),

@@ -8,7 +8,8 @@ import pytest
 
 from kit.limb import tool, write_tools
 from kit.pictures import BUMPY, SIZE, covered, draw, limb, picture, reds
-from wrinklecli.review.preview.apply import apply_tools
+from wrinklecli.baking.job import BakeOptions
+from wrinklecli.review.preview.apply import apply_tools, plan_tools
 from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.options import Style
 from wrinklecli.review.preview.shown import read_shown
@@ -19,24 +20,26 @@ Json = dict[str, Any]
 @pytest.mark.parametrize(
     "options", [{}, {"primitives": 3}, {"primitives": 4, "indices": None}, {"mode": "strip", "morphs": 1}]
 )
-def test_marks_lie_on_the_triangles_that_they_are_of(tmp_path: Path, options: Json) -> None:
+def test_marks_lie_on_the_triangles_that_they_are_of_before_and_after(tmp_path: Path, options: Json) -> None:
     tools = write_tools(
         tmp_path / "tools.yaml", tool(**BUMPY), tool(name="end", origin=[0.6, 0.25, 0.0], target=[0.9, 0.25, 0.0])
     )
-    applied = apply_tools(limb(tmp_path, **options), tools)
-    asset, _ = read_shown(applied.document, "limb", applied.plans)
-    marked = 0
-    for posed in asset.posed(Moment(None, 0.0)):
-        for mark in posed.shown.marks:
-            corners = posed.positions[posed.triangles[mark.triangles]].reshape(-1, 3)
-            places = mark.places.reshape(-1, 2)
-            marked += int(mark.inside.sum())
-            if not len(corners):
-                continue
-            # Along x from the origin, and across along z.
-            assert np.ptp(places[:, 0] - corners[:, 0]) < 0.01
-            assert np.abs(np.abs(places[:, 1]) - np.abs(corners[:, 2])).max() < 0.01
-    assert marked > 50
+    planned = plan_tools(limb(tmp_path, **options), tools, BakeOptions())
+    assert planned.job is not None
+    for document, refined in ((apply_tools(planned, []), True), (planned.job.document, False)):
+        asset, _ = read_shown(document, "limb", planned.plans, refined=refined)
+        marked = 0
+        for posed in asset.posed(Moment(None, 0.0)):
+            for mark in posed.shown.marks:
+                corners = posed.positions[posed.triangles[mark.triangles]].reshape(-1, 3)
+                places = mark.places.reshape(-1, 2)
+                marked += int(mark.inside.sum())
+                if not len(corners):
+                    continue
+                # Along x from the origin, and across along z.
+                assert np.ptp(places[:, 0] - corners[:, 0]) < 0.01
+                assert np.abs(np.abs(places[:, 1]) - np.abs(corners[:, 2])).max() < 0.01
+        assert marked > (50 if refined else 5)
 
 
 @pytest.mark.parametrize("mirrored", [False, True])

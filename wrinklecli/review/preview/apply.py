@@ -1,71 +1,113 @@
-"""Tools applied to an asset in memory, as a bake would: nothing is proved, and no file is written."""
+"""Tools applied to an asset in memory, as a bake would: nothing is proved, and no file is written.
+
+Where a bake refuses tools that do not fit, a preview is to show where they are: they are left out, and named.
+"""
 
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from wrinklecli.baking.job import BakeOptions, read_job
+from wrinklecli.baking.job import BakeOptions, Job, read_job
 from wrinklecli.baking.morphs import encode_morphs
 from wrinklecli.baking.plan import MeshPlan, plan_meshes
 from wrinklecli.baking.sample import sample_clips
+from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edit import EditedDocument
 from wrinklecli.numeric.guard import Progress, no_progress
-from wrinklecli.numeric.memory import MAX_MEMORY
-from wrinklecli.tools.records import MAX_VERTICES
+from wrinklecli.tools.read import load_tools
+from wrinklecli.tools.records import ToolsFile, WrinkleTool
 
 
 @dataclass(frozen=True, slots=True)
-class AppliedTools:
-    """An asset with tools.
+class PlannedTools:
+    """Tools attached to an asset.
 
     Attributes:
-        document: The asset as a bake would leave it.
-        plans: The tools on each of its meshes.
-        warnings: A line each.
+        settings: The tools file, with all tools that were asked for.
+        job: The asset and the tools that fit; None where none does.
+        plans: These on each of its meshes.
+        misfits: The tools that do not fit.
+        warnings: A line each, of misfits those that a bake would refuse them with.
     """
 
-    document: Document
+    settings: ToolsFile
+    job: Job | None
     plans: tuple[MeshPlan, ...]
+    misfits: tuple[WrinkleTool, ...]
     warnings: tuple[str, ...]
 
+    @property
+    def tool_count(self) -> int:
+        """How many tools there are, whether they fit or not."""
+        return len(self.misfits) + sum(len(plan.carried_patches) for plan in self.plans)
 
-def apply_tools(
-    asset: str | os.PathLike[str],
-    tools: str | os.PathLike[str],
-    *,
-    only: Sequence[str] = (),
-    clips: Sequence[str] = (),
-    allow_external: bool = False,
-    max_memory: int = MAX_MEMORY,
-    max_vertices: int = MAX_VERTICES,
-    progress: Progress = no_progress,
-) -> AppliedTools:
-    """Bake tools into some clips of an asset, in memory.
+
+def plan_tools(asset: str | os.PathLike[str], tools: str | os.PathLike[str], options: BakeOptions) -> PlannedTools:
+    """Attach tools to an asset and refine it, without those that do not fit.
 
     Args:
         asset: The .gltf or .glb.
         tools: The YAML file of tools.
-        only: Names of the tools to apply; all where left out.
-        clips: Names of the clips that get weights.
-        allow_external: Read buffers and images outside the asset's folder too.
-        max_memory: Bytes that reading may take.
-        max_vertices: That may be added to a mesh.
-        progress: Called with a stage's name, steps done and steps in all.
+        options: Which of them, and how to read.
 
     Raises:
-        WrinkleError: The asset or the tools are at fault, or do not go together.
+        WrinkleError: The asset or the tools file is at fault.
     """
-    options = BakeOptions(
-        clips=clips, only=only, allow_external=allow_external, max_memory=max_memory, max_vertices=max_vertices
-    )
-    job = read_job(asset, tools, options)
+    refusals: list[str] = []
+    misfits: list[WrinkleTool] = []
+    settings = load_tools(tools)
+    wanted = [tool for tool in settings.tools if not options.only or tool.name in options.only]
+    settings, asked = replace(settings, tools=tuple(wanted)), options
+    # Tools can be found not to fit at one stage after another: where they name a mesh, at their ends, on their patch.
+    while not wanted or len(misfits) < len(wanted):
+        try:
+            job = read_job(asset, tools, asked)
+            plans = tuple(plan_meshes(job))
+        except WrinkleError as error:
+            found = _at_fault(error, [tool for tool in wanted if tool not in misfits])
+            if found is None:
+                raise
+            refusals += error.lines
+            misfits += found
+            asked = replace(options, only=[tool.name for tool in wanted if tool not in misfits])
+        else:
+            return PlannedTools(settings, job, plans, tuple(misfits), (*refusals, *job.warnings))
+    return PlannedTools(settings, None, (), tuple(misfits), tuple(refusals))
+
+
+def _at_fault(error: WrinkleError, tools: Sequence[WrinkleTool]) -> list[WrinkleTool] | None:
+    """The tools that each line of an error is about; None where one is about something else."""
+    found: list[WrinkleTool] = []
+    for place in error.places:
+        # A mirrored tool is at the place of its source, and a word further.
+        of_place = [tool for tool in tools if place.startswith(tool.where)]
+        if not of_place:
+            return None
+        found.append(max(of_place, key=lambda tool: len(tool.where)))
+    return list({id(tool): tool for tool in found}.values())
+
+
+def apply_tools(planned: PlannedTools, clips: Sequence[str], progress: Progress = no_progress) -> Document:
+    """Bake planned tools into some clips of their asset, in memory.
+
+    Args:
+        planned: The tools; at least one fits.
+        clips: Names of the clips that get weights.
+        progress: Called with a stage's name, steps done and steps in all.
+
+    Returns:
+        The asset as a bake would leave it.
+
+    Raises:
+        WrinkleError: The tools cannot be baked.
+    """
+    job = planned.job
+    assert job is not None
     edited = EditedDocument(job.document)
-    plans = plan_meshes(job)
     chosen = [clip for clip in job.clips if clip.name in clips]
     fps = job.settings.sampling.fps
-    for plan in plans:
+    for plan in planned.plans:
         target_sets, motions = sample_clips(plan, chosen, fps=fps, mode="morph", progress=progress)
         encode_morphs(edited, plan, target_sets, motions)
-    document = replace(edited.document(), allow_external=allow_external)
-    return AppliedTools(document, tuple(plans), tuple(job.warnings))
+    return replace(edited.document(), allow_external=job.document.allow_external)

@@ -42,20 +42,24 @@ def parse_view(text: str) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """A perspective camera that looks at a point.
+    """A camera that looks at a point: a long lens, or parallel rays.
 
     Attributes:
         centre: (3,) what it looks at, world space.
         axes: (3, 3) rows: right, up, and backwards (from the centre to the eye).
         reach: Half the height of what it sees at its centre, scene units.
+        tangent: Of half the vertical field of view; 0 for parallel rays.
     """
 
     centre: Floats
     axes: Floats
     reach: float
+    tangent: float = TANGENT
 
     @classmethod
-    def framing(cls, points: Floats, axes: Floats, *, aspect: float, margin: float = 1.12) -> "Camera":
+    def framing(
+        cls, points: Floats, axes: Floats, *, aspect: float, margin: float = 1.12, tangent: float = TANGENT
+    ) -> "Camera":
         """Sees all points, as close as that allows.
 
         Args:
@@ -63,22 +67,23 @@ class Camera:
             axes: (3, 3) see `camera_axes`.
             aspect: Width over height of the picture.
             margin: Of the distance.
+            tangent: Of half the vertical field of view; 0 for parallel rays.
         """
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
         local = (points - middle) @ axes.T
         aim = (local.min(axis=0) + local.max(axis=0)) / 2
         aim[2] = 0.0
         local = local - aim
-        depths = local[:, 2] * TANGENT
+        depths = local[:, 2] * tangent
         reach = max(
             float((np.abs(local[:, 1]) + depths).max()),
             float((np.abs(local[:, 0]) / aspect + depths).max()),
         )
-        return cls(middle + aim @ axes, axes, margin * reach)
+        return cls(middle + aim @ axes, axes, margin * reach, tangent)
 
     def project(self, points: Floats, size: tuple[int, int]) -> Floats:
         """(…, 2) pixels, from the left and the top, of (…, 3) world positions in front of the eye."""
-        return project(self.local(points), size)
+        return project(self.local(points), size, self.tangent)
 
     def local(self, points: Floats) -> Floats:
         """(…, 3) world positions in the camera's axes, about its centre, over its reach."""
@@ -99,10 +104,10 @@ def camera_axes(azimuth: float, elevation: float) -> Floats:
     return np.array([right, np.cross(back, right), back])
 
 
-def project(local: Floats, size: tuple[int, int]) -> Floats:
+def project(local: Floats, size: tuple[int, int], tangent: float) -> Floats:
     """(…, 2) pixels, from the left and the top, of (…, 3) positions in a camera's axes, over its reach."""
     width, height = size
-    depths = np.maximum(1 - TANGENT * local[..., 2:], 1e-9)
+    depths = np.maximum(1 - tangent * local[..., 2:], 1e-9)
     flat = local[..., :2] * (1, -1) / depths
     projected: Floats = (flat + np.array((width / height, 1))) * (height / 2)
     return projected

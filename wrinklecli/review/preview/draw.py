@@ -16,6 +16,7 @@ class Mark:
     """A rectangle drawn on the surface, with a segment from one end to the other along its middle.
 
     Attributes:
+        name: Of the tool.
         triangles: (triangles,) those that it may lie on, rising.
         inside: (triangles,) those that the rectangle may cover; on others only its ends show.
         places: (triangles, 3, 2) of their corners, along the segment and across it, scene units.
@@ -25,6 +26,7 @@ class Mark:
         tint: How opaque its inside is.
     """
 
+    name: str
     triangles: Ints
     inside: Bools
     places: Floats
@@ -51,13 +53,13 @@ class SeenMark:
     pixels: Array
 
 
-def seen_mark(mark: Mark, local: Floats, size: tuple[int, int]) -> SeenMark:
+def seen_mark(mark: Mark, local: Floats, size: tuple[int, int], tangent: float) -> SeenMark:
     """A mark on (triangles, 3, 3) corners in a camera's axes, over its reach."""
     rows = np.full(len(local), -1, np.intp)
     rows[mark.triangles] = np.arange(len(mark.triangles))
     shown, placed = (
         np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
-        for corners in (project(local[mark.triangles], size), mark.places)
+        for corners in (project(local[mark.triangles], size, tangent), mark.places)
     )
     rates = np.sqrt(np.sum((placed @ _inverses(shown)) ** 2, axis=2))
     return SeenMark(mark, rows, np.maximum(rates, 1e-30), shown @ _inverses(placed))

@@ -105,7 +105,7 @@ def plan_views(
 
 def _camera(points: Floats, view: str, margin: float, options: PreviewOptions) -> Camera:
     """A camera that sees (points, 3) about what it looks at, or as far about it as is asked for."""
-    aspect = options.size[0] / options.size[1]
+    aspect = options.picture_size[0] / options.picture_size[1]
     camera = Camera.framing(points, camera_axes(*parse_view(view)), aspect=aspect, margin=margin)
     if options.radius is not None:
         camera = replace(camera, reach=options.radius / min(aspect, 1.0))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from wrinklecli.numeric.memory import MAX_MEMORY
 from wrinklecli.tools.records import MAX_VERTICES
 
+USUAL_SIZE = (800, 600)  # pixels of a picture
 MOST_SIDE = 16_383  # pixels of a picture's width or height: the most that WebP holds
 
 
@@ -34,7 +35,8 @@ class PreviewOptions:
 
     Attributes:
         tools: A YAML file of tools, which are applied to the one asset and drawn on it.
-        only: Names of these tools; all where left out.
+        only: Names of tools; all where left out.
+        review: Show every tool close up, before and after, at its peak.
         before: Show the asset without the tools beside it.
         hide_tools: Apply the tools, but do not draw them.
         clips: Names; the first of the first asset where left out.
@@ -46,7 +48,7 @@ class PreviewOptions:
         focus: (3,) the point to look at, world space; where left out, the wrinkles, or else all.
         radius: How far around that point the camera sees, scene units.
         follow: The camera moves with the wrinkles, or with the skin that is at `focus` in the stored pose.
-        size: Width and height of each picture, pixels.
+        size: Width and height of each picture, pixels; where left out, as suits what is shown.
         columns: Moments in a row of a sheet.
         labels: One for each asset, or for before and after.
         heat: Colour the surface by its compression against the stored pose.
@@ -58,6 +60,7 @@ class PreviewOptions:
 
     tools: str | os.PathLike[str] | None = None
     only: Sequence[str] = ()
+    review: bool = False
     before: bool = False
     hide_tools: bool = False
     clips: Sequence[str] = ()
@@ -69,7 +72,7 @@ class PreviewOptions:
     focus: Sequence[float] | None = None
     radius: float | None = None
     follow: bool = False
-    size: tuple[int, int] = (800, 600)
+    size: tuple[int, int] | None = None
     columns: int | None = None
     labels: Sequence[str] = ()
     heat: bool = False
@@ -77,3 +80,14 @@ class PreviewOptions:
     allow_external: bool = False
     max_memory: int = MAX_MEMORY
     max_vertices: int = MAX_VERTICES
+
+    @property
+    def picture_size(self) -> tuple[int, int]:
+        """Width and height of each picture, pixels, where nothing else is known of what is shown."""
+        return self.size or USUAL_SIZE
+
+    @property
+    def names_a_shot(self) -> bool:
+        """Whether any of them says when, or from where, or beside what something is to be shown."""
+        shots = (self.clips, self.times, self.frames, self.fps, self.rest, self.views, self.focus, self.radius)
+        return any(shots) or self.follow or bool(self.labels)

@@ -13,6 +13,8 @@ from wrinklecli.review.preview.camera import TANGENT
 
 # Above the surface, over half the picture's height: where rays that leave it start.
 LIFT = np.float32(2e-4)
+# What lies no deeper below the surface than this is seen on it.
+_NEAR = 0.01
 # Bytes that Embree takes: 130 MB for two threads, and 120 for a triangle; twice as much, as it depends on the machine.
 _EMBREE = 2**28
 _EMBREE_TRIANGLE = 240
@@ -20,33 +22,39 @@ _EMBREE_TRIANGLE = 240
 
 @dataclass(frozen=True, slots=True)
 class TracedSurface:
-    """Triangles in a camera's axes, over its reach, float32; the eye is at (0, 0, 1 / TANGENT).
+    """Triangles in a camera's axes, over its reach, float32.
+
+    The eye is at (0, 0, 1 / tangent), or rays are parallel.
 
     Attributes:
         rays: What finds the triangles that rays hit.
         corners: (triangles, 3, 3) positions.
         normals: (triangles, 3, 3) unit normals of the corners.
         faces: (triangles, 3) unit normals of the triangles.
+        tangent: Of half the camera's vertical field of view; 0 for parallel rays.
     """
 
     rays: Any
     corners: Array
     normals: Array
     faces: Array
+    tangent: float
 
 
-def trace(corners: Floats, normals: Floats) -> TracedSurface:
+def trace(corners: Floats, normals: Floats, tangent: float = TANGENT) -> TracedSurface:
     """Make triangles ready for rays.
 
     Args:
         corners: (triangles, 3, 3) in a camera's axes, over its reach.
         normals: (triangles, 3, 3) unit normals of the corners, in a camera's axes.
+        tangent: Of half the camera's vertical field of view; 0 for parallel rays.
     """
     return TracedSurface(
         rays=_traced(corners),
         corners=np.ascontiguousarray(corners, np.float32),
         normals=normals.astype(np.float32),
         faces=unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])).astype(np.float32),
+        tangent=tangent,
     )
 
 
@@ -120,11 +128,16 @@ def first_hits(surface: TracedSurface, size: tuple[int, int], first: int, pixels
     down, across = np.divmod(np.repeat(pixels, len(offsets)), width)
     middles = np.stack([across, down + first], axis=1) + 0.5 + np.tile(offsets[:, ::-1], (len(pixels), 1))
     grid = np.full((len(middles), 3), -1, np.float32)
-    grid[:, 0] = (middles[:, 0] * 2 / width - 1) * (TANGENT * width / height)
-    grid[:, 1] = (1 - middles[:, 1] * 2 / height) * TANGENT
+    grid[:, 0] = (middles[:, 0] * 2 / width - 1) * (surface.tangent * width / height)
+    grid[:, 1] = (1 - middles[:, 1] * 2 / height) * surface.tangent
     directions = unit_rows(grid)
     eyes = np.zeros_like(directions)
-    eyes[:, 2] = 1 / TANGENT
+    if surface.tangent:
+        eyes[:, 2] = 1 / surface.tangent
+    else:
+        eyes[:, 0] = (middles[:, 0] * 2 / width - 1) * (width / height)
+        eyes[:, 1] = 1 - middles[:, 1] * 2 / height
+        eyes[:, 2] = surface.corners[..., 2].max(initial=0) + 1
     traced = surface.rays.run(eyes, directions, output=True)
     hit = np.flatnonzero(traced["primID"] >= 0)
     found, directions = traced["primID"][hit].astype(np.intp), directions[hit]
@@ -146,6 +159,17 @@ def first_hits(surface: TracedSurface, size: tuple[int, int], first: int, pixels
         sides=sides,
         normals=unit_rows(normals) * sides,
     )
+
+
+def in_sight(surface: TracedSurface, points: Floats) -> Bools:
+    """(points,) whether no triangle lies between (points, 3) in a camera's axes, over its reach, and its eye."""
+    towards = np.zeros((len(points), 3))
+    towards[:, 2] = 1.0
+    if surface.tangent:
+        towards = unit(np.array((0, 0, 1 / surface.tangent)) - points)
+    starts = points + _NEAR * towards
+    free = surface.rays.run(starts.astype(np.float32), towards.astype(np.float32), query="OCCLUDED") < 0
+    return np.asarray(free)
 
 
 def seen(corners: Floats, points: Floats, normals: Floats, directions: Floats) -> Bools:

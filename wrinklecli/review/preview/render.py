@@ -16,6 +16,7 @@ from wrinklecli.review.preview.draw import INK, Mark, SeenMark, blend, draw_mark
 from wrinklecli.review.preview.light import REACH, light_up
 from wrinklecli.review.preview.materials import Texture, look_up
 from wrinklecli.review.preview.options import PLAIN, Style
+from wrinklecli.review.preview.overlay import NOTHING, Overlay, draw_overlay
 from wrinklecli.review.preview.rays import Hits, TracedSurface, first_hits, trace
 
 Bytes = NDArray[np.uint8]
@@ -74,7 +75,9 @@ class _Scene:
     marks: tuple[SeenMark, ...]
 
 
-def render(snapshot: Snapshot, camera: Camera, *, size: tuple[int, int], style: Style = PLAIN) -> Bytes:
+def render(
+    snapshot: Snapshot, camera: Camera, *, size: tuple[int, int], style: Style = PLAIN, overlay: Overlay = NOTHING
+) -> Bytes:
     """A picture of a snapshot: key light with soft shadow, fill light, ambient occlusion.
 
     Both sides of a triangle are shaded, its normals turned with it. Light rays start from the curved surface that the
@@ -85,6 +88,7 @@ def render(snapshot: Snapshot, camera: Camera, *, size: tuple[int, int], style: 
         camera: Where from.
         size: Width and height, pixels.
         style: How.
+        overlay: Strokes and dots to draw over it.
 
     Returns:
         (height, width, 3) sRGB.
@@ -96,6 +100,7 @@ def render(snapshot: Snapshot, camera: Camera, *, size: tuple[int, int], style: 
     for top in range(0, height, rows):
         bottom = min(top + rows, height)
         shown[top:bottom] = _band(scene, size, style, top, bottom)
+    draw_overlay(shown, overlay, camera, scene.surface)
     return shown
 
 
@@ -103,13 +108,14 @@ def _scene(snapshot: Snapshot, camera: Camera, size: tuple[int, int], style: Sty
     local = camera.local(snapshot.corners)
     projected = None
     if style.wire:
-        projected = project(local, (size[0] * _SAMPLES, size[1] * _SAMPLES)).astype(np.float32)
+        finer = (size[0] * _SAMPLES, size[1] * _SAMPLES)
+        projected = project(local, finer, camera.tangent).astype(np.float32)
     return _Scene(
-        surface=trace(local, snapshot.normals @ camera.axes.T),
+        surface=trace(local, snapshot.normals @ camera.axes.T, camera.tangent),
         snapshot=snapshot,
         colours=snapshot.colours.astype(np.float32),
         projected=projected,
-        marks=tuple(seen_mark(mark, local, size) for mark in snapshot.marks),
+        marks=tuple(seen_mark(mark, local, size, camera.tangent) for mark in snapshot.marks),
     )
 
 

@@ -4,6 +4,7 @@ import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -11,9 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from wrinklecli.errors import WrinkleError
+from wrinklecli.review.preview.options import MOST_SIDE
+
 Bytes = NDArray[np.uint8]
 Colour = tuple[float, float, float]
 
+# Pixels of a sheet, or of all frames of an animation: they are held in memory until the file is written.
+MOST_PIXELS = 2**28
 _GUTTER = 4  # pixels between pictures
 _DARK, _PALE = (60, 66, 74), (255, 255, 255)
 _WEBP_QUALITY = 90
@@ -37,6 +43,25 @@ class Legend:
     names: tuple[tuple[str, Colour], ...] = ()
 
 
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """What was drawn.
+
+    Attributes:
+        images: A sheet, or the frames of an animation.
+        shown: What there is to see: how many moments, or tools.
+        views: As used; `facing` as the angles that it came to.
+        seconds: From one frame to the next.
+        warnings: A line each.
+    """
+
+    images: tuple[Image.Image, ...]
+    shown: str
+    views: tuple[str, ...]
+    seconds: float = 0.0
+    warnings: tuple[str, ...] = ()
+
+
 class Sheet:
     """Pictures of one size in rows and columns, each with a label, and a legend below."""
 
@@ -51,19 +76,11 @@ class Sheet:
     def put(self, column: int, row: int, picture: Bytes, label: str) -> None:
         """Place a picture, its label in the top left corner."""
         width, height = self._size
-        cell = Image.fromarray(picture)
-        font = _font(self._size)
-        edge = font.size // 2
-        text = _fitting(label, font, width - 4 * edge)
-        if text and font.size + 2 * edge < height:
-            pen = ImageDraw.Draw(cell)
-            left, top, right, bottom = pen.textbbox((edge + 3, edge), text, font=font)
-            pen.rectangle((left - 4, top - 3, right + 4, bottom + 3), fill=_PALE)
-            pen.text((edge + 3, edge), text, fill=_DARK, font=font)
+        cell = tagged(picture, label, font_of(_font_size(self._size)))
         self.image.paste(cell, (column * (width + _GUTTER), row * (height + _GUTTER)))
 
     def _draw_legend(self, top: int) -> None:
-        font, pen = _font(self._size), ImageDraw.Draw(self.image)
+        font, pen = font_of(_font_size(self._size)), ImageDraw.Draw(self.image)
         step = int(font.size)
         left, line = step // 2 + 3, top + step // 2
         if self._legend.ramp is not None:
@@ -73,18 +90,18 @@ class Sheet:
             if width > 4 * step:
                 for x in range(width):
                     colour = self._legend.ramp[x * len(self._legend.ramp) // width]
-                    pen.line((left + x, line + 1, left + x, line + step), fill=_code(colour))
+                    pen.line((left + x, line + 1, left + x, line + step), fill=code(colour))
                 for place, text in self._legend.ticks:
                     x = left + round(place * width)
                     pen.line((x, line + step, x, line + step + 3), fill=_DARK)
                     pen.text((x, line + step + 4), text, fill=_DARK, font=font, anchor="ma")
                 left += width + 2 * step
         for name, colour in self._legend.names:
-            text = _fitting(name, font, 16 * step)
+            text = fitting(name, font, 16 * step)
             room = 2 * step + int(pen.textlength(text, font=font))
             if left + room > self.image.width:
                 break
-            pen.rectangle((left, line + 2, left + step - 2, line + step), fill=_code(colour))
+            pen.rectangle((left, line + 2, left + step - 2, line + step), fill=code(colour))
             pen.text((left + step + 3, line), text, fill=_DARK, font=font)
             left += room + step // 2
 
@@ -96,6 +113,15 @@ def sheet_size(columns: int, rows: int, size: tuple[int, int], legend: Legend) -
     return width, height + (_legend_height(size) if wanted else 0)
 
 
+def refuse_large(size: tuple[int, int], count: int, path: str) -> None:
+    """Check that a picture, or an animation of so many, can be written and held in memory."""
+    if max(size) > MOST_SIDE:
+        raise WrinkleError(f"would have {size[0]} × {size[1]} pixels; at most {MOST_SIDE} each way", where=path)
+    if size[0] * size[1] * count > MOST_PIXELS:
+        most = MOST_PIXELS // (size[0] * size[1])
+        raise WrinkleError(f"would have {count} frames; of {size[0]} × {size[1]} pixels, at most {most}", where=path)
+
+
 def _legend_height(size: tuple[int, int]) -> int:
     return 3 * _font_size(size)
 
@@ -104,11 +130,26 @@ def _font_size(size: tuple[int, int]) -> int:
     return max(12, size[1] // 36)
 
 
-def _font(size: tuple[int, int]) -> Any:
-    return ImageFont.load_default(float(_font_size(size)))
+@cache
+def font_of(size: int) -> Any:
+    """A font that Pillow brings along, pixels."""
+    return ImageFont.load_default(float(size))
 
 
-def _fitting(text: str, font: Any, width: float) -> str:
+def tagged(picture: Bytes, label: str, font: Any) -> Image.Image:
+    """A picture with a label in its top left corner, where it fits."""
+    cell = Image.fromarray(picture)
+    edge = font.size // 2
+    text = fitting(label, font, cell.width - 4 * edge)
+    if text and font.size + 2 * edge < cell.height:
+        pen = ImageDraw.Draw(cell)
+        left, top, right, bottom = pen.textbbox((edge + 3, edge), text, font=font)
+        pen.rectangle((left - 4, top - 3, right + 4, bottom + 3), fill=_PALE)
+        pen.text((edge + 3, edge), text, fill=_DARK, font=font)
+    return cell
+
+
+def fitting(text: str, font: Any, width: float) -> str:
     """A line of text, cut where it is wider than there is room."""
     text = "".join(c if c.isprintable() else "?" for c in text[:200])
     if font.getlength(text) <= width:
@@ -118,7 +159,8 @@ def _fitting(text: str, font: Any, width: float) -> str:
     return text + "…" if text else ""
 
 
-def _code(colour: Any) -> tuple[int, int, int]:
+def code(colour: Any) -> tuple[int, int, int]:
+    """An sRGB colour of 0 to 1 in whole numbers of 255."""
     red, green, blue = (round(255 * float(c)) for c in colour)
     return red, green, blue
 

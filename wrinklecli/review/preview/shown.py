@@ -5,7 +5,7 @@ file's own, morphed, skinned and renormalised, so that shading seams show as the
 NORMAL are shaded flat.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -101,6 +101,52 @@ class ShownAsset:
     clips: tuple[Clip, ...]
     primitives: tuple[ShownPrimitive, ...]
 
+    @property
+    def wrinkled(self) -> dict[int, list[ShownPrimitive]]:
+        """The primitives that carry wrinkles, by their node."""
+        found: dict[int, list[ShownPrimitive]] = {}
+        for shown in self.primitives:
+            if len(shown.shape_numbers):
+                found.setdefault(shown.source.rig.node, []).append(shown)
+        return found
+
+    def without_wrinkles(self) -> "ShownAsset":
+        """The asset as it is where all its wrinkles' weights are 0."""
+        primitives = []
+        for shown in self.primitives:
+            skin, rows = shown.source.skin, 1 + shown.shape_numbers
+            places, turns = skin.places.copy(), None if skin.turns is None else skin.turns.copy()
+            places[:, rows] = 0.0
+            if turns is not None:
+                turns[:, rows] = 0.0
+            source = replace(shown.source, skin=replace(skin, places=places, turns=turns))
+            primitives.append(replace(shown, source=source) if len(rows) else shown)
+        return replace(self, primitives=tuple(primitives))
+
+    def of_targets(self, chosen: Callable[[int, str], bool], *, raised: bool) -> "ShownAsset":
+        """The asset with no other wrinkles than those of some morph targets.
+
+        Args:
+            chosen: Whether a morph target, by its node and its name, is one of them.
+            raised: Let their stored weights be 1.
+        """
+        primitives = []
+        for shown in self.primitives:
+            rig = shown.source.rig
+            numbers = [number for number in shown.shape_numbers if chosen(rig.node, rig.morph_names[number])]
+            weights = rig.morph_weights.copy()
+            if raised:
+                weights[numbers] = 1.0
+            primitives.append(
+                replace(
+                    shown,
+                    source=replace(shown.source, rig=replace(rig, morph_weights=weights)),
+                    shapes=shown.shapes[np.isin(shown.shape_numbers, numbers)],
+                    shape_numbers=np.array(numbers, np.intp),
+                )
+            )
+        return replace(self, primitives=tuple(primitives))
+
     def clip(self, name: str | None) -> Clip | None:
         """The clip of a name.
 
@@ -137,13 +183,16 @@ def tool_names(plans: Sequence[MeshPlan]) -> list[str]:
     return [carried.patch.tool.name for plan in plans for carried in plan.carried_patches]
 
 
-def read_shown(document: Document, label: str, plans: Sequence[MeshPlan]) -> tuple[ShownAsset, list[str]]:
+def read_shown(
+    document: Document, label: str, plans: Sequence[MeshPlan], *, refined: bool = True
+) -> tuple[ShownAsset, list[str]]:
     """Read what of an asset can be seen.
 
     Args:
         document: The asset.
         label: What to call it.
-        plans: Of the tools to draw on it; they were baked into it.
+        plans: Of the tools to draw on it.
+        refined: Whether they were baked into it.
 
     Returns:
         The asset, and a warning for each primitive whose texture cannot be read.
@@ -157,7 +206,7 @@ def read_shown(document: Document, label: str, plans: Sequence[MeshPlan]) -> tup
     for source, paint in zip(sources, paints, strict=True):
         numbers = _wrinkle_targets(document, source)
         shapes = source.vertices.morph_deltas[numbers]
-        primitives.append(ShownPrimitive(source, paint, shapes, numbers, tuple(_marks(source, plans))))
+        primitives.append(ShownPrimitive(source, paint, shapes, numbers, tuple(_marks(source, plans, refined))))
     return ShownAsset(label, document, read_clips(document), tuple(primitives)), warnings
 
 
@@ -173,20 +222,20 @@ def _wrinkle_targets(document: Document, source: ScenePrimitive) -> Ints:
     return np.array([k for k, name in enumerate(source.rig.morph_names) if name in names], np.intp)
 
 
-def _marks(source: ScenePrimitive, plans: Sequence[MeshPlan]) -> Iterator[Mark]:
-    """The tools on a primitive."""
+def _marks(source: ScenePrimitive, plans: Sequence[MeshPlan], refined: bool) -> Iterator[Mark]:
+    """The tools on a primitive, before or after it was refined for them."""
     names = tool_names(plans)
     for plan in plans:
         if plan.rig.node != source.rig.node:
             continue
         fine = plan.fine
-        refined = primitives_of(fine)[source.primitive]
-        if refined.changed:
+        primitive = primitives_of(fine)[source.primitive]
+        if refined and primitive.changed:
             parents = fine.subdivision.parents[fine.triangle_primitives == source.primitive]
-            welded = refined.weld[refined.triangles]
+            welded = primitive.weld[primitive.triangles]
         else:  # as the file has it, in its order
             parents = np.flatnonzero(fine.surface.primitives == source.primitive)
-            welded = refined.weld[source.triangles]
+            welded = primitive.weld[source.triangles]
         outwards = fine.rest_normals[welded].sum(axis=1)
         for carried in plan.carried_patches:
             patch = carried.patch
@@ -198,6 +247,7 @@ def _marks(source: ScenePrimitive, plans: Sequence[MeshPlan]) -> Iterator[Mark]:
             triangles, inside = triangles[shown], inside[shown]
             u, v = patch.coordinates(fine.rest_positions[welded[triangles]])
             yield Mark(
+                name=patch.tool.name,
                 triangles=triangles,
                 inside=inside,
                 places=np.stack([u * patch.span, v * patch.half_width], axis=2),

@@ -1,0 +1,153 @@
+"""Reviews: every tool of an asset on a sheet, each where its wrinkles are tallest."""
+
+import dataclasses
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import wrinklecli
+from kit.limb import RADIUS, limb_asset, tool, write_tools
+from kit.pictures import BUMPY, draw, limb, near, picture
+from wrinklecli.baking.job import BakeOptions
+from wrinklecli.errors import AssetError
+from wrinklecli.gltf.document import Document, read_document
+from wrinklecli.review.check import check
+from wrinklecli.review.preview import review as reviewing
+from wrinklecli.review.preview.apply import plan_tools
+from wrinklecli.review.preview.options import PreviewOptions
+from wrinklecli.review.preview.peaks import Peak, baked_peaks, planned_peaks
+from wrinklecli.review.preview.preview import is_reviewed
+from wrinklecli.review.preview.shown import INKS, read_shown
+
+Json = dict[str, Any]
+
+UNDER: Json = {"name": "under (1).*", "origin": [-0.4, -RADIUS, 0.0], "target": [0.4, -RADIUS, 0.0], "bumps": 2}
+SMALL: Json = {"size": (64, 48)}
+
+
+def two_ways(folder: Path) -> tuple[Path, Path]:
+    """A limb that one clip bends up, and another, later and less, down; and tools on both sides."""
+    asset = limb_asset(rings=17, sides=12)
+    animation: Json = {"name": "unfold"}
+    turn = np.radians(60.0) / 2.0
+    turns = [[0.0, 0.0, 0.0, 1.0], [0.0, 0.0, -np.sin(turn), np.cos(turn)], [0.0, 0.0, 0.0, 1.0]]
+    asset.channel(animation, 2, "rotation", [0.0, 1.5, 2.0], turns)
+    asset.append("animations", animation)
+    return asset.write(folder / "limb.glb"), write_tools(folder / "tools.yaml", tool(**BUMPY), tool(**UNDER))
+
+
+def peaks_of(asset: Path, tools: Path) -> list[Peak]:
+    planned = plan_tools(asset, tools, BakeOptions())
+    assert planned.job is not None
+    return planned_peaks(planned.plans, planned.job.clips, fps=30.0)
+
+
+def words(peak: Peak) -> str:
+    return " / ".join(fact.text for row in peak.facts for fact in row)
+
+
+def test_each_tool_has_its_own_peak_and_a_bake_has_the_same(tmp_path: Path) -> None:
+    asset, tools = two_ways(tmp_path)
+    fold, under = peaks_of(asset, tools)
+    assert (fold.moment.clip, under.moment.clip) == ("fold", "unfold")
+    assert (fold.moment.time, under.moment.time) == pytest.approx((1.0, 1.5))
+    wrinklecli.bake(asset, tools, tmp_path / "baked.glb")
+    shown, _ = read_shown(read_document(tmp_path / "baked.glb"), "", ())
+    for planned, baked in zip((fold, under), baked_peaks(shown, shown.clips), strict=True):
+        assert (baked.name, baked.moment.clip) == (planned.name, planned.moment.clip)
+        assert baked.moment.time == pytest.approx(planned.moment.time, abs=0.01)
+        (shorter,) = re.findall(r"\d+ % shorter", words(planned))
+        assert shorter in words(baked)
+        # Of an attenuated wrinkle no vertex need be quite as tall as its control curve.
+        heights = [float(*re.findall(r"([\d.]+)(?: of [\d.]+)? tall", words(each))) for each in (planned, baked)]
+        assert 0.8 * heights[0] < heights[1] <= 1.01 * heights[0]
+
+
+def test_what_is_known_of_a_tool_is_that_of_check(tmp_path: Path) -> None:
+    asset, tools = two_ways(tmp_path)
+    for peak, data in zip(peaks_of(asset, tools), check(asset, tools).data["tools"], strict=True):
+        assert f"{data['triangles']:,} triangles + {data['edges_split']:,} vertices" in words(peak)
+        assert f"{data['bumps']} bumps, everywhere" in words(peak)
+        clip = next(each for each in data["clips"] if each["name"] == peak.moment.clip)
+        assert f"{clip['height']:.3g} of {data['height_limit']:.3g} tall" in words(peak)
+        lost = [fact.text for row in peak.facts for fact in row if fact.alarming]
+        assert lost == [f"{100 * clip['unabsorbed']:.0f} % not absorbed"]
+
+
+def test_a_sheet_is_a_review_where_there_is_more_than_one_tool_or_clip(tmp_path: Path) -> None:
+    asset, tools = two_ways(tmp_path)
+    single = read_document(limb(tmp_path, name="single"))
+    document = read_document(asset)
+
+    def reviewed(document: Document, *, animated: bool = False, **options: Any) -> bool:
+        planned = plan_tools(document.path, tools, BakeOptions(only=options.get("only", ())))
+        return is_reviewed([document], planned, PreviewOptions(**options), animated=animated)
+
+    assert reviewed(document)
+    assert reviewed(single)
+    assert reviewed(document, only=["fold"]), "as there are two clips"
+    assert not reviewed(single, only=["fold"])
+    assert not reviewed(document, animated=True)
+    shots: list[Json] = [
+        {"times": (0.5,)},
+        {"rest": True},
+        {"views": ["front"]},
+        {"labels": ["x"]},
+        {"clips": ["fold"]},
+    ]
+    assert not any(reviewed(document, **shot) for shot in shots)
+    assert reviewed(document, review=True, views=["front"])
+    assert not is_reviewed([document], None, PreviewOptions(), animated=False)
+
+
+def test_tools_are_marked_before(tmp_path: Path) -> None:
+    asset, tools = two_ways(tmp_path)
+    out = tmp_path / "a.png"
+    one = draw([asset], out, tools=tools, **SMALL)
+    assert (one.shown, one.warnings) == ("2 tools", ())
+    shown = picture(out)
+    assert near(shown, INKS[0], within=5) > 20
+    assert near(shown, INKS[1], within=5) > 20
+
+
+def test_of_many_tools_the_first_are_shown_and_the_others_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asset, tools = two_ways(tmp_path)
+    wrinklecli.bake(asset, tools, tmp_path / "baked.glb")
+    monkeypatch.setattr(reviewing, "MOST_REVIEWED", 1)
+    made = draw([tmp_path / "baked.glb"], tmp_path / "a.png", **SMALL)
+    assert made.shown == "1 tool"
+    assert made.warnings == (f"1 of 2 tools are not shown: {UNDER['name']}; --tool NAME shows one",)
+    made = draw([tmp_path / "baked.glb"], tmp_path / "a.png", review=True, only=[UNDER["name"]], **SMALL)
+    assert (made.shown, made.warnings) == ("1 tool", ())
+    with pytest.raises(AssetError, match="has no tool 'fo'; did you mean 'fold'"):
+        draw([tmp_path / "baked.glb"], tmp_path / "a.png", review=True, only=["fo"], **SMALL)
+
+
+def test_a_tool_that_no_clip_raises_is_shown_at_its_full_height(tmp_path: Path) -> None:
+    asset = limb(tmp_path, clip=None)
+    tools = write_tools(tmp_path / "tools.yaml", tool(**BUMPY))
+    made = draw([asset], tmp_path / "a.png", tools=tools, review=True, hide_tools=True, size=(160, 120), views=["top"])
+    assert made.shown == "1 tool"
+    shown = picture(tmp_path / "a.png").astype(int)
+    (row,) = {int(y) for y in [np.flatnonzero((shown[:, 20] != shown[5, 20]).any(axis=1))[0]]}
+    before, after = shown[row + 40 : row + 110, 14:170], shown[row + 40 : row + 110, 176:332]
+    assert np.abs(before - after).mean() > 2
+    (peak,) = peaks_of(asset, tools)
+    assert "no clip raises it" in words(peak)
+
+
+def test_what_carries_no_wrinkles_has_no_review(tmp_path: Path) -> None:
+    with pytest.raises(AssetError, match="no wrinkles to review"):
+        draw([limb(tmp_path)], tmp_path / "a.png", review=True, **SMALL)
+
+
+def test_names_of_tools_are_told_from_each_other() -> None:
+    peak = Peak("a.(b", 0, None, raised=True, facts=())  # type: ignore[arg-type]
+    assert peak.owns("wrinkle_a__b_1")
+    assert not peak.owns("wrinkle_a__b_1_1")
+    assert not dataclasses.replace(peak, name="a").owns("wrinkle_a__b_1")

@@ -1,0 +1,163 @@
+"""Contact sheets and animations: assets side by side at some moments, from some sides."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from wrinklecli.baking.plan import MeshPlan
+from wrinklecli.errors import counted
+from wrinklecli.gltf.document import Document
+from wrinklecli.numeric.guard import Progress
+from wrinklecli.review.preview.apply import PlannedTools, apply_tools
+from wrinklecli.review.preview.framing import View, plan_views
+from wrinklecli.review.preview.heat import HEAT, HEAT_TICKS, heat_colours
+from wrinklecli.review.preview.moments import Moment, frame_seconds, plan_moments
+from wrinklecli.review.preview.options import PreviewOptions
+from wrinklecli.review.preview.render import render
+from wrinklecli.review.preview.shown import INKS, ShownAsset, read_shown, take_snapshot, tool_names
+
+if TYPE_CHECKING:
+    from wrinklecli.review.preview.sheet import Drawn, Legend, Sheet
+
+_COLUMNS = 3  # moments in a row of a sheet, of one asset
+
+
+def contact(
+    documents: Sequence[Document],
+    planned: PlannedTools | None,
+    path: str,
+    options: PreviewOptions,
+    *,
+    animated: bool,
+    progress: Progress,
+) -> "Drawn":
+    """Draw assets over time.
+
+    Args:
+        documents: The assets.
+        planned: Tools to apply to the first, if there are any.
+        path: Of the picture, for messages.
+        options: What to show, and how.
+        animated: Whether every moment is an image of its own.
+        progress: Called with a stage's name, steps done and steps in all.
+
+    Raises:
+        AssetError: An asset has nothing to show, or lacks a clip.
+        WrinkleError: It would be too large, or tools cannot be baked.
+    """
+    from wrinklecli.review.preview.sheet import Drawn, refuse_large, sheet_size
+
+    moments = plan_moments(documents[0], options, animated=animated)
+    shown, plans, warnings = _read_shown(documents, planned, moments, options, progress)
+    views = plan_views(shown, moments, options, progress)
+    together = 1 if animated else len(moments)
+    columns = min(options.columns or (_COLUMNS if len(shown) == 1 else 1), together)
+    layout = _Layout(together, columns, len(shown), len(views))
+    legend = _legend(plans, heat=options.heat)
+    refuse_large(sheet_size(*layout.cells, options.picture_size, legend), len(moments) // together, path)
+    sheets = _draw(shown, moments, views, layout, legend, options, progress)
+    return Drawn(
+        images=tuple(sheet.image for sheet in sheets),
+        seconds=frame_seconds(shown[0].document, moments, options),
+        shown=counted(len(moments), "moment"),
+        views=tuple(view.name for view in views),
+        warnings=warnings,
+    )
+
+
+def _read_shown(
+    documents: Sequence[Document],
+    planned: PlannedTools | None,
+    moments: Sequence[Moment],
+    options: PreviewOptions,
+    progress: Progress,
+) -> tuple[list[ShownAsset], tuple[MeshPlan, ...], tuple[str, ...]]:
+    """Apply the tools, if any, and read what can be seen: assets from left to right, tools to draw, and warnings."""
+    plans: tuple[MeshPlan, ...] = ()
+    if planned is not None and planned.plans:
+        clips = list(dict.fromkeys(moment.clip for moment in moments if moment.clip is not None))
+        documents = [*documents, apply_tools(planned, clips, progress)][0 if options.before else 1 :]
+        plans = () if options.hide_tools else planned.plans
+    elif options.before:
+        documents = [*documents, *documents]
+    labels = options.labels or (("before", "after") if options.before else [Path(each.path).stem for each in documents])
+    shown: list[ShownAsset] = []
+    warnings: list[str] = []
+    for document, label in zip(documents, labels, strict=True):
+        asset, unread = read_shown(document, label, plans if document is documents[-1] else ())
+        shown.append(asset)
+        warnings += unread
+    return shown, plans, tuple(dict.fromkeys(warnings))
+
+
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    """Where pictures lie on a sheet.
+
+    Attributes:
+        moments: On each sheet: all of them, or one where each sheet is a frame of an animation.
+        columns: Moments in a row.
+        assets: How many there are, side by side at each moment.
+        views: How many there are, each with rows of its own.
+    """
+
+    moments: int
+    columns: int
+    assets: int
+    views: int
+
+    @property
+    def rows(self) -> int:
+        """Of moments."""
+        return -(-self.moments // self.columns)
+
+    @property
+    def cells(self) -> tuple[int, int]:
+        """Columns and rows of pictures."""
+        return self.columns * self.assets, self.rows * self.views
+
+    def cell(self, moment: int, asset: int, view: int) -> tuple[int, int]:
+        """Column and row of a picture."""
+        row, column = divmod(moment % self.moments, self.columns)
+        return column * self.assets + asset, view * self.rows + row
+
+
+def _legend(plans: Sequence[MeshPlan], *, heat: bool) -> "Legend":
+    """What explains the colours: of the tools, and of compression."""
+    from wrinklecli.review.preview.sheet import Legend
+
+    names = tuple((name, INKS[number % len(INKS)]) for number, name in enumerate(tool_names(plans)))
+    if not heat:
+        return Legend(names=names)
+    top = HEAT[-1][0]
+    ticks = tuple((tick / top, f"{tick:.0%}") for tick in HEAT_TICKS)
+    return Legend("compressed by", heat_colours(np.linspace(0, top, 256)), ticks, names)
+
+
+def _draw(
+    shown: Sequence[ShownAsset],
+    moments: Sequence[Moment],
+    views: Sequence[View],
+    layout: _Layout,
+    legend: "Legend",
+    options: PreviewOptions,
+    progress: Progress,
+) -> list["Sheet"]:
+    """Draw all assets at all moments from all views."""
+    from wrinklecli.review.preview.sheet import Sheet
+
+    sheets: list[Sheet] = []
+    for number, moment in enumerate(moments):
+        if number % layout.moments == 0:
+            sheets.append(Sheet(*layout.cells, options.picture_size, legend))
+        for column, asset in enumerate(shown):
+            snapshot = take_snapshot(asset, moment, heat=options.heat)
+            for row, view in enumerate(views):
+                picture = render(snapshot, view.cameras[number], size=options.picture_size, style=options.style)
+                label = "   ".join([asset.label, moment.label, *([view.name] if len(views) > 1 else [])])
+                sheets[-1].put(*layout.cell(number, column, row), picture, label)
+        progress("drawing", number + 1, len(moments))
+    return sheets

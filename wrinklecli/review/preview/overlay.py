@@ -1,0 +1,152 @@
+"""What is drawn over a picture, and is no part of its surface: strokes, dots and words at places of the world."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from wrinklecli.numeric.arrays import Array, Floats
+from wrinklecli.review.preview.camera import Camera, project
+from wrinklecli.review.preview.rays import TracedSurface, in_sight
+
+Colour = tuple[float, float, float]
+
+# Points of a stroke for each pixel of its length, and how many it has at the most: of what leaves the picture little is
+# drawn.
+_POINTS, _MOST_POINTS = 2.0, 4096
+
+
+@dataclass(frozen=True, slots=True)
+class Stroke:
+    """A straight line.
+
+    Attributes:
+        ends: (2, 3) world space.
+        colour: sRGB.
+        width: Pixels.
+        behind: How opaque it is where the surface hides it; elsewhere 1.
+        dash: Pixels of its dashes and of the gaps between them; 0 for none.
+    """
+
+    ends: Floats
+    colour: Colour
+    width: float = 1.2
+    behind: float = 0.0
+    dash: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Dot:
+    """A small sign at a place, seen through the surface.
+
+    Attributes:
+        place: (3,) world space.
+        colour: sRGB.
+        radius: Pixels.
+        kind: A disc, a ring, or a cross.
+    """
+
+    place: Floats
+    colour: Colour
+    radius: float = 3.0
+    kind: Literal["disc", "ring", "cross"] = "disc"
+
+
+@dataclass(frozen=True, slots=True)
+class Word:
+    """A name at a place.
+
+    Attributes:
+        place: (3,) world space.
+        text: The name.
+        colour: sRGB.
+    """
+
+    place: Floats
+    text: str
+    colour: Colour
+
+
+@dataclass(frozen=True, slots=True)
+class Overlay:
+    """All of them; words are for who lays out the sheet to write.
+
+    Attributes:
+        strokes: Lines.
+        dots: Signs.
+        words: Names.
+    """
+
+    strokes: Sequence[Stroke] = ()
+    dots: Sequence[Dot] = ()
+    words: Sequence[Word] = ()
+
+    def joined(self, other: "Overlay") -> "Overlay":
+        """These and then others."""
+        return Overlay((*self.strokes, *other.strokes), (*self.dots, *other.dots), (*self.words, *other.words))
+
+
+NOTHING = Overlay()
+
+
+def draw_overlay(picture: Array, overlay: Overlay, camera: Camera, surface: TracedSurface) -> None:
+    """Draw strokes and dots over a (height, width, 3) picture of 8-bit sRGB, in place; strokes first.
+
+    Args:
+        picture: To draw on.
+        overlay: What to draw.
+        camera: That sees the picture.
+        surface: That can hide strokes, in the camera's axes.
+    """
+    size = (picture.shape[1], picture.shape[0])
+    for stroke in overlay.strokes:
+        ends = camera.project(stroke.ends, size)
+        length = float(np.linalg.norm(ends[1] - ends[0]))
+        if not np.isfinite(length):
+            continue
+        ts = np.linspace(0, 1, int(min(max(_POINTS * length, 2), _MOST_POINTS)))
+        local = camera.local(stroke.ends[0] + ts[:, None] * (stroke.ends[1] - stroke.ends[0]))
+        places = project(local, size, camera.tangent)
+        inside = ((places > -2) & (places < np.array(size) + 2)).all(axis=1)
+        if stroke.dash:
+            inside &= (ts * length) % (2 * stroke.dash) < stroke.dash
+        opacities = np.where(in_sight(surface, local), 1.0, stroke.behind)
+        _splat(picture, places[inside], opacities[inside], stroke.width / 2, stroke.colour)
+    for dot in overlay.dots:
+        _draw_dot(picture, dot, camera.project(dot.place, size))
+
+
+def _draw_dot(picture: Array, dot: Dot, place: Floats) -> None:
+    one = np.ones(1)
+    if not (np.isfinite(place).all() and (np.abs(place) < 1e6).all()):
+        return
+    if dot.kind == "disc":
+        _splat(picture, place[None], one, dot.radius, dot.colour)
+    elif dot.kind == "ring":
+        angles = np.linspace(0, 2 * np.pi, int(8 * dot.radius) + 8)
+        ring = place + dot.radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        _splat(picture, ring, np.ones(len(ring)), 0.9, dot.colour)
+    else:
+        ts = np.linspace(-dot.radius, dot.radius, int(4 * dot.radius) + 4)
+        arms = np.concatenate([np.stack([ts, ts], axis=1), np.stack([ts, -ts], axis=1)])
+        _splat(picture, place + arms, np.ones(len(arms)), 0.9, dot.colour)
+
+
+def _splat(picture: Array, places: Floats, opacities: Floats, radius: float, colour: Colour) -> None:
+    """Lay discs of a radius at (points, 2) pixels over a picture, in place: each pixel takes the most opaque."""
+    height, width = picture.shape[:2]
+    reach = int(np.ceil(radius + 1))
+    corners = np.floor(places).astype(np.intp)
+    offsets = np.stack(np.meshgrid(*(np.arange(-reach, reach + 1),) * 2), axis=-1).reshape(-1, 2)
+    pixels = corners[:, None] + offsets
+    distances = np.sqrt(np.sum((pixels + 0.5 - places[:, None]) ** 2, axis=2))
+    covered = np.clip(radius + 0.5 - distances, 0, 1) * opacities[:, None]
+    known = (covered > 0) & (pixels >= 0).all(axis=2) & (pixels < (width, height)).all(axis=2)
+    numbers = pixels[known][:, 1] * width + pixels[known][:, 0]
+    most = np.zeros(height * width)
+    np.maximum.at(most, numbers, covered[known])
+    touched = np.flatnonzero(most)
+    flat = picture.reshape(-1, 3)
+    ink = 255 * np.array(colour)
+    flat[touched] = np.round(flat[touched] + most[touched, None] * (ink - flat[touched])).astype(np.uint8)

@@ -1,0 +1,258 @@
+"""The moment at which each tool's wrinkles are tallest, and what an artist wants to know of the tool there."""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrinklecli.baking.baked_body import BakedTool, read_bodies
+from wrinklecli.baking.baked_segment import joint_named, segment_lengths
+from wrinklecli.baking.plan import MeshPlan
+from wrinklecli.baking.sample import ClipActivity, moving_clips, refuse_many_frames
+from wrinklecli.character.clip import Clip, clip_grid
+from wrinklecli.character.pose import joint_matrices, morph_weights
+from wrinklecli.character.rig import Rig
+from wrinklecli.errors import AssetError
+from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.shape import Json
+from wrinklecli.method.activity import activities
+from wrinklecli.method.curve import group_starts
+from wrinklecli.numeric.arrays import Floats, determinants, median
+from wrinklecli.review.check import describe_clip, describe_tool
+from wrinklecli.review.preview.moments import Moment
+from wrinklecli.review.preview.shown import ShownAsset, ShownPrimitive
+from wrinklecli.tools.records import identifier
+
+_FPS = 30.0  # of the grid on which the peaks of a baked file are looked for
+# Heights that differ by less are equal: bumps are at their limit, and the greatest shortening is the peak.
+_EQUAL = 0.999
+# Share of the rest length that it takes no notice of, as the warnings of a bake.
+_VISIBLE = 1e-3
+_OTHERS = 3  # further clips that are named
+
+
+@dataclass(frozen=True, slots=True)
+class Fact:
+    """A few words below a picture.
+
+    Attributes:
+        text: The words.
+        alarming: Whether they say that something is amiss.
+    """
+
+    text: str
+    alarming: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Peak:
+    """A tool where its wrinkles are tallest.
+
+    Attributes:
+        name: Of the tool.
+        node: That has its mesh.
+        moment: When they are tallest; the stored pose where no clip raises them.
+        raised: Whether a clip raises them; otherwise they are to be shown at their full height.
+        facts: Rows of what is to be said of it.
+    """
+
+    name: str
+    node: int
+    moment: Moment
+    raised: bool
+    facts: tuple[tuple[Fact, ...], ...]
+
+    def owns(self, morph_target: str) -> bool:
+        """Whether a bake gives this name to a target of the tool."""
+        return re.fullmatch(rf"wrinkle_{re.escape(identifier(self.name))}_\d+", morph_target) is not None
+
+
+def planned_peaks(plans: Sequence[MeshPlan], clips: Sequence[Clip], *, fps: float) -> list[Peak]:
+    """The peaks of tools that are attached to an asset, on the grid of frames joined with the clips' own key times.
+
+    Args:
+        plans: The tools on each mesh.
+        clips: Of the asset, to look at.
+        fps: Frames per second of the grid.
+
+    Raises:
+        BakeError: Clips are too long.
+    """
+    peaks = []
+    for plan in plans:
+        moving = moving_clips(plan, clips)
+        refuse_many_frames(plan, moving, fps=fps)
+        patches = [carried.patch for carried in plan.carried_patches]
+        done: list[list[Json]] = [[] for _ in patches]
+        for clip in moving:
+            times = clip_grid(clip, plan.rig, fps=fps)
+            for carried, seen, found in zip(
+                plan.carried_patches, activities(patches, plan.rig, plan.rest, clip, times), done, strict=True
+            ):
+                found.append(describe_clip(carried, ClipActivity(clip, times, seen)))
+        for number, found in enumerate(done):
+            data = describe_tool(plan, number, "y")
+            curve = plan.carried_patches[number].patch.curve
+            data["full"] = float(group_starts(curve, curve.rest_length)[-1])
+            peaks.append(_peak(data, plan.rig.node, found))
+    return peaks
+
+
+def baked_peaks(asset: ShownAsset, clips: Sequence[Clip]) -> list[Peak]:
+    """The peaks of the tools that were baked into an asset, as its weight tracks have them.
+
+    Args:
+        asset: The baked asset.
+        clips: Of it, to look at.
+    """
+    driven = _driven_tools(asset)
+    peaks = []
+    for node, shown in asset.wrinkled.items():
+        rig = shown[0].source.rig
+        scale = float(median(np.cbrt(np.abs(determinants(joint_matrices(rig, None, np.zeros(1))[0, :, :3, :3])))))
+        tracked = [clip for clip in clips if clip.channel(node, "weights") is not None]
+        grids = [clip_grid(clip, rig, fps=_FPS) for clip in tracked]
+        weights = [morph_weights(rig, clip, times) for clip, times in zip(tracked, grids, strict=True)]
+        for name, columns in _tools_on(asset, node, rig):
+            reaches = scale * _reaches(shown, columns)
+            heights = [np.max(np.abs(each[:, columns]) * reaches, axis=1, initial=0.0) for each in weights]
+            found = []
+            top = _EQUAL * max((float(each.max(initial=0.0)) for each in heights), default=0.0)
+            for clip, times, each in zip(tracked, grids, heights, strict=True):
+                data: Json = {"name": clip.name, "height": float(each.max()), "time": float(times[np.argmax(each)])}
+                if (node, name) in driven and data["height"] >= top > 0:
+                    data |= _shortening(driven[node, name], asset, rig, clip, times[each >= top])
+                found.append(data)
+            data = {"name": name}
+            if (node, name) in driven:
+                data["rest_length"] = driven[node, name].rest_length
+            peaks.append(_peak(data, node, found))
+    return peaks
+
+
+def baked_tool_count(document: Document) -> int:
+    """How many tools were baked into an asset, as far as its extras tell."""
+    count = 0
+    for node in document.items("nodes"):
+        extras = node.get("extras")
+        entry = extras.get("wrinkle") if isinstance(extras, dict) else None
+        tools = entry.get("tools") if isinstance(entry, dict) else None
+        count += len(tools) if isinstance(tools, list) else 0
+    return count
+
+
+def _driven_tools(asset: ShownAsset) -> dict[tuple[int, str], BakedTool]:
+    """By node and name, the tools whose anchors the extras tell; none where they are not what a bake writes."""
+    nodes = asset.document.items("nodes")
+    try:
+        bodies = read_bodies(asset.document)
+    except AssetError:
+        return {}
+    names = [str(node.get("name", "")) for node in nodes]
+    found: dict[tuple[int, str], BakedTool] = {}
+    for node in asset.wrinkled:
+        for body in bodies:
+            if body.node == names[node] and not body.ambiguous:
+                found |= {(node, tool.name): tool for tool in body.tools if set(tool.joints) <= set(names)}
+    return found
+
+
+def _tools_on(asset: ShownAsset, node: int, rig: Rig) -> Iterator[tuple[str, list[int]]]:
+    """The tools that were baked into a node, by name, with the numbers of their morph targets."""
+    entry = asset.document.items("nodes")[node]["extras"]["wrinkle"]
+    for tool in entry["tools"]:
+        columns = [rig.morph_names.index(name) for name in tool["targets"] if name in rig.morph_names]
+        if columns:
+            yield str(tool.get("name")), columns
+    undriven: dict[str, list[int]] = {}
+    for name in entry.get("undriven", ()):
+        found = re.fullmatch(r"wrinkle_(.*)_\d+", name) if name in rig.morph_names else None
+        if found:
+            undriven.setdefault(found[1], []).append(rig.morph_names.index(name))
+    yield from undriven.items()
+
+
+def _reaches(shown: Sequence[ShownPrimitive], columns: Sequence[int]) -> Floats:
+    """(targets,) how far each of some morph targets moves a vertex at the most, bind units."""
+    reaches = np.zeros(len(columns))
+    for each in shown:
+        of_shapes = np.isin(columns, each.shape_numbers)
+        rows = np.searchsorted(each.shape_numbers, np.array(columns)[of_shapes])
+        lengths = np.sqrt(np.sum(each.shapes[rows] ** 2, axis=2)).max(axis=1, initial=0.0)
+        reaches[of_shapes] = np.maximum(reaches[of_shapes], lengths)
+    return reaches
+
+
+def _shortening(tool: BakedTool, asset: ShownAsset, rig: Rig, clip: Clip, times: Floats) -> Json:
+    """At which of (frames,) times of a clip a tool is shortest, and by how much of its rest length."""
+    nodes = asset.document.items("nodes")
+    joints = {name: joint_named(nodes, name) for name in tool.joints}
+    distances, rest_lengths = segment_lengths(tool, rig, joints, clip, times)
+    shares = 1.0 - distances / rest_lengths
+    most = int(np.argmax(shares))
+    if not np.isfinite(shares[most]):
+        return {}
+    return {"shortening": [float(shares.min()), float(shares[most])], "time": float(times[most])}
+
+
+def _peak(data: Json, node: int, clips: Sequence[Json]) -> Peak:
+    """The peak of a tool.
+
+    Args:
+        data: What is known of it, by the keys of `check`.
+        node: With its mesh.
+        clips: What each clip makes of it, by the keys of `check`.
+    """
+    tallest = max((each["height"] for each in clips), default=0.0)
+    rising = [each for each in clips if each["height"] >= _EQUAL * tallest > 0]
+    best = max(rising, key=_shortest, default=None)
+    moment = Moment(None, 0.0) if best is None else Moment(best["name"], best["time"])
+    rows = (tuple(_figures(data, best)), tuple(_lie(data)), tuple(_others(best, clips)))
+    return Peak(data["name"], node, moment, best is not None, tuple(row for row in rows if row))
+
+
+def _shortest(clip: Json) -> float:
+    """The greatest shortening of a clip, a share of the rest length; -1 where it is not known."""
+    return float((clip.get("shortening") or (-1.0, -1.0))[1])
+
+
+def _figures(data: Json, best: Json | None) -> Iterator[Fact]:
+    """What a tool does at its peak."""
+    if best is None:
+        yield Fact("no clip raises it: shown at its full height", alarming=True)
+        return
+    if _shortest(best) > 0:
+        yield Fact(f"{_percent(_shortest(best))} shorter")
+    limit = f" of {data['height_limit']:.3g}" if "height_limit" in data else ""
+    yield Fact(f"{best['height']:.3g}{limit} tall")
+    if "full" in data and data["full"] < _EQUAL * _shortest(best):
+        yield Fact(f"full at {_percent(data['full'])}")
+    if best.get("unabsorbed", 0.0) > _VISIBLE:
+        yield Fact(f"{_percent(best['unabsorbed'])} not absorbed", alarming=True)
+
+
+def _lie(data: Json) -> Iterator[Fact]:
+    """How a tool lies on its mesh."""
+    if "bumps" in data:
+        yield Fact(f"{data['bumps']} bump{'s' * (data['bumps'] != 1)}, {data['strategy']}")
+    if "width" in data:
+        yield Fact(f"{data['distance']:.3g} long, {data['width']:.3g} wide")
+    elif "rest_length" in data:
+        yield Fact(f"rest length {data['rest_length']:.3g}")
+    if "triangles" in data:
+        yield Fact(f"{data['triangles']:,} triangles + {data['edges_split']:,} vertices")
+
+
+def _others(best: Json | None, clips: Sequence[Json]) -> Iterator[Fact]:
+    """By how much other clips shorten a tool."""
+    found = sorted((each for each in clips if each is not best and _shortest(each) > _VISIBLE), key=_shortest)[::-1]
+    if found:
+        more = f" and {len(found) - _OTHERS} more" if len(found) > _OTHERS else ""
+        yield Fact(
+            "also " + ", ".join(f"{each['name']} {_percent(_shortest(each))}" for each in found[:_OTHERS]) + more
+        )
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.2g} %" if share < 0.1 else f"{100 * share:.0f} %"

@@ -1,0 +1,173 @@
+"""A review: every tool of an asset close up, before and after, when its wrinkles are tallest, on one sheet."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from wrinklecli.character.clip import chosen_clips
+from wrinklecli.errors import AssetError, counted, listed, nearest
+from wrinklecli.gltf.document import Document
+from wrinklecli.numeric.guard import Progress
+from wrinklecli.review.preview.apply import PlannedTools, apply_tools
+from wrinklecli.review.preview.framing import View, plan_views
+from wrinklecli.review.preview.moments import Moment
+from wrinklecli.review.preview.options import PreviewOptions
+from wrinklecli.review.preview.peaks import Peak, baked_peaks, planned_peaks
+from wrinklecli.review.preview.render import Snapshot, render
+from wrinklecli.review.preview.shown import INKS, ShownAsset, read_shown, take_snapshot
+
+if TYPE_CHECKING:
+    from wrinklecli.review.preview.cards import Card
+    from wrinklecli.review.preview.sheet import Drawn
+
+# Tools on a sheet at most: it has then sixteen rows.
+MOST_REVIEWED = 48
+# Up to so many cards: in how many columns, and the size of their pictures, pixels. Sheets are as wide as a screen.
+_LAYOUTS = ((1, 1, (760, 570)), (2, 1, (640, 420)), (6, 2, (444, 320)), (MOST_REVIEWED, 3, (300, 225)))
+
+
+@dataclass(frozen=True, slots=True)
+class _Shot:
+    """A tool to draw.
+
+    Attributes:
+        number: Of its card.
+        peak: The tool.
+        ink: Number of its colour.
+        view: From which side, and with which camera.
+    """
+
+    number: int
+    peak: Peak
+    ink: int
+    view: View
+
+
+def review(
+    document: Document, planned: PlannedTools | None, path: str, options: PreviewOptions, progress: Progress
+) -> "Drawn":
+    """Draw a review of an asset.
+
+    Args:
+        document: The asset.
+        planned: Tools to apply to it; where there are none, those that were baked into it are shown.
+        path: Of the picture, for messages.
+        options: Tools and clips to look at; views (the side that shows a tool, where none is named), columns, labels,
+            heat and style; and the size of pictures, which is otherwise chosen by their number.
+        progress: Called with a stage's name, steps done and steps in all.
+
+    Raises:
+        AssetError: There are no wrinkles, or nothing to see.
+        WrinkleError: It would be too large, or tools cannot be baked.
+    """
+    from wrinklecli.review.preview.cards import CardSheet, cards_size
+    from wrinklecli.review.preview.sheet import Drawn, refuse_large
+
+    before, after, peaks, warnings = _read(document, planned, options, progress)
+    shown, missed = peaks[:MOST_REVIEWED], peaks[MOST_REVIEWED:]
+    if missed:
+        names = f"{missed[0].name}, … {missed[-1].name}" if len(missed) > 2 else ", ".join(p.name for p in missed)
+        warnings.append(f"{len(missed)} of {len(peaks)} tools are not shown: {names}; --tool NAME shows one")
+    views = max(len(options.views), 1)
+    columns, size = _layout(len(shown) * views, options)
+    cells = columns, -(-len(shown) * views // columns)
+    refuse_large(cards_size(*cells, size), 1, path)
+    options = replace(options, size=size)
+    shots: list[_Shot] = []
+    for ink, peak in enumerate(shown):
+        for view in plan_views([_alone(after, peak)], [peak.moment], options):
+            shots.append(_Shot(len(shots), peak, ink, view))
+        progress("looking", ink + 1, len(shown))
+    sheet = CardSheet(*cells, size, _title(document, planned, len(shown)))
+    for done, (number, card) in enumerate(_cards(before, after, shots, options)):
+        sheet.put(number, card)
+        progress("drawing", done + 1, len(shots))
+    sides = tuple(dict.fromkeys(shot.view.name for shot in shots))
+    return Drawn((sheet.image,), counted(len(shown), "tool"), sides, warnings=tuple(warnings))
+
+
+def _read(
+    document: Document, planned: PlannedTools | None, options: PreviewOptions, progress: Progress
+) -> tuple[ShownAsset, ShownAsset, list[Peak], list[str]]:
+    """The asset without and with wrinkles, its tools at their peaks, and warnings.
+
+    Raises:
+        AssetError: It has no wrinkles, or no clip or tool of a name.
+    """
+    if planned is None:
+        after, warnings = read_shown(document, "", ())
+        clips = chosen_clips(after.clips, options.clips, where=document.path)
+        peaks = baked_peaks(after, clips)
+        if not peaks:
+            raise AssetError("has no wrinkles to review", where=document.path)
+        return after.without_wrinkles(), after, _named(peaks, options.only, document), warnings
+    assert planned.job is not None
+    clips = chosen_clips(planned.job.clips, options.clips, where=document.path)
+    peaks = planned_peaks(planned.plans, clips, fps=planned.job.settings.sampling.fps)
+    raising = dict.fromkeys(peak.moment.clip for peak in peaks[:MOST_REVIEWED] if peak.moment.clip is not None)
+    after, warnings = read_shown(apply_tools(planned, list(raising), progress), "", ())
+    before, _ = read_shown(document, "", () if options.hide_tools else planned.plans, refined=False)
+    return before, after, peaks, warnings
+
+
+def _named(peaks: list[Peak], names: Sequence[str], document: Document) -> list[Peak]:
+    """Those of some names; all where there are none."""
+    known = [peak.name for peak in peaks]
+    for name in names:
+        if name not in known:
+            raise AssetError(
+                f"has no tool {name!r}{nearest(name, known)}; there are {listed(known)}", where=document.path
+            )
+    return [peak for peak in peaks if not names or peak.name in names]
+
+
+def _title(document: Document, planned: PlannedTools | None, count: int) -> str:
+    """Of the sheet."""
+    of = "" if planned is None else f" with {Path(planned.settings.path).name}"
+    each = "its wrinkles" if count == 1 else "each where its wrinkles"
+    return f"{Path(document.path).name}{of}: {counted(count, 'tool')}, {each} are tallest. Lengths in scene units."
+
+
+def _cards(
+    before: ShownAsset, after: ShownAsset, shots: Sequence[_Shot], options: PreviewOptions
+) -> Iterator[tuple[int, "Card"]]:
+    """The cards of tools, with their numbers, in any order."""
+    # Tools that are tallest at the same moment share what is posed for it.
+    together: dict[tuple[Moment, int], list[_Shot]] = {}
+    for shot in shots:
+        together.setdefault((shot.peak.moment, -1 if shot.peak.raised else shot.ink), []).append(shot)
+    for (moment, _), members in together.items():
+        source = after if members[0].peak.raised else _alone(after, members[0].peak)
+        snapshots = [take_snapshot(each, moment, heat=options.heat) for each in (before, source)]
+        for shot in members:
+            yield shot.number, _card(shot, snapshots, options)
+
+
+def _layout(count: int, options: PreviewOptions) -> tuple[int, tuple[int, int]]:
+    """In how many columns so many cards are, and the size of their pictures."""
+    columns, size = next((row[1:] for row in _LAYOUTS if count <= row[0]), _LAYOUTS[-1][1:])
+    return min(options.columns or columns, count), options.size or size
+
+
+def _alone(after: ShownAsset, peak: Peak) -> ShownAsset:
+    """An asset with the wrinkles of one tool to look at; at their full height, where no clip raises them."""
+    return after.of_targets(lambda node, name: node == peak.node and peak.owns(name), raised=not peak.raised)
+
+
+def _card(shot: _Shot, snapshots: Sequence[Snapshot], options: PreviewOptions) -> "Card":
+    """A tool's pictures, before and after, and what is to be said of it."""
+    from wrinklecli.review.preview.cards import Card
+
+    marked = replace(snapshots[0], marks=tuple(m for m in snapshots[0].marks if m.name == shot.peak.name))
+    pictures = [
+        render(each, shot.view.cameras[0], size=options.picture_size, style=options.style)
+        for each in (marked, snapshots[1])
+    ]
+    return Card(
+        name=shot.peak.name,
+        colour=INKS[shot.ink % len(INKS)] if marked.marks else None,
+        aside=f"{shot.peak.moment.label}, from {shot.view.name}",
+        rows=shot.peak.facts,
+        pictures=list(zip(pictures, options.labels or ("before", "after"), strict=True)),
+    )
