@@ -126,6 +126,9 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
             yield from (asset, *some("--json", share=0.3), *some("-o", "found.yaml", share=0.5), "--fps", "4")
             yield from (*some("--node", "limb"), *some("--count", "2"), *some("--clip", "fold"))
             yield from (*some("--quiet"), *some("--allow-external"), *some(*memory, share=0.1))
+        case "preview" if chance.random() < 0.15:
+            yield from (asset, *some("--tools", "tools.yaml", share=0.5), "-o", "p.png", "--size", "32x32")
+            yield from ("--review", *some("--tool", "limb", share=0.1), *some("--clip", "fold"), *some("--heat"))
         case "preview":
             tools, tool = ["--tools", "tools.yaml"], list(some("--tool", "limb", share=0.1))
             several = [["sound.glb"], ["sound.glb", "--labels", "a,b"], [*tools, "--before"], [*tools, *tool]]

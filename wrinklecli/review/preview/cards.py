@@ -13,7 +13,6 @@ _PAGE, _CARD, _RULE = (238, 240, 243), (255, 255, 255), (214, 219, 226)
 _DARK, _GREY, _ALARM = (34, 40, 48), (92, 100, 112), (176, 70, 0)
 _GAP = 12  # pixels between cards, and around them
 _SLIT = 2  # between the two pictures of a card
-_LINES = 4  # of words below them: the name, and three rows of facts
 _BETWEEN = "  ·  "
 
 
@@ -25,32 +24,33 @@ class Card:
         name: Of the tool.
         colour: That it is drawn in; None where it is not.
         aside: When it is seen, and from where.
-        rows: What is to be said of it.
+        facts: Rows of what is to be said of it.
         pictures: Of the picture size, each with its tag.
     """
 
     name: str
     colour: Colour | None
     aside: str
-    rows: Sequence[Sequence[Fact]]
+    facts: Sequence[Sequence[Fact]]
     pictures: Sequence[tuple[Bytes, str]]
 
 
 class CardSheet:
     """Cards of one size in rows and columns below a title."""
 
-    def __init__(self, columns: int, rows: int, size: tuple[int, int], title: str) -> None:
+    def __init__(self, columns: int, rows: int, size: tuple[int, int], facts: int, title: str) -> None:
         self._columns = columns
+        self._rows = facts
         self._size = size
         self._text = text_size(size)
-        self.image = Image.new("RGB", cards_size(columns, rows, size), _PAGE)
+        self.image = Image.new("RGB", cards_size(columns, rows, size, facts), _PAGE)
         pen, font = ImageDraw.Draw(self.image), font_of(self._text + 1)
         pen.text((_GAP + 2, _GAP), fitting(title, font, self.image.width - 2 * _GAP), fill=_DARK, font=font)
 
     def put(self, number: int, card: Card) -> None:
         """Place a card, by its number in rows."""
         row, column = divmod(number, self._columns)
-        width, height = card_size(self._size)
+        width, height = card_size(self._size, self._rows)
         left = _GAP + column * (width + _GAP)
         top = _title_height(self._size) + row * (height + _GAP)
         pen = ImageDraw.Draw(self.image)
@@ -72,7 +72,7 @@ class CardSheet:
         name = fitting(card.name, font_of(self._text + 1), left + width - start - small.getlength(aside) - self._text)
         # A stroke around the letters makes them bold: the font that Pillow brings along has one weight.
         pen.text((start, top - 1), name, fill=_DARK, font=font_of(self._text + 1), stroke_width=0.4)
-        for number, row in enumerate(card.rows[: _LINES - 1]):
+        for number, row in enumerate(card.facts[: self._rows]):
             line = top + (number + 1) * _line_height(self._size) + 2
             at = float(left)
             for fact in row:
@@ -86,14 +86,14 @@ class CardSheet:
                 at += small.getlength(text)
 
 
-def card_size(size: tuple[int, int]) -> tuple[int, int]:
-    """Width and height of a card whose pictures have a size, pixels."""
-    return 2 * size[0] + _SLIT, size[1] + _LINES * _line_height(size) + text_size(size)
+def card_size(size: tuple[int, int], facts: int) -> tuple[int, int]:
+    """Width and height of a card whose pictures have a size, with so many rows of facts, pixels."""
+    return 2 * size[0] + _SLIT, size[1] + (1 + facts) * _line_height(size) + text_size(size)
 
 
-def cards_size(columns: int, rows: int, size: tuple[int, int]) -> tuple[int, int]:
+def cards_size(columns: int, rows: int, size: tuple[int, int], facts: int) -> tuple[int, int]:
     """Width and height of a whole sheet, pixels."""
-    width, height = card_size(size)
+    width, height = card_size(size, facts)
     return _GAP + columns * (width + _GAP), _title_height(size) + rows * (height + _GAP)
 
 

@@ -71,15 +71,16 @@ def review(
         warnings.append(f"{len(missed)} of {len(peaks)} tools are not shown: {names}; --tool NAME shows one")
     views = max(len(options.views), 1)
     columns, size = _layout(len(shown) * views, options)
+    rows = max(len(peak.facts) for peak in shown)
     cells = columns, -(-len(shown) * views // columns)
-    refuse_large(cards_size(*cells, size), 1, path)
+    refuse_large(cards_size(*cells, size, rows), 1, path)
     options = replace(options, size=size)
     shots: list[_Shot] = []
     for ink, peak in enumerate(shown):
         for view in plan_views([_alone(after, peak)], [peak.moment], options):
             shots.append(_Shot(len(shots), peak, ink, view))
         progress("looking", ink + 1, len(shown))
-    sheet = CardSheet(*cells, size, _title(document, planned, len(shown)))
+    sheet = CardSheet(*cells, size, rows, _title(document, planned, len(shown)))
     for done, (number, card) in enumerate(_cards(before, after, shots, options)):
         sheet.put(number, card)
         progress("drawing", done + 1, len(shots))
@@ -125,8 +126,8 @@ def _named(peaks: list[Peak], names: Sequence[str], document: Document) -> list[
 def _title(document: Document, planned: PlannedTools | None, count: int) -> str:
     """Of the sheet."""
     of = "" if planned is None else f" with {Path(planned.settings.path).name}"
-    each = "its wrinkles" if count == 1 else "each where its wrinkles"
-    return f"{Path(document.path).name}{of}: {counted(count, 'tool')}, {each} are tallest. Lengths in scene units."
+    each = "where" if count == 1 else "each where"
+    return f"{Path(document.path).name}{of}: {counted(count, 'tool')}, {each} its wrinkles are tallest; scene units"
 
 
 def _cards(
@@ -168,6 +169,6 @@ def _card(shot: _Shot, snapshots: Sequence[Snapshot], options: PreviewOptions) -
         name=shot.peak.name,
         colour=INKS[shot.ink % len(INKS)] if marked.marks else None,
         aside=f"{shot.peak.moment.label}, from {shot.view.name}",
-        rows=shot.peak.facts,
+        facts=shot.peak.facts,
         pictures=list(zip(pictures, options.labels or ("before", "after"), strict=True)),
     )
