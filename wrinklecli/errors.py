@@ -4,6 +4,7 @@ import difflib
 from collections.abc import Iterable
 
 _LONGEST = 600  # characters of a message, and of its place
+_MOST_LISTED = 20  # names in a message
 # Names that a hint is looked for among, and how long: of those that people type.
 _MOST_NAMES = 1000
 _LONGEST_NAME = 100
@@ -71,8 +72,10 @@ def shortened(text: str, longest: int) -> str:
 
 
 def listed(names: Iterable[str]) -> str:
-    """Names for a message: `'bend', 'fist'`, or `none`."""
-    return ", ".join(repr(name) for name in names) or "none"
+    """Names for a message: `'bend', 'fist'`, or `none`; of very many the first, and how many more there are."""
+    shown = [repr(name) for name in names]
+    more = [f"{len(shown) - _MOST_LISTED:,} more"] if len(shown) > _MOST_LISTED + 1 else []
+    return ", ".join([*shown[: _MOST_LISTED + 1 - len(more)], *more]) or "none"
 
 
 def counted(count: int, one: str, many: str = "") -> str:

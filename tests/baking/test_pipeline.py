@@ -481,13 +481,6 @@ def test_a_tool_that_does_not_fit(change: Json, words: list[str], tmp_path: Path
     assert sorted(path.name for path in tmp_path.iterdir()) == ["tools.yaml"]
 
 
-@pytest.mark.parametrize("change", [{"rest_length": {"keys": {"flexx": [[0, 0.1]]}}}, {"clips": {"flexx": 0.5}}])
-def test_a_clip_that_a_tool_names_in_vain_is_warned_of(change: Json, tmp_path: Path) -> None:
-    tools = write_tools(tmp_path / "tools.yaml", {**PALM, **change})
-    report = wrinklecli.bake(sample("wrist"), tools, tmp_path / "out.glb")
-    assert any("flexx" in line and "'flex'" in line for line in report.warnings), report.warnings
-
-
 def test_all_tools_that_do_not_fit_are_named(tmp_path: Path) -> None:
     lost = [{**PALM, "name": f"t{k}", "origin": [9, 9, 9]} for k in range(3)]
     tools = write_tools(tmp_path / "tools.yaml", *lost, PALM)

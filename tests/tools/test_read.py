@@ -130,7 +130,7 @@ def test_the_defaults_of_the_contract():
 
 def test_schema_and_records_agree_on_keys_and_defaults():
     record = [entry.name for entry in fields(WrinkleTool)]
-    assert [key for key in TOOL if key != "mirror"] == [key for key in record if key != "where"]
+    assert [key for key in TOOL if key != "mirror"] == [key for key in record if key not in ("where", "places")]
     plain = WrinkleTool(name="a", origin=(0, 0, 0), target=(1, 0, 0), width=Length(1))
     for key, entry in TOOL.items():
         if key != "mirror" and "default" in entry:
@@ -251,10 +251,7 @@ BAD_FILES = [
     ("hello", [f"1: found hello, expected a mapping of {FILE_KEYS}"]),
     ("{}", ["1: version: required, but missing", "1: tools: required, but missing"]),
     ("a: [", ["1: YAML: expected the node content, but found '<stream end>', while parsing a flow node"]),
-    (
-        "a: 1\n\tb: 2",
-        ["2: YAML: found character '\\t' that cannot start any token, while scanning for the next token"],
-    ),
+    ("a: 1\n\tb: 2", ["2: YAML: indented by a tab; only spaces are taken"]),
     ("a: *b", ["1: YAML: found undefined alias 'b'"]),
     ("a: 1\n---\nb: 1", ["2: YAML: but found another document, expected a single document in the stream"]),
     ("a: 1\nb: \x07", ["2: YAML: character U+0007 is not allowed"]),
@@ -302,12 +299,18 @@ def test_bad_anchors(anchor, expected):
 @pytest.mark.parametrize(
     ("tools", "expected"),
     [
-        ("tools:", "tools: found nothing, expected a list of 1 to 1,000 tools"),
-        ("tools: []", "tools: found a list of 0, expected a list of 1 to 1,000 tools"),
-        ("tools: {a: 1}", "tools: found a mapping, expected a list of 1 to 1,000 tools"),
-        ("tools: {a: {name: b, width: [1]}}", "tools: found a mapping, expected a list of 1 to 1,000 tools"),
+        ("tools:", "tools: found nothing, expected a list of 1 to 1,000 tools, each begun by a dash"),
+        ("tools: []", "tools: found a list of 0, expected a list of 1 to 1,000 tools, each begun by a dash"),
+        ("tools: {a: 1}", "tools: found a mapping, expected a list of 1 to 1,000 tools, each begun by a dash"),
+        (
+            "tools: {a: {name: b, width: [1]}}",
+            "tools: found a mapping, expected a list of 1 to 1,000 tools, each begun by a dash",
+        ),
         ("tools: [5]", f"tools[0]: found 5, expected a mapping of {TOOL_KEYS}"),
-        (f"tools: [{'1, ' * 1001}]", "tools: found a list of 1001, expected a list of 1 to 1,000 tools"),
+        (
+            f"tools: [{'1, ' * 1001}]",
+            "tools: found a list of 1001, expected a list of 1 to 1,000 tools, each begun by a dash",
+        ),
     ],
 )
 def test_bad_lists_of_tools(tools, expected):
@@ -320,6 +323,28 @@ def test_names_must_differ_once_they_are_sanitised():
         "t.yaml:7: tools[1].name: found brow_L, but tools[0] has that name: they must differ in letters, digits or _"
     ]
     assert first_tool().identifier == "brow_L"
+
+
+def test_keys_of_a_tool_beside_the_tools_are_said_to_be_indented_too_little():
+    text = "version: 1\ndefaults:\nbumps: 4\ntools:\n- name: a\norigin: [0, 0, 0]\ntarget: [1, 0, 0]\nwidth: 1\n"
+    assert lines_of(text) == [
+        "t.yaml:3: bumps: belongs to a tool or to defaults; is it indented too little?",
+        "t.yaml:6: origin: belongs to a tool; is it indented too little?",
+        "t.yaml:7: target: belongs to a tool; is it indented too little?",
+        "t.yaml:8: width: belongs to a tool or to defaults; is it indented too little?",
+    ]
+
+
+def test_every_value_of_a_tool_has_its_place_in_the_file():
+    text = "version: 1\nrest: {clip: a}\ndefaults:\n  width: 1\n  clips: {b: 1}\n  node: hand\n" + HEAD[11:]
+    file = parse_tools(text + "    rest_length:\n      keys:\n        my.c: [[0, 1]]\n    node: foot\n", name="t.yaml")
+    (found,) = file.tools
+    assert file.place("rest", "clip") == "t.yaml:2: rest.clip"
+    assert file.place("sampling", "clips") == "t.yaml"
+    assert found.place("rest_length", "keys", "my.c") == "t.yaml:13: tools[0].rest_length.keys['my.c']"
+    assert found.place("node") == "t.yaml:14: tools[0].node"
+    assert found.place("clips", "b") == "t.yaml:5: defaults.clips.b"
+    assert found.place("bumps") == found.where == "t.yaml:8: tools[0]"
 
 
 def test_everything_wrong_is_reported_at_once_in_the_order_of_lines():
@@ -413,14 +438,19 @@ def test_load_takes_a_byte_order_mark_and_windows_lines(tmp_path):
     assert caught.value.lines == (f"{path}:7: tools[0].bumps: found x, expected a whole number from 1 to 64",)
 
 
+SWAPPED = ": is a glTF asset, where the tools file (YAML) belongs: the asset comes first, then the tools"
+
+
 @pytest.mark.parametrize(
     ("data", "expected"),
     [
         (b"a: 1\nb: \xff", ":2: found byte 0xff, expected UTF-8"),
         ("a: 1".encode("utf-16"), ":1: found byte 0xff, expected UTF-8"),
         (b"#" * 4_000_001, ": larger than 4 MB, expected YAML"),
+        (b"glTF" + b"\xff" * 5_000_000, SWAPPED),
+        (b'{\n "scenes": [], "asset": {"version": "2.0"}}', SWAPPED),
     ],
-    ids=["latin", "utf-16", "large"],
+    ids=["latin", "utf-16", "large", "glb", "gltf"],
 )
 def test_load_refuses_other_files(tmp_path, data, expected):
     path = tmp_path / "t.yaml"
@@ -576,13 +606,10 @@ def test_what_is_written_is_read(written):
     again = {
         entry.name: as_written(getattr(read, entry.name), entry.name)
         for entry in fields(WrinkleTool)
-        if entry.name != "where"
+        if entry.name not in ("where", "places")
     }
     (once_more,) = parse_tools(yaml.safe_dump({"version": 1, "tools": [again]})).tools
-    assert {**again, "where": 0} == {
-        entry.name: 0 if entry.name == "where" else as_written(getattr(once_more, entry.name), entry.name)
-        for entry in fields(WrinkleTool)
-    }
+    assert again == {key: as_written(getattr(once_more, key), key) for key in again}
     for key in ("name", "origin", "node", "bumps", "gap", "details", "strength", "clips", "optional"):
         if key in written:
             assert again[key] == written[key]

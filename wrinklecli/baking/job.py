@@ -81,7 +81,7 @@ class Job:
         every_clip: Of the asset.
         clips: Those to bake.
         by_node: The tools of each node that has a mesh, nodes rising.
-        warnings: A line for each tool and clip that is named in vain.
+        warnings: A line for each tool that is left out, and for each clip that an optional one names in vain.
     """
 
     options: BakeOptions
@@ -110,7 +110,8 @@ def read_job(asset: str | os.PathLike[str], tools: str | os.PathLike[str], optio
     if options.replace:
         document = original(document)
     every_clip = read_clips(document)
-    clips = _chosen_clips(every_clip, settings, options.clips, document)
+    sampled = () if options.clips or settings.sampling.clips == "all" else settings.sampling.clips
+    vain_clips = _check_clip_names(settings, sampled, every_clip)
     by_node, left_out = tools_by_node(document, settings)
     return Job(
         options=options,
@@ -118,9 +119,9 @@ def read_job(asset: str | os.PathLike[str], tools: str | os.PathLike[str], optio
         document=document,
         inputs=(document.files[0], settings.path, *document.files[1:]),
         every_clip=every_clip,
-        clips=clips,
+        clips=chosen_clips(every_clip, sampled or options.clips, where=document.path),
         by_node=by_node,
-        warnings=(*_vain_clips(settings, every_clip), *left_out),
+        warnings=(*vain_clips, *left_out),
     )
 
 
@@ -178,15 +179,17 @@ def _node_of(tool: WrinkleTool, document: Document, mesh_nodes: Sequence[int], d
     Raises:
         BakeError: There is none, or more than one.
     """
-    names = {index: document.items("nodes")[index].get("name") for index in mesh_nodes}
+    nodes = document.items("nodes")
+    names = {index: nodes[index].get("name") for index in mesh_nodes}
     if tool.node is None:
         if len(deforming) == 1:
             return deforming[0]
-        fault = "no mesh of the asset deforms: it has neither a skin nor morph targets"
-        if deforming:
-            several = listed(str(names[index]) for index in deforming)
-            fault = f"several meshes deform; name one by `node`: {several}"
-        raise BakeError(fault, where=document.path)
+        if not deforming:
+            raise BakeError(
+                "no mesh of the asset deforms: it has neither a skin nor morph targets", where=document.path
+            )
+        several = listed(str(names[index]) for index in deforming)
+        raise BakeError(f"several meshes deform; say which, by node: one of {several}", where=tool.where)
     matches = [index for index in mesh_nodes if names[index] == tool.node]
     if len(matches) == 1 and matches[0] in deforming:
         return matches[0]
@@ -195,9 +198,13 @@ def _node_of(tool: WrinkleTool, document: Document, mesh_nodes: Sequence[int], d
     elif matches:
         fault = f"{len(matches)} nodes with a mesh are named {tool.node!r}"
     else:
+        # Modellers name both, and show the mesh's name first.
+        meshes = document.items("meshes")
+        users = [str(names[index]) for index in mesh_nodes if meshes[nodes[index]["mesh"]].get("name") == tool.node]
         known = [str(name) for name in names.values()]
-        fault = f"node {tool.node!r} is no node with a mesh{nearest(tool.node, known)}; there are {listed(known)}"
-    raise BakeError(fault, where=f"{tool.where}.node")
+        hint = f"; the mesh of that name is on {listed(users)}" if users else nearest(tool.node, known)
+        fault = f"node {tool.node!r} is no node with a mesh{hint}; there are {listed(known)}"
+    raise BakeError(fault, where=tool.place("node"))
 
 
 def _deforms(document: Document, mesh_node: int) -> bool:
@@ -226,25 +233,35 @@ def _overridden(settings: ToolsFile, options: BakeOptions) -> ToolsFile:
     return replace(settings, tools=tools, sampling=sampling, refinement=refinement)
 
 
-def _chosen_clips(
-    clips: tuple[Clip, ...], settings: ToolsFile, asked: Sequence[str], document: Document
-) -> tuple[Clip, ...]:
-    """The clips to bake: those asked for, else those of the tools file, else all."""
-    wanted: Sequence[str] = asked
-    if not asked and settings.sampling.clips != "all":
-        wanted = settings.sampling.clips
-    return chosen_clips(clips, wanted, where=document.path)
+def _check_clip_names(settings: ToolsFile, sampled: Sequence[str], clips: tuple[Clip, ...]) -> list[str]:
+    """A warning for each clip that an optional tool names and the asset lacks.
 
+    Args:
+        settings: The tools file.
+        sampled: Names of the clips that it says to bake.
+        clips: Of the asset.
 
-def _vain_clips(settings: ToolsFile, clips: tuple[Clip, ...]) -> list[str]:
-    """A warning for each clip that a tool names and the asset lacks."""
+    Raises:
+        ConfigError: Of all other clips that the file names and the asset lacks, a line each.
+    """
     names = [clip.name for clip in clips]
-    warnings = []
+    warnings: list[str] = []
+    problems: dict[str, ConfigError] = {}  # by their lines: what tools inherit is said once
+
+    def refuse(name: str, where: str) -> None:
+        error = ConfigError(f"the asset has {unknown_clip(name, names)}", where=where)
+        problems.setdefault(str(error), error)
+
+    for name in sampled:
+        if name not in names:
+            refuse(name, settings.place("sampling", "clips"))
     for tool in settings.tools:
         keyed = tool.rest_length.keys if isinstance(tool.rest_length, RestLengthKeys) else {}
-        warnings += [
-            f"{tool.name}: the asset has {unknown_clip(name, names)}"
-            for name in dict.fromkeys([*tool.clips, *keyed])
-            if name not in names
-        ]
+        for keys in [("clips", name) for name in tool.clips] + [("rest_length", "keys", name) for name in keyed]:
+            if keys[-1] not in names and tool.optional:
+                warnings.append(f"{tool.name}: the asset has {unknown_clip(keys[-1], names)}")
+            elif keys[-1] not in names:
+                refuse(keys[-1], tool.place(*keys))
+    if problems:
+        raise ConfigError.of_all(problems.values())
     return warnings

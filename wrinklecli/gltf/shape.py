@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from wrinklecli.errors import AssetError, listed
+from wrinklecli.files.formats import foreign_format, is_tools_file
 from wrinklecli.gltf import draco, meshopt
 from wrinklecli.gltf.uris import path_of
 
@@ -188,7 +189,10 @@ def parse_json(data: bytes, name: str) -> Json:
     except RecursionError as error:
         raise AssetError("the JSON is nested too deeply", where=name) from error
     except ValueError as error:
-        raise AssetError(f"is neither a .glb nor JSON: {error}", where=name) from error
+        if is_tools_file(data, name):
+            raise AssetError("is a tools file (YAML), where a glTF asset (.glb, .gltf) belongs", where=name) from error
+        what = foreign_format(data, name)
+        raise AssetError(f"is {what or f'neither a .glb nor JSON: {error}'}", where=name) from error
     if not isinstance(gltf, dict):
         raise AssetError("the JSON is no object", where=name)
     level: list[Any] = [gltf]

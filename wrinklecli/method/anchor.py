@@ -16,7 +16,7 @@ from wrinklecli.character.surface import Surface
 from wrinklecli.errors import BakeError
 from wrinklecli.method.rest import Rest
 from wrinklecli.numeric.arrays import Floats, Ints, determinants, distinct_values, singular, unit
-from wrinklecli.tools.records import Marker, WrinkleTool
+from wrinklecli.tools.records import Marker, WrinkleTool, in_axes
 
 # An anchor further from the mesh than this part of its segment is a mistake.
 _ANCHOR_REACH = 0.25
@@ -70,7 +70,7 @@ def anchor_at(
     Raises:
         BakeError: The surface is too far from the point, or singular there.
     """
-    where = f"{tool.where}.{key}"
+    where = tool.place(key)
     triangle, barycentrics, place = rest.blocks.closest_point(point)
     if tool.snap == "vertex":
         used = distinct_values(surface.triangles)
@@ -82,7 +82,7 @@ def anchor_at(
     distance = float(np.linalg.norm(place - point))
     if distance > _ANCHOR_REACH * segment:
         hint = "" if isinstance(getattr(tool, key), Marker) else _other_axis(point, segment, rest, up)
-        at = ", ".join(f"{x:.4g}" for x in (place if up == "y" else (place[0], -place[2], place[1])))
+        at = ", ".join(f"{x:.4g}" for x in in_axes(place.tolist(), up))
         raise BakeError(
             f"is {distance:.4g} from the mesh, more than a quarter of its segment of {segment:.4g};"
             f" the nearest point is [{at}]{hint}",

@@ -10,13 +10,14 @@ Computer 2(4), 1986: 1 - 22/9 v² + 17/9 v⁴ - 4/9 v⁶.
 """
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
-from wrinklecli.errors import BakeError, WrinkleError, listed
+from wrinklecli.errors import BakeError, WrinkleError, listed, nearest
 from wrinklecli.method.anchor import Anchor, anchor_at
 from wrinklecli.method.curve import ControlCurve, count_intervals, plan_curve
 from wrinklecli.method.rest import Rest, end_position
@@ -151,14 +152,16 @@ def attach_tools(tools: list[WrinkleTool], surface: Surface, rest: Rest, rig: Ri
 def _attach(tool: WrinkleTool, surface: Surface, rest: Rest, rig: Rig, up: str) -> Patch:
     if isinstance(tool.rest_length, RestLengthMorph) and tool.rest_length.morph not in rig.morph_names:
         raise BakeError(
-            f"{tool.rest_length.morph!r} is not a morph target of the mesh; it has {listed(rig.morph_names)}",
-            where=f"{tool.where}.rest_length.morph",
+            f"the mesh has no morph target {tool.rest_length.morph!r}{nearest(tool.rest_length.morph, rig.morph_names)}"
+            f"; it has {listed(rig.morph_names)}",
+            where=tool.place("rest_length", "morph"),
         )
-    points = [end_position(rig, rest.clip, rest.time, tool, end) for end in (tool.origin, tool.target)]
+    ends: tuple[Literal["origin", "target"], ...] = ("origin", "target")
+    points = [end_position(rig, rest.clip, rest.time, tool, key) for key in ends]
     segment = float(np.linalg.norm(points[1] - points[0]))
     origin, target = (
         anchor_at(tool, key, point, segment, surface=surface, rest=rest, rig=rig, up=up)
-        for key, point in zip(("origin", "target"), points, strict=True)
+        for key, point in zip(ends, points, strict=True)
     )
     difference = target.position - origin.position
     span = float(np.linalg.norm(difference))

@@ -6,10 +6,11 @@ may also be the stored pose of the nodes, or a moment of a clip.
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
-from wrinklecli.character.clip import Clip
+from wrinklecli.character.clip import Clip, unknown_clip
 from wrinklecli.character.pose import Pose, blend, joint_matrices, morph_weights, node_matrices, transform
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
@@ -17,7 +18,7 @@ from wrinklecli.errors import BakeError, ConfigError, listed, nearest
 from wrinklecli.numeric.around import Around
 from wrinklecli.numeric.arrays import Floats, Ints, inverses, unit, vertex_normals
 from wrinklecli.numeric.blocks import Blocks
-from wrinklecli.tools.records import Marker, Position, ToolsFile, WrinkleTool
+from wrinklecli.tools.records import Marker, ToolsFile, WrinkleTool
 
 
 @dataclass(frozen=True)
@@ -81,10 +82,8 @@ def rest_pose(
     if not isinstance(settings.rest, str):
         clip = next((each for each in clips if each.name == settings.rest.clip), None)
         if clip is None:
-            raise ConfigError(
-                f"{settings.rest.clip!r} is not a clip of the asset; it has {listed(c.name for c in clips)}",
-                where=f"{settings.path}: rest.clip",
-            )
+            message = f"the asset has {unknown_clip(settings.rest.clip, [each.name for each in clips])}"
+            raise ConfigError(message, where=settings.place("rest", "clip"))
         time = np.array([settings.rest.time])
     weights = morph_weights(rig, clip, time)[0]
     bind = surface.positions + np.tensordot(weights, surface.morph_deltas, axes=1)
@@ -99,7 +98,7 @@ def rest_pose(
 
 def _bind_matrices(surface: Surface, rig: Rig, stored: Floats, bind: Floats, tool: WrinkleTool) -> Floats:
     """(joints, 4, 4) the stored matrix of the main joint of a tool's origin, for every joint."""
-    place = end_position(rig, None, np.zeros(1), tool, tool.origin)
+    place = end_position(rig, None, np.zeros(1), tool, "origin")
     main = 0
     # The nearest vertex says which joint it is, but where vertices lie depends on the joint: a second round settles it.
     for _ in range(2):
@@ -109,18 +108,23 @@ def _bind_matrices(surface: Surface, rig: Rig, stored: Floats, bind: Floats, too
     return np.tile(stored[main], (len(stored), 1, 1))
 
 
-def end_position(rig: Rig, clip: Clip | None, time: Floats, tool: WrinkleTool, end: Position | Marker) -> Floats:
+def end_position(
+    rig: Rig, clip: Clip | None, time: Floats, tool: WrinkleTool, key: Literal["origin", "target"]
+) -> Floats:
     """(3,) where an end of a tool is asked for, at (1,) seconds of a clip if a marker says where, world space.
 
     Raises:
         BakeError: The marker names no node, or several.
     """
+    end = tool.origin if key == "origin" else tool.target
     if not isinstance(end, Marker):
         return np.array(end)
     found = [index for index, name in enumerate(rig.names) if name == end.marker]
     if len(found) != 1:
-        state = "is not a node of the asset" if not found else f"is the name of {len(found)} nodes"
-        raise BakeError(f"marker {end.marker!r} {state}{nearest(end.marker, rig.names)}", where=tool.where)
+        fault = f"no node is named {end.marker!r}{nearest(end.marker, rig.names)}; there are {listed(rig.names)}"
+        if found:
+            fault = f"{len(found)} nodes are named {end.marker!r}"
+        raise BakeError(fault, where=tool.place(key, "marker"))
     place: Floats = node_matrices(rig, clip, time, found)[0, 0, :3, 3]
     return place
 

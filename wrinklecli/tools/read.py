@@ -11,13 +11,14 @@ import functools
 import os
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Literal, TypeAlias
 
 from jsonschema_rs import Draft202012Validator
 
 from wrinklecli.errors import ConfigError
+from wrinklecli.files.formats import is_gltf
 from wrinklecli.files.inputs import open_input
 from wrinklecli.tools.materials import with_material
 from wrinklecli.tools.mirror import mirrored
@@ -35,10 +36,11 @@ from wrinklecli.tools.records import (
     identifier,
     parse_length,
 )
-from wrinklecli.tools.schema import OWN_KEYS, TOOLS_SCHEMA, Schema
+from wrinklecli.tools.schema import OWN_KEYS, TOOL_KEYS, TOOLS_SCHEMA, Schema
 from wrinklecli.tools.yaml_tree import MAX_BYTES, MAX_SHOWN, Node, Problem, path_to, printable, read_tree
 
 Place: TypeAlias = tuple[str | int, ...]  # keys and indices that lead to a value
+Keys: TypeAlias = tuple[str, ...]
 
 
 @functools.cache
@@ -94,12 +96,16 @@ def _check(root: Node) -> tuple[list[Problem], set[Place]]:
             message = f"unknown key, did you mean {near}?" if near else f"unknown key, expected {', '.join(known)}"
             if place == ("defaults",) and key in OWN_KEYS:
                 message = "not inherited, each tool needs its own"
+            if not place and key in TOOL_KEYS:
+                meant.add((place, key))
+                home = "a tool" if key in OWN_KEYS else "a tool or to defaults"
+                message = f"belongs to {home}; is it indented too little?"
             problems.append(Problem(node.children[key].line, path_to(path, key), message))
     for place, keys in missing.items():
         node, path = _at(root, place)
         for key in dict.fromkeys(keys):
-            # Not reported beside the misspelt key that was meant to be it, here or in the defaults.
-            if key not in node.children and not {(place, key), (("defaults",), key)} & meant:
+            # Not reported beside the misspelt key that was meant to be it, here or in the defaults, or is beside tools.
+            if key not in node.children and not {(place, key), (("defaults",), key), ((), key)} & meant:
                 problems.append(Problem(node.line, path_to(path, key), "required, but missing"))
     for place, expected in refused.items():
         if not any(place[:depth] in refused for depth in range(len(place))):
@@ -269,11 +275,22 @@ def _ends(values: Mapping[str, Any]) -> set[Position | Marker | None]:
     return {values.get("origin"), values.get("target")}
 
 
-def _record(tool: _Tool, up: str, shown_name: str) -> WrinkleTool:
-    """The record of a tool with which nothing is wrong."""
+def _record(tool: _Tool, up: str, inherited: Mapping[Keys, str], shown_name: str) -> WrinkleTool:
+    """The record of a tool with which nothing is wrong, and the places of what it says and inherits."""
     values = {key: value for key, value in tool.values.items() if key != "mirror"}
     values |= {key: _y_up(values[key], up) for key in ("origin", "target")}
-    return WrinkleTool(**with_material(values), where=f"{shown_name}:{tool.node.line}: {tool.path}")
+    places = {keys: place for keys, place in inherited.items() if keys[0] not in tool.node.children}
+    places |= _places(tool.node, tool.path, shown_name)
+    return WrinkleTool(**with_material(values), where=f"{shown_name}:{tool.node.line}: {tool.path}", places=places)
+
+
+def _places(node: Node, path: str, shown_name: str) -> dict[Keys, str]:
+    """Where the values of a mapping and of those below it stand, for messages, by their keys."""
+    places: dict[Keys, str] = {}
+    for key, child in node.children.items() if isinstance(node.value, dict) else ():
+        places[(str(key),)] = f"{shown_name}:{child.line}: {path_to(path, key)}"
+        places |= {(str(key), *below): place for below, place in _places(child, path_to(path, key), shown_name).items()}
+    return places
 
 
 def _y_up(anchor: Position | Marker, up: str) -> Position | Marker:
@@ -308,8 +325,12 @@ def parse_tools(text: str, *, name: str = "<tools>") -> ToolsFile:
             ConfigError(problem.message, where=f"{shown_name}:{problem.line}: {problem.path}".rstrip(": "))
             for problem in sorted(problems, key=lambda problem: problem.line)
         )
-    records = (_record(tool, header.get("up", "y"), shown_name) for tool in tools)
-    return ToolsFile(path=name, **header, tools=tuple(tool for tool in records if tool.enabled))
+    assert root is not None
+    beside = {key: child for key, child in root.children.items() if key != "tools"}
+    places = _places(replace(root, children=beside), "", shown_name)
+    inherited = {keys[1:]: place for keys, place in places.items() if keys[0] == "defaults" and keys[1:]}
+    records = (_record(tool, header.get("up", "y"), inherited, shown_name) for tool in tools)
+    return ToolsFile(path=name, **header, tools=tuple(tool for tool in records if tool.enabled), places=places)
 
 
 def load_tools(path: str | os.PathLike[str]) -> ToolsFile:
@@ -329,6 +350,9 @@ def load_tools(path: str | os.PathLike[str]) -> ToolsFile:
     except (OSError, ValueError) as error:  # ValueError: a null character in the path
         reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
         raise ConfigError(f"cannot be read: {reason}", where=shown_name) from None
+    if is_gltf(data):
+        message = "is a glTF asset, where the tools file (YAML) belongs: the asset comes first, then the tools"
+        raise ConfigError(message, where=shown_name)
     if len(data) > MAX_BYTES:
         raise ConfigError(f"larger than {MAX_BYTES // 1_000_000} MB, expected YAML", where=shown_name)
     try:

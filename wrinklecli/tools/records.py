@@ -5,7 +5,7 @@
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
@@ -122,6 +122,12 @@ class RestLengthMorph:
     full: Length
 
 
+def in_axes(position: Sequence[float], up: str) -> tuple[float, float, float]:
+    """A Y-up position with the axes of a tools file."""
+    x, y, z = position
+    return (x, y, z) if up == "y" else (x, 0.0 - z, y)
+
+
 def identifier(name: str) -> str:
     """A tool's name in letters, digits and `_`."""
     return re.sub(r"[^A-Za-z0-9_]", "_", name)
@@ -154,6 +160,7 @@ class WrinkleTool:
         enabled: Whether it is baked; a `ToolsFile` keeps only those.
         optional: Whether an absent node is a note rather than an error.
         where: Its place in the file for later errors, such as `tools.yaml:12: tools[0]`.
+        places: Those of what the file says of it, by keys, such as those of `rest_length.morph`; see `place`.
     """
 
     name: str
@@ -178,6 +185,11 @@ class WrinkleTool:
     enabled: bool = True
     optional: bool = False
     where: str = ""
+    places: Mapping[tuple[str, ...], str] = field(default_factory=dict, hash=False, compare=False)
+
+    def place(self, *keys: str) -> str:
+        """The place of what the file says of it, for later errors, such as `tools.yaml:14: tools[0].node`."""
+        return self.places.get(keys, self.where)
 
     @property
     def identifier(self) -> str:
@@ -201,6 +213,7 @@ class ToolsFile:
         sampling: At which times which clips are evaluated.
         refinement: How finely the mesh is subdivided.
         tools: The enabled tools in the file's order, a mirrored one behind its source.
+        places: Of what stands beside the tools, by keys, such as those of `rest.clip`, for later errors.
     """
 
     path: str
@@ -210,3 +223,8 @@ class ToolsFile:
     sampling: Sampling = field(default_factory=Sampling)
     refinement: RefinementSettings = field(default_factory=RefinementSettings)
     tools: tuple[WrinkleTool, ...]
+    places: Mapping[tuple[str, ...], str] = field(default_factory=dict, hash=False, compare=False)
+
+    def place(self, *keys: str) -> str:
+        """The place of what stands beside the tools, for later errors, such as `tools.yaml:4: rest.clip`."""
+        return self.places.get(keys, self.path)

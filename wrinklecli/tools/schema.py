@@ -157,7 +157,7 @@ _REST_LENGTH = _if_mapping(
     required=["keys"],
 )
 
-_TOOL_KEYS = {
+TOOL_KEYS = {
     "name": _key(_TEXT, "Unique name; also when all but letters, digits and _ is replaced by _."),
     "node": _key(
         {**_TEXT, "type": ["string", "null"]},
@@ -240,9 +240,9 @@ _TOOL_KEYS = {
         default="auto",
     ),
     "enabled": _key(_FLAG, "false: checked but not baked. Default true.", default=True),
-    "optional": _key(_FLAG, "true: an absent node is a note, not an error. Default false.", default=False),
+    "optional": _key(_FLAG, "true: an absent node or clip is a note, not an error. Default false.", default=False),
 }
-_DEFAULTS = _mapping({name: values for name, values in _TOOL_KEYS.items() if name not in OWN_KEYS})
+_DEFAULTS = _mapping({name: values for name, values in TOOL_KEYS.items() if name not in OWN_KEYS})
 
 TOOLS_SCHEMA: Schema = {
     "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -268,7 +268,12 @@ TOOLS_SCHEMA: Schema = {
                 default=None,
             ),
             "tools": _key(
-                _list(_mapping(_TOOL_KEYS, required=OWN_KEYS), 1, MAX_TOOLS, f"a list of 1 to {MAX_TOOLS:,} tools"),
+                _list(
+                    _mapping(TOOL_KEYS, required=OWN_KEYS),
+                    1,
+                    MAX_TOOLS,
+                    f"a list of 1 to {MAX_TOOLS:,} tools, each begun by a dash",
+                ),
                 "The wrinkling tools.",
             ),
         },

@@ -11,6 +11,8 @@ from typing import Any
 
 import yaml
 
+from wrinklecli.tools.yaml_faults import explained
+
 MAX_BYTES = 4_000_000  # a thousand tools take about 500 kB
 MAX_NODES = 100_000  # values, counted again for each alias: ten aliases of ten aliases of … are a bomb
 MAX_DEPTH = 32  # levels of nesting; the contract needs 8
@@ -224,10 +226,8 @@ def read_tree(text: str) -> tuple[Node | None, list[Problem]]:
             return None, [Problem(1, "", "the file is empty, expected a mapping with version and tools")]
         return builder.build(root, root.start_mark.line + 1, ""), builder.problems
     except yaml.MarkedYAMLError as error:
-        if error.problem_mark is not None:
-            line = error.problem_mark.line + 1
-        parts = [part for part in (error.problem, error.context) if part]
-        return None, [Problem(line, "", printable("YAML: " + ", ".join(parts), 200))]
+        line, message = explained(error, text)
+        return None, [Problem(line, "", printable(message, 200))]
     except yaml.reader.ReaderError as error:
         line += text.count("\n", 0, error.position)
         code = error.character if isinstance(error.character, int) else ord(error.character)

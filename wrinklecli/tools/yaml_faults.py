@@ -1,0 +1,93 @@
+"""What is wrong with text that is no YAML, in words for those who wrote it: its indents, dashes, brackets, quotes."""
+
+import re
+from dataclasses import dataclass
+
+import yaml
+
+from wrinklecli.errors import counted
+
+# As PyYAML counts lines.
+_LINE_END = re.compile("\r\n|[\r\n\x85\u2028\u2029]")
+# Indent, dashes of list items, and a key if there is one.
+_ENTRY = re.compile(r"( *)((?:- +)*)(?:([\w.\"'-]+): *(?:[^ ]|$))?")
+
+
+def explained(error: yaml.MarkedYAMLError, text: str) -> tuple[int, str]:
+    """The line, from 1, and what to say of what PyYAML cannot read; its own words where we know none better.
+
+    Args:
+        error: As raised while the text was read.
+        text: The YAML.
+    """
+    mark, context_mark = error.problem_mark or error.context_mark, error.context_mark or error.problem_mark
+    line, start = (each.line if each is not None else 0 for each in (mark, context_mark))
+    problem, context = error.problem or "", error.context or ""
+    lines = _LINE_END.split(text)[: line + 1]
+    if "block" in context or "not allowed here" in problem or "cannot start any token" in problem:
+        found = _at_its_start(lines)
+        if found is not None:
+            return found
+    if "flow sequence" in context or "flow mapping" in context:
+        opened, closed = "[]" if "sequence" in context else "{}"
+        return start + 1, f"YAML: no {closed} closes this {opened}, or a comma is missing"
+    if "quoted scalar" in context and "unexpected end" in problem:
+        return start + 1, "YAML: a quote is opened here, but not closed"
+    if "could not find expected ':'" in problem:
+        return start + 1, "YAML: expected `key: value`, with a space behind the colon"
+    if "not allowed here" in problem:
+        return line + 1, "YAML: a value that has a colon in it needs quotes"
+    if "cannot start any token" in problem or "scanning an alias" in context:
+        return line + 1, "YAML: a value that begins with such a character needs quotes"
+    return line + 1, "YAML: " + ", ".join(part for part in (problem, context) if part)
+
+
+def _at_its_start(lines: list[str]) -> tuple[int, str] | None:
+    """What is wrong with how the last of some lines begins, or the one above it: a tab, a dash, or the indent."""
+    here = lines[-1]
+    if "\t" in here[: len(here) - len(here.lstrip())]:
+        return len(lines), "YAML: indented by a tab; only spaces are taken"
+    written = [number for number, each in enumerate(lines) if each.strip() and not each.lstrip().startswith("#")]
+    for number in written[-2:]:
+        if re.match(r" *-[A-Za-z_\"']", lines[number]):
+            return number + 1, "YAML: a space is missing behind the dash"
+    indent = len(here) - len(here.lstrip(" "))
+    beside = [each for each in _open(lines, written[:-1]) if (each.name == "-") == here.lstrip().startswith("-")]
+    if not beside or any(each.indent == indent for each in beside):
+        return None
+    # Of two as near, the inner one.
+    near = min(beside, key=lambda each: (abs(each.indent - indent), -each.indent))
+    return len(lines), (
+        f"YAML: indented by {counted(indent, 'space')}, but `{near.name}` on line {near.line} by {near.indent}:"
+        " what belongs together is indented alike"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Entry:
+    """A key or the dash of a list item.
+
+    Attributes:
+        name: The key, or `-`.
+        line: From 1.
+        indent: Characters before it.
+    """
+
+    name: str
+    line: int
+    indent: int
+
+
+def _open(lines: list[str], numbers: list[int]) -> list[_Entry]:
+    """The entries of some lines to which one more could be put."""
+    entries: list[_Entry] = []
+    for number in numbers:
+        match = _ENTRY.match(lines[number])
+        if match is None:
+            continue
+        found = [_Entry("-", number + 1, at) for at in range(match.start(2), match.end(2)) if lines[number][at] == "-"]
+        if match[3] is not None:
+            found.append(_Entry(match[3], number + 1, match.start(3)))
+        for each in found:
+            entries = [other for other in entries if other.indent < each.indent] + [each]
+    return entries
