@@ -91,7 +91,8 @@ def _bake(
         # Where nothing is to be written, the report tells of the plans alone.
         baked = morphed or posed or [BakedMesh(plan) for plan in plans]
         with clock.stage("report"):
-            report = make_report(job, baked, images=image_files(job.document, out) if out is not None else [])
+            images = image_files(job.document, out) if out is not None else []
+            report = make_report(job, baked, images=images, tracks=bool(morphed) and options.tracks == "all")
             if options.strict and report.warnings:
                 raise RefusedError.of_all(RefusedError(line) for line in report.warnings)
         written = _write(job, edited, posed, out, outputs, clock, progress)

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from wrinklecli.method.carry import CarriedPatch
 from wrinklecli.method.patch import Patch
 from wrinklecli.method.refine import Refinement
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, children
+from wrinklecli.numeric.cells import Cells
 from wrinklecli.numeric.nearest import ray_distances
 
 # Lines along a patch, v, on which layers are counted, and points on each.
@@ -24,9 +24,9 @@ _LOW = 0.05
 _TOUCHING = 1e-6
 # Share of the mesh's size by which distances may be off: rounding errors are far smaller.
 _ROUNDING = 1e-9
-# Pairs of a wrinkle's vertex and a triangle: looked at together, and in all, which takes some seconds.
+# Pairs of a wrinkle's vertex and a triangle that may be near: looked at together, and in all, which takes some seconds.
 _CHUNK = 2**18
-_MOST_PAIRS = 2**23
+_MOST_PAIRS = 2**25
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,32 +157,31 @@ def _rooms(fine: Refinement, vertices: Ints, heights: Floats, way: float) -> tup
         (vertices,) those looked at, of very many a choice; their heights; and the room of each, infinite where there
         is nothing within its height.
     """
-    from scipy.spatial import cKDTree
-
     size = fine.rest_size
     starts, rays = fine.rest_positions[vertices], way * fine.rest_normals_at(vertices)
     points = starts + 0.5 * heights[:, None] * rays
     faces = _near_box(fine, points, 0.5 * float(heights.max()), slack=_ROUNDING * size)
     middles, radii = (each[faces] for each in fine.rest_balls)
-    corners = fine.rest_positions[fine.triangles[faces]]
-    reach = radii + 0.5 * float(heights.max())
-    tree = cKDTree(points)
-    near = tree.query_ball_point(middles, reach, return_length=True)
-    if near.sum() > _MOST_PAIRS:
+    cells = Cells.of(points)
+    balls, reached = cells.meeting(middles, radii + 0.5 * float(heights.max()))
+    total = int(cells.counts[reached].sum())
+    if total > _MOST_PAIRS:
         # Only every so many of them, the tallest first: where a wrinkle goes through, so do its neighbours.
-        kept = np.argsort(-heights, kind="stable")[:: -(-int(near.sum()) // _MOST_PAIRS)]
-        vertices, starts, rays, heights = vertices[kept], starts[kept], rays[kept], heights[kept]
-        tree = cKDTree(starts + 0.5 * heights[:, None] * rays)
-        near = tree.query_ball_point(middles, reach, return_length=True)
+        kept = np.argsort(-heights, kind="stable")[:: -(-total // _MOST_PAIRS)]
+        vertices, heights = vertices[kept], heights[kept]
+        starts, rays, points = starts[kept], rays[kept], points[kept]
+        cells = Cells.of(points)
+        balls, reached = cells.meeting(middles, radii + 0.5 * float(heights.max()))
+    triangles, corners = fine.triangles[faces], fine.rest_positions[fine.triangles[faces]]
     rooms = np.full(len(vertices), np.inf)
-    candidates = np.flatnonzero(near)
-    for part in np.split(candidates, np.flatnonzero(np.diff(np.cumsum(near[candidates]) // _CHUNK)) + 1):
-        lists = tree.query_ball_point(middles[part], reach[part])
-        triangles = np.repeat(part, [len(each) for each in lists])
-        at = np.fromiter(chain.from_iterable(lists), np.intp, len(triangles))
-        others = (fine.triangles[faces[triangles]] != vertices[at, None]).all(axis=1)
-        triangles, at = triangles[others], at[others]
-        distances = ray_distances(starts[at], rays[at], corners[triangles])
+    portions = np.cumsum(cells.counts[reached]) // _CHUNK
+    for part in np.split(np.arange(len(balls)), 1 + np.flatnonzero(np.diff(portions))):
+        ball, at = np.repeat(balls[part], cells.counts[reached[part]]), cells.numbers_in(reached[part])
+        near = np.sum((points[at] - middles[ball]) ** 2, axis=1) <= (radii[ball] + 0.5 * heights[at]) ** 2
+        ball, at = ball[near], at[near]
+        others = (triangles[ball] != vertices[at, None]).all(axis=1)
+        ball, at = ball[others], at[others]
+        distances = ray_distances(starts[at], rays[at], corners[ball])
         np.minimum.at(rooms, at, np.where(distances > _TOUCHING * size, distances, np.inf))
     return vertices, heights, rooms
 

@@ -96,20 +96,21 @@ class BakedMesh:
         return [ClipActivity(motion.clip, motion.times, motion.seen[tool]) for motion in self.motions]
 
 
-def make_report(job: Job, baked: Sequence[BakedMesh], *, images: Sequence[str]) -> Report:
+def make_report(job: Job, baked: Sequence[BakedMesh], *, images: Sequence[str], tracks: bool) -> Report:
     """Gather what was made; frame by frame only with the option `details`.
 
     Args:
         job: The asset, its tools and the options.
         baked: Each mesh.
         images: Files that were read for the output, besides those of the job.
+        tracks: Whether clips have tracks of weights.
     """
     warnings = list(job.warnings)
     for mesh in baked:
         clips = [motion.clip for motion in mesh.motions]
-        warnings += mesh_warnings(mesh.plan, job.settings, clips, job.options.mode)
+        warnings += mesh_warnings(mesh.plan, job.settings, clips, tracks=tracks)
         for number, target_set in enumerate(mesh.target_sets):
-            warnings += tool_warnings(mesh.plan, target_set.carried, mesh.activity(number))
+            warnings += tool_warnings(mesh.plan, target_set.carried, mesh.activity(number), up=job.settings.up)
     engine = job.options.engine
     data: Json = {
         "report": VERSION,

@@ -102,9 +102,7 @@ def sample_clips(
     Raises:
         BakeError: There are too many frames, or too many shapes.
     """
-    chosen = list(clips) if mode == "frames" else moving_clips(plan, clips)
-    refuse_many_frames(plan, chosen, fps=fps)
-    sampled = _sampled(plan, chosen, fps=fps, mode=mode, progress=progress)
+    sampled = sample_activities(plan, clips, fps=fps, mode=mode, progress=progress)
     patches = [carried.patch for carried in plan.carried_patches]
     poses: Sequence[Pose | None] = [None] * len(patches)
     if plan.has_normals:
@@ -126,8 +124,12 @@ def target_weights(target_sets: Sequence[TargetSet], motion: Motion) -> Floats:
     return np.concatenate(columns, axis=1)
 
 
-def _sampled(plan: MeshPlan, clips: Sequence[Clip], *, fps: float, mode: Mode, progress: Progress) -> list[Motion]:
-    """Find the times of each clip, and what the tools do then; without weights, as there are no shapes yet."""
+def sample_activities(
+    plan: MeshPlan, clips: Sequence[Clip], *, fps: float, mode: Mode, progress: Progress
+) -> list[Motion]:
+    """As `sample_clips`, without weights, as there are no shapes yet: only times, and what the tools do then."""
+    clips = list(clips) if mode == "frames" else moving_clips(plan, clips)
+    _refuse_many_frames(plan, clips, fps=fps)
     patches = [carried.patch for carried in plan.carried_patches]
     bound = plan.max_error / _overlaps(plan)
     # Frames up to the end of each clip.
@@ -217,7 +219,7 @@ def moving_clips(plan: MeshPlan, clips: Sequence[Clip]) -> list[Clip]:
     return [clip for clip in clips if clip.name in driven or any(c.node in moving for c in clip.channels)]
 
 
-def refuse_many_frames(plan: MeshPlan, clips: Sequence[Clip], *, fps: float) -> None:
+def _refuse_many_frames(plan: MeshPlan, clips: Sequence[Clip], *, fps: float) -> None:
     """Check that clips are short enough to be sampled together.
 
     Raises:

@@ -1,24 +1,26 @@
-"""The warnings of a bake: tools that lie or act otherwise than their author means, and meshes too coarse for them."""
+"""The warnings of a bake and a check: tools that lie or act otherwise than meant, and meshes too coarse for them."""
 
 import math
 from collections.abc import Sequence
 
 import numpy as np
 
-from wrinklecli.baking.job import Mode
-from wrinklecli.baking.placement import ground_under
+from wrinklecli.baking.placement import collision, ground_under
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.sample import ClipActivity
 from wrinklecli.character.clip import Clip
+from wrinklecli.errors import counted
 from wrinklecli.method.carry import CarriedPatch
 from wrinklecli.method.curve import fitting_compressible
 from wrinklecli.method.patch import Patch
-from wrinklecli.tools.records import ToolsFile
+from wrinklecli.tools.records import ToolsFile, in_axes
 
 # A shortening below this part of the rest length is as good as none.
 _VISIBLE = 1e-3
 # An anchor that snaps by more than this part of its segment lies elsewhere than where it was put.
 _FAR = 0.05
+# A width over its segment that is likely to be in other units: a forehead is four times as wide as a brow is high.
+_WIDE = 10.0
 # The surface under a segment over the segment: a circle's arc of 145° is as long.
 _DETOUR = 1.3
 # Parts of a segment without surface under it, and of a patch with two layers, that are as good as none.
@@ -30,8 +32,15 @@ _DEPARTURE = 0.3
 _TWIN = 0.1
 
 
-def mesh_warnings(plan: MeshPlan, settings: ToolsFile, clips: Sequence[Clip], mode: Mode) -> list[str]:
-    """What a user should know of a mesh with all its tools, over the clips baked."""
+def mesh_warnings(plan: MeshPlan, settings: ToolsFile, clips: Sequence[Clip], *, tracks: bool) -> list[str]:
+    """What a user should know of a mesh with all its tools.
+
+    Args:
+        plan: Of the mesh.
+        settings: The tools file.
+        clips: Those baked.
+        tracks: Whether the clips get tracks of weights.
+    """
     rig = plan.rig
     where = rig.names[rig.node]
     warnings = _twin_warnings(plan, clips) + _departure_warnings(plan)
@@ -44,19 +53,22 @@ def mesh_warnings(plan: MeshPlan, settings: ToolsFile, clips: Sequence[Clip], mo
         f"{where}: {clip.name} gets a weights channel, which will hold the morph targets that were free there;"
         " --tracks none avoids it"
         for clip in clips
-        if rig.morph_names and clip.channel(rig.node, "weights") is None and mode == "morph"
+        if rig.morph_names and clip.channel(rig.node, "weights") is None and tracks
     ]
 
 
-def tool_warnings(plan: MeshPlan, carried: CarriedPatch, clips: Sequence[ClipActivity]) -> list[str]:
+def tool_warnings(plan: MeshPlan, carried: CarriedPatch, clips: Sequence[ClipActivity], *, up: str) -> list[str]:
     """What a user should know of one tool: of its place, and of what it does.
 
     Args:
         plan: Of its mesh.
         carried: The tool.
         clips: What it does in each clip baked.
+        up: Axis of the tools file.
     """
-    return _placement_warnings(plan, carried) + _clip_warnings(carried, clips)
+    return (
+        _placement_warnings(plan, carried) + _clip_warnings(carried, clips) + _room_warnings(plan, carried, clips, up)
+    )
 
 
 def _clip_warnings(carried: CarriedPatch, clips: Sequence[ClipActivity]) -> list[str]:
@@ -96,6 +108,12 @@ def _placement_warnings(plan: MeshPlan, carried: CarriedPatch) -> list[str]:
         for key, anchor in (("origin", patch.origin), ("target", patch.target))
         if anchor.distance > _FAR * patch.span
     ]
+    width = 2.0 * patch.half_width
+    if width > _WIDE * patch.span:
+        warnings.append(
+            f"{name}: its width of {width:.3g} is {width / patch.span:,.0f} times its segment of {patch.span:.3g}:"
+            " it is in the asset's units, as positions are, or in per cent of the segment, as in 120%"
+        )
     ground = ground_under(plan, patch)
     if ground.gap > _GAP:
         warnings.append(
@@ -112,6 +130,19 @@ def _placement_warnings(plan: MeshPlan, carried: CarriedPatch) -> list[str]:
             " alike: it reaches across a fold"
         )
     return warnings
+
+
+def _room_warnings(plan: MeshPlan, carried: CarriedPatch, clips: Sequence[ClipActivity], up: str) -> list[str]:
+    """Wrinkles that go through what lies opposite."""
+    found = collision(plan, carried, clips)
+    if found is None:
+        return []
+    at = ", ".join(f"{x:.4g}" for x in in_axes(found.position.tolist(), up))
+    return [
+        f"{carried.patch.tool.name}: wrinkles are taller than the distance to the opposite surface:"
+        f" {found.height:.3g} where there is room for {found.room:.3g} at rest, near [{at}];"
+        f" {counted(found.count, 'vertex', 'vertices')} reach it"
+    ]
 
 
 def _departure_warnings(plan: MeshPlan) -> list[str]:

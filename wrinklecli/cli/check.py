@@ -48,7 +48,8 @@ def check(asset: str, tools: str, plot: str | None, as_json: bool, strict: bool,
     --json prints {"check": 1, "asset", "tools_file", "meshes", "tools", "warnings"}; within version 1, keys are only
     added. Lengths are scene units, positions have the tools file's axes, shortenings are shares of the rest length.
 
-    Exit codes: 0 done; 1 the input is at fault; 2 wrong usage; 3 refused (--strict with warnings); 70 a bug.
+    Exit codes: 0 done; 1 the input is at fault; 2 wrong usage; 3 refused (--strict with warnings), no picture
+    written; 70 a bug.
     """
     if plot is not None and not plot.lower().endswith((".png", ".svg")):
         raise click.BadParameter(f"{plot!r} ends neither in .png nor .svg", param_hint="--plot")
@@ -64,15 +65,14 @@ def check(asset: str, tools: str, plot: str | None, as_json: bool, strict: bool,
         with Progress() as progress:
             made = run(asset, tools, progress=progress.show, **options)
         outputs.protect(made.inputs)
-        if plot is not None:
-            outputs.add_bytes(plot, draw_check(made, plot.lower().rpartition(".")[2]))
         if as_json:
             emit_json(made.data)
         else:
             _emit_tables(made.data)
-    if strict and made.warnings:
-        count = len(made.warnings)
-        raise RefusedError(f"refused by --strict: {counted(count, 'warning')}", where=tools)
+        if strict and made.warnings:
+            raise RefusedError(f"refused by --strict: {counted(len(made.warnings), 'warning')}", where=tools)
+        if plot is not None:
+            outputs.add_bytes(plot, draw_check(made, plot.lower().rpartition(".")[2]))
 
 
 def _emit_tables(data: dict[str, Any]) -> None:

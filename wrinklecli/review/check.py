@@ -8,21 +8,18 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from wrinklecli.baking.job import BakeOptions, read_job
-from wrinklecli.baking.placement import collision
 from wrinklecli.baking.plan import MeshPlan, plan_meshes
-from wrinklecli.baking.sample import ClipActivity, moving_clips, refuse_many_frames
+from wrinklecli.baking.sample import ClipActivity, Motion, sample_activities
 from wrinklecli.baking.warnings import mesh_warnings, tool_warnings
-from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.gltf.images import files_of
 from wrinklecli.gltf.shape import Json
-from wrinklecli.method.activity import activity
 from wrinklecli.method.anchor import Anchor
 from wrinklecli.method.carry import CarriedPatch
 from wrinklecli.method.curve import fitting_compressible
-from wrinklecli.numeric.arrays import Floats, children
+from wrinklecli.numeric.arrays import children
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.memory import MAX_MEMORY
-from wrinklecli.tools.records import MAX_VERTICES
+from wrinklecli.tools.records import MAX_VERTICES, in_axes
 
 VERSION = 1
 # Decimal digits of measured numbers, as in the report of a bake.
@@ -74,9 +71,8 @@ def check(
     max_memory: int = MAX_MEMORY,
     progress: Progress = no_progress,
 ) -> Check:
-    """Attach tools, refine their meshes and run their control curves over the clips; bake and write nothing.
+    """Attach tools, refine their meshes and run their control curves over the clips as a bake does; write nothing.
 
-    Clips are looked at on the grid of frames joined with their own key times, where a bake also looks in between.
     Arguments are as of `bake`.
 
     Raises:
@@ -97,15 +93,13 @@ def check(
         checked: list[CheckedTool] = []
         plans = plan_meshes(job)
         for plan in plans:
-            fps = job.settings.sampling.fps
-            moving = moving_clips(plan, job.clips)
-            refuse_many_frames(plan, moving, fps=fps)
-            grids = [(clip, clip_grid(clip, plan.rig, fps=fps)) for clip in moving]
-            warnings += mesh_warnings(plan, job.settings, moving, "morph")
+            motions = sample_activities(plan, job.clips, fps=job.settings.sampling.fps, mode="morph", progress=progress)
+            warnings += mesh_warnings(plan, job.settings, [motion.clip for motion in motions], tracks=True)
             for number, overlaps in enumerate(_overlaps(plan)):
-                checked.append(_check_tool(plan, number, grids, overlaps, job.settings.up))
+                tool = _check_tool(plan, number, motions, overlaps, job.settings.up)
+                checked.append(tool)
+                warnings += tool.data["warnings"]
                 progress("checking", len(checked), len(job.settings.tools))
-    warnings += [line for tool in checked for line in tool.data["warnings"]]
     data: Json = {
         "check": VERSION,
         "asset": job.document.path,
@@ -117,14 +111,10 @@ def check(
     return Check(data, tuple(warnings), (*job.inputs, *files_of(job.document)), tuple(checked))
 
 
-def _check_tool(
-    plan: MeshPlan, number: int, grids: Sequence[tuple[Clip, Floats]], overlaps: list[Json], up: str
-) -> CheckedTool:
-    """Run the control curve of one of the tools over clips at their (frames,) times."""
+def _check_tool(plan: MeshPlan, number: int, motions: Sequence[Motion], overlaps: list[Json], up: str) -> CheckedTool:
+    """Say what one of the tools does in clips."""
     carried = plan.carried_patches[number]
-    clips = tuple(
-        ClipActivity(clip, times, activity(carried.patch, plan.rig, plan.rest, clip, times)) for clip, times in grids
-    )
+    clips = tuple(ClipActivity(motion.clip, motion.times, motion.seen[number]) for motion in motions)
     data = describe_tool(plan, number, up) | {
         "overlaps": overlaps,
         "fitting_compressible": max(
@@ -132,7 +122,7 @@ def _check_tool(
             default=0.0,
         ),
         "clips": [describe_clip(carried, each) for each in clips],
-        "warnings": tool_warnings(plan, carried, clips) + _collision_warnings(plan, carried, clips, up),
+        "warnings": tool_warnings(plan, carried, clips, up=up),
     }
     return CheckedTool(carried, clips, data)
 
@@ -183,7 +173,7 @@ def _describe_anchor(plan: MeshPlan, anchor: Anchor, up: str) -> Json:
     vertex = int(np.flatnonzero(surface.weld == welded)[0])
     primitive = int(np.searchsorted(surface.vertex_starts, vertex, side="right")) - 1
     return {
-        "position": _written(anchor.position, up),
+        "position": [_round(each) for each in in_axes(anchor.position.tolist(), up)],
         "off": _round(anchor.distance),
         "primitive": primitive,
         "vertex": vertex - int(surface.vertex_starts[primitive]),
@@ -225,24 +215,6 @@ def _overlaps(plan: MeshPlan) -> list[list[Json]]:
         if one != other:
             found[one].append({"tool": names[other], "vertices": int(count)})
     return found
-
-
-def _collision_warnings(plan: MeshPlan, carried: CarriedPatch, clips: Sequence[ClipActivity], up: str) -> list[str]:
-    found = collision(plan, carried, clips)
-    if found is None:
-        return []
-    at = ", ".join(f"{x:.4g}" for x in _written(found.position, up))
-    return [
-        f"{carried.patch.tool.name}: wrinkles are taller than the distance to the opposite surface:"
-        f" {found.height:.3g} where there is room for {found.room:.3g} at rest, near [{at}];"
-        f" {found.count} vertices reach it"
-    ]
-
-
-def _written(position: Floats, up: str) -> list[float]:
-    """A position with the axes of the tools file."""
-    x, y, z = (_round(each) for each in position)
-    return [x, y, z] if up == "y" else [x, 0.0 - z, y]
 
 
 def _round(value: float) -> float:

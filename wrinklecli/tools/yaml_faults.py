@@ -3,8 +3,6 @@
 import re
 from dataclasses import dataclass
 
-import yaml
-
 from wrinklecli.errors import counted
 
 # As PyYAML counts lines.
@@ -13,16 +11,16 @@ _LINE_END = re.compile("\r\n|[\r\n\x85\u2028\u2029]")
 _ENTRY = re.compile(r"( *)((?:- +)*)(?:([\w.\"'-]+): *(?:[^ ]|$))?")
 
 
-def explained(error: yaml.MarkedYAMLError, text: str) -> tuple[int, str]:
+def explained(text: str, problem: str, line: int, context: str, start: int) -> tuple[int, str]:
     """The line, from 1, and what to say of what PyYAML cannot read; its own words where we know none better.
 
     Args:
-        error: As raised while the text was read.
         text: The YAML.
+        problem: What PyYAML says of it.
+        line: Where, from 0.
+        context: What PyYAML was reading.
+        start: The line where that begins, from 0.
     """
-    mark, context_mark = error.problem_mark or error.context_mark, error.context_mark or error.problem_mark
-    line, start = (each.line if each is not None else 0 for each in (mark, context_mark))
-    problem, context = error.problem or "", error.context or ""
     lines = _LINE_END.split(text)[: line + 1]
     if "block" in context or "not allowed here" in problem or "cannot start any token" in problem:
         found = _at_its_start(lines)

@@ -226,7 +226,9 @@ def read_tree(text: str) -> tuple[Node | None, list[Problem]]:
             return None, [Problem(1, "", "the file is empty, expected a mapping with version and tools")]
         return builder.build(root, root.start_mark.line + 1, ""), builder.problems
     except yaml.MarkedYAMLError as error:
-        line, message = explained(error, text)
+        marks = (error.problem_mark or error.context_mark, error.context_mark or error.problem_mark)
+        at, start = (mark.line if mark is not None else 0 for mark in marks)
+        line, message = explained(text, error.problem or "", at, error.context or "", start)
         return None, [Problem(line, "", printable(message, 200))]
     except yaml.reader.ReaderError as error:
         line += text.count("\n", 0, error.position)
