@@ -25,12 +25,12 @@ def test_marker_is_where_its_node_is_at_rest(rest: Any) -> None:
     carried = prepared.patch.target.barycentrics @ moved[prepared.patch.target.vertices]
     assert prepared.patch.target.position == pytest.approx(carried, abs=1e-9)
     assert prepared.patch.target.distance == pytest.approx(0.01, abs=1e-6)
-    with pytest.raises(BakeError, match="marker 'twice' is the name of 2 nodes"):
+    with pytest.raises(BakeError, match=r"target\.marker: 2 nodes are named 'twice'"):
         prepare(asset, tool(target={"marker": "twice"}))
 
 
 def test_rest_clip_that_is_not_there_is_refused() -> None:
-    with pytest.raises(ConfigError, match=r"tools\.yaml: rest\.clip: 'walk' is not a clip of the asset; it has 'fold'"):
+    with pytest.raises(ConfigError, match=r"rest\.clip: the asset has no clip 'walk'; there are 'fold'"):
         prepare(limb_asset(rings=5, sides=4), rest={"clip": "walk"})
 
 
