@@ -129,7 +129,7 @@ def sample_activities(
 ) -> list[Motion]:
     """As `sample_clips`, without weights, as there are no shapes yet: only times, and what the tools do then."""
     clips = list(clips) if mode == "frames" else moving_clips(plan, clips)
-    _refuse_many_frames(plan, clips, fps=fps)
+    refuse_many_frames(plan, clips, fps=fps)
     patches = [carried.patch for carried in plan.carried_patches]
     bound = plan.max_error / _overlaps(plan)
     # Frames up to the end of each clip.
@@ -219,7 +219,7 @@ def moving_clips(plan: MeshPlan, clips: Sequence[Clip]) -> list[Clip]:
     return [clip for clip in clips if clip.name in driven or any(c.node in moving for c in clip.channels)]
 
 
-def _refuse_many_frames(plan: MeshPlan, clips: Sequence[Clip], *, fps: float) -> None:
+def refuse_many_frames(plan: MeshPlan, clips: Sequence[Clip], *, fps: float) -> None:
     """Check that clips are short enough to be sampled together.
 
     Raises:
