@@ -80,7 +80,7 @@ def anchor_at(
         vertices = surface.triangles[triangle][barycentrics > 0]
         barycentrics = barycentrics[barycentrics > 0]
     distance = float(np.linalg.norm(place - point))
-    if distance > _ANCHOR_REACH * segment:
+    if is_far(distance, segment):
         hint = "" if isinstance(getattr(tool, key), Marker) else _other_axis(point, segment, rest, up)
         at = ", ".join(f"{x:.4g}" for x in in_axes(place.tolist(), up))
         raise BakeError(
@@ -104,6 +104,11 @@ def anchor_at(
         normal=unit(barycentrics @ rest.normals_at(vertices)),
         distance=distance,
     )
+
+
+def is_far(distance: float, segment: float) -> bool:
+    """Whether a point is further from the mesh than an anchor of a segment may be, scene units."""
+    return distance > _ANCHOR_REACH * segment
 
 
 def _other_axis(point: Floats, segment: float, rest: Rest, up: str) -> str:

@@ -20,6 +20,19 @@ from wrinklecli.tools.records import ToolsFile, WrinkleTool
 
 
 @dataclass(frozen=True, slots=True)
+class Refused:
+    """A tool that does not fit.
+
+    Attributes:
+        tool: As the file has it.
+        reason: The line that a bake would refuse it with.
+    """
+
+    tool: WrinkleTool
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
 class PlannedTools:
     """Tools attached to an asset.
 
@@ -34,7 +47,7 @@ class PlannedTools:
     settings: ToolsFile
     job: Job | None
     plans: tuple[MeshPlan, ...]
-    misfits: tuple[WrinkleTool, ...]
+    misfits: tuple[Refused, ...]
     warnings: tuple[str, ...]
 
     @property
@@ -54,8 +67,7 @@ def plan_tools(asset: str | os.PathLike[str], tools: str | os.PathLike[str], opt
     Raises:
         WrinkleError: The asset or the tools file is at fault.
     """
-    refusals: list[str] = []
-    misfits: list[WrinkleTool] = []
+    misfits: list[Refused] = []
     settings = load_tools(tools)
     wanted = [tool for tool in settings.tools if not options.only or tool.name in options.only]
     settings, asked = replace(settings, tools=tuple(wanted)), options
@@ -65,27 +77,34 @@ def plan_tools(asset: str | os.PathLike[str], tools: str | os.PathLike[str], opt
             job = read_job(asset, tools, asked)
             plans = tuple(plan_meshes(job))
         except WrinkleError as error:
-            found = _at_fault(error, [tool for tool in wanted if tool not in misfits])
-            if found is None:
+            fitting = _without(wanted, misfits)
+            found = _at_fault(error, fitting)
+            if not found:
                 raise
-            refusals += error.lines
             misfits += found
-            asked = replace(options, only=[tool.name for tool in wanted if tool not in misfits])
+            asked = replace(options, only=[tool.name for tool in _without(wanted, misfits)])
         else:
-            return PlannedTools(settings, job, plans, tuple(misfits), (*refusals, *job.warnings))
-    return PlannedTools(settings, None, (), tuple(misfits), tuple(refusals))
+            reasons = [each.reason for each in misfits]
+            return PlannedTools(settings, job, plans, tuple(misfits), (*reasons, *job.warnings))
+    return PlannedTools(settings, None, (), tuple(misfits), tuple(each.reason for each in misfits))
 
 
-def _at_fault(error: WrinkleError, tools: Sequence[WrinkleTool]) -> list[WrinkleTool] | None:
-    """The tools that each line of an error is about; None where one is about something else."""
-    found: list[WrinkleTool] = []
-    for place in error.places:
+def _without(tools: Sequence[WrinkleTool], misfits: Sequence[Refused]) -> list[WrinkleTool]:
+    names = {each.tool.name for each in misfits}
+    return [tool for tool in tools if tool.name not in names]
+
+
+def _at_fault(error: WrinkleError, tools: Sequence[WrinkleTool]) -> list[Refused] | None:
+    """The tools that an error is about, each with its first line; None where a line is about something else."""
+    found: dict[str, Refused] = {}
+    for place, line in zip(error.places, error.lines, strict=True):
         # A mirrored tool is at the place of its source, and a word further.
         of_place = [tool for tool in tools if place.startswith(tool.where)]
         if not of_place:
             return None
-        found.append(max(of_place, key=lambda tool: len(tool.where)))
-    return list({id(tool): tool for tool in found}.values())
+        tool = max(of_place, key=lambda tool: len(tool.where))
+        found.setdefault(tool.name, Refused(tool, line))
+    return list(found.values())
 
 
 def apply_tools(planned: PlannedTools, clips: Sequence[str], progress: Progress = no_progress) -> Document:

@@ -6,6 +6,7 @@ from typing import Any
 
 from PIL import Image, ImageDraw
 
+from wrinklecli.review.preview.overlay import Placed
 from wrinklecli.review.preview.peaks import Fact
 from wrinklecli.review.preview.sheet import Bytes, Colour, code, fitting, font_of, tagged
 
@@ -17,6 +18,21 @@ _BETWEEN = "  ·  "
 
 
 @dataclass(frozen=True, slots=True)
+class Picture:
+    """One of the pictures of a card.
+
+    Attributes:
+        pixels: (height, width, 3) sRGB.
+        tag: What it shows, in a word.
+        words: Names of places in it.
+    """
+
+    pixels: Bytes
+    tag: str
+    words: Sequence[Placed] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class Card:
     """One tool, seen from one side.
 
@@ -25,14 +41,14 @@ class Card:
         colour: That it is drawn in; None where it is not.
         aside: When it is seen, and from where.
         facts: Rows of what is to be said of it.
-        pictures: Of the picture size, each with its tag.
+        pictures: Two, of the picture size.
     """
 
     name: str
     colour: Colour | None
     aside: str
     facts: Sequence[Sequence[Fact]]
-    pictures: Sequence[tuple[Bytes, str]]
+    pictures: Sequence[Picture]
 
 
 class CardSheet:
@@ -55,8 +71,9 @@ class CardSheet:
         top = _title_height(self._size) + row * (height + _GAP)
         pen = ImageDraw.Draw(self.image)
         pen.rectangle((left - 1, top - 1, left + width, top + height), fill=_CARD, outline=_RULE)
-        for place, (picture, tag) in enumerate(card.pictures):
-            self.image.paste(tagged(picture, tag, font_of(self._text)), (left + place * (self._size[0] + _SLIT), top))
+        for place, each in enumerate(card.pictures):
+            cell = tagged(each.pixels, each.tag, font_of(self._text), each.words)
+            self.image.paste(cell, (left + place * (self._size[0] + _SLIT), top))
         self._write(pen, left + _GAP // 2 + 2, top + self._size[1] + self._text // 2, width - _GAP - 4, card)
 
     def _write(self, pen: Any, left: int, top: int, width: int, card: Card) -> None:

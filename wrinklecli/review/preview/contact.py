@@ -14,8 +14,10 @@ from wrinklecli.numeric.guard import Progress
 from wrinklecli.review.preview.apply import PlannedTools, apply_tools
 from wrinklecli.review.preview.framing import View, plan_views
 from wrinklecli.review.preview.heat import HEAT, HEAT_TICKS, heat_colours
+from wrinklecli.review.preview.misfits import RED, Misfit, find_misfits, misfit_overlay, misfit_points
 from wrinklecli.review.preview.moments import Moment, frame_seconds, plan_moments
 from wrinklecli.review.preview.options import PreviewOptions
+from wrinklecli.review.preview.overlay import NOTHING, Overlay, placed_words
 from wrinklecli.review.preview.render import render
 from wrinklecli.review.preview.shown import INKS, ShownAsset, read_shown, take_snapshot, tool_names
 
@@ -52,13 +54,16 @@ def contact(
 
     moments = plan_moments(documents[0], options, animated=animated)
     shown, plans, warnings = _read_shown(documents, planned, moments, options, progress)
-    views = plan_views(shown, moments, options, progress)
+    misfits = [] if planned is None or options.hide_tools else find_misfits(planned, documents[0])
+    further = [misfit_points(misfits, shown[-1], moment) for moment in moments]
+    views = plan_views(shown, moments, options, progress, further=further)
     together = 1 if animated else len(moments)
     columns = min(options.columns or (_COLUMNS if len(shown) == 1 else 1), together)
     layout = _Layout(together, columns, len(shown), len(views))
-    legend = _legend(plans, heat=options.heat)
+    legend = _legend(plans, misfits, heat=options.heat)
     refuse_large(sheet_size(*layout.cells, options.picture_size, legend), len(moments) // together, path)
-    sheets = _draw(shown, moments, views, layout, legend, options, progress)
+    overlays = [misfit_overlay(misfits, shown[-1], moment) for moment in moments]
+    sheets = _draw(shown, moments, views, overlays, layout, legend, options, progress)
     return Drawn(
         images=tuple(sheet.image for sheet in sheets),
         seconds=frame_seconds(shown[0].document, moments, options),
@@ -125,11 +130,12 @@ class _Layout:
         return column * self.assets + asset, view * self.rows + row
 
 
-def _legend(plans: Sequence[MeshPlan], *, heat: bool) -> "Legend":
+def _legend(plans: Sequence[MeshPlan], misfits: Sequence[Misfit], *, heat: bool) -> "Legend":
     """What explains the colours: of the tools, and of compression."""
     from wrinklecli.review.preview.sheet import Legend
 
     names = tuple((name, INKS[number % len(INKS)]) for number, name in enumerate(tool_names(plans)))
+    names += tuple((f"{each.name} (does not fit)", RED) for each in misfits)
     if not heat:
         return Legend(names=names)
     top = HEAT[-1][0]
@@ -141,6 +147,7 @@ def _draw(
     shown: Sequence[ShownAsset],
     moments: Sequence[Moment],
     views: Sequence[View],
+    overlays: Sequence[Overlay],
     layout: _Layout,
     legend: "Legend",
     options: PreviewOptions,
@@ -156,8 +163,11 @@ def _draw(
         for column, asset in enumerate(shown):
             snapshot = take_snapshot(asset, moment, heat=options.heat)
             for row, view in enumerate(views):
-                picture = render(snapshot, view.cameras[number], size=options.picture_size, style=options.style)
+                camera, size = view.cameras[number], options.picture_size
+                overlay = overlays[number] if asset is shown[-1] else NOTHING
+                picture = render(snapshot, camera, size=size, style=options.style, overlay=overlay)
                 label = "   ".join([asset.label, moment.label, *([view.name] if len(views) > 1 else [])])
-                sheets[-1].put(*layout.cell(number, column, row), picture, label)
+                words = placed_words(overlay, camera, size)
+                sheets[-1].put(*layout.cell(number, column, row), picture, label, words)
         progress("drawing", number + 1, len(moments))
     return sheets

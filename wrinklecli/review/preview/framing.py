@@ -62,7 +62,12 @@ class View:
 
 
 def plan_views(
-    assets: Sequence[ShownAsset], moments: Sequence[Moment], options: PreviewOptions, progress: Progress = no_progress
+    assets: Sequence[ShownAsset],
+    moments: Sequence[Moment],
+    options: PreviewOptions,
+    progress: Progress = no_progress,
+    *,
+    further: Sequence[Floats] = (),
 ) -> list[View]:
     """Place cameras, which all assets share.
 
@@ -71,6 +76,7 @@ def plan_views(
         moments: To show.
         options: Views, focus, radius and whether to follow; where no view is named, `FACING` where there are wrinkles.
         progress: Called with a stage's name, steps done and steps in all.
+        further: For each moment, (points, 3) that are to be seen too.
 
     Returns:
         What is asked for, `FACING` as the angles that it came to.
@@ -82,7 +88,7 @@ def plan_views(
     bounds, centres = [], np.zeros((len(moments), 3))
     for number, moment in enumerate(moments):
         points, middle = _sight(assets, moment, wrinkles)
-        bounds.append(points)
+        bounds.append(np.concatenate([points, *further[number : number + 1]]))
         if options.follow:
             centres[number] = middle
         progress("posing", number + 1, len(moments))

@@ -90,6 +90,31 @@ class Overlay:
 NOTHING = Overlay()
 
 
+@dataclass(frozen=True, slots=True)
+class Placed:
+    """A word in a picture.
+
+    Attributes:
+        at: Pixels from the left and the top, of the place that it names.
+        text: The word.
+        colour: sRGB.
+    """
+
+    at: tuple[float, float]
+    text: str
+    colour: Colour
+
+
+def placed_words(overlay: Overlay, camera: Camera, size: tuple[int, int]) -> list[Placed]:
+    """The words of an overlay that name places in a picture."""
+    placed = []
+    for word in overlay.words:
+        x, y = (float(each) for each in camera.project(word.place, size))
+        if -size[0] < x < 2 * size[0] and -size[1] < y < 2 * size[1]:
+            placed.append(Placed((min(max(x, 0.0), size[0]), min(max(y, 0.0), size[1])), word.text, word.colour))
+    return placed
+
+
 def draw_overlay(picture: Array, overlay: Overlay, camera: Camera, surface: TracedSurface) -> None:
     """Draw strokes and dots over a (height, width, 3) picture of 8-bit sRGB, in place; strokes first.
 

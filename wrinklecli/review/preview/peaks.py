@@ -227,7 +227,7 @@ def _figures(data: Json, best: Json | None) -> Iterator[Fact]:
     limit = f" of {data['height_limit']:.3g}" if "height_limit" in data else ""
     yield Fact(f"{best['height']:.3g}{limit} tall")
     if "full" in data and data["full"] < _EQUAL * _shortest(best):
-        yield Fact(f"full at {_percent(data['full'])}")
+        yield Fact(f"full from {_percent(data['full'])}")
     if best.get("unabsorbed", 0.0) > _VISIBLE:
         yield Fact(f"{_percent(best['unabsorbed'])} not absorbed", alarming=True)
 

@@ -1,19 +1,26 @@
 """A review: every tool of an asset close up, before and after, when its wrinkles are tallest, on one sheet."""
 
+import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from wrinklecli.character.clip import chosen_clips
 from wrinklecli.errors import AssetError, counted, listed, nearest
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.guard import Progress
 from wrinklecli.review.preview.apply import PlannedTools, apply_tools
+from wrinklecli.review.preview.camera import Camera, camera_axes, parse_view
 from wrinklecli.review.preview.framing import View, plan_views
+from wrinklecli.review.preview.misfits import RED, Misfit, find_misfits, misfit_overlay, misfit_points
 from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.options import PreviewOptions
-from wrinklecli.review.preview.peaks import Peak, baked_peaks, planned_peaks
+from wrinklecli.review.preview.overlay import placed_words
+from wrinklecli.review.preview.peaks import Fact, Peak, baked_peaks, planned_peaks
 from wrinklecli.review.preview.render import Snapshot, render
 from wrinklecli.review.preview.shown import INKS, ShownAsset, read_shown, take_snapshot
 
@@ -25,6 +32,9 @@ if TYPE_CHECKING:
 MOST_REVIEWED = 48
 # Up to so many cards: in how many columns, and the size of their pictures, pixels. Sheets are as wide as a screen.
 _LAYOUTS = ((1, 1, (760, 570)), (2, 1, (640, 420)), (6, 2, (444, 320)), (MOST_REVIEWED, 3, (300, 225)))
+# Of a tool that does not fit: letters and rows of the line that says so, and factors of its pictures' distances.
+_REASON, _REASON_ROWS = 92, 3
+_MARGINS = {"close": 1.8, "whole": 1.1}
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,14 +75,13 @@ def review(
     from wrinklecli.review.preview.sheet import Drawn, refuse_large
 
     before, after, peaks, warnings = _read(document, planned, options, progress)
-    shown, missed = peaks[:MOST_REVIEWED], peaks[MOST_REVIEWED:]
-    if missed:
-        names = f"{missed[0].name}, … {missed[-1].name}" if len(missed) > 2 else ", ".join(p.name for p in missed)
-        warnings.append(f"{len(missed)} of {len(peaks)} tools are not shown: {names}; --tool NAME shows one")
-    views = max(len(options.views), 1)
-    columns, size = _layout(len(shown) * views, options)
-    rows = max(len(peak.facts) for peak in shown)
-    cells = columns, -(-len(shown) * views // columns)
+    misfits = [] if planned is None else find_misfits(planned, document)[:MOST_REVIEWED]
+    shown = peaks[: MOST_REVIEWED - len(misfits)]
+    warnings += _missing(peaks[len(shown) :], len(peaks))
+    count = len(shown) * max(len(options.views), 1) + len(misfits)
+    columns, size = _layout(count, options)
+    rows = max(len(facts) for facts in (*(peak.facts for peak in shown), *map(_refusal, misfits)))
+    cells = columns, -(-count // columns)
     refuse_large(cards_size(*cells, size, rows), 1, path)
     options = replace(options, size=size)
     shots: list[_Shot] = []
@@ -80,12 +89,21 @@ def review(
         for view in plan_views([_alone(after, peak)], [peak.moment], options):
             shots.append(_Shot(len(shots), peak, ink, view))
         progress("looking", ink + 1, len(shown))
-    sheet = CardSheet(*cells, size, rows, _title(document, planned, len(shown)))
-    for done, (number, card) in enumerate(_cards(before, after, shots, options)):
+    sheet = CardSheet(*cells, size, rows, _title(document, planned, len(shown) + len(misfits)))
+    cards = chain(_cards(before, after, shots, options), enumerate(_misfit_cards(before, misfits, options), len(shots)))
+    for done, (number, card) in enumerate(cards):
         sheet.put(number, card)
-        progress("drawing", done + 1, len(shots))
-    sides = tuple(dict.fromkeys(shot.view.name for shot in shots))
-    return Drawn((sheet.image,), counted(len(shown), "tool"), sides, warnings=tuple(warnings))
+        progress("drawing", done + 1, count)
+    sides = dict.fromkeys([*(shot.view.name for shot in shots), *(misfit.view for misfit in misfits)])
+    return Drawn((sheet.image,), counted(len(shown) + len(misfits), "tool"), tuple(sides), warnings=tuple(warnings))
+
+
+def _missing(missed: Sequence[Peak], count: int) -> list[str]:
+    """A warning of those of so many tools that are not shown."""
+    if not missed:
+        return []
+    names = f"{missed[0].name}, … {missed[-1].name}" if len(missed) > 2 else ", ".join(each.name for each in missed)
+    return [f"{len(missed)} of {count} tools are not shown: {names}; --tool NAME shows one"]
 
 
 def _read(
@@ -103,12 +121,13 @@ def _read(
         if not peaks:
             raise AssetError("has no wrinkles to review", where=document.path)
         return after.without_wrinkles(), after, _named(peaks, options.only, document), warnings
-    assert planned.job is not None
+    before, _ = read_shown(document, "", () if options.hide_tools else planned.plans, refined=False)
+    if planned.job is None:
+        return before, before, [], []
     clips = chosen_clips(planned.job.clips, options.clips, where=document.path)
     peaks = planned_peaks(planned.plans, clips, fps=planned.job.settings.sampling.fps)
     raising = dict.fromkeys(peak.moment.clip for peak in peaks[:MOST_REVIEWED] if peak.moment.clip is not None)
     after, warnings = read_shown(apply_tools(planned, list(raising), progress), "", ())
-    before, _ = read_shown(document, "", () if options.hide_tools else planned.plans, refined=False)
     return before, after, peaks, warnings
 
 
@@ -158,7 +177,7 @@ def _alone(after: ShownAsset, peak: Peak) -> ShownAsset:
 
 def _card(shot: _Shot, snapshots: Sequence[Snapshot], options: PreviewOptions) -> "Card":
     """A tool's pictures, before and after, and what is to be said of it."""
-    from wrinklecli.review.preview.cards import Card
+    from wrinklecli.review.preview.cards import Card, Picture
 
     marked = replace(snapshots[0], marks=tuple(m for m in snapshots[0].marks if m.name == shot.peak.name))
     pictures = [
@@ -170,5 +189,33 @@ def _card(shot: _Shot, snapshots: Sequence[Snapshot], options: PreviewOptions) -
         colour=INKS[shot.ink % len(INKS)] if marked.marks else None,
         aside=f"{shot.peak.moment.label}, from {shot.view.name}",
         facts=shot.peak.facts,
-        pictures=list(zip(pictures, options.labels or ("before", "after"), strict=True)),
+        pictures=[Picture(*each) for each in zip(pictures, options.labels or ("before", "after"), strict=True)],
     )
+
+
+def _refusal(misfit: Misfit) -> list[list[Fact]]:
+    """What is to be said of a tool that does not fit: the line that a bake would refuse it with, in rows."""
+    return [[Fact(row, alarming=True)] for row in textwrap.wrap(misfit.refused.reason, _REASON)[:_REASON_ROWS]]
+
+
+def _misfit_cards(asset: ShownAsset, misfits: Sequence[Misfit], options: PreviewOptions) -> Iterator["Card"]:
+    """For each tool that does not fit where its ends were asked for, from near and with all of the asset."""
+    from wrinklecli.review.preview.cards import Card, Picture
+
+    if not misfits:
+        return
+    stored, size = Moment(None, 0.0), options.picture_size
+    snapshot = replace(take_snapshot(asset, stored, heat=options.heat), marks=())
+    whole = snapshot.corners.reshape(-1, 3)
+    for misfit in misfits:
+        points = misfit_points([misfit], asset, stored)
+        overlay = misfit_overlay([misfit], asset, stored)
+        pictures = []
+        for tag, framed in (("close", points), ("whole", np.concatenate([whole, points]))):
+            axes = camera_axes(*parse_view(misfit.view))
+            camera = Camera.framing(
+                framed if len(framed) else whole, axes, aspect=size[0] / size[1], margin=_MARGINS[tag]
+            )
+            picture = render(snapshot, camera, size=size, style=options.style, overlay=overlay)
+            pictures.append(Picture(picture, tag, placed_words(overlay, camera, size)))
+        yield Card(misfit.name, RED, "does not fit", _refusal(misfit), pictures)

@@ -5,7 +5,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
@@ -14,12 +14,15 @@ from PIL import Image, ImageDraw, ImageFont
 
 from wrinklecli.errors import WrinkleError
 from wrinklecli.review.preview.options import MOST_SIDE
+from wrinklecli.review.preview.overlay import Placed
 
 Bytes = NDArray[np.uint8]
 Colour = tuple[float, float, float]
 
 # Pixels of a sheet, or of all frames of an animation: they are held in memory until the file is written.
 MOST_PIXELS = 2**28
+# Of a word: pixels beside its place, and lines below it, one after the other.
+_ASIDE, _STEPS = 7, (0.0, 0.9, -0.9, 1.8, -1.8)
 _GUTTER = 4  # pixels between pictures
 _DARK, _PALE = (60, 66, 74), (255, 255, 255)
 _WEBP_QUALITY = 90
@@ -73,10 +76,10 @@ class Sheet:
         if height > rows * (size[1] + _GUTTER) - _GUTTER:
             self._draw_legend(height - _legend_height(size))
 
-    def put(self, column: int, row: int, picture: Bytes, label: str) -> None:
-        """Place a picture, its label in the top left corner."""
+    def put(self, column: int, row: int, picture: Bytes, label: str, words: Sequence[Placed] = ()) -> None:
+        """Place a picture, its label in the top left corner, and words beside what they name."""
         width, height = self._size
-        cell = tagged(picture, label, font_of(_font_size(self._size)))
+        cell = tagged(picture, label, font_of(_font_size(self._size)), words)
         self.image.paste(cell, (column * (width + _GUTTER), row * (height + _GUTTER)))
 
     def _draw_legend(self, top: int) -> None:
@@ -136,9 +139,11 @@ def font_of(size: int) -> Any:
     return ImageFont.load_default(float(size))
 
 
-def tagged(picture: Bytes, label: str, font: Any) -> Image.Image:
-    """A picture with a label in its top left corner, where it fits."""
+def tagged(picture: Bytes, label: str, font: Any, words: Sequence[Placed] = ()) -> Image.Image:
+    """A picture with a label in its top left corner, where it fits, and words beside what they name."""
     cell = Image.fromarray(picture)
+    if words:
+        _write_words(cell, words, font)
     edge = font.size // 2
     text = fitting(label, font, cell.width - 4 * edge)
     if text and font.size + 2 * edge < cell.height:
@@ -147,6 +152,21 @@ def tagged(picture: Bytes, label: str, font: Any) -> Image.Image:
         pen.rectangle((left - 4, top - 3, right + 4, bottom + 3), fill=_PALE)
         pen.text((edge + 3, edge), text, fill=_DARK, font=font)
     return cell
+
+
+def _write_words(cell: Image.Image, words: Sequence[Placed], font: Any) -> None:
+    """Write words right or left of their places, or a little above or below: where none has been written yet."""
+    pen, taken = ImageDraw.Draw(cell), np.zeros((cell.height, cell.width), bool)
+    for word in words:
+        text = fitting(word.text, font, cell.width / 2)
+        width, height = math.ceil(font.getlength(text)), round(1.1 * font.size)
+        for side, down in product((_ASIDE, -_ASIDE - width), _STEPS):
+            left, top = round(word.at[0] + side), round(word.at[1] + height * (down - 0.5))
+            within = left >= 0 and left + width <= cell.width and top >= 0 and top + height <= cell.height
+            if within and not taken[top : top + height, left : left + width].any():
+                taken[top : top + height, left : left + width] = True
+                pen.text((left, top), text, fill=code(word.colour), font=font, stroke_width=2, stroke_fill=_PALE)
+                break
 
 
 def fitting(text: str, font: Any, width: float) -> str:

@@ -1,0 +1,98 @@
+"""Tools that do not fit: what a preview shows of them, and what it says."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import wrinklecli
+from kit.limb import RADIUS, limb_asset, tool, write_tools
+from kit.pictures import draw, limb, picture, reds
+from wrinklecli.baking.job import BakeOptions
+from wrinklecli.errors import WrinkleError
+from wrinklecli.gltf.document import read_document
+from wrinklecli.review.preview.apply import plan_tools
+from wrinklecli.review.preview.misfits import find_misfits
+from wrinklecli.review.preview.moments import Moment
+from wrinklecli.review.preview.shown import read_shown
+
+Json = dict[str, Any]
+
+FAR: Json = {"name": "far", "origin": [-0.4, RADIUS + 0.5, 0.0]}
+STILL: Json = {"rest": True, "size": (160, 120), "views": ["front"], "labels": [" "]}
+
+
+def test_a_tool_off_the_mesh_is_drawn_in_red_and_the_others_as_ever(tmp_path: Path) -> None:
+    asset = limb(tmp_path)
+    both = write_tools(tmp_path / "both.yaml", tool(), tool(**FAR))
+    made = draw([asset], tmp_path / "a.png", tools=both, focus=(0, 0.3, 0), radius=1.2, **STILL)
+    with pytest.raises(WrinkleError) as refused:
+        wrinklecli.bake(asset, both, tmp_path / "out.glb")
+    assert made.warnings == refused.value.lines
+    draw([asset], tmp_path / "b.png", tools=write_tools(tmp_path / "one.yaml"), focus=(0, 0.3, 0), radius=1.2, **STILL)
+    shown, alone = (picture(tmp_path / name)[:120] for name in ("a.png", "b.png"))
+    assert reds(shown) > reds(alone) + 30
+    others = (np.abs(shown.astype(int) - alone) > 8).any(axis=2)
+    assert others[:75].sum() > 30, "from the point asked for to the mesh"
+    assert others[90:].sum() == 0
+    draw([asset], tmp_path / "b.png", tools=both, hide_tools=True, focus=(0, 0.3, 0), radius=1.2, **STILL)
+    assert reds(picture(tmp_path / "b.png")) == 0
+
+
+def test_the_distance_is_that_of_the_message_and_goes_along_with_the_skin(tmp_path: Path) -> None:
+    asset = limb(tmp_path)
+    planned = plan_tools(asset, write_tools(tmp_path / "tools.yaml", tool(**FAR)), BakeOptions())
+    assert planned.job is None
+    document = read_document(asset)
+    (misfit,) = find_misfits(planned, document)
+    assert [end.far for end in misfit.ends] == [True, False]
+    assert f"is {misfit.ends[0].distance:.4g} from the mesh" in misfit.refused.reason
+    shown, _ = read_shown(document, "", ())
+    for moment in (Moment(None, 0.0), Moment("fold", 1.0)):
+        places = misfit.places(shown, moment)
+        assert np.linalg.norm(places[:, 1] - places[:, 0], axis=1) == pytest.approx([0.5, 0.0], abs=1e-3)
+        if moment.clip is None:
+            assert places[:, 1] == pytest.approx(np.array([FAR["origin"], tool()["target"]]))
+
+
+@pytest.mark.quick(2)
+@pytest.mark.parametrize(
+    ("keys", "said", "ends"),
+    [
+        ({"node": "lim"}, "is no node with a mesh", 2),
+        ({"origin": {"marker": "elbow"}}, "is not a node of the asset", 0),
+        ({"origin": [0.4, RADIUS, 0.0], "target": [0.4, RADIUS + 1e-9, 0.0]}, "1e-09 from the mesh", 2),
+        ({"rest_length": {"morph": "smile", "full": "110%"}}, "is not a morph target", 2),
+        ({"target": [1e6, 1.0, 0.0]}, "1e+06 from the mesh", 2),
+    ],
+)
+def test_whatever_does_not_fit_is_shown_and_said(tmp_path: Path, keys: Json, said: str, ends: int) -> None:
+    asset = limb_asset(rings=5, sides=6).write(tmp_path / "limb.glb")
+    tools = write_tools(tmp_path / "tools.yaml", tool(**keys), tool(name="fits"))
+    planned = plan_tools(asset, tools, BakeOptions())
+    (misfit,) = find_misfits(planned, read_document(asset))
+    assert [len(misfit.ends), len(planned.plans)] == [ends, 1]
+    made = draw([asset], tmp_path / "a.png", tools=tools, size=(32, 24))
+    assert made.shown == "2 tools"
+    assert said in made.warnings[0]
+    assert draw([asset], tmp_path / "a.png", tools=tools, only=["crease"], rest=True, size=(32, 24)).warnings
+
+
+def test_tools_may_fail_at_one_stage_after_another(tmp_path: Path) -> None:
+    asset = limb_asset(rings=9, sides=8).write(tmp_path / "limb.glb")
+    ends: Json = {"origin": [0.5, RADIUS, 0.0], "target": [0.9, RADIUS, 0.0]}
+    leaning = tool(name="end.L", mirror="z", origin=[0.5, 0.1, 0.2291], target=[0.9, RADIUS, 0.0])
+    tools = write_tools(tmp_path / "tools.yaml", tool(**ends), tool(name="b", node="none"), tool(**FAR), leaning)
+    planned = plan_tools(asset, tools, BakeOptions())
+    assert [each.tool.name for each in planned.misfits] == ["b", "far"]
+    (plan,) = planned.plans
+    assert [carried.patch.tool.name for carried in plan.carried_patches] == ["crease", "end.L", "end.R"]
+
+
+def test_what_is_wrong_with_the_file_is_refused_as_ever(tmp_path: Path) -> None:
+    tools = write_tools(tmp_path / "tools.yaml", tool(widht=1))
+    with pytest.raises(WrinkleError, match="widht"):
+        plan_tools(limb(tmp_path), tools, BakeOptions())
+    with pytest.raises(WrinkleError, match="no enabled tool is named"):
+        plan_tools(limb(tmp_path), write_tools(tmp_path / "tools.yaml"), BakeOptions(only=["none"]))

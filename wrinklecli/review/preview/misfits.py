@@ -1,0 +1,182 @@
+"""Tools that do not fit their asset: where their ends were asked for, and how far the mesh is from there."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrinklecli.character.clip import read_clips
+from wrinklecli.character.rig import Rig, read_rig
+from wrinklecli.character.surface import Surface, read_surface
+from wrinklecli.errors import WrinkleError
+from wrinklecli.gltf.document import Document
+from wrinklecli.method.anchor import is_far
+from wrinklecli.method.rest import Rest, end_position, rest_pose
+from wrinklecli.numeric.arrays import Floats, Ints
+from wrinklecli.review.preview.apply import PlannedTools, Refused
+from wrinklecli.review.preview.moments import Moment
+from wrinklecli.review.preview.overlay import Dot, Overlay, Stroke, Word
+from wrinklecli.review.preview.shown import ShownAsset
+from wrinklecli.tools.records import ToolsFile, WrinkleTool
+
+# Times the asset's size: an end further off lies outside the picture.
+_FARTHEST = 1.0
+_PAST = 60  # degrees
+RED = (0.89, 0.0, 0.0)  # sRGB
+
+
+@dataclass(frozen=True, slots=True)
+class LostEnd:
+    """An end of a tool, and the place of a mesh that is nearest to it at rest.
+
+    Attributes:
+        offset: (3,) from the place to the end, world space at rest.
+        node: That has the mesh.
+        primitive: Its number in the mesh.
+        vertices: (3,) glTF vertices of the primitive, around the place.
+        shares: (3,) of them.
+        normal: (3,) of the surface there.
+        far: Whether it is too far from the mesh to be taken there.
+    """
+
+    offset: Floats
+    node: int
+    primitive: int
+    vertices: Ints
+    shares: Floats
+    normal: Floats
+    far: bool
+
+    @property
+    def distance(self) -> float:
+        """From the mesh, scene units."""
+        return float(np.linalg.norm(self.offset))
+
+
+@dataclass(frozen=True, slots=True)
+class Misfit:
+    """A tool that does not fit.
+
+    Attributes:
+        refused: The tool, with what a bake would say of it.
+        ends: Those of its two ends whose place is known.
+    """
+
+    refused: Refused
+    ends: tuple[LostEnd, ...]
+
+    @property
+    def name(self) -> str:
+        """Of the tool."""
+        return self.refused.tool.name
+
+    @property
+    def view(self) -> str:
+        """As azimuth:elevation: past the side of the mesh that its ends are nearest to, so that they stand off it."""
+        x, y, z = sum((each.normal for each in self.ends), np.array((0.0, 0.0, 1e-9)))
+        azimuth, elevation = np.degrees([np.arctan2(x, z), np.arctan2(y, np.hypot(x, z))])
+        turned = (round(azimuth / 15) * 15 + _PAST + 180) % 360 - 180
+        return f"{turned}:{15 * round(min(max(elevation, -30), 30) / 15)}"
+
+    def places(self, asset: ShownAsset, moment: Moment) -> Floats:
+        """(ends, 2, 3) of each end the nearest place of the mesh and the point asked for, which moves along with it."""
+        found = []
+        for end in self.ends:
+            for posed in asset.posed(moment):
+                source = posed.shown.source
+                if (source.rig.node, source.primitive) == (end.node, end.primitive):
+                    place = end.shares @ posed.positions[end.vertices]
+                    found.append([place, place + end.offset])
+        return np.array(found).reshape(-1, 2, 3)
+
+
+def find_misfits(planned: PlannedTools, document: Document) -> list[Misfit]:
+    """The tools that do not fit an asset, with their ends."""
+    meshes = _Meshes(document, planned.settings)
+    return [Misfit(refused, meshes.ends_of(refused.tool)) for refused in planned.misfits]
+
+
+class _Meshes:
+    """The meshes of a document at rest, each read when it is asked for."""
+
+    def __init__(self, document: Document, settings: ToolsFile) -> None:
+        self._document = document
+        self._settings = settings
+        self._read: dict[int, tuple[Rig, Surface]] = {}
+        self._clips = read_clips(document) if settings.tools else ()
+
+    def ends_of(self, tool: WrinkleTool) -> tuple[LostEnd, ...]:
+        """Both ends of a tool; none where a marker is no node, or the meshes cannot be posed."""
+        ends: list[LostEnd] = []
+        nodes = [index for index, node in enumerate(self._document.items("nodes")) if "mesh" in node]
+        named = [index for index in nodes if self._document.items("nodes")[index].get("name") == tool.node]
+        try:
+            rested = [(node, *self._rested(node, tool)) for node in named or nodes]
+            if not rested:
+                return ()
+            _, rig, _, rest = rested[0]
+            points = [end_position(rig, rest.clip, rest.time, tool, end) for end in (tool.origin, tool.target)]
+        except WrinkleError:
+            return ()
+        segment = float(np.linalg.norm(points[1] - points[0]))
+        for point in points:
+            around = [(rest.blocks.closest_point(point), node, surface, rest) for node, _, surface, rest in rested]
+            (triangle, shares, place), node, surface, rest = min(
+                around, key=lambda each: float(np.linalg.norm(each[0][2] - point))
+            )
+            primitive = int(surface.primitives[triangle])
+            ends.append(
+                LostEnd(
+                    offset=point - place,
+                    node=node,
+                    primitive=primitive,
+                    vertices=surface.corners[triangle] - surface.vertex_starts[primitive],
+                    shares=shares,
+                    normal=shares @ rest.normals_at(surface.triangles[triangle]),
+                    far=is_far(float(np.linalg.norm(point - place)), segment),
+                )
+            )
+        return tuple(ends)
+
+    def _rested(self, node: int, tool: WrinkleTool) -> tuple[Rig, Surface, Rest]:
+        if node not in self._read:
+            rig = read_rig(self._document, node)
+            self._read[node] = rig, read_surface(self._document, rig)
+        rig, surface = self._read[node]
+        return rig, surface, rest_pose(surface, rig, self._settings, self._clips, [tool])
+
+
+def misfit_overlay(misfits: Sequence[Misfit], asset: ShownAsset, moment: Moment) -> Overlay:
+    """Draw tools that do not fit: a dashed segment between the points asked for, and each one's way to the mesh."""
+    strokes: list[Stroke] = []
+    dots: list[Dot] = []
+    words: list[Word] = []
+    for misfit in misfits:
+        places = misfit.places(asset, moment)
+        if len(places) == 2:
+            strokes.append(Stroke(places[:, 1], RED, width=1.6, behind=0.5, dash=6.0))
+        for key, end, (place, point) in zip(("origin", "target"), misfit.ends, places, strict=False):
+            if end.far:
+                strokes.append(Stroke(np.array([place, point]), RED, width=1.2, behind=0.5))
+                dots += [Dot(point, RED, 5.0, "cross"), Dot(place, RED, 2.0)]
+                words.append(Word(point, f"{misfit.name} {key}: {end.distance:.3g} off", RED))
+            else:
+                dots.append(Dot(point, RED, 3.5))
+        if len(places) and not any(end.far for end in misfit.ends):
+            words.append(Word(places[0, 1], misfit.name, RED))
+    return Overlay(strokes, dots, words)
+
+
+def misfit_points(misfits: Sequence[Misfit], asset: ShownAsset, moment: Moment) -> Floats:
+    """(points, 3) that a picture of tools that do not fit is to show; of an end that is very far off the mesh's place.
+
+    Otherwise the asset would be a speck.
+    """
+    if not misfits:
+        return np.zeros((0, 3))
+    pairs = np.concatenate([np.zeros((0, 2, 3)), *(misfit.places(asset, moment) for misfit in misfits)])
+    everything = np.concatenate([posed.positions for posed in asset.posed(moment)])
+    reach = _FARTHEST * float(np.linalg.norm(np.ptp(everything, axis=0)))
+    near = np.linalg.norm(pairs[:, 1] - pairs[:, 0], axis=1) <= reach
+    points: Floats = np.concatenate([pairs[:, 0], pairs[near, 1]])
+    return points
