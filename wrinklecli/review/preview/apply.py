@@ -98,12 +98,15 @@ def _at_fault(error: WrinkleError, tools: Sequence[WrinkleTool]) -> list[Refused
     """The tools that an error is about, each with its first line; None where a line is about something else."""
     found: dict[str, Refused] = {}
     for place, line in zip(error.places, error.lines, strict=True):
-        # A mirrored tool is at the place of its source, and a word further.
-        of_place = [tool for tool in tools if place.startswith(tool.where)]
+        # A key may be inherited by several; a mirrored tool is at the place of its source, and a word further.
+        of_place = [tool for tool in tools if place in tool.places.values()]
+        around = [tool for tool in tools if place.startswith(tool.where)]
+        if not of_place and around:
+            of_place = [max(around, key=lambda tool: len(tool.where))]
         if not of_place:
             return None
-        tool = max(of_place, key=lambda tool: len(tool.where))
-        found.setdefault(tool.name, Refused(tool, line))
+        for tool in of_place:
+            found.setdefault(tool.name, Refused(tool, line))
     return list(found.values())
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from wrinklecli.tools.records import ToolsFile, WrinkleTool
 
 # Times the asset's size: an end further off lies outside the picture.
 _FARTHEST = 1.0
+_ENDS: tuple[Literal["origin", "target"], ...] = ("origin", "target")
 _PAST = 60  # degrees
 RED = (0.89, 0.0, 0.0)  # sRGB
 
@@ -115,7 +117,7 @@ class _Meshes:
             if not rested:
                 return ()
             _, rig, _, rest = rested[0]
-            points = [end_position(rig, rest.clip, rest.time, tool, end) for end in (tool.origin, tool.target)]
+            points = [end_position(rig, rest.clip, rest.time, tool, end) for end in _ENDS]
         except WrinkleError:
             return ()
         segment = float(np.linalg.norm(points[1] - points[0]))
@@ -155,7 +157,7 @@ def misfit_overlay(misfits: Sequence[Misfit], asset: ShownAsset, moment: Moment)
         places = misfit.places(asset, moment)
         if len(places) == 2:
             strokes.append(Stroke(places[:, 1], RED, width=1.6, behind=0.5, dash=6.0))
-        for key, end, (place, point) in zip(("origin", "target"), misfit.ends, places, strict=False):
+        for key, end, (place, point) in zip(_ENDS, misfit.ends, places, strict=False):
             if end.far:
                 strokes.append(Stroke(np.array([place, point]), RED, width=1.2, behind=0.5))
                 dots += [Dot(point, RED, 5.0, "cross"), Dot(place, RED, 2.0)]

@@ -19,9 +19,7 @@ from wrinklecli.numeric.memory import Memory
 from wrinklecli.review.preview.apply import PlannedTools, plan_tools
 from wrinklecli.review.preview.contact import contact
 from wrinklecli.review.preview.options import PreviewOptions
-from wrinklecli.review.preview.peaks import baked_tool_count
 from wrinklecli.review.preview.rays import leave_room
-from wrinklecli.review.preview.review import review
 
 _ENDINGS = {".png": "png", ".webp": "webp", ".gif": "gif"}
 
@@ -84,6 +82,8 @@ def preview(
         warnings = () if planned is None else planned.warnings
         animated = kind != "png"
         if is_reviewed(documents, planned, options, animated=animated):
+            from wrinklecli.review.preview.review import review
+
             drawn = review(documents[0], planned, path, options, progress)
         else:
             drawn = contact(documents, planned, path, options, animated=animated, progress=progress)
@@ -146,6 +146,8 @@ def is_reviewed(
     documents: Sequence[Document], planned: PlannedTools | None, options: PreviewOptions, *, animated: bool
 ) -> bool:
     """Whether to draw a review: asked for, or a sheet of an asset with several tools or clips, and no shot named."""
+    from wrinklecli.review.preview.peaks import baked_tool_count
+
     if options.review or animated or len(documents) > 1 or options.names_a_shot:
         return options.review
     tools = baked_tool_count(documents[0]) if planned is None else planned.tool_count
