@@ -11,7 +11,7 @@ from kit.bakes import bake_config, bake_once
 from kit.clients import assert_valid, drive
 from kit.command import Wrinkle
 from kit.player import Gltf, Json, differences, wrinkle_columns
-from kit.samples import BROW, Editor, bystanders, config, edited, sample
+from kit.samples import BROW, Editor, bystanders, config, edited, sample, skeleton_only
 from wrinklecli.baking.track import Tracked, track
 from wrinklecli.errors import AssetError, BakeError
 from wrinklecli.gltf.document import read_document
@@ -23,26 +23,6 @@ CLOSE = 0.01 + 0.01 + 1e-3
 def body_of(name: str, tools: str = "") -> Gltf:
     """A sample with wrinkles, and no tracks."""
     return bake_config(name, tools or name, tracks="none")
-
-
-def skeleton_only(editor: Editor) -> None:
-    """Joints and clips, as Mixamo gives them: neither mesh nor skin; the nodes in another order, one more above."""
-    gltf = editor.json
-    for key in ("meshes", "skins", "materials"):
-        gltf.pop(key, None)
-    count = len(gltf["nodes"])
-    turned = list(reversed(range(count)))
-    gltf["nodes"] = [gltf["nodes"][k] for k in turned]
-    gone = next(k for k, node in enumerate(gltf["nodes"]) if "mesh" in node)
-    del gltf["nodes"][gone]["mesh"], gltf["nodes"][gone]["skin"]
-    gltf["nodes"][gone]["name"] = "leftover"
-    for node in gltf["nodes"]:
-        if "children" in node:
-            node["children"] = [turned.index(child) for child in node["children"]]
-    gltf["scenes"] = [{"nodes": [turned.index(node) for node in gltf["scenes"][0]["nodes"]]}]
-    for animation in gltf["animations"]:
-        for channel in animation["channels"]:
-            channel["target"]["node"] = turned.index(channel["target"]["node"])
 
 
 def in_centimetres(editor: Editor) -> None:

@@ -212,3 +212,22 @@ def plate(positions: Any, faces: Any) -> Asset:
     )
     asset.append("nodes", {"mesh": 0})
     return asset
+
+
+def bare_skeleton(gltf: Json) -> None:
+    """Leave joints and clips, as Mixamo gives them: neither mesh nor skin; the nodes in another order."""
+    for key in ("meshes", "skins", "materials"):
+        gltf.pop(key, None)
+    count = len(gltf["nodes"])
+    turned = list(reversed(range(count)))
+    gltf["nodes"] = [gltf["nodes"][k] for k in turned]
+    gone = next(k for k, node in enumerate(gltf["nodes"]) if "mesh" in node)
+    del gltf["nodes"][gone]["mesh"], gltf["nodes"][gone]["skin"]
+    gltf["nodes"][gone]["name"] = "leftover"
+    for node in gltf["nodes"]:
+        if "children" in node:
+            node["children"] = [turned.index(child) for child in node["children"]]
+    gltf["scenes"] = [{"nodes": [turned.index(node) for node in gltf["scenes"][0]["nodes"]]}]
+    for animation in gltf["animations"]:
+        for channel in animation["channels"]:
+            channel["target"]["node"] = turned.index(channel["target"]["node"])

@@ -12,7 +12,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from kit.asset import Json
+from kit.asset import Json, bare_skeleton
 from kit.places import FOLDER, ROOT, SAMPLES
 from kit.player import DTYPES, WIDTHS, Gltf
 
@@ -97,6 +97,11 @@ def bystanders(editor: Editor) -> None:
 def without_normals(editor: Editor) -> None:
     for primitive in editor.json["meshes"][0]["primitives"]:
         del primitive["attributes"]["NORMAL"]
+
+
+def skeleton_only(editor: Editor) -> None:
+    """Joints and clips alone."""
+    bare_skeleton(editor.json)
 
 
 def without_animations(editor: Editor) -> None:

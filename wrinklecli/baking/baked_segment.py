@@ -3,22 +3,13 @@
 Source: the extras of `extras.encode_extras`, which say how.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from wrinklecli.baking.baked_body import BakedAnchor, BakedTool
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import LEAST_SCALE, morph_weights, node_matrices
 from wrinklecli.character.rig import Rig
-from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats
-
-
-def joint_named(nodes: Sequence[Json], name: str) -> int:
-    """The node of a name; among several the first without a mesh, as bodies are often named like a joint."""
-    found = [index for index, node in enumerate(nodes) if node.get("name") == name]
-    return next((index for index in found if "mesh" not in nodes[index]), found[0])
 
 
 def segment_lengths(

@@ -7,10 +7,12 @@ from typing import Literal, TypeAlias
 
 from wrinklecli.baking.original import original
 from wrinklecli.character.clip import Clip, chosen_clips, read_clips, unknown_clip
+from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.rig import morph_target_names
 from wrinklecli.errors import BakeError, ConfigError, listed, nearest
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.edit import Storage
+from wrinklecli.gltf.images import files_of
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory
 from wrinklecli.tools.read import load_tools
 from wrinklecli.tools.records import MAX_VERTICES, Length, RestLengthKeys, ToolsFile, WrinkleTool
@@ -27,6 +29,7 @@ class BakeOptions:
 
     Attributes:
         mode: `morph` keeps the skin and adds morph targets; `frames` writes posed geometry for each frame.
+        anims: Files with clips for the asset's joints, by their names: they get into OUT too.
         clips: Names of the clips to bake; those of the tools file where left out.
         only: Names of the tools to bake; all where left out.
         fps: Overrides `sampling.fps`.
@@ -50,6 +53,7 @@ class BakeOptions:
     """
 
     mode: Mode = "morph"
+    anims: Sequence[str | os.PathLike[str]] = ()
     clips: Sequence[str] = ()
     only: Sequence[str] = ()
     fps: float | None = None
@@ -76,31 +80,44 @@ class Job:
     Attributes:
         options: As given.
         settings: The tools file with the options that override it.
-        document: The asset; without the wrinkles of an earlier bake where these are to be replaced.
+        asset: As it was read; without the wrinkles of an earlier bake where these are to be replaced.
+        document: The asset with the clips of other files, and of its range of motion.
         inputs: Every file that was read, as typed or joined to the asset's folder.
-        every_clip: Of the asset.
+        beside: All files of asset and anims, read or not: nothing may be written over them.
+        every_clip: Of the document.
         clips: Those to bake.
         by_node: The tools of each node that has a mesh, nodes rising.
-        warnings: A line for each tool that is left out, and for each clip that an optional one names in vain.
+        notes: What motions were made, a line each.
+        warnings: A line for each tool that is left out, for each clip that an optional one names in vain, and for what
+            of the anims is left out.
     """
 
     options: BakeOptions
     settings: ToolsFile
+    asset: Document
     document: Document
     inputs: tuple[str, ...]
+    beside: tuple[str, ...]
     every_clip: tuple[Clip, ...]
     clips: tuple[Clip, ...]
     by_node: dict[int, list[WrinkleTool]]
+    notes: tuple[str, ...]
     warnings: tuple[str, ...]
 
 
-def read_job(asset: str | os.PathLike[str], tools: str | os.PathLike[str], options: BakeOptions) -> Job:
+def read_job(
+    asset: str | os.PathLike[str],
+    tools: str | os.PathLike[str],
+    options: BakeOptions,
+    motions: Motions | None = None,
+) -> Job:
     """Read an asset and its tools, and find each tool's mesh.
 
     Args:
         asset: The .gltf or .glb.
         tools: The YAML file of tools.
         options: Which clips and tools of them, and how to read.
+        motions: What moves the asset besides its own clips; the anims of the options where left out.
 
     Raises:
         WrinkleError: One of them is at fault, or they do not go together.
@@ -109,19 +126,29 @@ def read_job(asset: str | os.PathLike[str], tools: str | os.PathLike[str], optio
     document = read_document(asset, allow_external=options.allow_external, memory=Memory(options.max_memory))
     if options.replace:
         document = original(document)
+    return _job(document, settings, options, motions or Motions(anims=options.anims, range_of_motion=False))
+
+
+def _job(asset: Document, settings: ToolsFile, options: BakeOptions, motions: Motions) -> Job:
+    """Join an asset with its tools and with what moves it."""
+    by_node, left_out = tools_by_node(asset, settings)
+    joined = moved(asset, list(by_node), motions)
+    document = joined.document
     every_clip = read_clips(document)
     sampled = () if options.clips or settings.sampling.clips == "all" else settings.sampling.clips
     vain_clips = _check_clip_names(settings, sampled, every_clip)
-    by_node, left_out = tools_by_node(document, settings)
     return Job(
         options=options,
         settings=settings,
+        asset=asset,
         document=document,
         inputs=(document.files[0], settings.path, *document.files[1:]),
+        beside=(*files_of(asset), *joined.beside),
         every_clip=every_clip,
         clips=chosen_clips(every_clip, sampled or options.clips, where=document.path),
         by_node=by_node,
-        warnings=(*vain_clips, *left_out),
+        notes=joined.notes,
+        warnings=(*joined.warnings, *vain_clips, *left_out),
     )
 
 

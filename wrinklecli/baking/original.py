@@ -56,14 +56,19 @@ def wrinkled(gltf: Json) -> list[int]:
     ]
 
 
-def seal(edited: EditedDocument, layout: Layout) -> tuple[Json, bytes]:
-    """Let a record of the source follow the new data where wrinkles have been put on a node.
+def seal(asset: Document, edited: EditedDocument, layout: Layout) -> tuple[Json, bytes]:
+    """Let a record of the asset follow the new data where wrinkles have been put on a node.
+
+    Args:
+        asset: As it was read.
+        edited: The asset, or the asset with more behind its lists, being changed.
+        layout: Of the file to be written.
 
     Returns:
         The JSON, in which the first such node refers to the record, and what is to follow the new data; the JSON as it
         was, and nothing, where there are no new wrinkles.
     """
-    added = sorted(set(wrinkled(layout.gltf)) - set(wrinkled(edited.source.gltf)))
+    added = sorted(set(wrinkled(layout.gltf)) - set(wrinkled(asset.gltf)))
     if not added:
         return layout.gltf, b""
     padding = bytes(-edited.new_size % ALIGNMENT)
@@ -71,7 +76,7 @@ def seal(edited: EditedDocument, layout: Layout) -> tuple[Json, bytes]:
     start = sum(len(part) for part in layout.contents[layout.buffer])
     view: Json = {"buffer": layout.buffer, "byteOffset": start + len(new)}
     gltf = _refer(layout.gltf, added[0], view)
-    record = _pack(edited.source, replace(layout, gltf=gltf), new)
+    record = _pack(asset, replace(layout, gltf=gltf), new)
     view["byteLength"] = len(record)
     return gltf, padding + record
 
@@ -93,7 +98,8 @@ def _pack(source: Document, layout: Layout, new: bytes) -> bytes:
     """
     bare, buffer = _without_record(layout.gltf), layout.buffer
     start = sum(len(part) for part in layout.contents[buffer])
-    kept, alike = _with_echoes(source, bare, new, (buffer, start), layout.kept)
+    own = layout.kept[: len(source.buffers)]  # what clips of other files hold is none of the original
+    kept, alike = _with_echoes(source, bare, new, (buffer, start), own)
     dead: list[Bytes] = []
     for data, spans in zip(source.buffers, kept, strict=True):
         at = 0

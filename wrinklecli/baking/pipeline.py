@@ -3,6 +3,7 @@
 import os
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from wrinklecli.baking.budget import BUDGETS, fit_budget, storage
@@ -19,7 +20,7 @@ from wrinklecli.baking.timings import StageClock, make_timings
 from wrinklecli.errors import BakeError, RefusedError
 from wrinklecli.files.outputs import Outputs, part_of
 from wrinklecli.gltf.edit import EditedDocument
-from wrinklecli.gltf.images import files_of, image_files
+from wrinklecli.gltf.images import image_files
 from wrinklecli.gltf.writer import write
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 
@@ -75,11 +76,11 @@ def _bake(
     clock = StageClock()
     if out is not None:
         outputs.claim(out)
-    outputs.protect([asset, tools])
+    outputs.protect([asset, tools, *options.anims])
     with guarded(os.fspath(asset)):
         with clock.stage("read"):
             job = read_job(asset, tools, options)
-            outputs.protect([*job.inputs, *files_of(job.document)])
+            outputs.protect([*job.inputs, *job.beside])
         with clock.stage("plan"):
             plans = plan_meshes(job, influences=BUDGETS[options.engine].influences if options.engine else None)
         edited = EditedDocument(job.document, storage=storage(options.engine, options.accessors))
@@ -158,4 +159,4 @@ def _write(
     if out is None:
         return None
     with clock.stage("write"):
-        return write(edited, out, seal=seal, outputs=outputs)
+        return write(edited, out, seal=partial(seal, job.asset), outputs=outputs)

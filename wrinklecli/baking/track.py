@@ -14,9 +14,10 @@ from functools import partial
 import numpy as np
 
 from wrinklecli.baking.baked_body import BakedBody, BakedTool, count_named, read_bodies
-from wrinklecli.baking.baked_segment import joint_named, segment_lengths
+from wrinklecli.baking.baked_segment import segment_lengths
 from wrinklecli.baking.morphs import encode_track
 from wrinklecli.baking.track_node import node_for_tracks
+from wrinklecli.character.anims import NamedNodes
 from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip, clip_grid, read_clips
 from wrinklecli.character.rig import Rig, moving_nodes, read_rig
 from wrinklecli.character.weight_track import Track, pad, widen
@@ -156,8 +157,7 @@ def _track_file(
     if not any(tools for _, tools in present):
         wanted = dict.fromkeys(joint for body in bodies for tool in body.tools for joint in tool.joints)
         raise AssetError(
-            f"has no tool's joints; the anchors are on {listed(wanted)}, its nodes are {listed(names[:12])}"
-            f"{' …' if len(names) > 12 else ''}",
+            f"has no tool's joints; the anchors are on {listed(wanted)}, its nodes are {listed(names)}",
             where=document.path,
         )
     if not clips:
@@ -280,7 +280,8 @@ class _DrivenTools:
 def _driven_tools(edited: EditedDocument, node: int, body: BakedBody, tools: Sequence[BakedTool]) -> _DrivenTools:
     """Find a body's joints in the file that has the node for its tracks."""
     whole = read_rig(edited.document(), node)
-    joints = {joint: joint_named(edited.gltf["nodes"], joint) for tool in tools for joint in tool.joints}
+    named = NamedNodes.of(edited.gltf["nodes"]).joints
+    joints = {joint: named[joint] for tool in tools for joint in tool.joints}
     rig = replace(
         whole,
         joints=np.array(list(joints.values()), np.intp),

@@ -9,6 +9,7 @@ from wrinklecli.cli.depfile import dependencies
 from wrinklecli.cli.options import (
     FILE,
     allow_external_option,
+    anim_option,
     clip_option,
     fps_option,
     length,
@@ -38,6 +39,7 @@ from wrinklecli.cli.streams import command_outputs
     show_default=True,
     help="morph: keep the skin, add morph targets and their weights. frames: a posed mesh for each frame.",
 )
+@anim_option("They get into OUT.")
 @clip_option("Bake only this clip; may be repeated.")
 @tool_option("Bake only this tool; may be repeated.")
 @fps_option("Frames per second; overrides sampling.fps (30).")

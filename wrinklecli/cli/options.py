@@ -25,6 +25,12 @@ def clip_option(text: str) -> Option:
     return click.option("--clip", "clips", metavar="NAME", multiple=True, help=text)
 
 
+def anim_option(text: str) -> Option:
+    """`--anim`, files with clips: `anims`."""
+    about = "Take the clips of this file (glTF) too, for joints of the same names; may be repeated."
+    return click.option("--anim", "anims", type=FILE, metavar="FILE", multiple=True, help=f"{about} {text}".rstrip())
+
+
 def range_of_motion_option(text: str) -> Option:
     """`--range-of-motion`."""
     about = "Bend each joint about its axes and raise each morph target, one at a time, though ASSET has clips."

@@ -8,6 +8,7 @@ import click
 from wrinklecli.cli.options import (
     FILE,
     allow_external_option,
+    anim_option,
     clip_option,
     fps_option,
     json_option,
@@ -33,6 +34,7 @@ _WIDEST = 60  # characters of a column
 )
 @click.argument("asset", type=FILE)
 @click.option("-o", "--output", type=FILE, metavar="OUT", help="The YAML file; left out, or '-': standard output.")
+@anim_option("")
 @clip_option("Look at this clip only; may be repeated.")
 @click.option(
     "--count",
@@ -77,7 +79,7 @@ def suggest(asset: str, output: str | None, as_json: bool, quiet: bool, **option
         to_file = output is not None and output != "-"
         if output is not None and to_file:
             outputs.claim(output)
-        outputs.protect([asset])
+        outputs.protect([asset, *options["anims"]])
         with Progress(quiet=quiet) as progress:
             found = run(asset, progress=progress.show, **options)
         outputs.protect(found.inputs)

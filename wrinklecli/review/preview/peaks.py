@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrinklecli.baking.baked_body import BakedTool, read_bodies
-from wrinklecli.baking.baked_segment import joint_named, segment_lengths
+from wrinklecli.baking.baked_segment import segment_lengths
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.sample import ClipActivity, moving_clips, refuse_many_frames
+from wrinklecli.character.anims import NamedNodes
 from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
@@ -186,9 +187,8 @@ def _reaches(shown: Sequence[ShownPrimitive], columns: Sequence[int]) -> Floats:
 
 def _shortening(tool: BakedTool, asset: ShownAsset, rig: Rig, clip: Clip, times: Floats) -> Json:
     """At which of (frames,) times of a clip a tool is shortest, and by how much of its rest length."""
-    nodes = asset.document.items("nodes")
-    joints = {name: joint_named(nodes, name) for name in tool.joints}
-    distances, rest_lengths = segment_lengths(tool, rig, joints, clip, times)
+    nodes = NamedNodes.of(asset.document.items("nodes"))
+    distances, rest_lengths = segment_lengths(tool, rig, nodes.joints, clip, times)
     shares = 1.0 - distances / rest_lengths
     most = int(np.argmax(shares))
     if not np.isfinite(shares[most]):

@@ -42,6 +42,7 @@ def suggest(
     count: int = 8,
     node: str | None = None,
     fps: float = 30.0,
+    anims: Sequence[str | os.PathLike[str]] = (),
     range_of_motion: bool = False,
     allow_external: bool = False,
     max_memory: int = MAX_MEMORY,
@@ -57,20 +58,22 @@ def suggest(
         count: Suggestions at most; a pair counts as one.
         node: Name of the node whose mesh to look at; all that deform where left out.
         fps: Poses a second; of a clip at most 200, evenly spaced, and fewer where mesh and clips are large.
+        anims: Files with more clips, for joints of the same names.
         range_of_motion: Look at that too, though the asset has clips.
         allow_external: Read buffers outside the asset's folder too.
         max_memory: Bytes that it may take.
         progress: Called with a stage's name, steps done and steps in all.
 
     Raises:
-        AssetError: The asset is at fault, or already carries wrinkles; it has no such clip or node.
+        AssetError: The asset or an anim is at fault, or the asset has wrinkles; it has no such clip or node.
         BakeError: Mesh and clips are too large to measure.
     """
     with guarded(os.fspath(asset)):
         document = read_document(asset, allow_external=allow_external, memory=Memory(max_memory))
         nodes, notes = find_mesh_nodes(document, node)
-        motions = moved(document, [each.index for each in nodes], Motions(range_of_motion=range_of_motion))
-        document, notes = motions.document, [*notes, *motions.notes]
+        motions = Motions(anims=anims, range_of_motion=range_of_motion or None)
+        joined = moved(document, [each.index for each in nodes], motions)
+        document, notes = joined.document, [*notes, *joined.warnings, *joined.notes]
         chosen = chosen_clips(read_clips(document), clips, where=document.path)
         meshes = measure_meshes(document, nodes, chosen, fps, progress) if chosen else []
         folds = _folds_of(meshes, progress)
@@ -81,7 +84,7 @@ def suggest(
             refuse_unwritable(text, document, found)
         else:
             reason = _why_none(nodes, chosen, meshes)
-        return Suggestions(tuple(found), text, reason, tuple(notes), tuple(files_of(document)))
+        return Suggestions(tuple(found), text, reason, tuple(notes), (*files_of(document), *joined.beside))
 
 
 def _folds_of(meshes: Sequence[MeasuredMesh], progress: Progress) -> list[Fold]:

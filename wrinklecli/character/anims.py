@@ -1,0 +1,182 @@
+"""Clips of other files, for an asset whose nodes have the same names."""
+
+import os
+from collections.abc import Container, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain, count
+from pathlib import Path
+
+import numpy as np
+
+from wrinklecli.character.clip import Channel, Clip, read_clips
+from wrinklecli.character.rig import morph_target_names, read_rig
+from wrinklecli.errors import AssetError, counted, listed, nearest
+from wrinklecli.gltf.document import Document, read_document
+from wrinklecli.gltf.images import files_of
+from wrinklecli.gltf.shape import Json
+from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.guard import guarded
+
+
+@dataclass(frozen=True, slots=True)
+class Anims:
+    """What was found in files with clips.
+
+    Attributes:
+        clips: Of the asset's nodes.
+        warnings: A line each: what of the files is left out, and clips that have another name here.
+        read: The files that were read.
+        beside: All files that they consist of, read or not.
+    """
+
+    clips: tuple[Clip, ...]
+    warnings: tuple[str, ...]
+    read: tuple[str, ...]
+    beside: tuple[str, ...]
+
+
+def read_anims(document: Document, paths: Sequence[str | os.PathLike[str]]) -> Anims:
+    """Read the clips of files for the nodes of an asset.
+
+    A channel moves the node of the same name; weights are those of the morph targets of the same names, others are as
+    stored. A clip whose name is taken gets that of its file, as Mixamo gives all of its clips one name.
+
+    Args:
+        document: The asset.
+        paths: The files, .gltf or .glb.
+
+    Raises:
+        AssetError: One is malformed, or none of its channels moves a node of the asset's.
+    """
+    taken = {clip.name for clip in read_clips(document)}
+    clips: list[Clip] = []
+    warnings: list[str] = []
+    read: list[str] = []
+    beside: list[str] = []
+    for path in paths:
+        with guarded(os.fspath(path)):
+            anim = read_document(path, allow_external=document.allow_external, memory=document.memory)
+            read += anim.files
+            beside += files_of(anim)
+            found = read_clips(anim)
+            if not found:
+                warnings.append(f"{anim.path}: has no clip")
+                continue
+            of_asset, left_out = _for_asset(document, anim, found)
+            warnings += left_out
+            for clip in of_asset:
+                name = _free_name(clip.name, Path(anim.path).stem, taken, alone=len(found) == 1)
+                if name != clip.name:
+                    warnings.append(f"{anim.path}: its clip {clip.name!r} is {name!r} here, as that name is taken")
+                taken.add(name)
+                clips.append(replace(clip, name=name))
+    return Anims(tuple(clips), tuple(warnings), tuple(read), tuple(beside))
+
+
+def _for_asset(document: Document, anim: Document, clips: Sequence[Clip]) -> tuple[list[Clip], list[str]]:
+    """The clips of a file that move nodes of the asset's, by the numbers these have there, and warnings.
+
+    Raises:
+        AssetError: None does.
+    """
+    names, known = ([str(node.get("name", "")) for node in each.items("nodes")] for each in (anim, document))
+    there, here = NamedNodes.of(anim.items("nodes")), NamedNodes.of(document.items("nodes"))
+    meshes: dict[int, tuple[tuple[str, ...], Floats]] = {}
+    made: list[Clip] = []
+    strangers: dict[str, None] = {}
+    for clip in clips:
+        channels: list[Channel] = []
+        for channel in clip.channels:
+            name = names[channel.node]
+            node = here.moved_by(channel.path, name) if there.moved_by(channel.path, name) == channel.node else None
+            moved = None
+            if node is not None and channel.path == "weights":
+                if node not in meshes:
+                    rig = read_rig(document, node)
+                    meshes[node] = rig.morph_names, rig.morph_weights
+                moved = _weights(channel, _target_names(anim, channel.node), node, *meshes[node])
+            elif node is not None:
+                moved = replace(channel, node=node)
+            if moved is None:
+                strangers[name] = None
+            else:
+                channels.append(replace(moved, index=len(channels)))
+        if channels:
+            made.append(replace(clip, channels=tuple(channels)))
+    if not made:
+        raise AssetError(
+            f"has no joints of {document.path}: its clips move {listed(strangers)}, the asset's nodes are"
+            f" {listed(known)}",
+            where=anim.path,
+        )
+    warnings = []
+    if strangers:
+        hint = nearest(next(iter(strangers)), known) if len(strangers) == 1 else ""
+        warnings.append(
+            f"{anim.path}: {counted(len(strangers), 'node')} of its clips cannot be moved in {document.path}:"
+            f" {listed(strangers)}{hint}"
+        )
+    return made, warnings
+
+
+@dataclass(frozen=True, slots=True)
+class NamedNodes:
+    """Nodes by their names.
+
+    Attributes:
+        joints: Among several of one name the first without a mesh, as bodies are often named like a joint.
+        meshes: The first with a mesh.
+    """
+
+    joints: dict[str, int]
+    meshes: dict[str, int]
+
+    @classmethod
+    def of(cls, nodes: Sequence[Json]) -> "NamedNodes":
+        """Those of a document; a node without a name has the empty one."""
+        bare: dict[str, int] = {}
+        meshes: dict[str, int] = {}
+        for index, node in enumerate(nodes):
+            (meshes if "mesh" in node else bare).setdefault(str(node.get("name", "")), index)
+        return cls(meshes | bare, meshes)
+
+    def moved_by(self, path: str, name: str) -> int | None:
+        """The node that a channel of a path moves where a node of this name is meant, if there is one."""
+        if not name:
+            return None
+        return (self.meshes if path == "weights" else self.joints).get(name)
+
+
+def _target_names(document: Document, node: int) -> list[str]:
+    return morph_target_names(document.items("meshes")[document.items("nodes")[node]["mesh"]])
+
+
+def _weights(
+    channel: Channel, theirs: Sequence[str], node: int, names: Sequence[str], stored: Floats
+) -> Channel | None:
+    """A channel of weights for a mesh with other morph targets.
+
+    Args:
+        channel: Of the other mesh.
+        theirs: Names of the other mesh's morph targets.
+        node: That has the mesh.
+        names: Of its morph targets.
+        stored: (morph targets,) its weights; those that the channel lacks stay so.
+
+    Returns:
+        The channel; none where no name is the same.
+    """
+    columns = {number: theirs.index(name) for number, name in enumerate(names) if name in theirs}
+    if not columns:
+        return None
+    values = np.zeros((*channel.values.shape[:-1], len(names)))
+    points = values[:, 1] if channel.interpolation == "CUBICSPLINE" else values
+    points[:] = stored
+    values[..., list(columns)] = channel.values[..., list(columns.values())]
+    return replace(channel, node=node, values=values)
+
+
+def _free_name(name: str, stem: str, taken: Container[str], *, alone: bool) -> str:
+    """A name that no clip has yet: its own, that of its file, or with a number."""
+    names = [name, stem if alone else f"{stem} {name}"]
+    return next(each for each in chain(names, (f"{names[1]} {number}" for number in count(2))) if each not in taken)
