@@ -403,7 +403,7 @@ def test_json_has_these_keys(wrinkle: Wrinkle, tmp_path: Path) -> None:
     ran = wrinkle("check", WRIST, "tools.yaml", "--json")
     assert ran.code == 0
     data = json.loads(ran.out)
-    assert list(data) == ["check", "asset", "tools_file", "meshes", "tools", "warnings"]
+    assert list(data) == ["check", "asset", "tools_file", "meshes", "tools", "notes", "warnings"]
     assert data["check"] == 1
     assert list(data["meshes"][0]) == ["node", "vertices", "new_vertices", "triangles", "new_triangles", "levels"]
     assert list(data["tools"][0]) == [
@@ -586,3 +586,63 @@ def test_without_matplotlib_it_says_what_to_install(
     assert (ran.code, ran.out) == (1, "")
     assert ran.lines == ["--plot needs matplotlib: pip install 'wrinklecli[plot]'"]
     assert wrinkle("check", WRIST, "tools.yaml").code == 0
+
+
+# What moves an asset besides its own clips
+
+
+def test_an_asset_without_clips_is_checked_in_its_range_of_motion(tmp_path: Path, wrinkle: Wrinkle) -> None:
+    path = limb(tmp_path / "limb.glb", clip=None, morphs=1, joints=3)
+    tools = write_tools(tmp_path / "tools.yaml", tool(origin=[-0.7, 0.25, 0], target=[0.05, 0.25, 0]))
+    found = check(path, tools)
+    (note,) = found.data["notes"]
+    assert "has no clip; looked at in 13 motions of 2 joints and 1 morph target" in note
+    clips = found.data["tools"][0]["clips"]
+    # Those that shorten it, most first; the other joint's and those that part its ends are left out.
+    assert clips[0]["name"] == "joint_1 about z, +90°"
+    assert {clip["name"].split()[0] for clip in clips} == {"joint_1", "morph_0"}
+    shortenings = [clip["shortening"][1] for clip in clips]
+    assert shortenings == sorted(shortenings, reverse=True)
+    assert shortenings[-1] > 0
+    # A bake has none of these clips.
+    assert not any("weights channel" in line for line in found.warnings)
+    ran = wrinkle("check", path, tools)
+    assert note in ran.out
+    (alone,) = check(path, tools, clips=["morph_0"]).data["tools"]
+    assert [clip["name"] for clip in alone["clips"]] == ["morph_0"]
+    assert any("joint_1" in clip["name"] for clip in check(path, tools, range_of_motion=True).data["tools"][0]["clips"])
+
+
+def test_a_pose_takes_the_place_of_clips(tmp_path: Path, wrinkle: Wrinkle) -> None:
+    path, tools = limb(tmp_path / "limb.glb", morphs=1), write_tools(tmp_path / "tools.yaml")
+    (folded,) = check(path, tools).data["tools"][0]["clips"]
+    # The clip folds by 100°.
+    (posed,) = check(path, tools, pose=[("joint_1", "z", 100.0)]).data["tools"][0]["clips"]
+    assert posed["name"] == "joint_1=z:100"
+    assert posed["shortening"] == pytest.approx([folded["shortening"][1]] * 2, abs=1e-6)
+    ran = wrinkle(
+        "check", path, tools, "--json", "--pose", "joint_1=z:60", "--pose", "joint_1=z:40", "--morph=morph_0=0"
+    )
+    (twice,) = json.loads(ran.out)["tools"][0]["clips"]
+    assert twice["shortening"] == pytest.approx(posed["shortening"], abs=1e-6)
+    for option, message in (
+        ("--pose=joint_1=w:9", "JOINT=AXIS:DEGREES"),
+        ("--morph=morph_0", "NAME=WEIGHT"),
+        ("--morph=morph_0=nan", "NAME=WEIGHT"),
+        ("--pose=joint_1=z:9 --clip=fold", "without '--clip'"),
+    ):
+        ran = wrinkle("check", path, tools, *option.split())
+        assert ran.code == 2
+        assert message in " ".join(ran.lines)
+    ran = wrinkle("check", path, tools, "--pose", "joint1=z:9")
+    assert ran.code == 1
+    assert "did you mean 'joint_1'?" in ran.lines[0]
+
+
+def test_clips_of_other_files_are_checked(tmp_path: Path) -> None:
+    whole, body = limb(tmp_path / "whole.glb"), limb(tmp_path / "body.glb", clip=None)
+    tools = write_tools(tmp_path / "tools.yaml")
+    (expected,), (found,) = (
+        check(path, tools, anims=anims).data["tools"][0]["clips"] for path, anims in ((whole, []), (body, [whole]))
+    )
+    assert found == expected

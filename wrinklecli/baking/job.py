@@ -87,6 +87,8 @@ class Job:
         every_clip: Of the document.
         clips: Those to bake.
         by_node: The tools of each node that has a mesh, nodes rising.
+        pose: Name of the clip that is the pose asked for, if any.
+        range: Names of the clips that are the asset's range of motion.
         notes: What motions were made, a line each.
         warnings: A line for each tool that is left out, for each clip that an optional one names in vain, and for what
             of the anims is left out.
@@ -101,12 +103,14 @@ class Job:
     every_clip: tuple[Clip, ...]
     clips: tuple[Clip, ...]
     by_node: dict[int, list[WrinkleTool]]
+    pose: str | None
+    range: tuple[str, ...]
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
 
 
 def read_job(
-    asset: str | os.PathLike[str],
+    asset: str | os.PathLike[str] | Document,
     tools: str | os.PathLike[str],
     options: BakeOptions,
     motions: Motions | None = None,
@@ -114,7 +118,7 @@ def read_job(
     """Read an asset and its tools, and find each tool's mesh.
 
     Args:
-        asset: The .gltf or .glb.
+        asset: The .gltf or .glb, or what was read of it.
         tools: The YAML file of tools.
         options: Which clips and tools of them, and how to read.
         motions: What moves the asset besides its own clips; the anims of the options where left out.
@@ -123,10 +127,14 @@ def read_job(
         WrinkleError: One of them is at fault, or they do not go together.
     """
     settings = _overridden(load_tools(tools), options)
-    document = read_document(asset, allow_external=options.allow_external, memory=Memory(options.max_memory))
+    document = asset if isinstance(asset, Document) else _read(asset, options)
     if options.replace:
         document = original(document)
     return _job(document, settings, options, motions or Motions(anims=options.anims, range_of_motion=False))
+
+
+def _read(asset: str | os.PathLike[str], options: BakeOptions) -> Document:
+    return read_document(asset, allow_external=options.allow_external, memory=Memory(options.max_memory))
 
 
 def _job(asset: Document, settings: ToolsFile, options: BakeOptions, motions: Motions) -> Job:
@@ -135,7 +143,8 @@ def _job(asset: Document, settings: ToolsFile, options: BakeOptions, motions: Mo
     joined = moved(asset, list(by_node), motions)
     document = joined.document
     every_clip = read_clips(document)
-    sampled = () if options.clips or settings.sampling.clips == "all" else settings.sampling.clips
+    asked = joined.chosen(options.clips)
+    sampled = () if asked or settings.sampling.clips == "all" else settings.sampling.clips
     vain_clips = _check_clip_names(settings, sampled, every_clip)
     return Job(
         options=options,
@@ -145,8 +154,10 @@ def _job(asset: Document, settings: ToolsFile, options: BakeOptions, motions: Mo
         inputs=(document.files[0], settings.path, *document.files[1:]),
         beside=(*files_of(asset), *joined.beside),
         every_clip=every_clip,
-        clips=chosen_clips(every_clip, sampled or options.clips, where=document.path),
+        clips=chosen_clips(every_clip, sampled or asked, where=document.path),
         by_node=by_node,
+        pose=joined.pose,
+        range=joined.range,
         notes=joined.notes,
         warnings=(*joined.warnings, *vain_clips, *left_out),
     )

@@ -10,7 +10,7 @@ import numpy as np
 
 from wrinklecli.character.clip import Channel, Clip
 from wrinklecli.character.rig import Rig
-from wrinklecli.numeric.arrays import Floats, cross, unit_quaternions
+from wrinklecli.numeric.arrays import Floats, cross
 
 _FROM_START_TO_END = np.array([0.0, 1.0])
 
@@ -20,19 +20,18 @@ def motion_clip(name: str, channels: Iterable[Channel], *, index: int = -1) -> C
     return Clip(index, name, tuple(replace(each, index=number) for number, each in enumerate(channels)), 0.0, 1.0)
 
 
-def turning(rig: Rig, node: int, axis: Floats, angle: float, times: Floats = _FROM_START_TO_END) -> Channel:
+def turning(node: int, stored: Floats, axis: Floats, angle: float, times: Floats = _FROM_START_TO_END) -> Channel:
     """The rotation of a node that turns further and further, on from the stored one.
 
     Args:
-        rig: With the node, which must not be stored as a matrix.
-        node: Its index.
+        node: The node.
+        stored: (4,) its rotation, of unit length.
         axis: (3,) unit, in the space of the node's parent.
         angle: After a second, radians; below 180° from one key to the next.
         times: (keys,) seconds.
     """
     halves = times * angle / 2.0
     turns = np.concatenate([np.sin(halves)[:, None] * axis, np.cos(halves)[:, None]], axis=1)
-    stored = unit_quaternions(rig.locals[node]["rotation"])
     return Channel(0, node, "rotation", times, quaternion_product(turns, stored), "LINEAR")
 
 

@@ -1,12 +1,13 @@
-"""What moves an asset besides its own clips: clips of other files, and the range of motion of its joints."""
+"""What moves an asset besides its own clips: clips of other files, a pose, the range of motion of its joints."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from wrinklecli.character.anims import read_anims
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.joined import with_clips, with_free_nodes
+from wrinklecli.character.posing import JointTurn, MorphWeight, with_pose
 from wrinklecli.character.range_of_motion import range_of_motion
 from wrinklecli.character.rig import read_hierarchy, read_rig
 from wrinklecli.gltf.document import Document
@@ -18,11 +19,16 @@ class Motions:
 
     Attributes:
         anims: Files with clips, for nodes of the same names.
-        range_of_motion: Turn its joints and raise its morph targets, one at a time. None: where there are no clips.
+        range_of_motion: Turn its joints and raise its morph targets, one at a time. None: where it has no clips, and
+            no pose is given.
+        pose: Joints to turn, for one pose.
+        morphs: Weights of morph targets in this pose.
     """
 
     anims: Sequence[str | os.PathLike[str]] = ()
     range_of_motion: bool | None = None
+    pose: Sequence[JointTurn] = ()
+    morphs: Sequence[MorphWeight] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,41 +36,64 @@ class Moved:
     """An asset with what moves it.
 
     Attributes:
-        document: With all clips.
+        document: With all clips, its own first.
+        pose: The name of the clip that is the pose; None where none was asked for.
+        range: The names of the clips that are its range of motion.
         notes: What was made, a line each.
         warnings: What of the anims is left out, a line each.
         beside: The files that the anims consist of, read or not: nothing may be written over them.
     """
 
     document: Document
+    pose: str | None
+    range: tuple[str, ...]
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
     beside: tuple[str, ...]
 
+    def chosen(self, clips: Sequence[str]) -> Sequence[str]:
+        """The names of the clips to look at, where these were asked for: the pose, where there is one."""
+        return clips if self.pose is None else (self.pose,)
 
-def moved(document: Document, nodes: Sequence[int], motions: Motions) -> Moved:
+
+def moved(
+    document: Document,
+    nodes: Sequence[int],
+    motions: Motions,
+    *,
+    driven: Mapping[int, Collection[str]] | None = None,
+) -> Moved:
     """Join an asset with what is to move it.
 
     Args:
         document: As it was read.
         nodes: Whose meshes are looked at.
         motions: What is to move them.
+        driven: By node, names of morph targets that no range of motion raises, as tools drive them.
 
     Raises:
-        AssetError: An anim, a mesh, a skin or the hierarchy is malformed, or an anim has no joint of the asset.
+        AssetError: An anim, a mesh, a skin or the hierarchy is malformed; an anim has no joint of the asset, or the
+            asset has no joint or morph target of the pose.
     """
     anims = read_anims(document, motions.anims)
     if anims.read:
         moving = {channel.node for clip in anims.clips for channel in clip.channels}
         document = with_clips(with_free_nodes(document, moving), anims.clips)
         document = document.extended(document.gltf, document.buffers, anims.read)
-    clips, notes = read_clips(document), []
+    pose: str | None = None
+    made: tuple[str, ...] = ()
+    notes: list[str] = []
+    if motions.pose or motions.morphs:
+        document = with_pose(document, motions.pose, motions.morphs)
+        pose = read_clips(document)[-1].name
+    clips = read_clips(document)
     if nodes and (motions.range_of_motion or (motions.range_of_motion is None and not clips)):
         document = with_free_nodes(document, _joints(document, nodes))
-        found = range_of_motion(document, nodes, clips)
+        found = range_of_motion(document, nodes, clips, driven=driven)
         document = with_clips(document, found.clips)
+        made = tuple(clip.name for clip in found.clips)
         notes.append(f"{document.path}: {'' if clips else 'has no clip; '}looked at in {found.summary}")
-    return Moved(document, tuple(notes), anims.warnings, anims.beside)
+    return Moved(document, pose, made, tuple(notes), anims.warnings, anims.beside)
 
 
 def _joints(document: Document, nodes: Sequence[int]) -> set[int]:

@@ -119,7 +119,7 @@ def _turns(rig: Rig, node: int, clips: Sequence[Clip], carrying: Bools) -> Itera
             if extent >= _LEAST_TURN:
                 angle = sign * min(extent, _MOST_TURN)
                 name = f"{rig.names[node]} about {'xyz'[number]}, {angle:+.0f}°"
-                yield name, [turning(rig, node, turned_axis(stored, axis), np.radians(angle))]
+                yield name, [turning(node, stored, turned_axis(stored, axis), np.radians(angle))]
 
 
 def _usual_bend(rig: Rig, node: int) -> float:

@@ -8,12 +8,16 @@ import click
 from wrinklecli.cli.options import (
     FILE,
     allow_external_option,
+    anim_option,
     clip_option,
     fps_option,
     json_option,
     max_levels_option,
     max_memory_option,
     max_vertices_option,
+    morph_option,
+    pose_option,
+    range_of_motion_option,
     strict_option,
     tool_option,
 )
@@ -28,6 +32,10 @@ from wrinklecli.errors import RefusedError, counted
 )
 @click.argument("asset", type=FILE)
 @click.argument("tools", type=FILE)
+@anim_option("")
+@range_of_motion_option("Look at that too.")
+@pose_option()
+@morph_option()
 @clip_option("Look at this clip only; may be repeated.")
 @tool_option("Look at this tool only; may be repeated.")
 @fps_option("Frames per second; overrides sampling.fps (30).")
@@ -45,12 +53,18 @@ def check(asset: str, tools: str, plot: str | None, as_json: bool, strict: bool,
     under it, the edges that a bake would split, the vertices that it would move, and for each clip the range of
     shortening (negative where it is stretched), with the time of the largest and the height reached.
 
-    --json prints {"check": 1, "asset", "tools_file", "meshes", "tools", "warnings"}; within version 1, keys are only
-    added. Lengths are scene units, positions have the tools file's axes, shortenings are shares of the rest length.
+    An asset without clips is looked at in its range of motion: each joint bent about its axes, each morph target
+    raised. Of these a tool's table has those that shorten it most.
+
+    --json prints {"check": 1, "asset", "tools_file", "meshes", "tools", "notes", "warnings"}; within version 1, keys
+    are only added. Lengths are scene units, positions have the tools file's axes, shortenings are shares of the rest
+    length.
 
     Exit codes: 0 done; 1 the input is at fault; 2 wrong usage; 3 refused (--strict with warnings), no picture
     written; 70 a bug.
     """
+    if options["clips"] and (options["pose"] or options["morphs"]):
+        raise click.UsageError("'--pose' and '--morph' are one pose: they go without '--clip'.")
     if plot is not None and not plot.lower().endswith((".png", ".svg")):
         raise click.BadParameter(f"{plot!r} ends neither in .png nor .svg", param_hint="--plot")
 
@@ -61,7 +75,7 @@ def check(asset: str, tools: str, plot: str | None, as_json: bool, strict: bool,
         if plot is not None:
             refuse_without_matplotlib()
             outputs.claim(plot)
-        outputs.protect([asset, tools])
+        outputs.protect([asset, tools, *options["anims"]])
         with Progress() as progress:
             made = run(asset, tools, progress=progress.show, **options)
         outputs.protect(made.inputs)
@@ -76,6 +90,9 @@ def check(asset: str, tools: str, plot: str | None, as_json: bool, strict: bool,
 
 
 def _emit_tables(data: dict[str, Any]) -> None:
+    for note in data["notes"]:
+        emit(note)
+        emit("")
     for tool in data["tools"]:
         emit(f"{tool['name']} on {tool['node']}", style={"bold": True})
         for line in _rows(tool):

@@ -16,6 +16,7 @@ Option = Callable[[Callable[..., Any]], Callable[..., Any]]
 # A file by name, which shells complete; whether it is there is for the core to say.
 FILE = click.Path(readable=False)
 
+_NUMBER = r"[+-]?(?:\d{1,9}(?:\.\d{0,9})?|\.\d{1,9})"
 _UNITS = {"MB": 10**6, "GB": 10**9, "TB": 10**12}
 _LEAST_MEMORY = 50 * 10**6  # bytes; with less no sample is baked
 
@@ -35,6 +36,53 @@ def range_of_motion_option(text: str) -> Option:
     """`--range-of-motion`."""
     about = "Bend each joint about its axes and raise each morph target, one at a time, though ASSET has clips."
     return click.option("--range-of-motion", is_flag=True, help=f"{about} {text}")
+
+
+def pose_option() -> Option:
+    """`--pose`, joints turned: `pose`."""
+    return click.option(
+        "--pose",
+        metavar="JOINT=AXIS:DEGREES",
+        multiple=True,
+        callback=_turns,
+        help="In place of clips, turn this joint about its own axis, such as LeftLeg=x:90. May be repeated, and with"
+        " --morph, for one pose.",
+    )
+
+
+def morph_option() -> Option:
+    """`--morph`, weights of morph targets: `morphs`."""
+    return click.option(
+        "--morph",
+        "morphs",
+        metavar="NAME=WEIGHT",
+        multiple=True,
+        callback=_weights,
+        help="In place of clips, give this morph target a weight, such as browInnerUp=1. May be repeated, and with"
+        " --pose, for one pose.",
+    )
+
+
+def _turns(
+    _context: click.Context, parameter: click.Parameter, values: tuple[str, ...]
+) -> tuple[tuple[str, str, float], ...]:
+    """Names, axes and degrees. Names may hold `=` and `:`, as Mixamo's do."""
+    found = [re.fullmatch(rf"(.+)=([xyz]):({_NUMBER})", value, re.IGNORECASE | re.DOTALL) for value in values]
+    for value, each in zip(values, found, strict=True):
+        if each is None:
+            raise click.BadParameter(f"{value!r} is not JOINT=AXIS:DEGREES, such as LeftLeg=x:90", param=parameter)
+    return tuple((each[1], each[2].lower(), float(each[3])) for each in found if each is not None)
+
+
+def _weights(
+    _context: click.Context, parameter: click.Parameter, values: tuple[str, ...]
+) -> tuple[tuple[str, float], ...]:
+    """Names and weights."""
+    found = [re.fullmatch(rf"(.+)=({_NUMBER})", value, re.DOTALL) for value in values]
+    for value, each in zip(values, found, strict=True):
+        if each is None:
+            raise click.BadParameter(f"{value!r} is not NAME=WEIGHT, such as browInnerUp=1", param=parameter)
+    return tuple((each[1], float(each[2])) for each in found if each is not None)
 
 
 def tool_option(text: str) -> Option:

@@ -17,7 +17,7 @@ from wrinklecli.method.activity import activity
 from wrinklecli.method.anchor import Anchor
 from wrinklecli.method.patch import Patch
 from wrinklecli.method.rest import Rest
-from wrinklecli.numeric.arrays import Floats, cross, unit
+from wrinklecli.numeric.arrays import Floats, cross, unit, unit_quaternions
 from wrinklecli.tools.records import RestLengthKeys, RestLengthMorph
 
 # Moments of a motion at which a tool is looked at: a joint turns by 2.3° between two.
@@ -99,4 +99,11 @@ def _turning(rig: Rig, node: int, axis: Floats) -> Clip:
     world = np.eye(4) if parent < 0 else node_matrices(rig, None, np.zeros(1), [parent])[0, 0]
     # A turn in the parent's space about what the parent takes to the axis.
     local = unit(np.linalg.pinv(world[:3, :3]) @ axis)
-    return motion_clip("", [turning(rig, node, local, _MOST_TURN, np.linspace(0.0, 1.0, _MOMENTS))])
+    return motion_clip(
+        "",
+        [
+            turning(
+                node, unit_quaternions(rig.locals[node]["rotation"]), local, _MOST_TURN, np.linspace(0.0, 1.0, _MOMENTS)
+            )
+        ],
+    )

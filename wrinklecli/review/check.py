@@ -7,11 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from wrinklecli.baking.job import BakeOptions, read_job
+from wrinklecli.baking.job import BakeOptions, Job, read_job
 from wrinklecli.baking.plan import MeshPlan, plan_meshes
 from wrinklecli.baking.sample import ClipActivity, Motion, sample_activities
 from wrinklecli.baking.warnings import mesh_warnings, tool_warnings
-from wrinklecli.gltf.images import files_of
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.moved import Motions
+from wrinklecli.character.posing import JointTurn, MorphWeight
+from wrinklecli.character.rig import moving_nodes
 from wrinklecli.gltf.shape import Json
 from wrinklecli.method.anchor import Anchor
 from wrinklecli.method.carry import CarriedPatch
@@ -22,6 +25,9 @@ from wrinklecli.numeric.memory import MAX_MEMORY
 from wrinklecli.tools.records import MAX_VERTICES, in_axes
 
 VERSION = 1
+# Of a range of motion: how many motions of a tool are told, and the part of its rest length that each shortens it by.
+_MOST_MOTIONS = 12
+_VISIBLE = 1e-3
 # Decimal digits of measured numbers, as in the report of a bake.
 _DIGITS = 9
 
@@ -62,6 +68,10 @@ def check(
     asset: str | os.PathLike[str],
     tools: str | os.PathLike[str],
     *,
+    anims: Sequence[str | os.PathLike[str]] = (),
+    range_of_motion: bool = False,
+    pose: Sequence[JointTurn] = (),
+    morphs: Sequence[MorphWeight] = (),
     clips: Sequence[str] = (),
     only: Sequence[str] = (),
     fps: float | None = None,
@@ -73,7 +83,23 @@ def check(
 ) -> Check:
     """Attach tools, refine their meshes and run their control curves over the clips as a bake does; write nothing.
 
-    Arguments are as of `bake`.
+    An asset without clips is looked at in its range of motion: joints and morph targets, one at a time.
+
+    Args:
+        asset: The .gltf or .glb to read.
+        tools: The YAML file of tools.
+        anims: Files with more clips, for joints of the same names.
+        range_of_motion: Look at that too, though the asset has clips.
+        pose: Joints to turn, for one pose that is looked at in place of clips.
+        morphs: Weights of morph targets in this pose.
+        clips: This and the others as of `BakeOptions`.
+        only: As well.
+        fps: As well.
+        max_levels: As well.
+        max_vertices: As well.
+        allow_external: As well.
+        max_memory: As well.
+        progress: Called with a stage's name, steps done and steps in all.
 
     Raises:
         WrinkleError: What a bake would raise before it samples clips: of all tools that do not fit, a line each.
@@ -88,15 +114,18 @@ def check(
             allow_external=allow_external,
             max_memory=max_memory,
         )
-        job = read_job(asset, tools, options)
+        job = read_job(asset, tools, options, Motions(anims, range_of_motion or None, pose, morphs))
         warnings = list(job.warnings)
         checked: list[CheckedTool] = []
         plans = plan_meshes(job)
         for plan in plans:
-            motions = sample_activities(plan, job.clips, fps=job.settings.sampling.fps, mode="morph", progress=progress)
-            warnings += mesh_warnings(plan, job.settings, [motion.clip for motion in motions], tracks=True)
+            motions = sample_activities(
+                plan, _clips_to_see(plan, job), fps=job.settings.sampling.fps, mode="morph", progress=progress
+            )
+            baked = [motion.clip for motion in motions if motion.clip.name not in (*job.range, job.pose)]
+            warnings += mesh_warnings(plan, job.settings, baked, tracks=True)
             for number, overlaps in enumerate(_overlaps(plan)):
-                tool = _check_tool(plan, number, motions, overlaps, job.settings.up)
+                tool = _check_tool(plan, number, motions, overlaps, job)
                 checked.append(tool)
                 warnings += tool.data["warnings"]
                 progress("checking", len(checked), len(job.settings.tools))
@@ -106,15 +135,31 @@ def check(
         "tools_file": job.settings.path,
         "meshes": [_describe_mesh(plan) for plan in plans],
         "tools": [tool.data for tool in checked],
+        "notes": list(job.notes),
         "warnings": warnings,
     }
-    return Check(data, tuple(warnings), (*job.inputs, *files_of(job.document)), tuple(checked))
+    return Check(data, tuple(warnings), (*job.inputs, *job.beside), tuple(checked))
 
 
-def _check_tool(plan: MeshPlan, number: int, motions: Sequence[Motion], overlaps: list[Json], up: str) -> CheckedTool:
-    """Say what one of the tools does in clips."""
-    carried = plan.carried_patches[number]
-    clips = tuple(ClipActivity(motion.clip, motion.times, motion.seen[number]) for motion in motions)
+def _clips_to_see(plan: MeshPlan, job: Job) -> list[Clip]:
+    """The clips to look at on a mesh: those chosen, without motions of the range that move no end of a tool there."""
+    moving: set[int] = set()
+    for carried in plan.carried_patches:
+        joints = (*carried.patch.origin.joints, *carried.patch.target.joints)
+        moving |= moving_nodes(plan.rig, joints)
+    made = set(job.range)
+    return [
+        clip for clip in job.clips if clip.name not in made or any(channel.node in moving for channel in clip.channels)
+    ]
+
+
+def _check_tool(plan: MeshPlan, number: int, motions: Sequence[Motion], overlaps: list[Json], job: Job) -> CheckedTool:
+    """Say what one of the tools does in clips; of a range of motion, in those that shorten it most."""
+    carried, up = plan.carried_patches[number], job.settings.up
+    every = [ClipActivity(motion.clip, motion.times, motion.seen[number]) for motion in motions]
+    made = [each for each in every if each.clip.name in job.range]
+    shortening = sorted((each for each in made if _shortest(each) > _VISIBLE), key=_shortest, reverse=True)
+    clips = (*(each for each in every if each not in made), *shortening[:_MOST_MOTIONS])
     data = describe_tool(plan, number, up) | {
         "overlaps": overlaps,
         "fitting_compressible": max(
@@ -124,7 +169,14 @@ def _check_tool(plan: MeshPlan, number: int, motions: Sequence[Motion], overlaps
         "clips": [describe_clip(carried, each) for each in clips],
         "warnings": tool_warnings(plan, carried, clips, up=up),
     }
+    if made and not clips:
+        data["warnings"].append(f"{data['name']}: never shortens in the asset's range of motion: no wrinkle")
     return CheckedTool(carried, clips, data)
+
+
+def _shortest(each: ClipActivity) -> float:
+    """The greatest shortening in a clip, as a part of the rest length."""
+    return float((each.seen.shortenings / each.seen.rest_lengths).max())
 
 
 def _describe_mesh(plan: MeshPlan) -> Json:

@@ -1,0 +1,87 @@
+"""One pose, said in words: joints turned by degrees about their own axes, and weights of morph targets, by name."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from wrinklecli.character.anims import NamedNodes
+from wrinklecli.character.clip import Channel, Clip
+from wrinklecli.character.joined import with_clips, with_free_nodes
+from wrinklecli.character.motion import raising, turned_axis, turning
+from wrinklecli.character.rig import LARGEST, read_hierarchy, read_rig
+from wrinklecli.errors import AssetError, listed, nearest
+from wrinklecli.gltf.document import Document
+from wrinklecli.numeric.arrays import Floats, unit_quaternions
+
+JointTurn = tuple[str, str, float]
+"""The name of a joint, its own axis x, y or z, and degrees."""
+MorphWeight = tuple[str, float]
+"""The name of a morph target, of whatever meshes have it, and its weight."""
+
+
+def with_pose(document: Document, turns: Sequence[JointTurn], weights: Sequence[MorphWeight]) -> Document:
+    """The document with a pose as a further clip, of one key.
+
+    Args:
+        document: As it was read.
+        turns: From the stored pose; those of one joint one after another.
+        weights: Other morph targets are as stored.
+
+    Raises:
+        AssetError: There is no joint or morph target of a name, or a joint is stored as a matrix that shears.
+        ValueError: An axis is none, or a number is not finite or out of range.
+    """
+    if any(axis not in ("x", "y", "z") for _, axis, _ in turns):
+        raise ValueError("axes of joints are x, y and z")
+    if not all(abs(number) <= LARGEST for number in [*(each[2] for each in turns), *(each[1] for each in weights)]):
+        raise ValueError(f"degrees and weights are numbers up to {LARGEST:g}")
+    document = with_free_nodes(document, [_joint(document, name) for name, _, _ in turns])
+    channels = [*_turned(document, turns), *_raised(document, dict(weights))]
+    words = [*(f"{name}={axis}:{degrees:g}" for name, axis, degrees in turns), *(f"{n}={w:g}" for n, w in weights)]
+    return with_clips(document, [Clip(-1, " ".join(words), tuple(channels), 0.0, 0.0)])
+
+
+def _joint(document: Document, name: str) -> int:
+    """The joint of a name; any other node of the name where none is a joint."""
+    nodes = document.items("nodes")
+    joints = dict.fromkeys(joint for skin in document.items("skins") for joint in skin.get("joints", []))
+    known: dict[str, int] = {str(nodes[joint].get("name", "")): joint for joint in reversed(joints)}
+    found = known.get(name, NamedNodes.of(nodes).joints.get(name) if name else None)
+    if found is None:
+        names = list(known)[::-1]
+        message = f"has no joint {name!r}{nearest(name, names)}; there are {listed(names)}"
+        raise AssetError(message, where=document.path)
+    return found
+
+
+def _turned(document: Document, turns: Sequence[JointTurn]) -> list[Channel]:
+    """The rotations of joints that turn."""
+    hierarchy = read_hierarchy(document)
+    rotations: dict[int, Floats] = {}
+    for name, axis, degrees in turns:
+        node = _joint(document, name)
+        if "rotation" not in hierarchy.locals[node]:
+            where = document.where("nodes", node)
+            raise AssetError(f"{name!r} cannot turn: it is stored as a matrix that shears", where=where)
+        stored = rotations.get(node, unit_quaternions(hierarchy.locals[node]["rotation"]))
+        about = turned_axis(stored, np.eye(3)["xyz".index(axis)])
+        rotations[node] = turning(node, stored, about, np.radians(degrees), np.ones(1)).values[0]
+    return [Channel(0, node, "rotation", np.zeros(1), value[None], "LINEAR") for node, value in rotations.items()]
+
+
+def _raised(document: Document, weights: Mapping[str, float]) -> list[Channel]:
+    """The weights of all meshes that have one of some morph targets."""
+    hierarchy = read_hierarchy(document)
+    rigs = [read_rig(document, node, hierarchy) for node, each in enumerate(document.items("nodes")) if "mesh" in each]
+    known = dict.fromkeys(name for rig in rigs for name in rig.morph_names)
+    for name in weights:
+        if name not in known:
+            message = f"has no morph target {name!r}{nearest(name, known)}; there are {listed(known)}"
+            raise AssetError(message, where=document.path)
+    channels = []
+    for rig in rigs:
+        numbers = {number: weights[name] for number, name in enumerate(rig.morph_names) if name in weights}
+        if numbers:
+            values = raising(rig, numbers, np.ones(1)).values
+            channels.append(Channel(0, rig.node, "weights", np.zeros(1), values, "LINEAR"))
+    return channels
