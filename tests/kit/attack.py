@@ -141,9 +141,11 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
             ]
             moments = [["--frames", "2"], ["--frames", "2", "--clip", "fold"], ["--times", "0,0.2"]]
             moving = [*chance.choice(pictures), *chance.choice(moments)]
-            yield from chance.choice([moving, moving, moving, moving, ["-o", "p.png", "--rest"]])
+            yield from chance.choice(
+                [moving, moving, moving, moving, ["-o", "p.png", "--rest"], ["-o", "p.png", "--grid"]]
+            )
             yield from ("--size", "32x32", *some("--quiet"))
-            yield from (*some("--heat"), *some("--wire"), *some("--clay"), *some("--backfaces"))
+            yield from (*some("--heat"), *some("--wire"), *some("--clay"), *some("--backfaces"), *some("--grid"))
             yield from (*some("--views", "front,facing"), *some("--follow"))
             yield from (
                 *some("--radius", "2"),

@@ -97,7 +97,7 @@ def _above_0(_context: click.Context, parameter: click.Parameter, value: float |
     is_flag=True,
     help="Every tool close up, before and after, at its peak. The default of a sheet where there are several tools or"
     " clips, unless other options name what to show: --clip, --rest, --times, --frames, --fps, --views, --focus,"
-    " --follow, --labels.",
+    " --follow, --labels, --grid.",
 )
 @click.option("--before", is_flag=True, help="Show ASSET without the tools beside it.")
 @click.option("--hide-tools", is_flag=True, help="Apply the tools, but do not draw them.")
@@ -126,6 +126,12 @@ def _above_0(_context: click.Context, parameter: click.Parameter, value: float |
 @click.option("--size", metavar="WxH", callback=_size, help="Of each picture. Default: 800x600; of a review, as fits.")
 @click.option("--columns", type=click.IntRange(1, 1000), help="Moments in a row of a sheet.")
 @click.option("--labels", metavar="A,B", callback=_labels, help="One for each asset, or for before and after.")
+@click.option(
+    "--grid",
+    is_flag=True,
+    help="Axes, a ruler in scene units and the names of joints, to read coordinates for a tools file off the picture."
+    " Default: the pose as stored, from front, right and top.",
+)
 @click.option("--wire", is_flag=True, help="Draw the triangles' edges.")
 @click.option("--clay", is_flag=True, help="Grey, whatever the materials say.")
 @click.option("--backfaces", is_flag=True, help="Paint triangles seen from behind red.")

@@ -13,11 +13,12 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.guard import Progress
 from wrinklecli.review.preview.apply import PlannedTools, apply_tools
 from wrinklecli.review.preview.framing import View, plan_views
+from wrinklecli.review.preview.grid import draw_grid
 from wrinklecli.review.preview.heat import HEAT, HEAT_TICKS, heat_colours
 from wrinklecli.review.preview.misfits import RED, Misfit, find_misfits, misfit_overlay, misfit_points
 from wrinklecli.review.preview.moments import Moment, frame_seconds, plan_moments
 from wrinklecli.review.preview.options import PreviewOptions
-from wrinklecli.review.preview.overlay import NOTHING, Overlay, placed_words
+from wrinklecli.review.preview.overlay import NOTHING, Overlay, Placed, placed_words
 from wrinklecli.review.preview.render import render
 from wrinklecli.review.preview.shown import INKS, ShownAsset, read_shown, take_snapshot, tool_names
 
@@ -59,11 +60,12 @@ def contact(
     views = plan_views(shown, moments, options, progress, further=further)
     together = 1 if animated else len(moments)
     columns = min(options.columns or (_COLUMNS if len(shown) == 1 else 1), together)
-    layout = _Layout(together, columns, len(shown), len(views))
+    layout = _Layout(together, columns, len(shown), len(views), beside=options.grid and len(moments) == 1)
     legend = _legend(plans, misfits, heat=options.heat)
     refuse_large(sheet_size(*layout.cells, options.picture_size, legend), len(moments) // together, path)
     overlays = [misfit_overlay(misfits, shown[-1], moment) for moment in moments]
-    sheets = _draw(shown, moments, views, overlays, layout, legend, options, progress)
+    up = "y" if planned is None else planned.settings.up
+    sheets = _draw(shown, moments, views, overlays, layout, legend, options, up, progress)
     return Drawn(
         images=tuple(sheet.image for sheet in sheets),
         seconds=frame_seconds(shown[0].document, moments, options),
@@ -107,12 +109,14 @@ class _Layout:
         columns: Moments in a row.
         assets: How many there are, side by side at each moment.
         views: How many there are, each with rows of its own.
+        beside: Put views side by side, for there is one moment.
     """
 
     moments: int
     columns: int
     assets: int
     views: int
+    beside: bool = False
 
     @property
     def rows(self) -> int:
@@ -122,10 +126,14 @@ class _Layout:
     @property
     def cells(self) -> tuple[int, int]:
         """Columns and rows of pictures."""
+        if self.beside:
+            return self.assets * self.views, 1
         return self.columns * self.assets, self.rows * self.views
 
     def cell(self, moment: int, asset: int, view: int) -> tuple[int, int]:
         """Column and row of a picture."""
+        if self.beside:
+            return view * self.assets + asset, 0
         row, column = divmod(moment % self.moments, self.columns)
         return column * self.assets + asset, view * self.rows + row
 
@@ -151,6 +159,7 @@ def _draw(
     layout: _Layout,
     legend: "Legend",
     options: PreviewOptions,
+    up: str,
     progress: Progress,
 ) -> list["Sheet"]:
     """Draw all assets at all moments from all views."""
@@ -165,9 +174,13 @@ def _draw(
             for row, view in enumerate(views):
                 camera, size = view.cameras[number], options.picture_size
                 overlay = overlays[number] if asset is shown[-1] else NOTHING
+                words: list[Placed] = []
+                if options.grid:
+                    grid = draw_grid(asset, moment, camera, size, up=up)
+                    overlay, words = grid.overlay.joined(overlay), list(grid.labels)
                 picture = render(snapshot, camera, size=size, style=options.style, overlay=overlay)
                 label = "   ".join([asset.label, moment.label, *([view.name] if len(views) > 1 else [])])
-                words = placed_words(overlay, camera, size)
+                words += placed_words(overlay, camera, size)
                 sheets[-1].put(*layout.cell(number, column, row), picture, label, words)
         progress("drawing", number + 1, len(moments))
     return sheets

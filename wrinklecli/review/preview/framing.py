@@ -11,12 +11,13 @@ from wrinklecli.errors import AssetError
 from wrinklecli.numeric.arrays import Bools, Floats, vertex_normals
 from wrinklecli.numeric.guard import Progress, no_progress
 from wrinklecli.review.preview.camera import FACING, VIEWS, Camera, camera_axes, parse_view
+from wrinklecli.review.preview.grid import snapped
 from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.options import PreviewOptions
 from wrinklecli.review.preview.rays import seen
 from wrinklecli.review.preview.shown import ShownAsset
 
-_DEFAULT = "oblique"
+_DEFAULT, _GRID = "oblique", ("front", "right", "top")
 
 # Part of the greatest displacement shown below which a vertex is not framed.
 _LEAST_WRINKLE = 0.05
@@ -87,7 +88,7 @@ def plan_views(
     wrinkles = _wrinkles(assets, moments)
     bounds, centres = [], np.zeros((len(moments), 3))
     for number, moment in enumerate(moments):
-        points, middle = _sight(assets, moment, wrinkles)
+        points, middle = _sight(assets, moment, None if options.grid else wrinkles)
         bounds.append(np.concatenate([points, *further[number : number + 1]]))
         if options.follow:
             centres[number] = middle
@@ -99,9 +100,10 @@ def plan_views(
             centres = _followed(shown, moments, centres[0])
     relative = np.concatenate([points - centre for points, centre in zip(bounds, centres, strict=True)])
     views = []
-    for view in options.views or [FACING if wrinkles.known else _DEFAULT]:
+    usual = _GRID if options.grid else [FACING if wrinkles.known else _DEFAULT]
+    for view in options.views or usual:
         name = _facing(assets, moments, wrinkles) if view == FACING else view
-        margin = _WRINKLES_MARGIN if wrinkles.known else _FIGURE_MARGIN
+        margin = _WRINKLES_MARGIN if wrinkles.known and not options.grid else _FIGURE_MARGIN
         camera = _camera(relative, name, margin, options)
         if not camera.reach > 0:
             raise AssetError("nothing to see: all is at one point", where=assets[0].document.path)
@@ -117,7 +119,7 @@ def _camera(points: Floats, view: str, margin: float, options: PreviewOptions) -
         camera = replace(camera, reach=options.radius / min(aspect, 1.0))
     if options.focus is not None:
         camera = replace(camera, centre=np.zeros(3))
-    return camera
+    return snapped(camera) if options.grid else camera
 
 
 def _wrinkles(assets: Sequence[ShownAsset], moments: Sequence[Moment]) -> _Wrinkles:
@@ -137,14 +139,16 @@ def _wrinkles(assets: Sequence[ShownAsset], moments: Sequence[Moment]) -> _Wrink
     return _Wrinkles([[each > _LEAST_WRINKLE * greatest for each in amounts] for amounts in found], totals)
 
 
-def _sight(assets: Sequence[ShownAsset], moment: Moment, wrinkles: _Wrinkles) -> tuple[Floats, Floats]:
+def _sight(assets: Sequence[ShownAsset], moment: Moment, wrinkles: _Wrinkles | None) -> tuple[Floats, Floats]:
     """What to frame at a moment: (points, 3) that bound what the wrinkles move, or everything, and its (3,) middle."""
     points = [np.zeros((0, 3))]
-    for asset, masks in zip(assets, wrinkles.masks, strict=True):
+    for number, asset in enumerate(assets):
         for posed in asset.posed(moment):
             used = np.zeros(len(posed.positions), bool)
             used[posed.triangles] = True
-            points.append(posed.positions[used & masks[posed.number] if wrinkles.known else used])
+            if wrinkles is not None and wrinkles.known:
+                used &= wrinkles.masks[number][posed.number]
+            points.append(posed.positions[used])
     found = np.concatenate(points)
     if not len(found):
         raise AssetError(

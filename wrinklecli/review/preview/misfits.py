@@ -161,7 +161,7 @@ def misfit_overlay(misfits: Sequence[Misfit], asset: ShownAsset, moment: Moment)
             if end.far:
                 strokes.append(Stroke(np.array([place, point]), RED, width=1.2, behind=0.5))
                 dots += [Dot(point, RED, 5.0, "cross"), Dot(place, RED, 2.0)]
-                words.append(Word(point, f"{misfit.name} {key}: {end.distance:.3g} off", RED))
+                words.append(Word(point, f"{misfit.name} {key}: {end.distance:.3g} off", RED, always=True))
             else:
                 dots.append(Dot(point, RED, 3.5))
         if len(places) and not any(end.far for end in misfit.ends):

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from wrinklecli.numeric.memory import MAX_MEMORY
 from wrinklecli.tools.records import MAX_VERTICES
 
-USUAL_SIZE = (800, 600)  # pixels of a picture
+# Pixels of a picture; with a grid, there are three side by side.
+USUAL_SIZE, GRID_SIZE = (800, 600), (620, 620)
 MOST_SIDE = 16_383  # pixels of a picture's width or height: the most that WebP holds
 
 
@@ -51,6 +52,7 @@ class PreviewOptions:
         size: Width and height of each picture, pixels; where left out, as suits what is shown.
         columns: Moments in a row of a sheet.
         labels: One for each asset, or for before and after.
+        grid: Draw axes, a ruler and the names of joints, over the stored pose where no moment is named.
         heat: Colour the surface by its compression against the stored pose.
         style: How to draw.
         allow_external: Read buffers and images outside the asset's folder too.
@@ -75,6 +77,7 @@ class PreviewOptions:
     size: tuple[int, int] | None = None
     columns: int | None = None
     labels: Sequence[str] = ()
+    grid: bool = False
     heat: bool = False
     style: Style = PLAIN
     allow_external: bool = False
@@ -84,10 +87,12 @@ class PreviewOptions:
     @property
     def picture_size(self) -> tuple[int, int]:
         """Width and height of each picture, pixels, where nothing else is known of what is shown."""
-        return self.size or USUAL_SIZE
+        return self.size or (GRID_SIZE if self.grid else USUAL_SIZE)
 
     @property
     def names_a_shot(self) -> bool:
         """Whether any of them says when, or from where, or beside what something is to be shown."""
+        if self.grid:
+            return True
         shots = (self.clips, self.times, self.frames, self.fps, self.rest, self.views, self.focus, self.radius)
         return any(shots) or self.follow or bool(self.labels)

@@ -61,11 +61,13 @@ class Word:
         place: (3,) world space.
         text: The name.
         colour: sRGB.
+        always: Whether it is written at the border where the place lies beyond it.
     """
 
     place: Floats
     text: str
     colour: Colour
+    always: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,11 +100,13 @@ class Placed:
         at: Pixels from the left and the top, of the place that it names.
         text: The word.
         colour: sRGB.
+        anchor: Which point of it is just there, as Pillow calls it; empty for beside it, where there is room.
     """
 
     at: tuple[float, float]
     text: str
     colour: Colour
+    anchor: str = ""
 
 
 def placed_words(overlay: Overlay, camera: Camera, size: tuple[int, int]) -> list[Placed]:
@@ -110,7 +114,7 @@ def placed_words(overlay: Overlay, camera: Camera, size: tuple[int, int]) -> lis
     placed = []
     for word in overlay.words:
         x, y = (float(each) for each in camera.project(word.place, size))
-        if -size[0] < x < 2 * size[0] and -size[1] < y < 2 * size[1]:
+        if word.always or (0 <= x <= size[0] and 0 <= y <= size[1]):
             placed.append(Placed((min(max(x, 0.0), size[0]), min(max(y, 0.0), size[1])), word.text, word.colour))
     return placed
 

@@ -158,6 +158,11 @@ def _write_words(cell: Image.Image, words: Sequence[Placed], font: Any) -> None:
     """Write words right or left of their places, or a little above or below: where none has been written yet."""
     pen, taken = ImageDraw.Draw(cell), np.zeros((cell.height, cell.width), bool)
     for word in words:
+        if word.anchor:
+            left, top, right, bottom = pen.textbbox(word.at, word.text, font=font, anchor=word.anchor)
+            taken[max(int(top), 0) : int(bottom) + 1, max(int(left), 0) : int(right) + 1] = True
+            _write(pen, word.at, word.text, word.colour, font, word.anchor)
+            continue
         text = fitting(word.text, font, cell.width / 2)
         width, height = math.ceil(font.getlength(text)), round(1.1 * font.size)
         for side, down in product((_ASIDE, -_ASIDE - width), _STEPS):
@@ -165,8 +170,13 @@ def _write_words(cell: Image.Image, words: Sequence[Placed], font: Any) -> None:
             within = left >= 0 and left + width <= cell.width and top >= 0 and top + height <= cell.height
             if within and not taken[top : top + height, left : left + width].any():
                 taken[top : top + height, left : left + width] = True
-                pen.text((left, top), text, fill=code(word.colour), font=font, stroke_width=2, stroke_fill=_PALE)
+                _write(pen, (left, top), text, word.colour, font, "la")
                 break
+
+
+def _write(pen: Any, at: tuple[float, float], text: str, colour: Colour, font: Any, anchor: str) -> None:
+    """A word that can be read on any ground."""
+    pen.text(at, text, fill=code(colour), font=font, anchor=anchor, stroke_width=2, stroke_fill=_PALE)
 
 
 def fitting(text: str, font: Any, width: float) -> str:

@@ -1,0 +1,211 @@
+"""A grid with a ruler, axes and the names of joints over a picture, to read coordinates off it.
+
+Coordinates are those of a tools file: world space in scene units, with its up axis.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from wrinklecli.character.pose import node_matrices
+from wrinklecli.numeric.arrays import Floats
+from wrinklecli.review.preview.camera import Camera
+from wrinklecli.review.preview.moments import Moment
+from wrinklecli.review.preview.overlay import Colour, Dot, Overlay, Placed, Stroke, Word
+from wrinklecli.review.preview.shown import ShownAsset
+
+# Rows: where x, y and z of a tools file point, in glTF's axes.
+_AXES = {"y": np.eye(3), "z": np.array(((1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0)))}
+_NAMES = "xyz"
+_INKS: tuple[Colour, ...] = ((0.80, 0.16, 0.16), (0.16, 0.55, 0.16), (0.16, 0.33, 0.88))  # sRGB, of x, y and z
+_RULE, _INK, _BONE = (0.74, 0.78, 0.83), (0.25, 0.29, 0.34), (0.36, 0.12, 0.55)
+_STEPS = 8  # labels of a ruler, about, and
+_SPACE = 64  # pixels between two of them at least
+_FLOOR_STEPS = 6
+_PARTS = {1: 5, 2: 4, 5: 5}  # of a step, by its first digit
+_TICK = 5  # pixels
+_DEEP = -1e3  # behind everything, in a camera's axes over its reach
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """What is drawn over a picture.
+
+    Attributes:
+        overlay: Lines, joints and their names.
+        labels: Of the ruler.
+    """
+
+    overlay: Overlay
+    labels: tuple[Placed, ...]
+
+
+def draw_grid(asset: ShownAsset, moment: Moment, camera: Camera, size: tuple[int, int], *, up: str) -> Grid:
+    """A grid for a camera with parallel rays: ruled at the borders where it looks along an axis, else on a box.
+
+    Args:
+        asset: What is seen.
+        moment: When.
+        camera: From where.
+        size: Of the picture, pixels.
+        up: Axis of the tools file.
+    """
+    shown = [_seen_along(camera.axes[k], up) for k in (0, 1)]
+    joints = _joints(asset, moment)
+    if shown[0] is not None and shown[1] is not None:
+        ruled = [_ruled(camera, size, _AXES[up], k, *found) for k, found in enumerate(shown) if found]
+    else:
+        ruled = [_boxed(asset, moment, camera, size, up)]
+    overlay = Overlay()
+    for each in ruled:
+        overlay = overlay.joined(each.overlay)
+    return Grid(overlay.joined(joints), tuple(label for each in ruled for label in each.labels))
+
+
+def snapped(camera: Camera) -> Camera:
+    """The camera, turned by the least to look along an axis where it all but does."""
+    near = np.round(camera.axes)
+    axes = near if np.abs(near - camera.axes).max() < 0.005 else camera.axes
+    return Camera(camera.centre, axes, camera.reach, 0.0)
+
+
+def ruler_step(span: float, count: int) -> float:
+    """1, 2 or 5 times a power of ten, so that at most so many steps are in a span."""
+    power = 10.0 ** math.floor(math.log10(span / count))
+    return next(digit * power for digit in (1, 2, 5, 10) if digit * power * count >= span * (1 - 1e-9))
+
+
+def _seen_along(direction: Floats, up: str) -> tuple[int, float] | None:
+    """The axis of a tools file that a direction is along, and 1 or -1; None where it is along none."""
+    along = _AXES[up] @ direction
+    number = int(np.argmax(np.abs(along)))
+    return (number, float(np.sign(along[number]))) if abs(along[number]) > 1 - 1e-9 else None
+
+
+def _ticks(low: float, high: float, step: float) -> Iterator[float]:
+    """Multiples of a step from low to high."""
+    yield from (number * step for number in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1))
+
+
+def _label(value: float, step: float) -> str:
+    """A multiple of a step with no more digits than it needs."""
+    digits = max(0, -math.floor(math.log10(step) + 1e-9))
+    return f"{value + 0.0:.{digits}f}" if digits < 7 and abs(value) < 1e7 else f"{value:g}"
+
+
+def _ruled(camera: Camera, size: tuple[int, int], axes: Floats, across: int, number: int, sign: float) -> Grid:
+    """Lines at even coordinates along one border of a picture, from side to side, with ticks and labels there.
+
+    Args:
+        camera: That looks along an axis.
+        size: Of the picture, pixels.
+        axes: (3, 3) of the tools file.
+        across: 0 for the lower border, 1 for the left one.
+        number: Of the axis along it.
+        sign: -1 where that axis points left, or down.
+    """
+    width, height = size
+    reach = camera.reach * (width / height if across == 0 else 1.0)
+    middle = float(axes[number] @ camera.centre)
+    step = ruler_step(2 * reach, max(min(size[across] // _SPACE, 2 * _STEPS), 2))
+    pixels = height / 2 / camera.reach  # for each unit
+    other = np.array((0.0, 0.0, _DEEP))
+    strokes, labels = [], []
+
+    def line(value: float, low: float, high: float, colour: Colour, weight: float, behind: float) -> Stroke:
+        ends = np.tile(other, (2, 1))
+        ends[:, across] = sign * (value - middle) / camera.reach
+        ends[:, 1 - across] = (low, high)
+        return Stroke(camera.centre + camera.reach * (ends @ camera.axes), colour, weight, behind)
+
+    far = (1.0 if across == 0 else width / height) * 1.01
+    tick = 2 * _TICK / height
+    for value in _ticks(
+        middle - reach, middle + reach, step / _PARTS[round(step / 10 ** math.floor(math.log10(step) + 1e-9))]
+    ):
+        strokes.append(line(value, -far, -far + tick, _INK, 1.0, 1.0))
+    # The line of coordinate 0 is the other axis.
+    beside = next(k for k in range(3) if abs(axes[k] @ camera.axes[1 - across]) > 0.5)
+    for value in _ticks(middle - reach, middle + reach, step):
+        zero = abs(value) < step / 2
+        strokes.append(line(value, -far, far, _INKS[beside] if zero else _RULE, 1.3 if zero else 0.9, 0.45))
+        strokes.append(line(value, -far, -far + 2 * tick, _INK, 1.2, 1.0))
+        at = size[across] / 2 + (1, -1)[across] * sign * (value - middle) * pixels
+        if _SPACE / 2 < (at if across == 0 else height - at) < size[across] - _SPACE / 2:
+            labels.append(_beside(across, at, height, _label(value, step), _INK))
+    # The end to which the axis points has its name, in place of a number.
+    end = size[across] - _SPACE / 4 if (sign > 0) == (across == 0) else _SPACE / 4
+    labels.append(_beside(across, end, height, f"+{_NAMES[number]}", _INKS[number]))
+    return Grid(Overlay(strokes), tuple(labels))
+
+
+def _beside(across: int, at: float, height: int, text: str, colour: Colour) -> Placed:
+    """A label of the ruler at the lower border of a picture (`across` 0) or at the left one."""
+    if across == 0:
+        return Placed((at, height - 2 * _TICK - 3), text, colour, "ms")
+    return Placed((2 * _TICK + 4, at), text, colour, "lm")
+
+
+def _boxed(asset: ShownAsset, moment: Moment, camera: Camera, size: tuple[int, int], up: str) -> Grid:
+    """The floor of a box round the asset, ruled, with coordinates along two of its edges and up one."""
+    axes = _AXES[up]
+    positions = np.concatenate([posed.positions for posed in asset.posed(moment)]) @ axes.T
+    low, high = positions.min(axis=0), positions.max(axis=0)
+    upright = next(k for k in range(3) if axes[k, 1] > 0.5)
+    first, second = (k for k in range(3) if k != upright)
+    # A flat asset has no height, and one at a point nothing at all.
+    widest = max(float((high - low)[[first, second]].max()), 1e-3 * camera.reach)
+    step = ruler_step(widest, _FLOOR_STEPS)
+    # The corner of the floor that is nearest to the eye, where its two edges begin.
+    eye = axes @ camera.axes[2]
+    near = np.where(eye > 0, high, low)
+    near[upright] = low[upright]
+    strokes, words = [], []
+    for along, across in ((first, second), (second, first)):
+        for value in _ticks(low[along], high[along], step):
+            ends = np.tile(near, (2, 1))
+            ends[:, along] = value
+            ends[:, across] = low[across], high[across]
+            zero = abs(value) < step / 2
+            strokes.append(Stroke(ends @ axes, _INKS[across] if zero else _RULE, 1.3 if zero else 0.9, 0.25))
+            words.append(Word(np.where(np.arange(3) == along, value, near) @ axes, _label(value, step), _INKS[along]))
+    post = near.copy()
+    leftmost = min(
+        product((low[first], high[first]), (low[second], high[second])),
+        key=lambda corner: float((corner[0] * axes[first] + corner[1] * axes[second]) @ camera.axes[0]),
+    )
+    post[[first, second]] = leftmost
+    ends = np.tile(post, (2, 1))
+    ends[:, upright] = low[upright], high[upright]
+    strokes.append(Stroke(ends @ axes, _INKS[upright], 1.3, 0.25))
+    for value in _ticks(low[upright], high[upright], ruler_step(2 * camera.reach, max(size[1] // _SPACE, 2))):
+        place = np.where(np.arange(3) == upright, value, post) @ axes
+        words.append(Word(place, f"{value:.6g}", _INKS[upright]))
+    for k, corner in ((first, near), (second, near), (upright, post)):
+        end = np.where(np.arange(3) == k, high[k] + 0.3 * step, corner)
+        words.append(Word(end @ axes, f"+{_NAMES[k]}", _INKS[k]))
+    return Grid(Overlay(strokes, (), words), ())
+
+
+def _joints(asset: ShownAsset, moment: Moment) -> Overlay:
+    """The joints of all skins, each with its name, and lines from one to the next."""
+    skinned = [shown.source.rig for shown in asset.primitives if shown.source.rig.skinned]
+    nodes = sorted({int(joint) for rig in skinned for joint in rig.joints})
+    if not nodes:
+        return Overlay()
+    rig = skinned[0]
+    matrices = node_matrices(rig, asset.clip(moment.clip), np.array([moment.time]), nodes)[0]
+    places = dict(zip(nodes, matrices[:, :3, 3], strict=True))
+    strokes = []
+    for node in nodes:
+        parent = int(rig.parents[node])
+        while parent >= 0 and parent not in places:
+            parent = int(rig.parents[parent])
+        if parent >= 0:
+            strokes.append(Stroke(np.array([places[parent], places[node]]), _BONE, 1.3, 0.6))
+    dots = [Dot(places[node], _BONE, 2.2) for node in nodes]
+    words = [Word(places[node], rig.names[node], _BONE) for node in nodes]
+    return Overlay(strokes, dots, words)
