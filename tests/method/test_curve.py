@@ -238,7 +238,7 @@ def test_no_bump_passes_max_height_and_full_ones_reach_it(curve):
 @given(curves())
 def test_with_the_fitting_compressible_bumps_are_just_full_at_the_greatest_shortening(curve):
     distances, rest = np.array([0.8, 0.4, 1.0]) * curve.rest_length, np.full(3, curve.rest_length)
-    fitting = fitting_compressible(curve, distances, rest)
+    fitting = fitting_compressible(curve, [(distances, rest)])
     assert 0 <= fitting < 1
     if fitting == 0:
         assert dataclasses.replace(curve, compressible=0.0).follow(distances, rest)[1].max() <= 1e-9 * curve.rest_length

@@ -200,16 +200,11 @@ def _target_set(
 def takes_of(plan: MeshPlan, clips: Sequence[Clip]) -> list[int]:
     """For each clip the first that moves the mesh and its wrinkles alike: converters write a take under two names."""
     named = {name for each in plan.carried_patches for name in (*each.patch.tool.clips, *each.patch.keyed_clips)}
-    likely: dict[tuple[str, float, float, int], list[int]] = {}
-    takes = []
-    for index, clip in enumerate(clips):
-        key = (clip.name if clip.name in named else "", clip.start, clip.end, len(clip.channels))
-        earlier = likely.setdefault(key, [])
-        take = next((other for other in earlier if clip.moves_as(clips[other])), index)
-        if take == index:
-            earlier.append(index)
-        takes.append(take)
-    return takes
+    first: dict[tuple[str, bytes], int] = {}
+    return [
+        first.setdefault((clip.name if clip.name in named else "", clip.motion), index)
+        for index, clip in enumerate(clips)
+    ]
 
 
 def moving_clips(plan: MeshPlan, clips: Sequence[Clip]) -> list[Clip]:

@@ -88,7 +88,7 @@ def _clip_warnings(carried: CarriedPatch, clips: Sequence[ClipActivity]) -> list
     share = worst.seen.unabsorbed / worst.seen.rest_lengths
     if share.max() > _VISIBLE:
         frame = int(share.argmax())
-        fitting = max(fitting_compressible(patch.curve, each.seen.distances, each.seen.rest_lengths) for each in clips)
+        fitting = fitting_compressible(patch.curve, ((each.seen.distances, each.seen.rest_lengths) for each in clips))
         percent = math.ceil(100.0 * fitting)
         remedy = f"compressible: {percent}% lets them rise until there" if percent <= 95 else "it is too low for so few"
         warnings.append(

@@ -6,6 +6,7 @@ that what was one point of the artist's mesh moves as one.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -29,7 +30,7 @@ _DELTA_BYTES, _WEIGHT_BYTES = 24, 8
 _MOST_SETS = 16
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Surface:
     """The triangles of a mesh over welded vertices, bind space.
 
@@ -59,7 +60,7 @@ class Surface:
     vertex_starts: Ints
     twins: Bools
 
-    @property
+    @cached_property
     def size(self) -> float:
         """Diagonal of the bounding box, bind units."""
         return float(np.linalg.norm(np.ptp(self.positions, axis=0)))

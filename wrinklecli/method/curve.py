@@ -16,6 +16,7 @@ highest knot for lower ones.
 """
 
 import dataclasses
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
@@ -362,19 +363,25 @@ def group_starts(curve: ControlCurve, rest_length: float) -> Floats:
     return np.concatenate([[1.0 - TAUT], high])
 
 
-def fitting_compressible(curve: ControlCurve, distances: Floats, rest_lengths: Floats) -> float:
+def fitting_compressible(curve: ControlCurve, lengths: Iterable[tuple[Floats, Floats]]) -> float:
     """The `compressible`, 0 to 1, with which all bumps are just full at the greatest shortening, whatever it is now.
 
     Args:
         curve: The control curve.
-        distances: (frames,) current lengths l', scene units.
-        rest_lengths: (frames,) rest lengths l, scene units.
+        lengths: Of each clip (frames,) current lengths l' and (frames,) rest lengths l, scene units.
     """
-    most = int(np.argmin(distances / rest_lengths))
+    greatest: dict[float, float] = {}  # shortening over the rest length, by rest length: most clips share one
+    for distances, rest_lengths in lengths:
+        most = int(np.argmin(distances / rest_lengths))
+        length, reached = float(rest_lengths[most]), TAUT - float(distances[most] / rest_lengths[most])
+        greatest[length] = max(greatest.get(length, 0.0), reached)
     incompressible = dataclasses.replace(curve, compressible=0.0)
-    full = group_starts(incompressible, float(rest_lengths[most]))[-1] - (1.0 - TAUT)
-    reached = TAUT - float(distances[most] / rest_lengths[most])
-    return float(max(1.0 - full / reached, 0.0)) if reached > 0 else 0.0
+    fitting = 0.0
+    for length, reached in greatest.items():
+        if reached > 0:
+            full = float(group_starts(incompressible, length)[-1]) - (1.0 - TAUT)
+            fitting = max(fitting, 1.0 - full / reached)
+    return fitting
 
 
 def weights_of(curve: ControlCurve, amplitudes: Floats) -> Floats:

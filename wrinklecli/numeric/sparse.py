@@ -62,7 +62,7 @@ class Matrix:
         """Some rows of the product with (columns, …) → (chosen, …)."""
         width = max(1, int(np.prod(dense.shape[1:])))
         product = np.zeros((len(rows), *dense.shape[1:]))
-        counts = np.diff(self.starts)[rows]
+        counts = self._counts(rows)
         for low, high in _portions(np.cumsum(counts * width)):
             entries, begins = self._entries(rows[low:high])
             if len(entries):
@@ -73,13 +73,18 @@ class Matrix:
     def chosen(self, rows: Ints) -> Matrix:
         """Some rows, as a matrix."""
         entries, _ = self._entries(rows)
-        starts = np.append(0, np.cumsum(np.diff(self.starts)[rows]))
+        starts = np.append(0, np.cumsum(self._counts(rows)))
         return Matrix(starts, self.columns[entries], self.weights[entries], self.column_count)
 
     def _entries(self, rows: Ints) -> tuple[Ints, Ints]:
         """Numbers of some rows' entries, row by row, and where among them each row begins."""
-        counts = self.starts[rows + 1] - self.starts[rows]
+        counts = self._counts(rows)
         return runs(self.starts[rows], counts), np.cumsum(counts) - counts
+
+    def _counts(self, rows: Ints) -> Ints:
+        """How many entries some rows have."""
+        counts: Ints = self.starts[rows + 1] - self.starts[rows]
+        return counts
 
     def below(self, above: Matrix | None) -> Matrix:
         """The rows of `above`, (n, V) (None: identity), then those of this matrix, on its n rows: (n + m, V)."""

@@ -162,9 +162,8 @@ def _check_tool(plan: MeshPlan, number: int, motions: Sequence[Motion], overlaps
     clips = (*(each for each in every if each not in made), *shortening[:_MOST_MOTIONS])
     data = describe_tool(plan, number, up) | {
         "overlaps": overlaps,
-        "fitting_compressible": max(
-            (fitting_compressible(carried.patch.curve, each.seen.distances, each.seen.rest_lengths) for each in clips),
-            default=0.0,
+        "fitting_compressible": fitting_compressible(
+            carried.patch.curve, ((each.seen.distances, each.seen.rest_lengths) for each in clips)
         ),
         "clips": [describe_clip(carried, each) for each in clips],
         "warnings": tool_warnings(plan, carried, clips, up=up),

@@ -187,7 +187,8 @@ def _compressible(patches: list[Patch], lengths: list[dict[str, tuple[float, flo
     needed = 0.0
     for patch, found in zip(patches, lengths, strict=True):
         distances = np.array([distance for distance, _ in found.values()])
-        needed = max(needed, fitting_compressible(patch.curve, distances, np.full(len(distances), patch.rest_length)))
+        lengths_at = distances, np.full(len(distances), patch.rest_length)
+        needed = max(needed, fitting_compressible(patch.curve, [lengths_at]))
     return min(math.ceil(100.0 * needed) + _SPARE if needed else 0, _MOST_COMPRESSIBLE) / 100.0
 
 
