@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from kit.asset import Asset
 from kit.limb import limb_asset
 from kit.prepared import as_document, limb, rotation_matrix
-from wrinklecli.character.clip import KEY_GAP, Channel, clip_grid, linear_keys, read_clips, sample
+from wrinklecli.character.clip import KEY_GAP, Channel, Clip, clip_grid, linear_keys, read_clips, sample
 from wrinklecli.character.pose import morph_weights
 from wrinklecli.character.rig import read_rig
 from wrinklecli.errors import AssetError
@@ -243,3 +243,23 @@ def test_linear_keys_of_steps_play_them_but_for_a_millisecond() -> None:
     assert np.diff(keys).min() >= KEY_GAP
     assert sample(channel, keys)[:, 0].tolist() == [0.0, 0.0, 1.0, 0.25, 0.25, 0.5]
     assert np.array_equal(linear_keys(replace(channel, interpolation="LINEAR")), times)
+
+
+def test_clips_of_the_same_motion_have_one_digest() -> None:
+    values = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    channel = Channel(0, 1, "translation", np.array([0.0, 1.0]), values, "STEP")
+
+    def clip(*channels: Channel) -> Clip:
+        return Clip(0, "", channels, 0.0, 1.0)
+
+    assert clip(channel).moves_as(clip(replace(channel, index=3, values=values * [1.0, -1.0, 1.0])))
+    others = [
+        replace(channel, node=2),
+        replace(channel, path="scale"),
+        replace(channel, interpolation="LINEAR"),
+        replace(channel, times=np.array([0.0, 2.0])),
+        replace(channel, values=-values),
+        replace(channel, values=values.reshape(-1, 1), times=np.arange(6.0)),
+    ]
+    assert not any(clip(channel).moves_as(clip(each)) for each in others)
+    assert not clip(channel, others[0]).moves_as(clip(channel))

@@ -7,10 +7,15 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from kit.limb import RADIUS, limb_asset, tool
-from kit.prepared import prepare
+from kit.prepared import Prepared, prepare
 from wrinklecli.method.prune import joint_distances, prune, pruning_errors
 
 Floats = NDArray[np.float64]
+
+
+def distances_of(prepared: Prepared) -> Floats:
+    """Of all joints."""
+    return joint_distances(prepared.rig, prepared.patches, np.arange(len(prepared.rig.joints)))
 
 
 @st.composite
@@ -57,7 +62,7 @@ def test_one_influence_too_many_goes_where_it_costs_least() -> None:
 def test_pruning_never_mixes_across_the_bending_bone_if_it_need_not() -> None:
     """Of influences on both sides of the fold, a side is merged with itself before it goes to the other."""
     prepared = prepare(limb_asset(rings=9, sides=8, joints=6), tool(origin=[-0.3, RADIUS, 0], target=[0.3, RADIUS, 0]))
-    distances = joint_distances(prepared.rig, prepared.patches)
+    distances = distances_of(prepared)
     bent = int(np.argmax(np.diff(distances[0])))  # the bone between joint `bent` and the next
     rng = np.random.default_rng(3)
     weights = rng.dirichlet(np.ones(6), 50)
@@ -71,7 +76,7 @@ def test_pruning_never_mixes_across_the_bending_bone_if_it_need_not() -> None:
 def test_bones_between_the_anchors_are_long() -> None:
     # Joints 0 … 4 of a limb from -1 to 1: the anchors at ±0.4 hang on joints 1 and 3.
     prepared = prepare(limb_asset(rings=9, sides=8, joints=5))
-    distances = joint_distances(prepared.rig, prepared.patches)
+    distances = distances_of(prepared)
     bones = np.diagonal(distances, 1)
     assert bones[[0, 3]].tolist() == [1.0, 1.0]
     assert (bones[[1, 2]] > 100).all()
@@ -86,14 +91,14 @@ def test_no_bone_bends_between_anchors_on_one_joint(start: float) -> None:
     """Whatever their shares of it sum to: 1, or a rounding more or less."""
     ends = {"origin": [start, RADIUS, 0.01], "target": [start + 0.09, RADIUS, -0.02]}
     prepared = prepare(limb_asset(rings=9, sides=8, joints=3), tool(**ends, width=0.1))
-    assert np.diagonal(joint_distances(prepared.rig, prepared.patches), 1).tolist() == [1.0, 1.0]
+    assert np.diagonal(distances_of(prepared), 1).tolist() == [1.0, 1.0]
 
 
 def test_joints_of_separate_trees_are_furthest() -> None:
     asset = limb_asset(rings=9, sides=8, joints=3)
     asset.gltf["nodes"][2]["children"] = []
     prepared = prepare(asset, tool(origin=[-0.97, RADIUS, 0], target=[-0.8, RADIUS, 0], width=0.1))
-    distances = joint_distances(prepared.rig, prepared.patches)
+    distances = distances_of(prepared)
     assert distances[0, 1] == 1.0
     assert distances[0, 2] == distances[2, 1] > 100
 
@@ -112,3 +117,10 @@ def test_pruning_errors_are_those_of_skinning_both_ways(seed: int) -> None:
         exact = np.einsum("j,pjab,b->pa", weights[vertex], poses, point)
         stored = np.einsum("j,pjab,b->pa", kept[vertex], poses[:, joints[vertex]], point)
         assert errors[vertex] == pytest.approx(np.linalg.norm(exact - stored, axis=1).max(), abs=1e-12)
+
+
+def test_distances_of_some_joints_are_those_among_all() -> None:
+    prepared = prepare(limb_asset(rings=9, sides=8, joints=6))
+    chosen = np.array([1, 3, 4])
+    some = joint_distances(prepared.rig, prepared.patches, chosen)
+    assert np.array_equal(some, distances_of(prepared)[np.ix_(chosen, chosen)])

@@ -154,7 +154,7 @@ def test_edge_whose_weights_cannot_be_stored_is_left_whole() -> None:
     prepared = prepare(asset)
     times = np.linspace(0, 2, 9)
     poses = joint_matrices(prepared.rig, prepared.clip, times)
-    distances = joint_distances(prepared.rig, prepared.patches)
+    distances = joint_distances(prepared.rig, prepared.patches, np.arange(9))
     found = {}
     for tolerance in (1e-3, np.inf):
         fine = refine(

@@ -11,11 +11,14 @@ import numpy as np
 import pytest
 
 from kit.crowd import crowd_asset, write_frames
+from kit.limb import RADIUS, limb_asset, tool
+from kit.prepared import prepare
 from kit.tube import write_tube
 from wrinklecli import bake
 from wrinklecli.baking import pipeline, placement, warnings
 from wrinklecli.character import contacts, rig, scene
 from wrinklecli.gltf.document import read_document
+from wrinklecli.method import refine
 from wrinklecli.review.check import check
 from wrinklecli.review.diff import motion
 from wrinklecli.review.diff.diff import diff
@@ -165,3 +168,11 @@ def test_pairs_of_tools_are_found_without_a_look_at_each() -> None:
         assert (5, len(middles)) in found
     # A number for each pair would be 32 MB.
     assert peaks[1] < 4e6
+
+
+def test_joints_that_act_elsewhere_are_not_compared(monkeypatch: pytest.MonkeyPatch) -> None:
+    prepared = prepare(limb_asset(joints=60), tool(origin=[-0.1, RADIUS, 0.0], target=[0.1, RADIUS, 0.0], width=0.1))
+    tally = Counter[str]()
+    counted(monkeypatch, tally, refine, "joint_distances", amount=lambda _rig, _patches, chosen: len(chosen))
+    prepared.refined()
+    assert 0 < tally["joint_distances"] < 60

@@ -50,8 +50,8 @@ def pruning_errors(weights: Floats, positions: Floats, distances: Floats, influe
     return errors
 
 
-def joint_distances(rig: Rig, patches: Sequence[Patch]) -> Floats:
-    """(joints, joints) how far joints are apart in the skeleton.
+def joint_distances(rig: Rig, patches: Sequence[Patch], chosen: Ints) -> Floats:
+    """(chosen, chosen) how far some of a rig's joints are apart in the skeleton.
 
     A bone counts 1, and a bone between a tool's two anchors, which bends when the tool wrinkles, far more: there
     weights must not be mixed. Joints of separate trees are furthest.
@@ -68,9 +68,10 @@ def joint_distances(rig: Rig, patches: Sequence[Patch]) -> Floats:
         step = above[-1]
         lengths, hops = lengths + lengths[step], hops + hops[step]
         above.append(step[step])
-    distances = np.zeros((len(rig.joints), len(rig.joints)))
-    for row, joint in enumerate(rig.joints):
-        a, b = np.full(len(rig.joints), joint), rig.joints
+    nodes = rig.joints[chosen]
+    distances = np.zeros((len(nodes), len(nodes)))
+    for row, node in enumerate(nodes):
+        a, b = np.full(len(nodes), node), nodes
         lower, higher = np.where(hops[a] >= hops[b], a, b), np.where(hops[a] >= hops[b], b, a)
         for k, step in reversed(list(enumerate(above))):
             lower = np.where(hops[lower] - hops[higher] >= 2**k, step[lower], lower)

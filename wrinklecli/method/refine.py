@@ -183,10 +183,9 @@ def refine(
             would move it further off in any pose.
         max_vertices: How many may be added.
     """
-    distances = joint_distances(rig, patches)
     members = flags_of(np.concatenate([patch.members for patch in patches]), len(surface.triangles))
     storage = _storage(
-        surface, rest, members, distances, contacts=contacts, influences=influences, poses=poses, tolerance=tolerance
+        surface, rest, members, rig, patches, contacts=contacts, influences=influences, poses=poses, tolerance=tolerance
     )
     hard = hard_edges(surface, rest.bind_positions, patches)
     normals, under = np.zeros((len(surface.positions), 3)), distinct_values(surface.triangles[members])
@@ -217,7 +216,9 @@ def refine(
     bind = placed.positions + np.tensordot(rest.morph_weights, placed.morph_deltas, axes=1)
     old = len(surface.positions)
     weights = _new_weights(surface, subdivision, len(rig.joints))
-    joints_pruned, weights_pruned = prune(weights, distances, influences)
+    acting = np.flatnonzero(weights.any(axis=0))
+    joints_pruned, weights_pruned = prune(weights[:, acting], joint_distances(rig, patches, acting), influences)
+    joints_pruned = np.where(weights_pruned > 0, np.append(acting, 0)[joints_pruned], 0)
     corners, sources, shares, primitives, weld = _split_corners(surface, subdivision)
     faceted = hard.faceted & (settings.scheme == "butterfly")
     return Refinement(
@@ -287,7 +288,8 @@ def _storage(
     surface: Surface,
     rest: Rest,
     members: Bools,
-    distances: Floats,
+    rig: Rig,
+    patches: Sequence[Patch],
     *,
     contacts: Bools,
     influences: int,
@@ -302,8 +304,8 @@ def _storage(
         contacts=contacts,
         near=near,
         bind_positions=rest.bind_positions,
-        weights=_dense_weights(surface, distinct_values(surface.triangles[near]), len(distances), acting),
-        distances=distances[np.ix_(acting, acting)],
+        weights=_dense_weights(surface, distinct_values(surface.triangles[near]), len(rig.joints), acting),
+        distances=joint_distances(rig, patches, acting),
         poses=poses[:, acting],
         influences=influences,
         tolerance=tolerance,
