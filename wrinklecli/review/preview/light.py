@@ -21,7 +21,9 @@ _GOLDEN = 0.6180339887498949
 _PLASTIC = 0.7548776662466927  # goes with the golden ratio as that with whole numbers: no pattern with it
 
 
-def light_up(surface: TracedSurface, hits: Hits, shape: tuple[int, int], first: int) -> tuple[Array, Array]:
+def light_up(
+    surface: TracedSurface, hits: Hits, shape: tuple[int, int], first: int, *, from_right: bool = False
+) -> tuple[Array, Array]:
     """The light that hits get: diffuse, to be multiplied by their colour, and mirrored, to be added.
 
     Args:
@@ -29,6 +31,7 @@ def light_up(surface: TracedSurface, hits: Hits, shape: tuple[int, int], first: 
         hits: Of a band of pixels, in any order.
         shape: Rows and columns of the band.
         first: Row of the picture that the band begins with.
+        from_right: Whether the key light is on the right, and the fill light on the left.
 
     Returns:
         (hits, 3) and (hits,), linear.
@@ -44,7 +47,8 @@ def light_up(surface: TracedSurface, hits: Hits, shape: tuple[int, int], first: 
     pixels, sets = pixels[order], sets[order]
     chosen = hits.only(firsts[pixels])
     starts = _starts(surface, chosen)
-    key, fill = unit_rows(_KEY[None]), unit_rows(_FILL[None])
+    side = np.array((-1.0 if from_right else 1.0, 1.0, 1.0), np.float32)
+    key, fill = unit_rows(side * _KEY[None]), unit_rows(side * _FILL[None])
     openness = _smooth(_openness(surface, starts, chosen.normals, sets), pixels, shape)[hits.pixels]
     lit = _smooth(_lit(surface, starts, chosen.normals, sets, key), pixels, shape)[hits.pixels]
     amounts = (

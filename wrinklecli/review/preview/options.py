@@ -20,11 +20,13 @@ class Style:
         wire: Draw the triangles' edges too.
         clay: Draw all in grey, whatever the colours.
         backfaces: Draw triangles that are seen from behind in red.
+        lit_from_right: Turn the light round, so that the mirror image of a thing is drawn as its mirror image.
     """
 
     wire: bool = False
     clay: bool = False
     backfaces: bool = False
+    lit_from_right: bool = False
 
 
 PLAIN = Style()

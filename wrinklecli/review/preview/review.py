@@ -180,10 +180,10 @@ def _card(shot: _Shot, snapshots: Sequence[Snapshot], options: PreviewOptions) -
     from wrinklecli.review.preview.cards import Card, Picture
 
     marked = replace(snapshots[0], marks=tuple(m for m in snapshots[0].marks if m.name == shot.peak.name))
-    pictures = [
-        render(each, shot.view.cameras[0], size=options.picture_size, style=options.style)
-        for each in (marked, snapshots[1])
-    ]
+    camera = shot.view.cameras[0]
+    # Tools of the left and the right are seen from opposite sides: so they look alike.
+    style = replace(options.style, lit_from_right=bool(camera.axes[2, 0] < 0))
+    pictures = [render(each, camera, size=options.picture_size, style=style) for each in (marked, snapshots[1])]
     return Card(
         name=shot.peak.name,
         colour=INKS[shot.ink % len(INKS)] if marked.marks else None,
