@@ -39,6 +39,7 @@ def help_of(name: str) -> str:
 @pytest.mark.parametrize("name", COMMANDS)
 def test_help_ends_with_an_example_and_names_the_exit_codes(name: str) -> None:
     lines = " ".join(help_of(name).split())
+    assert "\\" not in lines, "an escape that click does not know"
     assert "Exit codes: 0 " in lines
     assert "70 a bug" in lines
     assert re.search(rf"Example: wrinkle {name} \S+.*$", lines)

@@ -107,7 +107,7 @@ def bake(
     verbose: bool,
     **options: Any,
 ) -> None:
-    r"""Bake the wrinkling tools of TOOLS (YAML) into the animations of ASSET (glTF).
+    """Bake the wrinkling tools of TOOLS (YAML) into the animations of ASSET (glTF).
 
     All files are written, or none: OUT is replaced last, and only by a complete file.
 
@@ -129,7 +129,7 @@ def bake(
 
     Exit codes: 0 done; 1 the input is at fault, nothing written; 2 wrong usage; 3 refused (--max-error,
     --engine, --strict), nothing written; 70 a bug.
-    """
+    """  # noqa: D301
     if output is None and options["frames_dir"] is None:
         raise click.UsageError("Missing option '-o' (or '--frames-dir').")
     if output is None and depfile is not None:
