@@ -20,7 +20,7 @@ from wrinklecli.character.surface import Vertices, dense_influences, read_primit
 from wrinklecli.errors import AssetError, TooMuchError
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Floats, Ints
+from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +49,11 @@ class ScenePrimitive:
     def name(self) -> str:
         """The name of the node."""
         return self.rig.names[self.rig.node]
+
+    @property
+    def seen(self) -> Ints:
+        """The vertices that are seen, rising: those of triangles, or all of points and lines."""
+        return distinct_values(self.triangles) if len(self.triangles) else np.arange(len(self.vertices.positions))
 
 
 @dataclass(frozen=True, slots=True)

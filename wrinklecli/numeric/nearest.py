@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, distinct, dot
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 _FIRST = 8
 # Pairs of a point and a triangle that are computed at once: bounds the memory (about 500 bytes each).
 _PAIRS = 2**17
+# Pairs whose distances are computed at once: their numbers stay in a core's cache.
+_AT_ONCE = 2**12
 # Points whose distance is found at once, the seemingly farthest first: their distances rule out most others.
 _BATCH = 1024
 # Size classes of triangles below the largest, each of half the size: the smallest share the last.
@@ -121,7 +123,7 @@ def farthest(points: Floats, corners: Floats, *, hints: Ints | None = None, floo
             the fewer distances have to be found.
         floor: Points that are no farther than this are not looked at.
     """
-    best = _nearest_centroids(points, corners) if hints is None else hints.copy()
+    best = near_triangles(points, corners) if hints is None else hints.copy()
     bounds = triangle_distances(points, corners[best])
     worst, point = floor, -1
     order = np.argsort(-bounds, kind="stable")
@@ -139,7 +141,8 @@ def farthest(points: Floats, corners: Floats, *, hints: Ints | None = None, floo
     return Farthest(worst, point, best)
 
 
-def _nearest_centroids(points: Floats, corners: Floats) -> Ints:
+def near_triangles(points: Floats, corners: Floats) -> Ints:
+    """(points,) a triangle near each point: that of the nearest centroid. The arguments are those of `farthest`."""
     # Imported here, as it takes longer than all of numpy, and equal topologies do without.
     from scipy.spatial import cKDTree
 
@@ -223,21 +226,29 @@ def _look(
 
 def triangle_distances(points: Floats, corners: Floats) -> Floats:
     """(pairs,) distances of (pairs, 3) points from (pairs, 3, 3) triangles, a triangle for each point."""
-    squared = np.full(len(points), np.inf)
-    for k in range(3):
-        start, edge = corners[:, k], corners[:, (k + 1) % 3] - corners[:, k]
-        length = np.einsum("ij,ij->i", edge, edge)
-        along = np.einsum("ij,ij->i", points - start, edge) / np.where(length > 0, length, 1.0)
-        away = points - start - np.clip(along, 0.0, 1.0)[:, None] * edge
-        squared = np.minimum(squared, np.einsum("ij,ij->i", away, away))
-    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    normal, offset = np.cross(first, second), points - corners[:, 0]
-    area = np.einsum("ij,ij->i", normal, normal)
+    portions = (slice(k, k + _AT_ONCE) for k in range(0, len(points), _AT_ONCE))
+    found = [_triangle_distances(points[each].T, corners[each].transpose(1, 2, 0)) for each in portions]
+    return np.concatenate(found) if found else np.zeros(0)
+
+
+def _triangle_distances(points: Floats, corners: Floats) -> Floats:
+    """As `triangle_distances`, of (3, pairs) and (3, 3, pairs), coordinates second."""
+    edges = corners[[1, 2, 0]] - corners
+    offsets = np.ascontiguousarray(points) - corners
+    squared = np.full(points.shape[1], np.inf)
+    for edge, offset in zip(edges, offsets, strict=True):
+        length = dot(edge, edge)
+        along = dot(offset, edge) / np.where(length > 0, length, 1.0)
+        away = offset - np.clip(along, 0.0, 1.0) * edge
+        squared = np.minimum(squared, dot(away, away))
+    first, second, offset = edges[0], -edges[2], offsets[0]
+    normal = cross(first, second)
+    area = dot(normal, normal)
     safe = np.where(area > 0, area, 1.0)
-    u = np.einsum("ij,ij->i", np.cross(offset, second), normal) / safe
-    v = np.einsum("ij,ij->i", np.cross(first, offset), normal) / safe
+    u = dot(cross(offset, second), normal) / safe
+    v = dot(cross(first, offset), normal) / safe
     above = (area > 0) & (u >= 0) & (v >= 0) & (u + v <= 1)
-    height = np.einsum("ij,ij->i", offset, normal) ** 2 / safe
+    height = dot(offset, normal) ** 2 / safe
     return np.sqrt(np.where(above, np.minimum(squared, height), squared))
 
 

@@ -7,9 +7,9 @@ import numpy as np
 
 from wrinklecli.character.scene import ScenePrimitive, pose_primitive
 from wrinklecli.numeric.arrays import Floats, Ints
-from wrinklecli.numeric.nearest import farthest
 from wrinklecli.review.diff.difference import Difference
 from wrinklecli.review.diff.moments import Moment
+from wrinklecli.review.diff.soups import Soup, farthest_apart
 
 # A function that is told how many more times are done; a part of a time is a fraction.
 Advance = Callable[[float], None]
@@ -80,7 +80,7 @@ def compare_vertices(
         tolerance: Scene units.
         advance: Told of the times that are done.
     """
-    seen = _used(one)
+    seen = one.seen
     # A slice is not copied.
     used: Ints | slice = seen if len(seen) < len(one.vertices.positions) else slice(None)
     off = np.zeros(len(seen), bool)
@@ -103,11 +103,6 @@ def compare_vertices(
             normal = max(normal or 0.0, _greatest_angle(first.normals, second.normals, used))
         advance(len(now))
     return Apart(worst, normal, int(off.sum()), len(seen))
-
-
-def _used(primitive: ScenePrimitive) -> Ints:
-    """The vertices that are seen: those of triangles, or all points and lines."""
-    return np.unique(primitive.triangles) if len(primitive.triangles) else np.arange(len(primitive.vertices.positions))
 
 
 def _squared_distances(first: Floats, second: Floats) -> Floats:
@@ -137,63 +132,11 @@ def compare_surfaces(
 
     The arguments are those of `compare_vertices`.
     """
-    worst = untouched(left_a[0], moment, float(times[0])).worst
-    soups = [_Soup.of(primitives) for primitives in (left_a, left_b)]
-    hints: list[Ints | None] = [None, None]
-    step = max(1, _CHUNK // max(soup.vertex_count for soup in soups))
-    for start in range(0, len(times), step):
-        now = times[start : start + step]
-        posed = [
-            np.concatenate([pose_primitive(primitive, clip, now).positions for primitive in primitives], axis=1)
-            for primitives, clip in zip((left_a, left_b), moment.clips, strict=True)
-        ]
-        for frame, time in enumerate(now.tolist()):
-            for k, side in enumerate("AB"):
-                points = posed[k][frame][soups[k].used]
-                corners = posed[1 - k][frame][soups[1 - k].triangles]
-                found = farthest(points, corners, hints=hints[k], floor=worst.distance)
-                hints[k] = found.hints
-                if found.point >= 0:
-                    primitive, vertex = soups[k].vertex(int(soups[k].used[found.point]))
-                    worst = Worst(found.distance, side, place_of(primitive), primitive.name, vertex, moment.name, time)
-            advance(1)
+    soups = [Soup.of(primitives, clip) for primitives, clip in zip((left_a, left_b), moment.clips, strict=True)]
+    far = farthest_apart(soups[0], soups[1], times, advance)
+    primitive, vertex = soups[far.side].vertex(far.vertex)
+    worst = Worst(far.distance, "AB"[far.side], place_of(primitive), primitive.name, vertex, moment.name, far.time)
     return Apart(worst, None, None, 0)
-
-
-@dataclass(frozen=True, slots=True)
-class _Soup:
-    """Primitives as one surface.
-
-    Attributes:
-        primitives: Those of the surface.
-        starts: (primitives + 1,) the first vertex of each.
-        used: The vertices that are seen.
-        triangles: (triangles, 3); points, and vertices of lines, are triangles without extent.
-    """
-
-    primitives: tuple[ScenePrimitive, ...]
-    starts: Ints
-    used: Ints
-    triangles: Ints
-
-    @classmethod
-    def of(cls, primitives: Sequence[ScenePrimitive]) -> "_Soup":
-        starts = np.cumsum([0] + [len(primitive.vertices.positions) for primitive in primitives])
-        used = [_used(primitive) + start for primitive, start in zip(primitives, starts, strict=False)]
-        triangles = [
-            primitive.triangles + start if len(primitive.triangles) else np.repeat(each[:, None], 3, axis=1)
-            for primitive, each, start in zip(primitives, used, starts, strict=False)
-        ]
-        return cls(tuple(primitives), starts, np.concatenate(used), np.concatenate(triangles))
-
-    @property
-    def vertex_count(self) -> int:
-        return int(self.starts[-1])
-
-    def vertex(self, number: int) -> tuple[ScenePrimitive, int]:
-        """The primitive that a vertex is of, and its number there."""
-        index = int(np.searchsorted(self.starts, number, side="right")) - 1
-        return self.primitives[index], number - int(self.starts[index])
 
 
 def place_of(primitive: ScenePrimitive) -> str:
