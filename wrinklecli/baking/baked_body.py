@@ -144,6 +144,16 @@ def read_bodies(document: Document) -> list[BakedBody]:
     return bodies
 
 
+def wrinkle_targets(node: Json) -> frozenset[str]:
+    """The names of the morph targets that a bake has added to a node's mesh; none where the extras do not say so."""
+    extras = node.get("extras")
+    try:
+        entry = extras["wrinkle"] if isinstance(extras, dict) else {}
+        return frozenset({name for tool in entry["tools"] for name in tool["targets"]} | set(entry.get("undriven", ())))
+    except (KeyError, TypeError, AttributeError):
+        return frozenset()  # not what a bake writes: nothing is known of wrinkles
+
+
 def _read_tool(data: Json) -> BakedTool:
     targets = tuple(str(name) for name in data["targets"])
     anchors = (_read_anchor(data["origin"]), _read_anchor(data["target"]))

@@ -34,6 +34,9 @@ from wrinklecli.numeric.guard import guarded
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory
 from wrinklecli.numeric.piecewise import key_times
 
+MAX_ERROR = 0.01
+"""Greatest error of a weight, a share of the greatest, unless another is asked for."""
+
 # Of what the error bound leaves beside the table's own error, the part of the samples and that of dropped keys.
 _SAMPLING_SHARE = 2 / 3
 _KEYS_SHARE = 1 / 3
@@ -62,7 +65,7 @@ def track(
     folder: str | os.PathLike[str],
     *,
     fps: float = 30.0,
-    max_error: float = 0.01,
+    max_error: float = MAX_ERROR,
     allow_external: bool = False,
     max_memory: int = MAX_MEMORY,
     strict: bool = False,
@@ -151,7 +154,7 @@ def _track_file(
     ]
     present: list[tuple[BakedBody, list[BakedTool]]] = []
     for body in bodies:
-        tools, missed = _present_tools(body, nodes)
+        tools, missed = present_tools(body, nodes)
         present.append((body, tools))
         warnings += [f"{document.path}: {line}" for line in missed]
     if not any(tools for _, tools in present):
@@ -165,7 +168,7 @@ def _track_file(
     tracked: dict[str, None] = {}
     for body, tools in present:
         if tools:
-            moved, still = _track_body(edited, body, tools, clips, fps=fps, tolerance=tolerance)
+            moved, still = track_body(edited, body, tools, clips, fps=fps, tolerance=tolerance)
             tracked |= dict.fromkeys(moved)
             warnings += [f"{document.path}: {name}: moves no anchor of {body.node!r}" for name in still]
     lines = (
@@ -174,7 +177,7 @@ def _track_file(
     return Tracked(output, tuple(tracked), tuple(lines), tuple(warnings))
 
 
-def _present_tools(body: BakedBody, nodes: Sequence[Json]) -> tuple[list[BakedTool], list[str]]:
+def present_tools(body: BakedBody, nodes: Sequence[Json]) -> tuple[list[BakedTool], list[str]]:
     """The tools whose joints are all there, and a warning for each of which one is missing or ambiguous."""
     names = [str(node.get("name", "")) for node in nodes]
     bare = [str(node.get("name", "")) for node in nodes if "mesh" not in node]
@@ -192,7 +195,7 @@ def _present_tools(body: BakedBody, nodes: Sequence[Json]) -> tuple[list[BakedTo
     return present, warnings
 
 
-def _track_body(
+def track_body(
     edited: EditedDocument,
     body: BakedBody,
     tools: Sequence[BakedTool],

@@ -39,6 +39,8 @@ class Moved:
         document: With all clips, its own first.
         pose: The name of the clip that is the pose; None where none was asked for.
         range: The names of the clips that are its range of motion.
+        telling: A few of these, that together show how it moves.
+        further: The names of all clips that the asset's file has not.
         notes: What was made, a line each.
         warnings: What of the anims is left out, a line each.
         beside: The files that the anims consist of, read or not: nothing may be written over them.
@@ -47,9 +49,15 @@ class Moved:
     document: Document
     pose: str | None
     range: tuple[str, ...]
+    telling: tuple[str, ...]
+    further: tuple[str, ...]
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
     beside: tuple[str, ...]
+
+    def added(self, clips: Sequence[str] = ()) -> set[str]:
+        """The names of the clips that the asset's file has not, of these where some are named."""
+        return {name for name in self.further if not clips or name in clips}
 
     def chosen(self, clips: Sequence[str]) -> Sequence[str]:
         """The names of the clips to look at, where these were asked for: the pose, where there is one."""
@@ -75,6 +83,7 @@ def moved(
         AssetError: An anim, a mesh, a skin or the hierarchy is malformed; an anim has no joint of the asset, or the
             asset has no joint or morph target of the pose.
     """
+    own = len(document.items("animations"))
     anims = read_anims(document, motions.anims)
     if anims.read:
         moving = {channel.node for clip in anims.clips for channel in clip.channels}
@@ -82,6 +91,7 @@ def moved(
         document = document.extended(document.gltf, document.buffers, anims.read)
     pose: str | None = None
     made: tuple[str, ...] = ()
+    telling: tuple[str, ...] = ()
     notes: list[str] = []
     if motions.pose or motions.morphs:
         document = with_pose(document, motions.pose, motions.morphs)
@@ -91,9 +101,10 @@ def moved(
         document = with_free_nodes(document, _joints(document, nodes))
         found = range_of_motion(document, nodes, clips, driven=driven)
         document = with_clips(document, found.clips)
-        made = tuple(clip.name for clip in found.clips)
+        made, telling = tuple(clip.name for clip in found.clips), found.telling
         notes.append(f"{document.path}: {'' if clips else 'has no clip; '}looked at in {found.summary}")
-    return Moved(document, pose, made, tuple(notes), anims.warnings, anims.beside)
+    further = tuple(clip.name for clip in read_clips(document) if clip.index >= own)
+    return Moved(document, pose, made, telling, further, tuple(notes), anims.warnings, anims.beside)
 
 
 def _joints(document: Document, nodes: Sequence[int]) -> set[int]:

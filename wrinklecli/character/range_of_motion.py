@@ -35,6 +35,8 @@ _ALONG = 0.87
 _LEAST_AGREED = 0.5
 # Part of the largest area below which nobody sees what a joint bends: some square millimetres of a person.
 _LEAST_BENT = 1e-5
+# Motions that show how a character moves, and how many of these are morph targets where it has joints too.
+_TELLING_MOTIONS, _TELLING_MORPHS = 6, 2
 # At most: a person with all fingers has 60 joints, a face of ARKit 52 morph targets.
 _MOST_JOINTS, _MOST_MORPHS = 100, 200
 
@@ -45,10 +47,12 @@ class RangeOfMotion:
 
     Attributes:
         clips: Each of a second, from the stored pose to its end; the name says what it is.
+        telling: Names of a few, of joints that bend most of it and of morph targets, that together show how it moves.
         summary: How many motions, of how many joints and morph targets, and how many are left out.
     """
 
     clips: tuple[Clip, ...]
+    telling: tuple[str, ...]
     summary: str
 
 
@@ -93,8 +97,33 @@ def range_of_motion(
     summary = (
         f"{counted(len(made), 'motion')} of {counted(len(joints), 'joint')} and {counted(len(morphs), 'morph target')}"
     )
-    named = _named(made, {clip.name for clip in clips}, len(document.items("animations")))
-    return RangeOfMotion(tuple(named), summary + "".join(f"; left out: {each}" for each in left_out if each))
+    named = tuple(_named(made, {clip.name for clip in clips}, len(document.items("animations"))))
+    return RangeOfMotion(
+        named, _telling(named, areas), summary + "".join(f"; left out: {each}" for each in left_out if each)
+    )
+
+
+def _telling(clips: Sequence[Clip], areas: Floats) -> tuple[str, ...]:
+    """The names of a few of the motions; `areas` are the (nodes,) that bend."""
+    widest: dict[int, Clip] = {}
+    morphs = []
+    for clip in clips:
+        (node, path), *_ = clip.by_target
+        if path == "weights":
+            morphs.append(clip.name)
+        elif node not in widest or _angle(clip) > 1.01 * _angle(widest[node]):
+            widest[node] = clip
+    joints = [widest[node].name for node in sorted(widest, key=lambda node: -areas[node])]
+    room = max(_TELLING_MOTIONS - min(len(morphs), _TELLING_MORPHS), 0)
+    first = [*joints[:room], *morphs]
+    others = [clip.name for clip in clips if clip.name not in first]
+    return tuple([*first, *others][:_TELLING_MOTIONS])
+
+
+def _angle(clip: Clip) -> float:
+    """Radians by which a joint turns from its first key to its last."""
+    values = clip.channels[0].values
+    return float(2.0 * np.arccos(min(abs(float(values[0] @ values[-1])), 1.0)))
 
 
 def _named(made: Sequence[tuple[str, Sequence[Channel]]], taken: set[str], first: int) -> Iterator[Clip]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import joint_matrices, morph_weights
-from wrinklecli.character.rig import Hierarchy, Rig, read_hierarchy, read_parents, read_rig
+from wrinklecli.character.rig import Hierarchy, Rig, morph_target_names, read_hierarchy, read_parents, read_rig
 from wrinklecli.character.skin import Skin, pose, prepare
 from wrinklecli.character.surface import Vertices, dense_influences, read_primitive, read_triangles
 from wrinklecli.errors import AssetError, TooMuchError
@@ -86,6 +86,16 @@ def scene_nodes(document: Document) -> list[int]:
             found.add(node)
             stack += nodes[node].get("children", [])
     return sorted(found)
+
+
+def deforming_nodes(document: Document) -> list[int]:
+    """The nodes of the default scene, ascending, whose meshes a skin or morph targets deform."""
+    nodes, meshes = document.items("nodes"), document.items("meshes")
+    return [
+        node
+        for node in scene_nodes(document)
+        if "mesh" in nodes[node] and ("skin" in nodes[node] or morph_target_names(meshes[nodes[node]["mesh"]]))
+    ]
 
 
 def read_scene(document: Document, *, leave_out_malformed: bool = False) -> tuple[ScenePrimitive, ...]:

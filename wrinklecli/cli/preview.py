@@ -9,11 +9,15 @@ import click
 from wrinklecli.cli.options import (
     FILE,
     allow_external_option,
+    anim_option,
     clip_option,
     fps_option,
     max_memory_option,
     max_vertices_option,
+    morph_option,
+    pose_option,
     quiet_option,
+    range_of_motion_option,
     tool_option,
 )
 from wrinklecli.cli.output import Progress, say, warn
@@ -102,6 +106,10 @@ def _above_0(_context: click.Context, parameter: click.Parameter, value: float |
 @click.option("--before", is_flag=True, help="Show ASSET without the tools beside it.")
 @click.option("--hide-tools", is_flag=True, help="Apply the tools, but do not draw them.")
 @click.option("--heat", is_flag=True, help="Colour the surface by its compression against the stored pose.")
+@anim_option("")
+@range_of_motion_option("Without clips that is done anyway, and six motions are shown.")
+@pose_option()
+@morph_option()
 @clip_option("Default: the first clip. May be repeated.")
 @click.option("--rest", is_flag=True, help="The pose as stored, no clip.")
 @click.option(
@@ -181,6 +189,16 @@ def _refuse_misuse(assets: tuple[str, ...], output: str, options: dict[str, Any]
         _refuse_beside_review(assets, output, options)
     if options["rest"] and (options["clips"] or options["times"] or options["frames"] or options["fps"]):
         raise click.UsageError("'--rest' is one moment: it goes without '--clip', '--times', '--frames' and '--fps'.")
+    if options["pose"] or options["morphs"]:
+        for key, name in (
+            ("clips", "clip"),
+            ("rest", "rest"),
+            ("times", "times"),
+            ("frames", "frames"),
+            ("fps", "fps"),
+        ):
+            if options[key]:
+                raise click.UsageError(f"'--pose' and '--morph' are one pose: they go without '--{name}'.")
     if options["times"] and options["frames"]:
         raise click.UsageError("'--times' and '--frames' exclude each other.")
     if options["focus"] is not None and options["radius"] is None:

@@ -56,11 +56,11 @@ class PlannedTools:
         return len(self.misfits) + sum(len(plan.carried_patches) for plan in self.plans)
 
 
-def plan_tools(asset: str | os.PathLike[str], tools: str | os.PathLike[str], options: BakeOptions) -> PlannedTools:
+def plan_tools(asset: Document, tools: str | os.PathLike[str], options: BakeOptions) -> PlannedTools:
     """Attach tools to an asset and refine it, without those that do not fit.
 
     Args:
-        asset: The .gltf or .glb.
+        asset: With all clips.
         tools: The YAML file of tools.
         options: Which of them, and how to read.
 

@@ -42,6 +42,11 @@ class PreviewOptions:
         review: Show every tool close up, before and after, at its peak.
         before: Show the asset without the tools beside it.
         hide_tools: Apply the tools, but do not draw them.
+        anims: Files with more clips, for joints of the same names.
+        range_of_motion: Bend joints and raise morph targets, one at a time, though there are clips; without any,
+            a few such motions are shown.
+        pose: Joints to turn, by name, axis and degrees, for one pose that is shown in place of clips.
+        morphs: Names of morph targets and their weights in this pose.
         clips: Names; the first of the first asset where left out.
         rest: Show the stored pose, and no clip.
         times: Seconds; where left out, moments are spread over each clip.
@@ -67,6 +72,10 @@ class PreviewOptions:
     review: bool = False
     before: bool = False
     hide_tools: bool = False
+    anims: Sequence[str | os.PathLike[str]] = ()
+    range_of_motion: bool = False
+    pose: Sequence[tuple[str, str, float]] = ()
+    morphs: Sequence[tuple[str, float]] = ()
     clips: Sequence[str] = ()
     rest: bool = False
     times: Sequence[float] = ()
@@ -97,4 +106,4 @@ class PreviewOptions:
         if self.grid:
             return True
         shots = (self.clips, self.times, self.frames, self.fps, self.rest, self.views, self.focus, self.radius)
-        return any(shots) or self.follow or bool(self.labels)
+        return any(shots) or self.follow or bool(self.labels) or bool(self.pose or self.morphs)

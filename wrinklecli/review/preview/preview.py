@@ -5,11 +5,15 @@ Assets are posed as an engine would pose them, then traced by rays. Nothing but 
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from wrinklecli.baking.baked_body import wrinkle_targets
+from wrinklecli.baking.driven import with_driven_wrinkles
 from wrinklecli.baking.job import BakeOptions
 from wrinklecli.character.clip import read_clips
+from wrinklecli.character.moved import Motions, Moved, moved
+from wrinklecli.character.scene import deforming_nodes
 from wrinklecli.errors import WrinkleError
 from wrinklecli.files.outputs import Outputs, part_of
 from wrinklecli.gltf.document import Document, read_document
@@ -77,11 +81,18 @@ def preview(
         from wrinklecli.review.preview.sheet import encode_animation, encode_picture
 
         kind = _kind(path)
-        documents = _read_documents(assets, path, options, written)
+        joined = _read_assets(assets, path, options, written)
+        documents = [each.document for each in joined]
         planned = _planned(documents[0], options)
-        warnings = () if planned is None else planned.warnings
+        warnings = [*joined[0].warnings, *joined[0].notes, *(() if planned is None else planned.warnings)]
         animated = kind != "png"
-        if is_reviewed(documents, planned, options, animated=animated):
+        reviewed = is_reviewed(documents, planned, options, animated=animated)
+        if not reviewed:
+            options = with_motions(options, joined[0], animated=animated)
+        for number, each in enumerate(joined):
+            documents[number], unread = with_driven_wrinkles(each.document, each.added(options.clips))
+            warnings += unread
+        if reviewed:
             from wrinklecli.review.preview.review import review
 
             drawn = review(documents[0], planned, path, options, progress)
@@ -116,17 +127,33 @@ def _kind(path: str) -> str:
     return kind
 
 
-def _read_documents(
+def _read_assets(
     assets: Sequence[str | os.PathLike[str]], out: str, options: PreviewOptions, outputs: Outputs
-) -> list[Document]:
-    """Read assets, none of whose files, nor the tools, may be written to."""
+) -> list[Moved]:
+    """Read assets and what moves them; none of the files, nor the tools, may be written to."""
     outputs.claim(out)
-    outputs.protect([*assets, *([] if options.tools is None else [options.tools])])
+    outputs.protect([*assets, *options.anims, *([] if options.tools is None else [options.tools])])
     memory = Memory(options.max_memory)
     documents = [read_document(each, allow_external=options.allow_external, memory=memory) for each in assets]
+    range_of_motion = False if options.rest else options.range_of_motion or None
+    motions = Motions(options.anims, range_of_motion, options.pose, options.morphs)
+    joined: list[Moved] = []
     for document in documents:
-        outputs.protect(files_of(document))
-    return documents
+        driven = {node: wrinkle_targets(each) for node, each in enumerate(document.items("nodes"))}
+        joined.append(moved(document, deforming_nodes(document), motions, driven=driven))
+        outputs.protect([*files_of(document), *joined[-1].beside])
+        # What is shown beside an asset moves as it does.
+        motions = replace(motions, range_of_motion=bool(joined[0].range))
+    return joined
+
+
+def with_motions(options: PreviewOptions, joined: Moved, *, animated: bool) -> PreviewOptions:
+    """Options that show the pose asked for; or, of an asset without clips, a few motions, where they name none."""
+    clips = joined.chosen(options.clips)
+    if clips or len(joined.range) < len(read_clips(joined.document)):
+        return replace(options, clips=clips)
+    whole = animated or options.times or options.frames is not None or options.fps is not None
+    return replace(options, clips=joined.telling, times=options.times if whole else (1.0,))
 
 
 def _planned(document: Document, options: PreviewOptions) -> PlannedTools | None:
@@ -139,7 +166,7 @@ def _planned(document: Document, options: PreviewOptions) -> PlannedTools | None
         max_memory=options.max_memory,
         max_vertices=options.max_vertices,
     )
-    return plan_tools(document.path, options.tools, bake)
+    return plan_tools(document, options.tools, bake)
 
 
 def is_reviewed(

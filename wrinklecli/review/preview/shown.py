@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from wrinklecli.baking.baked_body import wrinkle_targets
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.refined_mesh import primitives_of
 from wrinklecli.character.clip import Clip, clip_named, read_clips
@@ -212,13 +213,7 @@ def read_shown(
 
 def _wrinkle_targets(document: Document, source: ScenePrimitive) -> Ints:
     """(shapes,) numbers of the morph targets that a bake has added, by the node's extras."""
-    names: set[str] = set()
-    extras = document.items("nodes")[source.rig.node].get("extras")
-    try:
-        entry = extras["wrinkle"] if isinstance(extras, dict) else {}
-        names = {name for tool in entry["tools"] for name in tool["targets"]} | set(entry.get("undriven", ()))
-    except (KeyError, TypeError, AttributeError):
-        pass  # not what a bake writes: nothing is known of wrinkles
+    names = wrinkle_targets(document.items("nodes")[source.rig.node])
     return np.array([k for k, name in enumerate(source.rig.morph_names) if name in names], np.intp)
 
 

@@ -1,0 +1,64 @@
+"""What a preview shows of assets without clips, of poses, and of clips of other files."""
+
+from pathlib import Path
+
+import pytest
+
+from kit.command import Wrinkle
+from kit.limb import limb, tool, write_tools
+from wrinklecli.character.moved import Motions, moved
+from wrinklecli.gltf.document import read_document
+from wrinklecli.review.preview.moments import plan_moments
+from wrinklecli.review.preview.options import PreviewOptions
+from wrinklecli.review.preview.preview import with_motions
+
+SMALL = "--size=64x48"
+
+
+def shown(path: Path, options: PreviewOptions, motions: Motions, *, animated: bool = False) -> list[tuple[str, float]]:
+    joined = moved(read_document(path), [0], motions)
+    moments = plan_moments(joined.document, with_motions(options, joined, animated=animated), animated=animated)
+    return [(str(moment.clip), moment.time) for moment in moments]
+
+
+def test_of_an_asset_without_clips_six_motions_are_shown_at_their_ends(tmp_path: Path) -> None:
+    path = limb(tmp_path / "limb.glb", clip=None, joints=4, morphs=3)
+    found = shown(path, PreviewOptions(), Motions())
+    # Of each joint one, though the first two morph targets; then others.
+    assert [name.split()[0] for name, _ in found] == ["joint_1", "joint_2", "joint_3", "morph_0", "morph_1", "morph_2"]
+    assert {time for _, time in found} == {1.0}
+    assert [name for name, _ in shown(path, PreviewOptions(clips=["morph_1"], times=(0.5,)), Motions())] == ["morph_1"]
+    assert shown(path, PreviewOptions(rest=True), Motions(range_of_motion=False)) == [("None", 0.0)]
+    assert len(shown(path, PreviewOptions(), Motions(), animated=True)) == 6 * 15
+    assert shown(path, PreviewOptions(), Motions(morphs=[("morph_0", 1.0)])) == [("morph_0=1", 0.0)]
+    assert {
+        name for name, _ in shown(limb(tmp_path / "folds.glb"), PreviewOptions(), Motions(range_of_motion=True))
+    } == {"fold"}
+
+
+def test_the_command_shows_poses_motions_and_clips_of_other_files(tmp_path: Path, wrinkle: Wrinkle) -> None:
+    pytest.importorskip("embreex")
+    path, whole = (
+        limb(tmp_path / "limb.glb", clip=None, rings=7, sides=6),
+        limb(tmp_path / "whole.glb", rings=7, sides=6),
+    )
+    tools, out = write_tools(tmp_path / "tools.yaml", tool()), tmp_path / "out.png"
+    ran = wrinkle("preview", path, "-o", out, SMALL)
+    assert ran.code == 0
+    assert "has no clip; looked at in 6 motions of 1 joint and 0 morph targets" in ran.lines[-2]
+    assert "6 moments" in ran.lines[-1]
+    for options, told in (
+        (["--pose=joint_1=z:60"], "1 moment"),
+        (["--anim", whole], "5 moments"),
+        (["--tools", tools], "1 tool"),
+        (["--tools", tools, "--anim", whole, "--clip=fold", "--times=1"], "1 moment"),
+        (["--clip=joint_1 about z, +90°"], "5 moments"),
+    ):
+        ran = wrinkle("preview", path, "-o", out, SMALL, *options)
+        assert ran.code == 0, ran.lines
+        assert told in ran.lines[-1]
+    ran = wrinkle("preview", path, "-o", out, "--pose=joint_1=z:60", "--rest")
+    assert (ran.code, "without '--rest'" in ran.lines[-1]) == (2, True)
+    ran = wrinkle("preview", path, "-o", out, "--anim", out)
+    assert ran.code == 1
+    assert "out.png" in ran.lines[0]
