@@ -134,6 +134,32 @@ def test_images_count_where_they_are(tmp_path: Path) -> None:
     assert inspect(path, allow_external=True)["bytes"]["images"] == 100 + 1000 + 4 + 70
 
 
+def test_bounds_and_joints_are_where_they_are_in_the_stored_pose(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    asset = limb_asset(rings=3, sides=4, joints=3, root={"translation": [0.0, 5.0, 0.0], "scale": [2.0, 2.0, 2.0]})
+    asset.gltf["skins"].append({"name": "again", "joints": asset.gltf["skins"][0]["joints"][:2]})
+    path = asset.write(tmp_path / "limb.glb")
+    found = inspect(path)
+    low, high = found["bounds"]["min"], found["bounds"]["max"]
+    assert [*low, *high] == pytest.approx([-2.0, 4.5, -0.5, 2.0, 5.5, 0.5], abs=1e-6)
+    places = [[-2.0, 5.0, 0.0], [-2.0 / 3.0, 5.0, 0.0], [2.0 / 3.0, 5.0, 0.0]]
+    assert found["skins"][0]["rest"] == [pytest.approx(place, abs=1e-6) for place in places]
+    ran = wrinkle("inspect", path)
+    assert "  [-2, 4.5, -0.5] to [2, 5.5, 0.5], as stored" in ran.out.splitlines()
+    first, second = (line for line in ran.out.splitlines() if "joint_0" in line)
+    assert first.endswith("3 joints: joint_0 [-2, 5, 0], joint_1 [-0.6667, 5, 0], joint_2 [0.6667, 5, 0]")
+    assert second == "  again: 2 joints: joint_0, joint_1"
+
+
+def test_what_cannot_be_read_has_no_bounds(tmp_path: Path) -> None:
+    asset = limb_asset(rings=3, sides=4)
+    asset.gltf["meshes"][0]["primitives"][0]["attributes"].pop("POSITION")
+    assert inspect(asset.write(tmp_path / "limb.glb"))["bounds"] is None
+    asset = limb_asset(rings=3, sides=4)
+    asset.gltf["nodes"][2]["children"] = [1]
+    found = inspect(asset.write(tmp_path / "limb.glb"))
+    assert (found["bounds"], found["skins"][0]["rest"]) == (None, None)
+
+
 @pytest.mark.parametrize("levels", [0, None])
 def test_a_baked_file_names_its_tools(levels: int | None, tmp_path: Path) -> None:
     limb(tmp_path / "limb.glb")
@@ -185,15 +211,16 @@ def test_clips_have_the_names_that_other_commands_take(tmp_path: Path) -> None:
     assert names == [clip.name for clip in read_clips(read_document(path))] == ["fold", "fold#1", "animation_3"]
 
 
-def test_no_geometry_is_decoded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_geometry_is_decoded_for_the_bounds_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = limb(tmp_path / "limb.glb", morphs=2, morph_clip="LINEAR")
+    found = inspect(path)
 
-    def refuse(*_: object) -> None:
-        raise AssertionError("decodes an accessor")
+    def refuse(*_: object, **__: object) -> None:
+        raise AssetError("cannot be decoded")
 
     monkeypatch.setattr(Document, "accessor", refuse)
     monkeypatch.setattr(Document, "view", refuse)
-    assert inspect(path)["meshes"][0]["vertices"] > 0
+    assert inspect(path) == found | {"bounds": None}
 
 
 @pytest.mark.parametrize(
@@ -245,6 +272,7 @@ def test_json_has_these_keys(wrinkle: Wrinkle, tmp_path: Path) -> None:
         "extensions_used",
         "extensions_required",
         "meshes",
+        "bounds",
         "nodes",
         "deforming",
         "skins",
@@ -278,7 +306,7 @@ def test_the_tree_names_everything(wrinkle: Wrinkle, tmp_path: Path) -> None:
     assert (ran.code, ran.lines) == (0, [])
     lines = ran.out.splitlines()
     headings = [line for line in lines if not line.startswith(" ")]
-    assert headings[1:] == ["meshes", "deform", "skins", "clips", "bytes"]
+    assert headings[1:] == ["bounds", "meshes", "deform", "skins", "clips", "bytes"]
     for word in ("head: 1 primitive", "browsUp, browsDown", "raise_brows: 2 s", "think: 3 s", "geometry"):
         assert word in ran.out
     assert "\x1b" not in ran.out

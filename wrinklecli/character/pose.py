@@ -3,13 +3,13 @@
 Source: glTF 2.0 specification, §3.5 (nodes), §3.7.3 (skins).
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from wrinklecli.character.clip import Channel, Clip, sample
-from wrinklecli.character.rig import TRANSFORM_DEFAULTS, Rig
+from wrinklecli.character.rig import TRANSFORM_DEFAULTS, Hierarchy, Rig
 from wrinklecli.numeric.arrays import Floats, Ints, affine_rows, unit_quaternions
 
 # Least scale of a node or an anchor against rest: below it a character is hidden, and distances on it say nothing.
@@ -63,6 +63,24 @@ def node_matrices(rig: Rig, clip: Clip | None, times: Floats, nodes: Iterable[in
         matrices[:, index, :3] = rows.transpose(2, 0, 1)
     matrices[:, :, 3, 3] = 1.0
     return matrices
+
+
+def stored_positions(hierarchy: Hierarchy, nodes: Sequence[int]) -> Floats:
+    """(nodes, 3) where nodes are in the stored pose, world space."""
+    rig = Rig(
+        node=-1,
+        mesh=-1,
+        skinned=False,
+        joints=np.array(nodes, np.intp),
+        inverse_binds=np.tile(np.eye(4), (len(nodes), 1, 1)),
+        parents=hierarchy.parents,
+        locals=hierarchy.locals,
+        rows=hierarchy.rows,
+        names=hierarchy.names,
+        morph_names=(),
+        morph_weights=np.zeros(0),
+    )
+    return node_matrices(rig, None, np.zeros(1), nodes)[0, :, :3, 3]
 
 
 def node_rows(rig: Rig, clip: Clip | None, times: Floats, nodes: Iterable[int]) -> list[Floats]:

@@ -1,5 +1,6 @@
 """`wrinkle inspect`."""
 
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import click
@@ -16,13 +17,13 @@ from wrinklecli.numeric.memory import shown_bytes
 @max_memory_option()
 @json_option("Print JSON instead of a tree.")
 def inspect(asset: str, allow_external: bool, max_memory: int, as_json: bool) -> None:
-    """Say what is in ASSET (glTF): meshes, what deforms them, clips, bytes; of a baked file, its tools.
+    """Say what is in ASSET (glTF): bounds, meshes, what deforms them, clips, bytes; of a baked file, its tools.
 
     Vertices are the file's own. Keys of a clip are those of its longest channel.
 
     --json prints {"inspect": 1, "asset", "version", "generator", "extensions_used", "extensions_required",
-    "meshes", "nodes", "deforming", "skins", "clips", "wrinkles", "replaceable", "files", "bytes"}; within version 1,
-    keys are only added.
+    "meshes", "bounds", "nodes", "deforming", "skins", "clips", "wrinkles", "replaceable", "files", "bytes"}; within
+    version 1, keys are only added. "bounds", and the joints' places, are those of the pose as stored.
 
     Exit codes: 0 done; 1 the input is at fault; 2 wrong usage; 70 a bug.
     """
@@ -42,11 +43,14 @@ def _emit_tree(data: dict[str, Any]) -> None:
     required = data["extensions_required"]
     names = [f"{name} (required)" if name in required else name for name in data["extensions_used"]]
     _emit_list("extensions", names)
+    if data["bounds"] is not None:
+        low, high = (_place(data["bounds"][key]) for key in ("min", "max"))
+        _emit_list("bounds", [f"{low} to {high}, as stored"])
     _emit_list("meshes", [line for mesh in enumerate(data["meshes"]) for line in _mesh(*mesh)])
     _emit_list(
         "deform", [_deforming(each, data) for each in data["deforming"]] or ["nothing: no skin, no morph targets"]
     )
-    _emit_list("skins", [_skin(*each) for each in enumerate(data["skins"])])
+    _emit_list("skins", list(_skins(data["skins"])))
     _emit_list("clips", [_clip(each) for each in data["clips"]])
     for each in data["wrinkles"]:
         _emit_list(f"wrinkles on {each['node']}", _wrinkles(each))
@@ -93,8 +97,23 @@ def _deforming(each: dict[str, Any], data: dict[str, Any]) -> str:
     return f"{each['node']}: {' and '.join(by)}"
 
 
-def _skin(number: int, skin: dict[str, Any]) -> str:
-    return f"{skin['name'] or f'skin {number}'}: {counted(len(skin['joints']), 'joint')}: {', '.join(skin['joints'])}"
+def _skins(skins: list[dict[str, Any]]) -> Iterator[str]:
+    """A line for each skin; where its joints are in the stored pose is said the first time that they come."""
+    told: set[str] = set()
+    for number, skin in enumerate(skins):
+        joints = list(skin["joints"])
+        if skin["rest"] is not None:
+            size = max((abs(x) for place in skin["rest"] for x in place), default=0.0)
+            joints = [f"{name} {_place(place, size)}" for name, place in zip(joints, skin["rest"], strict=True)]
+        shown = [name if line in told else line for name, line in zip(skin["joints"], joints, strict=True)]
+        told.update(joints)
+        yield f"{skin['name'] or f'skin {number}'}: {counted(len(joints), 'joint')}: {', '.join(shown)}"
+
+
+def _place(place: Sequence[float], size: float | None = None) -> str:
+    """A place in the stored pose; beside the greatest coordinate, rounding errors of others are 0."""
+    least = 1e-6 * (max(map(abs, place)) if size is None else size)
+    return f"[{', '.join(f'{x if abs(x) > least else 0.0:.4g}' for x in place)}]"
 
 
 def _clip(clip: dict[str, Any]) -> str:

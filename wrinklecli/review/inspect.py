@@ -1,6 +1,7 @@
 """What is in an asset, from its JSON: meshes, skins, clips, morph targets, extensions, bytes, and baked tools.
 
-No geometry is decoded: counts and durations are those that accessors state.
+Counts and durations are those that accessors state. Geometry is decoded for the bounds alone; where it cannot be, they
+are unknown.
 """
 
 import os
@@ -10,8 +11,12 @@ from collections.abc import Iterable, Iterator
 from itertools import accumulate, pairwise
 from typing import Any
 
+import numpy as np
+
 from wrinklecli.baking.original import original, wrinkled
-from wrinklecli.character.rig import morph_target_names
+from wrinklecli.character.pose import stored_positions
+from wrinklecli.character.rig import Hierarchy, morph_target_names, read_hierarchy
+from wrinklecli.character.scene import pose_primitive, read_scene
 from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.gltf.document import TRIANGLE_FAN, TRIANGLE_STRIP, TRIANGLES, Document, read_document
 from wrinklecli.gltf.files import local_file
@@ -19,6 +24,7 @@ from wrinklecli.gltf.images import read_image
 from wrinklecli.gltf.references import accessor_views, draco_views, view_parts
 from wrinklecli.gltf.shape import COMPRESSIONS, Json, moves_node
 from wrinklecli.gltf.uris import path_of
+from wrinklecli.numeric.arrays import distinct_values
 from wrinklecli.numeric.guard import guarded
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory
 
@@ -38,6 +44,8 @@ def inspect(asset: str | os.PathLike[str], *, allow_external: bool = False, max_
     Returns:
         JSON values only. `bytes` are those stored, compressed where they are so; `original` is what a bake keeps to
         be replaced, `other` what remains of the files: JSON, padding, and data that is used in no way that we know.
+        `bounds`, and a skin's `rest` (its joints' positions), are world space in the stored pose; None where they
+        cannot be told.
 
     Raises:
         AssetError: The asset is malformed.
@@ -52,6 +60,10 @@ def _describe(document: Document) -> Json:
     generator = about.get("generator")
     files, kinds = _bytes(document)
     meshes = [_describe_mesh(document, index) for index in range(len(document.items("meshes")))]
+    try:
+        hierarchy = read_hierarchy(document)
+    except AssetError:
+        hierarchy = None
     return {
         "inspect": VERSION,
         "asset": document.path,
@@ -60,9 +72,10 @@ def _describe(document: Document) -> Json:
         "extensions_used": list(gltf.get("extensionsUsed", [])),
         "extensions_required": list(gltf.get("extensionsRequired", [])),
         "meshes": meshes,
+        "bounds": _stored_bounds(document),
         "nodes": len(document.items("nodes")),
         "deforming": list(_deforming(document, meshes)),
-        "skins": [_describe_skin(document, index) for index in range(len(document.items("skins")))],
+        "skins": [_describe_skin(document, index, hierarchy) for index in range(len(document.items("skins")))],
         "clips": list(_clips(document)),
         "wrinkles": list(_wrinkles(document)),
         "replaceable": _is_replaceable(document),
@@ -136,9 +149,25 @@ def _deforming(document: Document, meshes: list[Json]) -> Iterator[Json]:
             }
 
 
-def _describe_skin(document: Document, index: int) -> Json:
+def _stored_bounds(document: Document) -> Json | None:
+    """The box around all that the scene shows in the stored pose; None where a mesh cannot be read."""
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    try:
+        for primitive in read_scene(document):
+            posed = pose_primitive(primitive, None, np.zeros(1))
+            positions = posed.positions[0, distinct_values(primitive.triangles)]
+            if len(positions) and not posed.hidden[0]:
+                low, high = np.minimum(low, positions.min(axis=0)), np.maximum(high, positions.max(axis=0))
+    except (WrinkleError, MemoryError):
+        return None
+    return {"min": low.tolist(), "max": high.tolist()} if np.isfinite([low, high]).all() else None
+
+
+def _describe_skin(document: Document, index: int, hierarchy: Hierarchy | None) -> Json:
     skin = document.items("skins")[index]
-    return {"name": skin.get("name"), "joints": [_node_name(document, joint) for joint in skin.get("joints", [])]}
+    joints = skin.get("joints", [])
+    rest = None if hierarchy is None else stored_positions(hierarchy, joints).tolist()
+    return {"name": skin.get("name"), "joints": [_node_name(document, joint) for joint in joints], "rest": rest}
 
 
 def _clips(document: Document) -> Iterator[Json]:
