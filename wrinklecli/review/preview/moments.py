@@ -41,8 +41,7 @@ def plan_moments(document: Document, options: PreviewOptions, *, animated: bool)
     fps = options.fps or _ANIMATION_FPS
     clips = read_clips(document)
     named = [clip_named(clips, name, where=document.path) for name in options.clips]
-    still = options.grid and not (animated or named or options.times or options.frames or options.fps)
-    if options.rest or still or not clips:
+    if options.rest or not clips:
         return [Moment(None, 0.0)]
     found = []
     for clip in named or clips[:1]:

@@ -101,9 +101,12 @@ class PreviewOptions:
         return self.size or (GRID_SIZE if self.grid else USUAL_SIZE)
 
     @property
+    def names_a_moment(self) -> bool:
+        """Whether any of them says when something is to be shown, or in which pose."""
+        return any((self.clips, self.times, self.frames, self.fps, self.rest, self.pose, self.morphs))
+
+    @property
     def names_a_shot(self) -> bool:
-        """Whether any of them says when, or from where, or beside what something is to be shown."""
-        if self.grid:
-            return True
-        shots = (self.clips, self.times, self.frames, self.fps, self.rest, self.views, self.focus, self.radius)
-        return any(shots) or self.follow or bool(self.labels) or bool(self.pose or self.morphs)
+        """Whether any of them says when, or how, or beside what something is to be shown."""
+        shots = (self.grid, self.views, self.focus, self.radius, self.follow, self.labels)
+        return self.names_a_moment or any(shots)

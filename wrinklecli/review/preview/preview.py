@@ -87,7 +87,9 @@ def preview(
         warnings = [*joined[0].warnings, *joined[0].notes, *(() if planned is None else planned.warnings)]
         animated = kind != "png"
         reviewed = is_reviewed(documents, planned, options, animated=animated)
-        if not reviewed:
+        if options.grid and not animated and not options.names_a_moment:
+            options = replace(options, rest=True)
+        elif not reviewed:
             options = with_motions(options, joined[0], animated=animated)
         for number, each in enumerate(joined):
             documents[number], unread = with_driven_wrinkles(each.document, each.added(options.clips))
