@@ -119,3 +119,20 @@ def test_images_that_are_too_large_to_compare_are_not_said_to_be_the_same(wrinkl
     ran = wrinkle("diff", "a/images.gltf", "b/images.gltf")
     assert ran.code == 2
     assert "raise --max-memory" in ran.lines[-1]
+
+
+# Embree alone takes 270 MB.
+@pytest.mark.parametrize(
+    ("command", "rings", "memory", "what"),
+    [("preview", 500, "400MB", "to draw"), ("suggest", 80, "50MB", "to measure")],
+)
+def test_triangles_are_counted_before_they_are_looked_at(
+    wrinkle: Wrinkle, tmp_path: Path, command: str, rings: int, memory: str, what: str
+) -> None:
+    limb(tmp_path / "limb.glb", rings=rings, sides=300, indices="u4")
+    with hostile.bounded(seconds=SECONDS, megabytes=MEGABYTES):
+        ran = wrinkle(command, "limb.glb", "-o", "out.png", "--max-memory", memory)
+    assert ran.code == 1
+    (line,) = ran.lines
+    assert re.fullmatch(rf"limb.glb: \d+,\d+ triangles {what} would take [\d.]+ MB.*: raise --max-memory", line), line
+    assert not (tmp_path / "out.png").exists()

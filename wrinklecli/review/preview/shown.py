@@ -27,6 +27,8 @@ from wrinklecli.review.preview.render import Snapshot
 
 Colour = tuple[float, float, float]
 
+# That a triangle takes while it is drawn, Embree's among them.
+_TRIANGLE_BYTES = 1250
 # Of tools, sRGB: told apart on skin, on cloth and by most who confuse colours.
 INKS: tuple[Colour, ...] = (
     (0.86, 0.08, 0.24),
@@ -200,8 +202,11 @@ def read_shown(
 
     Raises:
         AssetError: A mesh, a skin or the hierarchy is malformed.
+        TooMuchError: A primitive has too many triangles to draw.
     """
     sources = [source for source in read_scene(document) if len(source.triangles)]
+    for source in sources:
+        _refuse_many(document, len(source.triangles))
     paints, warnings = read_paints(document, sources)
     primitives = []
     for source, paint in zip(sources, paints, strict=True):
@@ -209,6 +214,11 @@ def read_shown(
         shapes = source.vertices.morph_deltas[numbers]
         primitives.append(ShownPrimitive(source, paint, shapes, numbers, tuple(_marks(source, plans, refined))))
     return ShownAsset(label, document, read_clips(document), tuple(primitives)), warnings
+
+
+def _refuse_many(document: Document, count: int) -> None:
+    """Check that so many triangles may be drawn at once."""
+    document.memory.check(_TRIANGLE_BYTES * count, f"{count:,} triangles to draw", where=document.path)
 
 
 def _wrinkle_targets(document: Document, source: ScenePrimitive) -> Ints:
@@ -253,12 +263,18 @@ def _marks(source: ScenePrimitive, plans: Sequence[MeshPlan], refined: bool) -> 
 
 
 def take_snapshot(asset: ShownAsset, moment: Moment, *, heat: bool) -> Snapshot:
-    """All triangles of an asset at a moment, coloured as its materials say, or by compression."""
+    """All triangles of an asset at a moment, coloured as its materials say, or by compression.
+
+    Raises:
+        TooMuchError: There are too many.
+    """
+    visible = list(asset.posed(moment))
+    _refuse_many(asset.document, sum(len(posed.triangles) for posed in visible))
     corners, normals, colours, coordinates, numbers = [], [], [], [], []
     textures: list[Texture] = []
     marks: list[Mark] = []
     start = 0
-    for posed in asset.posed(moment):
+    for posed in visible:
         triangles, paint = posed.triangles, posed.shown.paint
         corners.append(posed.positions[triangles])
         if posed.normals is None:

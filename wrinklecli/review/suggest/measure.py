@@ -28,6 +28,8 @@ _MOST_WORK = 6_000_000
 _FEWEST_POSES = 9
 # Poses of a clip that goes from one key to another: it folds most at one of its ends, or hardly less.
 _POSES_OF_TWO_KEYS = 4
+# Of a triangle with its vertices, and of what is measured of it in a pose.
+_TRIANGLE_BYTES = 1000
 # Triangles times poses beyond which an asset is refused: more would take minutes.
 _TOO_MUCH_WORK = 200_000_000
 
@@ -133,6 +135,7 @@ def measure_meshes(
 
     Raises:
         BakeError: It would take minutes.
+        TooMuchError: It would take too much memory.
     """
     moved = []
     hierarchy = read_hierarchy(document)
@@ -141,7 +144,10 @@ def measure_meshes(
         moving = moving_nodes(rig)
         its_clips = tuple(clip for clip in clips if any(channel.node in moving for channel in clip.channels))
         if its_clips:
-            moved.append(_MovedMesh(node, rig, read_surface(document, rig), its_clips))
+            surface = read_surface(document, rig)
+            what = f"{len(surface.triangles):,} triangles to measure"
+            document.memory.claim(_TRIANGLE_BYTES * len(surface.triangles), what, where=document.path)
+            moved.append(_MovedMesh(node, rig, surface, its_clips))
     counts = _pose_counts(moved, clips, fps, where=document.path)
     total = sum(counts[clip.index] for each in moved for clip in each.clips)
     meshes: list[MeasuredMesh] = []
