@@ -56,10 +56,14 @@ class View:
     Attributes:
         name: Of `VIEWS`, or azimuth:elevation.
         cameras: One for each moment.
+        seen: Of a view that faces the wrinkles, how much of them is seen, bind units times vertices.
+        share: Of what could be seen of them, were they not turned away nor hidden.
     """
 
     name: str
     cameras: tuple[Camera, ...]
+    seen: float = 0.0
+    share: float = 1.0
 
 
 def plan_views(
@@ -102,12 +106,12 @@ def plan_views(
     views = []
     usual = _GRID if options.grid else [FACING if wrinkles.known else _DEFAULT]
     for view in options.views or usual:
-        name = _facing(assets, moments, wrinkles) if view == FACING else view
+        side = _facing(assets, moments, wrinkles) if view == FACING else View(view, ())
         margin = _WRINKLES_MARGIN if wrinkles.known and not options.grid else _FIGURE_MARGIN
-        camera = _camera(relative, name, margin, options)
+        camera = _camera(relative, side.name, margin, options)
         if not camera.reach > 0:
             raise AssetError("nothing to see: all is at one point", where=assets[0].document.path)
-        views.append(View(name, tuple(replace(camera, centre=camera.centre + centre) for centre in centres)))
+        views.append(replace(side, cameras=tuple(replace(camera, centre=camera.centre + each) for each in centres)))
     return views
 
 
@@ -168,8 +172,8 @@ def _bounds(points: Floats) -> Floats:
     return furthest
 
 
-def _facing(assets: Sequence[ShownAsset], moments: Sequence[Moment], wrinkles: _Wrinkles) -> str:
-    """The view from which most of the wrinkles are seen when they are tallest, as azimuth:elevation.
+def _facing(assets: Sequence[ShownAsset], moments: Sequence[Moment], wrinkles: _Wrinkles) -> View:
+    """The view, without cameras yet, from which most of the wrinkles are seen when they are tallest.
 
     Raises:
         AssetError: There are none.
@@ -180,25 +184,31 @@ def _facing(assets: Sequence[ShownAsset], moments: Sequence[Moment], wrinkles: _
     chosen = np.argsort(-wrinkles.totals, kind="stable")[:_JUDGED_MOMENTS]
     angles = [(azimuth, elevation) for elevation in _ELEVATIONS for azimuth in _AZIMUTHS]
     backs = np.array([camera_axes(*each)[2] for each in angles])
-    scores = np.zeros(len(angles))
+    scores, whole = np.zeros(len(angles)), 0.0
     for moment in (moments[number] for number in chosen):
         for asset, masks in zip(assets, wrinkles.masks, strict=True):
             visible = list(asset.posed(moment))
             everything = np.concatenate([np.zeros((0, 3, 3)), *(posed.positions[posed.triangles] for posed in visible)])
             for posed in visible:
                 spots = np.flatnonzero(masks[posed.number])
-                spots = spots[:: max(len(spots) // _JUDGED_SPOTS, 1)]
+                stride = max(len(spots) // _JUDGED_SPOTS, 1)
+                spots = spots[::stride]
                 if not len(spots):
                     continue
-                weights = np.ones(len(spots))
+                weights = np.full(len(spots), float(stride))
                 if wrinkles.totals.any():
-                    weights = posed.shown.displacements(asset.clip(moment.clip), moment.time)[spots]
+                    weights *= posed.shown.displacements(asset.clip(moment.clip), moment.time)[spots]
                 normals = vertex_normals(posed.positions, posed.triangles)[spots]
                 free = seen(everything, posed.positions[spots], normals, backs)
                 scores += (free * np.minimum(backs @ normals.T, _ASIDE)) @ weights
+                whole += _ASIDE * float(weights.sum())
     levels = np.cos(np.radians([elevation for _, elevation in angles]))
     best = int(np.argmax(scores * (1 - _LEVEL + _LEVEL * levels)))
-    return f"{angles[best][0]}:{angles[best][1]}" if scores[best] > 0 else _DEFAULT
+    if not scores[best] > 0:
+        return View(_DEFAULT, (), share=0.0)
+    # What does not move is not seen, though it may face us.
+    seen_now = float(scores[best]) if wrinkles.totals.any() else 0.0
+    return View(f"{angles[best][0]}:{angles[best][1]}", (), seen_now, float(scores[best]) / whole)
 
 
 def _followed(asset: ShownAsset, moments: Sequence[Moment], focus: Floats) -> Floats:

@@ -32,6 +32,10 @@ if TYPE_CHECKING:
 MOST_REVIEWED = 48
 # Up to so many cards: in how many columns, and the size of their pictures, pixels. Sheets are as wide as a screen.
 _LAYOUTS = ((1, 1, (760, 570)), (2, 1, (640, 420)), (6, 2, (444, 320)), (MOST_REVIEWED, 3, (300, 225)))
+# Share of its wrinkles below which a tool is hidden, and parts of the way to its peak where it is looked at then: the
+# nearest where it is in plain sight, else where so many times as much of it is seen.
+_HIDDEN, _PLAIN, _MORE = 0.55, 0.7, 1.2
+_EARLIER = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3)
 # Of a tool that does not fit: letters and rows of the line that says so, and factors of its pictures' distances.
 _REASON, _REASON_ROWS = 92, 3
 _MARGINS = {"close": 1.8, "whole": 1.1}
@@ -45,13 +49,21 @@ class _Shot:
         number: Of its card.
         peak: The tool.
         ink: Number of its colour.
+        moment: When it is shown: its peak, unless its wrinkles are hidden then.
         view: From which side, and with which camera.
     """
 
     number: int
     peak: Peak
     ink: int
+    moment: Moment
     view: View
+
+    @property
+    def aside(self) -> str:
+        """When, and from where."""
+        hidden = "" if self.moment == self.peak.moment else f" as they are hidden at {self.peak.moment.time:.2f} s,"
+        return f"{self.moment.label},{hidden} from {self.view.name}"
 
 
 def review(
@@ -86,8 +98,8 @@ def review(
     options = replace(options, size=size)
     shots: list[_Shot] = []
     for ink, peak in enumerate(shown):
-        for view in plan_views([_alone(after, peak)], [peak.moment], options):
-            shots.append(_Shot(len(shots), peak, ink, view))
+        for moment, view in _views(after, peak, options):
+            shots.append(_Shot(len(shots), peak, ink, moment, view))
         progress("looking", ink + 1, len(shown))
     sheet = CardSheet(*cells, size, rows, _title(document, planned, len(shown) + len(misfits)))
     cards = chain(_cards(before, after, shots, options), enumerate(_misfit_cards(before, misfits, options), len(shots)))
@@ -96,6 +108,26 @@ def review(
         progress("drawing", done + 1, count)
     sides = dict.fromkeys([*(shot.view.name for shot in shots), *(misfit.view for misfit in misfits)])
     return Drawn((sheet.image,), counted(len(shown) + len(misfits), "tool"), tuple(sides), warnings=tuple(warnings))
+
+
+def _views(after: ShownAsset, peak: Peak, options: PreviewOptions) -> Iterator[tuple[Moment, View]]:
+    """When and from where to look at a tool: at its peak, or before it where a fold hides it then from all sides."""
+    alone = _alone(after, peak)
+    views = plan_views([alone], [peak.moment], options)
+    clip = alone.clip(peak.moment.clip)
+    if clip is None or views[0].share >= _HIDDEN:
+        yield from ((peak.moment, view) for view in views)
+        return
+    start = clip.start if clip.start < peak.moment.time else clip.end
+    best, least = (peak.moment, views[0]), _MORE * views[0].seen
+    for part in _EARLIER:
+        moment = replace(peak.moment, time=start + part * (peak.moment.time - start))
+        (view,) = plan_views([alone], [moment], options)
+        if view.seen > least:
+            best, least = (moment, view), view.seen
+            if view.share >= _PLAIN:
+                break
+    yield best
 
 
 def _missing(missed: Sequence[Peak], count: int) -> list[str]:
@@ -156,7 +188,7 @@ def _cards(
     # Tools that are tallest at the same moment share what is posed for it.
     together: dict[tuple[Moment, int], list[_Shot]] = {}
     for shot in shots:
-        together.setdefault((shot.peak.moment, -1 if shot.peak.raised else shot.ink), []).append(shot)
+        together.setdefault((shot.moment, -1 if shot.peak.raised else shot.ink), []).append(shot)
     for (moment, _), members in together.items():
         source = after if members[0].peak.raised else _alone(after, members[0].peak)
         snapshots = [take_snapshot(each, moment, heat=options.heat) for each in (before, source)]
@@ -187,7 +219,7 @@ def _card(shot: _Shot, snapshots: Sequence[Snapshot], options: PreviewOptions) -
     return Card(
         name=shot.peak.name,
         colour=INKS[shot.ink % len(INKS)] if marked.marks else None,
-        aside=f"{shot.peak.moment.label}, from {shot.view.name}",
+        aside=shot.aside,
         facts=shot.peak.facts,
         pictures=[Picture(*each) for each in zip(pictures, options.labels or ("before", "after"), strict=True)],
     )
