@@ -141,6 +141,19 @@ def test_a_tool_that_no_clip_raises_is_shown_at_its_full_height(tmp_path: Path) 
     assert "no clip raises it" in words(peak)
 
 
+@pytest.mark.parametrize(("angle", "hidden"), [(60.0, False), (120.0, True)])
+def test_what_a_fold_hides_at_its_peak_is_shown_before_it(tmp_path: Path, angle: float, hidden: bool) -> None:
+    asset = limb_asset(rings=33, sides=12, angle=angle).write(tmp_path / "limb.glb")
+    long = tool(**BUMPY) | {"origin": [-0.9, RADIUS, 0.0], "target": [0.9, RADIUS, 0.0]}
+    wrinklecli.bake(asset, write_tools(tmp_path / "tools.yaml", long), tmp_path / "baked.glb")
+    after, _ = read_shown(read_document(tmp_path / "baked.glb"), "", ())
+    (peak,) = baked_peaks(after, after.clips)
+    assert peak.moment.time == pytest.approx(1.0)
+    ((moment, view),) = reviewing.moments_and_views(after, peak, PreviewOptions())
+    assert (moment.time < 0.9) == hidden
+    assert view.share > 0.55
+
+
 def test_what_carries_no_wrinkles_has_no_review(tmp_path: Path) -> None:
     with pytest.raises(AssetError, match="no wrinkles to review"):
         draw([limb(tmp_path)], tmp_path / "a.png", review=True, **SMALL)

@@ -98,7 +98,7 @@ def review(
     options = replace(options, size=size)
     shots: list[_Shot] = []
     for ink, peak in enumerate(shown):
-        for moment, view in _views(after, peak, options):
+        for moment, view in moments_and_views(after, peak, options):
             shots.append(_Shot(len(shots), peak, ink, moment, view))
         progress("looking", ink + 1, len(shown))
     sheet = CardSheet(*cells, size, rows, _title(document, planned, len(shown) + len(misfits)))
@@ -110,7 +110,7 @@ def review(
     return Drawn((sheet.image,), counted(len(shown) + len(misfits), "tool"), tuple(sides), warnings=tuple(warnings))
 
 
-def _views(after: ShownAsset, peak: Peak, options: PreviewOptions) -> Iterator[tuple[Moment, View]]:
+def moments_and_views(after: ShownAsset, peak: Peak, options: PreviewOptions) -> Iterator[tuple[Moment, View]]:
     """When and from where to look at a tool: at its peak, or before it where a fold hides it then from all sides."""
     alone = _alone(after, peak)
     views = plan_views([alone], [peak.moment], options)
