@@ -86,10 +86,15 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
     memory = "--max-memory", chance.choice(["50MB", "200MB", "4GB"])
     loudness = chance.choice(["--verbose", "--quiet"])
     report = chance.choice(["report.json"] * 5 + ["out.glb", "tools.yaml", asset])
+    # What moves an asset besides its own clips: the damaged one moves itself or others, and sound ones move it.
+    anims = list(some("--anim", chance.choice([asset, "sound.glb", "body.glb", "nowhere.glb"])))
+    motions = [*anims, *some("--range-of-motion", share=0.05)]
+    pose = "--pose", chance.choice(["joint_1=z:60", "joint_0=x:-170", "joint_0=0,1,1:30", "none=y:5"])
+    posing = [*some(*pose), *some("--morph", chance.choice(["morph_0=1", "none=0.5", "morph_1=-2.5"]))]
     yield command
     match command:
         case "bake":
-            yield from (asset, "tools.yaml", *some("--replace", share=0.6), *some("--report", report))
+            yield from (asset, "tools.yaml", *some("--replace", share=0.6), *some("--report", report), *anims)
             yield from some("--mode", "frames")
             yield from some("--accessors", chance.choice(["dense", "based"]))
             yield from some("--tracks", "none")
@@ -111,7 +116,7 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
             yield from ("-o", chance.choice(["out.glb"] * 9 + ["out.gltf"] * 5 + ["sub/out.gltf"] * 4 + [asset]))
         case "check":
             yield from (asset, "tools.yaml", *some("--json", share=0.5), *some("--clip", "fold"), *some("--fps", "3"))
-            yield from (*some("--strict"), *some("--allow-external"), *some(*memory, share=0.1))
+            yield from (*motions, *posing, *some("--strict"), *some("--allow-external"), *some(*memory, share=0.1))
             yield from (*some("--max-levels", "0"), *some("--max-vertices", "10", share=0.1))
             yield from some("--tool", "limb", share=0.1)
             yield from some("--plot", chance.choice(["plot.svg", "plot.svg", "plot.png"]), share=0.2)
@@ -125,10 +130,16 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
         case "suggest":
             yield from (asset, *some("--json", share=0.3), *some("-o", "found.yaml", share=0.5), "--fps", "4")
             yield from (*some("--node", "limb"), *some("--count", "2"), *some("--clip", "fold"))
-            yield from (*some("--quiet"), *some("--allow-external"), *some(*memory, share=0.1))
+            yield from (*motions, *some("--quiet"), *some("--allow-external"), *some(*memory, share=0.1))
         case "preview" if chance.random() < 0.15:
             yield from (asset, *some("--tools", "tools.yaml", share=0.5), "-o", "p.png", "--size", "32x32")
-            yield from ("--review", *some("--tool", "limb", share=0.1), *some("--clip", "fold"), *some("--heat"))
+            yield from (
+                "--review",
+                *some("--tool", "limb", share=0.1),
+                *some("--clip", "fold"),
+                *some("--heat"),
+                *motions,
+            )
         case "preview":
             tools, tool = ["--tools", "tools.yaml"], list(some("--tool", "limb", share=0.1))
             several = [["sound.glb"], ["sound.glb", "--labels", "a,b"], [*tools, "--before"], [*tools, *tool]]
@@ -144,7 +155,7 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
             yield from chance.choice(
                 [moving, moving, moving, moving, ["-o", "p.png", "--rest"], ["-o", "p.png", "--grid"]]
             )
-            yield from ("--size", "32x32", *some("--quiet"))
+            yield from ("--size", "32x32", *some("--quiet"), *motions, *posing)
             yield from (*some("--heat"), *some("--wire"), *some("--clay"), *some("--backfaces"), *some("--grid"))
             yield from (*some("--views", "front,facing"), *some("--follow"))
             yield from (

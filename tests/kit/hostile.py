@@ -110,7 +110,8 @@ def _large() -> list[Source]:
     clips = limb_asset(**limb)
     animation = clips.gltf["animations"][0]
     clips.gltf["animations"] = [{**animation, "name": f"fold {k}"} for k in range(40)]
-    crowd = [tool(name=f"t{k}", bumps=1 + k % 3, width=0.1 + 0.02 * k) for k in range(30)]
+    materials = ("skin", "cloth", "leather", "none")
+    crowd = [tool(name=f"t{k}", bumps=1 + k % 3, width=0.1 + 0.02 * k, material=materials[k % 4]) for k in range(30)]
     long = limb_asset(**limb, clip=None)
     times = np.arange(300) / 10.0
     angles = 0.4 * np.abs(np.sin(times))
