@@ -10,7 +10,7 @@ from wrinklecli.baking.sample import ClipActivity
 from wrinklecli.method.carry import CarriedPatch
 from wrinklecli.method.patch import Patch
 from wrinklecli.method.refine import Refinement
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, children
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, children, dot
 from wrinklecli.numeric.cells import Cells
 from wrinklecli.numeric.nearest import ray_distances
 
@@ -25,7 +25,7 @@ _TOUCHING = 1e-6
 # Share of the mesh's size by which distances may be off: rounding errors are far smaller.
 _ROUNDING = 1e-9
 # Pairs of a wrinkle's vertex and a triangle that may be near: looked at together, and in all, which takes some seconds.
-_CHUNK = 2**18
+_CHUNK = 2**15
 _MOST_PAIRS = 2**25
 
 
@@ -177,7 +177,10 @@ def _rooms(fine: Refinement, vertices: Ints, heights: Floats, way: float) -> tup
     portions = np.cumsum(cells.counts[reached]) // _CHUNK
     for part in np.split(np.arange(len(balls)), 1 + np.flatnonzero(np.diff(portions))):
         ball, at = np.repeat(balls[part], cells.counts[reached[part]]), cells.numbers_in(reached[part])
-        near = np.sum((points[at] - middles[ball]) ** 2, axis=1) <= (radii[ball] + 0.5 * heights[at]) ** 2
+        # A ray that passes by the ball round a triangle does not meet it.
+        away = [axis[at] - middle[ball] for axis, middle in zip(points.T, middles.T, strict=True)]
+        squared, along = dot(away, away), dot(away, [axis[at] for axis in rays.T])
+        near = squared - along**2 <= radii[ball] ** 2 + _ROUNDING * squared
         ball, at = ball[near], at[near]
         others = (triangles[ball] != vertices[at, None]).all(axis=1)
         ball, at = ball[others], at[others]

@@ -22,11 +22,14 @@ from wrinklecli.method.activity import Activity, further_activities
 from wrinklecli.method.carry import displacements
 from wrinklecli.method.refine import Refinement
 from wrinklecli.method.shapes import displaced_normals, turn_to
-from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, unit
+from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, runs, unit
 from wrinklecli.numeric.guard import Progress
 
 # Frames of a clip at which whole members are compared, besides its tallest and most folded.
 _FRAMES = 64
+# Frames at which normals are compared, which takes several times as long: of all clips together, and of each at least.
+_NORMAL_FRAMES = 512
+_LEAST_NORMAL_FRAMES = 8
 # The keys of each tool at which its track bends most.
 _BENDS = 4
 # Frames posed at once: more where they have fewer vertices than the one, fewer where they have more than the other.
@@ -62,6 +65,7 @@ class Proof:
         rig: Of the written node.
         clips: Of the written file.
         vertices: (vertices,) fine welded vertex of each.
+        moved: Of each tool, the vertices here that it moves, and the number of each among those of the tool.
         positions: (vertices, 3) as stored.
         deltas: (old targets, vertices, 3) as stored.
         added: Of each new target, as stored.
@@ -72,6 +76,7 @@ class Proof:
     rig: Rig
     clips: tuple[Clip, ...]
     vertices: Ints
+    moved: list[tuple[Ints, Ints]]
     positions: Floats
     deltas: Floats
     added: list[SparseDeltas]
@@ -98,11 +103,12 @@ def prove(
     residuals: dict[str, Residual] = {}
     proven: dict[int, tuple[Clip, Residual]] = {}
     takes = takes_of(plan, [motion.clip for motion in motions])
+    normal_frames = max(_NORMAL_FRAMES // max(len(set(takes)), 1), _LEAST_NORMAL_FRAMES) if details else 0
     for done, (motion, take) in enumerate(zip(motions, takes, strict=True), start=1):
         clip = written[motion.clip.index]
         # The same in the source and in the file as a clip before it.
         if take not in proven or not clip.moves_as(proven[take][0]):
-            proven[take] = clip, measure_residual(proof, plan, target_sets, motion, clip, with_normals=details)
+            proven[take] = clip, measure_residual(proof, plan, target_sets, motion, clip, normal_frames=normal_frames)
         residual = proven[take][1]
         _refuse_beyond_bound(plan, motion, residual)
         residuals[motion.clip.name] = residual
@@ -157,12 +163,20 @@ def read_back(edited: EditedDocument, plan: MeshPlan) -> Proof:
         rig,
         read_clips(written),
         welds[chosen],
+        [_found_in(welds[chosen], carried.vertices) for carried in plan.carried_patches],
         stored.positions[chosen],
         stored.morph_deltas[:, chosen],
         [target.of_rows(rows) for target in moving],
         dense,
         normals,
     )
+
+
+def _found_in(vertices: Ints, wanted: Ints) -> tuple[Ints, Ints]:
+    """(n,) which of (vertices,) are any of (wanted,) rising ones, and (n,) which of these each is."""
+    order = np.argsort(vertices, kind="stable")
+    firsts, ends = (np.searchsorted(vertices, wanted, side, order) for side in ("left", "right"))
+    return order[runs(firsts, ends - firsts)], np.repeat(np.arange(len(wanted)), ends - firsts)
 
 
 def _distinct(primitives: Sequence[Json], refined_primitives: Sequence[RefinedPrimitive]) -> list[int]:
@@ -184,7 +198,7 @@ def measure_residual(
     motion: Motion,
     written: Clip,
     *,
-    with_normals: bool,
+    normal_frames: int,
 ) -> Residual:
     """Compare the file with the method in one clip, at and between its keys.
 
@@ -194,7 +208,7 @@ def measure_residual(
         target_sets: All tools.
         motion: The clip as it was in the source, and the times at which it was sampled.
         written: The clip as it is in the file.
-        with_normals: Also compare normals, which takes several times as long.
+        normal_frames: At most so many frames in which a tool acts have their normals compared too.
     """
     patches = [carried.patch for carried in plan.carried_patches]
     times = _all_times(motion.times)
@@ -203,11 +217,11 @@ def measure_residual(
     )
     chosen = _chosen_times(times, seen)
     amplitudes = [each.amplitudes[chosen] for each in seen]
-    position, time, angles = _vertex_errors(
-        proof, plan, motion.clip, written, times[chosen], amplitudes, with_normals=with_normals
-    )
+    acting = np.flatnonzero(np.any([each.any(axis=(1, 2)) for each in amplitudes], axis=0))
+    shaded = acting[distinct_values(np.linspace(0, len(acting) - 1, min(normal_frames, len(acting))).astype(int))]
+    position, time, angles = _vertex_errors(proof, plan, motion.clip, written, times[chosen], amplitudes, shaded)
     normal = None
-    if angles is not None:
+    if normal_frames and proof.normals is not None:
         normal = float(np.percentile(angles, 99)) if len(angles) else 0.0
     return Residual(position, time, _height_error(proof, written, motion.clip, times, target_sets, seen), normal)
 
@@ -219,10 +233,9 @@ def _vertex_errors(
     written: Clip,
     times: Floats,
     amplitudes: Sequence[Floats],
-    *,
-    with_normals: bool,
-) -> tuple[float, float, Floats | None]:
-    """The largest distance of a vertex, when that is, and angles of normals in degrees if asked for and there."""
+    shaded: Ints,
+) -> tuple[float, float, Floats]:
+    """The largest distance of a vertex, when that is, and the angles of normals in degrees at the times `shaded`."""
     rig, fine = plan.rig, plan.fine
     weights = fine.dense_weights(proof.vertices, len(rig.joints))
     acting, stored = np.flatnonzero(weights.any(axis=0)), np.flatnonzero(proof.weights.any(axis=0))
@@ -230,12 +243,12 @@ def _vertex_errors(
     file = prepare(proof.weights[:, stored], proof.positions, proof.deltas)
     count = max(len(proof.vertices), 1)
     chunk = min(max(_FEW_VERTICES // count, _CHUNK), max(_MOST_VERTICES // count, 1))
-    worst, worst_time, angles = 0.0, float(times[0]), []
+    worst, worst_time, angles = 0.0, float(times[0]), [np.zeros(0)]
     for frames in (slice(k, k + chunk) for k in range(0, len(times), chunk)):
         now = times[frames]
         moved = _method_displacements(proof, plan, clip, now, [each[frames] for each in amplitudes])
         matrices = joint_matrices(rig, clip, now, acting)
-        wanted, _ = pose(method, matrices, morph_weights(rig, clip, now), moved.transpose(0, 2, 1))
+        wanted, _ = pose(method, matrices, morph_weights(rig, clip, now), moved)
         played = morph_weights(proof.rig, written, now)
         new = added(proof.added, played[:, len(proof.deltas) :], len(proof.vertices))
         got, _ = pose(file, joint_matrices(proof.rig, written, now, stored), played[:, : len(proof.deltas)], new)
@@ -243,10 +256,11 @@ def _vertex_errors(
         frame = int(distances.argmax())
         if distances[frame] > worst:
             worst, worst_time = float(distances[frame]), float(now[frame])
-        if with_normals and proof.normals is not None:
-            poses = [pose_at(rig, clip, time) for time in now.tolist()]
-            angles.append(_normal_angles(proof.normals, proof.vertices, fine, moved, played, poses))
-    return worst, worst_time, np.concatenate(angles) if angles else None
+        at = shaded[(shaded >= frames.start) & (shaded < frames.stop)] - frames.start
+        if len(at) and proof.normals is not None:
+            poses = [pose_at(rig, clip, time) for time in now[at].tolist()]
+            angles.append(_normal_angles(proof.normals, proof.vertices, fine, moved[at], played[at], poses))
+    return worst, worst_time, np.concatenate(angles)
 
 
 def _all_times(times: Floats) -> Floats:
@@ -310,13 +324,13 @@ def _chosen_times(every: Floats, seen: Sequence[Activity]) -> Ints:
 def _method_displacements(
     proof: Proof, plan: MeshPlan, clip: Clip, times: Floats, amplitudes: Sequence[Floats]
 ) -> Floats:
-    """(frames, vertices, 3) sum of all tools, at the vertices compared, bind space."""
-    welded, rows = np.unique(proof.vertices, return_inverse=True)
-    total = np.zeros((len(times), len(welded), 3))
-    for carried, each in zip(plan.carried_patches, amplitudes, strict=True):
-        moved = displacements(carried, plan.fine, plan.rig, plan.rest, clip, times, each)
-        total[:, np.searchsorted(welded, carried.vertices)] += moved
-    return total[:, rows]
+    """(frames, 3, vertices) sum of all tools, at the vertices compared, bind space."""
+    total = np.zeros((len(times), 3, len(proof.vertices)))
+    for carried, each, (rows, numbers) in zip(plan.carried_patches, amplitudes, proof.moved, strict=True):
+        if each.any():
+            moved = displacements(carried, plan.fine, plan.rig, plan.rest, clip, times, each)
+            total[:, :, rows] += moved.transpose(0, 2, 1)[:, :, numbers]
+    return total
 
 
 def _normal_angles(
@@ -333,6 +347,7 @@ def _normal_angles(
     """
     base, deltas = normals
     turned = added(deltas, played[:, len(fine.morph_deltas) :], len(base)).transpose(0, 2, 1)
+    moved = moved.transpose(0, 2, 1)
     vertices, first = np.unique(compared, return_index=True)
     touched, true = displaced_normals(fine, vertices, moved[:, first], poses)
     rows = np.searchsorted(touched, compared)

@@ -7,11 +7,11 @@ import numpy as np
 from wrinklecli.numeric.arrays import Floats, Ints, runs
 
 # Points of a cell, were they spread evenly over as many cells of one layer: those of a surface are about so.
-_POINTS = 32
+_POINTS = 16
 # Cells along an axis at most: their numbers stay far below 2**63.
 _MOST_CELLS = 2**10
-# Pairs of a ball and a cell that are looked at once: bounds the memory (about 100 bytes each).
-_PAIRS = 2**18
+# Balls that are looked at together: files have neighbours one after another.
+_BALLS = 2**8
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,13 +49,15 @@ class Cells:
 
     def meeting(self, middles: Floats, radii: Floats) -> tuple[Ints, Ints]:
         """(pairs,) balls, rising, of (balls, 3) middles and (balls,) radii, and the cells whose boxes they reach."""
-        step = max(_PAIRS // len(self.starts), 1)
         found = [(np.zeros(0, np.intp), np.zeros(0, np.intp))]
-        for first in range(0, len(middles), step):
-            middle, radius = middles[first : first + step, None], radii[first : first + step, None]
-            apart = np.maximum(np.maximum(self.low - middle, middle - self.high), 0.0)
+        for first in range(0, len(middles), _BALLS):
+            middle, radius = middles[first : first + _BALLS, None], radii[first : first + _BALLS, None]
+            # Balls that follow one another are neighbours: the box round them leaves most cells out.
+            low, high = (middle - radius[:, :, None]).min(axis=(0, 1)), (middle + radius[:, :, None]).max(axis=(0, 1))
+            near = np.flatnonzero(((self.low <= high) & (self.high >= low)).all(axis=1))
+            apart = np.maximum(np.maximum(self.low[near] - middle, middle - self.high[near]), 0.0)
             balls, cells = np.nonzero(np.einsum("bcx,bcx->bc", apart, apart) <= radius**2)
-            found.append((first + balls, cells))
+            found.append((first + balls, near[cells]))
         balls, cells = (np.concatenate(each) for each in zip(*found, strict=True))
         return balls, cells
 
