@@ -32,8 +32,11 @@ KEYS = [
     "target",
     "mirror",
     "width",
+    "material",
     "strategy",
     "bumps",
+    "max_height",
+    "compressible",
     "rest_length",
     "mesh",
     "driver",
@@ -83,7 +86,7 @@ def test_an_asset_without_clips_is_looked_at_in_its_range_of_motion(tmp_path: Pa
     bake(path, tmp_path / "tools.yaml", tmp_path / "out.glb")
     assert {each.clip for each in suggest(path, clips=["morph_0"]).tools} == {"morph_0"}
     folded = limb(tmp_path / "folded.glb")
-    assert not suggest(folded).notes
+    assert not any("looked at" in note for note in suggest(folded).notes)
     result = run(folded, "--range-of-motion", "-o", tmp_path / "own.yaml")
     assert "1 joint" in result.stderr
     assert result.exit_code == 0
@@ -194,9 +197,10 @@ def test_command_writes_the_file_and_a_table(tmp_path: Path) -> None:
     assert result.exit_code == 0
     assert result.stdout == ""
     assert (tmp_path / "tools.yaml").read_text() == suggest(path, count=1).text
-    head, row = result.stderr.splitlines()
+    note, head, row = result.stderr.splitlines()
+    assert note == "note: limb: skin, as nothing says what it is made of"
     assert head.split() == ["tool", "by", "clip", "at", "shortens", "from", "to"]
-    assert row.split()[:4] == ["joint_1", "joint_1", "fold", "1.00"]
+    assert row.split()[:4] == ["joint_1", "joint_1", "fold", "0.93"]
     for arguments in ([path, "--count", 1], [path, "--count", 1, "-o", "-"]):
         result = run(*arguments)
         assert result.stdout == (tmp_path / "tools.yaml").read_text()

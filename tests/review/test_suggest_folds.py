@@ -21,7 +21,9 @@ from wrinklecli.method.rest import rest_pose
 from wrinklecli.numeric.arrays import unit
 from wrinklecli.review.suggest.fitting import Suggestion
 from wrinklecli.review.suggest.suggest import Suggestions, suggest
+from wrinklecli.tools.mirror import exchange_sides
 from wrinklecli.tools.read import load_tools, parse_tools
+from wrinklecli.tools.records import Length, RestLengthMorph
 
 Json = dict[str, Any]
 
@@ -48,7 +50,7 @@ def test_a_bent_tube_folds_on_its_inner_side_along_the_tube(tmp_path: Path, opti
     assert y > 0.7 * RADIUS
     assert abs(z) < 0.3 * RADIUS
     assert abs(along(best.tool)[0]) > 0.99
-    assert 0.4 < best.shortening < 0.8
+    assert best.shortening > 0.4
     assert (best.driver, best.by_morph, best.clip, best.mirrored) == ("joint_1", False, "fold", False)
     assert best.time == pytest.approx(1.0, abs=0.1)
     assert found.text == suggest(tmp_path / "limb.glb").text
@@ -110,7 +112,7 @@ def measured(path: Path, found: Suggestions) -> None:
         rest = rest_pose(surface, rig, settings, clips, [])
         pair = [tools[each.tool.name]]
         if each.mirrored:
-            pair.append(tools[f"{each.tool.name[:-1]}R"])
+            pair.append(tools[exchange_sides(each.tool.name)])
         patches = attach_tools(pair, surface, rest, rig, up=settings.up)
         assert patches[0].span == pytest.approx(each.span)
         assert max(patch.origin.distance for patch in patches) < 0.05 * each.span
@@ -118,13 +120,16 @@ def measured(path: Path, found: Suggestions) -> None:
         distances, _ = lengths_over_time(patches[0], rig, rest, clip, np.array([each.time]))
         assert distances[0] == pytest.approx(each.clips[each.clip])
         assert min(each.clips.values()) == each.clips[each.clip]
-        assert each.shortening > 0.1
-        for patch in patches:
-            shortest = min(
-                lengths_over_time(patch, rig, rest, clip, np.linspace(clip.start, clip.end, 61))[0].min()
+        assert each.shortening > 0.05
+        # The twin of what a clip folds may rest.
+        assert each.shortening == pytest.approx(
+            max(
+                (1.0 - np.divide(*lengths_over_time(patches[0], rig, rest, clip, times)).min())
                 for clip in clips
-            )
-            assert shortest < 0.95 * patch.span
+                for times in [np.linspace(clip.start, clip.end, 61)]
+            ),
+            abs=0.06,
+        )
 
 
 def nearest_to(found: Suggestions, place: tuple[float, float, float]) -> Suggestion:
@@ -162,9 +167,10 @@ def test_the_sample_wrist_folds_on_both_sides() -> None:
 @pytest.mark.slow
 def test_the_sample_head_folds_on_its_forehead() -> None:
     found = suggest(sample("head"), clips=["raise_brows"])
-    brow = nearest_to(found, (0.030, 0.264, 0.073))
-    assert off(brow, (0.030, 0.264, 0.073)) < 0.025
-    assert brow.mirrored
+    brow = nearest_to(found, (0.0, 0.264, 0.078))
+    assert off(brow, (0.0, 0.264, 0.078)) < 0.025
+    assert not brow.mirrored
+    assert 0.1 < brow.tool.width.value < 0.2, "one tool across all of it"
     assert (brow.driver, brow.by_morph) == ("browsUp", True)
     assert abs(along(brow.tool)[1]) > 0.9
     assert {each.clip for each in found.tools} == {"raise_brows"}
@@ -200,13 +206,14 @@ def test_a_real_wrist_folds_on_both_sides() -> None:
 
 
 @pytest.mark.slow
-def test_a_real_forehead_folds_above_each_brow() -> None:
+def test_a_real_forehead_folds_across_its_middle() -> None:
     path = in_assets("head_male.glb")
     found = suggest(path)
     brow = found.tools[0]
-    assert (brow.driver, brow.by_morph, brow.mirrored, brow.clip) == ("browsUp", True, True, "frown")
+    assert (brow.driver, brow.by_morph, brow.mirrored, brow.clip) == ("browsUp", True, False, "frown")
     assert brow.time == pytest.approx(0.5, abs=0.05)
-    assert off(brow, (0.035, 0.875, 0.1375)) < 0.035
+    assert off(brow, (0.0, 0.86, 0.16)) < 0.02
+    assert brow.tool.rest_length == RestLengthMorph("browsUp", Length(105.0, percent=True))
     assert abs(along(brow.tool)[1]) > 0.8
     measured(path, found)
 

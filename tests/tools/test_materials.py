@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from kit.tools_text import README, TOOL, first_tool
-from wrinklecli.tools.materials import MATERIALS, bump_height
+from wrinklecli.tools.materials import MATERIALS, bump_height, usual_bumps
 from wrinklecli.tools.records import WrinkleTool
 
 NAMES = [name for name in TOOL["material"]["enum"] if name is not None]
@@ -16,7 +16,7 @@ NAMES = [name for name in TOOL["material"]["enum"] if name is not None]
 def given_by(name: str, tool: WrinkleTool) -> dict[str, object]:
     """What the reference's table says of a tool on which nothing but its material is said."""
     return {
-        "bumps": tool.bumps,
+        "bumps": usual_bumps(tool.material),
         "width": MATERIALS[name].bump_width if name in MATERIALS else 1.0 / tool.bumps,
         "max_height": bump_height(tool.material),
         "compressible": tool.compressible,
@@ -47,6 +47,7 @@ def tool(more: str = "", defaults: str = "") -> WrinkleTool:
 @pytest.mark.parametrize("name", MATERIALS)
 def test_what_is_written_wins_over_the_material_and_the_material_over_none(name: str) -> None:
     plain, given = tool(), tool(f"material: {name}")
+    assert plain.bumps == usual_bumps(None)
     assert tool("material: none") == tool("material: none", f"material: {name}") == plain
     assert tool("", f"material: {name}") == tool(f"material: {name}", "material: skin") == given
     own = ["bumps: 7", "max_height: none", "compressible: 5%", "profile: smooth", "details: [0.3]"]

@@ -62,7 +62,7 @@ def test_a_mirrored_tool_copies_the_rest_and_names_its_source():
     assert (other.name, other.target, other.node) == ("brow.R", Marker("brow_top.R"), "glove_r")
     assert other.where == "t.yaml:8: tools[0] (mirrored as brow.R)"
     assert other.place("node") == "t.yaml:9: tools[0] (mirrored as brow.R).node"
-    changed = {"name", "origin", "target", "node", "where", "places"}
+    changed = {"name", "origin", "target", "node", "where", "places", "mirrored"}
     for entry in fields(WrinkleTool):
         if entry.name not in changed:
             assert getattr(other, entry.name) == getattr(source, entry.name)

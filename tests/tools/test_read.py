@@ -130,7 +130,9 @@ def test_the_defaults_of_the_contract():
 
 def test_schema_and_records_agree_on_keys_and_defaults():
     record = [entry.name for entry in fields(WrinkleTool)]
-    assert [key for key in TOOL if key != "mirror"] == [key for key in record if key not in ("where", "places")]
+    assert [key for key in TOOL if key != "mirror"] == [
+        key for key in record if key not in ("mirrored", "where", "places")
+    ]
     plain = WrinkleTool(name="a", origin=(0, 0, 0), target=(1, 0, 0), width=Length(1))
     for key, entry in TOOL.items():
         if key != "mirror" and "default" in entry:
@@ -606,7 +608,7 @@ def test_what_is_written_is_read(written):
     again = {
         entry.name: as_written(getattr(read, entry.name), entry.name)
         for entry in fields(WrinkleTool)
-        if entry.name not in ("where", "places")
+        if entry.name not in ("mirrored", "where", "places")
     }
     (once_more,) = parse_tools(yaml.safe_dump({"version": 1, "tools": [again]})).tools
     assert again == {key: as_written(getattr(once_more, key), key) for key in again}

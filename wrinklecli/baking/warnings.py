@@ -82,7 +82,9 @@ def _clip_warnings(carried: CarriedPatch, clips: Sequence[ClipActivity]) -> list
         warnings.append(f"{where}: {carried.stuck} vertices stay put: singular at rest")
     if not clips:
         return warnings
-    if max(float((each.seen.shortenings / each.seen.rest_lengths).max()) for each in clips) < _VISIBLE:
+    still = max(float((each.seen.shortenings / each.seen.rest_lengths).max()) for each in clips) < _VISIBLE
+    # The other side of a tool that folds is there for clips that other files have.
+    if still and not patch.tool.mirrored:
         warnings.append(f"{where}: never shortens in {', '.join(each.clip.name for each in clips)}: no wrinkle")
     worst = max(clips, key=lambda each: float((each.seen.unabsorbed / each.seen.rest_lengths).max()))
     share = worst.seen.unabsorbed / worst.seen.rest_lengths

@@ -16,7 +16,7 @@ from wrinklecli.cli.options import (
     quiet_option,
     range_of_motion_option,
 )
-from wrinklecli.cli.output import Progress, emit_json, say, warn, write_text
+from wrinklecli.cli.output import Progress, emit_json, say, write_text
 from wrinklecli.cli.streams import command_outputs
 from wrinklecli.errors import shortened
 
@@ -45,6 +45,7 @@ _WIDEST = 60  # characters of a column
     help="Suggestions at most, best first; a pair that `mirror` makes counts as one.",
 )
 @click.option("--node", metavar="NAME", help="Look at the mesh of this node only.")
+@click.option("--all", "everything", is_flag=True, help="Leave out neither hard parts nor what another layer hides.")
 @fps_option("Poses per second, but 200 of a clip at most.", default=30.0)
 @range_of_motion_option("Look at that too.")
 @allow_external_option("Read buffers outside the asset's folder too.")
@@ -54,17 +55,22 @@ _WIDEST = 60  # characters of a column
 def suggest(asset: str, output: str | None, as_json: bool, quiet: bool, **options: Any) -> None:
     """Find where the clips of ASSET (glTF) compress its surface most, and write a tools file for `wrinkle bake`.
 
+    Each tool gets a material: skin, cloth or leather, by the names, factors, colours and weights that it is made of.
+    Left out are hard parts, what another layer hides where it folds, ribs, lips and lids; notes on standard error say
+    so, and --all takes all. Where the asset is symmetric about x = 0, tools are too, whatever the clips.
+
     An asset without clips is looked at in its range of motion: each joint bent about its axes, each morph target
-    raised. --clip takes the names of these motions too, such as "LeftLeg about x, +90°".
+    raised, as far as a body of such joints goes. --clip takes the names of these motions too, such as
+    "LeftLeg about x, +90°".
 
     The file bakes as it is, and is made to be edited. A table of the suggestions goes to standard error. Where there
     is nothing to suggest, as for a rigid asset, nothing is written and the exit code is 1, so that a pipeline stops.
 
     --json prints {"suggest": 1, "asset", "reason", "notes", "tools"}; each tool has "name", "node", "origin",
-    "target", "mirror", "width", "strategy", "bumps", "rest_length", "mesh", "driver", "driver_kind", "clip", "time",
-    "span", "shortest", "shortening", "clips" and "score". Within version 1, keys are only added. Lengths are scene
-    units, shortenings parts of the span; "clips" has the least length in each clip, null where the character is hidden;
-    "reason" says why there are no tools, and is null where there are.
+    "target", "mirror", "width", "material", "strategy", "bumps", "max_height", "compressible", "rest_length", "mesh",
+    "driver", "driver_kind", "clip", "time", "span", "shortest", "shortening", "clips" and "score". Within version 1,
+    keys are only added. Lengths are scene units, shortenings parts of the span; "clips" has the least length in each
+    clip, null where the character is hidden; "reason" says why there are no tools, and is null where there are.
 
     Exit codes: 0 done; 1 the input is at fault, or nothing to suggest; 2 wrong usage; 70 a bug.
     """
@@ -85,7 +91,7 @@ def suggest(asset: str, output: str | None, as_json: bool, quiet: bool, **option
         outputs.protect(found.inputs)
         if not quiet:
             for note in found.notes:
-                warn(note)
+                say(f"note: {note}")
         if as_json:
             emit_json(_json(asset, found))
         if not found.tools:
@@ -107,6 +113,8 @@ def _json(asset: str, found: "Suggestions") -> dict[str, Any]:
 
 
 def _json_tool(each: "Suggestion") -> dict[str, Any]:
+    from wrinklecli.review.suggest.fitting import written_length
+
     tool = each.tool
     return {
         "name": tool.name,
@@ -115,8 +123,11 @@ def _json_tool(each: "Suggestion") -> dict[str, Any]:
         "target": tool.target,
         "mirror": "x" if each.mirrored else "none",
         "width": tool.width.value,
+        "material": tool.material or "none",
         "strategy": tool.strategy,
         "bumps": tool.bumps,
+        "max_height": "auto" if tool.max_height == "auto" else written_length(tool.max_height),
+        "compressible": f"{100 * tool.compressible:.0f}%",
         "rest_length": each.rest_length,
         "mesh": each.mesh,
         "driver": each.driver,

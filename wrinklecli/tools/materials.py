@@ -26,13 +26,18 @@ class Material:
     profile: Literal["smooth", "polyline"]
     details: tuple[float, ...]
 
+    @property
+    def defaults(self) -> dict[str, Any]:
+        """By key, the values that hang on no other key of the tool."""
+        return {"compressible": self.compressible, "profile": self.profile, "details": self.details}
+
     def bumps(self, gap: int) -> int:
         """Bumps along a segment with so many flat intervals, half a bump each, between neighbours."""
         return max(1, round((2.0 / self.bump_width + gap) / (2 + gap)))
 
 
-# That of a tool without a material; `WrinkleTool` has its other defaults.
-PLAIN_HEIGHT = 0.25
+# Those of a tool without a material.
+_PLAIN_BUMPS, _PLAIN_HEIGHT = 4, 0.25
 MATERIALS: Mapping[str, Material] = {
     "skin": Material(bump_width=0.33, bump_height=0.13, compressible=0.90, profile="smooth", details=()),
     "cloth": Material(bump_width=0.25, bump_height=0.25, compressible=0.65, profile="smooth", details=(0.1,)),
@@ -42,7 +47,12 @@ MATERIALS: Mapping[str, Material] = {
 
 def bump_height(material: str | None) -> float:
     """Highest point of a bump of `max_height: auto`, as a part of its width at rest."""
-    return PLAIN_HEIGHT if material is None else MATERIALS[material].bump_height
+    return _PLAIN_HEIGHT if material is None else MATERIALS[material].bump_height
+
+
+def usual_bumps(material: str | None, gap: int = 0) -> int:
+    """Bumps of a tool that does not say how many."""
+    return _PLAIN_BUMPS if material is None else MATERIALS[material].bumps(gap)
 
 
 def with_material(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -54,5 +64,4 @@ def with_material(values: Mapping[str, Any]) -> dict[str, Any]:
     if values.get("material") is None:
         return dict(values)
     material = MATERIALS[values["material"]]
-    defaults = {key: getattr(material, key) for key in ("compressible", "profile", "details")}
-    return {"bumps": material.bumps(values.get("gap", 0)), **defaults, **values}
+    return {"bumps": material.bumps(values.get("gap", 0)), **material.defaults, **values}

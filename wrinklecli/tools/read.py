@@ -240,7 +240,9 @@ def _tools(root: Node, defaults: Mapping[str, Any], wrong: Collection[Place]) ->
         if axis in (None, "none") or "name" not in tool.values:
             continue
         values = mirrored(tool.values, axis)
-        tools.append(_Tool(values, f"{tool.path} (mirrored as {printable(values['name'])})", tool.node))
+        tools.append(
+            _Tool({**values, "mirrored": True}, f"{tool.path} (mirrored as {printable(values['name'])})", tool.node)
+        )
         problems += _problems_of_mirrored(tool, values, owners)
         owners.setdefault(identifier(values["name"]), f"the tool mirrored from {tool.path}")
     return tools, problems

@@ -159,6 +159,7 @@ class WrinkleTool:
         rest_length: `auto`, a length, or what drives it.
         enabled: Whether it is baked; a `ToolsFile` keeps only those.
         optional: Whether an absent node is a note rather than an error.
+        mirrored: Whether `mirror` made it.
         where: Its place in the file for later errors, such as `tools.yaml:12: tools[0]`.
         places: Those of what the file says of it, by keys, such as those of `rest_length.morph`; see `place`.
     """
@@ -184,6 +185,7 @@ class WrinkleTool:
     rest_length: Literal["auto"] | Length | RestLengthKeys | RestLengthMorph = "auto"
     enabled: bool = True
     optional: bool = False
+    mirrored: bool = False
     where: str = ""
     places: Mapping[tuple[str, ...], str] = field(default_factory=dict, hash=False, compare=False)
 

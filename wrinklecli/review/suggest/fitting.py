@@ -4,41 +4,47 @@ A tool that lies on a better one, does not attach or hardly shortens is left out
 x = 0 shortens too becomes a pair.
 """
 
+import json
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.character.rig import moving_nodes
 from wrinklecli.errors import WrinkleError
-from wrinklecli.method.activity import lengths_over_time
-from wrinklecli.method.curve import fitting_compressible
 from wrinklecli.method.patch import Patch, attach_tools
 from wrinklecli.numeric.arrays import Floats
-from wrinklecli.review.suggest.folds import LEAST_LOSS, Fold, driver_of
+from wrinklecli.review.suggest.folds import Fold
 from wrinklecli.review.suggest.measure import MeasuredMesh, pose_unscaled
+from wrinklecli.review.suggest.moments import deepest_moments, rising_tools
+from wrinklecli.review.suggest.regions import Region
 from wrinklecli.review.suggest.segments import lay_segment
+from wrinklecli.tools.materials import MATERIALS, usual_bumps
 from wrinklecli.tools.mirror import split_side
-from wrinklecli.tools.records import Length, WrinkleTool
+from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
 
 # Part of the best suggestion's score below which a fold is not worth a tool.
 _LEAST_SCORE = 0.02
-# Length of a bump, as a part of the patch's width: wrinkles are several times as long as they are wide.
-_BUMP_OF_WIDTH = 0.18
-_FEWEST_BUMPS, _MOST_BUMPS = 4, 6
-# Width of a tool, as a multiple of its region's. The attenuation falls to half within the region, and to 0
-# beyond it.
-_WIDTH_OF_REGION = 1.4
-# Part of the original's shortening that a twin must reach.
-_TWIN_SHORTENING = 0.5
-# Slack before the first wrinkle, per cent of the rest distance: clips rarely come back to the stored pose, and 1 %
-# already shows.
+# Length of a bump, as a part of the patch's width: wrinkles are several times as long as they are wide. There are as
+# many as the material has, or so many more where its bumps would be longer.
+_BUMP_OF_WIDTH = 0.3
+_MORE_BUMPS = 2
+# Width of a tool, as a multiple of its region's: the attenuation falls to half within the region, and to 0 beyond it.
+# Of a region across x = 0 the whole is known, which fades by itself.
+_WIDTH_OF_REGION, _WIDTH_ACROSS = 1.4, 1.15
+# Part of its length that a segment must lose: where a joint bends less, skin bulges and does not fold, and cloth
+# only slackens. What a morph target moves is a face, where lines are made by less.
+_LEAST_SHORTENING = {"skin": 0.3, "cloth": 0.2, "leather": 0.2, None: 0.15}
+_LEAST_BY_MORPH = 0.05
+# Part of its twin's shortening below which the left one of a pair all but rests.
+_RESTS = 0.7
+# Slack before the first wrinkle, per cent of the rest distance, where a joint makes it: clips rarely come back to the
+# stored pose, and 1 % already shows.
 SLACK = 5
-# Per cent of a shortening that the tissue takes beyond what is needed: between the poses looked at, a clip may fold a
-# little further. And the most that a file may say.
-_SPARE = 1
-_MOST_COMPRESSIBLE = 95
+# Per cent of its rest distance that a segment across the middle of a face has at weight 1 of its morph target.
+_FULL = 105.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +62,7 @@ class Suggestion:
         span: Distance of the anchors at rest, scene units.
         clips: Of each clip, the least distance of the anchors with animated scale taken out, scene units; infinite
             where the character is hidden in all of it.
+        shortening: The greatest, as a part of the span, or of the rest length where a morph target makes that longer.
         score: What the region loses: 1 − σ summed over its area, scene units squared.
     """
 
@@ -68,25 +75,23 @@ class Suggestion:
     time: float
     span: float
     clips: dict[str, float]
+    shortening: float
     score: float
-
-    @property
-    def shortening(self) -> float:
-        """The greatest shortening, as a part of the span."""
-        return 1.0 - self.clips[self.clip] / self.span
 
     @property
     def rest_length(self) -> str:
         """The tool's, as it is written."""
-        return f"{100 - SLACK}%"
+        return written_length(self.tool.rest_length)
 
 
-def fit_tools(folds: list[Fold], count: int) -> list[Suggestion]:
-    """The best folds as tools, best first; lop-sided ones only where there is no other."""
-    return _ranked(folds, count, lopsided=False) or _ranked(folds, count, lopsided=True)
+def fit_tools(folds: Sequence[Fold], count: int) -> list[Suggestion]:
+    """The best folds as tools, best first; lop-sided ones, and mild ones, only where there is no other."""
+    return (
+        _ranked(folds, count) or _ranked(folds, count, lopsided=True) or _ranked(folds, count, lopsided=True, mild=True)
+    )
 
 
-def _ranked(folds: list[Fold], count: int, *, lopsided: bool) -> list[Suggestion]:
+def _ranked(folds: Sequence[Fold], count: int, *, lopsided: bool = False, mild: bool = False) -> list[Suggestion]:
     order = sorted(range(len(folds)), key=lambda index: -folds[index].score)
     found: list[Suggestion] = []
     laid: list[tuple[MeasuredMesh, Patch]] = []
@@ -99,7 +104,7 @@ def _ranked(folds: list[Fold], count: int, *, lopsided: bool) -> list[Suggestion
         others = [patch for mesh, patch in laid if mesh is fold.mesh]
         if any(_covers(patch, fold.region.centre, fold.region.normal) for patch in others):
             continue
-        made = _made(fold, names, sizes, lopsided=lopsided)
+        made = _made(fold, names, sizes, lopsided=lopsided, mild=mild)
         if made is None or any(_overlap(patch, other) for patch in made[1] for other in others):
             continue
         suggestion, patches = made
@@ -126,7 +131,7 @@ def _overlap(first: Patch, second: Patch) -> bool:
 
 
 def _made(
-    fold: Fold, names: set[str], sizes: dict[tuple[int, str], float], *, lopsided: bool
+    fold: Fold, names: set[str], sizes: dict[tuple[int, str], float], *, lopsided: bool, mild: bool
 ) -> tuple[Suggestion, list[Patch]] | None:
     """A tool of a fold, with its twin if it has one; none where it does not attach or shorten.
 
@@ -135,18 +140,19 @@ def _made(
         names: Identifiers that are taken.
         sizes: By node and driver, the width of a bump, scene units.
         lopsided: Whether to take a fold alone that is one of a pair, but would lie on its twin.
+        mild: Whether to take one that shortens less than what it is made of asks for.
     """
     mesh, region = fold.mesh, fold.region
-    apart = 2.0 * abs(float(region.centre[0])) > 0.5 * min(region.length, region.width)
+    apart = not region.on_plane and 2.0 * abs(float(region.centre[0])) > 0.5 * min(region.length, region.width)
     if region.twin and not (apart or region.on_plane or lopsided):
         return None
     refined = _refined(fold)
     if refined is None:
         return None
-    driver, by_morph = driver_of(refined)
+    driver, by_morph = fold.driver, fold.by_morph
     stem, side = _stem_and_side(driver)
     size = sizes.get((mesh.rig.node, driver))
-    options = [[_tool(refined, f"{stem}.{side}" if side else stem, _WIDTH_OF_REGION * region.width, size)]]
+    options = [[_tool(refined, f"{stem}.{side}" if side else stem, _width(region), size)]]
     # `mirror` would exchange the side in the node's name too.
     if region.twin and apart and not (mesh.node is not None and split_side(mesh.node)[1]):
         options.insert(0, _pair(refined, stem, side, size))
@@ -159,37 +165,30 @@ def _made(
             if lopsided:
                 continue
             return None
-        lengths = [_shortest(mesh, patch) for patch in patches]
-        shares = [1.0 - min(each.values())[0] / patch.span for each, patch in zip(lengths, patches, strict=True)]
-        if min(shares) < max(LEAST_LOSS, _TWIN_SHORTENING * max(shares)):
+        lengths = [deepest_moments(mesh, patch) for patch in patches]
+        shares = [max(moment.shortening for moment in each.values()) for each in lengths]
+        if max(shares) < _least_shortening(fold, mild=mild):
             continue
-        best = min(lengths[0], key=lambda name: lengths[0][name])
-        compressible = _compressible(patches, lengths)
-        patches = [replace(each, tool=replace(each.tool, compressible=compressible)) for each in patches]
+        if shares[0] < _RESTS * shares[-1]:
+            # The one that the clips fold is written, and `mirror` makes the other.
+            named, patches, lengths = named[::-1], patches[::-1], lengths[::-1]
+        best = max(lengths[0], key=lambda name: lengths[0][name].shortening)
+        patches = [replace(each, tool=tool) for each, tool in zip(patches, rising_tools(patches, lengths), strict=True)]
         suggestion = Suggestion(
             tool=patches[0].tool,
             mirrored=len(named) == 2,
             mesh=mesh.rig.names[mesh.rig.node],
-            driver=_left(mesh, driver) if len(named) == 2 else driver,
+            driver=_of_side(mesh, driver, patches[0].tool.name) if len(named) == 2 else driver,
             by_morph=by_morph,
             clip=best,
-            time=lengths[0][best][1],
+            time=lengths[0][best].time,
             span=patches[0].span,
-            clips={name: length for name, (length, _) in lengths[0].items()},
+            clips={name: moment.distance for name, moment in lengths[0].items()},
+            shortening=shares[0] if shares[0] >= _RESTS * shares[-1] else shares[-1],
             score=fold.score,
         )
         return suggestion, patches
     return None
-
-
-def _compressible(patches: list[Patch], lengths: list[dict[str, tuple[float, float]]]) -> float:
-    """What the tissue has to take for no bump to be full before the deepest pose, in whole per cent and one more."""
-    needed = 0.0
-    for patch, found in zip(patches, lengths, strict=True):
-        distances = np.array([distance for distance, _ in found.values()])
-        lengths_at = distances, np.full(len(distances), patch.rest_length)
-        needed = max(needed, fitting_compressible(patch.curve, [lengths_at]))
-    return min(math.ceil(100.0 * needed) + _SPARE if needed else 0, _MOST_COMPRESSIBLE) / 100.0
 
 
 def _refined(fold: Fold) -> Fold | None:
@@ -199,7 +198,7 @@ def _refined(fold: Fold) -> Fold | None:
     """
     mesh, region = fold.mesh, fold.region
     for _ in range(2):
-        first = _attached(mesh, [_tool(fold, "probe", _WIDTH_OF_REGION * region.width)])
+        first = _attached(mesh, [_tool(fold, "probe", _width(region))])
         if first is None:
             return None
         clip, time = _deepest(mesh, first[0])
@@ -210,6 +209,13 @@ def _refined(fold: Fold) -> Fold | None:
             return None
         fold = replace(fold, origin=ends[0], target=ends[1])
     return fold
+
+
+def _least_shortening(fold: Fold, *, mild: bool) -> float:
+    """What a segment must lose for a tool, as a part of its length."""
+    if fold.by_morph:
+        return _LEAST_BY_MORPH
+    return _LEAST_SHORTENING[None if mild else fold.material]
 
 
 def _stem_and_side(driver: str) -> tuple[str, str]:
@@ -227,10 +233,12 @@ def _newly_named(tools: list[WrinkleTool], stem: str, names: set[str]) -> list[W
     return named
 
 
-def _left(mesh: MeasuredMesh, driver: str) -> str:
-    """The joint of the left side where the right side's drives one half of a pair."""
+def _of_side(mesh: MeasuredMesh, driver: str, tool: str) -> str:
+    """The joint or morph target of a tool's side where that of the other drives one half of a pair."""
     base, side = split_side(driver)
-    named = (name for name in mesh.rig.names if side == "R" and split_side(name) == (base, "L"))
+    wanted = split_side(tool)[1]
+    every = (*mesh.rig.names, *mesh.rig.morph_names)
+    named = (name for name in every if side and side != wanted and split_side(name) == (base, wanted))
     return next(named, driver)
 
 
@@ -245,7 +253,7 @@ def _attached(mesh: MeasuredMesh, tools: list[WrinkleTool]) -> list[Patch] | Non
 def _pair(fold: Fold, stem: str, side: str, size: float | None) -> list[WrinkleTool]:
     """The tools of a fold on either side of x = 0, the left one first: on the side of x > 0, or as joints say."""
     region = fold.region
-    width = _WIDTH_OF_REGION * region.width
+    width = _width(region)
     across = abs(float(np.cross(region.normal, region.along)[0]))
     if across > 0.5:
         # Two bells whose middles are half a width apart add up to an even height between them.
@@ -256,17 +264,29 @@ def _pair(fold: Fold, stem: str, side: str, size: float | None) -> list[WrinkleT
     return [here, _across(here, f"{stem}.R")]
 
 
+def _width(region: Region) -> float:
+    """Of a tool, scene units."""
+    return (_WIDTH_ACROSS if region.on_plane else _WIDTH_OF_REGION) * region.width
+
+
 def _deepest(mesh: MeasuredMesh, patch: Patch) -> tuple[Clip, float]:
     """When a tool's anchors are nearest to each other."""
-    lengths = _shortest(mesh, patch)
-    name = min(lengths, key=lambda each: lengths[each])
-    return next(clip for clip in mesh.clips if clip.name == name), lengths[name][1]
+    moments = deepest_moments(mesh, patch)
+    name = max(moments, key=lambda each: moments[each].shortening)
+    return next(clip for clip in mesh.clips if clip.name == name), moments[name].time
 
 
 def _across(tool: WrinkleTool, name: str) -> WrinkleTool:
     """A tool's mirror image across x = 0."""
     (a, b, c), (d, e, f) = place_of(tool.origin), place_of(tool.target)
     return replace(tool, name=name, origin=(0.0 - a, b, c), target=(0.0 - d, e, f))
+
+
+def written_length(length: object) -> str:
+    """A rest length of a suggested tool, as YAML."""
+    if isinstance(length, RestLengthMorph):
+        return f"{{morph: {json.dumps(length.morph)}, full: {length.full.value:g}%}}"
+    return f"{length.value:g}%" if isinstance(length, Length) else "auto"
 
 
 def place_of(anchor: object) -> tuple[float, float, float]:
@@ -282,34 +302,35 @@ def _tool(fold: Fold, name: str, width: float, size: float | None = None) -> Wri
     ends = sorted((fold.origin, fold.target), key=lambda end: float(end[axis]), reverse=axis == 1)
     span = float(np.linalg.norm(ends[1] - ends[0]))
     origin, target = ([round(float(x), decimals(span)) + 0.0 for x in end] for end in ends)
-    natural = _BUMP_OF_WIDTH * width
-    bumps = round(span / (size if size is not None and natural / 1.5 < size < 1.5 * natural else natural))
+    usual = usual_bumps(fold.material)
+    longest = _BUMP_OF_WIDTH * width
+    if size is not None and longest / 2.0 < size < 1.5 * longest:
+        longest = size
+    bumps = min(max(usual, round(span / longest)), usual + _MORE_BUMPS)
     return WrinkleTool(
         name=name,
         node=fold.mesh.node,
         origin=(origin[0], origin[1], origin[2]),
         target=(target[0], target[1], target[2]),
         width=Length(round(width, 1 - math.floor(math.log10(width)))),
-        strategy="both_ends",
-        bumps=min(max(bumps, _FEWEST_BUMPS), _MOST_BUMPS),
-        rest_length=Length(100.0 - SLACK, percent=True),
+        material=fold.material,
+        strategy="everywhere" if fold.by_morph else "both_ends",
+        bumps=bumps,
+        rest_length=_rest_length(fold),
+        **(MATERIALS[fold.material].defaults if fold.material else {}),
     )
+
+
+def _rest_length(fold: Fold) -> Length | RestLengthMorph | Literal["auto"]:
+    """What shortening counts from: by a joint with slack, by a morph target from rest on.
+
+    Between two brows skin hardly shortens where both rise, and yet its lines go across: the weight makes them.
+    """
+    if not fold.by_morph:
+        return Length(100.0 - SLACK, percent=True)
+    return RestLengthMorph(fold.driver, Length(_FULL, percent=True)) if fold.region.on_plane else "auto"
 
 
 def decimals(span: float) -> int:
     """Decimals of a position: a hundredth of the span, or less."""
     return max(2 - math.floor(math.log10(span)), 0)
-
-
-def _shortest(mesh: MeasuredMesh, patch: Patch) -> dict[str, tuple[float, float]]:
-    """Of each clip the least distance of a tool's anchors, scene units, and when, seconds."""
-    found = {}
-    moving = moving_nodes(mesh.rig, (*patch.origin.joints, *patch.target.joints))
-    for clip, times in zip(mesh.clips, mesh.times, strict=True):
-        if not any(channel.node in moving for channel in clip.channels):
-            found[clip.name] = patch.span, float(times[0])
-            continue
-        distances, _ = lengths_over_time(patch, mesh.rig, mesh.rest, clip, times)
-        best = int(distances.argmin())
-        found[clip.name] = float(distances[best]), float(times[best])
-    return found

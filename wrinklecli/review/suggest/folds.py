@@ -1,35 +1,44 @@
 """Folds of a moving mesh, the most compressed first: a region, the segment across it, and what bends it.
 
-Greedy: from the site that a clip compresses most, the region around it that the same pose compresses along the same
-direction; then the next, among the sites that belong to none.
+From each summit of the compression over all clips, the region around it that the same pose compresses along the same
+direction.
 """
 
+import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import morph_weights, node_matrices
 from wrinklecli.character.rig import Rig
-from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.arrays import Bools, Floats
 from wrinklecli.numeric.nearest import closest_point
+from wrinklecli.review.suggest.basins import basins
 from wrinklecli.review.suggest.measure import MeasuredMesh, pose_unscaled
 from wrinklecli.review.suggest.regions import Region, grow_region, is_buried, sites_with_twins
 from wrinklecli.review.suggest.segments import lay_segment
 from wrinklecli.review.suggest.sites import at_sites
+from wrinklecli.tools.mirror import split_side
 
 # Regions of a mesh that are looked into.
 _MOST_REGIONS = 50
 # Poses that are kept while regions are looked for: many regions share one. One of a large mesh takes 50 MB.
 _KNOWN_POSES = 8
-# Part of its length that a site must lose to be looked into.
+# Part of its length that a site must lose to be looked into, and part of that which its basin loses at least.
 LEAST_LOSS = 0.15
+_BASIN_LOSS = 0.3
 # A region that looks at another part of the surface nearer than its own length is a fold at rest already (the crotch,
 # the inside of a lip): nobody sees its wrinkles, so little of its score counts.
 _BURIED_SCORE = 0.2
 # Part of the lost length that joints alone must make for a region to be named after one.
 _OF_JOINTS = 0.5
+
+
+# Joints of a side that wrinkle what lies between them and their twins: nobody raises one brow alone for long.
+_OF_BOTH_SIDES = re.compile("brow|forehead", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +53,9 @@ class Fold:
         origin: (3,) one end, on the surface, world space at rest.
         target: (3,) the other.
         score: What the region loses, area times 1 − σ, scene units squared; less where nobody sees it.
+        material: Of what the region is; None for none.
+        driver: The joint or morph target that compresses it, as the asset names it.
+        by_morph: Whether that is a morph target.
     """
 
     mesh: MeasuredMesh
@@ -53,6 +65,9 @@ class Fold:
     origin: Floats
     target: Floats
     score: float
+    material: Literal["skin", "cloth", "leather"] | None = None
+    driver: str = ""
+    by_morph: bool = False
 
 
 def find_folds(mesh: MeasuredMesh, progress: Callable[[float], None] = lambda _share: None) -> Iterator[Fold]:
@@ -63,14 +78,14 @@ def find_folds(mesh: MeasuredMesh, progress: Callable[[float], None] = lambda _s
         progress: Called with the share of the work that is done.
     """
     peaks, sites = mesh.peaks, mesh.sites
-    free = np.ones(len(sites.positions), bool)
+    summits = basins(peaks.losses, sites.near, LEAST_LOSS * _BASIN_LOSS)
     twins = sites_with_twins(mesh)
+    seeds = np.unique(summits[summits >= 0])
+    seeds = seeds[peaks.losses[seeds] >= LEAST_LOSS]
+    seeds = seeds[np.argsort(-peaks.losses[seeds], kind="stable")][:_MOST_REGIONS]
     known: dict[int, tuple[Floats, Floats]] = {}
-    for step in range(_MOST_REGIONS):
-        progress(step / _MOST_REGIONS)
-        seed = int(np.where(free, peaks.losses, -np.inf).argmax())
-        if not free[seed] or peaks.losses[seed] < LEAST_LOSS:
-            break
+    for step, seed in enumerate(seeds.tolist()):
+        progress(step / len(seeds))
         pose = int(peaks.poses[seed])
         clip, time = peaks.clips[pose], peaks.times[pose : pose + 1]
         if pose not in known:
@@ -78,16 +93,41 @@ def find_folds(mesh: MeasuredMesh, progress: Callable[[float], None] = lambda _s
                 known.clear()
             known[pose] = at_sites(mesh.gauge, sites, clip, time)[0], pose_unscaled(mesh, clip, float(time[0]))
         tensors, now = known[pose]
-        region = grow_region(mesh, seed, tensors, free, bool(twins[seed]))
-        free[seed] = False
-        if region is None:
+        fold = _fold(mesh, seed, clip, float(time[0]), tensors, now, summits == seed, twin=bool(twins[seed]))
+        if fold is not None:
+            yield fold
+
+
+def _fold(
+    mesh: MeasuredMesh,
+    seed: int,
+    clip: Clip,
+    time: float,
+    tensors: Floats,
+    now: Floats,
+    free: Bools,
+    *,
+    twin: bool,
+) -> Fold | None:
+    """The fold about a seed, across x = 0 where it reaches there and what drives it has no side."""
+    for across in (True, False):
+        region = grow_region(mesh, seed, tensors, free, twin=twin, across=across)
+        ends = None if region is None else lay_segment(mesh, region, [now])
+        if region is None or ends is None:
             continue
-        free[region.members] = False
-        ends = lay_segment(mesh, region, [now])
-        if ends is None:
-            continue
-        score = float(region.weights.sum()) * (_BURIED_SCORE if is_buried(sites, region) else 1.0)
-        yield Fold(mesh, region, clip, float(time[0]), *ends, score)
+        score = float(region.weights.sum()) * (_BURIED_SCORE if is_buried(mesh.sites, region) else 1.0)
+        fold = Fold(mesh, region, clip, time, *ends, score)
+        driver, by_morph = driver_of(fold)
+        if not region.on_plane or by_morph or not split_side(driver)[1] or _OF_BOTH_SIDES.search(driver):
+            return replace(fold, driver=driver, by_morph=by_morph)
+    return None
+
+
+def triangle_shares(mesh: MeasuredMesh, region: Region) -> Floats:
+    """(triangles,) of the gauge, what part of a region's loss each has."""
+    shares: Floats = np.asarray((region.weights @ mesh.sites.smooth[region.members]) @ mesh.sites.gather)
+    total: Floats = shares / shares.sum()
+    return total
 
 
 def driver_of(fold: Fold) -> tuple[str, bool]:
@@ -123,9 +163,9 @@ def driver_of(fold: Fold) -> tuple[str, bool]:
 
 def _joint_shares(mesh: MeasuredMesh, region: Region) -> Floats:
     """(joints,) how much of a region follows each joint; their sum is 1."""
-    triangles = np.asarray((region.weights @ mesh.sites.smooth[region.members]) @ mesh.sites.gather)
     corners = mesh.gauge.triangles
-    vertices = np.bincount(corners.ravel(), np.repeat(triangles / 3.0, 3), len(mesh.surface.positions))
+    by_corner = np.repeat(triangle_shares(mesh, region) / 3.0, 3)
+    vertices = np.bincount(corners.ravel(), by_corner, len(mesh.surface.positions))
     shares: Floats = np.asarray(mesh.gauge.influences.T @ vertices)
     total: Floats = shares / shares.sum()
     return total

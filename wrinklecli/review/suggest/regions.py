@@ -9,16 +9,19 @@ from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.review.suggest.sites import Sites
 from wrinklecli.review.suggest.strain import along_directions, principal
 
-# A region ends where the loss falls to this part of its seed's, ...
-_REGION_LOSS = 0.33
+# A region ends where the loss falls to this part of its seed's: beyond, flesh bulges and does not fold, ...
+_REGION_LOSS = 0.5
 # ... where the surface turns away from its middle by this cosine, ...
 _REGION_FACING = 0.25
 # ... at this part of its length to either side, and of its width either way along: beyond, it is a row of folds.
 _REGION_ASPECTS = (1.3, 0.9)
 # Sites that a region has at least: of fewer, the mesh says too little.
 _FEWEST_SITES = 4
-# Sine of a direction with the plane x = 0 below which it lies in it.
-_ALIGNED = 0.35
+# Sine of a normal with the plane x = 0 below which a region may be half of one across it: 68°, as at a temple.
+_ALIGNED = 0.93
+# Two halves are one region across the plane if what hangs together between them, and the other half, lose these parts
+# of what the one loses.
+_MIDDLE_LOSS, _HALF_LOSS = 0.15, 0.6
 # Part of a region's loss left out at either end when its extent is measured.
 _TAIL = 0.03
 # Part of a mesh's area that must have its mirror image for the mesh to count as symmetric: clothes need not be.
@@ -37,7 +40,7 @@ class Region:
         along: (3,) unit, the direction of the loss.
         length: Extent that way, scene units.
         width: Extent across, scene units.
-        twin: Whether the other side of x = 0 is compressed likewise.
+        twin: Whether the other side of x = 0 is the same at rest.
         on_plane: Whether it is its own mirror image there.
     """
 
@@ -52,44 +55,54 @@ class Region:
     on_plane: bool
 
 
-def grow_region(mesh: MeasuredMesh, seed: int, tensors: Floats, free: Bools, twin: bool) -> Region | None:
+def grow_region(
+    mesh: MeasuredMesh, seed: int, tensors: Floats, free: Bools, *, twin: bool, across: bool
+) -> Region | None:
     """The region around a seed that a pose compresses along the same direction.
+
+    Two halves on either side of x = 0 that all but meet are one region, its own mirror image: a forehead, not two
+    brows.
 
     Args:
         mesh: The mesh.
         seed: A site.
         tensors: (sites, 6) what the pose loses.
-        free: (sites,) which belong to no other region.
-        twin: Whether the pose or another compresses the other side of x = 0 likewise.
+        free: (sites,) which may belong to it.
+        twin: Whether the other side of x = 0 is the same at rest.
+        across: Whether it may be one with that.
     """
     sites = mesh.sites
     grown = _grow(sites, seed, tensors, free, twin)
     if grown is None or len(grown.members) < _FEWEST_SITES:
         return None
-    weights = grown.weights
-    centre, normal, along = weights @ sites.positions[grown.members] / float(weights.sum()), grown.normal, grown.along
-    own_mirror = twin and abs(centre[0]) < sites.spacing and abs(normal[0]) < _ALIGNED
-    within = own_mirror and abs(along[0]) < _ALIGNED
-    across_it = own_mirror and not within and abs(along[0]) > 1.0 - _ALIGNED**2 / 2.0
-    if within or across_it:
+    weights, normal, along = grown.weights, grown.normal, grown.along
+    places = sites.positions[grown.members]
+    centre = weights @ places / float(weights.sum())
+    on_plane = twin and across and _is_across(sites, grown, centre, tensors)
+    across_it = bool(on_plane and abs(along[0]) > 0.5**0.5)
+    if on_plane:
         # A fold that is its own mirror image: made exactly so.
         flattened = np.array([0.0, 1.0, 1.0])
+        places = np.concatenate([places, places * [-1.0, 1.0, 1.0]])
+        weights = np.concatenate([weights, weights])
         centre, normal = centre * flattened, unit(normal * flattened)
-        along = unit(along * flattened) if within else np.array([1.0, 0.0, 0.0])
-    across = np.cross(normal, along)
-    relative = sites.positions[grown.members] - centre
-    (low, high), (left, right) = (_extent(relative @ axis, weights) for axis in (along, across))
-    middle = (low + high) / 2.0 * along * (not across_it) + (left + right) / 2.0 * across * (not within)
+        along = np.array([1.0, 0.0, 0.0]) if across_it else unit(along * flattened)
+        along = unit(along - (along @ normal) * normal)
+    sideways = np.cross(normal, along)
+    (low, high), (left, right) = (_extent((places - centre) @ axis, weights) for axis in (along, sideways))
+    middle = (low + high) / 2.0 * along * (not across_it) + (left + right) / 2.0 * sideways * (
+        across_it or not on_plane
+    )
     return Region(
         members=grown.members,
-        weights=weights,
+        weights=grown.weights,
         centre=centre + middle,
         normal=normal,
         along=along,
         length=high - low + sites.spacing,
         width=right - left + sites.spacing,
         twin=twin,
-        on_plane=bool(within or across_it),
+        on_plane=on_plane,
     )
 
 
@@ -137,6 +150,25 @@ def _grow(sites: Sites, seed: int, tensors: Floats, free: Bools, twin: bool) -> 
     return _Grown(members, weights, normal, along)
 
 
+def _is_across(sites: Sites, grown: _Grown, centre: Floats, tensors: Floats) -> bool:
+    """Whether what was grown on one side of x = 0 is half of a region across it."""
+    if abs(grown.normal[0]) > _ALIGNED:
+        return False
+    sideways = abs(grown.along[0]) > 0.5**0.5
+    flattened = np.array([1.0, 0.0, 0.0]) if sideways else unit(grown.along * [0.0, 1.0, 1.0])
+    lost = along_directions(tensors, sites.normals, flattened)
+    own = float(lost[grown.members].max())
+    inside = (lost >= _MIDDLE_LOSS * own) & (sites.normals @ unit(grown.normal * [0.0, 1.0, 1.0]) > 0.0)
+    start = int(grown.members[lost[grown.members].argmax()])
+    inside[start] = True
+    between = _connected(sites, inside, start)
+    distances = np.sum((sites.positions[between] - centre * [-1.0, 1.0, 1.0]) ** 2, axis=1)
+    return bool(
+        (np.abs(sites.positions[between, 0]) < sites.radius).any()
+        and lost[between[distances < max(distances.min(), sites.radius**2)]].max(initial=0.0) > _HALF_LOSS * own
+    )
+
+
 def _thickness(sites: Sites, along: Floats, aside: Floats, weights: Floats) -> float:
     """Extent along one axis of the members that lie on it, but two radii at least."""
     middle = np.abs(aside) <= 1.5 * sites.spacing
@@ -163,15 +195,18 @@ def _extent(values: Floats, weights: Floats) -> tuple[float, float]:
 
 
 def sites_with_twins(mesh: MeasuredMesh) -> Bools:
-    """(sites,) whether the place across x = 0 is a site too and is compressed likewise; none of a lop-sided mesh."""
+    """(sites,) whether the place across x = 0 is a site too; none of a lop-sided mesh.
+
+    Whatever the clips do: an artist gives both arms the same, and a game plays clips that the file has not.
+    """
     from scipy.spatial import cKDTree
 
-    sites, losses = mesh.sites, mesh.peaks.losses
+    sites = mesh.sites
     distances, others = cKDTree(sites.positions).query(sites.positions * [-1.0, 1.0, 1.0])
     facing = np.sum(sites.normals * sites.normals[others] * [-1.0, 1.0, 1.0], axis=1) > 0.5
     matched = (distances < sites.spacing) & facing
     symmetric = sites.areas @ matched > _SYMMETRIC * sites.areas.sum()
-    return np.asarray(symmetric & matched & (losses[others] > 0.6 * losses))
+    return np.asarray(symmetric & matched)
 
 
 def is_buried(sites: Sites, region: Region) -> bool:

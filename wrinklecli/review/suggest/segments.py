@@ -12,23 +12,23 @@ from wrinklecli.review.suggest.regions import Region
 
 # Steps of a trail from the region's centre, and how far they go together, as a multiple of the region's length.
 _STEPS = 30
-_REACH = 2.6
+_REACH = 2.0
 # Angles of the directions that are tried, from that of the region's loss, radians.
 _TURNS = np.radians([0.0, -8.0, 8.0, -16.0, 16.0, -24.0, 24.0])
-# Spans that are tried, as multiples of the region's length: the loss at the ends must be small, and wrinkles need
-# room ...
-_SHORTEST, _LONGEST = 0.8, 5.0
-# ... but at most this multiple of the region's width: further away begins another part of the body.
-_LONGEST_OF_WIDTH = 2.5
+# A segment ends where the loss falls under this part of its peak: beyond, flesh bulges and does not fold. The peak
+# counts as this at most, so that a crease of a single edge leaves room for wrinkles.
+_END_LOSS, _HIGHEST_PEAK = 0.5, 0.6
+# How far an end is from the peak at most, as a part of the region's length.
+_FURTHEST = 0.8
+# A segment that shortens by more is all within a crease, where nobody sees its wrinkles, and its ends pass each other:
+# it may be longer, by this factor.
+_MOST_SHORTENING, _LONGER = 0.75, 2.0
 # What a span is worth: its shortening times the span to this power. 1 would prefer ever longer segments over a bend,
 # 0 ever shorter ones within the fold.
 _SPAN_POWER = 0.3
-# A segment that shortens by more is all within a fold, and so are its wrinkles: a longer one is worth more.
-_BEST_SHORTENING = 0.55
-# Least length of a segment, as a part of the way over the surface: a shorter one spans a fold or a gap at rest.
-_STRAIGHT = 0.75
-# Part of its worth that a segment loses where all of it lies on one side of the centre.
-_ASIDE = 0.6
+# Least length of a segment, as a part of the region's, and of the way over the surface: a shorter one spans a fold or
+# a gap at rest.
+_SHORTEST, _STRAIGHT = 0.5, 0.75
 # Least cosine of the normal at an end with that of the patch between the ends: below 0.6 wrinkles fade.
 _END_FACING = 0.45
 
@@ -72,49 +72,109 @@ def lay_segment(mesh: MeasuredMesh, region: Region, poses: Sequence[Floats]) -> 
     step = _REACH * region.length / _STEPS
     trails = _walk(mesh.rest, triangles, region.centre, np.concatenate([-directions, directions]), step)
     best, ends = 0.0, None
+    smoothing = max(1, round(mesh.sites.radius / step))
     for turn, first, second in zip(turns, trails[: len(turns)], trails[len(turns) :], strict=True):
-        distances = [
-            _distances(*(trail.moved(now[triangles[trail.triangles]]) for trail in (first, second))) for now in poses
-        ]
+        line = _joined(first, second)
+        moved = [line.moved(now[triangles[line.triangles]]) for now in poses]
+        found = _ends(line, len(first.places) - 1, moved, region, smoothing)
+        if found is None:
+            continue
+        low, high = found
+        span = _span(line.places, low, high)
         # A turn must be worth its while.
-        gains = _gains(region, first, second, np.min(distances, axis=0), step, np.cos(2.0 * turn))
-        i, j = np.unravel_index(int(gains.argmax()), gains.shape)
-        if gains[i, j] > best * (1.0 + 1e-9):
-            best, ends = float(gains[i, j]), (first.places[i], second.places[j])
+        shortest = min(_span(now, low, high) for now in moved)
+        gain = (1.0 - shortest / span) * span**_SPAN_POWER * float(np.cos(2.0 * turn))
+        if gain > best * (1.0 + 1e-9):
+            best, ends = gain, (line.places[low], line.places[high])
     return ends
 
 
-def _gains(region: Region, first: _Trail, second: _Trail, shortest: Floats, step: float, share: float) -> Floats:
-    """What segments between the points of two trails are worth; 0 where one does not fit.
+def _joined(first: _Trail, second: _Trail) -> _Trail:
+    """One trail from the end of a first over the centre to the end of a second."""
+    columns = [
+        np.concatenate([here[:0:-1], there])
+        for here, there in (
+            (first.triangles, second.triangles),
+            (first.barycentrics, second.barycentrics),
+            (first.places, second.places),
+            (first.normals, second.normals),
+        )
+    ]
+    return _Trail(*columns)
+
+
+def _ends(line: _Trail, centre: int, moved: Sequence[Floats], region: Region, smoothing: int) -> tuple[int, int] | None:
+    """Between which points of a trail the loss is at least half of its peak; none where no segment fits there.
 
     Args:
-        region: Between them.
-        first: Trail to one side.
-        second: To the other.
-        shortest: (points, points) least distance of two points in any pose.
-        step: From one point to the next, scene units.
-        share: Of its gain that a segment along these trails keeps.
+        line: Over the region.
+        centre: Which point of it the region's centre is.
+        moved: (points, 3) of each pose.
+        region: Under it.
+        smoothing: Steps to either side over which the loss is a mean.
     """
-    longest = min(_LONGEST * region.length, max(_LONGEST_OF_WIDTH * region.width, region.length))
-    spans = _distances(first.places, second.places)
-    between = unit(second.places[None] - first.places[:, None])
-    mean = first.normals[:, None] + second.normals[None]
-    mean = unit(mean - np.sum(mean * between, axis=2, keepdims=True) * between)
-    facing = np.minimum(np.sum(mean * first.normals[:, None], axis=2), np.sum(mean * second.normals[None], axis=2))
-    walked = [np.arange(len(trail.places)) for trail in (first, second)]
-    total = walked[0][:, None] + walked[1]
-    fits = (spans >= _SHORTEST * region.length) & (spans <= longest) & (facing > _END_FACING)
-    fits &= spans >= _STRAIGHT * step * total
-    ratios = shortest / np.where(fits, spans, 1.0)
-    gains = (1.0 - ratios) * np.minimum(ratios / (1.0 - _BEST_SHORTENING), 1.0) * spans**_SPAN_POWER
-    # A middle beside the region's must be worth its while.
-    aside = np.abs(walked[0][:, None] - walked[1]) / np.maximum(total, 1)
-    return np.asarray(np.where(fits, gains, 0.0) * share * (1.0 - _ASIDE * aside))
+    if len(line.places) < 3:
+        return None
+    steps = np.sqrt(np.sum(np.diff(line.places, axis=0) ** 2, axis=1))
+    losses = np.max([_losses(steps, now, smoothing) for now in moved], axis=0)
+    travelled = np.append(0.0, np.cumsum(steps))
+    about = np.abs((travelled[1:] + travelled[:-1]) / 2.0 - travelled[centre]) <= region.length / 2.0
+    about[min(centre, len(steps) - 1)] = True
+    peak = int(np.where(about, losses, -np.inf).argmax())
+    level = _END_LOSS * min(float(losses[peak]), _HIGHEST_PEAK)
+    low, high = peak, peak + 1
+    # Along a row of knuckles the loss nowhere falls so far.
+    furthest = np.abs(travelled - (travelled[peak] + travelled[peak + 1]) / 2.0) <= _FURTHEST * region.length
+    while low > 0 and losses[low - 1] >= level and furthest[low - 1]:
+        low -= 1
+    while high < len(steps) and losses[high] >= level and furthest[min(high + 1, len(steps))]:
+        high += 1
+    shortest = _SHORTEST * region.length
+    longest = (_LONGER - 1e-6) * float(travelled[high] - travelled[low])
+    while True:
+        span = _span(line.places, low, high)
+        reduced = min(_span(now, low, high) for now in moved) < (1.0 - _MOST_SHORTENING) * span
+        wanted = span < shortest or (reduced and travelled[high] - travelled[low] < longest)
+        if not wanted or (low == 0 and high == len(steps)):
+            break
+        low, high = max(low - 1, 0), min(high + 1, len(steps))
+    if region.on_plane and abs(region.along[0]) > 0.5:
+        # Its own mirror image: as far to one side as to the other.
+        reach = min(max(centre - low, high - centre), centre, len(steps) - centre)
+        low, high = centre - reach, centre + reach
+    while not _fits(line, low, high, float(travelled[high] - travelled[low])):
+        if _span(line.places, low, high) < shortest or high - low < 3:
+            return None
+        low, high = low + 1, high - 1
+    return low, high
 
 
-def _distances(first: Floats, second: Floats) -> Floats:
-    """(n, m) of (n, 3) and (m, 3) points."""
-    return np.asarray(np.sqrt(np.sum((first[:, None] - second[None]) ** 2, axis=2)))
+def _losses(steps: Floats, now: Floats, smoothing: int) -> Floats:
+    """(steps,) the part of its length that each step of a trail loses in a pose, as a mean over some around it."""
+    lengths = np.sqrt(np.sum(np.diff(now, axis=0) ** 2, axis=1))
+    lost = np.append(0.0, np.cumsum(steps - lengths))
+    travelled = np.append(0.0, np.cumsum(steps))
+    low = np.maximum(np.arange(len(steps)) - smoothing, 0)
+    high = np.minimum(np.arange(len(steps)) + smoothing + 1, len(steps))
+    losses: Floats = (lost[high] - lost[low]) / np.maximum(travelled[high] - travelled[low], 1e-300)
+    return losses
+
+
+def _fits(line: _Trail, low: int, high: int, travelled: float) -> bool:
+    """Whether a segment from one point of a trail to another lies on the surface and faces what its ends face."""
+    between = line.places[high] - line.places[low]
+    span = float(np.sqrt(between @ between))
+    if not span > 0 or span < _STRAIGHT * travelled:
+        return False
+    ends = line.normals[[low, high]]
+    mean = ends.sum(axis=0)
+    mean = unit(mean - (mean @ between) / span**2 * between)
+    return bool((ends @ mean).min() > _END_FACING)
+
+
+def _span(places: Floats, low: int, high: int) -> float:
+    """The distance of two of some places."""
+    return float(np.sqrt(np.sum((places[high] - places[low]) ** 2)))
 
 
 def _around(mesh: MeasuredMesh, region: Region) -> Ints:

@@ -33,6 +33,7 @@ class Gauge:
         rest: Its rest pose.
         influences: (vertices, joints) skin weights.
         triangles: (triangles, 3) those with an area at rest.
+        numbers: (triangles,) which of the surface's they are.
         middles: (triangles, 3) their centroids at rest, world space.
         radii: (triangles,) the greatest distance of a corner from there.
         flat: (triangles, 3) length of the first edge, and the second along and across it.
@@ -45,6 +46,7 @@ class Gauge:
     rest: Rest
     influences: csr_array
     triangles: Ints
+    numbers: Ints
     middles: Floats
     radii: Floats
     flat: Floats
@@ -74,7 +76,7 @@ def read_gauge(surface: Surface, rest: Rest, rig: Rig) -> Gauge:
     influences = csr_array(entries, shape=(count, len(rig.joints)))
     middles = (a + b + c) / 3.0
     radii = np.sqrt(np.max([np.sum((corner - middles) ** 2, axis=1) for corner in (a, b, c)], axis=0))
-    return Gauge(rig, surface, rest, influences, triangles, middles, radii, flat, tensors)
+    return Gauge(rig, surface, rest, influences, triangles, np.flatnonzero(solid), middles, radii, flat, tensors)
 
 
 def posed(gauge: Gauge, clip: Clip | None, times: Floats, weights: Floats | None = None) -> tuple[Floats, Floats]:

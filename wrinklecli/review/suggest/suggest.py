@@ -6,10 +6,13 @@ from dataclasses import dataclass
 
 from wrinklecli.character.clip import Clip, chosen_clips, read_clips
 from wrinklecli.character.moved import Motions, moved
+from wrinklecli.character.rig import read_rig
 from wrinklecli.gltf.document import read_document
 from wrinklecli.gltf.images import files_of
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory
+from wrinklecli.review.suggest.anatomy import believable
+from wrinklecli.review.suggest.choice import choose_folds
 from wrinklecli.review.suggest.fitting import Suggestion, fit_tools
 from wrinklecli.review.suggest.folds import LEAST_LOSS, Fold, find_folds
 from wrinklecli.review.suggest.measure import MeasuredMesh, MeshNode, find_mesh_nodes, measure_meshes
@@ -24,7 +27,7 @@ class Suggestions:
         tools: Best first; may be none.
         text: A tools file of them; empty where there are none.
         reason: Why there are none; empty where there are some.
-        notes: What was left out, a line each.
+        notes: What meshes are made of and what was left out, a line each.
         inputs: Every file that was read, and the asset's images.
     """
 
@@ -41,6 +44,7 @@ def suggest(
     clips: Sequence[str] = (),
     count: int = 8,
     node: str | None = None,
+    everything: bool = False,
     fps: float = 30.0,
     anims: Sequence[str | os.PathLike[str]] = (),
     range_of_motion: bool = False,
@@ -57,6 +61,7 @@ def suggest(
         clips: Names of the clips to look at; all where left out.
         count: Suggestions at most; a pair counts as one.
         node: Name of the node whose mesh to look at; all that deform where left out.
+        everything: Leave out none: neither hard parts nor what another layer hides.
         fps: Poses a second; of a clip at most 200, evenly spaced, and fewer where mesh and clips are large.
         anims: Files with more clips, for joints of the same names.
         range_of_motion: Look at that too, though the asset has clips.
@@ -75,8 +80,14 @@ def suggest(
         joined = moved(document, [each.index for each in nodes], motions)
         document, notes = joined.document, [*notes, *joined.warnings, *joined.notes]
         chosen = chosen_clips(read_clips(document), clips, where=document.path)
+        if joined.range and not clips:
+            made = [clip for clip in chosen if clip.name in joined.range]
+            others = (clip for clip in chosen if clip.name not in joined.range)
+            chosen = (*others, *believable(made, read_rig(document, nodes[0].index)))
         meshes = measure_meshes(document, nodes, chosen, fps, progress) if chosen else []
-        folds = _folds_of(meshes, progress)
+        choice = choose_folds(document, _folds_of(meshes, progress), everything=everything)
+        folds = choice.folds
+        notes += choice.notes
         found = fit_tools(folds, count)
         text = reason = ""
         if found:

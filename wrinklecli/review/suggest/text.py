@@ -5,8 +5,9 @@ from dataclasses import replace
 
 from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.gltf.document import Document
-from wrinklecli.review.suggest.fitting import SLACK, Suggestion, decimals, place_of
+from wrinklecli.review.suggest.fitting import SLACK, Suggestion, decimals, place_of, written_length
 from wrinklecli.tools.read import parse_tools
+from wrinklecli.tools.records import Length, RestLengthMorph
 from wrinklecli.tools.yaml_tree import printable
 
 
@@ -29,7 +30,7 @@ def tools_text(suggestions: Sequence[Suggestion], asset: str, *, flat: bool = Fa
         *(["refinement: {scheme: midpoint}   # keeps the flat faces of a mesh without normals", ""] if flat else []),
         "defaults:",
         f"  rest_length: {100 - SLACK}%     # slack: the first {SLACK} % of shortening make no wrinkles",
-        "  max_height: auto     # a quarter of a bump's width, which compressible has bumps reach in the deepest fold",
+        "  max_height: auto     # the material's, which compressible has bumps reach in the deepest fold",
         "",
         "tools:",
     ]
@@ -37,19 +38,26 @@ def tools_text(suggestions: Sequence[Suggestion], asset: str, *, flat: bool = Fa
         tool = each.tool
         digits = decimals(each.span)
         what = "Morph target" if each.by_morph else "Joint"
+        shortens = (
+            f"shortens by {100 * each.shortening:.0f} %, from {each.span:.{digits}f} to"
+            f" {each.clips[each.clip]:.{digits}f}, in clip {printable(each.clip, 90)} at {each.time:.2f} s"
+        )
+        if isinstance(tool.rest_length, RestLengthMorph):
+            shortens = "its weight makes the wrinkles, as the skin in the middle hardly shortens"
         lines += [
-            f"  # {what} {printable(each.driver, 90)}: shortens by {100 * each.shortening:.0f} %,"
-            f" from {each.span:.{digits}f} to {each.clips[each.clip]:.{digits}f},"
-            f" in clip {printable(each.clip, 90)} at {each.time:.2f} s",
+            f"  # {what} {printable(each.driver, 90)}: {shortens}",
             f"  - name: {tool.name}",
             *([f"    node: {_quoted(tool.node)}"] if tool.node is not None else []),
             f"    origin: {_written(tool.origin, digits)}",
             f"    target: {_written(tool.target, digits)}",
             *(["    mirror: x"] if each.mirrored else []),
             f"    width: {tool.width.value:.12g}",
+            *([] if isinstance(tool.rest_length, Length) else [f"    rest_length: {written_length(tool.rest_length)}"]),
+            *([f"    material: {tool.material}"] if tool.material else []),
             f"    strategy: {tool.strategy}",
             f"    bumps: {tool.bumps}",
-            *([f"    compressible: {100 * tool.compressible:.0f}%"] if tool.compressible else []),
+            *([f"    max_height: {tool.max_height.value:.12g}%"] if isinstance(tool.max_height, Length) else []),
+            *([f"    compressible: {100 * tool.compressible:.0f}%"] if tool.compressible or tool.material else []),
             "",
         ]
     return "\n".join(lines[:-1]) + "\n"

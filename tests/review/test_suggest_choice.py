@@ -1,0 +1,195 @@
+"""What a careful artist leaves out or joins: hard parts, what is covered, lips, sides and slopes of a fold."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_array
+
+from kit.asset import Asset, attribute, stored
+from kit.limb import limb_asset
+from kit.suggested import ends, middle
+from wrinklecli.character.clip import read_clips
+from wrinklecli.character.moved import Motions, moved
+from wrinklecli.character.rig import read_rig
+from wrinklecli.gltf.document import read_document
+from wrinklecli.review.check import check
+from wrinklecli.review.suggest.anatomy import believable
+from wrinklecli.review.suggest.basins import basins
+from wrinklecli.review.suggest.substance import named
+from wrinklecli.review.suggest.suggest import Suggestions, suggest
+
+Json = dict[str, Any]
+
+
+def dressed(asset: Asset, **material: Any) -> Asset:
+    """An asset whose first mesh is of one material."""
+    number = asset.append("materials", material)
+    for primitive in asset.gltf["meshes"][0]["primitives"]:
+        primitive["material"] = number
+    return asset
+
+
+def suggested(folder: Path, asset: Asset, **options: Any) -> Suggestions:
+    """Suggestions for an asset, of whose file `check` has nothing to say."""
+    path = asset.write(folder / "asset.glb")
+    found = suggest(path, **options)
+    if found.text:
+        (folder / "tools.yaml").write_text(found.text)
+        assert not check(path, folder / "tools.yaml").warnings
+    return found
+
+
+# What it is made of
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("N00_007_03_Tops_01_CLOTH (Instance)", "cloth"),
+        ("Body_00_SKIN", "skin"),
+        ("EyeIris_00_EYE", "hard"),
+        ("leatherJacket", "leather"),
+        ("Trousers", "cloth"),
+        ("ArmorPlate", "hard"),
+        ("Skinned_Mesh.001", None),
+        ("Material.001", None),
+        ("armature", None),
+    ],
+)
+def test_words_of_names_say_what_a_mesh_is_made_of(name: str, kind: str | None) -> None:
+    found = named([name], "it")
+    assert (found and found.kind) == kind
+
+
+@pytest.mark.quick(2)
+@pytest.mark.parametrize(
+    ("material", "kind"),
+    [
+        ({"name": "Jeans"}, "cloth"),
+        ({"pbrMetallicRoughness": {"baseColorFactor": [0.1, 0.2, 0.6, 1.0]}}, "cloth"),
+        ({"pbrMetallicRoughness": {"baseColorFactor": [0.8, 0.5, 0.4, 1.0]}}, "skin"),
+        ({"name": "Lambert1"}, "skin"),
+    ],
+)
+def test_the_file_says_what_wrinkles(tmp_path: Path, material: Json, kind: str) -> None:
+    found = suggested(tmp_path, dressed(limb_asset(rings=11, sides=8), **material), count=1)
+    assert found.tools[0].tool.material == kind
+    assert any(note.startswith(f"limb: {kind}, as ") for note in found.notes)
+
+
+def rigid() -> Asset:
+    """A limb whose halves follow one joint each."""
+    asset = limb_asset(rings=12, sides=8)
+    weights = attribute(asset, 0, "WEIGHTS_0")
+    weights[:] = np.eye(4)[weights.argmax(axis=1)]
+    return asset
+
+
+@pytest.mark.quick(1)
+@pytest.mark.parametrize(
+    ("asset", "why"),
+    [
+        (rigid(), "follows one joint"),
+        (dressed(limb_asset(rings=11, sides=8), pbrMetallicRoughness={"metallicFactor": 1.0}), "metallic"),
+        (dressed(limb_asset(rings=11, sides=8), name="Steel"), "named Steel"),
+    ],
+)
+def test_hard_parts_are_left_out_unless_all_are_asked_for(tmp_path: Path, asset: Asset, why: str) -> None:
+    path = asset.write(tmp_path / "limb.glb")
+    found = suggest(path)
+    assert not found.tools
+    assert any(why in note and "--all" in note for note in found.notes)
+    every = suggest(path, everything=True)
+    assert {each.tool.material for each in every.tools} == {None}
+
+
+# What nobody sees
+
+
+def sleeved(factor: float) -> Asset:
+    """A limb, and a mesh of the same joints around it that is thicker by a factor."""
+    asset = limb_asset(rings=16, sides=12)
+    (primitive,) = asset.gltf["meshes"][0]["primitives"]
+    places = stored(asset, primitive["attributes"]["POSITION"]).copy()
+    places[:, 1:] *= factor
+    attributes = {**primitive["attributes"], "POSITION": asset.accessor(places, bounds=True)}
+    asset.append("meshes", {"name": "sleeve", "primitives": [{**primitive, "attributes": attributes}]})
+    node = asset.append("nodes", {"name": "sleeve", "mesh": len(asset.gltf["meshes"]) - 1, "skin": 0})
+    asset.gltf["scenes"][0]["nodes"].append(node)
+    return asset
+
+
+def test_what_is_under_another_mesh_where_it_folds_is_left_out(tmp_path: Path) -> None:
+    found = suggested(tmp_path, sleeved(1.1))
+    assert {(each.tool.node, each.tool.material) for each in found.tools} == {("sleeve", "cloth")}
+    assert any(note.startswith("limb: left out") and "under another layer" in note for note in found.notes)
+    assert {each.tool.node for each in suggest(tmp_path / "asset.glb", everything=True).tools} == {"limb", "sleeve"}
+
+
+# Sides
+
+
+def test_the_twin_of_a_fold_is_suggested_though_no_clip_folds_it(tmp_path: Path) -> None:
+    asset = limb_asset(joints=3, angle=200.0)
+    channels = asset.gltf["animations"][0]["channels"]
+    channels[:] = channels[:1]
+    (best,) = suggested(tmp_path, asset, count=1).tools
+    assert best.mirrored
+    assert middle(best.tool)[0] < 0, "the side that the clip folds is written"
+
+
+def forehead() -> Asset:
+    """A curved sheet, and a morph target that raises two places at its lower border, one to either side."""
+    asset = Asset()
+    x, y = (each.ravel() for each in np.meshgrid(np.linspace(-0.07, 0.07, 29), np.linspace(0.0, 0.1, 21)))
+    places = np.stack([x, y, -8.0 * x * x], axis=1)
+    normals = np.stack([16.0 * x, 0.0 * x, 1.0 + 0.0 * x], axis=1)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    near = np.exp(-(((np.abs(x) - 0.03) / 0.025) ** 2))
+    raised = np.stack([0.0 * x, 0.012 * near * np.clip((0.07 - y) / 0.04, 0.0, 1.0), 0.0 * x], axis=1)
+    corner = (np.arange(20)[:, None] * 29 + np.arange(28)).ravel()
+    faces = np.stack([corner, corner + 1, corner + 29, corner + 1, corner + 30, corner + 29], axis=1)
+    primitive = {
+        "attributes": {"POSITION": asset.accessor(places, bounds=True), "NORMAL": asset.accessor(normals)},
+        "indices": asset.accessor(faces.ravel(), "u2"),
+        "targets": [{"POSITION": asset.accessor(raised, bounds=True)}],
+    }
+    asset.append("meshes", {"primitives": [primitive], "extras": {"targetNames": ["browsUp"]}})
+    asset.append("nodes", {"name": "face", "mesh": 0})
+    asset.append("scenes", {"nodes": [0]})
+    return asset
+
+
+def test_two_brows_that_rise_make_one_tool_across_the_forehead(tmp_path: Path) -> None:
+    (tool,) = (each.tool for each in suggested(tmp_path, forehead()).tools)
+    assert np.abs(np.array(ends(tool))[:, 0]).max() < 1e-3
+    assert tool.width.value > 0.08
+    assert tool.rest_length.morph == "browsUp"
+
+
+# How far bodies go
+
+
+def test_a_knee_bends_one_way_and_sides_of_a_face_move_together(tmp_path: Path) -> None:
+    asset = limb_asset(clip=None, morphs=2)
+    asset.gltf["nodes"][2]["name"] = "LeftKnee"
+    asset.gltf["meshes"][0]["extras"]["targetNames"] = ["browDownLeft", "browDownRight"]
+    document = moved(read_document(asset.write(tmp_path / "limb.glb")), [0], Motions()).document
+    found = believable(read_clips(document), read_rig(document, 0))
+    # The limb lies along x: a turn about y by a positive angle takes its end to -z, backwards.
+    assert [(clip.name, clip.end) for clip in found] == [
+        ("LeftKnee about y, +90°", 1.0),
+        ("browDownLeft + browDownRight", 1.0),
+    ]
+    (channel,) = found[1].channels
+    assert channel.values[-1].tolist() == [1.0, 1.0]
+
+
+def test_a_slope_belongs_to_the_fold_above_it() -> None:
+    losses = np.array([0.1, 0.3, 0.5, 0.45, 0.48, 0.9, 0.3, 0.05, 0.2, 0.6])
+    count = len(losses)
+    chain = np.eye(count, k=1) + np.eye(count, k=-1)
+    found = basins(losses, csr_array(chain), least=0.1)
+    assert found.tolist() == [5, 5, 5, 5, 5, 5, 5, -1, 9, 9]

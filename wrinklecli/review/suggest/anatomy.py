@@ -1,0 +1,153 @@
+"""Which motions of a range of motion a body makes, and how far: a knee bends one way, a spine by little at each joint.
+
+Joints are known by their names. Sides of a face move together, as nobody raises one brow alone for long.
+
+Source of the angles: American Academy of Orthopaedic Surgeons, *Joint Motion: Method of Measuring and Recording*, 1965,
+rounded; those of spine and neck are shared by the joints that rigs have there.
+"""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.pose import node_matrices
+from wrinklecli.character.rig import Rig
+from wrinklecli.numeric.arrays import Floats, unit
+from wrinklecli.tools.mirror import split_side
+
+# Cosine of a turn's axis and the bone above which it twists, and of a motion and a direction for that to be its way.
+_TWISTS, _THAT_WAY = 0.87, 0.6
+# Degrees below which a motion folds nothing, and from which a hinge that is bent at rest shows which way it bends.
+_LEAST, _BENT = 10.0, 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Joint:
+    """How far a joint bends, degrees.
+
+    Attributes:
+        words: Pattern of its names.
+        forwards: To where the character looks; a hinge to where it is bent at rest already, if that shows.
+        backwards: The other way.
+        aside: To either side, up and down.
+        twist: About its bone.
+        hinge: Whether it bends about one axis.
+    """
+
+    words: str
+    forwards: float
+    backwards: float
+    aside: float
+    twist: float
+    hinge: bool = False
+
+
+# The first whose words a name has. Of arms and legs that hang or are spread out.
+_JOINTS = (
+    _Joint("toe|ball", 30, 45, 30, 0),
+    _Joint("thumb|index|middle|ring|pinky|little|finger|palm|metacarpal", 90, 90, 90, 0, hinge=True),
+    _Joint("fore_?arm|elbow|lower_?arm|low_?arm", 145, 0, 0, 0, hinge=True),
+    _Joint("knee|calf|shin|lower_?leg|low_?leg", 0, 140, 0, 0, hinge=True),
+    _Joint("thigh|up(per)?_?leg|femur", 110, 20, 30, 20),
+    _Joint("clavicle|shoulder|collar", 15, 15, 25, 0),
+    _Joint("up(per)?_?arm|humerus", 90, 45, 90, 30),
+    _Joint("hand|wrist", 70, 70, 70, 0),
+    _Joint("foot|ankle", 45, 45, 45, 0),
+    _Joint("neck|head|skull", 30, 30, 25, 30),
+    _Joint(r"chest|thorax|spine_?0?[2-9]", 10, 10, 10, 10),
+    _Joint("spine|torso|abdomen|waist|belly|hips|pelvis|root|body", 25, 10, 15, 10),
+    _Joint(r"\barm", 90, 45, 90, 30),
+    _Joint(r"\bleg", 0, 140, 0, 0, hinge=True),
+)
+_FOOT = re.compile("toe|ball", re.IGNORECASE)
+
+
+def believable(clips: Sequence[Clip], rig: Rig) -> list[Clip]:
+    """Motions of a range of motion, each only as far as a body goes; morph targets of two sides raised together.
+
+    Args:
+        clips: Each turns one joint, or raises one morph target, evenly.
+        rig: With the joints.
+    """
+    forwards = _forwards(rig)
+    found = []
+    for clip in clips:
+        (channel, *others) = clip.channels
+        if channel.path != "rotation" or others:
+            continue
+        end = _end(clip, channel.node, rig, forwards)
+        if end > clip.start:
+            found.append(replace(clip, end=end))
+    return [*found, *_expressions([clip for clip in clips if clip.channels[0].path == "weights"])]
+
+
+def _end(clip: Clip, node: int, rig: Rig, forwards: Floats) -> float:
+    """When a motion of a joint has gone as far as a body's does, seconds; its start where that is nowhere."""
+    stem = split_side(rig.names[node].rsplit(":", 1)[-1])[0].strip("_-. ")
+    joint = next((each for each in _JOINTS if re.search(each.words, stem, re.IGNORECASE)), None)
+    if joint is None:
+        return clip.end
+    (before, after), above, bone = _turned(clip, node, rig)
+    turn = after @ np.linalg.inv(before)
+    axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    angle = float(np.degrees(np.arctan2(np.linalg.norm(axis) / 2.0, (np.trace(turn) - 1.0) / 2.0)))
+    axis = unit(axis)
+    # Where the end of the bone goes.
+    way = unit(np.cross(axis, bone))
+    bent = joint.hinge and float(above @ bone) < np.cos(np.radians(_BENT)) and above.any()
+    if abs(float(axis @ bone)) > _TWISTS:
+        most = joint.twist
+    elif bent:
+        most = max(joint.forwards, joint.backwards) if way @ unit(bone - above) > _THAT_WAY else 0.0
+    else:
+        ahead = float(way @ forwards)
+        most = joint.forwards if ahead > _THAT_WAY else joint.backwards if ahead < -_THAT_WAY else joint.aside
+    if most < _LEAST or angle <= 0.0:
+        return clip.start
+    return clip.start + (clip.end - clip.start) * min(1.0, most / angle)
+
+
+def _turned(clip: Clip, node: int, rig: Rig) -> tuple[list[Floats], Floats, Floats]:
+    """(3, 3) rotations of a joint before and after a motion; (3,) unit, the bone that ends there, and its own one."""
+    below = np.flatnonzero(rig.parents == node).tolist()
+    parent = int(rig.parents[node])
+    every = [node, *([parent] if parent >= 0 else [node]), *below]
+    place, start, *ends = node_matrices(rig, None, np.zeros(1), every)[0, :, :3, 3]
+    above = unit(place - start)
+    bone = unit(np.mean(ends, axis=0) - place) if ends else above
+    linear = node_matrices(rig, clip, np.array([clip.start, clip.end]), [node])[:, 0, :3, :3]
+    scale = np.cbrt(np.abs(np.linalg.det(linear)))
+    return list(linear / np.where(scale > 0, scale, 1.0)[:, None, None]), above, bone if bone.any() else above
+
+
+def _forwards(rig: Rig) -> Floats:
+    """(3,) unit, where a character looks: along its feet, or along z, as glTF has it."""
+    toes = [k for k, name in enumerate(rig.names) if _FOOT.search(name) and rig.parents[k] >= 0]
+    if toes:
+        places = node_matrices(rig, None, np.zeros(1), [*toes, *(int(rig.parents[k]) for k in toes)])[0, :, :3, 3]
+        along = (places[: len(toes)] - places[len(toes) :]).sum(axis=0) * [1.0, 0.0, 1.0]
+        if along.any():
+            return unit(along)
+    return np.array([0.0, 0.0, 1.0])
+
+
+def _expressions(clips: Sequence[Clip]) -> Iterator[Clip]:
+    """Clips that raise morph targets, those that differ by the side or both raise brows joined into one."""
+    groups: dict[str, list[Clip]] = {}
+    for clip in clips:
+        raises = re.search("brow", clip.name, re.IGNORECASE) and re.search("up|raise", clip.name, re.IGNORECASE)
+        groups.setdefault("brows up" if raises else split_side(clip.name)[0], []).append(clip)
+    for group in groups.values():
+        first = group[0]
+        channels = {channel.node: channel for channel in first.channels}
+        for clip in group[1:]:
+            for channel in clip.channels:
+                known = channels.get(channel.node)
+                added = channel.values - channel.values[:1]
+                values = channel.values if known is None else known.values + added
+                channels[channel.node] = replace(known or channel, values=values)
+        name = " + ".join(clip.name for clip in group)
+        yield replace(first, name=name, channels=tuple(channels.values()))

@@ -1,0 +1,80 @@
+"""When clips shorten a tool most, and the tissue's share with which its bumps rise until then."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wrinklecli.character.rig import moving_nodes
+from wrinklecli.method.activity import lengths_over_time
+from wrinklecli.method.curve import fitting_compressible
+from wrinklecli.method.patch import Patch
+from wrinklecli.review.suggest.measure import MeasuredMesh
+from wrinklecli.tools.materials import bump_height
+from wrinklecli.tools.records import Length, WrinkleTool
+
+# Per cent of a shortening that the tissue takes beyond what is needed: between the poses looked at, a clip may fold a
+# little further. And the most that a file may say.
+_SPARE = 1
+_MOST_COMPRESSIBLE = 95
+# Factor by which bumps grow until that is enough.
+_HIGHER = 1.1
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """A tool's anchors in a clip when they are nearest to each other, by what they shorten from.
+
+    Attributes:
+        shortening: As a part of the rest length, without the tool's slack.
+        distance: Of the anchors, scene units; infinite where the character is hidden.
+        rest_length: Of the curve, scene units.
+        time: Seconds.
+    """
+
+    shortening: float
+    distance: float
+    rest_length: float
+    time: float
+
+
+def deepest_moments(mesh: MeasuredMesh, patch: Patch) -> dict[str, Moment]:
+    """By the name of each clip, its deepest moment for a tool."""
+    found = {}
+    moving = moving_nodes(mesh.rig, (*patch.origin.joints, *patch.target.joints))
+    for clip, times in zip(mesh.clips, mesh.times, strict=True):
+        if not any(channel.node in moving for channel in clip.channels):
+            found[clip.name] = Moment(0.0, patch.span, patch.rest_length, float(times[0]))
+            continue
+        distances, rest_lengths = lengths_over_time(patch, mesh.rig, mesh.rest, clip, times)
+        ratios = distances / np.maximum(rest_lengths, patch.span)
+        best = int(ratios.argmin())
+        found[clip.name] = Moment(
+            1.0 - float(ratios[best]), float(distances[best]), float(rest_lengths[best]), float(times[best])
+        )
+    return found
+
+
+def rising_tools(patches: list[Patch], moments: list[dict[str, Moment]]) -> list[WrinkleTool]:
+    """The tools of patches, compressible so much that no bump is full before the deepest pose.
+
+    In whole per cent and one more. Where that is more than a file may say, bumps are higher.
+    """
+    usual = height = bump_height(patches[0].tool.material)
+    while (percent := _needed_percent(patches, moments, height)) > _MOST_COMPRESSIBLE:
+        height *= _HIGHER
+    tools = [replace(each.tool, compressible=percent / 100.0) for each in patches]
+    if height > usual:
+        share = math.ceil(1e4 * height * patches[0].rest_length / patches[0].span / tools[0].bumps) / 100.0
+        tools = [replace(tool, max_height=Length(share, percent=True)) for tool in tools]
+    return tools
+
+
+def _needed_percent(patches: list[Patch], moments: list[dict[str, Moment]], height: float) -> int:
+    """The tissue's share, per cent, for bumps that are at most so high, as a part of their width."""
+    needed = 0.0
+    for patch, found in zip(patches, moments, strict=True):
+        distances, rest_lengths = np.array([[each.distance, each.rest_length] for each in found.values()]).T
+        curve = replace(patch.curve, max_height=height * patch.rest_length / patch.tool.bumps)
+        needed = max(needed, fitting_compressible(curve, [(distances, rest_lengths)]))
+    return math.ceil(100.0 * needed) + _SPARE if needed else 0

@@ -1,0 +1,37 @@
+"""Rims of a face: lips that meet, lids and nostrils, where a surface slides over another and makes no folds."""
+
+import numpy as np
+
+from wrinklecli.numeric.arrays import Floats
+from wrinklecli.review.suggest.measure import MeasuredMesh
+from wrinklecli.review.suggest.regions import Region
+
+# How near a rim is at most, as a part of the region's length, for what moves there to be the rim.
+_NEAR = 0.8
+# Cosine of normals below which two sites look at each other.
+_OPPOSITE = -0.3
+
+
+def rims(mesh: MeasuredMesh) -> Floats:
+    """(points, 3) where the surface ends, or looks at itself nearer than two neighbourhoods' radii."""
+    from scipy.spatial import cKDTree
+
+    sites, triangles = mesh.sites, mesh.gauge.triangles
+    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
+    distinct, counts = np.unique(edges, axis=0, return_counts=True)
+    ends = mesh.rest.positions[np.unique(distinct[counts == 1])]
+    pairs = cKDTree(sites.positions).query_pairs(2.0 * sites.radius, output_type="ndarray")
+    first, second = pairs.T
+    between = sites.positions[second] - sites.positions[first]
+    facing = np.sum(sites.normals[first] * sites.normals[second], axis=1) < _OPPOSITE
+    facing &= np.sum(between * sites.normals[first], axis=1) > 0
+    facing &= np.sum(between * sites.normals[second], axis=1) < 0
+    return np.concatenate([ends, sites.positions[np.unique(pairs[facing])]])
+
+
+def is_rim(region: Region, points: Floats) -> bool:
+    """Whether a region lies on one of the (points, 3) of rims."""
+    if not len(points):
+        return False
+    nearest = float(np.sqrt(np.min(np.sum((points - region.centre) ** 2, axis=1))))
+    return nearest < _NEAR * region.length
