@@ -207,7 +207,7 @@ def test_missing_image_leaves_nothing_behind(tmp_path: Path) -> None:
 
 
 def test_glb_beyond_4_gib_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(writer, "_GLB_LIMIT", 500)
+    monkeypatch.setattr(writer, "GLB_LIMIT", 500)
     edited = EditedDocument(written(Asset(), tmp_path))
     edited.add(np.zeros(200, np.float32))
     with pytest.raises(BakeError, match="--frames-dir"):

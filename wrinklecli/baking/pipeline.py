@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any
 
 from wrinklecli.baking.budget import BUDGETS, fit_budget, storage
+from wrinklecli.baking.estimate import refuse_too_much
 from wrinklecli.baking.frame_files import export_frames
 from wrinklecli.baking.frames import Frames, encode_frames
 from wrinklecli.baking.job import BakeOptions, Job, read_job
@@ -83,6 +84,8 @@ def _bake(
             outputs.protect([*job.inputs, *job.beside])
         with clock.stage("plan"):
             plans = plan_meshes(job, influences=BUDGETS[options.engine].influences if options.engine else None)
+            for plan in plans:
+                refuse_too_much(job, plan, None if out is None else os.fspath(out))
         edited = EditedDocument(job.document, storage=storage(options.engine, options.accessors))
         posed, morphed = [], []
         if options.mode == "frames" or options.frames_dir is not None:

@@ -29,7 +29,8 @@ from wrinklecli.gltf.uris import path_of, uri_of
 
 Bytes: TypeAlias = bytes | memoryview
 
-_GLB_LIMIT = 2**32 - 1  # bytes; the header's length is 32 bits
+GLB_LIMIT = 2**32 - 1
+"""Bytes of a .glb at most: the length in its header has 32 bits."""
 
 
 class Span(NamedTuple):
@@ -108,7 +109,7 @@ def _write_glb(edited: EditedDocument, out: str, seal: Seal, outputs: Outputs) -
     text += b" " * (-len(text) % ALIGNMENT)
     padding = bytes(-size % ALIGNMENT)
     total = 12 + 8 + len(text) + (8 + size + len(padding) if size else 0)
-    if total > _GLB_LIMIT:
+    if total > GLB_LIMIT:
         raise BakeError(f"would be {total} bytes; a .glb holds 4 GiB: use --frames-dir", where=out)
 
     def write_chunks(file: IO[bytes]) -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
+from wrinklecli.baking.estimate import refuse_many_samples
 from wrinklecli.baking.job import BakeOptions, Job, read_job
 from wrinklecli.baking.plan import MeshPlan, plan_meshes
 from wrinklecli.baking.sample import ClipActivity, Motion, sample_activities
@@ -119,9 +120,9 @@ def check(
         checked: list[CheckedTool] = []
         plans = plan_meshes(job)
         for plan in plans:
-            motions = sample_activities(
-                plan, _clips_to_see(plan, job), fps=job.settings.sampling.fps, mode="morph", progress=progress
-            )
+            seen = _clips_to_see(plan, job)
+            refuse_many_samples(job, plan, seen)
+            motions = sample_activities(plan, seen, fps=job.settings.sampling.fps, mode="morph", progress=progress)
             baked = [motion.clip for motion in motions if motion.clip.name not in (*job.range, job.pose)]
             warnings += mesh_warnings(plan, job.settings, baked, tracks=True)
             for number, overlaps in enumerate(_overlaps(plan)):
