@@ -115,6 +115,7 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
             yield from some("--allow-external")
             yield from some(*memory, share=0.1)
             yield from ("-o", chance.choice(["out.glb"] * 9 + ["out.gltf"] * 5 + ["sub/out.gltf"] * 4 + [asset]))
+            yield from some("--draft", share=0.1)
         case "check":
             yield from (asset, "tools.yaml", *some("--json", share=0.5), *some("--fps", "3"))
             yield from chance.choice([[], [], [], [], ["--clip", "fold"], posing])

@@ -296,7 +296,7 @@ def test_json_has_these_keys(wrinkle: Wrinkle, tmp_path: Path) -> None:
     assert list(data["deforming"][0]) == ["node", "mesh", "skin", "morph_targets"]
     assert list(data["skins"][0]) == ["name", "joints", "rest"]
     assert list(data["clips"][0]) == ["name", "start", "end", "keys", "nodes", "channels"]
-    assert list(data["wrinkles"][0]) == ["node", "method", "tools", "undriven"]
+    assert list(data["wrinkles"][0]) == ["node", "method", "draft", "tools", "undriven"]
     assert list(data["wrinkles"][0]["tools"][0]) == ["name", "origin_joints", "target_joints", "rest_length", "targets"]
     assert list(data["files"][0]) == ["name", "bytes"]
 

@@ -83,6 +83,7 @@ class BakedBody:
         stored: (targets,) weights in the stored pose.
         tools: Those that the extras can drive.
         ambiguous: Whether a scene or another node has the node's name too.
+        draft: Whether it is of a bake that was one.
     """
 
     node: str
@@ -92,6 +93,7 @@ class BakedBody:
     stored: Floats
     tools: tuple[BakedTool, ...]
     ambiguous: bool
+    draft: bool
 
     @property
     def driven(self) -> tuple[str, ...]:
@@ -137,6 +139,7 @@ def read_bodies(document: Document) -> list[BakedBody]:
                 stored=rig.morph_weights,
                 tools=tools,
                 ambiguous=count_named(document, node["name"]) > 1,
+                draft=extras["wrinkle"].get("draft") is True,
             )
         )
     if not any(body.tools for body in bodies):

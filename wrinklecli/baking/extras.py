@@ -22,7 +22,9 @@ _DIGITS = 8
 _TABLE_DIGITS = 5
 
 
-def encode_extras(edited: EditedDocument, plan: MeshPlan, target_sets: Sequence[TargetSet]) -> None:
+def encode_extras(
+    edited: EditedDocument, plan: MeshPlan, target_sets: Sequence[TargetSet], *, draft: bool = False
+) -> None:
     """Write the tools into the node's extras, enough to play wrinkles for a clip that was never baked.
 
     An engine poses both anchors (the sum over joints of weight · matrix · position, where the matrix is the joint's
@@ -32,7 +34,7 @@ def encode_extras(edited: EditedDocument, plan: MeshPlan, target_sets: Sequence[
     the rows of `shortenings`, times the clip's factor in `strengths`, if it is there. Where the rest length changes,
     `curve` takes the place of these rows: see `CurveTable`. `vertices` counts those of
     each primitive before refinement; new ones follow them. `undriven` are targets of tools that anchors alone do not
-    drive.
+    drive. `draft` is there if it was one: not proven, and less refined.
     """
     rig = plan.rig
     node = edited.gltf["nodes"][rig.node]
@@ -43,6 +45,7 @@ def encode_extras(edited: EditedDocument, plan: MeshPlan, target_sets: Sequence[
     ]
     node["extras"]["wrinkle"] = {
         "method": METHOD,
+        **({"draft": True} if draft else {}),
         "tools": [
             {
                 "name": patch.tool.name,

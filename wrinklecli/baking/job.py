@@ -50,6 +50,7 @@ class BakeOptions:
         replace: Bake the asset that an earlier bake was made from, where the asset is that bake's output; see
             `baking.original`.
         details: Measure residuals of normals and curve lengths for the report, which takes longer.
+        draft: For a quick look: refine one level less and do not prove the file, which says that it is a draft.
     """
 
     mode: Mode = "morph"
@@ -71,6 +72,7 @@ class BakeOptions:
     strict: bool = False
     replace: bool = False
     details: bool = False
+    draft: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,6 +270,10 @@ def _overridden(settings: ToolsFile, options: BakeOptions) -> ToolsFile:
         sampling = replace(sampling, fps=options.fps)
     if options.max_levels is not None:
         refinement = replace(refinement, max_levels=options.max_levels)
+    if options.draft:
+        # Edges twice as long need one level less.
+        fewer, longer = max(refinement.max_levels - 1, 0), refinement.edges_per_interval / 2
+        refinement = replace(refinement, max_levels=fewer, edges_per_interval=longer)
     return replace(settings, tools=tools, sampling=sampling, refinement=refinement)
 
 

@@ -63,6 +63,7 @@ def encode_morphs(
     motions: Sequence[Motion],
     *,
     tangents: bool = False,
+    draft: bool = False,
 ) -> None:
     """Put meshes, targets, tracks and extras into the edited document.
 
@@ -72,12 +73,13 @@ def encode_morphs(
         target_sets: Their targets.
         motions: Clips to write tracks for.
         tangents: Write TANGENT targets where the base has TANGENT.
+        draft: Say in the extras that it is one.
     """
     targets = targets_of(target_sets)
     stored = _stored_weights(plan, target_sets)
     groups = shared_vertices(edited.source, plan.rig.mesh, plan.fine)
     encode_mesh(edited, plan.rig, plan.fine, targets, stored=stored, tangents=tangents, groups=groups)
-    encode_extras(edited, plan, target_sets)
+    encode_extras(edited, plan, target_sets, draft=draft)
     _encode_tracks(edited, plan.rig, target_sets, motions, stored)
 
 

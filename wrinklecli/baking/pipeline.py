@@ -132,9 +132,9 @@ def _add_morph_targets(
             )
     tracked = motions if options.tracks == "all" else []
     with clock.stage("encode"):
-        encode_morphs(edited, plan, target_sets, tracked, tangents=options.morph_tangents)
+        encode_morphs(edited, plan, target_sets, tracked, tangents=options.morph_tangents, draft=options.draft)
     residuals = {}
-    if options.tracks == "all":
+    if options.tracks == "all" and not options.draft:
         with clock.stage("prove"):
             residuals = prove(edited, plan, target_sets, motions, details=options.details, progress=progress)
     own_bytes = own_target_bytes(job.document.gltf, plan.rig), own_target_bytes(edited.gltf, plan.rig)

@@ -50,7 +50,8 @@ class Report:
         meshes = self.data["meshes"]
         targets = sum(len(tool["targets"]) for tool in self.data["tools"])
         added = sum(mesh["vertices"] - mesh["coarse_vertices"] for mesh in meshes)
-        parts = [
+        parts = ["a draft (one level less refined, not proven)"] if self.data["draft"] else []
+        parts += [
             counted(len(self.data["tools"]), "tool"),
             counted(targets, "morph target") if self.data["mode"] == "morph" else "per-frame geometry",
             counted(added, "new vertex", "new vertices"),
@@ -118,6 +119,7 @@ def make_report(job: Job, baked: Sequence[BakedMesh], *, images: Sequence[str], 
         "asset": job.document.path,
         "tools_file": job.settings.path,
         "mode": job.options.mode,
+        "draft": job.options.draft,
         "tallest_wrinkle": max(mesh.plan.tallest for mesh in baked),
         "meshes": [_describe_mesh(mesh, job.options.mode) for mesh in baked],
         "tools": [

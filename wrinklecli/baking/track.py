@@ -152,6 +152,11 @@ def _track_file(
         for body in bodies
         if body.ambiguous or count_named(document, body.node) > int(body.node in names)
     ]
+    warnings += [
+        f"{document.path}: the body {body.node!r} is of `bake --draft`: neither proven nor fully refined"
+        for body in bodies
+        if body.draft
+    ]
     present: list[tuple[BakedBody, list[BakedTool]]] = []
     for body in bodies:
         tools, missed = present_tools(body, nodes)

@@ -68,6 +68,7 @@ from wrinklecli.cli.streams import command_outputs
     show_default=True,
     help="none: write targets and extras, but no weight tracks.",
 )
+@click.option("--draft", is_flag=True, help="A quick look: no proof, one level of refinement less; OUT says so.")
 @click.option("--morph-tangents", is_flag=True, help="Add TANGENT to targets where the mesh has tangents.")
 @click.option(
     "--engine",

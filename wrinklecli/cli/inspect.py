@@ -125,7 +125,7 @@ def _clip(clip: dict[str, Any]) -> str:
 
 
 def _wrinkles(each: dict[str, Any]) -> list[str]:
-    lines = []
+    lines = ["a draft: neither proven nor fully refined"] if each["draft"] else []
     for tool in each["tools"]:
         joints = [" + ".join(tool[key]) for key in ("origin_joints", "target_joints")]
         lines.append(f"{tool['name']}: {joints[0]} to {joints[1]}, rest length {tool['rest_length']:.4g}")

@@ -216,6 +216,7 @@ def _wrinkles(document: Document) -> Iterator[Json]:
             yield {
                 "node": _node_name(document, index),
                 "method": entry.get("method"),
+                "draft": entry.get("draft") is True,
                 "tools": [
                     {
                         "name": str(tool["name"]),

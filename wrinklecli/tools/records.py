@@ -89,12 +89,12 @@ class RefinementSettings:
 
     Args:
         max_levels: Most times that an edge is halved; 0 keeps the mesh.
-        edges_per_interval: Edges on each control interval, half a bump.
+        edges_per_interval: Edges on each control interval, half a bump; a whole number but in a draft.
         scheme: How new vertices are placed: rounding the surface a little, not at all, or as Zorin's scheme does.
     """
 
     max_levels: int = 4
-    edges_per_interval: int = 2
+    edges_per_interval: float = 2
     scheme: Scheme = "butterfly"
 
 
