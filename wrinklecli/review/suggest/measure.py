@@ -18,6 +18,7 @@ from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.guard import Progress
 from wrinklecli.review.suggest.sites import Peaks, Sites, scan, spread_sites
 from wrinklecli.review.suggest.strain import Gauge, posed, read_gauge
+from wrinklecli.review.suggest.strained import strained_triangles
 from wrinklecli.tools.records import ToolsFile
 
 # Most poses of a clip: a compression that matters lasts longer than a 200th of its clip.
@@ -173,9 +174,11 @@ def _pose_counts(moved: Sequence[_MovedMesh], clips: Sequence[Clip], fps: float,
         for clip in clips
     }
 
+    strained = [(clip.index, _strained_count(each, clip)) for each in moved for clip in each.clips]
+
     def work(counts: Mapping[int, float]) -> float:
         """Triangles times poses."""
-        return sum(len(each.surface.triangles) * counts[clip.index] for each in moved for clip in each.clips)
+        return sum(count * counts[index] for index, count in strained)
 
     thinner = min(1.0, _MOST_WORK / max(work(wanted), 1.0))
     counts = {index: max(min(_FEWEST_POSES, round(n)), math.floor(thinner * n), 1) for index, n in wanted.items()}
@@ -186,6 +189,12 @@ def _pose_counts(moved: Sequence[_MovedMesh], clips: Sequence[Clip], fps: float,
             where=where,
         )
     return counts
+
+
+def _strained_count(mesh: _MovedMesh, clip: Clip) -> int:
+    """How many triangles of a mesh have to be looked at in a clip."""
+    strained = strained_triangles(mesh.rig, mesh.surface, mesh.surface.triangles, clip)
+    return len(mesh.surface.triangles if strained is None else strained)
 
 
 def _measure(

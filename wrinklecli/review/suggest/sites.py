@@ -14,6 +14,7 @@ from scipy.sparse import csr_array
 from wrinklecli.character.clip import Clip
 from wrinklecli.numeric.arrays import Floats, Ints, unit
 from wrinklecli.review.suggest.strain import Gauge, principal, strain
+from wrinklecli.review.suggest.strained import strained_triangles
 
 # Radius of the neighbourhood over which strain is averaged, as a part of the diagonal of the mesh's box: 27 mm on a
 # person. It is at least the second number times a typical triangle's longest edge: less would tell single triangles
@@ -183,11 +184,12 @@ def _symmetric(pairs: Ints, values: NDArray[Any], count: int) -> csr_array:
 
 def at_sites(gauge: Gauge, sites: Sites, clip: Clip | None, times: Floats) -> Floats:
     """(frames, sites, 6) the averaged loss tensor around each site."""
-    tensors = strain(gauge, clip, times)
-    rows = tensors.transpose(1, 0, 2).reshape(len(gauge.triangles), -1)
-    averaged: Floats = (
-        (sites.smooth @ (sites.gather @ rows)).reshape(len(sites.positions), len(times), 6).transpose(1, 0, 2)
-    )
+    # A joint alone strains little of a character.
+    chosen = None if clip is None else strained_triangles(gauge.rig, gauge.surface, gauge.triangles, clip)
+    gather = sites.gather if chosen is None else sites.gather[:, chosen]
+    tensors = strain(gauge, clip, times, chosen)
+    rows = tensors.transpose(1, 0, 2).reshape(tensors.shape[1], -1)
+    averaged: Floats = (sites.smooth @ (gather @ rows)).reshape(len(sites.positions), len(times), 6).transpose(1, 0, 2)
     return averaged
 
 

@@ -79,7 +79,9 @@ def read_gauge(surface: Surface, rest: Rest, rig: Rig) -> Gauge:
     return Gauge(rig, surface, rest, influences, triangles, np.flatnonzero(solid), middles, radii, flat, tensors)
 
 
-def posed(gauge: Gauge, clip: Clip | None, times: Floats, weights: Floats | None = None) -> tuple[Floats, Floats]:
+def posed(
+    gauge: Gauge, clip: Clip | None, times: Floats, weights: Floats | None = None, *, vertices: Ints | None = None
+) -> tuple[Floats, Floats]:
     """Pose the welded vertices.
 
     Args:
@@ -87,6 +89,7 @@ def posed(gauge: Gauge, clip: Clip | None, times: Floats, weights: Floats | None
         clip: The animation; none for the stored pose.
         times: (frames,) seconds.
         weights: (frames, morph targets) in place of the clip's.
+        vertices: (vertices,) which; all where left out.
 
     Returns:
         (frames, vertices, 3) world space and (frames, vertices) scale against rest, by which an animation makes the
@@ -95,27 +98,40 @@ def posed(gauge: Gauge, clip: Clip | None, times: Floats, weights: Floats | None
     rig, surface, rest = gauge.rig, gauge.surface, gauge.rest
     matrices = joint_matrices(rig, clip, times)
     weights = morph_weights(rig, clip, times) if weights is None else weights
-    shape = (len(times), len(surface.positions))
+    influences, positions, deltas = gauge.influences, surface.positions, surface.morph_deltas
+    if vertices is not None:
+        influences, positions, deltas = influences[vertices], positions[vertices], deltas[:, vertices]
+    shape = (len(times), len(positions))
     rows = matrices[:, :, :3, :].transpose(1, 0, 2, 3).reshape(len(rig.joints), -1)
-    blended = (gauge.influences @ rows).reshape(shape[1], shape[0], 3, 4).transpose(1, 0, 2, 3)
-    bind = surface.positions + np.tensordot(weights, surface.morph_deltas, axes=1)
-    positions = np.einsum("fvab,fvb->fva", blended[..., :3], bind) + blended[..., 3]
+    blended = (influences @ rows).reshape(shape[1], shape[0], 3, 4).transpose(1, 0, 2, 3)
+    bind = positions + np.tensordot(weights, deltas, axes=1)
+    places = np.einsum("fvab,fvb->fva", blended[..., :3], bind) + blended[..., 3]
     now, before = np.abs(np.linalg.det(matrices[..., :3, :3])), np.abs(np.linalg.det(rest.matrices[:, :3, :3]))
     ratios = np.cbrt(now / np.where(before > 0, before, 1.0))
-    scales: Floats = (gauge.influences @ ratios.T).T
-    return positions, scales
+    scales: Floats = (influences @ ratios.T).T
+    return places, scales
 
 
-def strain(gauge: Gauge, clip: Clip | None, times: Floats) -> Floats:
+def strain(gauge: Gauge, clip: Clip | None, times: Floats, chosen: Ints | None = None) -> Floats:
     """(frames, triangles, 6) the loss tensor I − U of each triangle: its eigenvalues are 1 − σ, stretch is negative.
 
     Written in world space at rest, in the triangle's plane; a character that is scaled as a whole loses nothing.
+
+    Args:
+        gauge: Of the surface.
+        clip: The animation; none for the stored pose.
+        times: (frames,) seconds.
+        chosen: (triangles,) which; all where left out.
     """
-    positions, scales = posed(gauge, clip, times)
-    a, b, c = (positions[:, gauge.triangles[:, k]] for k in range(3))
-    scale = scales[:, gauge.triangles].mean(axis=2)
+    triangles, flats, products, vertices = gauge.triangles, gauge.flat, gauge.tensors, None
+    if chosen is not None:
+        vertices, corners = np.unique(triangles[chosen], return_inverse=True)
+        triangles, flats, products = corners.reshape(-1, 3), flats[chosen], products[chosen]
+    positions, scales = posed(gauge, clip, times, vertices=vertices)
+    a, b, c = (positions[:, triangles[:, k]] for k in range(3))
+    scale = scales[:, triangles].mean(axis=2)
     hidden = scale < LEAST_SCALE
-    length, along, across = gauge.flat.T
+    length, along, across = flats.T
     first = (b - a) / length[:, None]
     second = (c - a - along[:, None] * first) / across[:, None]
     squared = np.where(hidden, 1.0, scale) ** 2
@@ -129,7 +145,7 @@ def strain(gauge: Gauge, clip: Clip | None, times: Floats) -> Floats:
     middle = (losses[0] + losses[1]) / 2.0
     flat = np.stack([middle + turn * half, turn * xy, middle - turn * half], axis=2)
     flat = np.where(hidden[..., None], 0.0, flat)
-    tensors: Floats = np.einsum("ftk,tks->fts", flat, gauge.tensors)
+    tensors: Floats = np.einsum("ftk,tks->fts", flat, products)
     return tensors
 
 
