@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from kit.pictures import SIZE, covered, reds
+from kit.limb import tool, write_tools
+from kit.pictures import SIZE, covered, draw, limb, picture, reds
 from wrinklecli.review.preview import render
 from wrinklecli.review.preview.camera import Camera, camera_axes
 from wrinklecli.review.preview.draw import Mark
@@ -153,3 +155,22 @@ def test_a_mark_has_an_outline_a_segment_and_ends_of_even_width_on_any_slope(tur
         assert drawn[row - 1, column - 1] == filled, "a dot at the origin, a ring at the target"
         rows = slice(row + outside.start, row + outside.stop)
         assert drawn[rows, column - 1 : column + 1].any(), "round, beyond the outline too"
+
+
+def test_light_ends_on_a_coarse_mesh_that_is_refined_where_it_did_before(tmp_path: Path) -> None:
+    asset = limb(tmp_path, rings=7, sides=7)
+    tools = write_tools(tmp_path / "tools.yaml", tool(bumps=4, width=0.9))
+    draw(
+        [asset],
+        tmp_path / "a.png",
+        tools=tools,
+        before=True,
+        hide_tools=True,
+        rest=True,
+        views=["120:20"],
+        size=(200, 150),
+        labels=[" ", " "],
+        style=Style(clay=True),
+    )
+    shown = picture(tmp_path / "a.png").astype(int)
+    assert np.abs(shown[20:, :200] - shown[20:, 204:]).max() <= 4

@@ -50,7 +50,7 @@ def light_up(
     side = np.array((-1.0 if from_right else 1.0, 1.0, 1.0), np.float32)
     key, fill = unit_rows(side * _KEY[None]), unit_rows(side * _FILL[None])
     openness = _smooth(_openness(surface, starts, chosen.normals, sets), pixels, shape)[hits.pixels]
-    lit = _smooth(_lit(surface, starts, chosen.normals, sets, key), pixels, shape)[hits.pixels]
+    lit = _smooth(_lit(surface, starts, chosen, sets, key), pixels, shape)[hits.pixels]
     amounts = (
         lit * np.maximum(hits.normals @ key[0], 0),
         openness * np.maximum(hits.normals @ fill[0], 0),
@@ -98,16 +98,30 @@ def _openness(surface: TracedSurface, points: Array, normals: Array, sets: Ints)
     return openness
 
 
-def _lit(surface: TracedSurface, points: Array, normals: Array, sets: Ints, key: Array) -> Array:
-    """(hits,) how much of the key light, in direction (1, 3), is seen, 0 to 1; none from what faces away from it."""
-    facing_it = np.flatnonzero(normals @ key[0] > 0)
-    points, sets = points[facing_it], sets[facing_it]
+def _lit(surface: TracedSurface, points: Array, hits: Hits, sets: Ints, key: Array) -> Array:
+    """(hits,) how much of the key light, in direction (1, 3), is seen, 0 to 1; none from what faces away from it.
+
+    A normal may face the light where its triangle does not, as the triangle is but a chord of a curved surface. Such a
+    ray goes inside, and where it comes out again hides nothing.
+    """
+    facing_it = np.flatnonzero(hits.normals @ key[0] > 0)
+    points, sets, sides = points[facing_it], sets[facing_it], hits.sides[facing_it]
+    found = hits.found[facing_it]
+    outwards = sides * surface.faces[found]
+    inside = np.einsum("pi,pia->pa", hits.weights[facing_it], surface.corners[found]) - LIFT * outwards
     across = np.concatenate(_basis(key))
     free = np.zeros(len(points), np.float32)
     for disc in _discs(_SHADOW_RAYS):
         directions = (key + _SOFTNESS * (disc[:, :2] @ across))[sets]
-        free += (surface.rays.run(points, directions, query="OCCLUDED") < 0) / np.float32(_SHADOW_RAYS)
-    lit = np.zeros(len(normals), np.float32)
+        starts = points.copy()
+        below = np.flatnonzero(np.einsum("pi,pi->p", outwards, directions) < 0)
+        met = surface.rays.run(inside[below], directions[below], output=True)
+        ways = np.einsum("pi,pi->p", sides[below] * surface.faces[met["primID"]], directions[below])
+        leaving = np.flatnonzero((met["primID"] >= 0) & (ways > 0))
+        out = below[leaving]
+        starts[out] = inside[out] + (met["tfar"][leaving, None] + LIFT) * directions[out]
+        free += (surface.rays.run(starts, directions, query="OCCLUDED") < 0) / np.float32(_SHADOW_RAYS)
+    lit = np.zeros(len(hits.normals), np.float32)
     lit[facing_it] = free
     return lit
 
