@@ -85,14 +85,14 @@ def range_of_motion(
     bending = np.flatnonzero(areas > _LEAST_BENT * areas.max(initial=0.0))
     turnable = [int(node) for node in bending if "rotation" in hierarchy.locals[node]]
     joints = sorted(sorted(turnable, key=lambda node: -areas[node])[:_MOST_JOINTS])
-    raised = _morph_targets(document, rigs, driven or {})
-    morphs = list(raised)[:_MOST_MORPHS]
+    moving = _morph_targets(document, rigs, driven or {})
+    morphs = list(moving)[:_MOST_MORPHS]
     made = [each for node in joints for each in _turns(rigs[0], node, clips, moved > 0)]
-    made += [(name, raised[name]) for name in morphs]
+    made += [(name, [raising(rig, dict.fromkeys(numbers, 1.0)) for rig, numbers in moving[name]]) for name in morphs]
     left_out = [
         counted(len(turnable) - len(joints), "joint") + " that bend less" if len(turnable) > len(joints) else "",
         counted(len(bending) - len(turnable), "joint") + " stored as a matrix" if len(bending) > len(turnable) else "",
-        counted(len(raised) - len(morphs), "morph target") if len(raised) > len(morphs) else "",
+        counted(len(moving) - len(morphs), "morph target") if len(moving) > len(morphs) else "",
     ]
     summary = (
         f"{counted(len(made), 'motion')} of {counted(len(joints), 'joint')} and {counted(len(morphs), 'morph target')}"
@@ -192,17 +192,19 @@ def _bone(rig: Rig, node: int, carrying: Bools) -> Floats:
 
 def _morph_targets(
     document: Document, rigs: Sequence[Rig], driven: Mapping[int, Collection[str]]
-) -> dict[str, list[Channel]]:
-    """By name, the morph targets that move something, raised: those of several meshes that have one name together."""
-    found: dict[str, list[Channel]] = {}
+) -> dict[str, list[tuple[Rig, list[int]]]]:
+    """By name, the meshes with morph targets of that name that move something, and the numbers of these."""
+    found: dict[str, list[tuple[Rig, list[int]]]] = {}
     moving: dict[int, set[int]] = {}
     for rig in rigs:
         if rig.mesh not in moving:
             moving[rig.mesh] = set(_moving_targets(document, rig.mesh))
-        for name in dict.fromkeys(rig.morph_names):
-            numbers = [number for number, each in enumerate(rig.morph_names) if each == name]
-            if moving[rig.mesh].intersection(numbers) and name not in driven.get(rig.node, ()):
-                found.setdefault(name, []).append(raising(rig, dict.fromkeys(numbers, 1.0)))
+        numbers: dict[str, list[int]] = {}
+        for number, name in enumerate(rig.morph_names):
+            numbers.setdefault(name, []).append(number)
+        for name, own in numbers.items():
+            if moving[rig.mesh].intersection(own) and name not in driven.get(rig.node, ()):
+                found.setdefault(name, []).append((rig, own))
     return found
 
 
