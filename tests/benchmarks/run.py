@@ -315,7 +315,7 @@ def scaling(places: Places) -> Iterator[Row]:
     def baked(count: int) -> Command:
         return "bake", *write_tube(folder, count), "-q", "-o", folder / "tube.glb"
 
-    tools, instances, frames = (5, 100, 400), (10, 200, 800), (10, 100, 400)
+    tools, instances, frames = (5, 100, 400), (10, 400, 1600), (10, 200, 800)
     yield from grown("tools", tools, baked)
     yield from grown("tools", tools, lambda count: ("check", *write_tube(folder, count)))
     yield from grown("instances", instances, lambda count: ("diff", *write_crowds(folder, count)))
