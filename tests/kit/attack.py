@@ -100,6 +100,7 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
             yield from some("--accessors", chance.choice(["dense", "based"]))
             yield from some("--tracks", "none")
             yield from some("--morph-tangents")
+            yield from some("--draft")
             yield from some("--engine", chance.choice(["three", "unity", "spec8", "vtk", "godot3"]))
             yield from some("--frames-dir", "frames", "--frames-format", chance.choice(["obj", "ply", "glb"]))
             yield from some("--timings", "timings.json", share=0.05)
@@ -115,7 +116,6 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
             yield from some("--allow-external")
             yield from some(*memory, share=0.1)
             yield from ("-o", chance.choice(["out.glb"] * 9 + ["out.gltf"] * 5 + ["sub/out.gltf"] * 4 + [asset]))
-            yield from some("--draft", share=0.1)
         case "check":
             yield from (asset, "tools.yaml", *some("--json", share=0.5), *some("--fps", "3"))
             yield from chance.choice([[], [], [], [], ["--clip", "fold"], posing])
@@ -132,7 +132,7 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
             yield from (*some("--quiet", share=0.05), *some("--allow-external"), *some(*memory, share=0.1))
         case "suggest":
             yield from (asset, *some("--json", share=0.3), *some("-o", "found.yaml", share=0.5), "--fps", "4")
-            yield from (*some("--node", "limb"), *some("--count", "2"), *some("--clip", "fold"))
+            yield from (*some("--node", "limb"), *some("--count", "2"), *some("--clip", "fold"), *some("--all"))
             yield from (*motions, *some("--quiet"), *some("--allow-external"), *some(*memory, share=0.1))
         case "preview" if chance.random() < 0.15:
             yield from (asset, *some("--tools", "tools.yaml", share=0.5), "-o", "p.png", "--size", "32x32")
