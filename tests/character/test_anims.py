@@ -33,7 +33,7 @@ def test_channels_move_the_nodes_of_their_names(interpolation: Interpolation, tm
     (clip,) = found.clips
     assert clip.moves_as(read_clips(as_document(limb_asset(rings=3, sides=4, interpolation=interpolation)))[0])
     assert clip.name == "fold"
-    assert not found.warnings
+    assert not found.notes
     assert found.read == (str(path),)
 
 
@@ -62,7 +62,7 @@ def test_a_clip_whose_name_is_taken_is_named_for_its_file(tmp_path: Path) -> Non
     paths = [skeleton("mixamo.com").write(tmp_path / name / "walk.glb") for name in ("", "a", "b")]
     found = read_anims(as_document(body()), paths)
     assert [clip.name for clip in found.clips] == ["mixamo.com", "walk", "walk 2"]
-    assert [re.sub(r".*glb: ", "", line) for line in found.warnings] == [
+    assert [re.sub(r".*glb: ", "", line) for line in found.notes] == [
         "its clip 'mixamo.com' is 'walk' here, as that name is taken",
         "its clip 'mixamo.com' is 'walk 2' here, as that name is taken",
     ]
@@ -79,7 +79,7 @@ def test_what_the_asset_has_not_is_said(tmp_path: Path) -> None:
     anim = skeleton(joints=3)
     path = anim.write(tmp_path / "walk.glb")
     found = read_anims(document, [path])
-    assert found.warnings == (
+    assert found.notes == (
         f"{path}: 1 node of its clips cannot be moved in {document.path}: 'joint_2'; did you mean 'joint_1'?",
     )
     with pytest.raises(

@@ -91,9 +91,9 @@ class Job:
         by_node: The tools of each node that has a mesh, nodes rising.
         pose: Name of the clip that is the pose asked for, if any.
         range: Names of the clips that are the asset's range of motion.
-        notes: What motions were made, a line each.
-        warnings: A line for each tool that is left out, for each clip that an optional one names in vain, and for what
-            of the anims is left out.
+        notes: What motions were made, and what of the anims was left out or renamed, a line each.
+        warnings: A line for each tool that is left out, for each clip that an optional one names in vain, and for each
+            anim without clips.
     """
 
     options: BakeOptions

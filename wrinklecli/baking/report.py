@@ -34,6 +34,7 @@ class Report:
         data: For `--report`: JSON values only.
         warnings: A line each; with `--strict` any of them refuses the result.
         inputs: Every file that was read.
+        notes: What of clips of other files was left out or renamed, a line each.
         bytes_written: Size of OUT with the files beside it.
         timings: For `--timings`: JSON values only.
     """
@@ -41,6 +42,7 @@ class Report:
     data: Json
     warnings: tuple[str, ...] = ()
     inputs: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     bytes_written: int = 0
     timings: Json = field(default_factory=dict)
 
@@ -128,12 +130,13 @@ def make_report(job: Job, baked: Sequence[BakedMesh], *, images: Sequence[str], 
             for number, target_set in enumerate(mesh.target_sets)
         ],
         "clips": _describe_clips(baked, details=job.options.details),
+        "notes": list(job.notes),
         "warnings": warnings,
     }
     if engine is not None:
         budgets = [mesh.budget for mesh in baked if mesh.budget is not None]
         data["engine"] = {"name": engine, "limits": asdict(BUDGETS[engine]), "meshes": budgets}
-    return Report(data=data, warnings=tuple(warnings), inputs=(*job.inputs, *images))
+    return Report(data=data, warnings=tuple(warnings), inputs=(*job.inputs, *images), notes=job.notes)
 
 
 def _describe_mesh(mesh: BakedMesh, mode: Mode) -> Json:

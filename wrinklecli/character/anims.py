@@ -24,12 +24,14 @@ class Anims:
 
     Attributes:
         clips: Of the asset's nodes.
-        warnings: A line each: what of the files is left out, and clips that have another name here.
+        notes: A line each: what of the files is left out, and clips that have another name here.
+        warnings: A line for each file without clips.
         read: The files that were read.
         beside: All files that they consist of, read or not.
     """
 
     clips: tuple[Clip, ...]
+    notes: tuple[str, ...]
     warnings: tuple[str, ...]
     read: tuple[str, ...]
     beside: tuple[str, ...]
@@ -50,6 +52,7 @@ def read_anims(document: Document, paths: Sequence[str | os.PathLike[str]]) -> A
     """
     taken = {clip.name for clip in read_clips(document)}
     clips: list[Clip] = []
+    notes: list[str] = []
     warnings: list[str] = []
     read: list[str] = []
     beside: list[str] = []
@@ -63,18 +66,18 @@ def read_anims(document: Document, paths: Sequence[str | os.PathLike[str]]) -> A
                 warnings.append(f"{anim.path}: has no clip")
                 continue
             of_asset, left_out = _for_asset(document, anim, found)
-            warnings += left_out
+            notes += left_out
             for clip in of_asset:
                 name = _free_name(clip.name, Path(anim.path).stem, taken, alone=len(found) == 1)
                 if name != clip.name:
-                    warnings.append(f"{anim.path}: its clip {clip.name!r} is {name!r} here, as that name is taken")
+                    notes.append(f"{anim.path}: its clip {clip.name!r} is {name!r} here, as that name is taken")
                 taken.add(name)
                 clips.append(replace(clip, name=name))
-    return Anims(tuple(clips), tuple(warnings), tuple(read), tuple(beside))
+    return Anims(tuple(clips), tuple(notes), tuple(warnings), tuple(read), tuple(beside))
 
 
 def _for_asset(document: Document, anim: Document, clips: Sequence[Clip]) -> tuple[list[Clip], list[str]]:
-    """The clips of a file that move nodes of the asset's, by the numbers these have there, and warnings.
+    """The clips of a file that move nodes of the asset's, by the numbers these have there, and notes.
 
     Raises:
         AssetError: None does.
@@ -109,14 +112,14 @@ def _for_asset(document: Document, anim: Document, clips: Sequence[Clip]) -> tup
             f" {listed(known)}",
             where=anim.path,
         )
-    warnings = []
+    notes = []
     if strangers:
         hint = nearest(next(iter(strangers)), known) if len(strangers) == 1 else ""
-        warnings.append(
+        notes.append(
             f"{anim.path}: {counted(len(strangers), 'node')} of its clips cannot be moved in {document.path}:"
             f" {listed(strangers)}{hint}"
         )
-    return made, warnings
+    return made, notes
 
 
 @dataclass(frozen=True, slots=True)

@@ -41,8 +41,8 @@ class Moved:
         range: The names of the clips that are its range of motion.
         telling: A few of these, that together show how it moves.
         further: The names of all clips that the asset's file has not.
-        notes: What was made, a line each.
-        warnings: What of the anims is left out, a line each.
+        notes: What was made, and what of the anims was left out or renamed, a line each.
+        warnings: A line for each anim without clips.
         beside: The files that the anims consist of, read or not: nothing may be written over them.
     """
 
@@ -92,7 +92,7 @@ def moved(
     pose: str | None = None
     made: tuple[str, ...] = ()
     telling: tuple[str, ...] = ()
-    notes: list[str] = []
+    notes = list(anims.notes)
     if motions.pose or motions.morphs:
         document = with_pose(document, motions.pose, motions.morphs)
         pose = read_clips(document)[-1].name

@@ -154,6 +154,8 @@ def bake(
             outputs.add_bytes(depfile, dependencies(output, made.inputs))
     if quiet:
         return
+    for note in made.notes:
+        say(f"note: {note}")
     for warning in made.warnings:
         warn(warning)
     if verbose:

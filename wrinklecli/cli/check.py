@@ -91,7 +91,7 @@ def check(asset: str, tools: str, plot: str | None, as_json: bool, strict: bool,
 
 def _emit_tables(data: dict[str, Any]) -> None:
     for note in data["notes"]:
-        emit(note)
+        emit(f"note: {note}")
         emit("")
     for tool in data["tools"]:
         emit(f"{tool['name']} on {tool['node']}", style={"bold": True})

@@ -28,7 +28,10 @@ def clip_option(text: str) -> Option:
 
 def anim_option(text: str) -> Option:
     """`--anim`, files with clips: `anims`."""
-    about = "Take the clips of this file (glTF) too, for joints of the same names; may be repeated."
+    about = (
+        "Take the clips of this file (glTF) too, for joints of the same names; may be repeated. A clip whose name is"
+        " taken gets the file's."
+    )
     return click.option("--anim", "anims", type=FILE, metavar="FILE", multiple=True, help=f"{about} {text}".rstrip())
 
 

@@ -167,6 +167,8 @@ def preview(
         made = run(assets, output, chosen, outputs=outputs, progress=progress.show)
     if quiet:
         return
+    for note in made.notes:
+        say(f"note: {note}")
     for warning in made.warnings:
         warn(warning)
     say(f"{output}: {made.summary}")

@@ -38,6 +38,7 @@ class Preview:
         shown: What there is to see: how many moments, or tools.
         views: As used; `facing` as the angles that it came to.
         warnings: A line each.
+        notes: What motions were made, and what of the anims was left out or renamed, a line each.
     """
 
     path: str
@@ -45,6 +46,7 @@ class Preview:
     shown: str
     views: tuple[str, ...]
     warnings: tuple[str, ...]
+    notes: tuple[str, ...]
 
     @property
     def summary(self) -> str:
@@ -84,7 +86,7 @@ def preview(
         joined = _read_assets(assets, path, options, written)
         documents = [each.document for each in joined]
         planned = _planned(documents[0], options)
-        warnings = [*joined[0].warnings, *joined[0].notes, *(() if planned is None else planned.warnings)]
+        warnings = [*joined[0].warnings, *(() if planned is None else planned.warnings)]
         animated = kind != "png"
         reviewed = is_reviewed(documents, planned, options, animated=animated)
         if options.grid and not animated and not options.names_a_moment:
@@ -105,9 +107,8 @@ def preview(
         else:
             data = encode_picture(drawn.images[0])
         written.add_bytes(path, data)
-    return Preview(
-        path, drawn.images[0].size, drawn.shown, drawn.views, tuple(dict.fromkeys((*warnings, *drawn.warnings)))
-    )
+    warnings = list(dict.fromkeys((*warnings, *drawn.warnings)))
+    return Preview(path, drawn.images[0].size, drawn.shown, drawn.views, tuple(warnings), joined[0].notes)
 
 
 def _refuse_missing() -> None:
