@@ -102,6 +102,7 @@ class Sides:
         limits: How far numbers may be apart.
         nodes: Nodes of the second by those of the first that they are paired with.
         paired: The nodes of the second that are paired.
+        skinned: Of each, the meshes of which every node that shows them has a skin.
     """
 
     a: Document
@@ -109,6 +110,12 @@ class Sides:
     limits: Limits
     nodes: Mapping[int, int]
     paired: frozenset[int]
+    skinned: tuple[frozenset[int], frozenset[int]]
+
+    @classmethod
+    def of(cls, a: Document, b: Document, limits: Limits, nodes: Mapping[int, int]) -> "Sides":
+        """Of two documents, by pairs of their nodes."""
+        return cls(a, b, limits, nodes, frozenset(nodes.values()), (_skinned_meshes(a), _skinned_meshes(b)))
 
     def items(self, kind: str, i: int, j: int) -> tuple[Json, Json]:
         """An object of a top-level array in either document."""
@@ -119,6 +126,15 @@ class Sides:
         if i is not None and i in self.nodes:
             return self.nodes[i] == j
         return i == j and j not in self.paired
+
+
+def _skinned_meshes(document: Document) -> frozenset[int]:
+    """The meshes of which every node that shows them has a skin."""
+    shown, rigid = set[int](), set[int]()
+    for node in document.items("nodes"):
+        if "mesh" in node:
+            (shown if "skin" in node else rigid).add(node["mesh"])
+    return frozenset(shown - rigid)
 
 
 def differ(kind: Kind, place: Place, message: str, *, name: object = "", distance: float | None = None) -> Difference:

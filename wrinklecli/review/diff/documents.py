@@ -58,7 +58,7 @@ def document_differences(a: Document, b: Document, limits: Limits, *, clips: Seq
         AssetError: A document is malformed.
     """
     nodes, unpaired = pair_nodes(a, b)
-    sides = Sides(a, b, limits, nodes, frozenset(nodes.values()))
+    sides = Sides.of(a, b, limits, nodes)
     walk = _Walk(sides)
     return [
         *unpaired,

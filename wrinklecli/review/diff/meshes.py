@@ -44,7 +44,7 @@ def mesh_differences(sides: Sides, i: int, j: int) -> Found:
     if len(primitives[0]) != len(primitives[1]):
         message = f"{len(primitives[0])} -> {len(primitives[1])} primitives"
         yield differ("structure", (*place, "primitives"), message, name=name)
-    skinned = all(_is_skinned(document, mesh) for document, mesh in ((sides.a, i), (sides.b, j)))
+    skinned = i in sides.skinned[0] and j in sides.skinned[1]
     mesh = _Mesh(name, tuple(morph_target_names(first)), skinned, sides.limits.scales.get(i, 1.0))
     for number, (one, other) in enumerate(zip(*primitives, strict=False)):
         yield from _primitive_differences(sides, one, other, (*place, "primitives", number), mesh)
@@ -114,12 +114,6 @@ def _triangle_differences(
         number = int(off.argmax())
         message = f"index {number}: {one[number]} -> {other[number]}{count_that_differ(int(off.sum()), len(off))}"
         yield differ("geometry", at, message, name=name)
-
-
-def _is_skinned(document: Document, mesh: int) -> bool:
-    """Whether every node that shows a mesh has a skin."""
-    users = [node for node in document.items("nodes") if node.get("mesh") == mesh]
-    return bool(users) and all("skin" in node for node in users)
 
 
 def image_differences(sides: Sides, i: int, j: int) -> Found:
