@@ -122,9 +122,10 @@ def test_images_that_are_too_large_to_compare_are_not_said_to_be_the_same(wrinkl
 
 
 # Embree alone takes 270 MB.
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("command", "rings", "memory", "what"),
-    [("preview", 500, "400MB", "to draw"), ("suggest", 80, "50MB", "to measure")],
+    [("suggest", 80, "50MB", "to measure"), ("preview", 500, "400MB", "to draw")],
 )
 def test_triangles_are_counted_before_they_are_looked_at(
     wrinkle: Wrinkle, tmp_path: Path, command: str, rings: int, memory: str, what: str
