@@ -33,6 +33,8 @@ def test_of_an_asset_without_clips_six_motions_are_shown_at_their_ends(tmp_path:
     assert len(shown(path, PreviewOptions(), Motions(), animated=True)) == 6 * 15
     assert shown(path, PreviewOptions(), Motions(morphs=[("morph_0", 1.0)])) == [("morph_0=1", 0.0)]
     folds = limb(tmp_path / "folds.glb")
+    anims = Motions(anims=[folds])
+    assert {name for name, _ in shown(limb(tmp_path / "grows.glb", clip="grow"), PreviewOptions(), anims)} == {"fold"}
     assert {name for name, _ in shown(folds, PreviewOptions(), Motions(range_of_motion=True))} == {"fold"}
 
 
@@ -49,6 +51,7 @@ def test_the_command_shows_poses_motions_and_clips_of_other_files(tmp_path: Path
         (["--pose=joint_1=z:60"], "1 moment"),
         (["--anim", whole], "5 moments"),
         (["--tools", tools], "1 tool"),
+        (["--tools", tools, "--review", "--pose=joint_1=z:60"], "1 tool"),
         (["--tools", tools, "--anim", whole, "--clip=fold", "--times=1"], "1 moment"),
         (["--clip=joint_1 about z, +90°"], "5 moments"),
     ):

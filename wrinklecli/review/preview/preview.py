@@ -83,15 +83,17 @@ def preview(
         from wrinklecli.review.preview.sheet import encode_animation, encode_picture
 
         kind = _kind(path)
+        animated = kind != "png"
+        if options.grid and not animated and not options.names_a_moment:
+            options = replace(options, rest=True)
         joined = _read_assets(assets, path, options, written)
         documents = [each.document for each in joined]
         planned = _planned(documents[0], options)
         warnings = [*joined[0].warnings, *(() if planned is None else planned.warnings)]
-        animated = kind != "png"
         reviewed = is_reviewed(documents, planned, options, animated=animated)
-        if options.grid and not animated and not options.names_a_moment:
-            options = replace(options, rest=True)
-        elif not reviewed:
+        if reviewed:
+            options = replace(options, clips=joined[0].chosen(options.clips))
+        else:
             options = with_motions(options, joined[0], animated=animated)
         for number, each in enumerate(joined):
             documents[number], unread = with_driven_wrinkles(each.document, each.added(options.clips))
@@ -151,10 +153,14 @@ def _read_assets(
 
 
 def with_motions(options: PreviewOptions, joined: Moved, *, animated: bool) -> PreviewOptions:
-    """Options that show the pose asked for; or, of an asset without clips, a few motions, where they name none."""
+    """Options that show, where they name no clip, the pose asked for, the first clip of other files, or a few motions.
+
+    The last of an asset without clips. Where there is none of these, its own clips are shown as ever.
+    """
     clips = joined.chosen(options.clips)
+    of_anims = [name for name in joined.further if name not in joined.range]
     if clips or len(joined.range) < len(read_clips(joined.document)):
-        return replace(options, clips=clips)
+        return replace(options, clips=clips or ([] if options.rest else of_anims[:1]))
     whole = animated or options.times or options.frames is not None or options.fps is not None
     return replace(options, clips=joined.telling, times=options.times if whole else (1.0,))
 
