@@ -1,6 +1,6 @@
 """The written file, evaluated again as an engine would, against the method's own result."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,13 +13,13 @@ from wrinklecli.character.clip import KEY_GAP, Clip, read_clips
 from wrinklecli.character.pose import Pose, joint_matrices, morph_weights, pose_at
 from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.skin import pose, prepare
-from wrinklecli.character.sparse_targets import SparseDeltas, added, read_sparse_deltas
+from wrinklecli.character.sparse_targets import SparseDeltas, Targets, read_sparse_deltas
 from wrinklecli.character.surface import dense_influences, read_vertices
 from wrinklecli.errors import RefusedError
 from wrinklecli.gltf.edit import EditedDocument
 from wrinklecli.gltf.shape import Json
 from wrinklecli.method.activity import Activity, further_activities
-from wrinklecli.method.carry import displacements
+from wrinklecli.method.carry import CarriedPatch, displacements
 from wrinklecli.method.refine import Refinement
 from wrinklecli.method.shapes import displaced_normals, turn_to
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, runs, unit
@@ -65,6 +65,7 @@ class Proof:
         rig: Of the written node.
         clips: Of the written file.
         vertices: (vertices,) fine welded vertex of each.
+        method: What the bumps of all skin-attached tools add to the vertices, group by group and mode by mode.
         moved: Of each tool, the vertices here that it moves, and the number of each among those of the tool.
         positions: (vertices, 3) as stored.
         deltas: (old targets, vertices, 3) as stored.
@@ -76,12 +77,13 @@ class Proof:
     rig: Rig
     clips: tuple[Clip, ...]
     vertices: Ints
+    method: Targets
     moved: list[tuple[Ints, Ints]]
     positions: Floats
     deltas: Floats
-    added: list[SparseDeltas]
+    added: Targets
     weights: Floats
-    normals: tuple[Floats, list[SparseDeltas]] | None
+    normals: tuple[Floats, Targets] | None
 
 
 def prove(
@@ -158,15 +160,19 @@ def read_back(edited: EditedDocument, plan: MeshPlan) -> Proof:
     dense = dense_influences(stored.joints[chosen], stored.weights[chosen], len(rig.joints))
     normals = None
     if stored.normals is not None:
-        normals = stored.normals[chosen], [target.of_rows(rows) for target in new_deltas("NORMAL")]
+        turning = [target.of_rows(rows) for target in new_deltas("NORMAL")]
+        normals = stored.normals[chosen], Targets(tuple(turning), len(chosen))
+    moved = [_found_in(welds[chosen], carried.vertices) for carried in plan.carried_patches]
+    shapes = [shape for each, at in zip(plan.carried_patches, moved, strict=True) for shape in _shapes(each, *at)]
     return Proof(
         rig,
         read_clips(written),
         welds[chosen],
-        [_found_in(welds[chosen], carried.vertices) for carried in plan.carried_patches],
+        Targets(tuple(shapes), len(chosen)),
+        moved,
         stored.positions[chosen],
         stored.morph_deltas[:, chosen],
-        [target.of_rows(rows) for target in moving],
+        Targets(tuple(target.of_rows(rows) for target in moving), len(chosen)),
         dense,
         normals,
     )
@@ -177,6 +183,14 @@ def _found_in(vertices: Ints, wanted: Ints) -> tuple[Ints, Ints]:
     order = np.argsort(vertices, kind="stable")
     firsts, ends = (np.searchsorted(vertices, wanted, side, order) for side in ("left", "right"))
     return order[runs(firsts, ends - firsts)], np.repeat(np.arange(len(wanted)), ends - firsts)
+
+
+def _shapes(carried: CarriedPatch, rows: Ints, numbers: Ints) -> Iterator[SparseDeltas]:
+    """What each mode of each group of a tool adds, at amplitude 1, to (n,) rows: its vertices of (n,) numbers."""
+    if carried.ring is None:
+        curves = carried.patch.curve.shapes(carried.us[numbers])
+        for heights in curves.reshape(-1, len(numbers)):
+            yield SparseDeltas(rows, heights[:, None] * carried.directions[numbers])
 
 
 def _distinct(primitives: Sequence[Json], refined_primitives: Sequence[RefinedPrimitive]) -> list[int]:
@@ -250,7 +264,7 @@ def _vertex_errors(
         matrices = joint_matrices(rig, clip, now, acting)
         wanted, _ = pose(method, matrices, morph_weights(rig, clip, now), moved)
         played = morph_weights(proof.rig, written, now)
-        new = added(proof.added, played[:, len(proof.deltas) :], len(proof.vertices))
+        new = proof.added.added(played[:, len(proof.deltas) :])
         got, _ = pose(file, joint_matrices(proof.rig, written, now, stored), played[:, : len(proof.deltas)], new)
         distances = np.sqrt(np.sum((got - wanted) ** 2, axis=1)).max(axis=1, initial=0.0)
         frame = int(distances.argmax())
@@ -325,16 +339,20 @@ def _method_displacements(
     proof: Proof, plan: MeshPlan, clip: Clip, times: Floats, amplitudes: Sequence[Floats]
 ) -> Floats:
     """(frames, 3, vertices) sum of all tools, at the vertices compared, bind space."""
-    total = np.zeros((len(times), 3, len(proof.vertices)))
+    weights = [np.zeros((len(times), 0))]
+    for carried, each in zip(plan.carried_patches, amplitudes, strict=True):
+        if carried.ring is None:
+            weights.append(carried.patch.clip_strength(clip) * each.reshape(len(times), -1))
+    total = proof.method.added(np.concatenate(weights, axis=1))
     for carried, each, (rows, numbers) in zip(plan.carried_patches, amplitudes, proof.moved, strict=True):
-        if each.any():
+        if carried.ring is not None:
             moved = displacements(carried, plan.fine, plan.rig, plan.rest, clip, times, each)
             total[:, :, rows] += moved.transpose(0, 2, 1)[:, :, numbers]
     return total
 
 
 def _normal_angles(
-    normals: tuple[Floats, list[SparseDeltas]],
+    normals: tuple[Floats, Targets],
     compared: Ints,
     fine: Refinement,
     moved: Floats,
@@ -346,7 +364,7 @@ def _normal_angles(
     Those of the wrinkles alone: what the source's own morph targets do to normals is theirs.
     """
     base, deltas = normals
-    turned = added(deltas, played[:, len(fine.morph_deltas) :], len(base)).transpose(0, 2, 1)
+    turned = deltas.added(played[:, len(fine.morph_deltas) :]).transpose(0, 2, 1)
     moved = moved.transpose(0, 2, 1)
     vertices, first = np.unique(compared, return_index=True)
     touched, true = displaced_normals(fine, vertices, moved[:, first], poses)

@@ -5,6 +5,7 @@ Source: glTF 2.0 §3.7.2.2 (morph targets), §3.6.2.3 (sparse accessors).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -13,6 +14,9 @@ from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints
+
+# Targets that are added up by one product: more have many zeros, and take more memory than what they change.
+_FEW_TARGETS = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,15 +83,37 @@ def _joined(parts: Sequence[SparseDeltas]) -> SparseDeltas:
     return SparseDeltas(np.concatenate(vertices), np.concatenate(deltas))
 
 
-def added(targets: Sequence[SparseDeltas], weights: Floats, vertex_count: int) -> Floats:
-    """(frames, 3, vertices) what (frames, targets) weights of morph targets add to an attribute."""
-    total = np.zeros((len(weights), 3, vertex_count))
-    for target, played in zip(targets, weights.T, strict=True):
-        frames = np.flatnonzero(played)
-        if len(frames) and len(target.vertices):
-            moved = played[frames, None, None] * target.deltas.T
-            if len(frames) == len(weights):
-                total[:, :, target.vertices] += moved
-            else:
-                total[np.ix_(frames, np.arange(3), target.vertices)] += moved
-    return total
+@dataclass(frozen=True)
+class Targets:
+    """Morph targets of one attribute, ready to be added up.
+
+    Attributes:
+        targets: What each adds.
+        vertex_count: Of the vertices that they count.
+    """
+
+    targets: tuple[SparseDeltas, ...]
+    vertex_count: int
+
+    def added(self, weights: Floats) -> Floats:
+        """(frames, 3, vertices) what (frames, targets) weights add."""
+        if len(self.targets) <= _FEW_TARGETS:
+            return (weights @ self._dense).reshape(len(weights), 3, self.vertex_count)
+        total = np.zeros((len(weights), 3, self.vertex_count))
+        for target, played in zip(self.targets, weights.T, strict=True):
+            frames = np.flatnonzero(played)
+            if len(frames) and len(target.vertices):
+                moved = played[frames, None, None] * target.deltas.T
+                if len(frames) == len(weights):
+                    total[:, :, target.vertices] += moved
+                else:
+                    total[np.ix_(frames, np.arange(3), target.vertices)] += moved
+        return total
+
+    @cached_property
+    def _dense(self) -> Floats:
+        """(targets, 3 vertices) all that they add."""
+        dense = np.zeros((len(self.targets), 3, self.vertex_count))
+        for row, target in zip(dense, self.targets, strict=True):
+            row[:, target.vertices] = target.deltas.T
+        return dense.reshape(len(self.targets), 3 * self.vertex_count)
