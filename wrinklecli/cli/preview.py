@@ -161,7 +161,10 @@ def preview(
     _refuse_misuse(assets, output, options)
 
     with command_outputs() as outputs, Progress(quiet=quiet) as progress:
-        from wrinklecli.review.preview.preview import preview as run
+        from wrinklecli.numeric.guard import guarded
+
+        with guarded(assets[0]):  # of little memory the modules alone may take too much
+            from wrinklecli.review.preview.preview import preview as run
 
         chosen = PreviewOptions(**options, style=Style(wire=wire, clay=clay, backfaces=backfaces))
         made = run(assets, output, chosen, outputs=outputs, progress=progress.show)

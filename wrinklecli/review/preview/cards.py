@@ -78,17 +78,17 @@ class CardSheet:
 
     def _write(self, pen: Any, left: int, top: int, width: int, card: Card) -> None:
         """The words below a card's pictures."""
-        small = font_of(self._text)
-        aside = fitting(card.aside, small, 0.6 * width)
+        small, large = font_of(self._text), font_of(self._text + 1)
+        aside = fitting(card.aside, small, width - min(large.getlength(card.name[:200]) + 3 * self._text, 0.4 * width))
         pen.text((left + width - small.getlength(aside), top), aside, fill=_GREY, font=small)
         start = left
         if card.colour is not None:
             side = self._text - 3
             pen.rectangle((left, top + 3, left + side, top + 3 + side), fill=code(card.colour))
             start += side + self._text // 2
-        name = fitting(card.name, font_of(self._text + 1), left + width - start - small.getlength(aside) - self._text)
+        name = fitting(card.name, large, left + width - start - small.getlength(aside) - self._text)
         # A stroke around the letters makes them bold: the font that Pillow brings along has one weight.
-        pen.text((start, top - 1), name, fill=_DARK, font=font_of(self._text + 1), stroke_width=0.4)
+        pen.text((start, top - 1), name, fill=_DARK, font=large, stroke_width=0.4)
         for number, row in enumerate(card.facts[: self._rows]):
             line = top + (number + 1) * _line_height(self._size) + 2
             at = float(left)

@@ -207,5 +207,8 @@ def _joints(asset: ShownAsset, moment: Moment) -> Overlay:
         if parent >= 0:
             strokes.append(Stroke(np.array([places[parent], places[node]]), _BONE, 1.3, 0.6))
     dots = [Dot(places[node], _BONE, 2.2) for node in nodes]
-    words = [Word(places[node], rig.names[node], _BONE) for node in nodes]
+    # Converters put a word and a colon before all names, and there is little room.
+    head, colon, _ = rig.names[nodes[0]].rpartition(":")
+    shared = len(head + colon) if all(rig.names[node].startswith(head + colon) for node in nodes) else 0
+    words = [Word(places[node], rig.names[node][shared:], _BONE) for node in nodes]
     return Overlay(strokes, dots, words)

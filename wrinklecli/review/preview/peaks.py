@@ -55,7 +55,7 @@ class Peak:
         node: That has its mesh.
         moment: When they are tallest; the stored pose where no clip raises them.
         raised: Whether a clip raises them; otherwise they are to be shown at their full height.
-        facts: Rows of what is to be said of it.
+        facts: Rows of what is to be said of it, at least one.
     """
 
     name: str
@@ -208,8 +208,8 @@ def _peak(data: Json, node: int, clips: Sequence[Json]) -> Peak:
     rising = [each for each in clips if each["height"] >= _EQUAL * tallest > 0]
     best = max(rising, key=_shortest, default=None)
     moment = Moment(None, 0.0) if best is None else Moment(best["name"], best["time"])
-    rows = (tuple(_figures(data, best)), tuple(_lie(data)), tuple(_others(best, clips)))
-    return Peak(data["name"], node, moment, best is not None, tuple(row for row in rows if row))
+    further = [row for row in (tuple(_lie(data)), tuple(_others(best, clips))) if row]
+    return Peak(data["name"], node, moment, best is not None, (tuple(_figures(data, best)), *further))
 
 
 def _shortest(clip: Json) -> float:

@@ -35,7 +35,8 @@ _LAYOUTS = ((1, 1, (760, 570)), (2, 1, (640, 420)), (6, 2, (444, 320)), (MOST_RE
 # Share of its wrinkles below which a tool is hidden, and parts of the way to its peak where it is looked at then: the
 # nearest where it is in plain sight, else where so many times as much of it is seen.
 _HIDDEN, _PLAIN, _MORE = 0.55, 0.7, 1.2
-_EARLIER = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3)
+_EARLIER = (0.85, 0.7, 0.55, 0.4)
+_UNSEEN = 0.2  # share of its wrinkles below which there is nothing to judge
 # Of a tool that does not fit: letters and rows of the line that says so, and factors of its pictures' distances.
 _REASON, _REASON_ROWS = 92, 3
 _MARGINS = {"close": 1.8, "whole": 1.1}
@@ -62,8 +63,17 @@ class _Shot:
     @property
     def aside(self) -> str:
         """When, and from where."""
-        hidden = "" if self.moment == self.peak.moment else f" as they are hidden at {self.peak.moment.time:.2f} s,"
-        return f"{self.moment.label},{hidden} from {self.view.name}"
+        return f"{self.moment.label}, from {self.view.name}"
+
+    @property
+    def facts(self) -> list[Sequence[Fact]]:
+        """What is to be said of it."""
+        first, *others = self.peak.facts
+        if self.view.share < _UNSEEN:
+            first = (*first, Fact("hidden from all sides", alarming=True))
+        elif self.moment != self.peak.moment:
+            first = (*first, Fact(f"hidden at {self.peak.moment.time:.2f} s"))
+        return [first, *others]
 
 
 def review(
@@ -220,7 +230,7 @@ def _card(shot: _Shot, snapshots: Sequence[Snapshot], options: PreviewOptions) -
         name=shot.peak.name,
         colour=INKS[shot.ink % len(INKS)] if marked.marks else None,
         aside=shot.aside,
-        facts=shot.peak.facts,
+        facts=shot.facts,
         pictures=[Picture(*each) for each in zip(pictures, options.labels or ("before", "after"), strict=True)],
     )
 
