@@ -83,25 +83,17 @@ def preview(
         from wrinklecli.review.preview.sheet import encode_animation, encode_picture
 
         kind = _kind(path)
-<<<<<<< HEAD
         animated = kind != "png"
         if options.grid and not animated and not options.names_a_moment:
-=======
-        if options.grid and kind == "png" and not options.names_a_moment:
->>>>>>> 887d652 (A review says what is hidden, and is shorter where names are long; a grid names joints without what all names begin with)
             options = replace(options, rest=True)
         joined = _read_assets(assets, path, options, written)
         documents = [each.document for each in joined]
         planned = _planned(documents[0], options)
         warnings = [*joined[0].warnings, *(() if planned is None else planned.warnings)]
         reviewed = is_reviewed(documents, planned, options, animated=animated)
-<<<<<<< HEAD
         if reviewed:
             options = replace(options, clips=joined[0].chosen(options.clips))
         else:
-=======
-        if not reviewed:
->>>>>>> 887d652 (A review says what is hidden, and is shorter where names are long; a grid names joints without what all names begin with)
             options = with_motions(options, joined[0], animated=animated)
         for number, each in enumerate(joined):
             documents[number], unread = with_driven_wrinkles(each.document, each.added(options.clips))
