@@ -64,6 +64,9 @@ def main() -> None:
         for line in error.lines:
             say(line)
         sys.exit(error.exit_code)
+    except MemoryError:  # while libraries are loaded; later, `guarded` says which file it was
+        say("wrinkle: takes more memory than there is, or than --max-memory allows")
+        sys.exit(1)
     except Exception as error:
         if isinstance(error, OSError) and is_of_output(error):
             say(f"standard output: cannot be written: {error.strerror}")
