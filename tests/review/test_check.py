@@ -608,6 +608,9 @@ def test_an_asset_without_clips_is_checked_in_its_range_of_motion(tmp_path: Path
     assert not any("weights channel" in line for line in found.warnings)
     ran = wrinkle("check", path, tools)
     assert note in ran.out
+    named = write_tools(tmp_path / "named.yaml", tool(clips={"walk": 0.5}))
+    with pytest.raises(WrinkleError, match="no clip 'walk'; there are none"):
+        check(path, named)
     (alone,) = check(path, tools, clips=["morph_0"]).data["tools"]
     assert [clip["name"] for clip in alone["clips"]] == ["morph_0"]
     assert any("joint_1" in clip["name"] for clip in check(path, tools, range_of_motion=True).data["tools"][0]["clips"])

@@ -147,7 +147,8 @@ def _job(asset: Document, settings: ToolsFile, options: BakeOptions, motions: Mo
     every_clip = read_clips(document)
     asked = joined.chosen(options.clips)
     sampled = () if asked or settings.sampling.clips == "all" else settings.sampling.clips
-    vain_clips = _check_clip_names(settings, sampled, every_clip)
+    nameable = tuple(clip for clip in every_clip if clip.name not in (*joined.range, joined.pose))
+    vain_clips = _check_clip_names(settings, sampled, nameable)
     return Job(
         options=options,
         settings=settings,
