@@ -84,14 +84,24 @@ class Suggestion:
         return written_length(self.tool.rest_length)
 
 
-def fit_tools(folds: Sequence[Fold], count: int) -> list[Suggestion]:
-    """The best folds as tools, best first; lop-sided ones, and mild ones, only where there is no other."""
+def fit_tools(folds: Sequence[Fold], count: int, further: Sequence[Clip] = ()) -> list[Suggestion]:
+    """The best folds as tools, best first; lop-sided ones, and mild ones, only where there is no other.
+
+    Args:
+        folds: Of all meshes.
+        count: At most.
+        further: Clips that `check` looks at too: no bump is full before their end.
+    """
     return (
-        _ranked(folds, count) or _ranked(folds, count, lopsided=True) or _ranked(folds, count, lopsided=True, mild=True)
+        _ranked(folds, count, further)
+        or _ranked(folds, count, further, lopsided=True)
+        or _ranked(folds, count, further, lopsided=True, mild=True)
     )
 
 
-def _ranked(folds: Sequence[Fold], count: int, *, lopsided: bool = False, mild: bool = False) -> list[Suggestion]:
+def _ranked(
+    folds: Sequence[Fold], count: int, further: Sequence[Clip], *, lopsided: bool = False, mild: bool = False
+) -> list[Suggestion]:
     order = sorted(range(len(folds)), key=lambda index: -folds[index].score)
     found: list[Suggestion] = []
     laid: list[tuple[MeasuredMesh, Patch]] = []
@@ -104,7 +114,7 @@ def _ranked(folds: Sequence[Fold], count: int, *, lopsided: bool = False, mild: 
         others = [patch for mesh, patch in laid if mesh is fold.mesh]
         if any(_covers(patch, fold.region.centre, fold.region.normal) for patch in others):
             continue
-        made = _made(fold, names, sizes, lopsided=lopsided, mild=mild)
+        made = _made(fold, names, sizes, further, lopsided=lopsided, mild=mild)
         if made is None or any(_overlap(patch, other) for patch in made[1] for other in others):
             continue
         suggestion, patches = made
@@ -131,7 +141,13 @@ def _overlap(first: Patch, second: Patch) -> bool:
 
 
 def _made(
-    fold: Fold, names: set[str], sizes: dict[tuple[int, str], float], *, lopsided: bool, mild: bool
+    fold: Fold,
+    names: set[str],
+    sizes: dict[tuple[int, str], float],
+    further: Sequence[Clip],
+    *,
+    lopsided: bool,
+    mild: bool,
 ) -> tuple[Suggestion, list[Patch]] | None:
     """A tool of a fold, with its twin if it has one; none where it does not attach or shorten.
 
@@ -139,6 +155,7 @@ def _made(
         fold: Where.
         names: Identifiers that are taken.
         sizes: By node and driver, the width of a bump, scene units.
+        further: As of `fit_tools`.
         lopsided: Whether to take a fold alone that is one of a pair, but would lie on its twin.
         mild: Whether to take one that shortens less than what it is made of asks for.
     """
@@ -173,7 +190,10 @@ def _made(
             # The one that the clips fold is written, and `mirror` makes the other.
             named, patches, lengths = named[::-1], patches[::-1], lengths[::-1]
         best = max(lengths[0], key=lambda name: lengths[0][name].shortening)
-        patches = [replace(each, tool=tool) for each, tool in zip(patches, rising_tools(patches, lengths), strict=True)]
+        deepest = [
+            moments | deepest_moments(mesh, each, further) for each, moments in zip(patches, lengths, strict=True)
+        ]
+        patches = [replace(each, tool=tool) for each, tool in zip(patches, rising_tools(patches, deepest), strict=True)]
         suggestion = Suggestion(
             tool=patches[0].tool,
             mirrored=len(named) == 2,

@@ -1,10 +1,12 @@
 """When clips shorten a tool most, and the tissue's share with which its bumps rise until then."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import moving_nodes
 from wrinklecli.method.activity import lengths_over_time
 from wrinklecli.method.curve import fitting_compressible
@@ -17,6 +19,8 @@ from wrinklecli.tools.records import Length, WrinkleTool
 # little further. And the most that a file may say.
 _SPARE = 1
 _MOST_COMPRESSIBLE = 95
+# Poses of a further clip.
+_FURTHER_POSES = 16
 # Factor by which bumps grow until that is enough.
 _HIGHER = 1.1
 
@@ -38,11 +42,18 @@ class Moment:
     time: float
 
 
-def deepest_moments(mesh: MeasuredMesh, patch: Patch) -> dict[str, Moment]:
-    """By the name of each clip, its deepest moment for a tool."""
+def deepest_moments(mesh: MeasuredMesh, patch: Patch, further: Sequence[Clip] = ()) -> dict[str, Moment]:
+    """By the name of each clip, its deepest moment for a tool.
+
+    Args:
+        mesh: With clips.
+        patch: The attached tool.
+        further: Clips to look at beside those of the mesh, each from one key to another.
+    """
     found = {}
     moving = moving_nodes(mesh.rig, (*patch.origin.joints, *patch.target.joints))
-    for clip, times in zip(mesh.clips, mesh.times, strict=True):
+    more = [(clip, np.linspace(clip.start, clip.end, _FURTHER_POSES)) for clip in further]
+    for clip, times in [*zip(mesh.clips, mesh.times, strict=True), *more]:
         if not any(channel.node in moving for channel in clip.channels):
             found[clip.name] = Moment(0.0, patch.span, patch.rest_length, float(times[0]))
             continue

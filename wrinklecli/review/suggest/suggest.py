@@ -80,6 +80,7 @@ def suggest(
         joined = moved(document, [each.index for each in nodes], motions)
         document, notes = joined.document, [*notes, *joined.warnings, *joined.notes]
         chosen = chosen_clips(read_clips(document), clips, where=document.path)
+        made: list[Clip] = []
         if joined.range and not clips:
             made = [clip for clip in chosen if clip.name in joined.range]
             others = (clip for clip in chosen if clip.name not in joined.range)
@@ -88,7 +89,7 @@ def suggest(
         choice = choose_folds(document, _folds_of(meshes, progress), everything=everything)
         folds = choice.folds
         notes += choice.notes
-        found = fit_tools(folds, count)
+        found = fit_tools(folds, count, made)
         text = reason = ""
         if found:
             text = tools_text(found, os.path.basename(document.path), flat=all(fold.mesh.flat for fold in folds))
