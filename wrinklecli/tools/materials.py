@@ -40,7 +40,7 @@ class Material:
 _PLAIN_BUMPS, _PLAIN_HEIGHT = 4, 0.25
 MATERIALS: Mapping[str, Material] = {
     "skin": Material(bump_width=0.33, bump_height=0.13, compressible=0.90, profile="smooth", details=()),
-    "cloth": Material(bump_width=0.25, bump_height=0.25, compressible=0.65, profile="smooth", details=(0.1,)),
+    "cloth": Material(bump_width=0.25, bump_height=0.25, compressible=0.65, profile="smooth", details=()),
     "leather": Material(bump_width=0.33, bump_height=0.18, compressible=0.85, profile="polyline", details=()),
 }
 

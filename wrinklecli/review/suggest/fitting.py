@@ -8,7 +8,6 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
@@ -18,8 +17,9 @@ from wrinklecli.method.patch import Patch, attach_tools
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.suggest.folds import Fold
 from wrinklecli.review.suggest.measure import MeasuredMesh, pose_unscaled
-from wrinklecli.review.suggest.moments import deepest_moments, rising_tools
+from wrinklecli.review.suggest.moments import Moment, deepest_moments, rising_tools
 from wrinklecli.review.suggest.regions import Region
+from wrinklecli.review.suggest.room import highest
 from wrinklecli.review.suggest.segments import lay_segment
 from wrinklecli.tools.materials import MATERIALS, usual_bumps
 from wrinklecli.tools.mirror import split_side
@@ -37,14 +37,15 @@ _WIDTH_OF_REGION, _WIDTH_ACROSS = 1.4, 1.15
 # Part of its length that a segment must lose: where a joint bends less, skin bulges and does not fold, and cloth
 # only slackens. What a morph target moves is a face, where lines are made by less.
 _LEAST_SHORTENING = {"skin": 0.3, "cloth": 0.2, "leather": 0.2, None: 0.15}
-_LEAST_BY_MORPH = 0.05
+_LEAST_BY_MORPH = 0.04
 # Part of its twin's shortening below which the left one of a pair all but rests.
 _RESTS = 0.7
 # Slack before the first wrinkle, per cent of the rest distance, where a joint makes it: clips rarely come back to the
 # stored pose, and 1 % already shows.
 SLACK = 5
-# Per cent of its rest distance that a segment across the middle of a face has at weight 1 of its morph target.
-_FULL = 105.0
+# Per cent of its rest distance that a segment across the middle of a face has at weight 1 of its morph target, the
+# first that shortens it. Between two brows skin hardly shortens, and yet its lines go across: the weight makes them.
+_FULL = (105.0, 110.0, 115.0, 120.0, 130.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,6 +170,8 @@ def _made(
     driver, by_morph = fold.driver, fold.by_morph
     stem, side = _stem_and_side(driver)
     size = sizes.get((mesh.rig.node, driver))
+    if by_morph and region.on_plane:
+        return _driven(refined, _newly_named([_tool(refined, stem, _width(region))], stem, names)[0], further)
     options = [[_tool(refined, f"{stem}.{side}" if side else stem, _width(region), size)]]
     # `mirror` would exchange the side in the node's name too.
     if region.twin and apart and not (mesh.node is not None and split_side(mesh.node)[1]):
@@ -189,26 +192,48 @@ def _made(
         if shares[0] < _RESTS * shares[-1]:
             # The one that the clips fold is written, and `mirror` makes the other.
             named, patches, lengths = named[::-1], patches[::-1], lengths[::-1]
-        best = max(lengths[0], key=lambda name: lengths[0][name].shortening)
-        deepest = [
-            moments | deepest_moments(mesh, each, further) for each, moments in zip(patches, lengths, strict=True)
-        ]
-        patches = [replace(each, tool=tool) for each, tool in zip(patches, rising_tools(patches, deepest), strict=True)]
-        suggestion = Suggestion(
-            tool=patches[0].tool,
-            mirrored=len(named) == 2,
-            mesh=mesh.rig.names[mesh.rig.node],
-            driver=_of_side(mesh, driver, patches[0].tool.name) if len(named) == 2 else driver,
-            by_morph=by_morph,
-            clip=best,
-            time=lengths[0][best].time,
-            span=patches[0].span,
-            clips={name: moment.distance for name, moment in lengths[0].items()},
-            shortening=shares[0] if shares[0] >= _RESTS * shares[-1] else shares[-1],
-            score=fold.score,
-        )
-        return suggestion, patches
+        return _suggested(fold, patches, lengths, further)
     return None
+
+
+def _driven(fold: Fold, tool: WrinkleTool, further: Sequence[Clip]) -> tuple[Suggestion, list[Patch]] | None:
+    """A tool across x = 0 that the weight of a morph target drives, the further where that stretches the middle."""
+    for full in _FULL:
+        length = RestLengthMorph(fold.driver, Length(full, percent=True))
+        patches = _attached(fold.mesh, [replace(tool, rest_length=length)])
+        if patches is None:
+            return None
+        moments = deepest_moments(fold.mesh, patches[0])
+        if max(moment.shortening for moment in moments.values()) >= _LEAST_BY_MORPH:
+            return _suggested(fold, patches, [moments], further)
+    return None
+
+
+def _suggested(
+    fold: Fold, patches: list[Patch], lengths: list[dict[str, Moment]], further: Sequence[Clip]
+) -> tuple[Suggestion, list[Patch]] | None:
+    """A tool, or a pair whose first is written, that rises until the deepest pose; none where there is no room."""
+    mesh, driver = fold.mesh, fold.driver
+    best = max(lengths[0], key=lambda name: lengths[0][name].shortening)
+    deepest = [moments | deepest_moments(mesh, each, further) for each, moments in zip(patches, lengths, strict=True)]
+    rising = rising_tools(patches, deepest, min(highest(mesh, patch) for patch in patches))
+    if rising is None:
+        return None
+    patches = [replace(each, tool=tool) for each, tool in zip(patches, rising, strict=True)]
+    suggestion = Suggestion(
+        tool=patches[0].tool,
+        mirrored=len(patches) == 2,
+        mesh=mesh.rig.names[mesh.rig.node],
+        driver=_of_side(mesh, driver, patches[0].tool.name) if len(patches) == 2 else driver,
+        by_morph=fold.by_morph,
+        clip=best,
+        time=lengths[0][best].time,
+        span=patches[0].span,
+        clips={name: moment.distance for name, moment in lengths[0].items()},
+        shortening=lengths[0][best].shortening,
+        score=fold.score,
+    )
+    return suggestion, patches
 
 
 def _refined(fold: Fold) -> Fold | None:
@@ -336,19 +361,9 @@ def _tool(fold: Fold, name: str, width: float, size: float | None = None) -> Wri
         material=fold.material,
         strategy="everywhere" if fold.by_morph else "both_ends",
         bumps=bumps,
-        rest_length=_rest_length(fold),
+        rest_length="auto" if fold.by_morph else Length(100.0 - SLACK, percent=True),
         **(MATERIALS[fold.material].defaults if fold.material else {}),
     )
-
-
-def _rest_length(fold: Fold) -> Length | RestLengthMorph | Literal["auto"]:
-    """What shortening counts from: by a joint with slack, by a morph target from rest on.
-
-    Between two brows skin hardly shortens where both rise, and yet its lines go across: the weight makes them.
-    """
-    if not fold.by_morph:
-        return Length(100.0 - SLACK, percent=True)
-    return RestLengthMorph(fold.driver, Length(_FULL, percent=True)) if fold.region.on_plane else "auto"
 
 
 def decimals(span: float) -> int:

@@ -149,7 +149,7 @@ def driver_of(fold: Fold) -> tuple[str, bool]:
     if len(moving):
         rest_span = span(None, stored)
         lost = rest_span - span(clip, weights)
-        if rest_span - span(clip, stored) < _OF_JOINTS * lost:
+        if rest_span - span(clip, stored) <= _OF_JOINTS * lost:
             alone = [span(None, np.where(np.arange(len(stored)) == k, weights, stored)) for k in moving]
             return rig.morph_names[moving[int(np.argmin(alone))]], True
     shares = _joint_shares(mesh, region)

@@ -66,17 +66,33 @@ def deepest_moments(mesh: MeasuredMesh, patch: Patch, further: Sequence[Clip] = 
     return found
 
 
-def rising_tools(patches: list[Patch], moments: list[dict[str, Moment]]) -> list[WrinkleTool]:
+def rising_tools(
+    patches: list[Patch], moments: list[dict[str, Moment]], highest: float = math.inf
+) -> list[WrinkleTool] | None:
     """The tools of patches, compressible so much that no bump is full before the deepest pose.
 
     In whole per cent and one more. Where that is more than a file may say, bumps are higher.
+
+    Args:
+        patches: Of one tool, or of a pair.
+        moments: Of each, by clip.
+        highest: What a bump may have, scene units.
+
+    Returns:
+        None where bumps would have to be higher than that.
     """
-    usual = height = bump_height(patches[0].tool.material)
+    width = patches[0].rest_length / patches[0].tool.bumps
+    usual = bump_height(patches[0].tool.material)
+    height = min(usual, highest / width)
     while (percent := _needed_percent(patches, moments, height)) > _MOST_COMPRESSIBLE:
         height *= _HIGHER
+    if height * width > highest:
+        return None
     tools = [replace(each.tool, compressible=percent / 100.0) for each in patches]
-    if height > usual:
-        share = math.ceil(1e4 * height * patches[0].rest_length / patches[0].span / tools[0].bumps) / 100.0
+    if height != usual:
+        # Rounded away from what the tissue or the room would not take.
+        nearest = math.ceil if height > usual else math.floor
+        share = nearest(1e4 * height * width / patches[0].span) / 100.0
         tools = [replace(tool, max_height=Length(share, percent=True)) for tool in tools]
     return tools
 

@@ -22,6 +22,8 @@ _ALIGNED = 0.93
 # Two halves are one region across the plane if what hangs together between them, and the other half, lose these parts
 # of what the one loses.
 _MIDDLE_LOSS, _HALF_LOSS = 0.15, 0.6
+# Or if what is between them is as even as a forehead: least cosine of its normals with the mean.
+_EVEN = 0.7
 # Part of a region's loss left out at either end when its extent is measured.
 _TAIL = 0.03
 # Part of a mesh's area that must have its mirror image for the mesh to count as symmetric: clothes need not be.
@@ -156,17 +158,32 @@ def _is_across(sites: Sites, grown: _Grown, centre: Floats, tensors: Floats) -> 
         return False
     sideways = abs(grown.along[0]) > 0.5**0.5
     flattened = np.array([1.0, 0.0, 0.0]) if sideways else unit(grown.along * [0.0, 1.0, 1.0])
+    outward = unit(grown.normal * [0.0, 1.0, 1.0])
     lost = along_directions(tensors, sites.normals, flattened)
-    own = float(lost[grown.members].max())
-    inside = (lost >= _MIDDLE_LOSS * own) & (sites.normals @ unit(grown.normal * [0.0, 1.0, 1.0]) > 0.0)
     start = int(grown.members[lost[grown.members].argmax()])
+    own = float(lost[start])
+    other = np.sum((sites.positions - centre * [-1.0, 1.0, 1.0]) ** 2, axis=1)
+    if lost[other < max(float(other.min()), sites.radius**2)].max() < _HALF_LOSS * own:
+        return False
+    inside = (lost >= _MIDDLE_LOSS * own) & (sites.normals @ outward > 0.0)
     inside[start] = True
     between = _connected(sites, inside, start)
-    distances = np.sum((sites.positions[between] - centre * [-1.0, 1.0, 1.0]) ** 2, axis=1)
-    return bool(
-        (np.abs(sites.positions[between, 0]) < sites.radius).any()
-        and lost[between[distances < max(distances.min(), sites.radius**2)]].max(initial=0.0) > _HALF_LOSS * own
-    )
+    hangs_together = bool((np.abs(sites.positions[between, 0]) < sites.radius).any())
+    return hangs_together or (not sideways and _is_smooth(sites, grown, centre, flattened, outward))
+
+
+def _is_smooth(sites: Sites, grown: _Grown, centre: Floats, along: Floats, outward: Floats) -> bool:
+    """Whether the surface between two halves is an even one, such as a forehead, without a nose or a gap."""
+    near, far = _extent(np.abs(sites.positions[grown.members, 0]), grown.weights)
+    relative = sites.positions - centre * [0.0, 1.0, 1.0]
+    low, high = _extent(relative[grown.members] @ along, grown.weights)
+    ahead = relative @ along
+    band = (np.abs(sites.positions[:, 0]) <= near) & (ahead >= low) & (ahead <= high)
+    band &= np.abs(relative @ outward) < far
+    x = np.sort(sites.positions[band, 0])
+    if not len(x) or np.diff(x, prepend=-near, append=near).max() > sites.radius:
+        return False
+    return bool((sites.normals[band] @ outward).min() > _EVEN)
 
 
 def _thickness(sites: Sites, along: Floats, aside: Floats, weights: Floats) -> float:

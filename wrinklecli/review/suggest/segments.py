@@ -18,6 +18,8 @@ _TURNS = np.radians([0.0, -8.0, 8.0, -16.0, 16.0, -24.0, 24.0])
 # A segment ends where the loss falls under this part of its peak: beyond, flesh bulges and does not fold. The peak
 # counts as this at most, so that a crease of a single edge leaves room for wrinkles.
 _END_LOSS, _HIGHEST_PEAK = 0.5, 0.6
+# Loss below which the middle between two halves of a region is still.
+_STILL = 0.05
 # How far an end is from the peak at most, as a part of the region's length.
 _FURTHEST = 0.8
 # A segment that shortens by more is all within a crease, where nobody sees its wrinkles, and its ends pass each other:
@@ -71,7 +73,7 @@ def lay_segment(mesh: MeasuredMesh, region: Region, poses: Sequence[Floats]) -> 
     directions = np.cos(turns)[:, None] * region.along + np.sin(turns)[:, None] * across
     step = _REACH * region.length / _STEPS
     trails = _walk(mesh.rest, triangles, region.centre, np.concatenate([-directions, directions]), step)
-    best, ends = 0.0, None
+    best, ends = -np.inf if region.on_plane else 0.0, None
     smoothing = max(1, round(mesh.sites.radius / step))
     for turn, first, second in zip(turns, trails[: len(turns)], trails[len(turns) :], strict=True):
         line = _joined(first, second)
@@ -121,6 +123,10 @@ def _ends(line: _Trail, centre: int, moved: Sequence[Floats], region: Region, sm
     about = np.abs((travelled[1:] + travelled[:-1]) / 2.0 - travelled[centre]) <= region.length / 2.0
     about[min(centre, len(steps) - 1)] = True
     peak = int(np.where(about, losses, -np.inf).argmax())
+    if region.on_plane and losses[peak] < _STILL:
+        # Between two halves that move, as between brows: as far as those.
+        within = np.flatnonzero(np.abs(travelled - travelled[centre]) <= region.length / 2.0)
+        return (int(within[0]), int(within[-1])) if len(within) > 1 else None
     level = _END_LOSS * min(float(losses[peak]), _HIGHEST_PEAK)
     low, high = peak, peak + 1
     # Along a row of knuckles the loss nowhere falls so far.
