@@ -79,12 +79,13 @@ def test_a_joint_goes_as_far_as_its_clips_where_these_tell(angle: float, ends: s
 
 
 def test_the_trunk_bends_less_and_a_face_hardly() -> None:
-    asset = limb_asset(rings=13, sides=4, joints=5, clip=None)
-    for node, name in zip(asset.gltf["nodes"][1:6], ["root", "mixamorig:Spine2", "Arm", "Head", "jaw"], strict=True):
+    asset = limb_asset(rings=16, sides=4, joints=6, clip=None)
+    names = ["root", "mixamorig:Spine2", "Arm", "Head", "jaw", "eyebrow.L"]
+    for node, name in zip(asset.gltf["nodes"][1:7], names, strict=True):
         node["name"] = name
     assert {name.replace("+", "-") for name in motions(asset)} == {
         f"{name} about {axis}, {-min(bend, 45) if axis == 'x' else -bend}°"
-        for name, bend in (("mixamorig:Spine2", 45), ("Arm", 90), ("Head", 45), ("jaw", 20))
+        for name, bend in (("mixamorig:Spine2", 45), ("Arm", 90), ("Head", 45), ("jaw", 20), ("eyebrow.L", 8))
         for axis in "xyz"
     }
 

@@ -17,9 +17,11 @@ from wrinklecli.errors import counted
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, unit, unit_quaternions
 
-# Degrees that a joint bends to either side; those of the trunk, by words in their names, and what hangs on the head:
-# about as far as Unity lets its humanoids bend.
-_BEND, _TRUNK_BEND, _FACE_BEND = 90.0, 45.0, 20.0
+# Degrees that a joint bends to either side; those of the trunk and the jaw, by words in their names, about as far as
+# Unity lets its humanoids bend. What else hangs on the head are muscles, often with a pivot behind the eyes: 8° move
+# skin by a centimetre.
+_BEND, _TRUNK_BEND, _JAW_BEND, _FACE_BEND = 90.0, 45.0, 20.0, 8.0
+_JAW = re.compile("jaw|mandible|eye(?!brow|lid|lash)", re.IGNORECASE)
 _TRUNK = re.compile("spine|chest|torso|waist|pelvis|neck|head|clavicle|collar|shoulder|metacarp", re.IGNORECASE)
 _HEAD = re.compile("head", re.IGNORECASE)
 # Degrees at most that a joint turns about its own bone, as a forearm does: linear blend skinning wrings a limb that is
@@ -28,7 +30,7 @@ _TWIST = 45.0
 # Degrees that clips turn a joint before they tell how far it goes: an idle character breathes by less.
 _TELLING = 30.0
 # Degrees of a motion at least, and at most: a knee or an elbow.
-_LEAST_TURN, _MOST_TURN = 10.0, 150.0
+_LEAST_TURN, _MOST_TURN = 5.0, 150.0
 # Cosine of an axis and a bone above which a turn about the one twists the other: 30°.
 _ALONG = 0.87
 # Of joints' directions, which say where a bone points: length of their sum over the sum of their lengths.
@@ -66,7 +68,7 @@ def range_of_motion(
     """Turn the joints that bend some meshes about their own axes, both ways, and raise the meshes' morph targets.
 
     A joint that the clips turn by 30° or more goes as far as they do, each way. Others bend by 90° and twist by 45°;
-    those of the trunk bend by 45°, those of a face by 20°.
+    those of the trunk bend by 45°, jaw and eyes by 20°, and others of a face by 8°.
     Left out are joints that bend nothing, as they carry all of a mesh, or a part that hangs on nothing else; those that
     are stored as a matrix; and, of more than 100, those that bend the least area.
 
@@ -156,7 +158,7 @@ def _usual_bend(rig: Rig, node: int) -> float:
     bend, above = _TRUNK_BEND if _TRUNK.search(rig.names[node]) else _BEND, int(rig.parents[node])
     while above >= 0:
         if _HEAD.search(rig.names[above]):
-            return _FACE_BEND
+            return _JAW_BEND if _JAW.search(rig.names[node]) else _FACE_BEND
         above = int(rig.parents[above])
     return bend
 
