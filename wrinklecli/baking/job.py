@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias
 from wrinklecli.baking.original import original
 from wrinklecli.character.clip import Clip, chosen_clips, read_clips, unknown_clip
 from wrinklecli.character.moved import Motions, moved
-from wrinklecli.character.rig import morph_target_names
+from wrinklecli.character.scene import deforms
 from wrinklecli.errors import BakeError, ConfigError, listed, nearest
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.edit import Storage
@@ -178,7 +178,7 @@ def tools_by_node(document: Document, settings: ToolsFile) -> tuple[dict[int, li
     """
     nodes = document.items("nodes")
     mesh_nodes = [index for index, node in enumerate(nodes) if "mesh" in node]
-    deforming = [index for index in mesh_nodes if _deforms(document, index)]
+    deforming = [index for index in mesh_nodes if deforms(document, index)]
     found: dict[int, list[WrinkleTool]] = {}
     warnings: list[str] = []
     problems: list[BakeError] = []
@@ -246,12 +246,6 @@ def _node_of(tool: WrinkleTool, document: Document, mesh_nodes: Sequence[int], d
         hint = f"; the mesh of that name is on {listed(users)}" if users else nearest(tool.node, known)
         fault = f"node {tool.node!r} is no node with a mesh{hint}; there are {listed(known)}"
     raise BakeError(fault, where=tool.place("node"))
-
-
-def _deforms(document: Document, mesh_node: int) -> bool:
-    node = document.items("nodes")[mesh_node]
-    mesh = document.items("meshes")[node["mesh"]]
-    return "skin" in node or bool(morph_target_names(mesh))
 
 
 def _overridden(settings: ToolsFile, options: BakeOptions) -> ToolsFile:

@@ -90,12 +90,15 @@ def scene_nodes(document: Document) -> list[int]:
 
 def deforming_nodes(document: Document) -> list[int]:
     """The nodes of the default scene, ascending, whose meshes a skin or morph targets deform."""
-    nodes, meshes = document.items("nodes"), document.items("meshes")
-    return [
-        node
-        for node in scene_nodes(document)
-        if "mesh" in nodes[node] and ("skin" in nodes[node] or morph_target_names(meshes[nodes[node]["mesh"]]))
-    ]
+    return [node for node in scene_nodes(document) if deforms(document, node)]
+
+
+def deforms(document: Document, node: int) -> bool:
+    """Whether a node has a mesh that a skin or morph targets deform."""
+    shown = document.items("nodes")[node]
+    if "mesh" not in shown:
+        return False
+    return "skin" in shown or bool(morph_target_names(document.items("meshes")[shown["mesh"]]))
 
 
 def read_scene(document: Document, *, leave_out_malformed: bool = False) -> tuple[ScenePrimitive, ...]:

@@ -8,8 +8,8 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import LEAST_SCALE
-from wrinklecli.character.rig import Rig, morph_target_names, moving_nodes, read_hierarchy, read_rig
-from wrinklecli.character.scene import scene_nodes
+from wrinklecli.character.rig import Rig, moving_nodes, read_hierarchy, read_rig
+from wrinklecli.character.scene import deforms, scene_nodes
 from wrinklecli.character.surface import Surface, read_surface
 from wrinklecli.errors import AssetError, BakeError, listed, nearest
 from wrinklecli.gltf.document import Document
@@ -97,12 +97,7 @@ def find_mesh_nodes(document: Document, asked: str | None) -> tuple[list[MeshNod
         AssetError: There is no such node, or a node carries wrinkles of an earlier bake.
     """
     nodes = document.items("nodes")
-    deforming = []
-    for index, node in enumerate(nodes):
-        if "mesh" in node:
-            mesh = document.items("meshes")[node["mesh"]]
-            if "skin" in node or morph_target_names(mesh):
-                deforming.append(index)
+    deforming = [index for index in range(len(nodes)) if deforms(document, index)]
     names = [nodes[index].get("name") for index in deforming]
     if asked is not None and names.count(asked) != 1:
         known = [str(name) for name in names]
