@@ -1,5 +1,6 @@
-"""Larger versions of assets: longer clips, finer meshes."""
+"""Larger versions of assets: longer clips, more of them, finer meshes."""
 
+import copy
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,22 @@ def longer(asset: Path, out: Path, seconds: float) -> Path:
         tiled = np.tile(values, (count, *[1] * (values.ndim - 1)))
         sampler["input"] = edited.add(repeated[:kept], bounds=True, replaces=sampler["input"])
         sampler["output"] = edited.add(tiled[: kept * each], replaces=sampler["output"])
+    write(edited, out)
+    return out
+
+
+def more_clips(asset: Path, out: Path, count: int) -> Path:
+    """Write an asset with as many clips, its own in turn, each of another length."""
+    document = read_document(asset)
+    edited = EditedDocument(document)
+    own = edited.gltf["animations"]
+    clips = [copy.deepcopy(own[k % len(own)]) for k in range(count)]
+    for k, clip in enumerate(clips):
+        clip["name"] = f"{clip.get('name')}_{k}"
+        for sampler in clip["samplers"]:
+            times = document.accessor(sampler["input"]) * (0.5 + 1.5 * k / count)
+            sampler["input"] = edited.add(times.astype(np.float32), bounds=True)
+    edited.gltf["animations"] = clips
     write(edited, out)
     return out
 

@@ -39,7 +39,7 @@ ROOT = HERE.parents[1]
 sys.path[:0] = [str(ROOT), str(HERE), str(ROOT / "tests")]
 
 import numpy as np  # noqa: E402
-from assets import finer, longer  # noqa: E402
+from assets import finer, longer, more_clips  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 
 from kit.crowd import write_crowds, write_frames  # noqa: E402
@@ -359,6 +359,37 @@ def density(places: Places) -> Iterator[Row]:
     yield Row("density", what, over, fine / copied, 1.5, False, f"{fine:.2f} s")
 
 
+def ways(places: Places) -> Iterator[Row]:
+    """What a bake of many clips takes for its proof and its report, and a diff after a change of bumps."""
+    folder, samples, configs = places.folder, ROOT / "samples", ROOT / "configs"
+    clips, tools, out = (
+        more_clips(samples / "wrist.glb", folder / "clips.glb", 24),
+        configs / "wrist.yaml",
+        folder / "o.glb",
+    )
+    plain, draft, reported = timed(
+        lambda: bake(clips, tools, out),
+        lambda: bake(clips, tools, out, "--draft"),
+        lambda: bake(clips, tools, out, "--report", str(folder / "r.json")),
+        repeats=3,
+    )
+    yield Row("proof_clips", "baking 24 clips", "a draft", plain / draft, 3, False, f"{plain:.2f} s")
+    yield Row(
+        "report_clips", "baking 24 clips with a report", "without", reported / plain, 3, False, f"{reported:.2f} s"
+    )
+    fewer = folder / "fewer.yaml"
+    fewer.write_text((configs / "head.yaml").read_text().replace("bumps: 5", "bumps: 3"))
+    bake(samples / "head.glb", fewer, folder / "fewer.glb")
+    compare = "import sys; from wrinklecli.review.diff.diff import diff; diff(sys.argv[1], sys.argv[2])"
+    baking, comparing = timed(
+        lambda: bake(samples / "head.glb", configs / "head.yaml", out),
+        lambda: run(out, folder / "fewer.glb", code=compare),
+        repeats=3,
+    )
+    what = "diff of head.glb with five and with three bumps"
+    yield Row("diff_bumps", what, "a bake of it", comparing / baking, 3, False, f"{comparing:.2f} s")
+
+
 HAND = "{name: wrist, origin: [-0.4622, 0.2576, 0.1750], target: [-0.4838, 0.2355, 0.2126], width: 0.05, bumps: 4}"
 # The knees of configs/trousers.yaml, of the one wave that both programs make.
 KNEES = (
@@ -477,7 +508,7 @@ def tallest(targets: list[Floats], weights: Floats) -> float:
     return max(float(np.linalg.norm(each, axis=-1).max()) for each in moved)
 
 
-SECTIONS = {each.__name__: each for each in (frames, rates, growth, scaling, density, start, blender)}
+SECTIONS = {each.__name__: each for each in (frames, rates, growth, scaling, density, ways, start, blender)}
 
 
 def main() -> int:

@@ -28,8 +28,8 @@ from wrinklecli.numeric.guard import Progress
 # Frames of a clip at which whole members are compared, besides its tallest and most folded.
 _FRAMES = 64
 # Frames at which normals are compared, which takes several times as long: of all clips together, and of each at least.
-_NORMAL_FRAMES = 512
-_LEAST_NORMAL_FRAMES = 8
+_NORMAL_FRAMES = 128
+_LEAST_NORMAL_FRAMES = 4
 # The keys of each tool at which its track bends most.
 _BENDS = 4
 # Frames posed at once: more where they have fewer vertices than the one, fewer where they have more than the other.
