@@ -17,6 +17,8 @@ _LIGHTS = np.array([(0.78, 0.75, 0.72), (0.126, 0.133, 0.14), (0.228, 0.235, 0.2
 _SOFTNESS = np.float32(0.12)  # radius of the key light at unit distance
 _SHINE = 0.10
 _FAR = np.float32(1.2)  # occluders count up to here, over half the picture's height
+# A ray that went inside leaves the curve that it began on, if normals there have such a cosine, and it is no longer.
+_SAME_CURVE, _SOON = np.float32(0.8), np.float32(0.4)
 _GOLDEN = 0.6180339887498949
 _PLASTIC = 0.7548776662466927  # goes with the golden ratio as that with whole numbers: no pattern with it
 
@@ -102,11 +104,11 @@ def _lit(surface: TracedSurface, points: Array, hits: Hits, sets: Ints, key: Arr
     """(hits,) how much of the key light, in direction (1, 3), is seen, 0 to 1; none from what faces away from it.
 
     A normal may face the light where its triangle does not, as the triangle is but a chord of a curved surface. Such a
-    ray goes inside, and where it comes out again hides nothing.
+    ray goes inside, and where it soon comes out again of the same curve hides nothing.
     """
     facing_it = np.flatnonzero(hits.normals @ key[0] > 0)
     points, sets, sides = points[facing_it], sets[facing_it], hits.sides[facing_it]
-    found = hits.found[facing_it]
+    found, normals = hits.found[facing_it], hits.normals[facing_it]
     outwards = sides * surface.faces[found]
     inside = np.einsum("pi,pia->pa", hits.weights[facing_it], surface.corners[found]) - LIFT * outwards
     across = np.concatenate(_basis(key))
@@ -116,8 +118,10 @@ def _lit(surface: TracedSurface, points: Array, hits: Hits, sets: Ints, key: Arr
         starts = points.copy()
         below = np.flatnonzero(np.einsum("pi,pi->p", outwards, directions) < 0)
         met = surface.rays.run(inside[below], directions[below], output=True)
-        ways = np.einsum("pi,pi->p", sides[below] * surface.faces[met["primID"]], directions[below])
-        leaving = np.flatnonzero((met["primID"] >= 0) & (ways > 0))
+        left = sides[below] * surface.faces[met["primID"]]
+        alike = np.einsum("pi,pi->p", left, normals[below]) > _SAME_CURVE
+        ways = np.einsum("pi,pi->p", left, directions[below])
+        leaving = np.flatnonzero((met["primID"] >= 0) & (ways > 0) & alike & (met["tfar"] < _SOON))
         out = below[leaving]
         starts[out] = inside[out] + (met["tfar"][leaving, None] + LIFT) * directions[out]
         free += (surface.rays.run(starts, directions, query="OCCLUDED") < 0) / np.float32(_SHADOW_RAYS)

@@ -73,8 +73,8 @@ def preview(
 
     Raises:
         AssetError: An asset is at fault, or has nothing to show.
-        WrinkleError: The tools do not fit; the picture would be too large or cannot be written; or Pillow or embreex
-            is missing.
+        WrinkleError: The tools file is at fault; the picture would be too large or cannot be written; or Pillow or
+            embreex is missing.
     """
     options = options or PreviewOptions()
     path = os.fspath(out)

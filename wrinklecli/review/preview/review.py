@@ -39,6 +39,7 @@ _EARLIER = (0.85, 0.7, 0.55, 0.4)
 _UNSEEN = 0.2  # share of its wrinkles below which there is nothing to judge
 # Of a tool that does not fit: letters and rows of the line that says so, and factors of its pictures' distances.
 _REASON, _REASON_ROWS = 92, 3
+_BRIGHTEST = 0.65  # linear RGB, of a base colour
 _MARGINS = {"close": 1.8, "whole": 1.1}
 
 
@@ -201,9 +202,14 @@ def _cards(
         together.setdefault((shot.moment, -1 if shot.peak.raised else shot.ink), []).append(shot)
     for (moment, _), members in together.items():
         source = after if members[0].peak.raised else _alone(after, members[0].peak)
-        snapshots = [take_snapshot(each, moment, heat=options.heat) for each in (before, source)]
+        snapshots = [_toned(take_snapshot(each, moment, heat=options.heat), options) for each in (before, source)]
         for shot in members:
             yield shot.number, _card(shot, snapshots, options)
+
+
+def _toned(snapshot: Snapshot, options: PreviewOptions) -> Snapshot:
+    """A snapshot in which white, as assets without textures are, is so dim that relief shows in the light."""
+    return snapshot if options.heat else replace(snapshot, colours=np.minimum(snapshot.colours, _BRIGHTEST))
 
 
 def _layout(count: int, options: PreviewOptions) -> tuple[int, tuple[int, int]]:
@@ -247,7 +253,7 @@ def _misfit_cards(asset: ShownAsset, misfits: Sequence[Misfit], options: Preview
     if not misfits:
         return
     stored, size = Moment(None, 0.0), options.picture_size
-    snapshot = replace(take_snapshot(asset, stored, heat=options.heat), marks=())
+    snapshot = _toned(replace(take_snapshot(asset, stored, heat=options.heat), marks=()), options)
     whole = snapshot.corners.reshape(-1, 3)
     for misfit in misfits:
         points = misfit_points([misfit], asset, stored)
