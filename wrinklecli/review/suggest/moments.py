@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrinklecli.character.clip import Clip
-from wrinklecli.character.rig import moving_nodes
+from wrinklecli.character.clip import Channel, Clip
+from wrinklecli.character.rig import Rig, moving_nodes
 from wrinklecli.method.activity import lengths_over_time
 from wrinklecli.method.curve import fitting_compressible
 from wrinklecli.method.patch import Patch
@@ -20,7 +20,7 @@ from wrinklecli.tools.records import Length, WrinkleTool
 _SPARE = 1
 _MOST_COMPRESSIBLE = 95
 # Poses of a further clip.
-_FURTHER_POSES = 16
+_FURTHER_POSES = 8
 # Factor by which bumps grow until that is enough.
 _HIGHER = 1.1
 
@@ -51,10 +51,10 @@ def deepest_moments(mesh: MeasuredMesh, patch: Patch, further: Sequence[Clip] = 
         further: Clips to look at beside those of the mesh, each from one key to another.
     """
     found = {}
-    moving = moving_nodes(mesh.rig, (*patch.origin.joints, *patch.target.joints))
+    above = [moving_nodes(mesh.rig, [joint]) for joint in {*patch.origin.joints, *patch.target.joints}]
     more = [(clip, np.linspace(clip.start, clip.end, _FURTHER_POSES)) for clip in further]
     for clip, times in [*zip(mesh.clips, mesh.times, strict=True), *more]:
-        if not any(channel.node in moving for channel in clip.channels):
+        if not any(_bends(channel, mesh.rig, above) for channel in clip.channels):
             found[clip.name] = Moment(0.0, patch.span, patch.rest_length, float(times[0]))
             continue
         distances, rest_lengths = lengths_over_time(patch, mesh.rig, mesh.rest, clip, times)
@@ -64,6 +64,12 @@ def deepest_moments(mesh: MeasuredMesh, patch: Patch, further: Sequence[Clip] = 
             1.0 - float(ratios[best]), float(distances[best]), float(rest_lengths[best]), float(times[best])
         )
     return found
+
+
+def _bends(channel: Channel, rig: Rig, above: Sequence[frozenset[int]]) -> bool:
+    """Whether a channel may move joints, each of which follows the nodes above it, against each other, or hide them."""
+    followers = sum(channel.node in nodes for nodes in above)
+    return channel.node == rig.node or (followers > 0 and (followers < len(above) or channel.path == "scale"))
 
 
 def rising_tools(
