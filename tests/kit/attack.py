@@ -24,7 +24,8 @@ _DONE = {"diff": (0, 1), "check": (0, 3)}  # what --strict refuses, check shows 
 _LINKS = ("link", "hard link", "link to itself", "link to nothing", "link to ASSET", "hard link to ASSET")
 _DEVICES = ("/dev/null", "/dev/full", "/dev/zero")
 _PLACES = (*_LINKS, "folder", "nothing", "pipe", *_DEVICES)
-_REPLACED = ("out.glb", "displaced-out.glb")  # what is there before; all other files are inputs
+# What is there before, or a link put there, and no input; all other files are inputs.
+_REPLACED = ("out.glb", "displaced-out.glb", "found.json")
 _DISPLACED = 0.05  # of all cases
 _LARGE = 5  # sources at the end of the corpus that take longer
 # fmt: off
