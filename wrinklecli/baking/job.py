@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 from wrinklecli.baking.original import original
-from wrinklecli.character.clip import Clip, chosen_clips, read_clips, unknown_clip
+from wrinklecli.character.clip import Clip, chosen_clips, unknown_clip
 from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.scene import deforms
 from wrinklecli.errors import BakeError, ConfigError, listed, nearest
@@ -144,7 +144,7 @@ def _job(asset: Document, settings: ToolsFile, options: BakeOptions, motions: Mo
     by_node, left_out = tools_by_node(asset, settings)
     joined = moved(asset, list(by_node), motions)
     document = joined.document
-    every_clip = read_clips(document)
+    every_clip = joined.clips
     asked = joined.chosen(options.clips)
     sampled = () if asked or settings.sampling.clips == "all" else settings.sampling.clips
     nameable = tuple(clip for clip in every_clip if clip.name not in (*joined.range, joined.pose))

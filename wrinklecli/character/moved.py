@@ -3,14 +3,14 @@
 import os
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from wrinklecli.character.anims import read_anims
-from wrinklecli.character.clip import read_clips
-from wrinklecli.character.joined import with_clips, with_free_nodes
-from wrinklecli.character.posing import JointTurn, MorphWeight, with_pose
-from wrinklecli.character.range_of_motion import range_of_motion
+from wrinklecli.character.clip import Clip, read_clips
 from wrinklecli.character.rig import read_hierarchy, read_rig
 from wrinklecli.gltf.document import Document
+
+if TYPE_CHECKING:
+    from wrinklecli.character.posing import JointTurn, MorphWeight
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,8 +27,8 @@ class Motions:
 
     anims: Sequence[str | os.PathLike[str]] = ()
     range_of_motion: bool | None = None
-    pose: Sequence[JointTurn] = ()
-    morphs: Sequence[MorphWeight] = ()
+    pose: Sequence["JointTurn"] = ()
+    morphs: Sequence["MorphWeight"] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +37,7 @@ class Moved:
 
     Attributes:
         document: With all clips, its own first.
+        clips: All of them.
         pose: The name of the clip that is the pose; None where none was asked for.
         range: The names of the clips that are its range of motion.
         telling: A few of these, that together show how it moves.
@@ -47,6 +48,7 @@ class Moved:
     """
 
     document: Document
+    clips: tuple[Clip, ...]
     pose: str | None
     range: tuple[str, ...]
     telling: tuple[str, ...]
@@ -84,27 +86,40 @@ def moved(
             asset has no joint or morph target of the pose.
     """
     own = len(document.items("animations"))
-    anims = read_anims(document, motions.anims)
-    if anims.read:
+    clips, pose = read_clips(document), None
+    made: tuple[str, ...] = ()
+    telling: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    beside: tuple[str, ...] = ()
+    notes: list[str] = []
+    # Most bakes ask for none of what is imported below.
+    if motions.anims:
+        from wrinklecli.character.anims import read_anims
+        from wrinklecli.character.joined import with_clips, with_free_nodes
+
+        anims = read_anims(document, motions.anims)
         moving = {channel.node for clip in anims.clips for channel in clip.channels}
         document = with_clips(with_free_nodes(document, moving), anims.clips)
         document = document.extended(document.gltf, document.buffers, anims.read)
-    pose: str | None = None
-    made: tuple[str, ...] = ()
-    telling: tuple[str, ...] = ()
-    notes = list(anims.notes)
+        clips, warnings, beside = read_clips(document), anims.warnings, anims.beside
+        notes += anims.notes
     if motions.pose or motions.morphs:
+        from wrinklecli.character.posing import with_pose
+
         document = with_pose(document, motions.pose, motions.morphs)
-        pose = read_clips(document)[-1].name
-    clips = read_clips(document)
+        clips = read_clips(document)
+        pose = clips[-1].name
     if nodes and (motions.range_of_motion or (motions.range_of_motion is None and not clips)):
+        from wrinklecli.character.joined import with_clips, with_free_nodes
+        from wrinklecli.character.range_of_motion import range_of_motion
+
         document = with_free_nodes(document, _joints(document, nodes))
         found = range_of_motion(document, nodes, clips, driven=driven)
-        document = with_clips(document, found.clips)
-        made, telling = tuple(clip.name for clip in found.clips), found.telling
         notes.append(f"{document.path}: {'' if clips else 'has no clip; '}looked at in {found.summary}")
-    further = tuple(clip.name for clip in read_clips(document) if clip.index >= own)
-    return Moved(document, pose, made, telling, further, tuple(notes), anims.warnings, anims.beside)
+        document = with_clips(document, found.clips)
+        clips, made, telling = read_clips(document), tuple(clip.name for clip in found.clips), found.telling
+    further = tuple(clip.name for clip in clips if clip.index >= own)
+    return Moved(document, tuple(clips), pose, made, telling, further, tuple(notes), warnings, beside)
 
 
 def _joints(document: Document, nodes: Sequence[int]) -> set[int]:

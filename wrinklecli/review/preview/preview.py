@@ -159,7 +159,7 @@ def with_motions(options: PreviewOptions, joined: Moved, *, animated: bool) -> P
     """
     clips = joined.chosen(options.clips)
     of_anims = [name for name in joined.further if name not in joined.range]
-    if clips or len(joined.range) < len(read_clips(joined.document)):
+    if clips or len(joined.range) < len(joined.clips):
         return replace(options, clips=clips or ([] if options.rest else of_anims[:1]))
     whole = animated or options.times or options.frames is not None or options.fps is not None
     return replace(options, clips=joined.telling, times=options.times if whole else (1.0,))

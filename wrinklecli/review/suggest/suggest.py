@@ -4,7 +4,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from wrinklecli.character.clip import Clip, chosen_clips, read_clips
+from wrinklecli.character.clip import Clip, chosen_clips
 from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.rig import read_rig
 from wrinklecli.gltf.document import read_document
@@ -79,7 +79,7 @@ def suggest(
         motions = Motions(anims=anims, range_of_motion=range_of_motion or None)
         joined = moved(document, [each.index for each in nodes], motions)
         document, notes = joined.document, [*notes, *joined.warnings, *joined.notes]
-        chosen = chosen_clips(read_clips(document), clips, where=document.path)
+        chosen = chosen_clips(joined.clips, clips, where=document.path)
         made: list[Clip] = []
         if joined.range and not clips:
             made = [clip for clip in chosen if clip.name in joined.range]
