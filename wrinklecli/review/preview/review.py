@@ -71,7 +71,7 @@ class _Shot:
         """What is to be said of it."""
         first, *others = self.peak.facts
         if self.view.share < _UNSEEN:
-            first = (*first, Fact("hidden from all sides", alarming=True))
+            first = (*first, Fact("out of sight", alarming=True))
         elif self.moment != self.peak.moment:
             first = (*first, Fact(f"hidden at {self.peak.moment.time:.2f} s"))
         return [first, *others]
