@@ -8,7 +8,7 @@ import pytest
 from scipy.sparse import csr_array
 
 from kit.asset import Asset, attribute, stored
-from kit.limb import limb_asset
+from kit.limb import RADIUS, limb_asset
 from kit.suggested import ends, middle
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.moved import Motions, moved
@@ -193,3 +193,15 @@ def test_a_slope_belongs_to_the_fold_above_it() -> None:
     chain = np.eye(count, k=1) + np.eye(count, k=-1)
     found = basins(losses, csr_array(chain), least=0.1)
     assert found.tolist() == [5, 5, 5, 5, 5, 5, 5, -1, 9, 9]
+
+
+def test_layers_of_one_mesh_are_told_apart(tmp_path: Path) -> None:
+    asset = sleeved(1.02)
+    body, sleeve = asset.gltf["meshes"]
+    asset.gltf["meshes"] = [{"primitives": [*body["primitives"], *sleeve["primitives"]]}]
+    asset.gltf["scenes"][0]["nodes"].pop()
+    asset.gltf["nodes"].pop()
+    found = suggest(asset.write(tmp_path / "limb.glb"), count=1)
+    assert any("under another layer" in note for note in found.notes)
+    radii = [np.linalg.norm(np.array(end)[1:]) for end in ends(found.tools[0].tool)]
+    assert min(radii) > 1.01 * RADIUS * np.cos(np.pi / 12), "on the outer one"

@@ -8,12 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.scene import ScenePrimitive, pose_primitive
-from wrinklecli.numeric.arrays import Floats, Ints, face_normals, unit
+from wrinklecli.numeric.arrays import Floats, face_normals, unit
 from wrinklecli.numeric.nearest import ray_distances
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.review.suggest.strain import posed
@@ -37,22 +35,17 @@ class Layers:
 
     Attributes:
         mesh: The mesh.
-        pieces: (triangles,) of the gauge, the same number for those that hang together.
         others: What the scene shows beside it.
     """
 
     mesh: MeasuredMesh
-    pieces: Ints
     others: tuple[ScenePrimitive, ...]
 
 
 def layers_over(mesh: MeasuredMesh, scene: Sequence[ScenePrimitive]) -> Layers:
     """Get ready to say what of a mesh is covered by others, or by other pieces of it."""
-    triangles, count = mesh.gauge.triangles, len(mesh.surface.positions)
-    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]]])
-    _, pieces = connected_components(coo_array((np.ones(len(edges)), tuple(edges.T)), shape=(count, count)))
     others = tuple(each for each in scene if each.rig.node != mesh.rig.node and len(each.triangles))
-    return Layers(mesh, pieces[triangles[:, 0]].astype(np.intp), others)
+    return Layers(mesh, others)
 
 
 def is_covered(layers: Layers, shares: Floats, clip: Clip, time: float) -> bool:
@@ -75,7 +68,7 @@ def is_covered(layers: Layers, shares: Floats, clip: Clip, time: float) -> bool:
     rays = unit(faces) * outward[:, None]
     starts = own[0][gauge.triangles[chosen]].mean(axis=1)
     size = float(np.linalg.norm(np.ptp(layers.mesh.rest.positions, axis=0)))
-    corners = [own[0][gauge.triangles[~np.isin(layers.pieces, layers.pieces[chosen])]]]
+    corners = [own[0][gauge.triangles[~np.isin(gauge.pieces, gauge.pieces[chosen])]]]
     for other in layers.others:
         shown = pose_primitive(other, clip, np.array([time]))
         if not shown.hidden[0]:

@@ -184,10 +184,11 @@ def _span(places: Floats, low: int, high: int) -> float:
 
 
 def _around(mesh: MeasuredMesh, region: Region) -> Ints:
-    """(triangles, 3) those within reach of a segment that look its way."""
+    """(triangles, 3) those of its piece within reach of a segment that look its way."""
     gauge = mesh.gauge
     distances = np.sqrt(np.sum((gauge.middles - region.centre) ** 2, axis=1))
-    close = gauge.triangles[distances < 1.5 * _REACH * region.length + gauge.radii]
+    piece = mesh.sites.pieces[region.members[region.weights.argmax()]]
+    close = gauge.triangles[(distances < 1.5 * _REACH * region.length + gauge.radii) & (gauge.pieces == piece)]
     found: Ints = close[mesh.rest.normals[close].sum(axis=1) @ region.normal > -0.5]
     return found
 

@@ -41,6 +41,7 @@ class Sites:
         positions: (sites, 3) world space at rest.
         normals: (sites, 3) unit.
         areas: (sites,) of the surface around each; their sum is that of the surface.
+        pieces: (sites,) which piece of the surface each is on.
         gather: (sites, triangles) shares of the triangles at each site; rows sum to 1.
         smooth: (sites, sites) shares of the sites in each one's neighbourhood; rows sum to 1.
         near: (sites, sites) which are neighbours, on one sheet of the surface.
@@ -51,6 +52,7 @@ class Sites:
     positions: Floats
     normals: Floats
     areas: Floats
+    pieces: Ints
     gather: csr_array
     smooth: csr_array
     near: csr_array
@@ -90,7 +92,7 @@ def spread_sites(gauge: Gauge) -> Sites:
         spacing = _SPACING * radius
         points, point_areas, parents = _points(corners, areas, edges, spacing)
         normals = unit(crosses)[parents]
-        cell, count = _cells(points, normals, spacing)
+        cell, count = _cells(points, normals, gauge.pieces[parents], spacing)
         if count <= _MOST_SITES:
             break
         radius *= max(1.1, (count / _MOST_SITES) ** 0.5)
@@ -103,7 +105,9 @@ def spread_sites(gauge: Gauge) -> Sites:
     positions, site_normals = mean(points), unit(mean(normals))
     near, smooth = _neighbours(positions, site_normals, site_areas, cell, gauge.triangles[parents], radius)
     gather = csr_array((point_areas / site_areas[cell], (cell, parents)), shape=(count, len(areas)))
-    return Sites(positions, site_normals, site_areas, gather, smooth, near, radius, spacing)
+    pieces = np.zeros(count, np.intp)
+    pieces[cell] = gauge.pieces[parents]
+    return Sites(positions, site_normals, site_areas, pieces, gather, smooth, near, radius, spacing)
 
 
 def _points(corners: Floats, areas: Floats, edges: Floats, spacing: float) -> tuple[Floats, Floats, Ints]:
@@ -124,12 +128,12 @@ def _points(corners: Floats, areas: Floats, edges: Floats, spacing: float) -> tu
     return np.concatenate(places), np.concatenate(sizes), np.concatenate(parents)
 
 
-def _cells(points: Floats, normals: Floats, spacing: float) -> tuple[Ints, int]:
-    """(points,) the same number for those of one cube that face one way, and how many numbers there are."""
+def _cells(points: Floats, normals: Floats, pieces: Ints, spacing: float) -> tuple[Ints, int]:
+    """(points,) the same number for those of one cube and piece that face one way, and how many there are."""
     cubes = np.floor((points - points.min(axis=0)) / spacing).astype(np.intp)
     facing = np.argmax(np.abs(normals), axis=1)
     side = 2 * facing + (np.take_along_axis(normals, facing[:, None], 1)[:, 0] < 0)
-    keys = np.concatenate([cubes, side[:, None]], axis=1)
+    keys = np.concatenate([cubes, side[:, None], pieces[:, None]], axis=1)
     _, cell = np.unique(keys, axis=0, return_inverse=True)
     cell = cell.reshape(-1)
     return cell, int(cell.max()) + 1

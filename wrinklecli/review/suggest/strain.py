@@ -21,6 +21,8 @@ from wrinklecli.numeric.arrays import Floats, Ints, face_normals, unit
 
 # A stretch beyond twice the length counts as twice: slivers of almost no area have any.
 _LONGEST = 2.0
+# Part of a mesh's area below which a piece of it is a small one.
+_SMALL_PIECE = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +36,7 @@ class Gauge:
         influences: (vertices, joints) skin weights.
         triangles: (triangles, 3) those with an area at rest.
         numbers: (triangles,) which of the surface's they are.
+        pieces: (triangles,) the same number for those that hang together: a shirt is another than the body below.
         middles: (triangles, 3) their centroids at rest, world space.
         radii: (triangles,) the greatest distance of a corner from there.
         flat: (triangles, 3) length of the first edge, and the second along and across it.
@@ -47,6 +50,7 @@ class Gauge:
     influences: csr_array
     triangles: Ints
     numbers: Ints
+    pieces: Ints
     middles: Floats
     radii: Floats
     flat: Floats
@@ -76,7 +80,19 @@ def read_gauge(surface: Surface, rest: Rest, rig: Rig) -> Gauge:
     influences = csr_array(entries, shape=(count, len(rig.joints)))
     middles = (a + b + c) / 3.0
     radii = np.sqrt(np.max([np.sum((corner - middles) ** 2, axis=1) for corner in (a, b, c)], axis=0))
-    return Gauge(rig, surface, rest, influences, triangles, np.flatnonzero(solid), middles, radii, flat, tensors)
+    numbers, pieces = np.flatnonzero(solid), _pieces(triangles, areas[solid], count)
+    return Gauge(rig, surface, rest, influences, triangles, numbers, pieces, middles, radii, flat, tensors)
+
+
+def _pieces(triangles: Ints, areas: Floats, count: int) -> Ints:
+    """(triangles,) the same number for those that hang together by vertices; -1 for small ones, such as hair."""
+    from scipy.sparse.csgraph import connected_components
+
+    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]]])
+    _, labels = connected_components(csr_array((np.ones(len(edges)), tuple(edges.T)), shape=(count, count)), False)
+    pieces = labels[triangles[:, 0]].astype(np.intp)
+    sizes = np.bincount(pieces, areas, count)
+    return np.where(sizes[pieces] < _SMALL_PIECE * areas.sum(), -1, pieces)
 
 
 def posed(
