@@ -192,7 +192,7 @@ def at_sites(gauge: Gauge, sites: Sites, clip: Clip | None, times: Floats) -> Fl
     chosen = None if clip is None else strained_triangles(gauge.rig, gauge.surface, gauge.triangles, clip)
     gather = sites.gather if chosen is None else sites.gather[:, chosen]
     tensors = strain(gauge, clip, times, chosen)
-    rows = tensors.transpose(1, 0, 2).reshape(tensors.shape[1], -1)
+    rows = tensors.transpose(1, 0, 2).reshape(tensors.shape[1], 6 * len(times))
     averaged: Floats = (sites.smooth @ (gather @ rows)).reshape(len(sites.positions), len(times), 6).transpose(1, 0, 2)
     return averaged
 
