@@ -2,8 +2,8 @@
 
 Joints are known by their names. Sides of a face move together, as nobody raises one brow alone for long.
 
-Source of the angles: American Academy of Orthopaedic Surgeons, *Joint Motion: Method of Measuring and Recording*, 1965,
-rounded; those of spine and neck are shared by the joints that rigs have there.
+Source of the angles of knee, elbow, wrist and ankle: the normal ones of 38 CFR § 4.71, plates I and II. The others are
+smaller than a body's, as far as rigs bend well; a spine's and a neck's are shared by the joints that rigs have there.
 """
 
 import re
