@@ -66,9 +66,7 @@ def tool_warnings(plan: MeshPlan, carried: CarriedPatch, clips: Sequence[ClipAct
         clips: What it does in each clip baked.
         up: Axis of the tools file.
     """
-    return (
-        _placement_warnings(plan, carried) + _clip_warnings(carried, clips) + _room_warnings(plan, carried, clips, up)
-    )
+    return placement_warnings(plan, carried) + _clip_warnings(carried, clips) + _room_warnings(plan, carried, clips, up)
 
 
 def _clip_warnings(carried: CarriedPatch, clips: Sequence[ClipActivity]) -> list[str]:
@@ -100,7 +98,7 @@ def _clip_warnings(carried: CarriedPatch, clips: Sequence[ClipActivity]) -> list
     return warnings
 
 
-def _placement_warnings(plan: MeshPlan, carried: CarriedPatch) -> list[str]:
+def placement_warnings(plan: MeshPlan, carried: CarriedPatch) -> list[str]:
     """What is wrong with the place of one tool: anchors far off, and a patch that reaches across a fold."""
     patch = carried.patch
     name = patch.tool.name

@@ -17,6 +17,7 @@ from wrinklecli.review.suggest.fitting import Suggestion, fit_tools
 from wrinklecli.review.suggest.folds import LEAST_LOSS, Fold, find_folds
 from wrinklecli.review.suggest.measure import MeasuredMesh, MeshNode, find_mesh_nodes, measure_meshes
 from wrinklecli.review.suggest.text import refuse_unwritable, tools_text
+from wrinklecli.review.suggest.trial import tried
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,10 +90,12 @@ def suggest(
         choice = choose_folds(document, _folds_of(meshes, progress), everything=everything)
         folds = choice.folds
         notes += choice.notes
-        found = fit_tools(folds, count, made)
+        flat = all(fold.mesh.flat for fold in folds)
+        found, crossing = tried(document, fit_tools(folds, count, made), joined.clips, flat=flat)
+        notes += crossing
         text = reason = ""
         if found:
-            text = tools_text(found, os.path.basename(document.path), flat=all(fold.mesh.flat for fold in folds))
+            text = tools_text(found, os.path.basename(document.path), flat=flat)
             refuse_unwritable(text, document, found)
         else:
             reason = _why_none(nodes, chosen, meshes)

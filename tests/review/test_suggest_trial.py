@@ -1,0 +1,50 @@
+"""Suggested tools on the refined mesh: those that reach across a fold are narrower, or left out."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kit.sheet import line, sheet
+from wrinklecli.character.clip import read_clips
+from wrinklecli.gltf.document import read_document
+from wrinklecli.review.suggest.fitting import Suggestion
+from wrinklecli.review.suggest.trial import tried
+from wrinklecli.tools.records import Length, WrinkleTool
+
+FLAT = [line(-0.5, 0.5)]
+# Forward on top, back below it, forward again below that.
+FOLDED = [line(-0.5, 0.1, 0.1), line(0.1, -0.1, 0.05), line(-0.1, 0.5, 0.0)]
+
+
+def suggestion(half: float, width: float, top: float) -> Suggestion:
+    """A tool about the middle of a sheet."""
+    tool = WrinkleTool(name="fold", origin=(-half, top, 0.0), target=(half, 0.0, 0.0), width=Length(width))
+    return Suggestion(
+        tool=tool,
+        mirrored=False,
+        mesh="sheet",
+        driver="squeeze",
+        by_morph=True,
+        clip="squeeze",
+        time=1.0,
+        span=2.0 * half,
+        clips={"squeeze": half},
+        shortening=0.5,
+        score=1.0,
+    )
+
+
+@pytest.mark.parametrize(
+    ("profile", "half", "width", "kept"),
+    [(FLAT, 0.4, 0.3, [0.3]), (FLAT, 0.02, 0.5, [0.38]), (FOLDED, 0.4, 0.3, [])],
+    ids=["as it is", "narrower", "left out"],
+)
+def test_a_tool_that_check_warns_of_for_its_place_is_narrower_or_left_out(
+    profile: list[np.ndarray], half: float, width: float, kept: list[float], tmp_path: Path
+) -> None:
+    document = read_document(sheet(tmp_path / "a.glb", np.concatenate(profile)))
+    made = suggestion(half, width, 0.1 if profile is FOLDED else 0.0)
+    found, notes = tried(document, [made], read_clips(document), flat=True)
+    assert [each.tool.width.value for each in found] == kept
+    assert notes == ([] if kept else ["left out 1 fold: a patch there reaches across another"])
