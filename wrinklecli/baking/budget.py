@@ -222,8 +222,9 @@ def _active(plan: MeshPlan, target_sets: Sequence[TargetSet], motion: Motion) ->
     channel = motion.clip.channel(plan.rig.node, "weights")
     weights = target_weights(target_sets, motion)[motion.keys]
     track = widen(channel, plan.rig, motion.clip, motion.times[motion.keys], weights)
-    values = track.values.astype(np.float32).reshape(len(track.times), -1, track.values.shape[-1])
-    shown: Bools = np.any(values != 0, axis=1)
+    stored = track.values.astype(np.float32) != 0
+    # A key of CUBICSPLINE has tangents too.
+    shown: Bools = np.any(stored, axis=1) if track.interpolation == "CUBICSPLINE" else stored
     # Between two keys, whatever either shows.
     shown = shown[:-1] | shown[1:] if len(shown) > 1 else shown
     worst = int(np.argmax(shown.sum(axis=1)))
