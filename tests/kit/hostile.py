@@ -44,7 +44,13 @@ def corpus() -> list[Source]:
     two = [tool(), tool(name="other", strategy="both_ends", bumps=3, details=[0.2], attachment="patch")]
     morph = tool(strategy="origin", bumps=2, rest_length={"morph": "morph_0", "full": "120%"}, snap="vertex")
     keyed = tool(rest_length={"keys": {"fold": [[0, "100%"], [1, 1.2]]}}, profile="polyline", details=[0.2])
-    marked = tool(origin={"marker": "joint_0"}, target={"marker": "joint_1"}, clips={"fold": 0.5}, max_height="none")
+    marked = tool(
+        origin={"marker": "joint_0"},
+        target={"marker": "joint_1"},
+        clips={"fold": 0.5},
+        max_height="none",
+        optional=True,
+    )
     mirrored = tool(name="crease.L", origin=[-0.8, 0.5, 0], target=[0.8, 0.5, 0], width=0.6, mirror="y")
     assets = [
         (".glb", {}, [tool()], {}),

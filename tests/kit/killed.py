@@ -85,8 +85,8 @@ def _signal_at_line(number: int, sign: int, tell: int) -> None:
     sys.settrace(trace)
 
 
-def _try_lines(folder: Path, sign: int, step: int) -> None:
-    """Fork for each line; this returns in the children."""
+def _try_lines(folder: Path, sign: int, step: int, out: int) -> None:
+    """Fork for each line, and say what each left on a descriptor; this returns in the children."""
     from wrinklecli.files.workplace import Workplace
 
     kept = folder.with_name(f"{folder.name}-kept")
@@ -98,9 +98,6 @@ def _try_lines(folder: Path, sign: int, step: int) -> None:
         hear, tell = os.pipe()
         child = os.fork()
         if child == 0:
-            nowhere = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(nowhere, 1)
-            os.dup2(nowhere, 2)
             _signal_at_line(number, sign, tell)
             return
         os.close(tell)
@@ -111,7 +108,7 @@ def _try_lines(folder: Path, sign: int, step: int) -> None:
             later = Workplace(str(each))
             later.make()
             later.remove()
-        os.write(1, json.dumps(vars(Ended(number, reached, code, contents(folder)))).encode() + b"\n")
+        os.write(out, json.dumps(vars(Ended(number, reached, code, contents(folder)))).encode() + b"\n")
         for path in folder.iterdir():
             shutil.rmtree(path) if path.is_dir() else path.unlink()
         shutil.copytree(kept, folder, dirs_exist_ok=True)
@@ -137,10 +134,14 @@ def _main() -> None:
     if sign != signal.SIGKILL:
         signal.signal(sign, signal.SIG_DFL)  # whatever this process was started with, as by `nohup`
     add = Outputs.add
+    # What the command prints is not looked at.
+    out, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
 
     def add_from_here(self: Outputs, *arguments: Any, **options: Any) -> int:
         Outputs.add = add  # type: ignore[method-assign]
-        _try_lines(folder, sign, step)
+        _try_lines(folder, sign, step, out)
+        os.dup2(nowhere, 2)
         return self.add(*arguments, **options)
 
     Outputs.add = add_from_here  # type: ignore[method-assign]

@@ -63,7 +63,7 @@ def test_the_distance_is_that_of_the_message_and_goes_along_with_the_skin(tmp_pa
         ({"node": "lim"}, "is no node with a mesh", 2),
         ({"origin": {"marker": "elbow"}}, "no node is named 'elbow'", 0),
         ({"origin": [0.4, RADIUS, 0.0], "target": [0.4, RADIUS + 1e-9, 0.0]}, "1e-09 from the mesh", 2),
-        ({"rest_length": {"morph": "smile", "full": "110%"}}, "is not a morph target", 2),
+        ({"rest_length": {"morph": "smile", "full": "110%"}}, "has no morph target 'smile'", 2),
         ({"target": [1e6, 1.0, 0.0]}, "1e+06 from the mesh", 2),
     ],
 )
