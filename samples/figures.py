@@ -91,7 +91,7 @@ def draw_patch() -> None:
     plan = plans_of("wrist", 0)
     patch = plan.carried_patches[0].patch
     places, near = on_patch(plan, 0, plan.rest.positions, plan.rest.triangles)
-    members = patch.members[near]
+    members = np.isin(near, patch.members)
     add_triangles(left, places[plan.rest.triangles[near[~members]]], "white")
     add_triangles(left, places[plan.rest.triangles[near[members]]], "#e3ecf7")
     us, vs = np.meshgrid(np.linspace(0, 1, 101), np.linspace(-1, 1, 101))
@@ -227,7 +227,7 @@ def seam_on_patch(plan: MeshPlan) -> tuple[int, int]:
         for vertex in np.unique(surface.triangles[patch.members]):
             fan = (surface.triangles == vertex).any(axis=1)
             names = surface.corners[fan][surface.triangles[fan] == vertex]
-            if patch.members[fan].all() and len(np.unique(names)) > 1:
+            if np.isin(np.flatnonzero(fan), patch.members).all() and len(np.unique(names)) > 1:
                 return number, int(vertex)
     raise LookupError("no seam crosses a patch")
 
