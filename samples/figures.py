@@ -169,16 +169,16 @@ FLOW = {
 
 def draw_flow() -> None:
     """The rooms in the order in which they may import, their modules, and what comes in and goes out."""
-    _, axes = plt.subplots(figsize=(9.6, 6.2))
+    _, axes = plt.subplots(figsize=(9.6, 7.0))
     for row, (room, (given, made)) in enumerate(FLOW.items()):
         folder = PACKAGE / room
         modules = sorted(
             each.stem for each in folder.iterdir() if each.stem[0] not in "_." and each.name != "README.md"
         )
         axes.add_patch(plt.Rectangle((2.6, -row - 0.44), 6.2, 0.88, facecolor="#eef3f9", edgecolor=BLUE))
-        axes.text(2.7, -row + 0.24, room, weight="bold", va="center")
+        axes.text(2.7, -row + 0.25, room, weight="bold", va="center")
         axes.text(
-            2.7, -row - 0.14, "\n".join(textwrap.wrap(" · ".join(modules), 84)), va="center", size=6.3, color="#54616e"
+            2.7, -row + 0.1, "\n".join(textwrap.wrap(" · ".join(modules), 100)), va="top", size=6.0, color="#54616e"
         )
         axes.annotate("", (2.58, -row), (2.3, -row), arrowprops={"arrowstyle": "->", "color": INK})
         axes.annotate("", (9.12, -row), (8.82, -row), arrowprops={"arrowstyle": "->", "color": INK})
