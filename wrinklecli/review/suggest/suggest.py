@@ -91,8 +91,7 @@ def suggest(
         folds = choice.folds
         notes += choice.notes
         flat = all(fold.mesh.flat for fold in folds)
-        found, crossing = tried(document, fit_tools(folds, count, made), joined.clips, flat=flat)
-        notes += crossing
+        found = tried(document, fit_tools(folds, count, made), joined.clips, flat=flat)
         text = reason = ""
         if found:
             text = tools_text(found, os.path.basename(document.path), flat=flat)

@@ -10,7 +10,7 @@ from wrinklecli.baking.job import tools_by_node
 from wrinklecli.baking.plan import plan_mesh
 from wrinklecli.baking.warnings import placement_warnings
 from wrinklecli.character.clip import Clip
-from wrinklecli.errors import WrinkleError, counted
+from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import Document
 from wrinklecli.review.suggest.fitting import Suggestion
 from wrinklecli.review.suggest.text import tools_text
@@ -18,7 +18,7 @@ from wrinklecli.tools.mirror import exchange_sides
 from wrinklecli.tools.read import parse_tools
 from wrinklecli.tools.records import Length
 
-# How often a tool is made narrower before it is left out, and what is left of its width each time.
+# How often a tool is made narrower, and what is left of its width each time.
 _TRIES, _NARROWER = 3, 0.75
 # Of a bake.
 _MAX_ERROR = Length(1.0, percent=True)
@@ -26,8 +26,8 @@ _MAX_ERROR = Length(1.0, percent=True)
 
 def tried(
     document: Document, suggestions: Sequence[Suggestion], clips: Sequence[Clip], *, flat: bool
-) -> tuple[list[Suggestion], list[str]]:
-    """Suggestions that lie well, and a line for those that do not however narrow they are.
+) -> list[Suggestion]:
+    """Suggestions as narrow as they lie well; those that do not, however narrow they are, as they were.
 
     Args:
         document: The asset.
@@ -39,12 +39,10 @@ def tried(
     for _ in range(_TRIES):
         crossing = set(_crossing(document, kept, clips, flat=flat))
         if not crossing:
-            return kept, []
+            return kept
         kept = [_narrower(each) if crossing & set(_names(each)) else each for each in kept]
     crossing = set(_crossing(document, kept, clips, flat=flat))
-    well = [each for each in kept if not crossing & set(_names(each))]
-    left_out = len(kept) - len(well)
-    return well, [f"left out {counted(left_out, 'fold')}: a patch there reaches across another"] if left_out else []
+    return [old if crossing & set(_names(old)) else new for old, new in zip(suggestions, kept, strict=True)]
 
 
 def _crossing(
