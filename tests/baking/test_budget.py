@@ -43,6 +43,7 @@ def report_of(tmp_path: Path, asset: Path, *tools: Json, **options: Any) -> Json
     return made.data
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("engine", sorted(BUDGETS))
 def test_what_is_within_a_budget_stays_as_it_is(engine: Engine) -> None:
     stored = storage(engine, "sparse")
@@ -52,6 +53,7 @@ def test_what_is_within_a_budget_stays_as_it_is(engine: Engine) -> None:
     assert plain.path.read_bytes() == held.path.read_bytes()
 
 
+@pytest.mark.slow
 def test_spec8_reduces_to_eight_at_a_time(tmp_path: Path) -> None:
     plain, held = bake_once("wrist", ROUGH), bake_once("wrist", ROUGH, engine="spec8")
     assert active(plain, "wrist") > 8

@@ -29,7 +29,7 @@ def assert_replayed(file: Gltf, node: str, clip: str, times: Floats, tolerance: 
             assert error.max() < tolerance, (tool["name"], name, times[error.argmax()])
 
 
-@pytest.mark.quick(3)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("name", "config", "clip"),
     [

@@ -139,6 +139,7 @@ def test_sparse_dense_and_based_hold_the_same_numbers(name: str, config: str) ->
             assert np.array_equal(one, other)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("name", "config"), [("wrist", "wrist"), ("head", "head")])
 def test_based_targets_stand_on_one_view_of_zeros(name: str, config: str) -> None:
     """VTK and Godot 3 want a view below sparse vectors, the validator its stride, and VTK the offsets of the rest."""
@@ -435,6 +436,7 @@ def test_a_mesh_of_two_nodes_is_cloned() -> None:
     assert_valid(after.path)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("change", [shared_mesh, two_meshes])
 def test_tools_on_two_nodes(change: Callable[[Editor], None]) -> None:
     after = bake_once(edited("wrist", change), {**PALM, "node": "wrist"}, aside(BACK))

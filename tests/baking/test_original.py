@@ -133,7 +133,7 @@ AS_GLTF = (
 )
 
 
-@pytest.mark.quick(6)
+@pytest.mark.quick(3)
 @pytest.mark.parametrize(("case", "ending"), [(each, "glb") for each in CASES] + [(each, "gltf") for each in AS_GLTF])
 def test_same_bytes_as_from_the_original(case: str, ending: str, tmp_path: Path) -> None:
     asset, first, options, second = CASES[case]
@@ -144,6 +144,7 @@ def test_same_bytes_as_from_the_original(case: str, ending: str, tmp_path: Path)
     assert files(tmp_path / "direct") == files(tmp_path / "replaced")
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize(
     ("asset", "config"), [("wrist", "wrist"), ("head", "head"), ("head", "head_keyed"), ("trousers", "trousers")]
 )
@@ -191,7 +192,7 @@ def test_bakes_of_one_node_after_another_come_off_together(tmp_path: Path) -> No
     assert_same(restore.original(read_document(second)), read_document(asset))
 
 
-@pytest.mark.quick(8)
+@pytest.mark.quick(4)
 @pytest.mark.parametrize(
     ("earlier", "out"),
     [
@@ -428,6 +429,7 @@ def wrinkled(gltf: Json) -> int:
     return node
 
 
+@pytest.mark.quick(6)
 @pytest.mark.parametrize(
     "change",
     [

@@ -36,7 +36,7 @@ def geometry(file: Gltf, node: str) -> list[tuple[str, bytes]]:
 # Morph targets
 
 
-@pytest.mark.quick(3)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("details", [[], [0.15, 0.2]])
 @pytest.mark.parametrize(("strategy", "count"), STRATEGIES.items())
 def test_targets_of_five_bumps(strategy: str, count: int, details: list[float]) -> None:

@@ -213,6 +213,7 @@ def test_jumps_are_proven_too(tmp_path: Path) -> None:
     assert gaps.max() < made.max_error
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize(("asset", "tool", "clip"), [("wrist", PALM, "flex"), ("head", BROW, "raise_brows")])
 @pytest.mark.parametrize("rate", [24, 60])
 def test_whole_frames_of_a_player_are_right(asset: str, tool: Json, clip: str, rate: int, tmp_path: Path) -> None:

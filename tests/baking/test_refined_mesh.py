@@ -20,6 +20,7 @@ def vertex_accessors(primitive: Json) -> list[int]:
     return [*primitive["attributes"].values(), *chain.from_iterable(targets)]
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize(
     "tool", [PALM, {**PALM, "width": 0.004, "origin": [0.03, -0.0205, 0.0], "target": [0.06, -0.02, 0.0]}]
 )

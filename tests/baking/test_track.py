@@ -220,7 +220,7 @@ def test_a_body_with_the_targets_gets_its_tracks_anew(name: str, tmp_path: Path)
     assert_valid(made.path)
 
 
-@pytest.mark.quick(5)
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("clip", ["think", "raise_brows"])
 @pytest.mark.parametrize("strategy", ["everywhere", "origin", "both_ends"])
 @pytest.mark.parametrize(

@@ -39,7 +39,7 @@ def run(arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 @FULL
-@pytest.mark.quick(4)
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("away", [">/dev/full", ">&-"])
 @pytest.mark.parametrize(
     "command",
@@ -62,6 +62,7 @@ def test_what_was_asked_for_on_standard_output_cannot_be_written(command: str, a
     assert files(folder) == before
 
 
+@pytest.mark.quick(2)
 @FULL
 @pytest.mark.parametrize("away", ["2>/dev/full", "2>&-", ">&- 2>&-", "<&- >&- 2>&-"])
 def test_messages_that_are_lost_are_no_failure(away: str, folder: Path) -> None:
@@ -71,6 +72,7 @@ def test_messages_that_are_lost_are_no_failure(away: str, folder: Path) -> None:
     assert (folder / "out.glb").read_bytes()[:4] == b"glTF", "no other file got the number of a stream"
 
 
+@pytest.mark.quick(2)
 @FULL
 @pytest.mark.parametrize("away", ["2>/dev/full", "2>&-"])
 @pytest.mark.parametrize(("command", "code"), [("bake absent.glb tools.yaml -o out.glb", 1), ("bake limb.glb", 2)])

@@ -219,6 +219,7 @@ def _deltas(document: EditedDocument, vertices: list[int], count: int, **options
     return document.add_deltas(np.array(vertices, np.intp), deltas, count=count, bounds=True, **options), wanted
 
 
+@pytest.mark.quick(12)
 @pytest.mark.parametrize("storage", ["sparse", "dense", "based"])
 @pytest.mark.parametrize("count", [4, 300, 70_000])
 @pytest.mark.parametrize("changed", [[0], [1, -1], [0, 1, 2, -1], []])

@@ -13,6 +13,7 @@ from wrinklecli.method.carry import carry
 from wrinklecli.method.curve import plan_curve
 
 
+@pytest.mark.quick(12)
 @pytest.mark.parametrize("root", ROOTS, ids=str)
 @pytest.mark.parametrize("strategy", ["everywhere", "origin", "both_ends"])
 @pytest.mark.parametrize("strength", [1.0, -0.5])

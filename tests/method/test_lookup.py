@@ -55,7 +55,7 @@ def everywhere(curve: ControlCurve, shares: Sequence[float]) -> tuple[Floats, Fl
     return distances, lengths
 
 
-@pytest.mark.quick(12)
+@pytest.mark.quick(4)
 @pytest.mark.parametrize("strategy", ["everywhere", "origin", "both_ends"])
 @pytest.mark.parametrize(
     ("profile", "details"), [("smooth", ()), ("smooth", (0.3, 0.2)), ("polyline", ()), ("polyline", (0.2,))]

@@ -275,6 +275,7 @@ def test_gltf_transform_reads_and_optimizes_a_bake(name: str, folder: Path, tmp_
             assert gaps.max() < tolerance, (clip, gaps.max(), tolerance)
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("name", but(ALL, slow=(*LARGE, "shared/fox", "shared/cesium_man")))
 def test_gltf_transform_reads_and_optimizes_frames(name: str, folder: Path, tmp_path: Path) -> None:
     """The frame that is due is the same but for 14-bit positions, and it alone is shown."""

@@ -288,7 +288,7 @@ def test_memory_hardly_grows_with_the_clip(baker: Baker) -> None:
     assert long - short < 800 * frames_of(600)
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.usefixtures("small_spool")
 @pytest.mark.parametrize("sheet", [0, 32])
 def test_memory_of_posed_frames_does_not_hold_them(baker: Baker, sheet: int) -> None:

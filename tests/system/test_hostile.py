@@ -78,6 +78,7 @@ def test_corpus_is_sound(tmp_path: Path, number: int) -> None:
     assert attacked(case, tmp_path) == ("EXT_mesh_gpu_instancing" in needs)
 
 
+@pytest.mark.quick(5)
 @pytest.mark.parametrize("kind", ["pipe", "/dev/null"])
 @pytest.mark.parametrize(
     "arguments",
@@ -392,6 +393,7 @@ def test_lack_of_memory_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     assert err.count("\n") == 1
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize(
     "arguments",
     [

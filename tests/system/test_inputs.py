@@ -207,7 +207,7 @@ def vertex_count(asset: Asset, primitive: Json) -> int:
 # Primitives
 
 
-@pytest.mark.quick(8)
+@pytest.mark.quick(4)
 @pytest.mark.parametrize(
     "options",
     [
@@ -677,6 +677,7 @@ def image_bytes(file: Gltf, index: int) -> bytes:
     return (file.path.parent / unquote(image["uri"])).read_bytes()
 
 
+@pytest.mark.quick(4)
 @pytest.mark.parametrize("out", ["out.glb", "out.gltf", "below/out.glb", "below/out.gltf", "../beside/out.gltf"])
 def test_resources_of_every_kind(tmp_path: Path, out: str) -> None:
     (tmp_path / "in").mkdir()

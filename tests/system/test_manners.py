@@ -143,6 +143,7 @@ def on_terminal(arguments: list[str], **environment: str) -> str:
     return shown
 
 
+@pytest.mark.slow
 def test_colours_are_for_terminals_that_want_them(tmp_path: Path) -> None:
     tools = write_tools(tmp_path / "tools.yaml", {**PALM, "strength": 2})
     arguments = ["check", str(sample("wrist")), str(tools)]
@@ -158,6 +159,7 @@ def test_colours_are_for_terminals_that_want_them(tmp_path: Path) -> None:
 # --- Completion ---
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize(
     ("typed", "completed"),
     [

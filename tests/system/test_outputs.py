@@ -41,6 +41,7 @@ def small_tools(folder: Path, **keys: int) -> Path:
     return write_tools(folder / "tools.yaml", tool(bumps=1) | keys, refinement={"max_levels": 0}, sampling={"fps": 4})
 
 
+@pytest.mark.quick(4)
 @pytest.mark.parametrize("name", WRITING)
 def test_no_output_is_written_over_a_file_of_the_asset_or_the_tools(name: str, folder: Path, wrinkle: Wrinkle) -> None:
     command, ending = WRITING[name]
@@ -108,6 +109,7 @@ def test_a_name_that_would_be_a_command_in_a_makefile_is_refused(uri: str, folde
     assert wrinkle("bake", "limb.gltf", "tools.yaml", "-o", "out.glb").code == 0
 
 
+@pytest.mark.quick(4)
 @pytest.mark.parametrize("name", WRITING)
 def test_an_output_that_is_there_keeps_its_mode(name: str, folder: Path, wrinkle: Wrinkle) -> None:
     command, ending = WRITING[name]

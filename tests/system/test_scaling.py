@@ -89,6 +89,7 @@ def test_instances_are_posed_a_few_times_each(monkeypatch: pytest.MonkeyPatch, t
         assert calls[1][name] <= 2.2 * calls[0][name], name
 
 
+@pytest.mark.slow
 def test_proof_holds_of_each_target_what_it_moves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     prove, peaks = pipeline.prove, []
 

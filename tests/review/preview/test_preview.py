@@ -240,6 +240,7 @@ def test_bounds_hold_a_sheet_in_memory() -> None:
     assert MOST_SIDE**2 < MOST_PIXELS <= 2**28
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("missing", ["embreex", "PIL"])
 def test_a_missing_extra_is_one_line_that_says_what_to_install(tmp_path: Path, missing: str) -> None:
     path = limb(tmp_path, rings=3, sides=4)
