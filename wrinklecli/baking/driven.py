@@ -52,5 +52,4 @@ def _drives(clip: Clip, node: int, body: BakedBody) -> bool:
     if channel is None:
         return False
     columns = [body.targets.index(name) for name in body.driven]
-    points = channel.values[:, 1] if channel.interpolation == "CUBICSPLINE" else channel.values
-    return not np.allclose(points[:, columns], body.stored[columns], atol=1e-6)
+    return not np.allclose(channel.points[:, columns], body.stored[columns], atol=1e-6)

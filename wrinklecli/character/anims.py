@@ -172,11 +172,10 @@ def _weights(
     columns = {number: theirs.index(name) for number, name in enumerate(names) if name in theirs}
     if not columns:
         return None
-    values = np.zeros((*channel.values.shape[:-1], len(names)))
-    points = values[:, 1] if channel.interpolation == "CUBICSPLINE" else values
-    points[:] = stored
-    values[..., list(columns)] = channel.values[..., list(columns.values())]
-    return replace(channel, node=node, values=values)
+    made = replace(channel, node=node, values=np.zeros((*channel.values.shape[:-1], len(names))))
+    made.points[:] = stored
+    made.values[..., list(columns)] = channel.values[..., list(columns.values())]
+    return made
 
 
 def _free_name(name: str, stem: str, taken: Container[str], *, alone: bool) -> str:

@@ -48,6 +48,11 @@ class Channel:
     values: Floats
     interpolation: str
 
+    @property
+    def points(self) -> Floats:
+        """(keys, components) of `values`, without tangents."""
+        return self.values[:, 1] if self.interpolation == "CUBICSPLINE" else self.values
+
 
 @dataclass(frozen=True)
 class Clip:
@@ -187,7 +192,7 @@ def sample(channel: Channel, times: Floats) -> Floats:
     """
     keys, values = channel.times, channel.values
     # Components first, so that all that follows runs along time.
-    points = (values[:, 1] if channel.interpolation == "CUBICSPLINE" else values).T
+    points = channel.points.T
     turning = channel.path == "rotation"
     if len(keys) == 1:
         return np.tile((unit_quaternions(points) if turning else points).T, (len(times), 1))

@@ -169,8 +169,7 @@ def _shown_turns(node: int, stored: Floats, clips: Sequence[Clip]) -> Floats:
     for clip in clips:
         channel = clip.channel(node, "rotation")
         if channel is not None:
-            values = channel.values[:, 1] if channel.interpolation == "CUBICSPLINE" else channel.values
-            keys = unit_quaternions(values.T).T
+            keys = unit_quaternions(channel.points.T).T
             # The inverse of the turn that leads from the stored rotation to a key's, in the node's own space.
             back = quaternion_product(keys * [-1.0, -1.0, -1.0, 1.0], stored)
             turns = np.degrees(2.0 * np.arctan2(-back[:, :3], back[:, 3:]))

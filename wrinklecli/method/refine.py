@@ -32,6 +32,7 @@ from wrinklecli.numeric.arrays import (
     vertex_normals,
 )
 from wrinklecli.numeric.blocks import Boxes
+from wrinklecli.numeric.nearest import balls
 from wrinklecli.numeric.red_green import Level
 from wrinklecli.numeric.sparse import Matrix
 from wrinklecli.numeric.subdivide import Subdivision, subdivide
@@ -111,9 +112,7 @@ class Refinement:
     @cached_property
     def rest_balls(self) -> tuple[Floats, Floats]:
         """(triangles, 3) middles of the triangles, world space at rest, and (triangles,) how far their corners are."""
-        corners = self.rest_positions[self.triangles]
-        middles = corners.mean(axis=1)
-        return middles, np.sqrt(((corners - middles[:, None]) ** 2).sum(axis=2).max(axis=1))
+        return balls(self.rest_positions[self.triangles])
 
     @cached_property
     def rest_boxes(self) -> Boxes:

@@ -167,8 +167,7 @@ class _SizeClass:
 def _size_classes(corners: Floats) -> Iterator[_SizeClass]:
     from scipy.spatial import cKDTree
 
-    centroids = corners.mean(axis=1)
-    radii = np.sqrt(((corners - centroids[:, None]) ** 2).sum(axis=2).max(axis=1))
+    centroids, radii = balls(corners)
     largest = float(radii.max())
     edges = [np.inf, *(largest * 0.5 ** np.arange(1, _CLASSES)), -1.0] if largest else [np.inf, -1.0]
     for above, below in pairwise(edges):
@@ -272,3 +271,23 @@ def ray_distances(starts: Floats, rays: Floats, corners: Floats) -> Floats:
         distance = np.sum(second * turned, axis=1) / determinant
         hit = (a >= 0) & (b >= 0) & (a + b <= 1) & (distance > 0)
     return np.where(hit, distance, np.inf)
+
+
+def distances_along(start: Floats, ray: Floats, corners: Floats) -> Floats:
+    """(triangles,) as `ray_distances`, of one ray from a (3,) start to each of (triangles, 3, 3)."""
+    shape = (len(corners), 3)
+    return ray_distances(np.broadcast_to(start, shape), np.broadcast_to(ray, shape), corners)
+
+
+def balls(corners: Floats) -> tuple[Floats, Floats]:
+    """(triangles, 3) middles of (triangles, 3, 3), and (triangles,) how far their corners are from there."""
+    middles = corners.mean(axis=1)
+    return middles, np.sqrt(((corners - middles[:, None]) ** 2).sum(axis=2).max(axis=1))
+
+
+def near_points(corners: Floats, points: Floats, reach: float) -> Ints:
+    """The (triangles, 3, 3) that may be within reach of (points, 3), rising: of the ball round all of them."""
+    middles, radii = balls(corners)
+    middle = points.mean(axis=0)
+    reach += float(np.sqrt(np.max(np.sum((points - middle) ** 2, axis=1))))
+    return np.flatnonzero(np.sqrt(np.sum((middles - middle) ** 2, axis=1)) < reach + radii)

@@ -12,7 +12,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.scene import ScenePrimitive, pose_primitive
 from wrinklecli.numeric.arrays import Floats, face_normals, unit
-from wrinklecli.numeric.nearest import ray_distances
+from wrinklecli.numeric.nearest import distances_along, near_points
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.review.suggest.strain import posed
 
@@ -88,18 +88,13 @@ def _met_from_inside(starts: Floats, rays: Floats, corners: Floats, size: float)
         corners: (triangles, 3, 3) of the layers.
         size: Of the character, scene units.
     """
-    middle = starts.mean(axis=0)
-    reach = _REACH * size + float(np.sqrt(np.max(np.sum((starts - middle) ** 2, axis=1))))
-    centres = corners.mean(axis=1)
-    radii = np.sqrt(np.max(np.sum((corners - centres[:, None]) ** 2, axis=2), axis=1))
-    near = corners[np.sqrt(np.sum((centres - middle) ** 2, axis=1)) < reach + radii]
+    near = corners[near_points(corners, starts, _REACH * size)]
     covered = np.zeros(len(starts))
     if not len(near):
         return covered
     normals = unit(np.cross(near[:, 1] - near[:, 0], near[:, 2] - near[:, 0]))
     for number, (start, ray) in enumerate(zip(starts, rays, strict=True)):
-        every = np.broadcast_to(start, (len(near), 3)), np.broadcast_to(ray, (len(near), 3))
-        distances = ray_distances(*every, near)
+        distances = distances_along(start, ray, near)
         hit = (distances > _SELF * size) & (distances < _REACH * size)
         cosines = normals[hit] @ ray
         inside, outside = (distances[hit][cosines * sign > _ALONG] for sign in (1.0, -1.0))

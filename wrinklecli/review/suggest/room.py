@@ -3,8 +3,8 @@
 import numpy as np
 
 from wrinklecli.method.patch import Patch
-from wrinklecli.numeric.arrays import Floats, unit
-from wrinklecli.numeric.nearest import ray_distances
+from wrinklecli.numeric.arrays import unit
+from wrinklecli.numeric.nearest import distances_along, near_points
 from wrinklecli.review.suggest.measure import MeasuredMesh
 
 # Rays that look for what lies over a patch: its triangles, of very many every so many.
@@ -28,22 +28,12 @@ def highest(mesh: MeasuredMesh, patch: Patch) -> float:
     if not len(chosen) or not np.isfinite(usual):
         return np.inf
     corners = positions[surface.triangles]
-    centres = corners.mean(axis=1)
-    radii = np.sqrt(np.max(np.sum((corners - centres[:, None]) ** 2, axis=2), axis=1))
-    middle = places[chosen].mean(axis=0)
-    reach = usual + float(np.sqrt(np.max(np.sum((places[chosen] - middle) ** 2, axis=1))))
-    near = np.flatnonzero(np.sqrt(np.sum((centres - middle) ** 2, axis=1)) < reach + radii)
+    near = near_points(corners, places[chosen], usual)
     most = np.inf
     for number in chosen:
         apart = ~np.isin(surface.triangles[near], members[number]).any(axis=1)
-        distances = _distances(places[number], rays[number], corners[near[apart]])
+        distances = distances_along(places[number], rays[number], corners[near[apart]])
         room = float(distances.min(initial=np.inf))
         if room < usual * factors[number]:
             most = min(most, _TAKEN * room / factors[number])
     return most
-
-
-def _distances(start: Floats, ray: Floats, corners: Floats) -> Floats:
-    """(triangles,) how far along a ray each is."""
-    shape = (len(corners), 3)
-    return ray_distances(np.broadcast_to(start, shape), np.broadcast_to(ray, shape), corners)

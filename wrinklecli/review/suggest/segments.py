@@ -7,6 +7,7 @@ import numpy as np
 
 from wrinklecli.method.rest import Rest
 from wrinklecli.numeric.arrays import Floats, Ints, unit
+from wrinklecli.numeric.nearest import balls
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.review.suggest.regions import Region
 
@@ -198,9 +199,8 @@ def _walk(rest: Rest, triangles: Ints, centre: Floats, directions: Floats, step:
     from scipy.spatial import cKDTree
 
     corners = rest.positions[triangles]
-    middles = corners.mean(axis=1)
-    radius = float(np.sqrt(np.max(np.sum((corners - middles[:, None]) ** 2, axis=2))))
-    tree = cKDTree(middles)
+    middles, radii = balls(corners)
+    radius, tree = float(radii.max()), cKDTree(middles)
     count = len(directions)
     first, shares = _nearest_points(centre[None], corners)
     found, shares = np.repeat(first, count), np.repeat(shares, count, axis=0)

@@ -18,6 +18,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
 from wrinklecli.method.rest import Rest
 from wrinklecli.numeric.arrays import Floats, Ints, face_normals, unit
+from wrinklecli.numeric.nearest import balls
 
 # A stretch beyond twice the length counts as twice: slivers of almost no area have any.
 _LONGEST = 2.0
@@ -78,8 +79,7 @@ def read_gauge(surface: Surface, rest: Rest, rig: Rig) -> Gauge:
     rows = np.repeat(np.arange(count), surface.joints.shape[1])
     entries = (surface.weights.ravel(), (rows, surface.joints.ravel()))
     influences = csr_array(entries, shape=(count, len(rig.joints)))
-    middles = (a + b + c) / 3.0
-    radii = np.sqrt(np.max([np.sum((corner - middles) ** 2, axis=1) for corner in (a, b, c)], axis=0))
+    middles, radii = balls(rest.positions[triangles])
     numbers, pieces = np.flatnonzero(solid), _pieces(triangles, areas[solid], count)
     return Gauge(rig, surface, rest, influences, triangles, numbers, pieces, middles, radii, flat, tensors)
 
