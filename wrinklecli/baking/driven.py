@@ -1,7 +1,6 @@
 """Wrinkles of a baked asset in clips that its bake has not seen, set by its extras, in memory."""
 
 from collections.abc import Collection
-from dataclasses import replace
 
 import numpy as np
 
@@ -42,8 +41,7 @@ def with_driven_wrinkles(document: Document, clips: Collection[str]) -> tuple[Do
         undriven = [clip for clip in chosen if not _drives(clip, nodes.meshes[body.node], body)]
         if tools:
             track_body(edited, body, tools, undriven, fps=_FPS, tolerance=MAX_ERROR - TABLE_ERROR)
-    made = edited.document()
-    return replace(document, gltf=made.gltf, buffers=made.buffers), warnings
+    return edited.document(), warnings
 
 
 def _drives(clip: Clip, node: int, body: BakedBody) -> bool:

@@ -9,6 +9,7 @@ Source: glTF 2.0 specification, §3.6 (binary data storage), §5.1 (accessors).
 import copy
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -240,13 +241,8 @@ class EditedDocument:
         """The changed document as a reader will see it, in memory: the source's buffers and one of new data."""
         buffers = [*self.source.items("buffers"), {"byteLength": self.new_size}]
         data = memoryview(b"".join(self.new_data()))
-        return Document(
-            self.source.path,
-            self.gltf | {"buffers": buffers},
-            (*self.source.buffers, data),
-            (),
-            memory=self.source.memory,
-        )
+        # What the source has decoded is not taken over: an accessor's index may be another's now.
+        return replace(self.source, gltf=self.gltf | {"buffers": buffers}, buffers=(*self.source.buffers, data))
 
     @property
     def new_size(self) -> int:
