@@ -9,13 +9,15 @@ from kit.bakes import bake_once
 from kit.limb import limb, tool, write_tools
 from wrinklecli import bake
 from wrinklecli.baking import pipeline, sample
-from wrinklecli.baking.estimate import morph_target_bytes
+from wrinklecli.baking.estimate import morph_target_bytes, moved_by_targets
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.errors import BakeError, TooMuchError
 from wrinklecli.review.check import check
 
 MANY = tool(bumps=8, strategy="origin", details=[0.2], profile="polyline")
+ANEW = tool(attachment="patch")
+SAMPLES = r"^limb: 2,001 samples of 1 tool would take .*: raise --max-memory$"
 
 
 @pytest.fixture
@@ -23,13 +25,16 @@ def paths(tmp_path: Path) -> tuple[Path, Path]:
     return limb(tmp_path / "limb.glb"), write_tools(tmp_path / "tools.yaml", MANY)
 
 
-@pytest.mark.parametrize("accessors", ["sparse", "dense"])
-def test_bytes_of_targets_are_those_that_are_written(paths: tuple[Path, Path], accessors: Any) -> None:
-    (plan,) = plan_meshes(read_job(*paths, BakeOptions()))
-    count, size = morph_target_bytes(plan, dense=accessors == "dense")
-    baked = bake_once(paths[0], MANY, accessors=accessors)
+@pytest.mark.parametrize(("tools", "accessors"), [(MANY, "sparse"), (MANY, "dense"), (ANEW, "sparse")])
+def test_bytes_of_targets_are_those_that_are_written(tmp_path: Path, tools: Any, accessors: Any) -> None:
+    asset = limb(tmp_path / "limb.glb")
+    job = read_job(asset, write_tools(tmp_path / "tools.yaml", tools), BakeOptions())
+    (plan,) = plan_meshes(job)
+    moved = moved_by_targets(plan, job.clips, 61, job.document.memory)
+    size = morph_target_bytes(plan, moved, dense=accessors == "dense")
+    baked = bake_once(asset, tools, accessors=accessors)
     (primitive,) = baked.json["meshes"][0]["primitives"]
-    assert 1 <= count / len(primitive["targets"]) < 1.3
+    assert 0.7 < len(moved) / len(primitive["targets"]) < 1.3
     numbers = {index for target in primitive["targets"] for index in target.values()}
     written = 0
     for each in (baked.json["accessors"][number] for number in numbers):
@@ -40,22 +45,30 @@ def test_bytes_of_targets_are_those_that_are_written(paths: tuple[Path, Path], a
 
 
 @pytest.mark.parametrize(
-    ("options", "memory", "line"),
+    ("tools", "options", "memory", "line"),
     [
-        ({"accessors": "dense"}, 1_000_000, r"^limb: 16 dense morph targets of [\d,]+ vertices would take .*--max-mem"),
-        ({}, 200_000, r"^limb: 16 morph targets of [\d,]+ vertices would take .*: raise --max-memory$"),
-        ({"fps": 1000.0}, 900_000, r"^limb: 2,001 samples of 1 tool would take .*: raise --max-memory$"),
+        (
+            MANY,
+            {"accessors": "dense"},
+            1_000_000,
+            r"^limb: 16 dense morph targets of [\d,]+ vertices would take .*--max-mem",
+        ),
+        (MANY, {}, 200_000, r"^limb: 16 morph targets of [\d,]+ vertices would take .*: raise --max-memory$"),
+        (MANY, {"fps": 1000.0}, 900_000, SAMPLES),
+        (ANEW, {"fps": 1000.0}, 300_000, SAMPLES),
+        (ANEW, {"fps": 1000.0}, 3_000_000, r" tools\[0\]: 2,001 frames of \d+ vertices, as \d+ shapes, would take"),
     ],
 )
 def test_too_much_is_refused_before_it_is_made(
-    paths: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch, options: Any, memory: int, line: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tools: Any, options: Any, memory: int, line: str
 ) -> None:
+    asset, path = limb(tmp_path / "limb.glb"), write_tools(tmp_path / "tools.yaml", tools)
     monkeypatch.delattr(sample, "activities")
     with pytest.raises(TooMuchError, match=line):
-        bake(*paths, paths[0].with_name("out.glb"), max_memory=memory, **options)
-    if "fps" in options:
+        bake(asset, path, tmp_path / "out.glb", max_memory=memory, **options)
+    if line == SAMPLES:
         with pytest.raises(TooMuchError, match=line):
-            check(*paths, max_memory=memory, **options)
+            check(asset, path, max_memory=memory, **options)
 
 
 def test_frames_that_no_glb_holds_are_refused(paths: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,9 @@ from hypothesis import strategies as st
 from kit.carried import MORE, ROOTS, carry_patch, moved, placed, scattered
 from kit.limb import limb_asset, tool
 from kit.prepared import prepare
+from wrinklecli.errors import TooMuchError
 from wrinklecli.method.posed import compress
+from wrinklecli.numeric.memory import Memory
 
 
 @pytest.mark.parametrize("root", ROOTS[:4], ids=str)
@@ -74,3 +76,10 @@ def test_still_series_needs_no_shape() -> None:
     weights, shapes = compress([np.zeros((4, 3, 3))], 1e-9)
     assert weights.shape == (4, 0)
     assert shapes.shape == (0, 3, 3)
+
+
+def test_a_series_is_given_up_before_it_takes_more_than_it_may() -> None:
+    parts = (np.random.default_rng(k).normal(size=(10, 50, 3)) for k in range(100))
+    with pytest.raises(TooMuchError, match=r"^tool: 30 frames of 50 vertices, as 30 shapes, would take .* kB "):
+        compress(parts, 1e-9, memory=Memory(150_000), where="tool")
+    assert len(list(parts)) == 97

@@ -20,6 +20,7 @@ from wrinklecli.gltf import new_data
 from wrinklecli.method.activity import anchor_joints
 from wrinklecli.numeric import piecewise as tracks
 from wrinklecli.numeric import red_green
+from wrinklecli.numeric.memory import Memory
 
 # Frames per second, and seconds in which the limb folds and unfolds.
 FPS, PERIOD = 30, 2.0
@@ -78,7 +79,9 @@ class Baker:
         """The asset's mesh with its tool, and its clip, sampled."""
         job = read_job(self.written(asset), self.tools, BakeOptions())
         (planned,) = plan.plan_meshes(job)
-        _, (motion,) = sample.sample_clips(planned, job.clips, fps=FPS, mode="morph", progress=lambda *_: None)
+        _, (motion,) = sample.sample_clips(
+            planned, job.clips, fps=FPS, mode="morph", memory=Memory(), progress=lambda *_: None
+        )
         return planned, motion
 
     def bake(self, asset: Asset, **options: Any) -> tuple[Gltf, int]:

@@ -85,7 +85,7 @@ def _bake(
         with clock.stage("plan"):
             plans = plan_meshes(job, influences=BUDGETS[options.engine].influences if options.engine else None)
             for plan in plans:
-                refuse_too_much(job, plan, None if out is None else os.fspath(out))
+                refuse_too_much(job, plan, job.clips, None if out is None else os.fspath(out))
         edited = EditedDocument(job.document, storage=storage(options.engine, options.accessors))
         posed, morphed = [], []
         if options.mode == "frames" or options.frames_dir is not None:
@@ -108,7 +108,12 @@ def _pose_frames(job: Job, plan: MeshPlan, clock: StageClock, progress: Progress
     """Sample a mesh's clips for geometry of its own in each frame."""
     with clock.stage("sample"):
         target_sets, motions = sample_clips(
-            plan, job.clips, fps=job.settings.sampling.fps, mode="frames", progress=progress
+            plan,
+            job.clips,
+            fps=job.settings.sampling.fps,
+            mode="frames",
+            memory=job.document.memory,
+            progress=progress,
         )
     if not motions:
         raise BakeError("has no clip: there is no frame to write", where=job.document.path)
@@ -122,7 +127,12 @@ def _add_morph_targets(
     options = job.options
     with clock.stage("sample"):
         target_sets, motions = sample_clips(
-            plan, job.clips, fps=job.settings.sampling.fps, mode="morph", progress=progress
+            plan,
+            job.clips,
+            fps=job.settings.sampling.fps,
+            mode="morph",
+            memory=job.document.memory,
+            progress=progress,
         )
     budget = None
     if options.engine is not None:

@@ -1,7 +1,7 @@
 """What tools do over time: the times of every clip that need a sample, and the weights of all shapes at them."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -13,7 +13,6 @@ from wrinklecli.baking.targets import TargetSet, named_targets
 from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip, clip_grid, motion_breaks
 from wrinklecli.character.pose import Pose, pose_at
 from wrinklecli.character.rig import moving_nodes
-from wrinklecli.errors import BakeError
 from wrinklecli.method.activity import (
     Activity,
     activities,
@@ -30,10 +29,9 @@ from wrinklecli.method.posed import compress
 from wrinklecli.method.shapes import Sample, Shape, make_shapes, shapes_of
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
 from wrinklecli.numeric.guard import Progress
+from wrinklecli.numeric.memory import Memory
 from wrinklecli.numeric.piecewise import Signal, key_times, smooth
 
-# Of all clips that are baked at once: nine hours at 30 a second.
-_MOST_FRAMES = 1_000_000
 # Coordinates of displacements that are compressed at once: bounds the memory.
 _MOST_COORDINATES = 2**20
 # Frames between two breaks to begin with, besides the clip's turns; halved where a quartic misses the distances. With 4
@@ -85,22 +83,24 @@ class ClipActivity:
 
 
 def sample_clips(
-    plan: MeshPlan, clips: Sequence[Clip], *, fps: float, mode: Mode, progress: Progress
+    plan: MeshPlan, clips: Sequence[Clip], *, fps: float, mode: Mode, memory: Memory, progress: Progress
 ) -> tuple[list[TargetSet], list[Motion]]:
     """Run the tools over the clips that move their mesh.
 
     Args:
         plan: The tools.
-        clips: To sample; `morph` leaves out those that do not move the mesh.
+        clips: To sample, after `estimate` has found them few enough; `morph` leaves out those that do not move the
+            mesh.
         fps: Of the grid.
         mode: `frames` takes the grid alone, `morph` what straight lines between keys need.
+        memory: That the shapes of all frames may take.
         progress: Called with a stage's name, frames done and frames in all.
 
     Returns:
         Each tool's shapes, and each clip with their weights.
 
     Raises:
-        BakeError: There are too many frames, or too many shapes.
+        BakeError: There are too many shapes.
     """
     sampled = sample_activities(plan, clips, fps=fps, mode=mode, progress=progress)
     patches = [carried.patch for carried in plan.carried_patches]
@@ -109,7 +109,7 @@ def sample_clips(
         poses = tallest_poses(patches, plan.rig, plan.rest)
     target_sets, by_tool = [], []
     for number, pose in enumerate(poses):
-        target_set, weights = _target_set(plan, number, sampled, pose)
+        target_set, weights = _target_set(plan, number, sampled, pose, memory)
         target_sets.append(target_set)
         by_tool.append(weights)
     by_clip = zip(*by_tool, strict=True)
@@ -129,7 +129,6 @@ def sample_activities(
 ) -> list[Motion]:
     """As `sample_clips`, without weights, as there are no shapes yet: only times, and what the tools do then."""
     clips = list(clips) if mode == "frames" else moving_clips(plan, clips)
-    refuse_many_frames(plan, clips, fps=fps)
     patches = [carried.patch for carried in plan.carried_patches]
     bound = plan.max_error / _overlaps(plan)
     # Frames up to the end of each clip.
@@ -181,7 +180,7 @@ def _key_times(
 
 
 def _target_set(
-    plan: MeshPlan, number: int, sampled: Sequence[Motion], pose: Pose | None
+    plan: MeshPlan, number: int, sampled: Sequence[Motion], pose: Pose | None, memory: Memory
 ) -> tuple[TargetSet, list[Floats]]:
     """One tool's shapes, with normals for a pose if there is one, and for each clip their (frames, shapes) weights.
 
@@ -193,7 +192,7 @@ def _target_set(
         shapes = shapes_of(carried, plan.fine, plan.rest, pose)
         weights = [_weights(carried, each.clip, each.seen[number]) for each in sampled]
     else:
-        shapes, weights = _compressed(plan, carried, sampled)
+        shapes, weights = _compressed(plan, carried, sampled, memory)
     return TargetSet(carried, named_targets(carried, shapes)), weights
 
 
@@ -212,20 +211,6 @@ def moving_clips(plan: MeshPlan, clips: Sequence[Clip]) -> list[Clip]:
     moving = moving_nodes(plan.rig)
     driven = {name for each in plan.carried_patches for name in each.patch.keyed_clips}
     return [clip for clip in clips if clip.name in driven or any(c.node in moving for c in clip.channels)]
-
-
-def refuse_many_frames(plan: MeshPlan, clips: Sequence[Clip], *, fps: float) -> None:
-    """Check that clips are short enough to be sampled together.
-
-    Raises:
-        BakeError: They are not.
-    """
-    frames = sum((clip.end - clip.start) * fps for clip in clips)
-    if frames > _MOST_FRAMES:
-        raise BakeError(
-            f"{len(clips)} clips have {frames:.6g} frames at {fps:.6g} per second; at once {_MOST_FRAMES:,} may be",
-            where=plan.rig.names[plan.rig.node],
-        )
 
 
 def _overlaps(plan: MeshPlan) -> int:
@@ -278,7 +263,7 @@ def _weights(carried: CarriedPatch, clip: Clip | None, seen: Activity) -> Floats
 
 
 def _compressed(
-    plan: MeshPlan, carried: CarriedPatch, sampled: Sequence[Motion]
+    plan: MeshPlan, carried: CarriedPatch, sampled: Sequence[Motion], memory: Memory
 ) -> tuple[list[Shape | None], list[Floats]]:
     """Shapes and weights of displacements that are new in each frame, all clips together.
 
@@ -287,14 +272,7 @@ def _compressed(
     """
     if not sampled:
         return [], []
-    chunk = max(_MOST_COORDINATES // (3 * len(carried.vertices)), 1)
-    series = (
-        displacements(carried, plan.fine, plan.rig, plan.rest, each.clip, each.times[k : k + chunk])
-        for each in sampled
-        for k in range(0, len(each.times), chunk)
-    )
-    tolerance = _COMPRESSION_SHARE * plan.max_error / plan.scale / _PER_COORDINATE
-    together, deltas = compress(series, tolerance, where=carried.patch.tool.where)
+    together, deltas = compress_displacements(plan, carried, [(each.clip, each.times) for each in sampled], memory)
     weights = np.split(together, np.cumsum([len(each.times) for each in sampled])[:-1])
     even = np.linspace(0, len(together) - 1, 16).astype(int)
     rows = distinct_values(np.concatenate([even, np.argmax(together, axis=0)]))
@@ -307,3 +285,17 @@ def _compressed(
         samples=[Sample(together[row], pose_at(plan.rig, *moments[row])) for row in rows] if plan.has_normals else [],
     )
     return shapes, weights
+
+
+def compress_displacements(
+    plan: MeshPlan, carried: CarriedPatch, moments: Iterable[tuple[Clip, Floats]], memory: Memory
+) -> tuple[Floats, Floats]:
+    """Few shapes for all that a tool with `attachment: patch` does at (frames,) times of some clips, as `compress`."""
+    chunk = max(_MOST_COORDINATES // (3 * len(carried.vertices)), 1)
+    series = (
+        displacements(carried, plan.fine, plan.rig, plan.rest, clip, times[k : k + chunk])
+        for clip, times in moments
+        for k in range(0, len(times), chunk)
+    )
+    tolerance = _COMPRESSION_SHARE * plan.max_error / plan.scale / _PER_COORDINATE
+    return compress(series, tolerance, memory=memory, where=carried.patch.tool.where)

@@ -19,6 +19,7 @@ from wrinklecli.errors import BakeError
 from wrinklecli.method.patch import Patch
 from wrinklecli.method.refine import Refinement
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, determinants, inverses, median
+from wrinklecli.numeric.memory import Memory
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -31,8 +32,10 @@ _LEAST_SPAN = 1e-9
 _LEAST_MEAN = 1e-6
 # Share of the tolerance of `compress` that the series may be simplified by before shapes are chosen.
 _SPARED_SHARE = 0.02
-# Frames whose error is checked at once: bounds the memory.
-_CHECKED_AT_ONCE = 512
+# Coordinates whose error is checked at once: bounds the memory.
+_CHECKED_AT_ONCE = 2**20
+# Of a float64.
+_NUMBER_BYTES = 8
 # Directions that a series may move in: four times as many as any engine plays morph targets.
 _MOST_AXES = 1024
 
@@ -208,12 +211,15 @@ def _units(vectors: Floats) -> Floats:
     return divided
 
 
-def compress(series: Iterable[Floats], tolerance: float, *, where: str = "") -> tuple[Floats, Floats]:
+def compress(
+    series: Iterable[Floats], tolerance: float, *, memory: Memory | None = None, where: str = ""
+) -> tuple[Floats, Floats]:
     """Few shapes whose weighted sums give every frame of a series.
 
     Args:
         series: Parts of (frames, vertices, 3) displacements, one after another; each is looked at once, and let go.
         tolerance: Greatest error of a coordinate, in the series' unit.
+        memory: That this may take.
         where: What moves like that, for the message.
 
     Returns:
@@ -223,9 +229,11 @@ def compress(series: Iterable[Floats], tolerance: float, *, where: str = "") -> 
 
     Raises:
         BakeError: There are more than 1,024 shapes to choose from.
+        TooMuchError: It would take more memory than there may be.
     """
+    memory = memory or Memory()
     spared = _SPARED_SHARE * tolerance
-    axes, parts = np.zeros((0, 0)), []
+    axes, parts, frames = np.zeros((0, 0)), [], 0
     size: tuple[int, ...] = ()
     for part in series:
         size = part.shape[1:]
@@ -241,13 +249,15 @@ def compress(series: Iterable[Floats], tolerance: float, *, where: str = "") -> 
             coordinates = np.concatenate([coordinates, flat @ fresh.T], axis=1)
         if len(axes) > _MOST_AXES:
             raise BakeError(f"moves in more than {_MOST_AXES:,} ways, more than morph targets can follow", where=where)
+        frames += len(part)
+        refuse_large_series(memory, frames, flat.shape[1] // 3, len(axes), where=where)
         parts.append(coordinates)
     flat = np.concatenate([np.pad(each, ((0, 0), (0, len(axes) - each.shape[1]))) for each in parts])
     left, values, right = np.linalg.svd(flat, full_matrices=False)
     shapes = right @ axes
     rank = 0
-    for start in range(0, len(flat), _CHECKED_AT_ONCE):
-        rows = slice(start, start + _CHECKED_AT_ONCE)
+    chunk = _checked_at_once(axes.shape[1])
+    for rows in (slice(start, start + chunk) for start in range(0, len(flat), chunk)):
         wanted = flat[rows] @ axes
         while (
             np.abs(wanted - (left[rows, :rank] * values[:rank]) @ shapes[:rank]).max(initial=0.0) > tolerance - spared
@@ -256,3 +266,21 @@ def compress(series: Iterable[Floats], tolerance: float, *, where: str = "") -> 
     weights, shapes = left[:, :rank] * values[:rank], shapes[:rank]
     peaks = weights[np.argmax(np.abs(weights), axis=0), np.arange(rank)]
     return weights / peaks, (shapes * peaks[:, None]).reshape(rank, *size)
+
+
+def refuse_large_series(memory: Memory, frames: int, vertices: int, shapes: int, *, where: str) -> None:
+    """Check that `compress` can hold a series, which needs so many shapes.
+
+    Raises:
+        TooMuchError: It cannot.
+    """
+    width = 3 * vertices
+    # Axes and shapes; what is checked, as it is and as shapes give it; and coordinates, with what is made of them.
+    numbers = 2 * shapes * width + 2 * min(frames, _checked_at_once(width)) * width + 4 * frames * shapes
+    what = f"{frames:,} frames of {vertices:,} vertices, as {shapes:,} shapes,"
+    memory.check(_NUMBER_BYTES * numbers, what, where=where)
+
+
+def _checked_at_once(width: int) -> int:
+    """How many frames of so many coordinates are checked at once."""
+    return max(_CHECKED_AT_ONCE // max(width, 1), 1)

@@ -7,6 +7,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from wrinklecli.baking.estimate import refuse_too_much
 from wrinklecli.baking.job import BakeOptions, Job, read_job
 from wrinklecli.baking.morphs import encode_morphs
 from wrinklecli.baking.plan import MeshPlan, plan_meshes
@@ -126,10 +127,11 @@ def apply_tools(planned: PlannedTools, clips: Sequence[str], progress: Progress 
     """
     job = planned.job
     assert job is not None
-    edited = EditedDocument(job.document)
+    edited, memory = EditedDocument(job.document), job.document.memory
     chosen = [clip for clip in job.clips if clip.name in clips]
     fps = job.settings.sampling.fps
     for plan in planned.plans:
-        target_sets, motions = sample_clips(plan, chosen, fps=fps, mode="morph", progress=progress)
+        refuse_too_much(job, plan, chosen, job.document.path)
+        target_sets, motions = sample_clips(plan, chosen, fps=fps, mode="morph", memory=memory, progress=progress)
         encode_morphs(edited, plan, target_sets, motions)
-    return replace(edited.document(), allow_external=job.document.allow_external)
+    return edited.document()

@@ -8,8 +8,9 @@ import numpy as np
 
 from wrinklecli.baking.baked_body import BakedTool, read_bodies
 from wrinklecli.baking.baked_segment import segment_lengths
+from wrinklecli.baking.estimate import refuse_many_frames
 from wrinklecli.baking.plan import MeshPlan
-from wrinklecli.baking.sample import ClipActivity, moving_clips, refuse_many_frames
+from wrinklecli.baking.sample import ClipActivity, moving_clips
 from wrinklecli.character.anims import NamedNodes
 from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.character.pose import joint_matrices, morph_weights
