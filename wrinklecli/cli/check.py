@@ -5,6 +5,7 @@ from typing import Any
 
 import click
 
+from wrinklecli.cli.crossings import emit_crossings
 from wrinklecli.cli.options import (
     FILE,
     allow_external_option,
@@ -31,7 +32,7 @@ from wrinklecli.errors import RefusedError, counted
     epilog="Example: wrinkle check samples/trousers.glb configs/trousers.yaml --clip squat --plot knees.svg",
 )
 @click.argument("asset", type=FILE)
-@click.argument("tools", type=FILE)
+@click.argument("tools", type=FILE, required=False)
 @anim_option("")
 @range_of_motion_option("Look at that too.")
 @pose_option()
@@ -44,9 +45,16 @@ from wrinklecli.errors import RefusedError, counted
 @allow_external_option()
 @max_memory_option()
 @click.option("--plot", type=FILE, metavar="FILE.png|svg", help="Draw control curves, and heights over each clip.")
+@click.option(
+    "--crossings",
+    is_flag=True,
+    help="Count the edges that pass through triangles instead, in 13 moments of each clip or --fps of them a second.",
+)
 @json_option("Print JSON instead of tables.")
 @strict_option()
-def check(asset: str, tools: str, plot: str | None, as_json: bool, strict: bool, **options: Any) -> None:
+def check(
+    asset: str, tools: str | None, plot: str | None, crossings: bool, as_json: bool, strict: bool, **options: Any
+) -> None:
     """Say what the tools of TOOLS (YAML) would do to ASSET (glTF), and what is wrong with them. Bakes nothing.
 
     For each tool: the anchors found and how far they are from the points asked for, its lengths, the triangles
@@ -56,9 +64,13 @@ def check(asset: str, tools: str, plot: str | None, as_json: bool, strict: bool,
     An asset without clips is looked at in its range of motion: each joint bent about its axes, each morph target
     raised. Of these a tool's table has those that shorten it most.
 
+    With --crossings, which needs no TOOLS: where and when the scene's surfaces go through themselves or each other, as
+    ASSET is without wrinkles, and with those of TOOLS or those that it carries. Skinning alone makes some.
+
     --json prints {"check": 1, "asset", "tools_file", "meshes", "tools", "notes", "warnings"}; within version 1, keys
     are only added. Lengths are scene units, positions have the tools file's axes, shortenings are shares of the rest
-    length.
+    length. With --crossings it prints {"crossings": 1, "asset", "tools_file", "states", "stored_pose", "clips",
+    "warnings"}: counts are a number for each state, or a list of them for the times of a clip.
 
     Exit codes: 0 done; 1 the input is at fault; 2 wrong usage; 3 refused (--strict with warnings), no picture
     written; 70 a bug.
@@ -67,6 +79,13 @@ def check(asset: str, tools: str, plot: str | None, as_json: bool, strict: bool,
         raise click.UsageError("'--pose' and '--morph' are one pose: they go without '--clip'.")
     if plot is not None and not plot.lower().endswith((".png", ".svg")):
         raise click.BadParameter(f"{plot!r} ends neither in .png nor .svg", param_hint="--plot")
+    if crossings:
+        if plot is not None:
+            raise click.UsageError("'--plot' draws tools: it goes without '--crossings'.")
+        emit_crossings(asset, tools, as_json=as_json, strict=strict, **options)
+        return
+    if tools is None:
+        raise click.UsageError("Missing argument 'TOOLS'; '--crossings' alone goes without.")
 
     with command_outputs() as outputs:
         from wrinklecli.review.check import check as run

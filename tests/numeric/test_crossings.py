@@ -1,0 +1,48 @@
+"""Edges through triangles: the trees find what a look at every pair finds."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wrinklecli.numeric.crossings import Crossings, edges_of, pass_through
+
+
+def every_crossing(positions: np.ndarray, triangles: np.ndarray) -> list[tuple[int, int]]:
+    edges = edges_of(triangles)
+    e, t = (each.reshape(-1) for each in np.indices((len(edges), len(triangles))))
+    apart = (edges[e][:, :, None] != triangles[t][:, None]).all(axis=(1, 2))
+    crosses = pass_through(positions[edges[e[apart]]], positions[triangles[t[apart]]])
+    return list(zip(e[apart][crosses].tolist(), t[apart][crosses].tolist(), strict=True))
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(0, 60))
+def test_trees_find_what_a_look_at_every_pair_finds(seed: int, count: int) -> None:
+    rng = np.random.default_rng(seed)
+    rest = rng.normal(size=(30, 3))
+    triangles = np.array([rng.choice(30, 3, replace=False) for _ in range(count)], np.intp).reshape(-1, 3)
+    crossings = Crossings.of(rest, triangles)
+    for positions in (rest, rng.normal(size=(30, 3)) * [1, 1, 0.1]):
+        found = [each.tolist() for each in crossings.at(positions)]
+        assert list(zip(*found, strict=True)) == every_crossing(positions, triangles)
+
+
+CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+
+
+@pytest.mark.parametrize(
+    ("start", "stop", "crosses"),
+    [
+        ((0.2, 0.2, 1), (0.2, 0.2, -1), True),
+        ((0.2, 0.2, -1), (0.2, 0.2, 1), True),
+        ((0.2, 0.2, 1), (0.2, 0.2, 0), False),  # ends on it
+        ((0.2, 0.2, 1), (0.2, 0.2, 2), False),
+        ((0.8, 0.8, 1), (0.8, 0.8, -1), False),  # beside it
+        ((0.0, 0.0, 1), (0.0, 0.0, -1), False),  # through a corner
+        ((-1, 0.2, 0), (2, 0.2, 0), False),  # in its plane
+    ],
+)
+def test_an_edge_passes_through_what_it_has_an_end_on_either_side_of(
+    start: tuple[float, ...], stop: tuple[float, ...], crosses: bool
+) -> None:
+    assert pass_through(np.array([[start, stop]], float), CORNERS[None]).tolist() == [crosses]

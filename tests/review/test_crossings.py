@@ -1,0 +1,60 @@
+"""`wrinkle check --crossings`: what goes through itself or something else, when, where, before and after a bake."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+import wrinklecli
+from kit.command import Wrinkle
+from kit.limb import LENGTH, RADIUS, limb, limb_asset, tool, write_tools
+from wrinklecli.review.crossings import find_crossings
+
+
+def test_a_fold_that_closes_crosses_and_wrinkles_add_to_it(tmp_path: Path) -> None:
+    asset = limb(tmp_path / "limb.glb", angle=140.0, rings=16, sides=12)
+    tools = write_tools(tmp_path / "tools.yaml", tool(bumps=3, max_height="15%"))
+    (bare,), (clip,) = find_crossings(asset).data["clips"], find_crossings(asset, tools).data["clips"]
+    (counts,) = bare["counts"]
+    assert bare["totals"] == [sum(counts)]
+    assert counts[0] == 0 < max(counts)
+    assert clip["counts"][0] == counts
+    assert clip["totals"][1] > clip["totals"][0]
+    place = clip["places"][0]
+    assert "joint_1" in place["between"]
+    # The limb folds in its middle, towards +y.
+    assert abs(place["at"][0]) < LENGTH / 4
+    assert 0 < place["at"][1] <= 1.2 * RADIUS
+
+    # The baked file says the same of itself as of asset and tools together, but for float32.
+    wrinklecli.bake(asset, tools, tmp_path / "out.glb")
+    (baked,) = find_crossings(tmp_path / "out.glb").data["clips"]
+    assert baked["counts"][0] == clip["counts"][0]
+    assert baked["totals"][1] == pytest.approx(clip["totals"][1], rel=0.1)
+
+
+def test_an_open_limb_does_not_cross_but_what_passes_through_it_does(tmp_path: Path) -> None:
+    asset = limb_asset(angle=20.0, rings=8, sides=8)
+    assert find_crossings(asset.write(tmp_path / "a.glb")).data["stored_pose"] == [0]
+    # The same mesh once more, without the skin and a little higher.
+    asset.append("nodes", {"name": "cape", "mesh": 0, "translation": [0.01, RADIUS, 0.02]})
+    asset.gltf["scenes"][0]["nodes"].append(len(asset.gltf["nodes"]) - 1)
+    assert find_crossings(asset.write(tmp_path / "b.glb")).data["stored_pose"][0] > 0
+
+
+def test_the_command_prints_tables_json_and_what_it_cannot_do(
+    tmp_path: Path, wrinkle: Wrinkle, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    limb(tmp_path / "limb.glb", angle=140.0, rings=12, sides=8)
+    out = wrinkle("check", "limb.glb", "--crossings").out.splitlines()
+    assert out[0] == "stored pose: 0"
+    assert out[1].startswith("fold: ")
+    assert "in 13 moments, most at" in out[1]
+    data = json.loads(wrinkle("check", "limb.glb", "--crossings", "--json", "--fps", "10").out)
+    assert list(data)[:5] == ["crossings", "asset", "tools_file", "states", "stored_pose"]
+    assert data["states"] == ["asset"]
+    assert len(data["clips"][0]["times"]) == len(data["clips"][0]["counts"][0])
+    assert wrinkle("check", "limb.glb", "--crossings", "--plot", "a.svg").code == 2
+    assert wrinkle("check", "limb.glb").code == 2
+    assert wrinkle("check", "limb.glb", "--crossings", "--clip", "none").code == 1

@@ -1,0 +1,124 @@
+"""What passes through itself or through something else in a scene, over time: surfaces of all nodes together.
+
+Each node's mesh is welded first, so that a seam is no border and what shares a point does not cross.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.pose import joint_matrices, morph_weights
+from wrinklecli.character.rig import Rig, read_hierarchy, read_rig
+from wrinklecli.character.scene import scene_nodes
+from wrinklecli.character.skin import Skin, pose, prepare
+from wrinklecli.character.surface import read_surface, read_triangles
+from wrinklecli.gltf.document import Document
+from wrinklecli.numeric.arrays import Floats, Ints
+from wrinklecli.numeric.crossings import Crossings
+
+# Coordinates that are posed at once: bounds the memory.
+_COORDINATES = 2**22
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What crosses at one time.
+
+    Attributes:
+        edges: (crossings, 2) vertices of `SceneSurface`.
+        triangles: (crossings, 3) that each passes through.
+    """
+
+    edges: Ints
+    triangles: Ints
+
+
+@dataclass(frozen=True, slots=True)
+class SceneSurface:
+    """The surfaces of all nodes of a scene, vertices of one behind those of another.
+
+    Attributes:
+        rigs: What moves each.
+        starts: (rigs + 1,) the first vertex of each.
+        positions: (vertices, 3) world space, in the stored pose.
+        carriers: (vertices,) the node that carries most of each vertex.
+        crossings: What may cross.
+        skins: The vertices of each, ready to be posed.
+    """
+
+    rigs: tuple[Rig, ...]
+    starts: Ints
+    positions: Floats
+    carriers: Ints
+    crossings: Crossings
+    skins: tuple[Skin, ...]
+
+    def posed(self, clip: Clip | None, times: Floats) -> Floats:
+        """(frames, 3, vertices) at (frames,) seconds of a clip, world space; none for the stored pose."""
+        return _posed(self.rigs, self.skins, clip, times)
+
+    def found(self, clip: Clip | None, times: Floats) -> list[Found]:
+        """What crosses at each of (frames,) seconds of a clip."""
+        every: list[Found] = []
+        step = max(_COORDINATES // (3 * max(len(self.positions), 1)), 1)
+        for k in range(0, len(times), step):
+            for places in self.posed(clip, times[k : k + step]):
+                edges, triangles = self.crossings.at(places.T)
+                every.append(Found(self.crossings.edges[edges], self.crossings.triangles[triangles]))
+        return every
+
+    def owners(self, vertices: Ints) -> Ints:
+        """(vertices,) which of the rigs each is of."""
+        return np.searchsorted(self.starts, vertices, side="right") - 1
+
+
+def read_scene_surface(document: Document) -> SceneSurface:
+    """Weld the triangles of every node of the default scene.
+
+    Raises:
+        AssetError: A mesh, a skin or the hierarchy is malformed.
+    """
+    nodes, hierarchy = document.items("nodes"), read_hierarchy(document)
+    rigs, skins, triangles, carriers, starts = [], [], [np.zeros((0, 3), np.intp)], [np.zeros(0, np.intp)], [0]
+    for node in scene_nodes(document):
+        if "mesh" not in nodes[node] or not _has_triangles(document, nodes[node]["mesh"]):
+            continue
+        rig = read_rig(document, node, hierarchy)
+        surface = read_surface(document, rig)
+        count = len(surface.positions)
+        weights = surface.dense_weights(np.arange(count), len(rig.joints))
+        rigs.append(rig)
+        skins.append(prepare(weights, surface.positions, surface.morph_deltas))
+        triangles.append(surface.triangles + starts[-1])
+        carriers.append(rig.joints[np.argmax(weights, axis=1)])
+        starts.append(starts[-1] + count)
+    positions = _posed(rigs, skins, None, np.zeros(1))[0].T
+    return SceneSurface(
+        rigs=tuple(rigs),
+        starts=np.array(starts, np.intp),
+        positions=positions,
+        carriers=np.concatenate(carriers),
+        crossings=Crossings.of(positions, np.concatenate(triangles)),
+        skins=tuple(skins),
+    )
+
+
+def _posed(rigs: Sequence[Rig], skins: Sequence[Skin], clip: Clip | None, times: Floats) -> Floats:
+    """(frames, 3, vertices) of all skins, world space."""
+    parts = [np.zeros((len(times), 3, 0))]
+    for rig, skin in zip(rigs, skins, strict=True):
+        parts.append(pose(skin, joint_matrices(rig, clip, times), morph_weights(rig, clip, times))[0])
+    return np.concatenate(parts, axis=2)
+
+
+def _has_triangles(document: Document, mesh: int) -> bool:
+    """Whether any primitive of a mesh is of triangles; others are points and lines."""
+    for number, primitive in enumerate(document.items("meshes")[mesh].get("primitives", [])):
+        where = document.where("meshes", mesh, "primitives", number)
+        stored = primitive.get("attributes", {}).get("POSITION")
+        count = len(document.accessor(stored, user=where)) if stored is not None else 0
+        if len(read_triangles(document, primitive, count, where)):
+            return True
+    return False

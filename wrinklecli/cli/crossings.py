@@ -1,0 +1,62 @@
+"""What `wrinkle check --crossings` prints."""
+
+from typing import Any
+
+from wrinklecli.cli.output import Progress, emit, emit_json, warn
+from wrinklecli.errors import RefusedError, counted
+
+# Places of a clip that are listed; those of fewer crossings are summed.
+_MOST_PLACES = 8
+
+
+def emit_crossings(asset: str, tools: str | None, *, as_json: bool, strict: bool, **options: Any) -> None:
+    """Count what crosses and print it.
+
+    Args:
+        asset: The .gltf or .glb.
+        tools: The YAML file of tools, if any.
+        as_json: Print JSON instead of tables.
+        strict: Refuse where there are warnings.
+        options: What is looked at, as of `check`.
+    """
+    from wrinklecli.baking.job import BakeOptions
+    from wrinklecli.review.crossings import find_crossings
+
+    bake_keys = ("clips", "only", "fps", "max_levels", "max_vertices", "allow_external")
+    bake = BakeOptions(**{key: options.pop(key) for key in bake_keys})
+    with Progress() as progress:
+        found = find_crossings(asset, tools, options=bake, progress=progress.show, **options)
+    if as_json:
+        emit_json(found.data)
+    else:
+        _emit_table(found.data)
+        for warning in found.warnings:
+            warn(warning)
+    if strict and found.warnings:
+        raise RefusedError(f"refused by --strict: {counted(len(found.warnings), 'warning')}", where=tools or asset)
+
+
+def _emit_table(data: dict[str, Any]) -> None:
+    emit(f"stored pose: {_changed(data['stored_pose'])}")
+    for clip in data["clips"]:
+        emit(f"{clip['name']}: {_changed(clip['totals'])} in {counted(len(clip['times']), 'moment')}{_most(clip)}")
+        shown, others = clip["places"][:_MOST_PLACES], clip["places"][_MOST_PLACES:]
+        for place in shown:
+            at = ", ".join(f"{x:.3g}" for x in place["at"])
+            emit(f"  {_changed(place['counts'])} between {place['between']}, about [{at}] in the stored pose")
+        if others:
+            rest = [total - sum(place["counts"][k] for place in shown) for k, total in enumerate(clip["totals"])]
+            emit(f"  {_changed(rest)} elsewhere")
+
+
+def _changed(counts: list[int]) -> str:
+    return " -> ".join(f"{count:,}" for count in counts)
+
+
+def _most(clip: dict[str, Any]) -> str:
+    """When the last state has most."""
+    counts = clip["counts"][-1]
+    if not any(counts):
+        return ""
+    most = max(range(len(counts)), key=counts.__getitem__)
+    return f", most at {clip['times'][most]:.3g} s ({_changed([each[most] for each in clip['counts']])})"

@@ -1,0 +1,190 @@
+"""How often a surface goes through itself or another: which clips, when and where, before and after a bake."""
+
+import os
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrinklecli.baking.job import BakeOptions
+from wrinklecli.baking.original import original, wrinkled
+from wrinklecli.character.clip import Clip, chosen_clips, clip_grid, read_clips
+from wrinklecli.character.crossings import Found, SceneSurface, read_scene_surface
+from wrinklecli.character.moved import Motions, moved
+from wrinklecli.character.posing import JointTurn, MorphWeight
+from wrinklecli.character.scene import deforming_nodes
+from wrinklecli.errors import BakeError
+from wrinklecli.gltf.document import Document, read_document
+from wrinklecli.gltf.shape import Json
+from wrinklecli.numeric.arrays import Floats, distinct
+from wrinklecli.numeric.guard import Progress, guarded, no_progress
+from wrinklecli.numeric.memory import MAX_MEMORY, Memory
+from wrinklecli.review.preview.apply import apply_tools, plan_tools
+
+VERSION = 1
+# Evenly spaced moments of a clip that are looked at, unless frames are asked for.
+_MOMENTS = 13
+# Coordinates are 0 below this share of the greatest.
+_ROUNDING = 1e-4
+# Decimal digits of measured numbers.
+_DIGITS = 6
+
+
+@dataclass(frozen=True, slots=True)
+class CrossingsFound:
+    """What crosses in an asset.
+
+    Attributes:
+        data: For `--json`: JSON values only.
+        inputs: Every file that was read.
+        warnings: Of tools that do not fit, a line each.
+    """
+
+    data: Json
+    inputs: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+def find_crossings(
+    asset: str | os.PathLike[str],
+    tools: str | os.PathLike[str] | None = None,
+    *,
+    anims: Sequence[str | os.PathLike[str]] = (),
+    range_of_motion: bool = False,
+    pose: Sequence[JointTurn] = (),
+    morphs: Sequence[MorphWeight] = (),
+    options: BakeOptions | None = None,
+    max_memory: int = MAX_MEMORY,
+    progress: Progress = no_progress,
+) -> CrossingsFound:
+    """Count the edges that pass through triangles at moments of each clip, of all meshes of a scene together.
+
+    Before is the asset without wrinkles, after is the asset with the tools' or with those that it carries.
+
+    Args:
+        asset: The .gltf or .glb to read.
+        tools: The YAML file of tools, if any.
+        anims: Files with more clips, for joints of the same names.
+        range_of_motion: Look at that too, though the asset has clips.
+        pose: Joints to turn, for one pose that is looked at in place of clips.
+        morphs: Weights of morph targets in this pose.
+        options: Which clips and tools, and how finely they refine. `fps` gives so many moments of each clip's second.
+        max_memory: Bytes that reading may take.
+        progress: Called with a stage's name, steps done and steps in all.
+
+    Raises:
+        WrinkleError: The asset or the tools file is at fault.
+    """
+    options = options or BakeOptions()
+    with guarded(os.fspath(asset)):
+        document = read_document(asset, allow_external=options.allow_external, memory=Memory(max_memory))
+        motions = Motions(anims, range_of_motion or None, pose, morphs)
+        states, clips, warnings = _states(document, tools, motions, options, progress)
+        seen = [_Seen(read_scene_surface(state), state) for state in states]
+        entries = []
+        for number, clip in enumerate(clips, start=1):
+            entries.append(_describe_clip(seen, clip, options.fps))
+            progress("crossings", number, len(clips))
+    data: Json = {
+        "crossings": VERSION,
+        "asset": os.fspath(asset),
+        "tools_file": None if tools is None else os.fspath(tools),
+        "states": list(_NAMES[len(seen)]),
+        "stored_pose": [len(each.surface.found(None, np.zeros(1))[0].edges) for each in seen],
+        "clips": entries,
+        "warnings": list(warnings),
+    }
+    inputs = (*document.files, *(os.fspath(anim) for anim in anims))
+    return CrossingsFound(data, inputs if tools is None else (*inputs, os.fspath(tools)), warnings)
+
+
+# What is compared: one state of the asset, or two.
+_NAMES = {1: ("asset",), 2: ("before", "after")}
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """One state of the asset: its surface, and the file with the clips that move it."""
+
+    surface: SceneSurface
+    document: Document
+
+
+def _states(
+    document: Document,
+    tools: str | os.PathLike[str] | None,
+    motions: Motions,
+    options: BakeOptions,
+    progress: Progress,
+) -> tuple[list[Document], tuple[Clip, ...], tuple[str, ...]]:
+    """The asset without wrinkles and with them, or as it is where it has none; clips to look at, and warnings.
+
+    Raises:
+        BakeError: No tool fits.
+    """
+    carries = bool(wrinkled(document.gltf))
+    before = original(document) if carries else document
+    joined = moved(before, deforming_nodes(before), motions)
+    clips = chosen_clips(joined.clips, joined.chosen(options.clips), where=document.path)
+    if tools is None:
+        after = moved(document, deforming_nodes(document), motions).document if carries else None
+        return [joined.document, *([after] if after else [])], tuple(clips), ()
+    planned = plan_tools(joined.document, tools, options)
+    if planned.job is None:
+        raise BakeError.of_all([BakeError(line) for line in planned.warnings])
+    after = apply_tools(planned, [clip.name for clip in clips], progress)
+    return [joined.document, after], tuple(clips), planned.warnings
+
+
+def _describe_clip(seen: Sequence[_Seen], clip: Clip, fps: float | None) -> Json:
+    """What crosses at moments of a clip, in each state."""
+    times = np.linspace(clip.start, clip.end, _MOMENTS) if fps is None else clip_grid(clip, None, fps=fps)
+    found = []
+    for each in seen:
+        (own,) = [other for other in read_clips(each.document) if other.index == clip.index]
+        found.append(each.surface.found(own, times))
+    counts = [[len(frame.edges) for frame in frames] for frames in found]
+    places: dict[str, Json] = {}
+    for number, (each, frames) in enumerate(zip(seen, found, strict=True)):
+        for name, count, where in _by_place(each.surface, frames):
+            entry = places.setdefault(name, {"between": name, "counts": [0] * len(seen)})
+            entry["counts"][number] = count
+            entry["at"] = [_round(x) for x in where]
+    return {
+        "name": clip.name,
+        "times": [_round(time) for time in times],
+        "counts": counts,
+        "totals": [sum(each) for each in counts],
+        "places": sorted(places.values(), key=lambda each: (-max(each["counts"]), each["between"])),
+    }
+
+
+def _by_place(surface: SceneSurface, frames: Sequence[Found]) -> Iterator[tuple[str, int, Floats]]:
+    """For each two parts that cross their names, how often, and the middle of it in the stored pose."""
+    edges = np.concatenate([np.zeros((0, 2), np.intp), *(each.edges for each in frames)])
+    triangles = np.concatenate([np.zeros((0, 3), np.intp), *(each.triangles for each in frames)])
+    if not len(edges):
+        return
+    # The first vertex of either tells where it is.
+    ends = np.stack([edges[:, 0], triangles[:, 0]], axis=1)
+    pairs = np.sort(surface.owners(ends) * len(surface.rigs[0].names) + surface.carriers[ends], axis=1)
+    firsts, which = distinct(pairs)
+    counts = Counter(which.tolist())
+    for number, first in enumerate(firsts):
+        one, other = (_name(surface, int(part)) for part in pairs[first])
+        middle = surface.positions[ends[which == number]].mean(axis=(0, 1))
+        middle = np.where(np.abs(middle) > _ROUNDING * np.abs(surface.positions).max(), middle, 0.0)
+        yield one if one == other else f"{one} – {other}", counts[number], middle
+
+
+def _name(surface: SceneSurface, part: int) -> str:
+    """A joint, behind its mesh where there are several."""
+    owner, joint = divmod(part, len(surface.rigs[0].names))
+    rig = surface.rigs[owner]
+    name = rig.names[joint]
+    return name if len(surface.rigs) == 1 else f"{rig.names[rig.node]}: {name}"
+
+
+def _round(value: float) -> float:
+    return float(f"{float(value):.{_DIGITS}g}")
