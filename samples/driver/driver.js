@@ -1,6 +1,8 @@
 // Wrinkles in clips that were never baked: what `wrinkle bake` leaves in a node's extras is enough.
 // `wrinkleWeights` needs neither a browser nor three.js; `WrinkleDriver` is how three.js uses it.
 
+import { lagged } from './spring.js';
+
 /** A point times a 4×4 matrix, stored by columns. */
 const moved = (m, [x, y, z]) => [0, 1, 2].map((i) => m[i] * x + m[i + 4] * y + m[i + 8] * z + m[i + 12]);
 const determinant = (m) =>
@@ -53,24 +55,39 @@ function followed(curve, distance, length) {
  * jointMatrixOf  a joint's name to its matrix to world space: 16 numbers, by columns
  * morphWeightOf  the weight of another morph target by name, where faces move the anchors
  * clip, time     name and seconds, for tools with a strength or rest length of their own in a clip
+ * state, elapsed for tools that lag: what `lagged` keeps of the tool from call to call, and seconds since the last
  */
-export function wrinkleWeights(toolExtras, jointMatrixOf, { morphWeightOf = () => 0, clip, time = 0 } = {}) {
-  const { rest_length: nominal, rest_length_morph: morph, shortenings, weights, curve, targets } = toolExtras;
+export function wrinkleWeights(
+  toolExtras,
+  jointMatrixOf,
+  { morphWeightOf = () => 0, clip, time = 0, state = {}, elapsed } = {},
+) {
+  const { rest_length: nominal, rest_length_morph: morph, shortenings, weights, curve, targets, lag } = toolExtras;
   const [origin, target] = ['origin', 'target'].map((end) => anchor(toolExtras[end], jointMatrixOf, morphWeightOf));
   const scale = (origin.scale + target.scale) / 2;
-  if (scale < 1e-6) return targets.map(() => 0);
+  if (scale < 1e-6) {
+    if (lag) lagged(state, lag, -1, elapsed);
+    return targets.map(() => 0);
+  }
   let length = nominal;
   if (morph) length += Math.min(Math.max(morphWeightOf(morph.name), 0), 1) * (morph.full - nominal);
   const keys = toolExtras.rest_length_keys?.[clip];
   if (keys) length = between(keys.map(([t]) => t), keys.map(([, l]) => l), time);
-  const distance = Math.hypot(...origin.place.map((x, i) => x - target.place[i])) / scale;
+  let distance = Math.hypot(...origin.place.map((x, i) => x - target.place[i])) / scale;
+  if (lag) {
+    const x = Math.min(lagged(state, lag, lag.taut - distance / length, elapsed), lag.taut);
+    distance = x > 0 ? (lag.taut - x) * length : Math.max(distance, lag.taut * length);
+  }
   const found = curve
     ? followed(curve, distance, length)
     : targets.map((_, k) => between(shortenings, weights.map((row) => row[k]), 1 - distance / length));
   return found.map((weight) => weight * (toolExtras.strengths?.[clip] ?? 1));
 }
 
-/** Drives every body below a three.js object. Call `update` each frame, after the mixer and before rendering. */
+/**
+ * Drives every body below a three.js object. Call `update` each frame, after the mixer and before rendering, with the
+ * clip's name and time, and the seconds since the last call: without these, time's own, which stop where a clip loops.
+ */
 export class WrinkleDriver {
   constructor(root) {
     this.root = root;
@@ -82,20 +99,22 @@ export class WrinkleDriver {
       if (object.isBone || !(name in this.objects)) this.objects[name] = object;
       const meshes = [];
       if (object.userData.wrinkle) object.traverse((each) => each.morphTargetDictionary && meshes.push(each));
-      if (meshes.length) this.bodies.push({ tools: object.userData.wrinkle.tools, meshes });
+      if (meshes.length) this.bodies.push({ tools: object.userData.wrinkle.tools, meshes, states: [] });
     });
     const isThere = ({ origin, target }) => [...origin.joints, ...target.joints].every((name) => name in this.objects);
     for (const body of this.bodies) body.tools = body.tools.filter(isThere);
   }
 
-  update(clip, time) {
+  update(clip, time, elapsed = Math.max(time - this.time, 0)) {
+    this.time = time;
     this.root.updateMatrixWorld();
     const jointMatrixOf = (name) => this.objects[name].matrixWorld.elements;
-    for (const { tools, meshes } of this.bodies) {
+    for (const { tools, meshes, states } of this.bodies) {
       const { morphTargetDictionary: numbers, morphTargetInfluences: influences } = meshes[0];
       const morphWeightOf = (name) => influences[numbers[name]] ?? 0;
-      for (const tool of tools) {
-        const found = wrinkleWeights(tool, jointMatrixOf, { morphWeightOf, clip, time });
+      for (const [number, tool] of tools.entries()) {
+        const state = (states[number] ??= {});
+        const found = wrinkleWeights(tool, jointMatrixOf, { morphWeightOf, clip, time, state, elapsed });
         for (const { morphTargetDictionary: places, morphTargetInfluences: all } of meshes)
           tool.targets.forEach((name, k) => (all[places[name]] = found[k]));
       }

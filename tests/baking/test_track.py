@@ -87,6 +87,14 @@ def test_a_clip_in_a_file_of_its_own_gets_the_weights_that_baking_gives(
     assert_valid(made.path)
 
 
+def test_tissue_lags_as_in_a_bake(tmp_path: Path) -> None:
+    tools = config("wrist")
+    tools["defaults"]["lag"] = {"frequency": 6, "damping": 0.5}
+    whole = bake_once("wrist", top=tools)
+    made, _ = run(whole, edited("wrist", skeleton_only), tmp_path)
+    assert_tracks(made, whole, "wrist", "extend")
+
+
 def with_bystanders(editor: Editor) -> None:
     """A skeleton in a file that has much else in it."""
     skeleton_only(editor)

@@ -13,10 +13,11 @@ import { load } from './load.mjs';
  * times  seconds
  * node   name of the node with the mesh
  * drive  whether the page's driver sets the weights each frame
+ * elapsed seconds since the time before, for each; left out, the times' own
  *
  * Gives {weights: for each time and part of the mesh those of the targets, targets: names}.
  */
-export async function drive({ file, anim, clip, times, node, drive: driven }) {
+export async function drive({ file, anim, clip, times, node, drive: driven, elapsed = [] }) {
   const body = await load(file);
   const clips = (anim ? await load(anim) : body).gltf.animations;
   const found = clips.find(({ name }) => name === clip);
@@ -30,10 +31,10 @@ export async function drive({ file, anim, clip, times, node, drive: driven }) {
     if (object.userData.name !== node && object.userData.wrinkle === undefined) return;
     object.traverse((each) => each.morphTargetInfluences && parts.push(each));
   });
-  const weights = times.map((time) => {
+  const weights = times.map((time, frame) => {
     if (action) action.time = time;
     mixer.update(0);
-    driver?.update(clip, time);
+    driver?.update(clip, time, elapsed[frame]);
     return parts.map((part) => [...part.morphTargetInfluences]);
   });
   return { weights, targets: Object.keys(parts[0].morphTargetDictionary) };

@@ -255,7 +255,14 @@ def _posed(
 
 
 def drive(
-    file: Path, *, node: str, clip: str | None, times: Sequence[float], anim: Path | None = None, driver: bool = False
+    file: Path,
+    *,
+    node: str,
+    clip: str | None,
+    times: Sequence[float],
+    anim: Path | None = None,
+    driver: bool = False,
+    elapsed: Sequence[float] = (),
 ) -> dict[str, Floats]:
     """Morph weights of a node's mesh while three.js plays a clip.
 
@@ -266,11 +273,13 @@ def drive(
         times: Seconds.
         anim: The file with the clip, where it is not the body's.
         driver: Let the page in `samples/driver` set the weights each frame.
+        elapsed: Seconds since the time before, for each, for tools that lag; left out, the times' own.
 
     Returns:
         By target, (times, parts of the mesh) weights.
     """
     request = {"file": str(file), "node": node, "clip": clip, "times": [float(time) for time in times], "drive": driver}
+    request |= {"elapsed": list(elapsed)} if elapsed else {}
     request |= {} if anim is None else {"anim": str(anim)}
     answer = ask("drive", "drive", request)
     weights = np.array(answer["weights"], np.float64)

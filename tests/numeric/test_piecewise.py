@@ -13,7 +13,8 @@ from kit.prepared import limb
 from wrinklecli.character.clip import KEY_GAP, Clip, clip_grid
 from wrinklecli.character.rig import Rig
 from wrinklecli.numeric import piecewise
-from wrinklecli.numeric.piecewise import Signal, key_points, key_times, smooth
+from wrinklecli.numeric.piecewise import Signal, key_points, key_times
+from wrinklecli.numeric.quartics import smooth
 
 Floats = NDArray[np.float64]
 

@@ -13,9 +13,12 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.method.lookup import CurveTable
 from wrinklecli.numeric.arrays import Floats
+from wrinklecli.tools.records import Lag
 
 # Of a control curve: 64 bumps with gaps of 64, the most of a tools file, have 4,160.
 _MOST_INTERVALS = 10_000
+# Swings per second and damping of a spring, more than a tools file may ask for.
+_FASTEST = 1_000.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +50,7 @@ class BakedTool:
         rest_length: Scene units.
         morph: The morph target that drives the rest length, and the length at weight 1.
         keys: By clip, (keys, 2) seconds and rest lengths.
+        lag: How the heights lag; None where they do not.
         strengths: By clip, factors on the weights.
         targets: Names of its morph targets.
         rows: (rows,) 1 - distance / rest length, rising; none where there is a curve.
@@ -59,6 +63,7 @@ class BakedTool:
     rest_length: float
     morph: tuple[str, float] | None
     keys: dict[str, Floats]
+    lag: Lag | None
     strengths: dict[str, float]
     targets: tuple[str, ...]
     rows: Floats
@@ -182,12 +187,20 @@ def _read_tool(data: Json) -> BakedTool:
         rest_length=float(data["rest_length"]),
         morph=None if morph is None else (str(morph["name"]), float(morph["full"])),
         keys=keys,
+        lag=_read_lag(data["lag"]) if "lag" in data else None,
         strengths={clip: float(factor) for clip, factor in data.get("strengths", {}).items()},
         targets=targets,
         rows=rows,
         table=table,
         curve=curve,
     )
+
+
+def _read_lag(data: Json) -> Lag:
+    lag = Lag(float(data["frequency"]), float(data["damping"]))
+    if not (0 < lag.frequency < _FASTEST and 0 < lag.damping < _FASTEST):
+        raise ValueError
+    return lag
 
 
 def _read_curve(data: Json, targets: int) -> CurveTable:

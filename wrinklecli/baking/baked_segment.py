@@ -3,13 +3,21 @@
 Source: the extras of `extras.encode_extras`, which say how.
 """
 
+from collections.abc import Callable
+from functools import partial
+from typing import TypeAlias
+
 import numpy as np
 
 from wrinklecli.baking.baked_body import BakedAnchor, BakedTool
-from wrinklecli.character.clip import Clip
+from wrinklecli.character.clip import Clip, motion_breaks
 from wrinklecli.character.pose import LEAST_SCALE, morph_weights, node_matrices
 from wrinklecli.character.rig import Rig
+from wrinklecli.method.lag import lagging_tissue
 from wrinklecli.numeric.arrays import Floats
+
+# (frames,) seconds to (frames,) distances and (frames,) rest lengths, scene units.
+Lengths: TypeAlias = Callable[[Floats], tuple[Floats, Floats]]
 
 
 def segment_lengths(
@@ -34,6 +42,26 @@ def segment_lengths(
     hidden = scale < LEAST_SCALE
     distances = np.linalg.norm(places[1] - places[0], axis=1) / np.where(hidden, 1.0, scale)
     return np.where(hidden, np.inf, distances), _rest_lengths(tool, rig, clip, times, own)
+
+
+def lengths_in(tool: BakedTool, rig: Rig, joints: dict[str, int], clip: Clip) -> Lengths:
+    """As `segment_lengths` of one clip, at any times; of a tool that lags, the distances that its tissue follows."""
+    lengths = partial(segment_lengths, tool, rig, joints, clip)
+    if tool.lag is None:
+        return lengths
+
+    def ratios(times: Floats) -> Floats:
+        distances, rest_lengths = lengths(times)
+        return (distances / rest_lengths)[:, None]
+
+    breaks = np.concatenate([motion_breaks(clip, rig), tool.keys.get(clip.name, np.zeros((0, 2)))[:, 0]])
+    tissue = lagging_tissue(tool.lag, ratios, clip, breaks)
+
+    def followed(times: Floats) -> tuple[Floats, Floats]:
+        distances, rest_lengths = lengths(times)
+        return tissue.follow(times, distances, rest_lengths), rest_lengths
+
+    return followed
 
 
 def _posed_anchor(

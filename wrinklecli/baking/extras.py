@@ -9,6 +9,7 @@ from wrinklecli.baking.targets import TargetSet, targets_of
 from wrinklecli.gltf.edit import EditedDocument
 from wrinklecli.gltf.shape import Json
 from wrinklecli.method.anchor import Anchor
+from wrinklecli.method.curve import TAUT
 from wrinklecli.method.lookup import tabulate_curve, tabulate_weights
 from wrinklecli.method.patch import Patch
 from wrinklecli.tools.records import RestLengthKeys, RestLengthMorph
@@ -32,7 +33,9 @@ def encode_extras(
     the joints), takes the animated scale out (divides by the mean over anchors of the sum over joints of weight ·
     cbrt(det matrix) / scale), and finds the targets' `weights` at 1 - distance / rest_length, straight between
     the rows of `shortenings`, times the clip's factor in `strengths`, if it is there. Where the rest length changes,
-    `curve` takes the place of these rows: see `CurveTable`. `vertices` counts those of
+    `curve` takes the place of these rows: see `CurveTable`. Where there is a `lag`, the distance is that which a damped
+    spring follows: with d = max(`taut` - distance / rest_length, 0), x'' = ω² (d - x) - 2 ζ ω x', ω = 2π `frequency`
+    and ζ = `damping`, it is (`taut` - max(x, 0)) · rest_length. `vertices` counts those of
     each primitive before refinement; new ones follow them. `undriven` are targets of tools that anchors alone do not
     drive. `draft` is there if it was one: not proven, and less refined.
     """
@@ -53,6 +56,7 @@ def encode_extras(
                 "target": _anchor_json(patch.target, plan),
                 "rest_length": _digits(patch.rest_length),
                 **_driven_json(patch),
+                **_lag_json(patch),
                 **_strengths_json(patch),
                 "targets": [target.name for target in targets_of([target_set])],
                 **(_table_json(target_set) if _is_constant(patch) else _curve_json(target_set)),
@@ -81,6 +85,12 @@ def _driven_json(patch: Patch) -> Json:
         }
         return {"rest_length_keys": keys}
     return {}
+
+
+def _lag_json(patch: Patch) -> Json:
+    """The spring that the shortening passes, swings per second and the share of the damping that stops them."""
+    lag = patch.tool.lag
+    return {} if lag is None else {"lag": {"frequency": lag.frequency, "damping": lag.damping, "taut": TAUT}}
 
 
 def _strengths_json(patch: Patch) -> Json:

@@ -20,17 +20,20 @@ from wrinklecli.method.activity import (
     anchor_joints,
     lengths_over_time,
     rest_lengths_over_time,
+    tissue,
 )
 from wrinklecli.method.anchor import anchor_poses
 from wrinklecli.method.bending import tallest_poses
 from wrinklecli.method.carry import CarriedPatch, displacements
 from wrinklecli.method.curve import weights_of
+from wrinklecli.method.lag import LaggingTissue
 from wrinklecli.method.posed import compress
 from wrinklecli.method.shapes import Sample, Shape, make_shapes, shapes_of
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
 from wrinklecli.numeric.guard import Progress
 from wrinklecli.numeric.memory import Memory
-from wrinklecli.numeric.piecewise import Signal, key_times, smooth
+from wrinklecli.numeric.piecewise import Signal, key_times
+from wrinklecli.numeric.quartics import smooth
 
 # Coordinates of displacements that are compressed at once: bounds the memory.
 _MOST_COORDINATES = 2**20
@@ -168,12 +171,13 @@ def _key_times(
         (frames,) seconds and (keys,) indices into them, as `key_times`.
     """
     clip_breaks, tolerance = motion_breaks(clip, plan.rig), _SAMPLING_SHARE * bound
+    lagging = [tissue(each.patch, plan.rig, plan.rest, clip) for each in plan.carried_patches]
 
     def signal_on(stretch: Floats) -> Signal:
         tell_left(math.ceil((clip.end - stretch[0]) * fps))
         within = clip_breaks[(clip_breaks > stretch[0]) & (clip_breaks < stretch[-1])]
         breaks = distinct_values(np.concatenate([stretch[::_FRAMES_OF_A_QUARTIC], stretch[-1:], within]))
-        return _signals(plan, clip, breaks, tolerance)
+        return _signals(plan, clip, breaks, tolerance, lagging)
 
     grid = clip_grid(clip, plan.rig, fps=fps)
     return key_times(grid, signal_on, tolerance=tolerance, thinning=_KEYS_SHARE * bound, gap=KEY_GAP, step=KEY_STEP)
@@ -219,7 +223,9 @@ def _overlaps(plan: MeshPlan) -> int:
     return int(np.bincount(moved).max())
 
 
-def _signals(plan: MeshPlan, clip: Clip, breaks: Floats, tolerance: float) -> Signal:
+def _signals(
+    plan: MeshPlan, clip: Clip, breaks: Floats, tolerance: float, lagging: Sequence[LaggingTissue | None]
+) -> Signal:
     """What must be right between keys within a stretch of a clip, of all tools, scene units.
 
     Heights start like square roots of the anchors' distances, which are smooth between the breaks: few poses tell
@@ -238,9 +244,10 @@ def _signals(plan: MeshPlan, clip: Clip, breaks: Floats, tolerance: float) -> Si
 
     def signals(times: Floats) -> Floats:
         values = []
-        for carried, found in zip(plan.carried_patches, near(times).T, strict=True):
-            patch = carried.patch
-            amplitudes, _ = patch.curve.follow(found, rest_lengths_over_time(patch, rig, clip, times))
+        for carried, found, late in zip(plan.carried_patches, near(times).T, lagging, strict=True):
+            patch, rest_lengths = carried.patch, rest_lengths_over_time(carried.patch, rig, clip, times)
+            followed = found if late is None else late.follow(times, found, rest_lengths)
+            amplitudes, _ = patch.curve.follow(followed, rest_lengths)
             if patch.tool.attachment == "patch":
                 moved = displacements(carried, plan.fine, rig, rest, clip, times, amplitudes)
                 values.append(_PER_COORDINATE * plan.scale * moved.reshape(len(times), -1))

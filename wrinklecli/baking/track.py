@@ -9,12 +9,11 @@ right to 1/256 of the greatest.
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
 from wrinklecli.baking.baked_body import BakedBody, BakedTool, count_named, read_bodies
-from wrinklecli.baking.baked_segment import segment_lengths
+from wrinklecli.baking.baked_segment import lengths_in
 from wrinklecli.baking.morphs import encode_track
 from wrinklecli.baking.track_node import node_for_tracks
 from wrinklecli.character.anims import NamedNodes
@@ -32,7 +31,7 @@ from wrinklecli.method.lookup import TABLE_ERROR
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.guard import guarded
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory
-from wrinklecli.numeric.piecewise import key_times
+from wrinklecli.numeric.piecewise import Signal, key_times
 
 MAX_ERROR = 0.01
 """Greatest error of a weight, a share of the greatest, unless another is asked for."""
@@ -220,7 +219,7 @@ def track_body(
         if driven.moved_by(clip):
             moved.append(clip.name)
             times = driven.key_times(clip, fps=fps, tolerance=tolerance)
-            made = widen(channel, driven.rig, clip, times, driven.weights(clip, times))
+            made = widen(channel, driven.rig, clip, times, driven.weights_in(clip)(times))
         else:
             still.append(clip.name)
             if channel is None:
@@ -265,18 +264,24 @@ class _DrivenTools:
         moving = moving_nodes(self.rig)
         return any(c.node in moving for c in clip.channels) or any(clip.name in tool.keys for tool in self.tools)
 
-    def weights(self, clip: Clip, times: Floats) -> Floats:
-        """(frames, driven targets) weights in a clip; those of absent tools as stored."""
-        weights = np.tile(self.stored, (len(times), 1))
-        for tool, columns in zip(self.tools, self.columns, strict=True):
-            weights[:, columns] = _weights(tool, self.rig, self.joints, clip, times)
+    def weights_in(self, clip: Clip) -> Signal:
+        """(frames,) seconds of a clip to (frames, driven targets) weights; those of absent tools as stored."""
+        lengths = [lengths_in(tool, self.rig, self.joints, clip) for tool in self.tools]
+
+        def weights(times: Floats) -> Floats:
+            found = np.tile(self.stored, (len(times), 1))
+            for tool, columns, of_tool in zip(self.tools, self.columns, lengths, strict=True):
+                found[:, columns] = tool.strengths.get(clip.name, 1.0) * _weights(tool, *of_tool(times))
+            return found
+
         return weights
 
     def key_times(self, clip: Clip, *, fps: float, tolerance: float) -> Floats:
         """(keys,) seconds between which straight lines are right to a share of the greatest weight."""
+        weights = self.weights_in(clip)
         times, keys = key_times(
             clip_grid(clip, self.rig, fps=fps),
-            lambda _stretch: partial(self.weights, clip),
+            lambda _stretch: weights,
             tolerance=_SAMPLING_SHARE * tolerance,
             thinning=_KEYS_SHARE * tolerance,
             gap=KEY_GAP,
@@ -302,9 +307,8 @@ def _driven_tools(edited: EditedDocument, node: int, body: BakedBody, tools: Seq
     return _DrivenTools(tuple(tools), rig, joints, stored, columns)
 
 
-def _weights(tool: BakedTool, rig: Rig, joints: dict[str, int], clip: Clip, times: Floats) -> Floats:
-    """(frames, targets) a tool's weights in a clip; `joints` are nodes by name."""
-    distances, rest_lengths = segment_lengths(tool, rig, joints, clip, times)
+def _weights(tool: BakedTool, distances: Floats, rest_lengths: Floats) -> Floats:
+    """(frames, targets) a tool's weights at (frames,) distances of its anchors and rest lengths, scene units."""
     hidden = np.isinf(distances)
     distances = np.where(hidden, rest_lengths, distances)
     if tool.curve is None:
@@ -312,5 +316,5 @@ def _weights(tool: BakedTool, rig: Rig, joints: dict[str, int], clip: Clip, time
         weights = np.stack([np.interp(shortenings, tool.rows, column) for column in tool.table.T], axis=1)
     else:
         weights = tool.curve.weights(distances, rest_lengths)
-    made: Floats = tool.strengths.get(clip.name, 1.0) * np.where(hidden[:, None], 0.0, weights)
+    made: Floats = np.where(hidden[:, None], 0.0, weights)
     return made

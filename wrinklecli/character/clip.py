@@ -26,6 +26,8 @@ KEY_STEP = 1 / 600
 _ROUNDED_GAP = 0.999 * KEY_GAP
 # Frames of one clip at most: almost two hours at 30 a second.
 _MOST_FRAMES = 200_000
+# Difference of a rotation's, scale's or weight's numbers up to which poses are the same: a tenth of a degree.
+_SAME_POSE = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +96,16 @@ class Clip:
             digest.update(f"{each.node} {each.path} {each.interpolation} {each.values.shape} ".encode())
             digest.update(each.times.tobytes() + (each.values + 0.0).tobytes())
         return digest.digest()
+
+    @cached_property
+    def loops(self) -> bool:
+        """Whether it ends in the pose in which it begins: rotations, scales and weights; a body may walk off meanwhile.
+
+        A clip whose translations alone move is not asked for these.
+        """
+        ends = [(each.points[0], each.points[-1]) for each in self.channels if each.path != "translation"]
+        # A rotation and its negative are one.
+        return all(np.abs(a - b).max() < _SAME_POSE or np.abs(a + b).max() < _SAME_POSE for a, b in ends)
 
     def channel(self, node: int, path: str) -> Channel | None:
         """The channel of a node's property."""

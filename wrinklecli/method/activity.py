@@ -9,10 +9,11 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from wrinklecli.character.clip import Clip
+from wrinklecli.character.clip import Clip, motion_breaks
 from wrinklecli.character.pose import LEAST_SCALE, morph_weights
 from wrinklecli.character.rig import Rig
 from wrinklecli.method.anchor import AnchorPoses, anchor_poses, posed_anchor
+from wrinklecli.method.lag import LaggingTissue, lagging_tissue
 from wrinklecli.method.patch import Patch
 from wrinklecli.method.rest import Rest
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
@@ -69,12 +70,27 @@ def rest_lengths_over_time(patch: Patch, rig: Rig, clip: Clip | None, times: Flo
     return np.full(len(times), patch.rest_length)
 
 
+def tissue(patch: Patch, rig: Rig, rest: Rest, clip: Clip | None) -> LaggingTissue | None:
+    """How what a tool wrinkles lags behind a clip; None where it does not, and in the stored pose."""
+    lag, wanted = patch.tool.lag, patch.tool.rest_length
+    if lag is None or clip is None:
+        return None
+    keys = wanted.keys.get(clip.name, ()) if isinstance(wanted, RestLengthKeys) else ()
+
+    def ratios(times: Floats) -> Floats:
+        distances, rest_lengths = lengths_over_time(patch, rig, rest, clip, times)
+        return (distances / rest_lengths)[:, None]
+
+    return lagging_tissue(lag, ratios, clip, np.concatenate([motion_breaks(clip, rig), [time for time, _ in keys]]))
+
+
 @dataclass(frozen=True, slots=True)
 class Activity:
     """What a clip makes of one tool, whichever vertices the tool moves.
 
     Attributes:
-        distances: (frames,) of the anchors, animated scale taken out, scene units.
+        distances: (frames,) of the anchors, animated scale taken out, scene units; of a tool with `lag` those that its
+            tissue follows.
         rest_lengths: (frames,).
         shortenings: (frames,) what rest lengths exceed distances by, without rounding noise and without what the
             tissue takes itself; 0 where they do not.
@@ -99,12 +115,15 @@ def activities(patches: Sequence[Patch], rig: Rig, rest: Rest, clip: Clip | None
     if not patches:
         return []
     joints = anchor_joints(patches)
+    lagging = [tissue(patch, rig, rest, clip) for patch in patches]
     chunk = max(_ANCHORS_AT_ONCE // (len(joints) + len(rig.morph_weights)), 1)
     parts: list[list[Activity]] = [[] for _ in patches]
     for at in (times[k : k + chunk] for k in range(0, max(len(times), 1), chunk)):
         poses = anchor_poses(joints, rig, rest, clip, at)
-        for patch, found in zip(patches, parts, strict=True):
+        for patch, late, found in zip(patches, lagging, parts, strict=True):
             distances, lengths = lengths_over_time(patch, rig, rest, clip, at, poses)
+            if late is not None:
+                distances = late.follow(at, distances, lengths)
             shortenings = patch.curve.shortening(distances, lengths)
             amplitudes, unabsorbed = patch.curve.follow(distances, lengths)
             found.append(Activity(distances, lengths, shortenings, unabsorbed, amplitudes))

@@ -13,7 +13,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.motion import motion_clip, raising, turning
 from wrinklecli.character.pose import Pose, node_matrices, pose_at
 from wrinklecli.character.rig import Rig
-from wrinklecli.method.activity import activity
+from wrinklecli.method.activity import lengths_over_time
 from wrinklecli.method.anchor import Anchor
 from wrinklecli.method.patch import Patch
 from wrinklecli.method.rest import Rest
@@ -44,7 +44,8 @@ def _tallest_pose(patch: Patch, rig: Rig, rest: Rest) -> Pose:
         return pose
     times = np.linspace(0.0, 1.0, _MOMENTS)
     for motion in own_motions(patch, rig):
-        heights = patch.curve.heights(activity(patch, rig, rest, motion, times).amplitudes).sum(axis=1)
+        amplitudes, _ = patch.curve.follow(*lengths_over_time(patch, rig, rest, motion, times))
+        heights = patch.curve.heights(amplitudes).sum(axis=1)
         # The first of several that are alike.
         if heights.max() * _TALLEST > tallest:
             tallest = float(heights.max())

@@ -7,8 +7,6 @@ import numpy as np
 
 from wrinklecli.numeric.arrays import Floats, Ints, float32_values
 
-# How often an interval may be halved whose quartic is not good enough.
-_FIT_HALVINGS = 6
 # Intervals of the grid that are sampled and thinned at once: bounds the memory.
 _STRETCH = 8192
 # Numbers of a stretch at most: it is shorter where a signal has many values, as `attachment: patch` has three a vertex.
@@ -78,7 +76,7 @@ def key_points(
 
 def _bisected(grid: Floats, signal: Signal, tolerance: float, gap: float, step: float) -> tuple[Floats, Floats]:
     """(4 (times - 1) + 1,) the times and three points between each two, rising, and (…, values) there."""
-    at_grid = _sampled(signal, grid)
+    at_grid = sampled(signal, grid)
     low, high, first, last = grid[:-1], grid[1:], at_grid[:-1], at_grid[1:]
     kept: list[tuple[Floats, Floats]] = []
     while len(low):
@@ -89,12 +87,12 @@ def _bisected(grid: Floats, signal: Signal, tolerance: float, gap: float, step: 
         middles = np.where(fits, snapped, float32_values(inside[:, 1]))
         divisible = np.minimum(middles - low, high - middles) >= gap
         inside[divisible, 1] = middles[divisible]
-        values = _sampled_inside(signal, inside)
+        values = sampled_inside(signal, inside)
         shares = (inside - low[:, None]) / (high - low)[:, None]
         error = _farthest(first, last, shares, values)
         doubtful = np.flatnonzero(divisible & (error > _ALMOST * tolerance) & (error <= tolerance))
         if len(doubtful):
-            closer = _sampled_inside(signal, low[doubtful, None] + _CLOSER * (high - low)[doubtful, None])
+            closer = sampled_inside(signal, low[doubtful, None] + _CLOSER * (high - low)[doubtful, None])
             error[doubtful] = _farthest(first[doubtful], last[doubtful], _CLOSER, closer)
         wide = divisible & (error > tolerance)
         points, at_points = np.column_stack([low, inside]), np.concatenate([first[:, None], values], axis=1)
@@ -108,14 +106,14 @@ def _bisected(grid: Floats, signal: Signal, tolerance: float, gap: float, step: 
     return np.append(points[order], grid[-1]), np.concatenate([together, at_grid[-1:]])
 
 
-def _sampled(signal: Signal, times: Floats) -> Floats:
+def sampled(signal: Signal, times: Floats) -> Floats:
     """(times, values) of a signal, asked for as many at once as stay in a core's cache."""
     return np.concatenate([signal(times[k : k + _CHUNK]) for k in range(0, len(times), _CHUNK)])
 
 
-def _sampled_inside(signal: Signal, times: Floats) -> Floats:
+def sampled_inside(signal: Signal, times: Floats) -> Floats:
     """(intervals, points, values) of a signal at (intervals, points) times."""
-    found = _sampled(signal, times.reshape(-1))
+    found = sampled(signal, times.reshape(-1))
     return found.reshape(*times.shape, found.shape[1])
 
 
@@ -124,10 +122,10 @@ def _farthest(first: Floats, last: Floats, shares: Floats, values: Floats) -> Fl
     lines = shares[..., None] * (last - first)[:, None]
     lines += first[:, None]
     lines -= values
-    return _greatest(np.abs(lines, out=lines))
+    return greatest_of_rows(np.abs(lines, out=lines))
 
 
-def _greatest(numbers: Floats) -> Floats:
+def greatest_of_rows(numbers: Floats) -> Floats:
     """(n,) the greatest of each row of (n, …), or 0. `max` along rows of a few numbers takes eight times as long."""
     columns = np.ascontiguousarray(numbers.reshape(len(numbers), math.prod(numbers.shape[1:])).T)
     greatest: Floats = np.maximum.reduce(columns, axis=0, initial=0.0)
@@ -179,63 +177,3 @@ def _reached(points: Floats, values: Floats, starts: Ints, tolerance: float) -> 
         if not len(going):
             break
     return reached
-
-
-def smooth(function: Signal, breaks: Floats, tolerance: float) -> Signal:
-    """A function of time that is smooth between breaks, as quartics through five points of each interval.
-
-    Joints turn and slide evenly between keys, so what depends on them smoothly needs few samples, where heights, which
-    start like square roots of it, need many.
-
-    Args:
-        function: (points,) seconds to (points, values); asked for all times but once.
-        breaks: (breaks,) seconds, rising; it may bend at them.
-        tolerance: An interval is halved, up to six times, while its quartic's last term is larger.
-
-    Returns:
-        The same within the breaks; where the function is not finite, itself.
-
-    Source: L. N. Trefethen, *Approximation Theory and Approximation Practice*, 2013, chapters 2 and 7: Chebyshev
-    points of the second kind, and the size of the last coefficient for that of the error.
-    """
-    nodes = (1.0 - np.cos(np.pi * np.arange(5) / 4.0)) / 2.0
-    inverse = np.linalg.inv(np.vander(nodes, increasing=True))
-    starts, ends = breaks[:-1], breaks[1:]
-    at_breaks = _sampled(function, breaks)
-    first, last = at_breaks[:-1], at_breaks[1:]
-    kept: list[tuple[Floats, Floats, Floats]] = []
-    for level in range(_FIT_HALVINGS + 1):
-        inner = _sampled_inside(function, starts[:, None] + nodes[1:-1] * (ends - starts)[:, None])
-        through = np.concatenate([first[:, None], inner, last[:, None]], axis=1)
-        if not np.isfinite(through).all():
-            return function
-        # (intervals, 5, values) from the constant to the fourth power.
-        powers = np.matmul(inverse, through)
-        # The last Chebyshev coefficient of a quartic on an interval is that of its fourth power over 128.
-        wide = (_greatest(np.abs(powers[:, 4])) > 128.0 * tolerance) & (level < _FIT_HALVINGS)
-        kept.append((starts[~wide], (ends - starts)[~wide], powers[~wide]))
-        if not wide.any():
-            break
-        middles, between = (starts + ends)[wide] / 2.0, through[wide, 2]
-        starts, ends = np.concatenate([starts[wide], middles]), np.concatenate([middles, ends[wide]])
-        first, last = np.concatenate([first[wide], between]), np.concatenate([between, last[wide]])
-    begins, spans, powers = (np.concatenate(each) for each in zip(*kept, strict=True))
-    order = np.argsort(begins, kind="stable")
-    return _quartics(begins[order], spans[order], powers[order])
-
-
-def _quartics(begins: Floats, spans: Floats, powers: Floats) -> Signal:
-    """A function of time from its intervals' (intervals,) begins and spans and (intervals, 5, values) coefficients."""
-    table = np.ascontiguousarray(powers.transpose(1, 2, 0))
-
-    def fitted(times: Floats) -> Floats:
-        which = np.clip(np.searchsorted(begins, times, side="right") - 1, 0, len(begins) - 1)
-        t = (times - begins[which]) / spans[which]
-        # `which` is in range; "clip" spares the check for it, and `row[:, which]` takes seven times as long.
-        found: Floats = table[4].take(which, axis=1, mode="clip")
-        for row in table[3::-1]:
-            found *= t
-            found += row.take(which, axis=1, mode="clip")
-        return found.T
-
-    return fitted

@@ -23,6 +23,7 @@ from wrinklecli.files.inputs import open_input
 from wrinklecli.tools.materials import with_material
 from wrinklecli.tools.mirror import mirrored
 from wrinklecli.tools.records import (
+    Lag,
     Length,
     Marker,
     Position,
@@ -172,6 +173,9 @@ _READ: Mapping[str, Callable[[Any], Any]] = {
     "strength": float,
     "rest_length": _rest_length,
     "keys": _keys,
+    "lag": lambda value: Lag(**_converted(value)) if isinstance(value, dict) else None,
+    "frequency": float,
+    "damping": float,
     "full": parse_length,
 }
 

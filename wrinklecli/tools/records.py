@@ -122,6 +122,19 @@ class RestLengthMorph:
     full: Length
 
 
+@dataclass(frozen=True, slots=True)
+class Lag:
+    """How heights follow the shortening late: a damped spring.
+
+    Args:
+        frequency: Swings per second, were it not damped.
+        damping: Share of the damping from which on it does not overshoot.
+    """
+
+    frequency: float = 6.0
+    damping: float = 0.5
+
+
 def in_axes(position: Sequence[float], up: str) -> tuple[float, float, float]:
     """A Y-up position with the axes of a tools file."""
     x, y, z = position
@@ -157,6 +170,7 @@ class WrinkleTool:
         strength: Factor of the height.
         clips: Strength by clip name, in place of `strength`.
         rest_length: `auto`, a length, or what drives it.
+        lag: How heights follow the shortening late; None where they follow at once.
         enabled: Whether it is baked; a `ToolsFile` keeps only those.
         optional: Whether an absent node is a note rather than an error.
         mirrored: Whether `mirror` made it.
@@ -183,6 +197,7 @@ class WrinkleTool:
     strength: float = 1.0
     clips: Mapping[str, float] = field(default_factory=dict, hash=False)
     rest_length: Literal["auto"] | Length | RestLengthKeys | RestLengthMorph = "auto"
+    lag: Lag | None = None
     enabled: bool = True
     optional: bool = False
     mirrored: bool = False

@@ -123,6 +123,22 @@ _REFINEMENT = _mapping(
     }
 )
 
+_LAG = _if_mapping(
+    _mapping(
+        {
+            "frequency": _key(
+                _number(0.5, 60), "Swings per second of the tissue, were it not damped. Default 6.", default=6.0
+            ),
+            "damping": _key(
+                _number(0.05, 10),
+                "Below 1 heights overshoot and swing, from 1 on they do not. Default 0.5.",
+                default=0.5,
+            ),
+        }
+    ),
+    _expects("{frequency: 6, damping: 0.5} or none", enum=["none", None]),
+)
+
 _KEY = _expects("[seconds, length]", type="array", prefixItems=[_SECONDS, _LENGTH], minItems=2, maxItems=2)
 _KEYED = _mapping(
     {
@@ -238,6 +254,11 @@ TOOL_KEYS = {
         "Length from which shortening counts: auto (the rest distance), a length, a percentage, {keys: …} by hand, "
         "{morph: …} by a morph target. Default auto.",
         default="auto",
+    ),
+    "lag": _key(
+        _LAG,
+        "Heights follow the shortening as a damped spring does: {frequency: 6, damping: 0.5}, or none. Default none.",
+        default=None,
     ),
     "enabled": _key(_FLAG, "false: checked but not baked. Default true.", default=True),
     "optional": _key(_FLAG, "true: an absent node or clip is a note, not an error. Default false.", default=False),
