@@ -8,7 +8,7 @@ from kit.prepared import unattached
 from wrinklecli.character.range_of_motion import range_of_motion
 from wrinklecli.review.suggest.sites import at_sites, spread_sites
 from wrinklecli.review.suggest.strain import read_gauge, strain
-from wrinklecli.review.suggest.strained import strained_triangles
+from wrinklecli.review.suggest.strained import StrainedParts
 
 
 def test_what_a_motion_strains_is_among_the_triangles_that_it_can() -> None:
@@ -19,13 +19,13 @@ def test_what_a_motion_strains_is_among_the_triangles_that_it_can() -> None:
     times = np.array([0.0, 0.4, 1.0])
     counts = {}
     for clip in range_of_motion(made.document, [0]).clips[::8]:
-        whole, chosen = strain(gauge, clip, times), strained_triangles(made.rig, made.surface, gauge.triangles, clip)
-        if chosen is None:
+        whole, part = strain(gauge, clip, times), gauge.strained.of(clip)
+        if part is None:
             continue
-        counts[clip.name] = len(chosen)
-        others = np.delete(whole, chosen, axis=1)
+        counts[clip.name] = len(part.triangles)
+        others = np.delete(whole, part.triangles, axis=1)
         assert np.abs(others).max(initial=0.0) < 1e-12
-        assert strain(gauge, clip, times, chosen) == pytest.approx(whole[:, chosen], abs=1e-12)
+        assert strain(gauge, clip, times, part) == pytest.approx(whole[:, part.triangles], abs=1e-12)
         averaged = at_sites(gauge, sites, clip, times)
         rows = whole.transpose(1, 0, 2).reshape(len(gauge.triangles), -1)
         expected = (sites.smooth @ (sites.gather @ rows)).reshape(-1, 3, 6).transpose(1, 0, 2)
@@ -36,6 +36,6 @@ def test_what_a_motion_strains_is_among_the_triangles_that_it_can() -> None:
 
 def test_a_clip_that_scales_or_bends_most_of_it_is_looked_at_as_a_whole() -> None:
     made = unattached(limb_asset(rings=8, sides=5, clip="grow"))
-    assert strained_triangles(made.rig, made.surface, made.surface.triangles, made.clip) is None
+    assert StrainedParts(made.rig, made.surface, made.surface.triangles).of(made.clip) is None
     made = unattached(limb_asset(rings=8, sides=5, joints=6))
-    assert strained_triangles(made.rig, made.surface, made.surface.triangles, made.clip) is None
+    assert StrainedParts(made.rig, made.surface, made.surface.triangles).of(made.clip) is None

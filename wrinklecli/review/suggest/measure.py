@@ -1,7 +1,7 @@
 """Meshes that clips move, measured: which nodes have one, at which times to look, and where each is compressed most."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +18,6 @@ from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.guard import Progress
 from wrinklecli.review.suggest.sites import Peaks, Sites, scan, spread_sites
 from wrinklecli.review.suggest.strain import Gauge, posed, read_gauge
-from wrinklecli.review.suggest.strained import strained_triangles
 from wrinklecli.tools.records import ToolsFile
 
 # Most poses of a clip: a compression that matters lasts longer than a 200th of its clip.
@@ -82,8 +81,7 @@ class _MovedMesh:
     """A mesh and the clips that move it."""
 
     node: MeshNode
-    rig: Rig
-    surface: Surface
+    gauge: Gauge
     clips: tuple[Clip, ...]
 
 
@@ -133,17 +131,7 @@ def measure_meshes(
         BakeError: It would take minutes.
         TooMuchError: It would take too much memory.
     """
-    moved = []
-    hierarchy = read_hierarchy(document)
-    for node in nodes:
-        rig = read_rig(document, node.index, hierarchy)
-        moving = moving_nodes(rig)
-        its_clips = tuple(clip for clip in clips if any(channel.node in moving for channel in clip.channels))
-        if its_clips:
-            surface = read_surface(document, rig)
-            what = f"{len(surface.triangles):,} triangles to measure"
-            document.memory.claim(_TRIANGLE_BYTES * len(surface.triangles), what, where=document.path)
-            moved.append(_MovedMesh(node, rig, surface, its_clips))
+    moved = [mesh for mesh in _moved_meshes(document, nodes, clips) if len(mesh.gauge.triangles)]
     counts = _pose_counts(moved, clips, fps, where=document.path)
     total = sum(counts[clip.index] for each in moved for clip in each.clips)
     meshes: list[MeasuredMesh] = []
@@ -153,10 +141,23 @@ def measure_meshes(
         def report(done: int, before: int = before) -> None:
             progress("posing", before + done, total)
 
-        mesh = _measure(document, each, counts, report)
-        if mesh is not None:
-            meshes.append(mesh)
+        meshes.append(_measure(document, each, counts, report))
     return meshes
+
+
+def _moved_meshes(document: Document, nodes: Sequence[MeshNode], clips: tuple[Clip, ...]) -> Iterator[_MovedMesh]:
+    """The meshes that clips move, with what measures them."""
+    hierarchy = read_hierarchy(document)
+    for node in nodes:
+        rig = read_rig(document, node.index, hierarchy)
+        moving = moving_nodes(rig)
+        its_clips = tuple(clip for clip in clips if any(channel.node in moving for channel in clip.channels))
+        if its_clips:
+            surface = read_surface(document, rig)
+            what = f"{len(surface.triangles):,} triangles to measure"
+            document.memory.claim(_TRIANGLE_BYTES * len(surface.triangles), what, where=document.path)
+            rest = rest_pose(surface, rig, ToolsFile(path=document.path, tools=()), its_clips, [])
+            yield _MovedMesh(node, read_gauge(surface, rest, rig), its_clips)
 
 
 def _pose_counts(moved: Sequence[_MovedMesh], clips: Sequence[Clip], fps: float, *, where: str) -> dict[int, int]:
@@ -188,25 +189,21 @@ def _pose_counts(moved: Sequence[_MovedMesh], clips: Sequence[Clip], fps: float,
 
 def _strained_count(mesh: _MovedMesh, clip: Clip) -> int:
     """How many triangles of a mesh have to be looked at in a clip."""
-    strained = strained_triangles(mesh.rig, mesh.surface, mesh.surface.triangles, clip)
-    return len(mesh.surface.triangles if strained is None else strained)
+    part = mesh.gauge.strained.of(clip)
+    return len(mesh.gauge.triangles if part is None else part.triangles)
 
 
 def _measure(
     document: Document, moved: _MovedMesh, counts: Mapping[int, int], progress: Callable[[int], None]
-) -> MeasuredMesh | None:
-    """Measure a mesh over its clips, so many poses of each; none where no triangle has an area."""
-    rig, surface, clips = moved.rig, moved.surface, moved.clips
-    rest = rest_pose(surface, rig, ToolsFile(path=document.path, tools=()), clips, [])
-    gauge = read_gauge(surface, rest, rig)
-    if not len(gauge.triangles):
-        return None
+) -> MeasuredMesh:
+    """Measure a mesh over its clips, so many poses of each."""
+    gauge, clips = moved.gauge, moved.clips
     sites = spread_sites(gauge)
     times = tuple(np.linspace(clip.start, clip.end, counts[clip.index]) for clip in clips)
     peaks = scan(gauge, sites, clips, times, progress)
-    primitives = document.items("meshes")[rig.mesh]["primitives"]
+    primitives = document.items("meshes")[gauge.rig.mesh]["primitives"]
     flat = not any("NORMAL" in primitive["attributes"] for primitive in primitives)
-    return MeasuredMesh(rig, surface, rest, gauge, sites, clips, times, peaks, moved.node.name, flat)
+    return MeasuredMesh(gauge.rig, gauge.surface, gauge.rest, gauge, sites, clips, times, peaks, moved.node.name, flat)
 
 
 def pose_unscaled(mesh: MeasuredMesh, clip: Clip | None, time: float, weights: Floats | None = None) -> Floats:

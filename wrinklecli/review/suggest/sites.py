@@ -14,7 +14,7 @@ from scipy.sparse import csr_array
 from wrinklecli.character.clip import Clip
 from wrinklecli.numeric.arrays import Floats, Ints, unit
 from wrinklecli.review.suggest.strain import Gauge, principal, strain
-from wrinklecli.review.suggest.strained import strained_triangles
+from wrinklecli.review.suggest.strained import StrainedPart
 
 # Radius of the neighbourhood over which strain is averaged, as a part of the diagonal of the mesh's box: 27 mm on a
 # person. It is at least the second number times a typical triangle's longest edge: less would tell single triangles
@@ -188,12 +188,46 @@ def _symmetric(pairs: Ints, values: NDArray[Any], count: int) -> csr_array:
 
 def at_sites(gauge: Gauge, sites: Sites, clip: Clip | None, times: Floats) -> Floats:
     """(frames, sites, 6) the averaged loss tensor around each site."""
+    area = _area(gauge, sites, clip)
+    averaged = np.zeros((len(times), len(sites.positions), 6))
+    averaged[:, area.sites] = _averaged(gauge, area, clip, times)
+    return averaged
+
+
+@dataclass(frozen=True, slots=True)
+class _Area:
+    """The sites whose surroundings a clip may strain.
+
+    Attributes:
+        part: The triangles; None for all.
+        sites: (area,) which sites.
+        gather: (touched sites, triangles of the part) as of `Sites`.
+        smooth: (area, touched sites) as of `Sites`.
+    """
+
+    part: StrainedPart | None
+    sites: Ints
+    gather: csr_array
+    smooth: csr_array
+
+
+def _area(gauge: Gauge, sites: Sites, clip: Clip | None) -> _Area:
     # A joint alone strains little of a character.
-    chosen = None if clip is None else strained_triangles(gauge.rig, gauge.surface, gauge.triangles, clip)
-    gather = sites.gather if chosen is None else sites.gather[:, chosen]
-    tensors = strain(gauge, clip, times, chosen)
+    part = None if clip is None else gauge.strained.of(clip)
+    if part is None:
+        return _Area(None, np.arange(len(sites.positions)), sites.gather, sites.smooth)
+    gather = sites.gather[:, part.triangles]
+    touched = np.flatnonzero(np.diff(gather.indptr))
+    smooth = sites.smooth[:, touched]
+    inside = np.flatnonzero(np.diff(smooth.indptr))
+    return _Area(part, inside, gather[touched], smooth[inside])
+
+
+def _averaged(gauge: Gauge, area: _Area, clip: Clip | None, times: Floats) -> Floats:
+    """(frames, area, 6) the averaged loss tensor around each of its sites."""
+    tensors = strain(gauge, clip, times, area.part)
     rows = tensors.transpose(1, 0, 2).reshape(tensors.shape[1], 6 * len(times))
-    averaged: Floats = (sites.smooth @ (gather @ rows)).reshape(len(sites.positions), len(times), 6).transpose(1, 0, 2)
+    averaged: Floats = (area.smooth @ (area.gather @ rows)).reshape(len(area.sites), len(times), 6).transpose(1, 0, 2)
     return averaged
 
 
@@ -215,13 +249,17 @@ def scan(
     """
     count = len(sites.positions)
     losses, poses = np.full(count, -np.inf), np.zeros(count, np.intp)
-    done = 0
+    done, area = 0, _area(gauge, sites, None)
     for clip, part in _chunks(clips, times, max(1, _CHUNK // max(len(gauge.triangles), count))):
-        found, _ = principal(at_sites(gauge, sites, clip, part), sites.normals)
+        # Clips of one joint follow one another.
+        if gauge.strained.of(clip) is not area.part:
+            area = _area(gauge, sites, clip)
+        found, _ = principal(_averaged(gauge, area, clip, part), sites.normals[area.sites])
         best = found.argmax(axis=0)
-        highest = found[best, np.arange(count)]
+        highest, first = np.zeros(count), np.zeros(count, np.intp)
+        highest[area.sites], first[area.sites] = found[best, np.arange(len(area.sites))], best
         # Among equal ones the first stays, in whatever chunks they come.
-        poses = np.where(highest > losses, done + best, poses)
+        poses = np.where(highest > losses, done + first, poses)
         losses = np.maximum(losses, highest)
         done += len(part)
         progress(done)

@@ -19,6 +19,7 @@ from wrinklecli.character.surface import Surface
 from wrinklecli.method.rest import Rest
 from wrinklecli.numeric.arrays import Floats, Ints, face_normals, unit
 from wrinklecli.numeric.nearest import balls
+from wrinklecli.review.suggest.strained import StrainedPart, StrainedParts
 
 # A stretch beyond twice the length counts as twice: slivers of almost no area have any.
 _LONGEST = 2.0
@@ -36,6 +37,7 @@ class Gauge:
         rest: Its rest pose.
         influences: (vertices, joints) skin weights.
         triangles: (triangles, 3) those with an area at rest.
+        strained: Which of them clips may strain.
         numbers: (triangles,) which of the surface's they are.
         pieces: (triangles,) the same number for those that hang together: a shirt is another than the body below.
         middles: (triangles, 3) their centroids at rest, world space.
@@ -50,6 +52,7 @@ class Gauge:
     rest: Rest
     influences: csr_array
     triangles: Ints
+    strained: StrainedParts
     numbers: Ints
     pieces: Ints
     middles: Floats
@@ -81,7 +84,8 @@ def read_gauge(surface: Surface, rest: Rest, rig: Rig) -> Gauge:
     influences = csr_array(entries, shape=(count, len(rig.joints)))
     middles, radii = balls(rest.positions[triangles])
     numbers, pieces = np.flatnonzero(solid), _pieces(triangles, areas[solid], count)
-    return Gauge(rig, surface, rest, influences, triangles, numbers, pieces, middles, radii, flat, tensors)
+    strained = StrainedParts(rig, surface, triangles)
+    return Gauge(rig, surface, rest, influences, triangles, strained, numbers, pieces, middles, radii, flat, tensors)
 
 
 def _pieces(triangles: Ints, areas: Floats, count: int) -> Ints:
@@ -128,7 +132,7 @@ def posed(
     return places, scales
 
 
-def strain(gauge: Gauge, clip: Clip | None, times: Floats, chosen: Ints | None = None) -> Floats:
+def strain(gauge: Gauge, clip: Clip | None, times: Floats, part: StrainedPart | None = None) -> Floats:
     """(frames, triangles, 6) the loss tensor I − U of each triangle: its eigenvalues are 1 − σ, stretch is negative.
 
     Written in world space at rest, in the triangle's plane; a character that is scaled as a whole loses nothing.
@@ -137,12 +141,12 @@ def strain(gauge: Gauge, clip: Clip | None, times: Floats, chosen: Ints | None =
         gauge: Of the surface.
         clip: The animation; none for the stored pose.
         times: (frames,) seconds.
-        chosen: (triangles,) which; all where left out.
+        part: Of which triangles; of all where left out.
     """
     triangles, flats, products, vertices = gauge.triangles, gauge.flat, gauge.tensors, None
-    if chosen is not None:
-        vertices, corners = np.unique(triangles[chosen], return_inverse=True)
-        triangles, flats, products = corners.reshape(-1, 3), flats[chosen], products[chosen]
+    if part is not None:
+        triangles, vertices = part.corners, part.vertices
+        flats, products = flats[part.triangles], products[part.triangles]
     positions, scales = posed(gauge, clip, times, vertices=vertices)
     a, b, c = (positions[:, triangles[:, k]] for k in range(3))
     scale = scales[:, triangles].mean(axis=2)
