@@ -368,6 +368,7 @@ def test_json_has_these_keys(wrinkle: Wrinkle, tmp_path: Path) -> None:
         "bumps",
         "strategy",
         "compressible",
+        "lag",
         "height_limit",
         "triangles",
         "edges_split",

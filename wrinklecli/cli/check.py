@@ -170,7 +170,9 @@ def _tissue(tool: dict[str, Any]) -> str:
     else:
         would = "; no clip has all bumps full"
     material = "" if tool["material"] == "none" else f"{tool['material']}, "
-    return f"{material}takes {100 * tool['compressible']:.3g} % of each shortening{would}"
+    lag = tool["lag"]
+    late = f"; lags, {lag['frequency']:g} swings a second, damping {lag['damping']:g}" if lag else ""
+    return f"{material}takes {100 * tool['compressible']:.3g} % of each shortening{would}{late}"
 
 
 def _clip_table(clips: list[dict[str, Any]]) -> list[str]:

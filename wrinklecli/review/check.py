@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -209,6 +209,7 @@ def describe_tool(plan: MeshPlan, number: int, up: str) -> Json:
         "bumps": patch.tool.bumps,
         "strategy": patch.tool.strategy,
         "compressible": patch.tool.compressible,
+        "lag": None if patch.tool.lag is None else asdict(patch.tool.lag),
         "height_limit": _round(patch.greatest_height),
         "triangles": len(patch.members),
         "edges_split": int((members >= len(fine.surface.positions)).sum()),
