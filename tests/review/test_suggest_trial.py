@@ -17,9 +17,9 @@ FLAT = [line(-0.5, 0.5)]
 FOLDED = [line(-0.5, 0.1, 0.1), line(0.1, -0.1, 0.05), line(-0.1, 0.5, 0.0)]
 
 
-def suggestion(half: float, width: float, top: float) -> Suggestion:
+def suggestion(half: float, width: float, top: float, name: str = "fold") -> Suggestion:
     """A tool about the middle of a sheet."""
-    tool = WrinkleTool(name="fold", origin=(-half, top, 0.0), target=(half, 0.0, 0.0), width=Length(width))
+    tool = WrinkleTool(name=name, origin=(-half, top, 0.0), target=(half, 0.0, 0.0), width=Length(width))
     return Suggestion(
         tool=tool,
         mirrored=False,
@@ -37,7 +37,7 @@ def suggestion(half: float, width: float, top: float) -> Suggestion:
 
 @pytest.mark.parametrize(
     ("profile", "half", "width", "kept"),
-    [(FLAT, 0.4, 0.3, 0.3), (FLAT, 0.02, 0.5, 0.38), (FOLDED, 0.4, 0.3, 0.3)],
+    [(FLAT, 0.4, 0.3, 0.3), (FLAT, 0.03, 0.7, 0.52), (FOLDED, 0.4, 0.3, 0.3)],
     ids=["well", "narrower", "no help"],
 )
 def test_a_tool_that_check_warns_of_for_its_place_is_narrower_where_that_helps(
@@ -45,5 +45,15 @@ def test_a_tool_that_check_warns_of_for_its_place_is_narrower_where_that_helps(
 ) -> None:
     document = read_document(sheet(tmp_path / "a.glb", np.concatenate(profile)))
     made = suggestion(half, width, 0.1 if profile is FOLDED else 0.0)
-    (found,) = tried(document, [made], read_clips(document), flat=True)
-    assert found.tool.width.value == kept
+    found = tried(document, [made], read_clips(document), midpoint=True)
+    assert [each.tool.width.value for each in found.tools] == [kept]
+    assert not found.notes
+
+
+def test_a_fold_much_shorter_than_its_triangles_is_left_out(tmp_path: Path) -> None:
+    document = read_document(sheet(tmp_path / "a.glb", [(-0.5, 0.0), (0.0, 0.0), (0.5, 0.0)]))
+    short = suggestion(0.02, 0.05, 0.0, "short")
+    found = tried(document, [suggestion(0.4, 0.3, 0.0), short], read_clips(document), midpoint=True)
+    assert [each.tool.name for each in found.tools] == ["fold"]
+    (note,) = found.notes
+    assert "left out a fold that squeeze makes" in note

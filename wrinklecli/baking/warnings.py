@@ -27,7 +27,7 @@ _DETOUR = 1.3
 _GAP = 0.05
 _DOUBLED = 0.02
 # Departure of the refined surface from the old one that shows at rest, over the tallest wrinkle.
-_DEPARTURE = 0.3
+DEPARTURE = 0.3
 # Ends of two tools nearer than this, over the shorter segment, are at one place.
 _TWIN = 0.1
 
@@ -154,7 +154,7 @@ def _departure_warnings(plan: MeshPlan) -> list[str]:
         for carried, scheme, departure in zip(
             plan.carried_patches, plan.fine.schemes, plan.fine.departures, strict=True
         )
-        if departure > _DEPARTURE
+        if departure > DEPARTURE
     ]
 
 

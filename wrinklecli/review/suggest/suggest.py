@@ -87,18 +87,20 @@ def suggest(
             others = (clip for clip in chosen if clip.name not in joined.range)
             chosen = (*others, *believable(made, read_rig(document, nodes[0].index)))
         meshes = measure_meshes(document, nodes, chosen, fps, progress) if chosen else []
-        choice = choose_folds(document, _folds_of(meshes, progress), everything=everything)
-        folds = choice.folds
-        notes += choice.notes
-        flat = all(fold.mesh.flat for fold in folds)
-        found = tried(document, fit_tools(folds, count, made), joined.clips, flat=flat)
+        folds = _folds_of(meshes, progress)
+        choice = choose_folds(document, folds, everything=everything)
+        flat = all(fold.mesh.flat for fold in choice.folds)
+        laid = tried(document, fit_tools(choice.folds, count, made), joined.clips, midpoint=flat)
+        notes += [*choice.notes, *laid.notes]
         text = reason = ""
-        if found:
-            text = tools_text(found, os.path.basename(document.path), flat=flat)
-            refuse_unwritable(text, document, found)
+        if laid.tools:
+            text = tools_text(laid.tools, os.path.basename(document.path), midpoint=laid.midpoint)
+            refuse_unwritable(text, document, laid.tools)
+        elif (folds and not choice.folds) or laid.notes:
+            reason = "what its motions fold is left out, as the notes say"
         else:
             reason = _why_none(nodes, chosen, meshes)
-        return Suggestions(tuple(found), text, reason, tuple(notes), (*files_of(document), *joined.beside))
+        return Suggestions(tuple(laid.tools), text, reason, tuple(notes), (*files_of(document), *joined.beside))
 
 
 def _folds_of(meshes: Sequence[MeasuredMesh], progress: Progress) -> list[Fold]:

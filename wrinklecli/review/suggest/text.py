@@ -11,13 +11,13 @@ from wrinklecli.tools.records import Length, RestLengthMorph
 from wrinklecli.tools.yaml_tree import printable
 
 
-def tools_text(suggestions: Sequence[Suggestion], asset: str, *, flat: bool = False) -> str:
+def tools_text(suggestions: Sequence[Suggestion], asset: str, *, midpoint: bool = False) -> str:
     """A commented tools file.
 
     Args:
         suggestions: At least one.
         asset: What the comments call the asset.
-        flat: Whether meshes are shaded flat, so that refinement should keep their faces.
+        midpoint: Whether refinement must keep faces flat: of a mesh without normals, and where rounding would show.
     """
     lines = [
         f"# Tools for {printable(asset, 90)}, as `wrinkle suggest` found them, best first.",
@@ -27,7 +27,7 @@ def tools_text(suggestions: Sequence[Suggestion], asset: str, *, flat: bool = Fa
         "# the ends, try other widths and numbers of bumps, delete what you do not want.",
         "version: 1",
         "",
-        *(["refinement: {scheme: midpoint}   # keeps the flat faces of a mesh without normals", ""] if flat else []),
+        *(["refinement: {scheme: midpoint}   # keeps the flat faces of a coarse mesh", ""] if midpoint else []),
         "defaults:",
         f"  rest_length: {100 - SLACK}%     # slack: the first {SLACK} % of shortening make no wrinkles",
         "  max_height: auto     # the material's, which compressible has bumps reach in the deepest fold",
