@@ -7,19 +7,19 @@ import { lagged } from './spring.js';
 const moved = (m, [x, y, z]) => [0, 1, 2].map((i) => m[i] * x + m[i + 4] * y + m[i + 8] * z + m[i + 12]);
 const determinant = (m) =>
   m[0] * (m[5] * m[10] - m[6] * m[9]) + m[4] * (m[2] * m[9] - m[1] * m[10]) + m[8] * (m[1] * m[6] - m[2] * m[5]);
+/** A tool's anchors: two, or all of its path. */
+const anchorsOf = ({ origin, target, anchors = [origin, target] }) => anchors;
 
 /** A value between the points of a polyline, held before the first and after the last. */
 function between(xs, ys, x) {
   const k = xs.findIndex((each) => each > x);
-  if (k === 0) return ys[0];
-  if (k < 0) return ys[ys.length - 1];
+  if (k <= 0) return ys.at(k); // -1 is the last
   return ys[k - 1] + ((ys[k] - ys[k - 1]) * (x - xs[k - 1])) / (xs[k] - xs[k - 1]);
 }
 
 /** An anchor's place in the world, and its joints' scale against rest. */
 function anchor({ joints, weights, positions, scales, morphs = {} }, jointMatrixOf, morphWeightOf) {
-  const place = [0, 0, 0];
-  let scale = 0;
+  let [place, scale] = [[0, 0, 0], 0];
   joints.forEach((joint, k) => {
     const matrix = jointMatrixOf(joint);
     const point = [...positions[k]];
@@ -63,8 +63,8 @@ export function wrinkleWeights(
   { morphWeightOf = () => 0, clip, time = 0, state = {}, elapsed } = {},
 ) {
   const { rest_length: nominal, rest_length_morph: morph, shortenings, weights, curve, targets, lag } = toolExtras;
-  const [origin, target] = ['origin', 'target'].map((end) => anchor(toolExtras[end], jointMatrixOf, morphWeightOf));
-  const scale = (origin.scale + target.scale) / 2;
+  const posed = anchorsOf(toolExtras).map((each) => anchor(each, jointMatrixOf, morphWeightOf));
+  const scale = posed.reduce((sum, each) => sum + each.scale, 0) / posed.length;
   if (scale < 1e-6) {
     if (lag) lagged(state, lag, -1, elapsed);
     return targets.map(() => 0);
@@ -73,7 +73,8 @@ export function wrinkleWeights(
   if (morph) length += Math.min(Math.max(morphWeightOf(morph.name), 0), 1) * (morph.full - nominal);
   const keys = toolExtras.rest_length_keys?.[clip];
   if (keys) length = between(keys.map(([t]) => t), keys.map(([, l]) => l), time);
-  let distance = Math.hypot(...origin.place.map((x, i) => x - target.place[i])) / scale;
+  const steps = posed.slice(1).map(({ place }, k) => Math.hypot(...place.map((x, i) => x - posed[k].place[i])));
+  let distance = steps.reduce((sum, step) => sum + step) / scale;
   if (lag) {
     const x = Math.min(lagged(state, lag, lag.taut - distance / length, elapsed), lag.taut);
     distance = x > 0 ? (lag.taut - x) * length : Math.max(distance, lag.taut * length);
@@ -101,7 +102,7 @@ export class WrinkleDriver {
       if (object.userData.wrinkle) object.traverse((each) => each.morphTargetDictionary && meshes.push(each));
       if (meshes.length) this.bodies.push({ tools: object.userData.wrinkle.tools, meshes, states: [] });
     });
-    const isThere = ({ origin, target }) => [...origin.joints, ...target.joints].every((name) => name in this.objects);
+    const isThere = (tool) => anchorsOf(tool).every(({ joints }) => joints.every((name) => name in this.objects));
     for (const body of this.bodies) body.tools = body.tools.filter(isThere);
   }
 

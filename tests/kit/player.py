@@ -319,9 +319,10 @@ def anchor_places(file: Gltf, anchor: Json, node: str | int, clip: str | int | N
 
 
 def anchor_distances(file: Gltf, tool: Json, node: str | int, clip: str | int | None, times: Floats) -> Floats:
-    """(times,) distance of a tool's anchors by the node's extras."""
-    ends = [anchor_places(file, tool[end], node, clip, times) for end in ("origin", "target")]
-    return np.linalg.norm(ends[1] - ends[0], axis=1)
+    """(times,) summed distances of a tool's neighbouring anchors by the node's extras."""
+    anchors = tool["anchors"] if "anchors" in tool else [tool["origin"], tool["target"]]
+    places = np.stack([anchor_places(file, anchor, node, clip, times) for anchor in anchors])
+    return np.linalg.norm(np.diff(places, axis=0), axis=2).sum(axis=0)
 
 
 def described(file: Gltf) -> list[Json]:

@@ -130,7 +130,8 @@ def test_the_defaults_of_the_contract():
 
 def test_schema_and_records_agree_on_keys_and_defaults():
     record = [entry.name for entry in fields(WrinkleTool)]
-    assert [key for key in TOOL if key != "mirror"] == [
+    # The points of a path are its ends and what is between them.
+    assert ["between" if key == "path" else key for key in TOOL if key != "mirror"] == [
         key for key in record if key not in ("mirrored", "where", "places")
     ]
     plain = WrinkleTool(name="a", origin=(0, 0, 0), target=(1, 0, 0), width=Length(1))
@@ -143,7 +144,7 @@ def test_schema_and_records_agree_on_keys_and_defaults():
     for key in ("sampling", "refinement"):
         assert {name: entry["default"] for name, entry in FILE[key]["properties"].items()} == FILE[key]["default"]
     assert as_written(RestFrame("a")) == {"clip": "a", "time": FILE["rest"]["then"]["properties"]["time"]["default"]}
-    own = {"name", "origin", "target"}
+    own = {"name", "origin", "target", "path"}
     assert {key: entry for key, entry in TOOL.items() if key not in own} == FILE["defaults"]["properties"]
 
 
@@ -277,6 +278,51 @@ def test_files_that_are_no_tools_files(text, expected):
 def test_a_bad_header_is_one_line(line, expected):
     head = HEAD.removeprefix("version: 1\n") if line.startswith("version") else HEAD
     assert lines_of(f"{line}\n{head}    width: 1\n") == [f"t.yaml:1: {expected}"]
+
+
+POINTS = "[[1, 2, 3], {marker: elbow.L}, [1, 4, 3]]"
+
+
+def path_tool(path: str, more: str = "") -> str:
+    return f"version: 1\n{more}tools:\n  - name: fold.L\n    path: {path}\n    width: 1\n"
+
+
+def test_a_path_has_the_points_of_origin_and_target_and_those_between() -> None:
+    (tool,) = parse_tools(path_tool(POINTS)).tools
+    assert tool.points == ((1.0, 2.0, 3.0), Marker("elbow.L"), (1.0, 4.0, 3.0))
+    assert (tool.origin, tool.between, tool.target) == (tool.points[0], tool.points[1:2], tool.points[2])
+    assert tool.place_of(1) == "<tools>:4: tools[0].path[1]"
+    assert tool.place_of(1, "marker") == "<tools>:4: tools[0].path[1].marker"
+    other = parse_tools(path_tool(POINTS, "up: z\ndefaults: {mirror: x}\n")).tools[1]
+    assert other.points == ((-1.0, 3.0, -2.0), Marker("elbow.R"), (-1.0, 3.0, -4.0))
+    (two,) = parse_tools(path_tool("[[1, 2, 3], [1, 4, 3]]")).tools
+    (ends,) = parse_tools(path_tool("5").replace("path: 5", "origin: [1, 2, 3]\n    target: [1, 4, 3]")).tools
+    assert two == ends
+    assert [two.place_of(k) for k in (0, 1)] == [f"<tools>:4: tools[0].path[{k}]" for k in (0, 1)]
+
+
+@pytest.mark.parametrize(
+    ("path", "expected"),
+    [
+        ("[[1, 2, 3]]", ": found a list of 1, expected a list of 2 to 64 points, each [x, y, z] or {marker: NODE}"),
+        ("[[1, 2, 3], [4, 5]]", "[1]: found a list of 2, expected [x, y, z] or {marker: NODE}"),
+        ("[{marker: a}, {marker: a}]", "[1]: same as the point before it, expected another"),
+        ("[{marke: a}, [1, 2, 3]]", "[0].marke: unknown key, did you mean marker?"),
+    ],
+)
+def test_bad_paths(path: str, expected: str) -> None:
+    assert lines_of(path_tool(path)) == [f"t.yaml:4: tools[0].path{expected}"]
+
+
+def test_a_path_stands_alone() -> None:
+    lines = lines_of(HEAD + f"    path: {POINTS}\n    width: 1\n")
+    assert lines == [
+        f"t.yaml:{line}: tools[0].{key}: found a list of 3, expected path alone, or origin and target"
+        for line, key in ((4, "origin"), (5, "target"))
+    ]
+    assert lines_of(
+        f"version: 1\ndefaults: {{path: {POINTS}}}\n" + HEAD.removeprefix("version: 1\n") + "    width: 1\n"
+    ) == ["t.yaml:2: defaults.path: not inherited, each tool needs its own"]
 
 
 @pytest.mark.parametrize(
@@ -608,7 +654,7 @@ def test_what_is_written_is_read(written):
     again = {
         entry.name: as_written(getattr(read, entry.name), entry.name)
         for entry in fields(WrinkleTool)
-        if entry.name not in ("mirrored", "where", "places")
+        if entry.name not in ("between", "mirrored", "where", "places")
     }
     (once_more,) = parse_tools(yaml.safe_dump({"version": 1, "tools": [again]})).tools
     assert again == {key: as_written(getattr(once_more, key), key) for key in again}
@@ -671,6 +717,7 @@ def readme_tables() -> dict[str, dict[str, str]]:
 def test_the_reference_names_every_key_and_its_default(heading, keys):
     expected = {key: entry.get("default", "required") for key, entry in keys.items()}
     expected |= {key: {} for key in ("sampling", "refinement") if key in keys}  # none of their keys given
+    expected |= {key: None for key in ("path",) if key in keys}  # in place of what is required
     written = {key: yaml.safe_load(default.strip("`")) for key, default in readme_tables()[heading].items()}
     written |= {key: None for key, default in written.items() if default == "none"}
     assert list(written.items()) == list(expected.items())
@@ -679,7 +726,7 @@ def test_the_reference_names_every_key_and_its_default(heading, keys):
 def test_the_examples_of_the_reference_are_valid():
     example, messages = re.findall(r"```(?:yaml)?\n(.*?)```", README, re.DOTALL)
     names = [found.name for found in parse_tools(example).tools]
-    assert names == ["brow.L", "brow.R", "knee.L"]
+    assert names == ["brow.L", "brow.R", "knee.L", "elbow.L"]
     for line in messages.splitlines():
         key = line.rsplit("tools[0].", 1)[1]
         assert any(expected.endswith(key) for _, expected in BAD_TOOL_KEYS)

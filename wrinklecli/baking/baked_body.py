@@ -46,7 +46,7 @@ class BakedTool:
 
     Attributes:
         name: Of the tool.
-        anchors: Origin and target.
+        anchors: From origin to target, two or more.
         rest_length: Scene units.
         morph: The morph target that drives the rest length, and the length at weight 1.
         keys: By clip, (keys, 2) seconds and rest lengths.
@@ -59,7 +59,7 @@ class BakedTool:
     """
 
     name: str
-    anchors: tuple[BakedAnchor, BakedAnchor]
+    anchors: tuple[BakedAnchor, ...]
     rest_length: float
     morph: tuple[str, float] | None
     keys: dict[str, Floats]
@@ -72,8 +72,8 @@ class BakedTool:
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """The names of all joints of both anchors."""
-        return tuple(dict.fromkeys(self.anchors[0].joints + self.anchors[1].joints))
+        """The names of all joints of its anchors."""
+        return tuple(dict.fromkeys(joint for anchor in self.anchors for joint in anchor.joints))
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,9 +162,20 @@ def wrinkle_targets(node: Json) -> frozenset[str]:
         return frozenset()  # not what a bake writes: nothing is known of wrinkles
 
 
+def anchors_of(tool: Json) -> list[Json]:
+    """The anchors of a tool in extras, from origin to target.
+
+    Raises:
+        KeyError: They are not there.
+    """
+    return list(tool["anchors"]) if "anchors" in tool else [tool["origin"], tool["target"]]
+
+
 def _read_tool(data: Json) -> BakedTool:
     targets = tuple(str(name) for name in data["targets"])
-    anchors = (_read_anchor(data["origin"]), _read_anchor(data["target"]))
+    anchors = tuple(map(_read_anchor, anchors_of(data)))
+    if len(anchors) < 2:
+        raise ValueError
     morph = data.get("rest_length_morph")
     curve = _read_curve(data["curve"], len(targets)) if "curve" in data else None
     rows, table = np.zeros(0), np.zeros((0, len(targets)))

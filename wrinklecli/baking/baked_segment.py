@@ -5,6 +5,7 @@ Source: the extras of `extras.encode_extras`, which say how.
 
 from collections.abc import Callable
 from functools import partial
+from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
@@ -33,14 +34,15 @@ def segment_lengths(
         times: (frames,) seconds.
 
     Returns:
-        (frames,) distance of the anchors with animated scale taken out, and (frames,) rest length, scene units. Where
-        the anchors' scale is below 1e-6 the distance is infinite: the tool is inactive.
+        (frames,) summed distances of neighbouring anchors with animated scale taken out, and (frames,) rest length,
+        scene units. Where the anchors' scale is below 1e-6 the distance is infinite: the tool is inactive.
     """
     own = morph_weights(rig, clip, times)
     places, scales = zip(*(_posed_anchor(each, rig, joints, clip, times, own) for each in tool.anchors), strict=True)
-    scale = (scales[0] + scales[1]) / 2.0
+    scale = sum(scales, np.zeros(1)) / len(scales)
     hidden = scale < LEAST_SCALE
-    distances = np.linalg.norm(places[1] - places[0], axis=1) / np.where(hidden, 1.0, scale)
+    apart = sum((np.linalg.norm(b - a, axis=1) for a, b in pairwise(places)), np.zeros(1))
+    distances = apart / np.where(hidden, 1.0, scale)
     return np.where(hidden, np.inf, distances), _rest_lengths(tool, rig, clip, times, own)
 
 

@@ -28,12 +28,13 @@ def encode_extras(
 ) -> None:
     """Write the tools into the node's extras, enough to play wrinkles for a clip that was never baked.
 
-    An engine poses both anchors (the sum over joints of weight · matrix · position, where the matrix is the joint's
-    own, to world space: optimisers that quantise positions change bind space and inverse bind matrices, but not
-    the joints), takes the animated scale out (divides by the mean over anchors of the sum over joints of weight ·
-    cbrt(det matrix) / scale), and finds the targets' `weights` at 1 - distance / rest_length, straight between
-    the rows of `shortenings`, times the clip's factor in `strengths`, if it is there. Where the rest length changes,
-    `curve` takes the place of these rows: see `CurveTable`. Where there is a `lag`, the distance is that which a damped
+    An engine poses the anchors, `origin` and `target` or all `anchors` of a path (the sum over joints of weight ·
+    matrix · position, where the matrix is the joint's own, to world space: optimisers that quantise positions change
+    bind space and inverse bind matrices, but not the joints), adds the distances of neighbours up, takes the animated
+    scale out (divides by the mean over anchors of the sum over joints of weight · cbrt(det matrix) / scale), and finds
+    the targets' `weights` at 1 - distance / rest_length, straight between the rows of `shortenings`, times the clip's
+    factor in `strengths`, if it is there. Where the rest length changes, `curve` takes the place of these rows: see
+    `CurveTable`. Where there is a `lag`, the distance is that which a damped
     spring follows: with d = max(`taut` - distance / rest_length, 0), x'' = ω² (d - x) - 2 ζ ω x', ω = 2π `frequency`
     and ζ = `damping`, it is (`taut` - max(x, 0)) · rest_length. `vertices` counts those of
     each primitive before refinement; new ones follow them. `undriven` are targets of tools that anchors alone do not
@@ -52,8 +53,7 @@ def encode_extras(
         "tools": [
             {
                 "name": patch.tool.name,
-                "origin": _anchor_json(patch.origin, plan),
-                "target": _anchor_json(patch.target, plan),
+                **_anchors_json(patch, plan),
                 "rest_length": _digits(patch.rest_length),
                 **_driven_json(patch),
                 **_lag_json(patch),
@@ -137,6 +137,12 @@ def _curve_json(target_set: TargetSet) -> Json:
             **({"least": _digits(remix.least)} if remix is not None and remix.least else {}),
         }
     }
+
+
+def _anchors_json(patch: Patch, plan: MeshPlan) -> Json:
+    """The anchors of a tool; those of a path under a key that a player of two does not look for."""
+    anchors = [_anchor_json(anchor, plan) for anchor in patch.anchors]
+    return dict(zip(("origin", "target"), anchors, strict=True)) if len(anchors) == 2 else {"anchors": anchors}
 
 
 def _anchor_json(anchor: Anchor, plan: MeshPlan) -> Json:

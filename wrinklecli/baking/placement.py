@@ -59,9 +59,9 @@ def ground_under(plan: MeshPlan, patch: Patch) -> Ground:
     inside = np.clip(middle, 0.0, 1.0)
     run, rise = np.abs(np.diff(middle, axis=1))[:, 0], np.abs(np.diff(inside, axis=1))[:, 0]
     share = np.divide(rise, run, out=((middle[:, 0] >= 0) & (middle[:, 0] <= 1)).astype(np.float64), where=run > 0)
-    straight = patch.span * float(rise.sum())
+    straight = patch.path.length * float(rise.sum())
     wrinkling = members[moves[members].any(axis=1)]
-    depths = (positions - patch.origin.position) @ patch.normal
+    depths = patch.path.depths(positions)
     doubled = 0
     for line in _LINES:
         ends, heights = np.moveaxis(_cut(wrinkling, np.column_stack([u, depths]), v, float(line)), 2, 0)

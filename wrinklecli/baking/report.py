@@ -168,7 +168,7 @@ def _describe_tool(plan: MeshPlan, number: int, target_set: TargetSet) -> Json:
         "name": patch.tool.name,
         "node": plan.rig.names[plan.rig.node],
         "rest_length": patch.rest_length,
-        "anchor_distances": [patch.origin.distance, patch.target.distance],
+        "anchor_distances": [anchor.distance for anchor in patch.anchors],
         "moved_vertices": len(carried.vertices),
         "stuck_vertices": carried.stuck,
         "scheme": fine.schemes[number],

@@ -103,9 +103,9 @@ def placement_warnings(plan: MeshPlan, carried: CarriedPatch) -> list[str]:
     patch = carried.patch
     name = patch.tool.name
     warnings = [
-        f"{name}: its {key} is {anchor.distance:.3g} from the mesh, {100 * anchor.distance / patch.span:.0f} % of its"
-        " segment"
-        for key, anchor in (("origin", patch.origin), ("target", patch.target))
+        f"{name}: its {patch.tool.point_name(number)} is {anchor.distance:.3g} from the mesh,"
+        f" {100 * anchor.distance / patch.span:.0f} % of its segment"
+        for number, anchor in enumerate(patch.anchors)
         if anchor.distance > _FAR * patch.span
     ]
     width = 2.0 * patch.half_width
@@ -179,9 +179,10 @@ def _twin_warnings(plan: MeshPlan, clips: Sequence[Clip]) -> list[str]:
 
 
 def _twins(patches: Sequence[Patch]) -> list[tuple[int, int]]:
-    """Pairs of tools, rising, whose ends are at one place, whichever way round the two segments are."""
+    """Pairs of tools, rising, whose ends and middles are at one place, whichever way round the two paths are."""
     spans = np.array([patch.span for patch in patches])
     ends = np.array([[patch.origin.position, patch.target.position] for patch in patches])
+    halfway = np.array([patch.path.middle for patch in patches])
     # Middles of twins are no further apart than their ends; so few are compared, where tools lie side by side.
     middles = ends.mean(axis=1)
     along = middles[:, np.argmax(np.ptp(middles, axis=0))]
@@ -192,6 +193,7 @@ def _twins(patches: Sequence[Patch]) -> list[tuple[int, int]]:
     for number, one in enumerate(order.tolist()):
         others = order[number + 1 : last[number]]
         ways = [np.linalg.norm(ends[one] - ends[others][:, way], axis=2).mean(axis=1) for way in ([0, 1], [1, 0])]
-        near = others[np.minimum(*ways) < _TWIN * np.minimum(spans[one], spans[others])]
+        ways.append(np.linalg.norm(halfway[one] - halfway[others], axis=1))
+        near = others[np.maximum(np.minimum(*ways[:2]), ways[2]) < _TWIN * np.minimum(spans[one], spans[others])]
         found += [(min(one, other), max(one, other)) for other in near.tolist()]
     return sorted(found)

@@ -141,6 +141,7 @@ def _rows(tool: dict[str, Any]) -> list[str]:
         length += f", shortening counts from {tool['rest_length']:.4g}"
     rows = [
         f"origin   {_anchor(tool['origin'])}",
+        *(f"path[{k}]  {_anchor(each)}" for k, each in enumerate(tool.get("between", []), start=1)),
         f"target   {_anchor(tool['target'])}",
         f"length   {length}; width {tool['width']:.4g}",
         f"bumps    {tool['bumps']}, {tool['strategy']}, at most {tool['height_limit']:.3g} tall",

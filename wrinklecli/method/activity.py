@@ -6,6 +6,7 @@ gives the control curve of a frame. Differs: only the anchors are posed, those o
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from itertools import pairwise
 
 import numpy as np
 
@@ -25,7 +26,7 @@ _ANCHORS_AT_ONCE = 2**16
 
 def anchor_joints(patches: Sequence[Patch]) -> Ints:
     """(joints,) into the rig's, rising: those that move an anchor of any of the tools."""
-    return distinct_values(np.concatenate([end.joints for each in patches for end in (each.origin, each.target)]))
+    return distinct_values(np.concatenate([anchor.joints for each in patches for anchor in each.anchors]))
 
 
 def lengths_over_time(
@@ -42,17 +43,17 @@ def lengths_over_time(
         poses: At these times, where other tools need them too.
 
     Returns:
-        (frames,) distance of the anchors with animated scale taken out, and (frames,) rest length, scene
-        units. Where the anchors' scale is below 1e-6 the distance is infinite: the tool is inactive.
+        (frames,) summed distances of neighbouring anchors with animated scale taken out, and (frames,) rest length,
+        scene units. Where the anchors' scale is below 1e-6 the distance is infinite: the tool is inactive.
     """
     if poses is None:
         poses = anchor_poses(anchor_joints([patch]), rig, rest, clip, times)
-    origin, first = posed_anchor(patch.origin, poses, len(times))
-    target, second = posed_anchor(patch.target, poses, len(times))
-    scale = (first + second) / 2.0
+    places, scales = zip(*(posed_anchor(anchor, poses, len(times)) for anchor in patch.anchors), strict=True)
+    scale = sum(scales, np.zeros(1)) / len(scales)
     hidden = scale < LEAST_SCALE
-    apart = target - origin
-    distances = np.sqrt(np.einsum("xf,xf->f", apart, apart)) / np.where(hidden, 1.0, scale)
+    steps = [b - a for a, b in pairwise(places)]
+    apart = sum((np.sqrt(np.einsum("xf,xf->f", step, step)) for step in steps), np.zeros(1))
+    distances = apart / np.where(hidden, 1.0, scale)
     return np.where(hidden, np.inf, distances), rest_lengths_over_time(patch, rig, clip, times)
 
 

@@ -53,15 +53,14 @@ class Anchor:
 
 
 def anchor_at(
-    tool: WrinkleTool, key: str, point: Floats, segment: float, *, surface: Surface, rest: Rest, rig: Rig, up: str
+    tool: WrinkleTool, number: int, asked: Floats, *, surface: Surface, rest: Rest, rig: Rig, up: str
 ) -> Anchor:
     """The point of the surface that is nearest to one asked for.
 
     Args:
         tool: Whose anchor it is.
-        key: Which: `origin` or `target`.
-        point: (3,) asked for, world space at rest.
-        segment: Distance of the two points asked for, scene units.
+        number: Which of its points.
+        asked: (points, 3) all of them as asked for, world space at rest.
         surface: The coarse mesh.
         rest: Its rest pose.
         rig: Its joints.
@@ -70,7 +69,7 @@ def anchor_at(
     Raises:
         BakeError: The surface is too far from the point, or singular there.
     """
-    where = tool.place(key)
+    point, segment = asked[number], segment_at(asked, number)
     triangle, barycentrics, place = rest.blocks.closest_point(point)
     if tool.snap == "vertex":
         used = distinct_values(surface.triangles)
@@ -81,15 +80,15 @@ def anchor_at(
         barycentrics = barycentrics[barycentrics > 0]
     distance = float(np.linalg.norm(place - point))
     if is_far(distance, segment):
-        hint = "" if isinstance(getattr(tool, key), Marker) else _other_axis(point, segment, rest, up)
+        hint = "" if isinstance(tool.points[number], Marker) else _other_axis(point, segment, rest, up)
         at = ", ".join(f"{x:.4g}" for x in in_axes(place.tolist(), up))
         raise BakeError(
             f"is {distance:.4g} from the mesh, more than a quarter of its segment of {segment:.4g};"
             f" the nearest point is [{at}]{hint}",
-            where=where,
+            where=tool.place_of(number),
         )
     if singular(rest.blended[vertices]).any():
-        raise BakeError("the joints here are singular at rest", where=where)
+        raise BakeError("the joints here are singular at rest", where=tool.place_of(number))
     around = rest.around.faces_of(vertices)
     on_all = np.isin(surface.triangles[around], vertices).sum(axis=1) >= len(distinct_values(vertices))
     joints, points = _joint_points(vertices, barycentrics, surface)
@@ -104,6 +103,12 @@ def anchor_at(
         normal=unit(barycentrics @ rest.normals_at(vertices)),
         distance=distance,
     )
+
+
+def segment_at(asked: Floats, number: int) -> float:
+    """Distance of one of (points, 3) to its nearer neighbour, scene units."""
+    neighbours = asked[[each for each in (number - 1, number + 1) if 0 <= each < len(asked)]]
+    return min(float(np.linalg.norm(each - asked[number])) for each in neighbours)
 
 
 def is_far(distance: float, segment: float) -> bool:

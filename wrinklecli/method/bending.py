@@ -61,25 +61,26 @@ def own_motions(patch: Patch, rig: Rig) -> Iterator[Clip]:
         axis = np.stack(cross(patch.along, patch.normal))
         yield from (_turning(rig, node, sign * axis) for sign in (1.0, -1.0))
     for number, name in enumerate(rig.morph_names):
-        moves = any(anchor.points[1 + number].any() for anchor in (patch.origin, patch.target))
+        moves = any(anchor.points[1 + number].any() for anchor in patch.anchors)
         if moves if morphed is None else name == morphed:
             yield motion_clip("", [raising(rig, {number: 1.0})])
 
 
 def _bent_node(patch: Patch, rig: Rig) -> int | None:
     """The joint between a tool's ends: of those that carry the one more than the other, that nearest to its middle."""
-    origin, target = _carried_by(patch.origin, rig), _carried_by(patch.target, rig)
-    differences = {
-        node: abs(origin.get(node, 0.0) - target.get(node, 0.0))
-        for node in sorted(origin.keys() | target.keys())
+    carried = [_carried_by(anchor, rig) for anchor in patch.anchors]
+    shares = {
+        node: [each.get(node, 0.0) for each in carried]
+        for node in sorted({node for each in carried for node in each})
         if "rotation" in rig.locals[node]
     }
+    differences = {node: max(each) - min(each) for node, each in shares.items()}
     most = max(differences.values(), default=0.0)
     if most < _LEAST_CARRIED:
         return None
     likely = [node for node, difference in differences.items() if difference > most - _LEAST_CARRIED]
     places = node_matrices(rig, None, np.zeros(1), likely)[0, :, :3, 3]
-    middle = (patch.origin.position + patch.target.position) / 2.0
+    middle = sum((anchor.position for anchor in patch.anchors), np.zeros(3)) / len(patch.anchors)
     return likely[int(np.argmin(np.linalg.norm(places - middle, axis=1)))]
 
 

@@ -10,7 +10,7 @@ Computer 2(4), 1986: 1 - 22/9 v² + 17/9 v⁴ - 4/9 v⁶.
 """
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from itertools import pairwise
 
 import numpy as np
 
@@ -20,18 +20,19 @@ from wrinklecli.character.surface import Surface
 from wrinklecli.errors import BakeError, WrinkleError, listed, nearest
 from wrinklecli.method.anchor import Anchor, anchor_at
 from wrinklecli.method.curve import ControlCurve, count_intervals, plan_curve
-from wrinklecli.method.rest import Rest, end_position
-from wrinklecli.numeric.arrays import Floats, Ints, face_normals, unit
+from wrinklecli.method.path import Path, path_through
+from wrinklecli.method.rest import Rest, asked_positions
+from wrinklecli.numeric.arrays import Floats, Ints, face_normals
 from wrinklecli.numeric.nearest import meets_box
 from wrinklecli.tools.materials import bump_height
 from wrinklecli.tools.records import RestLengthKeys, RestLengthMorph, WrinkleTool
 
 # Anchors nearer than this share of the mesh's size are one point.
 _LEAST_SPAN = 1e-9
-# Length of the sum of the anchors' normals, across the segment, below which they face opposite ways.
-_LEAST_MEAN = 1e-3
 # Cosines of vertex and patch normal between which displacement fades in.
 _FACING = (0.2, 0.6)
+# Stretches of a path's map between which displacement fades in: at 0, on the inside of a bend, wrinkles would meet.
+_UNFOLDED = (0.1, 0.4)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,24 +42,40 @@ class Patch:
     Attributes:
         tool: Its definition.
         curve: Its control curve.
-        origin: Anchor at u = 0.
-        target: Anchor at u = 1.
-        span: Distance of the anchors at rest, scene units.
-        half_width: |v| = 1 at this distance from the segment, scene units.
-        along: (3,) unit vector from origin to target, world space at rest.
-        normal: (3,) unit normal of the patch.
+        anchors: From that at u = 0 to that at u = 1: two, or more where it follows a path.
+        path: The line through them at rest.
+        span: The summed distances of neighbouring anchors at rest, scene units.
+        half_width: |v| = 1 at this distance from the path, scene units.
         members: (members,) the coarse triangles that belong to it, rising.
     """
 
     tool: WrinkleTool
     curve: ControlCurve
-    origin: Anchor
-    target: Anchor
+    anchors: tuple[Anchor, ...]
+    path: Path
     span: float
     half_width: float
-    along: Floats
-    normal: Floats
     members: Ints
+
+    @property
+    def origin(self) -> Anchor:
+        """Anchor at u = 0."""
+        return self.anchors[0]
+
+    @property
+    def target(self) -> Anchor:
+        """Anchor at u = 1."""
+        return self.anchors[-1]
+
+    @property
+    def along(self) -> Floats:
+        """(3,) unit vector from origin to target, or along a path in its middle, world space at rest."""
+        return self.path.along
+
+    @property
+    def normal(self) -> Floats:
+        """(3,) unit normal of the patch, or of a path in its middle."""
+        return self.path.normal
 
     @property
     def rest_length(self) -> float:
@@ -66,19 +83,25 @@ class Patch:
         return self.curve.rest_length
 
     def coordinates(self, positions: Floats) -> tuple[Floats, Floats]:
-        """(…,) u along the segment and v across it, of (…, 3) world positions at rest."""
-        relative = positions - self.origin.position
-        along, across = self.along, np.cross(self.along, self.normal)
-        return relative @ along / self.span, relative @ across / self.half_width
+        """(…,) u along the path and v across it, of (…, 3) world positions at rest.
 
-    @property
-    def axes(self) -> Floats:
-        """(2, 3) what u and v are measured along, from the origin: unit vectors over the lengths that they count."""
-        return np.stack([self.along / self.span, np.cross(self.along, self.normal) / self.half_width])
+        On the inside of a bend v rises faster than the distance: the patch ends before its map would fold.
+        """
+        found = self.path.locate(positions)
+        v = found.across / self.half_width
+        if found.stretches is None:
+            return found.u, v
+        low, high = _UNFOLDED
+        t = np.clip((found.stretches - low) / (high - low), 0.0, 1.0)
+        return found.u, np.copysign(1.0 - (1.0 - np.abs(v)) * t * t * (3.0 - 2.0 * t), v)
+
+    def cosines(self, u: Floats, normals: Floats) -> Floats:
+        """(…,) of (…, 3) unit normals of the surface, at (…,) places along it, and the patch's there."""
+        return self.path.cosines(u, normals)
 
     def magnitudes(self, u: Floats, v: Floats, normals: Floats) -> Floats:
         """(…,) factor on the curve's height: strength, attenuation, facing; 0 outside the patch."""
-        return self.factors(u, v, normals @ self.normal)
+        return self.factors(u, v, self.cosines(u, normals))
 
     def factors(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
         """(…,) as `magnitudes`, from the cosines of (…,) vertex normals and the patch's."""
@@ -156,31 +179,24 @@ def _attach(tool: WrinkleTool, surface: Surface, rest: Rest, rig: Rig, up: str) 
             f"; it has {listed(rig.morph_names)}",
             where=tool.place("rest_length", "morph"),
         )
-    ends: tuple[Literal["origin", "target"], ...] = ("origin", "target")
-    points = [end_position(rig, rest.clip, rest.time, tool, key) for key in ends]
-    segment = float(np.linalg.norm(points[1] - points[0]))
-    origin, target = (
-        anchor_at(tool, key, point, segment, surface=surface, rest=rest, rig=rig, up=up)
-        for key, point in zip(ends, points, strict=True)
+    asked = asked_positions(rig, rest.clip, rest.time, tool)
+    anchors = tuple(
+        anchor_at(tool, number, asked, surface=surface, rest=rest, rig=rig, up=up) for number in range(len(asked))
     )
-    difference = target.position - origin.position
-    span = float(np.linalg.norm(difference))
-    if span <= _LEAST_SPAN * surface.size or not segment:
-        raise BakeError("origin and target are one point of the mesh", where=tool.where)
-    along = difference / span
-    mean = origin.normal + target.normal
-    mean = mean - (mean @ along) * along
-    if np.linalg.norm(mean) < _LEAST_MEAN:
-        raise BakeError("the surface faces opposite ways at origin and target", where=tool.where)
+    names = [tool.point_name(number) for number in range(len(anchors))]
+    spans = [float(np.linalg.norm(b.position - a.position)) for a, b in pairwise(anchors)]
+    for number, span in enumerate(spans):
+        if span <= _LEAST_SPAN * surface.size or (asked[number] == asked[number + 1]).all():
+            raise BakeError(f"{names[number]} and {names[number + 1]} are one point of the mesh", where=tool.where)
+    path = path_through([each.position for each in anchors], [each.normal for each in anchors], names, where=tool.where)
+    span = sum(spans)
     patch = Patch(
         tool=tool,
         curve=_curve(tool, span),
-        origin=origin,
-        target=target,
+        anchors=anchors,
+        path=path,
         span=span,
         half_width=tool.width.resolve(span) / 2.0,
-        along=along,
-        normal=unit(mean),
         members=np.zeros(0, np.intp),
     )
     return replace(patch, members=_members(patch, surface, rest))
@@ -227,19 +243,20 @@ def _max_height(tool: WrinkleTool, span: float, rest_length: float) -> float:
 
 def _members(patch: Patch, surface: Surface, rest: Rest) -> Ints:
     """(members,) the coarse triangles, rising, that face a patch, meet it and hang together with an anchor."""
-    low, high = np.array([0.0, -1.0]), np.array([1.0, 1.0])
-    near = rest.blocks.boxes.reaching(patch.origin.position, patch.axes, low, high)
+    near = rest.blocks.boxes.reaching(*patch.path.box(patch.half_width))
     used, corners = np.unique(surface.triangles[near], return_inverse=True)
     places = np.stack(patch.coordinates(rest.positions[used]), axis=1)
-    near = near[meets_box(places, low, high, corners.reshape(-1, 3))]
+    meeting = meets_box(places, np.array([0.0, -1.0]), np.array([1.0, 1.0]), corners.reshape(-1, 3))
+    u = places[corners.reshape(-1, 3)[meeting], 0].mean(axis=1)
+    near = near[meeting]
     triangles = surface.triangles[near]
     vertices, corners = np.unique(triangles, return_inverse=True)
     # Winding may be mirrored at rest; vertex normals are not.
     faces = face_normals(rest.positions, triangles)
     normals = rest.normals_at(vertices)[corners.reshape(-1, 3)]
     outward = np.sign(np.sum(faces * normals.sum(axis=1), axis=1))
-    chosen = near[outward * (faces @ patch.normal) > 0]
-    inside = np.isin(chosen, np.concatenate([patch.origin.triangles, patch.target.triangles]))
+    chosen = near[outward * patch.cosines(u, faces) > 0]
+    inside = np.isin(chosen, np.concatenate([anchor.triangles for anchor in patch.anchors]))
     if not inside.any():
         raise BakeError("no triangle at its ends faces the patch", where=patch.tool.where)
     sides = np.sort(surface.triangles[chosen][:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)

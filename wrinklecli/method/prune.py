@@ -9,6 +9,7 @@ has to be pruned.
 """
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -94,12 +95,12 @@ def _chain(rig: Rig, node: int) -> list[int]:
 
 
 def _bending_nodes(rig: Rig, patches: Sequence[Patch]) -> frozenset[int]:
-    """The nodes that move one anchor of a tool and not the other: below where their main joints part."""
+    """The nodes that move one anchor of a tool and not the next: below where their main joints part."""
     nodes: set[int] = set()
-    for patch in patches:
+    for before, after in (pair for patch in patches for pair in pairwise(patch.anchors)):
         difference = np.zeros(len(rig.joints))
-        difference[patch.target.joints] += patch.target.weights
-        difference[patch.origin.joints] -= patch.origin.weights
+        difference[after.joints] += after.weights
+        difference[before.joints] -= before.weights
         if np.ptp(difference) < _SAME_SHARES:
             continue  # both anchors hang on the same joints: nothing bends between them
         ends = (int(rig.joints[np.argmax(difference)]), int(rig.joints[np.argmin(difference)]))

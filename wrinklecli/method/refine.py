@@ -337,7 +337,7 @@ def _showing_edges(level: Level, patches: Sequence[Patch], rest: Rest, normals: 
             continue
         vertices, ends = np.unique(level.edges[edges], return_inverse=True)
         u, v = patch.coordinates(_rest_positions(level, vertices, rest))
-        cosines = unit(_rows(level.linear, vertices, normals)) @ patch.normal
+        cosines = patch.cosines(u, unit(_rows(level.linear, vertices, normals)))
         u, v, cosines = (each[ends.reshape(-1, 2)] for each in (u, v, cosines))
         within = (u.max(axis=1) > 0) & (u.min(axis=1) < 1)
         nearest = np.where(v[:, 0] * v[:, 1] > 0, np.abs(v).min(axis=1), 0.0)

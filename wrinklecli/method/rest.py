@@ -6,7 +6,6 @@ may also be the stored pose of the nodes, or a moment of a clip.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 
@@ -98,7 +97,7 @@ def rest_pose(
 
 def _bind_matrices(surface: Surface, rig: Rig, stored: Floats, bind: Floats, tool: WrinkleTool) -> Floats:
     """(joints, 4, 4) the stored matrix of the main joint of a tool's origin, for every joint."""
-    place = end_position(rig, None, np.zeros(1), tool, "origin")
+    place = _asked_position(rig, None, np.zeros(1), tool, 0)
     main = 0
     # The nearest vertex says which joint it is, but where vertices lie depends on the joint: a second round settles it.
     for _ in range(2):
@@ -108,23 +107,25 @@ def _bind_matrices(surface: Surface, rig: Rig, stored: Floats, bind: Floats, too
     return np.tile(stored[main], (len(stored), 1, 1))
 
 
-def end_position(
-    rig: Rig, clip: Clip | None, time: Floats, tool: WrinkleTool, key: Literal["origin", "target"]
-) -> Floats:
-    """(3,) where an end of a tool is asked for, at (1,) seconds of a clip if a marker says where, world space.
+def asked_positions(rig: Rig, clip: Clip | None, time: Floats, tool: WrinkleTool) -> Floats:
+    """(points, 3) where a tool's points are asked for, at (1,) seconds of a clip if markers say where, world space.
 
     Raises:
-        BakeError: The marker names no node, or several.
+        BakeError: A marker names no node, or several.
     """
-    end = tool.origin if key == "origin" else tool.target
-    if not isinstance(end, Marker):
-        return np.array(end)
-    found = [index for index, name in enumerate(rig.names) if name == end.marker]
+    return np.stack([_asked_position(rig, clip, time, tool, number) for number in range(len(tool.points))])
+
+
+def _asked_position(rig: Rig, clip: Clip | None, time: Floats, tool: WrinkleTool, number: int) -> Floats:
+    point = tool.points[number]
+    if not isinstance(point, Marker):
+        return np.array(point)
+    found = [index for index, name in enumerate(rig.names) if name == point.marker]
     if len(found) != 1:
-        fault = f"no node is named {end.marker!r}{nearest(end.marker, rig.names)}; there are {listed(rig.names)}"
+        fault = f"no node is named {point.marker!r}{nearest(point.marker, rig.names)}; there are {listed(rig.names)}"
         if found:
-            fault = f"{len(found)} nodes are named {end.marker!r}"
-        raise BakeError(fault, where=tool.place(key, "marker"))
+            fault = f"{len(found)} nodes are named {point.marker!r}"
+        raise BakeError(fault, where=tool.place_of(number, "marker"))
     place: Floats = node_matrices(rig, clip, time, found)[0, 0, :3, 3]
     return place
 

@@ -157,7 +157,8 @@ def rounded(
         vertices = distinct_values(subdivision.triangles[children(subdivision.parents, patch.members)])
         vertices = vertices[vertices >= old]
         on_patches.append(vertices - old)
-        share = patch.presence(*patch.coordinates(rest_places[vertices]), rest_normals[vertices] @ patch.normal)
+        u, v = patch.coordinates(rest_places[vertices])
+        share = patch.presence(u, v, patch.cosines(u, rest_normals[vertices]))
         # Grows like the height at first, and towards its bound in the end.
         excess = heights_rest[vertices - old] / (_MOST * patch.curve.greatest_height)
         share = np.rint(share / (1.0 + excess**4) ** 0.25 / _STEP) * _STEP

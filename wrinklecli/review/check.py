@@ -146,7 +146,7 @@ def _clips_to_see(plan: MeshPlan, job: Job) -> list[Clip]:
     """The clips to look at on a mesh: those chosen, without motions of the range that move no end of a tool there."""
     moving: set[int] = set()
     for carried in plan.carried_patches:
-        joints = (*carried.patch.origin.joints, *carried.patch.target.joints)
+        joints = [joint for anchor in carried.patch.anchors for joint in anchor.joints]
         moving |= moving_nodes(plan.rig, joints)
     made = set(job.range)
     return [
@@ -201,6 +201,11 @@ def describe_tool(plan: MeshPlan, number: int, up: str) -> Json:
         "node": plan.rig.names[plan.rig.node],
         "where": patch.tool.where,
         "origin": _describe_anchor(plan, patch.origin, up),
+        **(
+            {"between": [_describe_anchor(plan, each, up) for each in patch.anchors[1:-1]]}
+            if patch.tool.between
+            else {}
+        ),
         "target": _describe_anchor(plan, patch.target, up),
         "distance": _round(patch.span),
         "rest_length": _round(patch.rest_length),

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from wrinklecli.baking.baked_body import anchors_of
 from wrinklecli.baking.original import original, wrinkled
 from wrinklecli.character.pose import stored_positions
 from wrinklecli.character.rig import Hierarchy, morph_target_names, read_hierarchy
@@ -220,8 +221,9 @@ def _wrinkles(document: Document) -> Iterator[Json]:
                 "tools": [
                     {
                         "name": str(tool["name"]),
-                        "origin_joints": [str(joint) for joint in tool["origin"]["joints"]],
-                        "target_joints": [str(joint) for joint in tool["target"]["joints"]],
+                        "origin_joints": _joints(anchors_of(tool)[0]),
+                        **({"between_joints": list(map(_joints, tool["anchors"][1:-1]))} if "anchors" in tool else {}),
+                        "target_joints": _joints(anchors_of(tool)[-1]),
                         "rest_length": _number(tool["rest_length"]),
                         "targets": [str(name) for name in tool["targets"]],
                     }
@@ -229,9 +231,14 @@ def _wrinkles(document: Document) -> Iterator[Json]:
                 ],
                 "undriven": [str(name) for name in entry.get("undriven", [])],
             }
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
+        except (LookupError, TypeError, ValueError, AttributeError) as error:
             where = document.where("nodes", index, "extras", "wrinkle")
             raise AssetError("is not what `wrinkle bake` writes", where=where) from error
+
+
+def _joints(anchor: Json) -> list[str]:
+    """The names of the joints that carry an anchor."""
+    return [str(joint) for joint in anchor["joints"]]
 
 
 def _is_replaceable(document: Document) -> bool | None:

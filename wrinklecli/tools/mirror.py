@@ -43,6 +43,8 @@ def mirrored(values: Mapping[str, Any], axis: str) -> dict[str, Any]:
     for key in ("origin", "target"):
         if key in values:
             other[key] = _mirror_anchor(values[key], axis)
+    if "path" in values:
+        other["path"] = tuple(_mirror_anchor(point, axis) for point in values["path"])
     if isinstance(values.get("node"), str):
         other["node"] = exchange_sides(values["node"])
     if isinstance(driver := values.get("rest_length"), RestLengthMorph):

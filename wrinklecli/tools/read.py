@@ -163,6 +163,7 @@ _READ: Mapping[str, Callable[[Any], Any]] = {
     "edges_per_interval": int,
     "origin": _anchor,
     "target": _anchor,
+    "path": lambda value: tuple(map(_anchor, value)),
     "width": parse_length,
     "material": lambda value: None if value == "none" else value,
     "bumps": int,
@@ -261,6 +262,10 @@ def _problems_of(tool: _Tool, owners: Mapping[str, str]) -> Iterator[Problem]:
         yield Problem(parts["name"].line, f"{tool.path}.name", message)
     if "origin" in values and values["origin"] == values.get("target"):
         yield Problem(parts["target"].line, f"{tool.path}.target", "same as origin, expected another point")
+    for number, (before, point) in enumerate(pairwise(values.get("path", ())), start=1):
+        if point == before:
+            line = parts["path"].children[number].line
+            yield Problem(line, f"{tool.path}.path[{number}]", "same as the point before it, expected another")
 
 
 def _problems_of_mirrored(tool: _Tool, other: Mapping[str, Any], owners: Mapping[str, str]) -> Iterator[Problem]:
@@ -270,21 +275,23 @@ def _problems_of_mirrored(tool: _Tool, other: Mapping[str, Any], owners: Mapping
         message = f"found {name.shown}, expected a side to exchange for mirror, such as brow.L or left_brow"
     elif (taken := identifier(other["name"])) in owners:
         message = f"found {name.shown}, but its mirrored tool would have the name of {owners[taken]}"
-    elif None not in _ends(tool.values) and _ends(tool.values) == _ends(other):
+    elif None not in _points(tool.values) and _points(tool.values) == _points(other):
         message = f"found {name.shown}, but its mirrored tool would lie on itself: remove mirror"
     else:
         return
     yield Problem(name.line, f"{tool.path}.name", message)
 
 
-def _ends(values: Mapping[str, Any]) -> set[Position | Marker | None]:
-    return {values.get("origin"), values.get("target")}
+def _points(values: Mapping[str, Any]) -> set[Position | Marker | None]:
+    return {*values["path"]} if "path" in values else {values.get("origin"), values.get("target")}
 
 
 def _record(tool: _Tool, up: str, inherited: Mapping[Keys, str], shown_name: str) -> WrinkleTool:
     """The record of a tool with which nothing is wrong, and the places of what it says and inherits."""
-    values = {key: value for key, value in tool.values.items() if key != "mirror"}
-    values |= {key: _y_up(values[key], up) for key in ("origin", "target")}
+    values = {key: value for key, value in tool.values.items() if key not in ("mirror", "path")}
+    points = tool.values.get("path") or (values["origin"], values["target"])
+    origin, *between, target = (_y_up(point, up) for point in points)
+    values |= {"origin": origin, "between": tuple(between), "target": target}
     places = {keys: place for keys, place in inherited.items() if keys[0] not in tool.node.children}
     places |= _places(tool.node, tool.path, shown_name)
     return WrinkleTool(**with_material(values), where=f"{shown_name}:{tool.node.line}: {tool.path}", places=places)
@@ -293,7 +300,7 @@ def _record(tool: _Tool, up: str, inherited: Mapping[Keys, str], shown_name: str
 def _places(node: Node, path: str, shown_name: str) -> dict[Keys, str]:
     """Where the values of a mapping and of those below it stand, for messages, by their keys."""
     places: dict[Keys, str] = {}
-    for key, child in node.children.items() if isinstance(node.value, dict) else ():
+    for key, child in node.children.items() if isinstance(node.value, dict | list) else ():
         places[(str(key),)] = f"{shown_name}:{child.line}: {path_to(path, key)}"
         places |= {(str(key), *below): place for below, place in _places(child, path_to(path, key), shown_name).items()}
     return places

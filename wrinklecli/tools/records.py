@@ -155,6 +155,7 @@ class WrinkleTool:
         node: Node of the mesh, None where the file leaves it out.
         origin: World space at rest, Y-up, scene units; or a marker.
         target: As origin.
+        between: Points of its path between these two; none for a straight tool.
         snap: What anchors go to.
         width: Full width across the segment.
         material: What gave it the values that the file does not say; None for none.
@@ -182,6 +183,7 @@ class WrinkleTool:
     node: str | None = None
     origin: Position | Marker
     target: Position | Marker
+    between: tuple[Position | Marker, ...] = ()
     snap: Literal["surface", "vertex"] = "surface"
     width: Length
     material: Literal["skin", "cloth", "leather"] | None = None
@@ -207,6 +209,20 @@ class WrinkleTool:
     def place(self, *keys: str) -> str:
         """The place of what the file says of it, for later errors, such as `tools.yaml:14: tools[0].node`."""
         return self.places.get(keys, self.where)
+
+    @property
+    def points(self) -> tuple[Position | Marker, ...]:
+        """From origin to target."""
+        return (self.origin, *self.between, self.target)
+
+    def point_name(self, number: int) -> str:
+        """What messages call one of the points."""
+        return f"path[{number}]" if self.between else ("origin", "target")[number]
+
+    def place_of(self, number: int, *keys: str) -> str:
+        """The place of one of the points in the file, whichever way it is given there."""
+        given = ("path", str(number)) if ("path",) in self.places else (("origin", "target")[number],)
+        return self.place(*given, *keys)
 
     @property
     def identifier(self) -> str:

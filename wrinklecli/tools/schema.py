@@ -12,7 +12,8 @@ Schema: TypeAlias = dict[str, Any]
 
 MAX_TOOLS = 1_000
 MAX_DETAILS = 4  # levels; a fifth is a 32nd of a bump, finer than any mesh here
-OWN_KEYS = ("name", "origin", "target")  # of each tool; no defaults
+MAX_POINTS = 64  # of a path
+OWN_KEYS = ("name", "origin", "target", "path")  # of each tool; no defaults
 
 
 def _expects(accepted: str, **keywords: Any) -> Schema:
@@ -182,6 +183,10 @@ TOOL_KEYS = {
     ),
     "origin": _key(_ANCHOR, "Where the wrinkles begin: world space at rest in scene units, or {marker: NODE}."),
     "target": _key(_ANCHOR, "Where they end; they run across the line from origin to target."),
+    "path": _key(
+        _list(_ANCHOR, 2, MAX_POINTS, f"a list of 2 to {MAX_POINTS} points, each [x, y, z] or {{marker: NODE}}"),
+        "Points of a curve on the surface that wrinkles run across, in place of origin and target.",
+    ),
     "snap": _key(
         _one_of("surface", "vertex"),
         "Anchors go to the nearest point of the surface, or vertex. Default surface.",
@@ -263,6 +268,14 @@ TOOL_KEYS = {
     "enabled": _key(_FLAG, "false: checked but not baked. Default true.", default=True),
     "optional": _key(_FLAG, "true: an absent node or clip is a note, not an error. Default false.", default=False),
 }
+_TOOL: Schema = {
+    **_mapping(TOOL_KEYS, required=("name",)),
+    "if": {"required": ["path"]},
+    "then": {
+        "properties": dict.fromkeys(("origin", "target"), _expects("path alone, or origin and target", **{"not": {}}))
+    },
+    "else": {"required": ["origin", "target"]},
+}
 _DEFAULTS = _mapping({name: values for name, values in TOOL_KEYS.items() if name not in OWN_KEYS})
 
 TOOLS_SCHEMA: Schema = {
@@ -290,7 +303,7 @@ TOOLS_SCHEMA: Schema = {
             ),
             "tools": _key(
                 _list(
-                    _mapping(TOOL_KEYS, required=OWN_KEYS),
+                    _TOOL,
                     1,
                     MAX_TOOLS,
                     f"a list of 1 to {MAX_TOOLS:,} tools, each begun by a dash",

@@ -1,8 +1,7 @@
-"""Tools that do not fit their asset: where their ends were asked for, and how far the mesh is from there."""
+"""Tools that do not fit their asset: where their points were asked for, and how far the mesh is from there."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -11,8 +10,8 @@ from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.surface import Surface, read_surface
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import Document
-from wrinklecli.method.anchor import is_far
-from wrinklecli.method.rest import Rest, end_position, rest_pose
+from wrinklecli.method.anchor import is_far, segment_at
+from wrinklecli.method.rest import Rest, asked_positions, rest_pose
 from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.review.preview.apply import PlannedTools, Refused
 from wrinklecli.review.preview.moments import Moment
@@ -22,14 +21,13 @@ from wrinklecli.tools.records import ToolsFile, WrinkleTool
 
 # Times the asset's size: an end further off lies outside the picture.
 _FARTHEST = 1.0
-_ENDS: tuple[Literal["origin", "target"], ...] = ("origin", "target")
 _PAST = 60  # degrees
 RED = (0.89, 0.0, 0.0)  # sRGB
 
 
 @dataclass(frozen=True, slots=True)
 class LostEnd:
-    """An end of a tool, and the place of a mesh that is nearest to it at rest.
+    """A point of a tool's path, such as an end, and the place of a mesh that is nearest to it at rest.
 
     Attributes:
         offset: (3,) from the place to the end, world space at rest.
@@ -61,7 +59,7 @@ class Misfit:
 
     Attributes:
         refused: The tool, with what a bake would say of it.
-        ends: Those of its two ends whose place is known.
+        ends: All points of its path; none where a place is not known.
     """
 
     refused: Refused
@@ -108,7 +106,7 @@ class _Meshes:
         self._clips = read_clips(document) if settings.tools else ()
 
     def ends_of(self, tool: WrinkleTool) -> tuple[LostEnd, ...]:
-        """Both ends of a tool; none where a marker is no node, or the meshes cannot be posed."""
+        """All points of a tool's path; none where a marker is no node, or the meshes cannot be posed."""
         ends: list[LostEnd] = []
         nodes = [index for index, node in enumerate(self._document.items("nodes")) if "mesh" in node]
         named = [index for index in nodes if self._document.items("nodes")[index].get("name") == tool.node]
@@ -117,11 +115,10 @@ class _Meshes:
             if not rested:
                 return ()
             _, rig, _, rest = rested[0]
-            points = [end_position(rig, rest.clip, rest.time, tool, end) for end in _ENDS]
+            points = asked_positions(rig, rest.clip, rest.time, tool)
         except WrinkleError:
             return ()
-        segment = float(np.linalg.norm(points[1] - points[0]))
-        for point in points:
+        for number, point in enumerate(points):
             around = [(rest.blocks.closest_point(point), node, surface, rest) for node, _, surface, rest in rested]
             (triangle, shares, place), node, surface, rest = min(
                 around, key=lambda each: float(np.linalg.norm(each[0][2] - point))
@@ -135,7 +132,7 @@ class _Meshes:
                     vertices=surface.corners[triangle] - surface.vertex_starts[primitive],
                     shares=shares,
                     normal=shares @ rest.normals_at(surface.triangles[triangle]),
-                    far=is_far(float(np.linalg.norm(point - place)), segment),
+                    far=is_far(float(np.linalg.norm(point - place)), segment_at(points, number)),
                 )
             )
         return tuple(ends)
@@ -155,13 +152,16 @@ def misfit_overlay(misfits: Sequence[Misfit], asset: ShownAsset, moment: Moment)
     words: list[Word] = []
     for misfit in misfits:
         places = misfit.places(asset, moment)
-        if len(places) == 2:
+        if len(places):
             strokes.append(Stroke(places[:, 1], RED, width=1.6, behind=0.5, dash=6.0))
-        for key, end, (place, point) in zip(_ENDS, misfit.ends, places, strict=False):
+        tool = misfit.refused.tool
+        for number, (end, (place, point)) in enumerate(zip(misfit.ends, places, strict=False)):
             if end.far:
                 strokes.append(Stroke(np.array([place, point]), RED, width=1.2, behind=0.5))
                 dots += [Dot(point, RED, 5.0, "cross"), Dot(place, RED, 2.0)]
-                words.append(Word(point, f"{misfit.name} {key}: {end.distance:.3g} off", RED, always=True))
+                words.append(
+                    Word(point, f"{misfit.name} {tool.point_name(number)}: {end.distance:.3g} off", RED, always=True)
+                )
             else:
                 dots.append(Dot(point, RED, 3.5))
         if len(places) and not any(end.far for end in misfit.ends):

@@ -248,9 +248,9 @@ def _marks(source: ScenePrimitive, plans: Sequence[MeshPlan], refined: bool) -> 
             around = plan.rest.around.faces_of(distinct_values(fine.surface.triangles[patch.members]))
             triangles = children(parents, around)
             inside = among(parents[triangles], patch.members)
-            shown = inside | (outwards[triangles] @ patch.normal > 0)
-            triangles, inside = triangles[shown], inside[shown]
             u, v = patch.coordinates(fine.rest_positions[welded[triangles]])
+            shown = inside | (patch.cosines(u.mean(axis=1), outwards[triangles]) > 0)
+            triangles, inside, u, v = triangles[shown], inside[shown], u[shown], v[shown]
             yield Mark(
                 name=patch.tool.name,
                 triangles=triangles,

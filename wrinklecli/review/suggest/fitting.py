@@ -130,14 +130,14 @@ def _ranked(
 def _covers(patch: Patch, place: Floats, normal: Floats) -> bool:
     """Whether a place that looks along a normal lies well on a patch."""
     u, v = patch.coordinates(place)
-    height = abs(float((place - patch.origin.position) @ patch.normal))
+    height = abs(float(patch.path.depths(place)))
     on = 0.0 <= u <= 1.0 and abs(v) <= 0.8 and height < 0.5 * max(patch.span, patch.half_width)
-    return bool(on and patch.normal @ normal > 0)
+    return bool(on and patch.cosines(u, normal) > 0)
 
 
 def _overlap(first: Patch, second: Patch) -> bool:
     """Whether the middle of one patch lies on the other."""
-    middles = [(each.origin.position + each.target.position) / 2.0 for each in (first, second)]
+    middles = [each.path.middle for each in (first, second)]
     return _covers(second, middles[0], first.normal) or _covers(first, middles[1], second.normal)
 
 

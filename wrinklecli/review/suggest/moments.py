@@ -51,7 +51,7 @@ def deepest_moments(mesh: MeasuredMesh, patch: Patch, further: Sequence[Clip] = 
         further: Clips to look at beside those of the mesh, each from one key to another.
     """
     found = {}
-    above = [moving_nodes(mesh.rig, [joint]) for joint in {*patch.origin.joints, *patch.target.joints}]
+    above = [moving_nodes(mesh.rig, [joint]) for joint in {joint for each in patch.anchors for joint in each.joints}]
     more = [(clip, np.linspace(clip.start, clip.end, _FURTHER_POSES)) for clip in further]
     for clip, times in [*zip(mesh.clips, mesh.times, strict=True), *more]:
         if not any(_bends(channel, mesh.rig, above) for channel in clip.channels):

@@ -1,0 +1,275 @@
+"""Paths: the line that a tool follows on the surface at rest, and where a place lies along it and across it.
+
+Two anchors have a straight line between them, as in the paper. More have a smooth curve through them: a place belongs
+to the point of the curve that is nearest, so what runs across the curve fans out where it bends.
+
+Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004, which names curved tools as work to come.
+Source of the curve: C. Yuksel, *A Class of C2 Interpolating Splines*, ACM Transactions on Graphics 39(5), 2020, with
+circular arcs. Differs: it is sampled, and measured by its length.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from wrinklecli.errors import BakeError
+from wrinklecli.numeric.arrays import Floats, unit
+
+# Length of the sum of two anchors' normals, across the line, below which they face opposite ways.
+_LEAST_MEAN = 1e-3
+# Pieces of the curve between two anchors: of 8° where it bends most.
+_PIECES = 16
+# Degrees by which a path may turn at an anchor: the arcs through sharper turns are loops.
+_MOST_TURN = 120.0
+# Places by samples of a curve that are looked at together: bounds the memory.
+_AT_ONCE = 2**20
+
+
+@dataclass(frozen=True, slots=True)
+class Located:
+    """Where places lie by a path.
+
+    Attributes:
+        u: (…,) along it: 0 at its first anchor, 1 at its last.
+        across: (…,) signed distance from it, to the side of tangent × normal, scene units.
+        stretches: (…,) how long a step there is for one of the path: 1 on it, less on the inside of a bend, 0 at its
+            centre, beyond which the map folds. None where it is 1 everywhere.
+    """
+
+    u: Floats
+    across: Floats
+    stretches: Floats | None
+
+
+@dataclass(frozen=True, slots=True)
+class Straight:
+    """The segment between two anchors.
+
+    Attributes:
+        start: (3,) the first anchor, world space at rest, as all that follows.
+        along: (3,) unit vector to the second.
+        normal: (3,) unit normal: the mean of both anchors', across the segment.
+        length: Scene units.
+    """
+
+    start: Floats
+    along: Floats
+    normal: Floats
+    length: float
+
+    @property
+    def sideways(self) -> Floats:
+        """(3,) unit vector across, to the positive side."""
+        return np.cross(self.along, self.normal)
+
+    @property
+    def middle(self) -> Floats:
+        """(3,) halfway."""
+        return self.start + 0.5 * self.length * self.along
+
+    def locate(self, positions: Floats) -> Located:
+        """Where (…, 3) world positions at rest lie."""
+        relative = positions - self.start
+        return Located(relative @ self.along / self.length, relative @ self.sideways, None)
+
+    def cosines(self, _u: Floats, normals: Floats) -> Floats:
+        """(…,) of (…, 3) unit normals, at (…,) places along, and the path's."""
+        found: Floats = normals @ self.normal
+        return found
+
+    def depths(self, positions: Floats) -> Floats:
+        """(…,) how far (…, 3) positions are above the path, along its normal."""
+        return (positions - self.start) @ self.normal
+
+    def box(self, across: float) -> tuple[Floats, Floats, Floats, Floats]:
+        """What is no further across than a distance: a point, (axes, 3) and its least and greatest (axes,) on them."""
+        axes = np.stack([self.along / self.length, self.sideways / across])
+        return self.start, axes, np.array([0.0, -1.0]), np.array([1.0, 1.0])
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """A curve through more than two anchors, as samples along it.
+
+    Attributes:
+        points: (samples, 3) on it, world space at rest, as all that follows.
+        tangents: (samples, 3) unit vectors.
+        bends: (samples, 3) what tangents change by along it, one over scene units.
+        normals: (samples, 3) unit normals, across it: anchors' own at the anchors.
+        ways: (samples,) its length up to there, scene units.
+    """
+
+    points: Floats
+    tangents: Floats
+    bends: Floats
+    normals: Floats
+    ways: Floats
+
+    @property
+    def length(self) -> float:
+        """Scene units."""
+        return float(self.ways[-1])
+
+    @property
+    def start(self) -> Floats:
+        """(3,) its first anchor."""
+        first: Floats = self.points[0]
+        return first
+
+    @property
+    def along(self) -> Floats:
+        """(3,) unit vector of its direction in the middle."""
+        return self._at(self.tangents, np.array(0.5))
+
+    @property
+    def normal(self) -> Floats:
+        """(3,) unit normal in the middle."""
+        return self._at(self.normals, np.array(0.5))
+
+    @property
+    def middle(self) -> Floats:
+        """(3,) halfway along it."""
+        way = 0.5 * self.length
+        return np.array([np.interp(way, self.ways, axis) for axis in self.points.T])
+
+    def locate(self, positions: Floats) -> Located:
+        """Where (…, 3) world positions at rest lie: each by the nearest point of the curve."""
+        flat = positions.reshape(-1, 3)
+        chunk = max(_AT_ONCE // len(self.points), 1)
+        parts = [self._locate(flat[k : k + chunk]) for k in range(0, max(len(flat), 1), chunk)]
+        shape = positions.shape[:-1]
+        u, across, stretches = (np.concatenate(each).reshape(shape) for each in zip(*parts, strict=True))
+        return Located(u, across, stretches)
+
+    def _locate(self, positions: Floats) -> tuple[Floats, Floats, Floats]:
+        """As `locate`, of (places, 3)."""
+        last = len(self.points) - 1
+        # How far each place is before or behind the plane across the curve at each sample.
+        ahead = positions @ self.tangents.T - np.einsum("sx,sx->s", self.points, self.tangents)
+        apart = np.sum(positions**2, axis=1)[:, None] - 2.0 * positions @ self.points.T + np.sum(self.points**2, axis=1)
+        # It belongs to a piece where it is behind its first plane and before its second, or to what follows an end.
+        between = np.zeros((len(positions), last + 2), bool)
+        between[:, 0], between[:, -1] = ahead[:, 0] < 0, ahead[:, -1] >= 0
+        between[:, 1:-1] = (ahead[:, :-1] >= 0) & (ahead[:, 1:] < 0)
+        distances = np.where(between, apart[:, [0, *range(last + 1)]], np.inf)
+        piece = np.argmin(distances, axis=1)
+        rows = np.arange(len(positions))
+        first, second = np.clip(piece - 1, 0, last), np.clip(piece, 0, last)
+        inside = first != second
+        before, behind = ahead[rows, first], ahead[rows, second]
+        t = np.divide(before, before - behind, out=np.zeros(len(positions)), where=inside)
+        past = np.where(inside, 0.0, before)
+
+        def mixed(values: Floats) -> Floats:
+            share = t if values.ndim == 1 else t[:, None]
+            found: Floats = values[first] + share * (values[second] - values[first])
+            return found
+
+        tangents = mixed(self.tangents)
+        away = positions - mixed(self.points) - past[:, None] * tangents
+        sideways = unit(np.cross(tangents, mixed(self.normals)))
+        stretches = 1.0 - np.where(inside, np.einsum("px,px->p", away, mixed(self.bends)), 0.0)
+        return (mixed(self.ways) + past) / self.length, np.einsum("px,px->p", away, sideways), stretches
+
+    def _at(self, vectors: Floats, u: Floats) -> Floats:
+        """(…, 3) unit vectors at (…,) u, of (samples, 3)."""
+        return unit(np.stack([np.interp(u * self.length, self.ways, axis) for axis in vectors.T], axis=-1))
+
+    def cosines(self, u: Floats, normals: Floats) -> Floats:
+        """(…,) of (…, 3) unit normals, at (…,) places along, and the curve's there."""
+        found: Floats = np.sum(normals * self._at(self.normals, u), axis=-1)
+        return found
+
+    def depths(self, positions: Floats) -> Floats:
+        """(…,) how far (…, 3) positions are above the curve, along its normal."""
+        u = self.locate(positions).u
+        feet = np.stack([np.interp(u * self.length, self.ways, axis) for axis in self.points.T], axis=-1)
+        return self.cosines(u, positions - feet)
+
+    def box(self, across: float) -> tuple[Floats, Floats, Floats, Floats]:
+        """What may be no further across than a distance: a point, (axes, 3), least and greatest (axes,) on them."""
+        # A surface falls away beside the curve as far as it goes sideways, or as a limb is thick.
+        reach = 2.0 * across + 0.5 * self.length
+        low, high = self.points.min(axis=0) - reach, self.points.max(axis=0) + reach
+        return np.zeros(3), np.eye(3), low, high
+
+
+Path = Straight | Curve
+
+
+def path_through(points: Sequence[Floats], normals: Sequence[Floats], names: Sequence[str], where: str) -> Path:
+    """The path through the anchors of a tool.
+
+    Args:
+        points: Their (3,) positions, two or more, no two neighbours alike.
+        normals: (3,) of the surface there, unit length.
+        names: What messages call them.
+        where: The tool's place in its file.
+
+    Raises:
+        BakeError: The surface faces opposite ways at two neighbours, or the path turns back.
+    """
+    if len(points) == 2:
+        difference = points[1] - points[0]
+        length = float(np.linalg.norm(difference))
+        along = difference / length
+        mean = normals[0] + normals[1]
+        return Straight(points[0], along, _across(mean, along, names, where), length)
+    places = np.stack(points)
+    steps = unit(np.diff(places, axis=0))
+    turns = np.degrees(np.arccos(np.clip(np.sum(steps[1:] * steps[:-1], axis=1), -1.0, 1.0)))
+    if turns.max() > _MOST_TURN:
+        number = int(np.argmax(turns)) + 1
+        raise BakeError(
+            f"turns by {turns.max():.0f}° at {names[number]}, and {_MOST_TURN:.0f}° is the most: more points round it",
+            where=where,
+        )
+    t = np.linspace(0.0, 1.0, _PIECES + 1)
+    # The weights of both arcs between two anchors, and of both normals.
+    second = np.sin(0.5 * np.pi * t) ** 2
+    sampled, facing = [places[:1]], [normals[0][None]]
+    for k, (one, other) in enumerate(pairwise(normals)):
+        before = _arc(places[k], places[k + 1], places[k - 1], t) if k else None
+        after = _arc(places[k], places[k + 1], places[k + 2], t) if k + 2 < len(places) else None
+        arcs = [each for each in (before, after) if each is not None]
+        found = arcs[0] + second[:, None] * (arcs[-1] - arcs[0])
+        sampled.append(found[1:])
+        _across(one + other, steps[k], names[k : k + 2], where)
+        facing.append((one + second[:, None] * (other - one))[1:])
+    curve = np.concatenate(sampled)
+    ways = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1)))
+    tangents = unit(np.gradient(curve, ways, axis=0, edge_order=2))
+    bends = np.gradient(tangents, ways, axis=0)
+    wanted = np.concatenate(facing)
+    across = unit(wanted - np.sum(wanted * tangents, axis=1, keepdims=True) * tangents)
+    return Curve(curve, tangents, bends, across, ways)
+
+
+def _across(mean: Floats, along: Floats, names: Sequence[str], where: str) -> Floats:
+    """(3,) unit normal: the part across a line of the sum of the normals at its ends."""
+    mean = mean - (mean @ along) * along
+    if np.linalg.norm(mean) < _LEAST_MEAN:
+        raise BakeError(f"the surface faces opposite ways at {names[0]} and {names[1]}", where=where)
+    return unit(mean)
+
+
+def _arc(start: Floats, end: Floats, third: Floats, t: Floats) -> Floats:
+    """(times, 3) from 0 to 1 along the circle through three points, from one to another, not by way of the third."""
+    chord = end - start
+    length = float(np.linalg.norm(chord))
+    along = chord / length
+    one, other = start - third, end - third
+    # Half of what the arc spans is the angle at which it is seen from the third point (Euclid III.20).
+    half = np.arctan2(np.linalg.norm(np.cross(one, other)), one @ other)
+    across = (third - start) - ((third - start) @ along) * along
+    turned = (2.0 * t - 1.0) * half
+    if half < 1e-6:
+        return start + t[:, None] * chord
+    outwards = -unit(across)
+    run, rise = (
+        0.5 * length * np.sin(turned) / np.sin(half),
+        0.5 * length * (np.cos(turned) - np.cos(half)) / np.sin(half),
+    )
+    return (start + end) / 2.0 + run[:, None] * along + rise[:, None] * outwards
