@@ -7,19 +7,22 @@ import { lagged } from './spring.js';
 const moved = (m, [x, y, z]) => [0, 1, 2].map((i) => m[i] * x + m[i + 4] * y + m[i + 8] * z + m[i + 12]);
 const determinant = (m) =>
   m[0] * (m[5] * m[10] - m[6] * m[9]) + m[4] * (m[2] * m[9] - m[1] * m[10]) + m[8] * (m[1] * m[6] - m[2] * m[5]);
+
 /** A tool's anchors: two, or all of its path. */
 const anchorsOf = ({ origin, target, anchors = [origin, target] }) => anchors;
 
 /** A value between the points of a polyline, held before the first and after the last. */
 function between(xs, ys, x) {
   const k = xs.findIndex((each) => each > x);
-  if (k <= 0) return ys.at(k); // -1 is the last
+  if (k === 0) return ys[0];
+  if (k < 0) return ys[ys.length - 1];
   return ys[k - 1] + ((ys[k] - ys[k - 1]) * (x - xs[k - 1])) / (xs[k] - xs[k - 1]);
 }
 
 /** An anchor's place in the world, and its joints' scale against rest. */
 function anchor({ joints, weights, positions, scales, morphs = {} }, jointMatrixOf, morphWeightOf) {
-  let [place, scale] = [[0, 0, 0], 0];
+  const place = [0, 0, 0];
+  let scale = 0;
   joints.forEach((joint, k) => {
     const matrix = jointMatrixOf(joint);
     const point = [...positions[k]];

@@ -11,7 +11,7 @@ from kit.bakes import bake_config, bake_once
 from kit.clients import assert_valid, drive
 from kit.command import Wrinkle
 from kit.player import Gltf, Json, differences, wrinkle_columns
-from kit.samples import BROW, Editor, bystanders, config, edited, sample, skeleton_only
+from kit.samples import BENT, BROW, Editor, bystanders, config, edited, sample, skeleton_only
 from wrinklecli.baking.track import Tracked, track
 from wrinklecli.errors import AssetError, BakeError
 from wrinklecli.gltf.document import read_document
@@ -93,6 +93,12 @@ def test_tissue_lags_as_in_a_bake(tmp_path: Path) -> None:
     whole = bake_once("wrist", top=tools)
     made, _ = run(whole, edited("wrist", skeleton_only), tmp_path)
     assert_tracks(made, whole, "wrist", "extend")
+
+
+def test_a_path_gets_the_weights_that_baking_gives(tmp_path: Path) -> None:
+    body, whole = (bake_once("wrist", BENT, tracks=tracks) for tracks in ("none", "all"))
+    made, _ = run(body, edited("wrist", skeleton_only), tmp_path)
+    assert_tracks(made, whole, "wrist", "flex")
 
 
 def with_bystanders(editor: Editor) -> None:

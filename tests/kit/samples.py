@@ -24,6 +24,12 @@ def sample(name: str) -> Path:
 # The tool of configs/wrist.yaml on the palm's side; the clip flex shortens it by 56 %, extend stretches it.
 PALM: Json = {"name": "palm", "origin": [-0.032, -0.022, 0.0], "target": [0.028, -0.0205, 0.0], "width": 0.065}
 BACK: Json = {"name": "back", "origin": [-0.030, 0.0220, 0.0], "target": [0.030, 0.0198, 0.0], "width": 0.065}
+# Round the fold, from the palm to the side of the arm.
+BENT: Json = {
+    "name": "bent",
+    "path": [[-0.032, -0.022, 0.0], [-0.008, -0.0215, 0.004], [0.014, -0.022, 0.011], [0.03, -0.0245, 0.02]],
+    "width": 0.02,
+}
 BROW: Json = {"name": "brow", "origin": [0.028, 0.2400, 0.0847], "target": [0.028, 0.2880, 0.0635], "width": 0.056}
 
 

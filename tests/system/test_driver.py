@@ -9,7 +9,7 @@ from kit.bakes import bake_config, bake_once
 from kit.clients import clip_tracks, drive, gltfpack, optimize
 from kit.places import ROOT
 from kit.player import Gltf, Json
-from kit.samples import BROW, Editor, config, edited
+from kit.samples import BENT, BROW, Editor, config, edited
 from wrinklecli.character.clip import KEY_GAP
 
 # The table's own straight lines, and what eight digits and float32 add where a height starts.
@@ -35,6 +35,13 @@ def test_the_sample_is_small() -> None:
 def test_a_driven_clip_looks_as_if_it_were_baked(name: str, config: str, clip: str) -> None:
     bare, whole = bake_config(name, config, tracks="none"), bake_config(name, config)
     assert_driven(bare, whole, name, clip)
+
+
+def test_a_path_is_driven_as_it_was_baked() -> None:
+    bare, whole = (bake_once("wrist", BENT, tracks=tracks) for tracks in ("none", "all"))
+    (tool,) = whole.json["nodes"][whole.node("wrist")]["extras"]["wrinkle"]["tools"]
+    assert (len(tool["anchors"]), tool.get("origin"), tool.get("target")) == (4, None, None)
+    assert_driven(bare, whole, "wrist", "flex")
 
 
 def assert_driven(bare: Gltf, whole: Gltf, node: str, clip: str, tolerance: float = TABLE) -> None:
