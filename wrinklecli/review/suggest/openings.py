@@ -18,8 +18,9 @@ def rims(mesh: MeasuredMesh) -> Floats:
 
     sites, triangles = mesh.sites, mesh.gauge.triangles
     edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
-    distinct, counts = np.unique(edges, axis=0, return_counts=True)
-    ends = mesh.rest.positions[np.unique(distinct[counts == 1])]
+    # One number for each pair of vertices: rows take ten times as long to sort.
+    distinct, counts = np.unique(edges @ [len(mesh.rest.positions), 1], return_counts=True)
+    ends = mesh.rest.positions[np.unique(np.divmod(distinct[counts == 1], len(mesh.rest.positions)))]
     pairs = cKDTree(sites.positions).query_pairs(2.0 * sites.radius, output_type="ndarray")
     first, second = pairs.T
     between = sites.positions[second] - sites.positions[first]

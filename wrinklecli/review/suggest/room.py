@@ -4,7 +4,7 @@ import numpy as np
 
 from wrinklecli.method.patch import Patch
 from wrinklecli.numeric.arrays import unit
-from wrinklecli.numeric.nearest import distances_along, near_points
+from wrinklecli.numeric.nearest import balls, distances_along, near_points
 from wrinklecli.review.suggest.measure import MeasuredMesh
 
 # Rays that look for what lies over a patch: its triangles, of very many every so many.
@@ -29,11 +29,13 @@ def highest(mesh: MeasuredMesh, patch: Patch) -> float:
         return np.inf
     corners = positions[surface.triangles]
     near = near_points(corners, places[chosen], usual)
+    triangles, corners = surface.triangles[near], corners[near]
+    middles, radii = balls(corners)
     most = np.inf
     for number in chosen:
-        apart = ~np.isin(surface.triangles[near], members[number]).any(axis=1)
-        distances = distances_along(places[number], rays[number], corners[near[apart]])
-        room = float(distances.min(initial=np.inf))
+        close = np.sum((middles - places[number]) ** 2, axis=1) < (usual * factors[number] + radii) ** 2
+        apart = close & (triangles[:, :, None] != members[number]).all(axis=(1, 2))
+        room = float(distances_along(places[number], rays[number], corners[apart]).min(initial=np.inf))
         if room < usual * factors[number]:
             most = min(most, _TAKEN * room / factors[number])
     return most

@@ -3,7 +3,7 @@
 Triangles are uneven and single ones noisy, so the loss is averaged as a tensor over a small neighbourhood of sites.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -250,24 +250,20 @@ def scan(
     count = len(sites.positions)
     losses, poses = np.full(count, -np.inf), np.zeros(count, np.intp)
     done, area = 0, _area(gauge, sites, None)
-    for clip, part in _chunks(clips, times, max(1, _CHUNK // max(len(gauge.triangles), count))):
+    for clip, every in zip(clips, times, strict=True):
         # Clips of one joint follow one another.
         if gauge.strained.of(clip) is not area.part:
             area = _area(gauge, sites, clip)
-        found, _ = principal(_averaged(gauge, area, clip, part), sites.normals[area.sites])
-        best = found.argmax(axis=0)
-        highest, first = np.zeros(count), np.zeros(count, np.intp)
-        highest[area.sites], first[area.sites] = found[best, np.arange(len(area.sites))], best
-        # Among equal ones the first stays, in whatever chunks they come.
-        poses = np.where(highest > losses, done + first, poses)
-        losses = np.maximum(losses, highest)
-        done += len(part)
-        progress(done)
+        held = max(1, _CHUNK // max(area.gather.shape[1], len(area.sites), 1))
+        for part in (every[start : start + held] for start in range(0, len(every), held)):
+            found, _ = principal(_averaged(gauge, area, clip, part), sites.normals[area.sites])
+            best = found.argmax(axis=0)
+            highest, first = np.zeros(count), np.zeros(count, np.intp)
+            highest[area.sites], first[area.sites] = found[best, np.arange(len(area.sites))], best
+            # Among equal ones the first stays, in whatever chunks they come.
+            poses = np.where(highest > losses, done + first, poses)
+            losses = np.maximum(losses, highest)
+            done += len(part)
+            progress(done)
     of_pose = tuple(clip for clip, part in zip(clips, times, strict=True) for _ in part)
     return Peaks(losses, poses, of_pose, np.concatenate([np.zeros(0), *times]))
-
-
-def _chunks(clips: Sequence[Clip], times: Sequence[Floats], size: int) -> Iterator[tuple[Clip, Floats]]:
-    for clip, every in zip(clips, times, strict=True):
-        for start in range(0, len(every), size):
-            yield clip, every[start : start + size]
