@@ -180,7 +180,15 @@ def _key_times(
         return _signals(plan, clip, breaks, tolerance, lagging)
 
     grid = clip_grid(clip, plan.rig, fps=fps)
-    return key_times(grid, signal_on, tolerance=tolerance, thinning=_KEYS_SHARE * bound, gap=KEY_GAP, step=KEY_STEP)
+    return key_times(
+        grid,
+        signal_on,
+        width=sum(_width(each) for each in plan.carried_patches),
+        tolerance=tolerance,
+        thinning=_KEYS_SHARE * bound,
+        gap=KEY_GAP,
+        step=KEY_STEP,
+    )
 
 
 def _target_set(
@@ -256,6 +264,13 @@ def _signals(
         return np.concatenate(values, axis=1)
 
     return signals
+
+
+def _width(carried: CarriedPatch) -> int:
+    """How many values `_signals` has of a tool."""
+    if carried.patch.tool.attachment == "patch":
+        return 3 * len(carried.vertices)
+    return carried.patch.curve.greatest_amplitudes.size
 
 
 def skin_weights(plan: MeshPlan, carried: CarriedPatch, clip: Clip | None, times: Floats) -> Floats:

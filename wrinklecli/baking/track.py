@@ -282,6 +282,7 @@ class _DrivenTools:
         times, keys = key_times(
             clip_grid(clip, self.rig, fps=fps),
             lambda _stretch: weights,
+            width=len(self.stored),
             tolerance=_SAMPLING_SHARE * tolerance,
             thinning=_KEYS_SHARE * tolerance,
             gap=KEY_GAP,

@@ -30,7 +30,14 @@ Signal = Callable[[Floats], Floats]
 
 
 def key_times(
-    grid: Floats, signal_on: Callable[[Floats], Signal], *, tolerance: float, thinning: float, gap: float, step: float
+    grid: Floats,
+    signal_on: Callable[[Floats], Signal],
+    *,
+    width: int = 1,
+    tolerance: float,
+    thinning: float,
+    gap: float,
+    step: float,
 ) -> tuple[Floats, Ints]:
     """Times so close that straight lines between them are right, and which of them to key.
 
@@ -43,6 +50,7 @@ def key_times(
         grid: (frames,) seconds, rising, float32 values; all are among the times.
         signal_on: Given a stretch of the grid, (frames,) seconds, a function that is right within it, from times to
             values.
+        width: How many values: of more, stretches are shorter.
         tolerance: Greatest error of a value between two times.
         thinning: The same between two keys; exceeded only between two neighbouring times that exceed it already.
         gap: Seconds, above 0. No interval is divided so that a part is shorter, whatever is inside it.
@@ -55,8 +63,7 @@ def key_times(
     Differs: all values share their keys; and a line passes 64 intervals at most where something moves.
     """
     times, keys, count = [grid[:1]], [np.zeros(1, np.intp)], 0
-    width = max(signal_on(grid[:2])(grid[:1]).shape[1], 1) if len(grid) > 1 else 1
-    stretch = min(max(_MOST_VALUES // (_PER_INTERVAL * width), 1), _STRETCH)
+    stretch = min(max(_MOST_VALUES // (_PER_INTERVAL * max(width, 1)), 1), _STRETCH)
     for start in range(0, len(grid) - 1, stretch):
         part = grid[start : start + stretch + 1]
         found, needed = key_points(part, signal_on(part), tolerance=tolerance, thinning=thinning, gap=gap, step=step)
