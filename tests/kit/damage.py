@@ -38,7 +38,7 @@ _KEYS = [
     "max_height", "rest_length", "strength", "attenuation", "snap", "mirror", "clips", "sampling", "fps", "rest",
     "up", "materials", "textures", "samplers", "cameras", "source", "sampler", "material", "pbrMetallicRoughness",
     "baseColorTexture", "index", "texCoord", "nodes", "scenes", "scene", "skins", "joints", "inverseBindMatrices",
-    "animations", "channels", "wrinkle", "original", "attributes", "POSITION",
+    "animations", "channels", "wrinkle", "original", "attributes", "POSITION", "path", "lag", "frequency", "damping",
 ]
 # fmt: on
 

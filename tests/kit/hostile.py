@@ -78,7 +78,8 @@ def corpus() -> list[Source]:
         asset = limb_asset(**limb, **options)
         asset.gltf["buffers"] = [{"byteLength": len(asset.data)}]
         sources.append(Source(suffix, asset.gltf, bytes(asset.data), {"version": 1, **small, **header, "tools": tools}))
-    return [*sources, _baked(sources[0]), *_dressed(), *_large()]
+    # In this order for good: kept cases name a source by its number.
+    return [*sources, _baked(sources[0]), *_dressed(), *_large(), *_grown()]
 
 
 def _dressed() -> list[Source]:
@@ -141,6 +142,31 @@ def _large() -> list[Source]:
         )
         for asset, tools, header in cases
     ]
+
+
+def _grown() -> list[Source]:
+    """Tools along paths, with tissue that lags, on one mesh and on two; and what a bake writes of them."""
+    header: Json = {"version": 1, "refinement": {"max_levels": 1}, "sampling": {"fps": 4}}
+    bent = [[-0.5, RADIUS, 0.0], [0.0, RADIUS, 0.05], [0.5, RADIUS, 0.0]]
+    lag = {"frequency": 3, "damping": 0.3}
+    path = {"name": "path", "path": bent, "width": 0.3, "bumps": 3, "strategy": "origin", "lag": lag}
+    marked = [{"marker": "joint_0"}, [0.2, RADIUS, 0.0], [0.8, 0.2, 0.1]]
+    both = [
+        {"name": "marked", "node": "limb", "path": marked, "width": 0.4, "snap": "vertex", "attachment": "patch"},
+        {"name": "side.L", "node": "limb", "path": bent[:2], "width": 0.3, "mirror": "x", "lag": "none"},
+    ]
+    alone, two = limb_asset(rings=7, sides=6), limb_asset(rings=7, sides=6, morphs=1, morph_clip="LINEAR")
+    crowd(two)
+    sources = [
+        Source(
+            suffix,
+            {**asset.gltf, "buffers": [{"byteLength": len(asset.data)}]},
+            bytes(asset.data),
+            {**header, "defaults": {"lag": {}}, "tools": tools},
+        )
+        for suffix, asset, tools in ((".glb", alone, [path]), (".gltf", two, both))
+    ]
+    return [*sources, _baked(sources[0])]
 
 
 def pole(edges: int) -> Asset:
