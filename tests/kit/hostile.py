@@ -150,7 +150,7 @@ def _grown() -> list[Source]:
     bent = [[-0.5, RADIUS, 0.0], [0.0, RADIUS, 0.05], [0.5, RADIUS, 0.0]]
     lag = {"frequency": 3, "damping": 0.3}
     path = {"name": "path", "path": bent, "width": 0.3, "bumps": 3, "strategy": "origin", "lag": lag}
-    marked = [{"marker": "joint_0"}, [0.2, RADIUS, 0.0], [0.8, 0.2, 0.1]]
+    marked = [{"marker": "joint_0"}, [0.2, RADIUS, 0.05], [0.8, RADIUS, 0.0]]
     both = [
         {"name": "marked", "node": "limb", "path": marked, "width": 0.4, "snap": "vertex", "attachment": "patch"},
         {"name": "side.L", "node": "limb", "path": bent[:2], "width": 0.3, "mirror": "x", "lag": "none"},
