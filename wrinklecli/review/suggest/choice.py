@@ -11,7 +11,7 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.review.suggest.cover import is_covered, layers_over
 from wrinklecli.review.suggest.folds import Fold, triangle_shares
 from wrinklecli.review.suggest.openings import is_rim, rims
-from wrinklecli.review.suggest.substance import read_makeup, substance_of
+from wrinklecli.review.suggest.substance import is_faceted, read_makeup, substance_of
 from wrinklecli.tools.mirror import split_side
 
 # What a joint or a morph target of these words moves gets no wrinkles of ours: lips and lids slide, cheeks swell.
@@ -69,7 +69,9 @@ def choose_folds(document: Document, folds: Sequence[Fold], *, everything: bool 
             left_out[where, "under another layer where it folds"] += 1
         else:
             material = None if substance.kind == "hard" else substance.kind
-            chosen.append(replace(fold, material=material))
+            # The edges of an equilateral triangle in the ball round each.
+            facet = 3.0**0.5 * float(shares @ mesh.gauge.radii) if is_faceted(makeup, shares) else 0.0
+            chosen.append(replace(fold, material=material, facet=facet))
             notes[f"{where}: {substance.kind}, as {substance.why}"] += 1
     lines = [
         f"{where}: left out {counted(count, 'fold')}: {why}; --all takes all"

@@ -27,10 +27,10 @@ from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
 
 # Part of the best suggestion's score below which a fold is not worth a tool.
 _LEAST_SCORE = 0.02
-# Length of a bump, as a part of the patch's width: wrinkles are several times as long as they are wide. There are as
-# many as the material has, or so many more where its bumps would be longer.
-_BUMP_OF_WIDTH = 0.3
-_MORE_BUMPS = 2
+# Length of a bump, as a part of the patch's width: wrinkles are several times as long as they are wide, those of cloth
+# most. There are as many as the material has, or so many more where its bumps would be longer.
+_BUMP_OF_WIDTH = {"skin": 0.3, "cloth": 0.15, "leather": 0.3, None: 0.3}
+_MORE_BUMPS = 3
 # Width of a tool, as a multiple of its region's: the attenuation falls to half within the region, and to 0 beyond it.
 # Of a region across x = 0 the whole is known, which fades by itself.
 _WIDTH_OF_REGION, _WIDTH_ACROSS = 1.4, 1.15
@@ -348,10 +348,13 @@ def _tool(fold: Fold, name: str, width: float, size: float | None = None) -> Wri
     span = float(np.linalg.norm(ends[1] - ends[0]))
     origin, target = ([round(float(x), decimals(span)) + 0.0 for x in end] for end in ends)
     usual = usual_bumps(fold.material)
-    longest = _BUMP_OF_WIDTH * width
+    longest = _BUMP_OF_WIDTH[fold.material] * width
     if size is not None and longest / 2.0 < size < 1.5 * longest:
         longest = size
     bumps = min(max(usual, round(span / longest)), usual + _MORE_BUMPS)
+    if fold.facet:
+        # Among flat faces a bump that is shorter than these reads as a step.
+        bumps = max(1, min(bumps, int(span / fold.facet)))
     return WrinkleTool(
         name=name,
         node=fold.mesh.node,
@@ -359,7 +362,8 @@ def _tool(fold: Fold, name: str, width: float, size: float | None = None) -> Wri
         target=(target[0], target[1], target[2]),
         width=Length(round(width, 1 - math.floor(math.log10(width)))),
         material=fold.material,
-        strategy="everywhere" if fold.by_morph else "both_ends",
+        # Bumps that rise one after another stand alone on either side of a joint until it is half bent.
+        strategy="everywhere",
         bumps=bumps,
         rest_length="auto" if fold.by_morph else Length(100.0 - SLACK, percent=True),
         **(MATERIALS[fold.material].defaults if fold.material else {}),

@@ -54,6 +54,7 @@ class Fold:
         target: (3,) the other.
         score: What the region loses, area times 1 − σ, scene units squared; less where nobody sees it.
         material: Of what the region is; None for none.
+        facet: Length of its triangles' edges where they are shaded flat, scene units; 0 where they are not.
         driver: The joint or morph target that compresses it, as the asset names it.
         by_morph: Whether that is a morph target.
     """
@@ -66,6 +67,7 @@ class Fold:
     target: Floats
     score: float
     material: Literal["skin", "cloth", "leather"] | None = None
+    facet: float = 0.0
     driver: str = ""
     by_morph: bool = False
 

@@ -117,12 +117,16 @@ def substance_of(makeup: Makeup, shares: Floats) -> Substance:
     total = float(corners.sum())
     followed = makeup.followed.ravel()
     by_joint = np.bincount(followed + 1, corners)[1:] / total
-    faceted = float(corners @ makeup.split.ravel()) > _FACETED_SHARE * total
     rigid = by_joint.sum() > _RIGID_SHARE and (by_joint > _SECOND_JOINT).sum() > 1
     looks = ["it is metallic"] * part.metallic + ["each part of it follows one joint"] * bool(rigid)
     if looks:
-        return Substance("hard", " and ".join([*looks, *(["it is faceted"] if faceted else [])]))
+        return Substance("hard", " and ".join([*looks, *(["it is faceted"] if is_faceted(makeup, shares) else [])]))
     return part.node or part.colour or Substance("skin", "nothing says what it is made of")
+
+
+def is_faceted(makeup: Makeup, shares: Floats) -> bool:
+    """Whether a region is shaded flat, from the (triangles,) shares that triangles have in it."""
+    return float(shares @ makeup.split.mean(axis=1)) > _FACETED_SHARE * float(shares.sum())
 
 
 def named(names: Iterable[str], of: str) -> Substance | None:
