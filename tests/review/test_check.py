@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import re
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -44,6 +45,32 @@ def checked(asset: Path, *tools: Json, **options: Any) -> Check:
 def warnings(asset: Path, *tools: Json, about: str, **options: Any) -> list[str]:
     """The warnings with these words in them."""
     return [line for line in checked(asset, *tools, **options).warnings if about in line]
+
+
+def path(name: str, *places: tuple[float, float], **keys: Any) -> Json:
+    """A tool of a limb with a path through points given by x and degrees from the top."""
+    turns = [(x, math.radians(degrees)) for x, degrees in places]
+    points = [[x, RADIUS * math.cos(turn), RADIUS * math.sin(turn)] for x, turn in turns]
+    return {"name": name, "path": points, "width": 0.2, **keys}
+
+
+def test_it_says_where_a_path_bends_too_sharply_or_leaves_the_mesh(tmp_path: Path) -> None:
+    asset = limb(tmp_path / "limb.glb", rings=33, sides=24)
+    zigzag = path("sharp", (-0.4, 0), (0.1, 20), (0.1, -30), (0.5, 0), width=0.5)
+    sparse = path("sparse", (-0.3, -80), (0.0, 0), (0.3, -130))
+    good = path("good", (-0.4, -30), (0.0, 0), (0.4, 40))
+    sharp, beside = warnings(asset, zigzag, sparse, good, about="its path")
+    assert sharp.startswith("sharp: its path bends with a radius of 0.0")
+    assert sharp.endswith(
+        "near path[1], less than half its width of 0.5: on the inside wrinkles end before they would meet"
+    )
+    assert re.fullmatch(
+        r"sparse: its path is 0\.1\d* beside the mesh between path\[1\] and path\[2\], which are 0\.5\d* apart:"
+        r" a point there keeps it on the surface",
+        beside,
+    )
+    found = checked(asset, good).data["tools"][0]
+    assert (len(found["between"]), found["between"][0]["off"] < 1e-3) == (1, True)
 
 
 # --- What is measured ---

@@ -13,6 +13,8 @@ from wrinklecli.errors import counted
 from wrinklecli.method.carry import CarriedPatch
 from wrinklecli.method.curve import fitting_compressible
 from wrinklecli.method.patch import Patch
+from wrinklecli.method.path import Curve
+from wrinklecli.method.rest import Rest
 from wrinklecli.tools.records import ToolsFile, in_axes
 
 # A shortening below this part of the rest length is as good as none.
@@ -21,6 +23,8 @@ _VISIBLE = 1e-3
 _FAR = 0.05
 # A width over its segment that is likely to be in other units: a forehead is four times as wide as a brow is high.
 _WIDE = 10.0
+# A path that is off the mesh by more than this part of the distance of two points runs beside it.
+_BESIDE = 0.15
 # The surface under a segment over the segment: a circle's arc of 145° is as long.
 _DETOUR = 1.3
 # Parts of a segment without surface under it, and of a patch with two layers, that are as good as none.
@@ -114,6 +118,8 @@ def placement_warnings(plan: MeshPlan, carried: CarriedPatch) -> list[str]:
             f"{name}: its width of {width:.3g} is {width / patch.span:,.0f} times its segment of {patch.span:.3g}:"
             " it is in the asset's units, as positions are, or in per cent of the segment, as in 120%"
         )
+    if isinstance(patch.path, Curve):
+        warnings += [f"{name}: {line}" for line in _path_warnings(patch, patch.path, plan.rest)]
     ground = ground_under(plan, patch)
     if ground.gap > _GAP:
         warnings.append(
@@ -129,6 +135,26 @@ def placement_warnings(plan: MeshPlan, carried: CarriedPatch) -> list[str]:
             f"{name}: {100 * ground.doubled:.0f} % of its patch lies over two layers of the surface, which wrinkle"
             " alike: it reaches across a fold"
         )
+    return warnings
+
+
+def _path_warnings(patch: Patch, path: Curve, rest: Rest) -> list[str]:
+    """What is wrong with the curve of a tool: bends that are sharp for its width, and places beside the mesh."""
+    names, warnings = [patch.tool.point_name(number) for number in range(len(patch.anchors))], []
+    radius, number = path.sharpest
+    if patch.half_width > radius:
+        warnings.append(
+            f"its path bends with a radius of {radius:.3g} near {names[number]}, less than half its width of"
+            f" {2.0 * patch.half_width:.3g}: on the inside wrinkles end before they would meet"
+        )
+    offs = np.array([np.linalg.norm(rest.foot(point)[0] - point) for point in path.between]).reshape(-1, 2).max(axis=1)
+    for number, off in enumerate(offs.tolist()):
+        apart = float(np.linalg.norm(patch.anchors[number + 1].position - patch.anchors[number].position))
+        if off > _BESIDE * apart:
+            warnings.append(
+                f"its path is {off:.3g} beside the mesh between {names[number]} and {names[number + 1]}, which are"
+                f" {apart:.3g} apart: a point there keeps it on the surface"
+            )
     return warnings
 
 

@@ -32,7 +32,7 @@ _LEAST_SPAN = 1e-9
 # Cosines of vertex and patch normal between which displacement fades in.
 _FACING = (0.2, 0.6)
 # Stretches of a path's map between which displacement fades in: at 0, on the inside of a bend, wrinkles would meet.
-_UNFOLDED = (0.1, 0.4)
+_UNFOLDED = (0.2, 0.6)
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,7 +188,9 @@ def _attach(tool: WrinkleTool, surface: Surface, rest: Rest, rig: Rig, up: str) 
     for number, span in enumerate(spans):
         if span <= _LEAST_SPAN * surface.size or (asked[number] == asked[number + 1]).all():
             raise BakeError(f"{names[number]} and {names[number + 1]} are one point of the mesh", where=tool.where)
-    path = path_through([each.position for each in anchors], [each.normal for each in anchors], names, where=tool.where)
+    path = path_through(
+        [each.position for each in anchors], [each.normal for each in anchors], rest.foot, names=names, where=tool.where
+    )
     span = sum(spans)
     patch = Patch(
         tool=tool,

@@ -5,22 +5,30 @@ to the point of the curve that is nearest, so what runs across the curve fans ou
 
 Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004, which names curved tools as work to come.
 Source of the curve: C. Yuksel, *A Class of C2 Interpolating Splines*, ACM Transactions on Graphics 39(5), 2020, with
-circular arcs. Differs: it is sampled, and measured by its length.
+circular arcs. Differs: it is sampled, and measured by its length; halfway between two anchors it is on the surface too.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TypeAlias
 
 import numpy as np
 
 from wrinklecli.errors import BakeError
 from wrinklecli.numeric.arrays import Floats, unit
 
+# The point of the surface nearest to a (3,) one, and the unit normal there.
+Foot: TypeAlias = Callable[[Floats], tuple[Floats, Floats]]
+
 # Length of the sum of two anchors' normals, across the line, below which they face opposite ways.
 _LEAST_MEAN = 1e-3
-# Pieces of the curve between two anchors: of 8° where it bends most.
-_PIECES = 16
+# Pieces of the curve between an anchor and halfway to the next: of 8° where it bends most.
+_PIECES = 8
+# A surface further from the curve than this part of the distance of two anchors is another.
+_NEAR = 0.5
+# Radians below which an arc is as good as its chord.
+_LEAST_ANGLE = 1e-6
 # Degrees by which a path may turn at an anchor: the arcs through sharper turns are loops.
 _MOST_TURN = 120.0
 # Places by samples of a curve that are looked at together: bounds the memory.
@@ -113,10 +121,17 @@ class Curve:
         return float(self.ways[-1])
 
     @property
-    def start(self) -> Floats:
-        """(3,) its first anchor."""
-        first: Floats = self.points[0]
-        return first
+    def sharpest(self) -> tuple[float, int]:
+        """The least radius of its bends within the surface, scene units, and the number of the anchor nearest to it."""
+        bends = np.abs(np.sum(self.bends * np.cross(self.tangents, self.normals), axis=1))
+        sample = int(np.argmax(bends))
+        return (1.0 / float(bends[sample]) if bends[sample] else np.inf), round(sample / (2 * _PIECES))
+
+    @property
+    def between(self) -> Floats:
+        """(2 anchors - 2, 3) points of it, two between each two anchors: those furthest from what lies on the mesh."""
+        found: Floats = self.points[_PIECES // 2 :: _PIECES]
+        return found
 
     @property
     def along(self) -> Floats:
@@ -199,77 +214,89 @@ class Curve:
 Path = Straight | Curve
 
 
-def path_through(points: Sequence[Floats], normals: Sequence[Floats], names: Sequence[str], where: str) -> Path:
+def path_through(
+    points: Sequence[Floats], normals: Sequence[Floats], foot: Foot, *, names: Sequence[str], where: str
+) -> Path:
     """The path through the anchors of a tool.
 
     Args:
         points: Their (3,) positions, two or more, no two neighbours alike.
         normals: (3,) of the surface there, unit length.
-        names: What messages call them.
+        foot: The surface between them.
+        names: What messages call the anchors.
         where: The tool's place in its file.
 
     Raises:
         BakeError: The surface faces opposite ways at two neighbours, or the path turns back.
     """
+    steps = [b - a for a, b in pairwise(points)]
+    lengths = [float(np.linalg.norm(step)) for step in steps]
+    means = []
+    for k, (step, length) in enumerate(zip(steps, lengths, strict=True)):
+        along, mean = step / length, normals[k] + normals[k + 1]
+        means.append(mean - (mean @ along) * along)
+        if np.linalg.norm(means[k]) < _LEAST_MEAN:
+            raise BakeError(f"the surface faces opposite ways at {names[k]} and {names[k + 1]}", where=where)
     if len(points) == 2:
-        difference = points[1] - points[0]
-        length = float(np.linalg.norm(difference))
-        along = difference / length
-        mean = normals[0] + normals[1]
-        return Straight(points[0], along, _across(mean, along, names, where), length)
-    places = np.stack(points)
-    steps = unit(np.diff(places, axis=0))
-    turns = np.degrees(np.arccos(np.clip(np.sum(steps[1:] * steps[:-1], axis=1), -1.0, 1.0)))
-    if turns.max() > _MOST_TURN:
-        number = int(np.argmax(turns)) + 1
-        raise BakeError(
-            f"turns by {turns.max():.0f}° at {names[number]}, and {_MOST_TURN:.0f}° is the most: more points round it",
-            where=where,
-        )
-    t = np.linspace(0.0, 1.0, _PIECES + 1)
-    # The weights of both arcs between two anchors, and of both normals.
-    second = np.sin(0.5 * np.pi * t) ** 2
-    sampled, facing = [places[:1]], [normals[0][None]]
-    for k, (one, other) in enumerate(pairwise(normals)):
-        before = _arc(places[k], places[k + 1], places[k - 1], t) if k else None
-        after = _arc(places[k], places[k + 1], places[k + 2], t) if k + 2 < len(places) else None
-        arcs = [each for each in (before, after) if each is not None]
-        found = arcs[0] + second[:, None] * (arcs[-1] - arcs[0])
-        sampled.append(found[1:])
-        _across(one + other, steps[k], names[k : k + 2], where)
-        facing.append((one + second[:, None] * (other - one))[1:])
-    curve = np.concatenate(sampled)
-    ways = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1)))
-    tangents = unit(np.gradient(curve, ways, axis=0, edge_order=2))
+        return Straight(points[0], steps[0] / lengths[0], unit(means[0]), lengths[0])
+    for k, (a, b) in enumerate(pairwise(steps)):
+        turn = float(np.degrees(np.arccos(np.clip(a @ b / (lengths[k] * lengths[k + 1]), -1.0, 1.0))))
+        if turn > _MOST_TURN:
+            raise BakeError(
+                f"turns by {turn:.0f}° at {names[k + 1]}, and {_MOST_TURN:.0f}° is the most: more points round it",
+                where=where,
+            )
+    places, facing = _halved(np.stack(points), np.stack(normals), foot)
+    return _curve(*_spline(places, facing, _PIECES))
+
+
+def _halved(places: Floats, facing: Floats, foot: Foot) -> tuple[Floats, Floats]:
+    """(2 anchors - 1, 3) places and normals: those of the anchors, and on the surface halfway between each two."""
+    middles, normals = (values[1::2] for values in _spline(places, facing, 2))
+    lengths = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    both = np.zeros((2, 2 * len(places) - 1, 3))
+    both[:, ::2] = places, facing
+    for k, (middle, normal) in enumerate(zip(middles, unit(normals), strict=True)):
+        found = foot(middle)
+        # Over a gap or a fold of the surface the curve goes its own way.
+        near = np.linalg.norm(found[0] - middle) < _NEAR * lengths[k] and found[1] @ normal > 0
+        both[:, 2 * k + 1] = found if near else (middle, normal)
+    return both[0], both[1]
+
+
+def _spline(places: Floats, facing: Floats, pieces: int) -> tuple[Floats, Floats]:
+    """(samples, 3) points on the smooth curve through (places, 3), so many pieces from one to the next, and normals."""
+    t = np.linspace(0.0, 1.0, pieces + 1)[1:, None]
+    # The share of the second of the two arcs between two places, and of the second normal.
+    share = np.sin(0.5 * np.pi * t) ** 2
+    points, normals = [places[:1]], [facing[:1]]
+    for k in range(len(places) - 1):
+        thirds = [places[third] for third in (k - 1, k + 2) if 0 <= third < len(places)]
+        arcs = [_arc(places[k], places[k + 1], third, t) for third in thirds]
+        points.append(arcs[0] + share * (arcs[-1] - arcs[0]))
+        normals.append(facing[k] + share * (facing[k + 1] - facing[k]))
+    return np.concatenate(points), np.concatenate(normals)
+
+
+def _curve(points: Floats, facing: Floats) -> Curve:
+    """Measure a curve along (samples, 3) points, with the parts of (samples, 3) vectors across it as normals."""
+    ways = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+    tangents = unit(np.gradient(points, ways, axis=0, edge_order=2))
     bends = np.gradient(tangents, ways, axis=0)
-    wanted = np.concatenate(facing)
-    across = unit(wanted - np.sum(wanted * tangents, axis=1, keepdims=True) * tangents)
-    return Curve(curve, tangents, bends, across, ways)
-
-
-def _across(mean: Floats, along: Floats, names: Sequence[str], where: str) -> Floats:
-    """(3,) unit normal: the part across a line of the sum of the normals at its ends."""
-    mean = mean - (mean @ along) * along
-    if np.linalg.norm(mean) < _LEAST_MEAN:
-        raise BakeError(f"the surface faces opposite ways at {names[0]} and {names[1]}", where=where)
-    return unit(mean)
+    normals = unit(facing - np.sum(facing * tangents, axis=1, keepdims=True) * tangents)
+    return Curve(points, tangents, bends, normals, ways)
 
 
 def _arc(start: Floats, end: Floats, third: Floats, t: Floats) -> Floats:
-    """(times, 3) from 0 to 1 along the circle through three points, from one to another, not by way of the third."""
+    """(times, 3) at (times, 1) from 0 to 1 on the circle through three points, from one to another past no third."""
     chord = end - start
     length = float(np.linalg.norm(chord))
     along = chord / length
     one, other = start - third, end - third
     # Half of what the arc spans is the angle at which it is seen from the third point (Euclid III.20).
     half = np.arctan2(np.linalg.norm(np.cross(one, other)), one @ other)
-    across = (third - start) - ((third - start) @ along) * along
-    turned = (2.0 * t - 1.0) * half
-    if half < 1e-6:
-        return start + t[:, None] * chord
-    outwards = -unit(across)
-    run, rise = (
-        0.5 * length * np.sin(turned) / np.sin(half),
-        0.5 * length * (np.cos(turned) - np.cos(half)) / np.sin(half),
-    )
-    return (start + end) / 2.0 + run[:, None] * along + rise[:, None] * outwards
+    if half < _LEAST_ANGLE:
+        return start + t * chord
+    outwards = -unit(third - start - ((third - start) @ along) * along)
+    turned, radius = (2.0 * t - 1.0) * half, 0.5 * length / np.sin(half)
+    return (start + end) / 2.0 + radius * (np.sin(turned) * along + (np.cos(turned) - np.cos(half)) * outwards)

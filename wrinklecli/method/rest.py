@@ -44,6 +44,11 @@ class Rest:
     positions: Floats
     triangles: Ints
 
+    def foot(self, point: Floats) -> tuple[Floats, Floats]:
+        """The point of the surface nearest to a (3,) one, world space, and the (3,) normal there."""
+        triangle, barycentrics, place = self.blocks.closest_point(point)
+        return place, unit(barycentrics @ self.normals_at(self.triangles[triangle]))
+
     @property
     def pose(self) -> Pose:
         """As of any other moment."""
