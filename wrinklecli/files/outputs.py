@@ -2,8 +2,9 @@
 
 Each is written into a folder of this run's, `.wrinkle-…`, beside its destination. When all of them are there, they are
 renamed into their places, the main ones last. So a file is whole at any moment; where something fails, and where a
-signal ends the run before the renaming, all is as it was. Killed outright amid the renaming, a run leaves its main
-output as it was, or all is new; its folder is taken away by a later one.
+signal ends the run before the renaming, all is as it was. Killed outright amid the renaming, which no system does of
+several files at once, a run leaves some old and some new, the last main output old; its folder is taken away by a later
+one.
 """
 
 import errno
