@@ -10,6 +10,7 @@ from scipy.sparse import csr_array
 from kit.asset import Asset, attribute, stored
 from kit.limb import RADIUS, limb_asset
 from kit.suggested import ends, middle
+from wrinklecli.character.bones import read_bones
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.rig import read_rig
@@ -56,6 +57,13 @@ def suggested(folder: Path, asset: Asset, **options: Any) -> Suggestions:
         ("Skinned_Mesh.001", None),
         ("Material.001", None),
         ("armature", None),
+        ("Wolf3D_Outfit_Bottom", "cloth"),
+        ("Std_Eye_Occlusion_L", "hard"),
+        ("Fingernails", "hard"),
+        ("yoga-pants", "cloth"),
+        ("靴下", "cloth"),
+        ("左目", "hard"),
+        ("体_肌", "skin"),
     ],
 )
 def test_words_of_names_say_what_a_mesh_is_made_of(name: str, kind: str | None) -> None:
@@ -177,7 +185,7 @@ def test_a_knee_bends_one_way_and_sides_of_a_face_move_together(tmp_path: Path) 
     asset.gltf["nodes"][2]["name"] = "LeftKnee"
     asset.gltf["meshes"][0]["extras"]["targetNames"] = ["browDownLeft", "browDownRight"]
     document = moved(read_document(asset.write(tmp_path / "limb.glb")), [0], Motions()).document
-    found = believable(read_clips(document), read_rig(document, 0))
+    found = believable(read_clips(document), read_rig(document, 0), read_bones(document))
     # The limb lies along x: a turn about y by a positive angle takes its end to -z, backwards.
     assert [(clip.name, clip.end) for clip in found] == [
         ("LeftKnee about y, +90°", 1.0),

@@ -3,13 +3,13 @@
 So riggers see how a character deforms; and it shows where one folds that has no clips.
 """
 
-import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from wrinklecli.character.bent import bent_areas
+from wrinklecli.character.bones import Bones, Part, read_bones
 from wrinklecli.character.clip import Channel, Clip
 from wrinklecli.character.motion import motion_clip, quaternion_product, raising, turned_axis, turning
 from wrinklecli.character.rig import Rig, read_hierarchy, read_rig
@@ -17,13 +17,10 @@ from wrinklecli.errors import counted
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, unit, unit_quaternions
 
-# Degrees that a joint bends to either side; those of the trunk and the jaw, by words in their names, about as far as
-# Unity lets its humanoids bend. What else hangs on the head are muscles, often with a pivot behind the eyes: 8° move
-# skin by a centimetre.
+# Degrees that a joint bends to either side; those of the trunk and the jaw about as far as Unity lets its humanoids
+# bend. What else hangs on the head are muscles, often with a pivot behind the eyes: 8° move skin by a centimetre.
 _BEND, _TRUNK_BEND, _JAW_BEND, _FACE_BEND = 90.0, 45.0, 20.0, 8.0
-_JAW = re.compile("jaw|mandible|eye(?!brow|lid|lash)", re.IGNORECASE)
-_TRUNK = re.compile("spine|chest|torso|waist|pelvis|neck|head|clavicle|collar|shoulder|metacarp", re.IGNORECASE)
-_HEAD = re.compile("head", re.IGNORECASE)
+_TRUNK: tuple[Part, ...] = ("hips", "spine", "chest", "neck", "head", "shoulder", "palm")
 # Degrees at most that a joint turns about its own bone, as a forearm does: linear blend skinning wrings a limb that is
 # twisted further.
 _TWIST = 45.0
@@ -89,7 +86,8 @@ def range_of_motion(
     joints = sorted(sorted(turnable, key=lambda node: -areas[node])[:_MOST_JOINTS])
     moving = _morph_targets(document, rigs, driven or {})
     morphs = list(moving)[:_MOST_MORPHS]
-    made = [each for node in joints for each in _turns(rigs[0], node, clips, moved > 0)]
+    bones = read_bones(document)
+    made = [each for node in joints for each in _turns(rigs[0], node, bones, clips, moved > 0)]
     made += [(name, [raising(rig, dict.fromkeys(numbers, 1.0)) for rig, numbers in moving[name]]) for name in morphs]
     left_out = [
         counted(len(turnable) - len(joints), "joint") + " that bend less" if len(turnable) > len(joints) else "",
@@ -137,11 +135,13 @@ def _named(made: Sequence[tuple[str, Sequence[Channel]]], taken: set[str], first
         yield motion_clip(name, channels, index=index)
 
 
-def _turns(rig: Rig, node: int, clips: Sequence[Clip], carrying: Bools) -> Iterator[tuple[str, list[Channel]]]:
+def _turns(
+    rig: Rig, node: int, bones: Bones, clips: Sequence[Clip], carrying: Bools
+) -> Iterator[tuple[str, list[Channel]]]:
     """The turns of a joint about its axes, each way; `carrying` are the (nodes,) that move something."""
     stored = unit_quaternions(rig.locals[node]["rotation"])
     bone = _bone(rig, node, carrying)
-    shown, bend = _shown_turns(node, stored, clips), _usual_bend(rig, node)
+    shown, bend = _shown_turns(node, stored, clips), _usual_bend(rig, node, bones)
     for number, (axis, (least, most)) in enumerate(zip(np.eye(3), shown, strict=True)):
         extents = [-least, most]
         if max(-shown.min(), shown.max()) < _TELLING:
@@ -153,14 +153,14 @@ def _turns(rig: Rig, node: int, clips: Sequence[Clip], carrying: Bools) -> Itera
                 yield name, [turning(node, stored, turned_axis(stored, axis), np.radians(angle))]
 
 
-def _usual_bend(rig: Rig, node: int) -> float:
-    """Degrees that a joint bends to either side, by its name and those above."""
-    bend, above = _TRUNK_BEND if _TRUNK.search(rig.names[node]) else _BEND, int(rig.parents[node])
+def _usual_bend(rig: Rig, node: int, bones: Bones) -> float:
+    """Degrees that a joint bends to either side, by the part of the body that it is and those above."""
+    part, above = bones.parts[node], int(rig.parents[node])
     while above >= 0:
-        if _HEAD.search(rig.names[above]):
-            return _JAW_BEND if _JAW.search(rig.names[node]) else _FACE_BEND
+        if bones.parts[above] == "head":
+            return _JAW_BEND if part in ("jaw", "eye") else _FACE_BEND
         above = int(rig.parents[above])
-    return bend
+    return _TRUNK_BEND if part in _TRUNK else _BEND
 
 
 def _shown_turns(node: int, stored: Floats, clips: Sequence[Clip]) -> Floats:

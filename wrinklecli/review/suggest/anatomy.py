@@ -1,17 +1,18 @@
 """Which motions of a range of motion a body makes, and how far: a knee bends one way, a spine by little at each joint.
 
-Joints are known by their names. Sides of a face move together, as nobody raises one brow alone for long.
+Sides of a face move together, as nobody raises one brow alone for long.
 
 Source of the angles of knee, elbow, wrist and ankle: the normal ones of 38 CFR § 4.71, plates I and II. The others are
 smaller than a body's, as far as rigs bend well; a spine's and a neck's are shared by the joints that rigs have there.
 """
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from wrinklecli.character.bones import Bones, Part
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import node_matrices
 from wrinklecli.character.rig import Rig
@@ -29,7 +30,6 @@ class _Joint:
     """How far a joint bends, degrees.
 
     Attributes:
-        words: Pattern of its names.
         forwards: To where the character looks; a hinge to where it is bent at rest already, if that shows.
         backwards: The other way.
         aside: To either side, up and down.
@@ -37,7 +37,6 @@ class _Joint:
         hinge: Whether it bends about one axis.
     """
 
-    words: str
     forwards: float
     backwards: float
     aside: float
@@ -45,49 +44,50 @@ class _Joint:
     hinge: bool = False
 
 
-# The first whose words a name has. Of arms and legs that hang or are spread out.
-_JOINTS = (
-    _Joint("toe|ball", 30, 45, 30, 0),
-    _Joint("thumb|index|middle|ring|pinky|little|finger|palm|metacarpal", 90, 90, 90, 0, hinge=True),
-    _Joint("fore_?arm|elbow|lower_?arm|low_?arm", 145, 0, 0, 0, hinge=True),
-    _Joint("knee|calf|shin|lower_?leg|low_?leg", 0, 140, 0, 0, hinge=True),
-    _Joint("thigh|up(per)?_?leg|femur", 110, 20, 30, 20),
-    _Joint("clavicle|shoulder|collar", 15, 15, 25, 0),
-    _Joint("up(per)?_?arm|humerus", 90, 45, 90, 30),
-    _Joint("hand|wrist", 70, 70, 70, 0),
-    _Joint("foot|ankle", 45, 45, 45, 0),
-    _Joint("neck|head|skull", 30, 30, 25, 30),
-    _Joint(r"chest|thorax|spine_?0?[2-9]", 10, 10, 10, 10),
-    _Joint("spine|torso|abdomen|waist|belly|hips|pelvis|root|body", 25, 10, 15, 10),
-    _Joint(r"\barm", 90, 45, 90, 30),
-    _Joint(r"\bleg", 0, 140, 0, 0, hinge=True),
-)
-_FOOT = re.compile("toe|ball", re.IGNORECASE)
+# By part of the body. Of arms and legs that hang or are spread out.
+_JOINTS: Mapping[Part, _Joint] = {
+    "toes": _Joint(30, 45, 30, 0),
+    "finger": _Joint(90, 90, 90, 0, hinge=True),
+    "palm": _Joint(10, 0, 0, 0),
+    "lower arm": _Joint(145, 0, 0, 0, hinge=True),
+    "lower leg": _Joint(0, 140, 0, 0, hinge=True),
+    "upper leg": _Joint(110, 20, 30, 20),
+    "shoulder": _Joint(15, 15, 25, 0),
+    "upper arm": _Joint(90, 45, 90, 30),
+    "hand": _Joint(70, 70, 70, 0),
+    "foot": _Joint(45, 45, 45, 0),
+    "neck": _Joint(30, 30, 25, 30),
+    "head": _Joint(30, 30, 25, 30),
+    "chest": _Joint(10, 10, 10, 10),
+    "spine": _Joint(25, 10, 15, 10),
+    "hips": _Joint(25, 10, 15, 10),
+    "twist": _Joint(0, 0, 0, 0),
+}
 
 
-def believable(clips: Sequence[Clip], rig: Rig) -> list[Clip]:
+def believable(clips: Sequence[Clip], rig: Rig, bones: Bones) -> list[Clip]:
     """Motions of a range of motion, each only as far as a body goes; morph targets of two sides raised together.
 
     Args:
         clips: Each turns one joint, or raises one morph target, evenly.
         rig: With the joints.
+        bones: Which these are.
     """
-    forwards = _forwards(rig)
+    forwards = _forwards(rig, bones)
     found = []
     for clip in clips:
         (channel, *others) = clip.channels
         if channel.path != "rotation" or others:
             continue
-        end = _end(clip, channel.node, rig, forwards)
+        end = _end(clip, channel.node, rig, bones.parts[channel.node], forwards)
         if end > clip.start:
             found.append(replace(clip, end=end))
     return [*found, *_expressions([clip for clip in clips if clip.channels[0].path == "weights"])]
 
 
-def _end(clip: Clip, node: int, rig: Rig, forwards: Floats) -> float:
+def _end(clip: Clip, node: int, rig: Rig, part: Part | None, forwards: Floats) -> float:
     """When a motion of a joint has gone as far as a body's does, seconds; its start where that is nowhere."""
-    stem = split_side(rig.names[node].rsplit(":", 1)[-1])[0].strip("_-. ")
-    joint = next((each for each in _JOINTS if re.search(each.words, stem, re.IGNORECASE)), None)
+    joint = None if part is None else _JOINTS.get(part)
     if joint is None:
         return clip.end
     (before, after), above, bone = _turned(clip, node, rig)
@@ -123,22 +123,22 @@ def _turned(clip: Clip, node: int, rig: Rig) -> tuple[list[Floats], Floats, Floa
     return list(linear / np.where(scale > 0, scale, 1.0)[:, None, None]), above, bone if bone.any() else above
 
 
-def _forwards(rig: Rig) -> Floats:
-    """(3,) unit, where a character looks: along its feet, or along z, as glTF has it."""
-    toes = [k for k, name in enumerate(rig.names) if _FOOT.search(name) and rig.parents[k] >= 0]
+def _forwards(rig: Rig, bones: Bones) -> Floats:
+    """(3,) unit, where a character looks: along its feet, or as its file format says."""
+    toes = [k for k, part in enumerate(bones.parts) if part == "toes" and rig.parents[k] >= 0]
     if toes:
         places = node_matrices(rig, None, np.zeros(1), [*toes, *(int(rig.parents[k]) for k in toes)])[0, :, :3, 3]
         along = (places[: len(toes)] - places[len(toes) :]).sum(axis=0) * [1.0, 0.0, 1.0]
         if along.any():
             return unit(along)
-    return np.array([0.0, 0.0, 1.0])
+    return bones.ahead
 
 
 def _expressions(clips: Sequence[Clip]) -> Iterator[Clip]:
     """Clips that raise morph targets, those that differ by the side or both raise brows joined into one."""
     groups: dict[str, list[Clip]] = {}
     for clip in clips:
-        raises = re.search("brow", clip.name, re.IGNORECASE) and re.search("up|raise", clip.name, re.IGNORECASE)
+        raises = re.search("brow|brw", clip.name, re.IGNORECASE) and re.search("up|raise", clip.name, re.IGNORECASE)
         groups.setdefault("brows up" if raises else split_side(clip.name)[0], []).append(clip)
     for group in groups.values():
         first = group[0]

@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from wrinklecli.character.bones import Part, read_bones, words_of
 from wrinklecli.character.scene import read_scene
 from wrinklecli.errors import counted
 from wrinklecli.gltf.document import Document
@@ -14,13 +15,14 @@ from wrinklecli.review.suggest.openings import is_rim, rims
 from wrinklecli.review.suggest.substance import is_faceted, read_makeup, substance_of
 from wrinklecli.tools.mirror import split_side
 
-# What a joint or a morph target of these words moves gets no wrinkles of ours: lips and lids slide, cheeks swell.
+# What a joint or a morph target of these words moves gets no wrinkles of ours: lips and lids slide, cheeks swell, tails
+# and ears swing. VRoid's morph targets are `Fcl_MTH_A` and `Fcl_EYE_Close`.
 _SLIDING = re.compile(
-    "mouth|mth|lip|jaw|tongue|teeth|tooth|viseme|smile|eye(?!brow|squint)|lid|blink|gaze|pupil|cheekpuff|breast|hair",
-    re.IGNORECASE,
+    r"mouth|mth\b|\blips?\b|jaw|tongue|teeth|tooth|viseme|smile|\beyes?\b(?! ?(brow|squint))|lids?\b|blink|gaze|pupil"
+    r"|cheek ?puff|breast|bust\b|hair|tail\b|\bears?\b|口|唇|舌|歯|目|瞼|胸|髪|耳|尾"
 )
-# Joints over ribs and shoulder blades, where bare skin is held; clothes there fold.
-_BONY = re.compile(r"chest|thorax|rib|spine_?0?[2-9]|clavicle|scapula", re.IGNORECASE)
+# Joints of the trunk under which bare skin is held by ribs and shoulder blades; clothes there fold.
+_BONY: tuple[Part, ...] = ("chest", "shoulder")
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,8 +51,10 @@ def choose_folds(document: Document, folds: Sequence[Fold], *, everything: bool 
     notes: Counter[str] = Counter()
     left_out: Counter[tuple[str, str]] = Counter()
     known = {}
+    bones = read_bones(document)
     for fold in folds:
         mesh = fold.mesh
+        part = None if fold.by_morph else bones.parts[mesh.rig.names.index(fold.driver)]
         if id(mesh) not in known:
             known[id(mesh)] = read_makeup(document, mesh.rig, mesh.gauge), layers_over(mesh, scene), rims(mesh)
         makeup, layers, edges = known[id(mesh)]
@@ -59,9 +63,9 @@ def choose_folds(document: Document, folds: Sequence[Fold], *, everything: bool 
         substance = substance_of(makeup, shares)
         if substance.kind == "hard" and not everything:
             left_out[where, f"hard, as {substance.why}"] += 1
-        elif not everything and _SLIDING.search(fold.driver.replace("_", "")):
+        elif not everything and _SLIDING.search(words_of(fold.driver)):
             left_out[where, f"where {split_side(fold.driver)[0] or fold.driver} moves, which slides or swells"] += 1
-        elif not everything and substance.kind == "skin" and not fold.by_morph and _BONY.search(fold.driver):
+        elif not everything and substance.kind == "skin" and part in _BONY:
             left_out[where, "over ribs, which hold the skin"] += 1
         elif not everything and fold.by_morph and is_rim(fold.region, edges):
             left_out[where, "at a rim, such as of lips or lids"] += 1
@@ -71,7 +75,7 @@ def choose_folds(document: Document, folds: Sequence[Fold], *, everything: bool 
             material = None if substance.kind == "hard" else substance.kind
             # The edges of an equilateral triangle in the ball round each.
             facet = 3.0**0.5 * float(shares @ mesh.gauge.radii) if is_faceted(makeup, shares) else 0.0
-            chosen.append(replace(fold, material=material, facet=facet))
+            chosen.append(replace(fold, material=material, facet=facet, part=part))
             notes[f"{where}: {substance.kind}, as {substance.why}"] += 1
     lines = [
         f"{where}: left out {counted(count, 'fold')}: {why}; --all takes all"

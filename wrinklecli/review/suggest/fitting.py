@@ -168,7 +168,7 @@ def _made(
     if refined is None:
         return None
     driver, by_morph = fold.driver, fold.by_morph
-    stem, side = _stem_and_side(driver)
+    stem, side = _stem_and_side(driver, fold.part or "fold")
     size = sizes.get((mesh.rig.node, driver))
     if by_morph and region.on_plane:
         return _driven(refined, _newly_named([_tool(refined, stem, _width(region))], stem, names)[0], further)
@@ -263,10 +263,14 @@ def _least_shortening(fold: Fold, *, mild: bool) -> float:
     return _LEAST_SHORTENING[None if mild else fold.material]
 
 
-def _stem_and_side(driver: str) -> tuple[str, str]:
-    """What tools about a joint or a morph target are named, and L or R where its name says a side."""
+def _stem_and_side(driver: str, otherwise: str) -> tuple[str, str]:
+    """What tools about a joint or a morph target are named, and L or R where its name says a side.
+
+    Where it has no letters that a tool's name may have, they are named `otherwise`.
+    """
     stem, side = split_side(driver.rsplit(":", 1)[-1])
-    return "_".join("".join(c if c.isascii() and c.isalnum() else " " for c in stem).split()) or "fold", side
+    words = "".join(c if c.isascii() and c.isalnum() else " " for c in stem).split()
+    return "_".join(words if any(word.isalpha() for word in words) else otherwise.split()), side
 
 
 def _newly_named(tools: list[WrinkleTool], stem: str, names: set[str]) -> list[WrinkleTool]:

@@ -11,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 
+from wrinklecli.character.bones import Part
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import morph_weights, node_matrices
 from wrinklecli.character.rig import Rig
@@ -70,6 +71,7 @@ class Fold:
     facet: float = 0.0
     driver: str = ""
     by_morph: bool = False
+    part: Part | None = None
 
 
 def find_folds(mesh: MeasuredMesh, progress: Callable[[float], None] = lambda _share: None) -> Iterator[Fold]:

@@ -21,19 +21,29 @@ from wrinklecli.review.suggest.strain import Gauge
 Kind = Literal["skin", "cloth", "leather", "hard"]
 
 # Words of names, singular; the kind that stands first wins. Hair, eyes and teeth are parts of a body that no fold
-# crosses.
+# crosses. Among them those of Ready Player Me (`Wolf3D_Outfit_Footwear`), Daz (`EyeMoisture`, `Fingernails`) and
+# Character Creator (`Std_Eye_Occlusion`).
 _WORDS: dict[Kind, str] = {
-    "leather": "leather boot shoe sneaker belt strap glove saddle holster pouch",
+    "leather": "leather boot shoe sneaker footwear sandal belt strap glove saddle holster pouch",
     "hard": """metal metallic steel iron chrome gold silver brass copper alloy armor armour robot bot mech machine
-        plastic glass stone wood wooden plate screw bolt gear helmet visor lens gun weapon sword shield buckle button
-        zipper rubber wheel hair eyebrow brow beard lash eyelash eye iris cornea pupil sclera tooth teeth tongue gum
-        nail horn claw hoof""",
+        plastic glass glasses eyewear goggle stone wood wooden plate screw bolt gear helmet headwear visor lens gun
+        weapon sword shield buckle button zipper rubber wheel jewelry earring necklace hair eyebrow brow beard lash
+        eyelash eye iris irises cornea pupil sclera tearline eyemoisture tooth teeth tongue gum nail fingernail toenail
+        horn claw hoof""",
     "cloth": """cloth clothes clothing shirt tshirt trouser pant jeans denim jacket coat cape cloak robe dress skirt
-        sleeve fabric cotton wool silk linen sock scarf hood hoodie sweater suit short tunic uniform top bottom
-        onepiece kimono apron vest underwear bra blouse garment outfit textile""",
+        sleeve fabric cotton wool silk linen sock stocking legging tights scarf hood hoodie sweater suit bodysuit short
+        tunic uniform top bottom onepiece kimono apron vest underwear bra panties blouse garment outfit textile hat cap
+        tie""",
     "skin": "skin flesh body face head hand wrist arm leg foot neck finger ear nose torso dermis",
 }
 _KIND_OF: dict[str, Kind] = {word: kind for kind, words in reversed(_WORDS.items()) for word in words.split()}
+# The same in Japanese, whose words stand together: of MikuMikuDance and VRM models.
+_JAPANESE: dict[Kind, str] = {
+    "leather": "革|靴(?!下)|ブーツ|ベルト|手袋",
+    "hard": "金属|金具|鎧|眼鏡|メガネ|ボタン|髪|目|瞳|眉|睫|まつげ|歯|舌|爪|角",
+    "cloth": "服|布|袖|襟|シャツ|ズボン|パンツ|スカート|上着|コート|マント|帽子|靴下|リボン|ネクタイ|タイツ|着",
+    "skin": "肌|顔|体|首|手|足|腕",
+}
 # A metallic factor from which a material is a metal; what is dirty or woven with wire has less.
 _METALLIC = 0.5
 # Weight of one joint from which a vertex follows it alone, and the part of a region's corners that do in a rigid one.
@@ -135,7 +145,7 @@ def named(names: Iterable[str], of: str) -> Substance | None:
         words = {word.lower() for word in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name)}
         kinds = {_KIND_OF.get(word) or _KIND_OF.get(word.removesuffix("s")) for word in words}
         for kind in _WORDS:
-            if kind in kinds:
+            if kind in kinds or re.search(_JAPANESE[kind], name):
                 return Substance(kind, f"{of} is named {shortened(name, 40)}")
     return None
 

@@ -4,6 +4,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from wrinklecli.character.bones import read_bones
 from wrinklecli.character.clip import Clip, chosen_clips
 from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.rig import read_rig
@@ -85,7 +86,7 @@ def suggest(
         if joined.range and not clips:
             made = [clip for clip in chosen if clip.name in joined.range]
             others = (clip for clip in chosen if clip.name not in joined.range)
-            chosen = (*others, *believable(made, read_rig(document, nodes[0].index)))
+            chosen = (*others, *believable(made, read_rig(document, nodes[0].index), read_bones(document)))
         meshes = measure_meshes(document, nodes, chosen, fps, progress) if chosen else []
         folds = _folds_of(meshes, progress)
         choice = choose_folds(document, folds, everything=everything)

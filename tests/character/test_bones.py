@@ -1,0 +1,127 @@
+"""Parts of bodies, by the names that rigs give joints and by what is above and below."""
+
+import pytest
+
+from kit.asset import Asset
+from kit.prepared import as_document
+from wrinklecli.character.bones import read_bones, words_of
+
+# By rig, a chain of joints from the trunk to an end, and what they are.
+CHAINS = {
+    "Mixamo": (
+        "mixamorig:Hips mixamorig:LeftUpLeg mixamorig:LeftLeg mixamorig:LeftFoot mixamorig:LeftToeBase",
+        "hips, upper leg, lower leg, foot, toes",
+    ),
+    "three.js's Mixamo": (
+        "mixamorigSpine mixamorigSpine1 mixamorigSpine2 mixamorigLeftShoulder mixamorigLeftArm mixamorigLeftForeArm"
+        " mixamorigLeftHand mixamorigLeftHandRing1",
+        "spine, spine, chest, shoulder, upper arm, lower arm, hand, finger",
+    ),
+    "HumanIK": (
+        "Character1_LeftArm Character1_LeftArmRoll Character1_LeftForeArm",
+        "upper arm, twist, lower arm",
+    ),
+    "Rigify": (
+        "DEF-spine DEF-spine.001 DEF-spine.003 DEF-shoulder.L DEF-upper_arm.L DEF-upper_arm.L.001 DEF-forearm.L"
+        " DEF-hand.L ORG-palm.01.L DEF-f_index.01.L",
+        "spine, spine, chest, shoulder, upper arm, twist, lower arm, hand, palm, finger",
+    ),
+    "Biped": (
+        "Bip01 Bip01_Pelvis Bip01_L_Thigh Bip01_L_Calf Bip01_L_Foot Bip01_L_Toe0",
+        "-, hips, upper leg, lower leg, foot, toes",
+    ),
+    "Source": (
+        "ValveBiped.Bip01_Spine2 ValveBiped.Bip01_Spine4 ValveBiped.Bip01_R_Clavicle ValveBiped.Bip01_R_UpperArm",
+        "spine, spine, shoulder, upper arm",
+    ),
+    "CAT": (
+        "CATRigHub001 CATRigSpine1 CATRigLArmCollarbone CATRigLArm1 CATRigLArm2 CATRigLArmPalm CATRigLArmDigit11",
+        "hips, spine, shoulder, upper arm, lower arm, hand, finger",
+    ),
+    "Unreal": (
+        "pelvis thigh_l thigh_twist_01_l calf_l calf_kneeBack_l foot_l ball_l",
+        "hips, upper leg, twist, lower leg, twist, foot, toes",
+    ),
+    "Daz": (
+        "hip abdomenLower abdomenUpper chestLower lCollar lShldrBend lShldrTwist lForearmBend lHand lMid1",
+        "hips, spine, spine, chest, shoulder, upper arm, twist, lower arm, hand, finger",
+    ),
+    "Character Creator": (
+        "CC_Base_Hip CC_Base_Waist CC_Base_Spine01 CC_Base_Spine02 CC_Base_NeckTwist01 CC_Base_Head CC_Base_JawRoot",
+        "hips, spine, spine, chest, neck, head, jaw",
+    ),
+    "VRoid": (
+        "J_Bip_C_Chest J_Bip_C_UpperChest J_Bip_L_Shoulder J_Bip_L_UpperArm J_Bip_L_LowerArm J_Bip_L_Thumb1",
+        "chest, chest, shoulder, upper arm, lower arm, finger",
+    ),
+    "MikuMikuDance": (
+        "センター 腰 上半身 上半身2 左肩 左腕 左腕捩 左ひじ 左手捩 左手首 左人指１",
+        "hips, spine, spine, chest, shoulder, upper arm, twist, lower arm, twist, hand, finger",
+    ),
+    "MikuMikuDance's legs": (
+        "下半身 右足 右ひざ 右足首 右つま先 右足ＩＫ",
+        "hips, upper leg, lower leg, foot, toes, -",
+    ),
+    "VRChat": ("Left_leg Left_knee Left_ankle Left_toe", "upper leg, lower leg, foot, toes"),
+    "MakeHuman": (
+        "spine05 spine04 spine03 clavicle.L shoulder01.L upperarm01.L upperarm02.L lowerarm01.L wrist.L metacarpal1.L",
+        "spine, spine, chest, shoulder, shoulder, upper arm, twist, lower arm, hand, palm",
+    ),
+    "Second Life": (
+        "mTorso mCollarLeft mShoulderLeft mElbowLeft mWristLeft",
+        "spine, shoulder, upper arm, lower arm, hand",
+    ),
+    "Second Life's legs": ("mPelvis mHipLeft mKneeLeft mAnkleLeft", "hips, upper leg, lower leg, foot"),
+    "numbered": (
+        "Skeleton_arm_joint_L__4_ Skeleton_arm_joint_L__3_ Skeleton_arm_joint_L__2_",
+        "upper arm, lower arm, hand",
+    ),
+    "none": ("Armature joint_0 Bone.001 earring.L hindrance", "-, -, -, -, -"),
+}
+
+
+def chain(*names: str) -> Asset:
+    """Nodes one below the other."""
+    asset = Asset()
+    for number, name in enumerate(names):
+        asset.append("nodes", {"name": name, "children": [number + 1]} if number + 1 < len(names) else {"name": name})
+    asset.append("scenes", {"nodes": [0]})
+    return asset
+
+
+@pytest.mark.parametrize("rig", CHAINS)
+def test_joints_of_known_rigs_are_parts_of_a_body(rig: str) -> None:
+    names, parts = CHAINS[rig]
+    found = read_bones(as_document(chain(*names.split()))).parts
+    assert ", ".join(part or "-" for part in found) == parts
+
+
+def test_a_vrm_says_outright_which_node_is_which_bone() -> None:
+    asset = chain("a", "b", "c", "Head")
+    asset.gltf["extensions"] = {
+        "VRMC_vrm": {"humanoid": {"humanBones": {"leftUpperArm": {"node": 1}, "leftLowerArm": {"node": 2}}}}
+    }
+    found = read_bones(as_document(asset))
+    assert found.parts == (None, "upper arm", "lower arm", "head")
+    assert found.ahead.tolist() == [0.0, 0.0, 1.0]
+    asset.gltf["extensions"] = {
+        "VRM": {"humanoid": {"humanBones": [{"bone": "upperChest", "node": 0}, {"bone": "neck", "node": 99}]}}
+    }
+    found = read_bones(as_document(asset))
+    assert found.parts == ("chest", None, None, "head")
+    assert found.ahead.tolist() == [0.0, 0.0, -1.0]
+
+
+@pytest.mark.parametrize(
+    "said", [1, [], {}, [3], {"hips": 3}, {"hips": {"node": "a"}}, [{"bone": "hips", "node": -1}], None]
+)
+def test_a_vrm_that_says_nothing_sensible_is_read_by_names(said: object) -> None:
+    asset = chain("pelvis", "b")
+    asset.gltf["extensions"] = {"VRM": {"humanoid": {"humanBones": said}}}
+    assert read_bones(as_document(asset)).parts == ("hips", None)
+
+
+def test_words_of_names() -> None:
+    assert words_of("CATRigLArmPalm") == "cat rig l arm palm"
+    assert words_of("lShldrBend_01") == "l shldr bend"
+    assert words_of("上半身2_L") == "上半身2 l"

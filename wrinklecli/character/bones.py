@@ -1,0 +1,170 @@
+"""Which part of a body each joint is: as a VRM says outright, else by its name and by what is above and below it.
+
+Names alone do not tell: `LeftLeg` is the lower leg of Mixamo and the upper leg of many others, `lShoulder` the collar
+bone or the upper arm. So a leg is the upper one unless there is one above it, and so on.
+
+Sources of the names, of which tests have some each:
+    - Mixamo, and HumanIK of Maya and MotionBuilder: `LeftUpLeg`, `LeftLeg`, `LeftArm`, `LeftForeArm`.
+    - Rigify's human metarig (Blender Manual): `upper_arm.L`, `f_index.01.L`, `spine.003`; deforming bones `DEF-`.
+    - 3ds Max Biped, and with it Source's `ValveBiped.Bip01_L_UpperArm`; CAT: `CATRigLArm1`, `CATRigLArmPalm`.
+    - Unreal's mannequins: `upperarm_l`, `upperarm_twist_01_l`, `calf_l`, `ball_l`.
+    - Daz Genesis 3 to 9: `lShldrBend`, `lForearmTwist`, `abdomenUpper`; Character Creator: `CC_Base_L_CalfTwist01`.
+    - VRoid Studio: `J_Bip_C_UpperChest`; VRM 0.x and VRMC_vrm-1.0, humanoid: `leftUpperLeg`, by node.
+    - MikuMikuDance's standard and semi-standard bones: 上半身2, 左腕捩, 左ひじ, 左足首.
+    - MakeHuman: `lowerleg02.L`, `spine05`, the lowest; Second Life: `mCollarLeft`, `mShoulderLeft`, `mHipLeft`.
+"""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from wrinklecli.character.rig import read_parents
+from wrinklecli.gltf.document import Document
+from wrinklecli.numeric.arrays import Floats, Ints
+
+Part = Literal[
+    "hips", "spine", "chest", "neck", "head", "jaw", "eye", "shoulder", "upper arm", "lower arm", "hand", "palm",
+    "finger", "upper leg", "lower leg", "foot", "toes", "twist",
+]  # fmt: skip
+_Said = Part | Literal["arm", "leg"]
+# By part, words of names in lower case with a space between them, the first that a name has; and what stands for them
+# in Japanese. An `arm` and a `leg` are the upper or the lower one, by what is above.
+_NAMES: tuple[tuple[_Said, str], ...] = (
+    ("twist", r"(arm|leg|thigh|calf|shin|shldr|shoulder|hand|wrist|elbow|knee|foot|ankle)\w* (twist|roll|share)|捩"),
+    ("jaw", r"\bjaw|mandible|顎|あご"),
+    ("eye", r"\beyes?\b(?! ?(brow|lid|lash|socket))|目(?!頭|尻)"),
+    ("toes", r"\btoes?\b|\bball\b|metatarsal|つま先|足先|足指"),
+    ("palm", r"carpal|\bpalm"),
+    ("finger", r"thumb|\bindex|\bmiddle|\bring|pinky|\blittle|finger|\bdigit|指"),
+    ("lower arm", r"fore ?arm|elbow|low(er)? ?arm|\blo ?arm|ひじ|肘"),
+    ("lower leg", r"knee|\bcal(f|ves)|shin\b|low(er)? ?leg|\blo ?leg|ひざ|膝"),
+    ("upper leg", r"thigh|up(per)? ?leg|femur|太もも|足(?!首| ?(ik|ｉｋ))"),
+    ("shoulder", r"clavicle|collar|shoulder|scapula|肩"),
+    ("upper arm", r"up(per)? ?arm|humerus|shldr|腕"),
+    ("foot", r"foot|ankle|足首"),
+    ("hand", r"\bhand|wrist|手首|手"),
+    ("neck", r"neck(?!lace)|首"),
+    ("head", r"\bhead|skull|頭"),
+    ("chest", r"chest|thorax|\bribs?\b|rib ?cage|上半身[2-9２-９]"),
+    ("spine", r"spine|upper ?body|torso|abdomen|waist|belly|上半身|腰"),
+    ("hips", r"\bhips?\b|pelvis|\broot\b|\bbody\b|\bhub\b|下半身|センター|グルーブ"),
+    ("arm", r"\barm\b"),
+    ("leg", r"\bleg\b"),
+    ("finger", r"\bmid\b"),
+)
+_SIDED = re.compile(r"\b(l|r|left|right)\b|[左右]")
+# What hangs below a part of a limb that has the same name: a piece of the bone, which only twists.
+_LIMBS: tuple[Part, ...] = ("upper arm", "lower arm", "upper leg", "lower leg")
+_END_OF: dict[Literal["arm", "leg"], tuple[Part, Part, Part]] = {
+    "arm": ("upper arm", "lower arm", "hand"),
+    "leg": ("upper leg", "lower leg", "foot"),
+}
+_LOWER_SPINE = 2  # joints of a spine below the chest, where names do not tell
+
+
+@dataclass(frozen=True, slots=True)
+class Bones:
+    """What a document's nodes are to a body.
+
+    Attributes:
+        parts: (nodes,) the part that each moves; None where that is unknown.
+        ahead: (3,) unit, where the character looks, as far as the file format says.
+    """
+
+    parts: tuple[Part | None, ...]
+    ahead: Floats
+
+
+def read_bones(document: Document) -> Bones:
+    """Tell the parts of a body among a document's nodes.
+
+    Raises:
+        AssetError: The hierarchy has a cycle.
+    """
+    named = [str(node.get("name", "")) for node in document.items("nodes")]
+    for node, name in _of_vrm(document):
+        if node < len(named):
+            named[node] = name
+    # A VRM of version 0 looks along -z.
+    old = "VRM" in _extensions(document)
+    return Bones(_resolved(named, read_parents(document)), np.array([0.0, 0.0, -1.0 if old else 1.0]))
+
+
+def words_of(name: str) -> str:
+    """The words of a name in lower case, with a space between them: `mixamorig:LeftForeArm` is mixamorig left fore arm.
+
+    Other letters than Latin ones stay together, with digits after them.
+    """
+    return " ".join(re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[^\x00-\x7f]+[0-9]*", name)).lower()
+
+
+def _resolved(names: Sequence[str], parents: Ints) -> tuple[Part | None, ...]:
+    """The parts of nodes, by their names and by those above and below."""
+    words = [words_of(name) for name in names]
+    said = [next((part for part, pattern in _NAMES if re.search(pattern, each)), None) for each in words]
+    # Of each node the parts that those below it are said to be.
+    below: list[set[_Said]] = [set() for _ in names]
+    order = _from_roots(parents)
+    for node in reversed(order):
+        if parents[node] >= 0:
+            below[parents[node]] |= below[node] | {each for each in (said[node],) if each is not None}
+    parts: list[Part | None] = [None] * len(names)
+    above: list[tuple[Part, ...]] = [()] * len(names)
+    for node in order:
+        parent = int(parents[node])
+        chain = above[parent] if parent >= 0 else ()
+        parts[node] = part = _part(said[node], chain, below[node], sided=bool(_SIDED.search(words[node])))
+        above[node] = chain if part is None else (*chain, part)
+    return tuple(parts)
+
+
+def _part(said: _Said | None, above: tuple[Part, ...], below: set[_Said], *, sided: bool) -> Part | None:
+    """What a node is that is said to be something, with these parts above it and these said of those below."""
+    if said == "arm" or said == "leg":
+        upper, lower, end = _END_OF[said]
+        return end if lower in above else lower if upper in above else upper
+    if said == "palm" and "hand" not in above:
+        return "hand"
+    if said == "spine" and above.count("spine") >= _LOWER_SPINE:
+        return "chest"
+    if said in _LIMBS and said in above:
+        return "twist"
+    limb: Literal["arm", "leg"] = "arm" if said == "shoulder" else "leg"
+    upper, lower, _ = _END_OF[limb]
+    # The upper bone of a limb, where there is no other: between collar bone and elbow, or pelvis and knee.
+    alone = sided and lower in below and not {upper, limb, said} & below
+    return upper if said in ("shoulder", "hips") and alone else said
+
+
+def _from_roots(parents: Ints) -> list[int]:
+    """All nodes, each after its parent."""
+    children: list[list[int]] = [[] for _ in parents]
+    order: list[int] = []
+    for node, parent in enumerate(parents.tolist()):
+        (children[parent] if parent >= 0 else order).append(node)
+    for node in order:
+        order.extend(children[node])
+    return order
+
+
+def _of_vrm(document: Document) -> Iterator[tuple[int, str]]:
+    """Nodes with the names of the bones that a VRM says they are."""
+    for extension in ("VRM", "VRMC_vrm"):
+        bones = _extensions(document).get(extension)
+        for key in ("humanoid", "humanBones"):
+            bones = bones.get(key) if isinstance(bones, dict) else None
+        if not isinstance(bones, dict | list):
+            continue
+        # Version 1 has them by name, version 0 in a list.
+        for name, bone in bones.items() if isinstance(bones, dict) else enumerate(bones):
+            node = bone.get("node") if isinstance(bone, dict) else None
+            if isinstance(node, int) and node >= 0:
+                yield node, str(bone.get("bone", name))
+
+
+def _extensions(document: Document) -> dict[str, object]:
+    found = document.gltf.get("extensions")
+    return found if isinstance(found, dict) else {}
