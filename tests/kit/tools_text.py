@@ -199,6 +199,7 @@ OPTIONS = {
     "profile": st.sampled_from(["smooth", "polyline"]),
     "attenuation": st.sampled_from(["bell", "linear"]),
     "attachment": st.sampled_from(["skin", "patch"]),
+    "bow": st.floats(-1, 1),
     "strength": st.floats(-100, 100),
     "clips": st.dictionaries(NAMES, st.floats(-100, 100), max_size=3),
     "rest_length": st.one_of(

@@ -117,6 +117,7 @@ def test_the_defaults_of_the_contract():
         max_height="auto",
         details=(),
         profile="smooth",
+        bow=0.0,
         attenuation="bell",
         attachment="skin",
         strength=1.0,

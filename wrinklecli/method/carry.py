@@ -33,7 +33,7 @@ class CarriedPatch:
     Attributes:
         patch: The tool.
         vertices: (vertices,) fine welded vertices that move, rising.
-        us: (vertices,) where each is along the segment.
+        us: (vertices,) where each is on the control curve: along the segment, unless crests are bent.
         magnitudes: (vertices,) world displacement at rest over the curve's height.
         directions: (vertices, 3) bind displacement for a curve height of 1.
         stuck: How many members stay put because their joints' blend is singular at rest.
@@ -78,7 +78,7 @@ def carry(patch: Patch, fine: Refinement, pinned: Bools) -> CarriedPatch:
     return CarriedPatch(
         patch=patch,
         vertices=vertices,
-        us=u[chosen],
+        us=patch.bowed(u, v)[chosen],
         magnitudes=magnitudes[chosen],
         directions=normals_bind * magnitudes[chosen, None],
         # Where the blend is singular there is no normal either, and no magnitude.

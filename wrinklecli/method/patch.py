@@ -19,6 +19,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
 from wrinklecli.errors import BakeError, WrinkleError, listed, nearest
 from wrinklecli.method.anchor import Anchor, anchor_at
+from wrinklecli.method.bow import bowed
 from wrinklecli.method.curve import ControlCurve, count_intervals, plan_curve
 from wrinklecli.method.path import Path, path_through
 from wrinklecli.method.rest import Rest, asked_positions
@@ -94,6 +95,10 @@ class Patch:
         low, high = _UNFOLDED
         t = np.clip((found.stretches - low) / (high - low), 0.0, 1.0)
         return found.u, np.copysign(1.0 - (1.0 - np.abs(v)) * t * t * (3.0 - 2.0 * t), v)
+
+    def bowed(self, u: Floats, v: Floats) -> Floats:
+        """(…,) where (…,) places of the patch are on the control curve: u, unless crests are bent."""
+        return bowed(u, v, self.tool.bow, self.tool.bumps) if self.tool.bow else u
 
     def cosines(self, u: Floats, normals: Floats) -> Floats:
         """(…,) of (…, 3) unit normals of the surface, at (…,) places along it, and the patch's there."""

@@ -136,7 +136,7 @@ def _posed_at_once(
     v = np.sum(relative * across[:, None], axis=0) / patch.half_width
     factors = patch.factors(u, v, np.sum(normals * placed.normal[:, None], axis=0))
     factors = factors * ring.free[:, None] * placed.exists
-    lengths = factors * patch.curve.rises(np.clip(u, 0.0, 1.0), amplitudes)
+    lengths = factors * patch.curve.rises(np.clip(patch.bowed(u, v), 0.0, 1.0), amplitudes)
     members, frames = np.nonzero(lengths)
     linear = blended[:, :3, ring.members[members], frames].transpose(2, 0, 1)
     pushed = lengths[members, frames, None] * normals[:, members, frames].T

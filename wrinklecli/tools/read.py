@@ -171,6 +171,7 @@ _READ: Mapping[str, Callable[[Any], Any]] = {
     "max_height": _max_height,
     "compressible": lambda value: float(value.rstrip(" %")) / 100.0,
     "details": lambda value: tuple(map(float, value)),
+    "bow": float,
     "strength": float,
     "rest_length": _rest_length,
     "keys": _keys,

@@ -166,6 +166,7 @@ class WrinkleTool:
         compressible: Share of every shortening that the tissue takes itself, from 0 to 0.95.
         details: Shares of the shortening for finer wrinkles, each > 0, their sum < 1.
         profile: Shape of a bump.
+        bow: By how much crests are bent like an arc, from -1 to 1.
         attenuation: How a wrinkle fades across the width.
         attachment: `skin`, or the paper's `patch`.
         strength: Factor of the height.
@@ -194,6 +195,7 @@ class WrinkleTool:
     compressible: float = 0.0
     details: tuple[float, ...] = ()
     profile: Literal["smooth", "polyline"] = "smooth"
+    bow: float = 0.0
     attenuation: Literal["bell", "linear"] = "bell"
     attachment: Literal["skin", "patch"] = "skin"
     strength: float = 1.0

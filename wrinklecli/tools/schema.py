@@ -238,6 +238,11 @@ TOOL_KEYS = {
         "Shape of a bump: smooth, or the paper's polyline. Default smooth, or the material's.",
         default="smooth",
     ),
+    "bow": _key(
+        _number(-1, 1),
+        "Bends crests like an arc, their ends towards the target; negative: origin. Default 0.",
+        default=0.0,
+    ),
     "attenuation": _key(
         _one_of("bell", "linear"), "How a wrinkle fades across the width. Default bell.", default="bell"
     ),
