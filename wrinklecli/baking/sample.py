@@ -20,7 +20,7 @@ from wrinklecli.method.activity import (
     anchor_joints,
     lengths_over_time,
     rest_lengths_over_time,
-    tissue,
+    tissues,
 )
 from wrinklecli.method.anchor import anchor_poses
 from wrinklecli.method.bending import tallest_poses
@@ -138,6 +138,7 @@ def sample_activities(
     ends = np.ceil(np.cumsum([1.0 + (clip.end - clip.start) * fps for clip in clips])).astype(int).tolist()
     sampled: list[Motion] = []
     for clip, end, take in zip(clips, ends, takes_of(plan, clips), strict=True):
+        lagging = tissues(patches, plan.rig, plan.rest, clip)
         if mode == "frames":
             times = clip_grid(clip, None, fps=fps)
             keys = np.arange(len(times))
@@ -145,8 +146,9 @@ def sample_activities(
             times, keys = sampled[take].times, sampled[take].keys
         else:
             tell_left = partial(_tell_left, progress, end, ends[-1])
-            times, keys = _key_times(plan, clip, fps=fps, bound=bound, tell_left=tell_left)
-        sampled.append(Motion(clip, times, keys, tuple(activities(patches, plan.rig, plan.rest, clip, times))))
+            times, keys = _key_times(plan, clip, lagging, fps=fps, bound=bound, tell_left=tell_left)
+        seen = activities(patches, plan.rig, plan.rest, clip, times, lagging=lagging)
+        sampled.append(Motion(clip, times, keys, tuple(seen)))
         progress("sampling", end, ends[-1])
     return sampled
 
@@ -156,13 +158,20 @@ def _tell_left(progress: Progress, end: int, total: int, left: int) -> None:
 
 
 def _key_times(
-    plan: MeshPlan, clip: Clip, *, fps: float, bound: float, tell_left: Callable[[int], None]
+    plan: MeshPlan,
+    clip: Clip,
+    lagging: Sequence[LaggingTissue | None],
+    *,
+    fps: float,
+    bound: float,
+    tell_left: Callable[[int], None],
 ) -> tuple[Floats, Ints]:
     """Times so close that straight lines between them are right, and which of them to key.
 
     Args:
         plan: The tools.
         clip: The animation.
+        lagging: How each tool's tissue lags in it.
         fps: Of the grid.
         bound: Greatest error of one tool, scene units.
         tell_left: Called now and then with how many frames of the clip are left.
@@ -171,7 +180,6 @@ def _key_times(
         (frames,) seconds and (keys,) indices into them, as `key_times`.
     """
     clip_breaks, tolerance = motion_breaks(clip, plan.rig), _SAMPLING_SHARE * bound
-    lagging = [tissue(each.patch, plan.rig, plan.rest, clip) for each in plan.carried_patches]
 
     def signal_on(stretch: Floats) -> Signal:
         tell_left(math.ceil((clip.end - stretch[0]) * fps))

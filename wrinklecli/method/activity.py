@@ -71,8 +71,12 @@ def rest_lengths_over_time(patch: Patch, rig: Rig, clip: Clip | None, times: Flo
     return np.full(len(times), patch.rest_length)
 
 
-def tissue(patch: Patch, rig: Rig, rest: Rest, clip: Clip | None) -> LaggingTissue | None:
-    """How what a tool wrinkles lags behind a clip; None where it does not, and in the stored pose."""
+def tissues(patches: Sequence[Patch], rig: Rig, rest: Rest, clip: Clip | None) -> list[LaggingTissue | None]:
+    """How what each tool wrinkles lags behind a clip; None where it does not, and in the stored pose."""
+    return [_tissue(patch, rig, rest, clip) for patch in patches]
+
+
+def _tissue(patch: Patch, rig: Rig, rest: Rest, clip: Clip | None) -> LaggingTissue | None:
     lag, wanted = patch.tool.lag, patch.tool.rest_length
     if lag is None or clip is None:
         return None
@@ -97,6 +101,7 @@ class Activity:
             tissue takes itself; 0 where they do not.
         unabsorbed: (frames,) the part of them that no bump can take.
         amplitudes: (frames, groups, modes) of the curve; the tool's strength in the clip is not applied.
+        tissue: How it lags in this clip; None where it does not.
     """
 
     distances: Floats
@@ -104,6 +109,7 @@ class Activity:
     shortenings: Floats
     unabsorbed: Floats
     amplitudes: Floats
+    tissue: LaggingTissue | None = None
 
 
 def activity(patch: Patch, rig: Rig, rest: Rest, clip: Clip | None, times: Floats) -> Activity:
@@ -111,12 +117,20 @@ def activity(patch: Patch, rig: Rig, rest: Rest, clip: Clip | None, times: Float
     return activities([patch], rig, rest, clip, times)[0]
 
 
-def activities(patches: Sequence[Patch], rig: Rig, rest: Rest, clip: Clip | None, times: Floats) -> list[Activity]:
-    """As `activity`, of several tools: what moves their anchors is posed once."""
+def activities(
+    patches: Sequence[Patch],
+    rig: Rig,
+    rest: Rest,
+    clip: Clip | None,
+    times: Floats,
+    *,
+    lagging: Sequence[LaggingTissue | None] | None = None,
+) -> list[Activity]:
+    """As `activity`, of several tools: what moves their anchors is posed once. `lagging` is what `tissues` gives."""
     if not patches:
         return []
     joints = anchor_joints(patches)
-    lagging = [tissue(patch, rig, rest, clip) for patch in patches]
+    lagging = tissues(patches, rig, rest, clip) if lagging is None else lagging
     chunk = max(_ANCHORS_AT_ONCE // (len(joints) + len(rig.morph_weights)), 1)
     parts: list[list[Activity]] = [[] for _ in patches]
     for at in (times[k : k + chunk] for k in range(0, max(len(times), 1), chunk)):
@@ -127,7 +141,7 @@ def activities(patches: Sequence[Patch], rig: Rig, rest: Rest, clip: Clip | None
                 distances = late.follow(at, distances, lengths)
             shortenings = patch.curve.shortening(distances, lengths)
             amplitudes, unabsorbed = patch.curve.follow(distances, lengths)
-            found.append(Activity(distances, lengths, shortenings, unabsorbed, amplitudes))
+            found.append(Activity(distances, lengths, shortenings, unabsorbed, amplitudes, late))
     return [_joined(found) for found in parts]
 
 
@@ -148,7 +162,7 @@ def further_activities(
         return list(known)
     order = np.zeros(len(times), np.intp)
     order[~fresh], order[fresh] = np.arange(len(known_at)), np.arange(len(known_at), len(times))
-    found = activities(patches, rig, rest, clip, times[fresh])
+    found = activities(patches, rig, rest, clip, times[fresh], lagging=[each.tissue for each in known])
     return [_joined(pair, order) for pair in zip(known, found, strict=True)]
 
 
@@ -156,5 +170,8 @@ def _joined(parts: Sequence[Activity], order: Ints | None = None) -> Activity:
     """Activities of one tool, one after another; with their frames in an order, (frames,), if there is one."""
     if len(parts) == 1 and order is None:
         return parts[0]
-    joined = [np.concatenate([getattr(each, field.name) for each in parts]) for field in fields(Activity)]
-    return Activity(*(joined if order is None else [each.take(order, axis=0) for each in joined]))
+    of_frames = [field.name for field in fields(Activity) if field.name != "tissue"]
+    joined = {name: np.concatenate([getattr(each, name) for each in parts]) for name in of_frames}
+    if order is not None:
+        joined = {name: values.take(order, axis=0) for name, values in joined.items()}
+    return Activity(**joined, tissue=parts[0].tissue)
