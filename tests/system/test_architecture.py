@@ -17,7 +17,7 @@ ROOMS = ("errors", "files", "numeric", "tools", "gltf", "character", "method", "
 # Who may import a library; any module may import those that are not here.
 DOORS = {
     "yaml": {"tools/yaml_tree"},
-    "jsonschema_rs": {"tools/read"},
+    "jsonschema_rs": {"tools/checked"},
     "pygltflib": {"gltf/edit"},
     "DracoPy": {"gltf/draco"},
     "zstandard": {"baking/original"},

@@ -6,20 +6,16 @@ from materials.
 `configs/README.md` is the reference of the keys.
 """
 
-import difflib
-import functools
 import os
-import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Literal, TypeAlias
 
-from jsonschema_rs import Draft202012Validator
-
 from wrinklecli.errors import ConfigError
 from wrinklecli.files.formats import is_gltf
 from wrinklecli.files.inputs import open_input
+from wrinklecli.tools.checked import Format, Place, at, check, refusal
 from wrinklecli.tools.materials import with_material
 from wrinklecli.tools.mirror import mirrored
 from wrinklecli.tools.records import (
@@ -37,82 +33,13 @@ from wrinklecli.tools.records import (
     identifier,
     parse_length,
 )
-from wrinklecli.tools.schema import OWN_KEYS, TOOL_KEYS, TOOLS_SCHEMA, Schema
-from wrinklecli.tools.yaml_tree import MAX_BYTES, MAX_SHOWN, Node, Problem, path_to, printable, read_tree
+from wrinklecli.tools.schema import OWN_KEYS, TOOL_KEYS, TOOLS_SCHEMA
+from wrinklecli.tools.yaml_tree import MAX_BYTES, Node, Problem, path_to, printable, read_tree
 
-Place: TypeAlias = tuple[str | int, ...]  # keys and indices that lead to a value
 Keys: TypeAlias = tuple[str, ...]
 
 
-@functools.cache
-def _validator() -> Draft202012Validator:
-    return Draft202012Validator(TOOLS_SCHEMA)
-
-
-def _nearest(found: str, known: Iterable[str]) -> str | None:
-    # Longer than any key: no typing error, and difflib takes quadratic time.
-    if len(found) > MAX_SHOWN:
-        return None
-    return next(iter(difflib.get_close_matches(found.lower(), list(known), n=1)), None)
-
-
-def _refusal(node: Node, expected: str) -> str:
-    words = [word for word in re.split(r", | or ", expected.removeprefix("expected ")) if re.fullmatch("[a-z_]+", word)]
-    near = _nearest(node.value, words) if isinstance(node.value, str) else None
-    return f"found {node.shown}, {expected}" + (f"; did you mean {near}?" if near else "")
-
-
-def _at(root: Node, place: Place) -> tuple[Node, str]:
-    """The value at a place, and its path as messages write it."""
-    return functools.reduce(lambda node, step: node.children[step], place, root), functools.reduce(path_to, place, "")
-
-
-def _check(root: Node) -> tuple[list[Problem], set[Place]]:
-    """The problems that the schema has with the tree, and the places of what it refuses and of all around that."""
-    unknown: dict[Place, Schema] = {}  # where a mapping has keys that are not these
-    missing: dict[Place, list[str]] = {}
-    refused: dict[Place, str] = {}
-    for error in _validator().iter_errors(root.value):
-        place = tuple(error.instance_path)
-        schema: Any = TOOLS_SCHEMA
-        for step in error.schema_path[:-1]:
-            schema = schema[step]
-        match error.schema_path[-1]:
-            case "additionalProperties":
-                unknown[place] = schema["properties"]
-            case "required":
-                missing[place] = [*missing.get(place, ()), *schema["required"]]
-            case _:
-                mapping = f"expected a mapping of {', '.join(schema.get('properties', ()))}"
-                refused.setdefault(place, schema.get("errorMessage", mapping))
-    wrong = {place[:depth] for place in (*unknown, *missing, *refused) for depth in range(len(place) + 1)}
-    problems: list[Problem] = []
-    meant: set[tuple[Place, str | None]] = set()
-    for place, known in unknown.items():
-        node, path = _at(root, place)
-        for key in (str(key) for key in node.children if key not in known):
-            near = _nearest(key, known)
-            meant.add((place, near))
-            wrong.add((*place, key))
-            message = f"unknown key, did you mean {near}?" if near else f"unknown key, expected {', '.join(known)}"
-            if place == ("defaults",) and key in OWN_KEYS:
-                message = "not inherited, each tool needs its own"
-            if not place and key in TOOL_KEYS:
-                meant.add((place, key))
-                home = "a tool" if key in OWN_KEYS else "a tool or to defaults"
-                message = f"belongs to {home}; is it indented too little?"
-            problems.append(Problem(node.children[key].line, path_to(path, key), message))
-    for place, keys in missing.items():
-        node, path = _at(root, place)
-        for key in dict.fromkeys(keys):
-            # Not reported beside the misspelt key that was meant to be it, here or in the defaults, or is beside tools.
-            if key not in node.children and not {(place, key), (("defaults",), key), ((), key)} & meant:
-                problems.append(Problem(node.line, path_to(path, key), "required, but missing"))
-    for place, expected in refused.items():
-        if not any(place[:depth] in refused for depth in range(len(place))):
-            node, path = _at(root, place)
-            problems.append(Problem(node.line, path, _refusal(node, expected)))
-    return problems, wrong
+_FORMAT = Format(TOOLS_SCHEMA, "tool", TOOL_KEYS, OWN_KEYS)
 
 
 def _converted(value: Mapping[str, Any]) -> dict[str, Any]:
@@ -204,12 +131,12 @@ def _read(root: Node, place: Place, wrong: Collection[Place]) -> tuple[dict[str,
     """
     values: dict[str, Any] = {}
     problems: list[Problem] = []
-    node, _ = _at(root, place)
+    node, _ = at(root, place)
     for key, value in node.value.items() if isinstance(node.value, dict) else ():
         if (*place, key) in wrong:
             continue
-        odd = [(_at(root, (*place, key, *below)), expected) for below, expected in _odd(key, value)]
-        problems += [Problem(part.line, path, _refusal(part, expected)) for (part, path), expected in odd]
+        odd = [(at(root, (*place, key, *below)), expected) for below, expected in _odd(key, value)]
+        problems += [Problem(part.line, path, refusal(part, expected)) for (part, path), expected in odd]
         if not odd:
             values |= _converted({key: value})
     return values, problems
@@ -332,7 +259,7 @@ def parse_tools(text: str, *, name: str = "<tools>") -> ToolsFile:
     header: dict[str, Any] = {}
     tools: list[_Tool] = []
     if root is not None:
-        refused, wrong = _check(root)
+        refused, wrong = check(root, _FORMAT)
         header, odd = _read(root, (), {*wrong, ("defaults",), ("tools",)})
         defaults, odd_defaults = _read(root, ("defaults",), wrong) if "defaults" in root.children else ({}, [])
         tools, odd_tools = _tools(root, defaults, wrong)

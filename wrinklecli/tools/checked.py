@@ -1,0 +1,105 @@
+"""A YAML tree checked by a JSON Schema: each problem with its line, its path and a hint at what was meant."""
+
+import difflib
+import functools
+import re
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+from jsonschema_rs import Draft202012Validator
+
+from wrinklecli.tools.json_schema import Schema
+from wrinklecli.tools.yaml_tree import MAX_SHOWN, Node, Problem, path_to
+
+Place: TypeAlias = tuple[str | int, ...]  # keys and indices that lead to a value
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Format:
+    """What a file may say whose items inherit from its `defaults`.
+
+    Attributes:
+        schema: Of the file.
+        item: What an item is called, such as `tool`.
+        keys: Of an item.
+        own: Those of them that are not inherited.
+    """
+
+    schema: Schema
+    item: str
+    keys: Collection[str]
+    own: Collection[str]
+
+
+@functools.cache
+def _validator(form: Format) -> Draft202012Validator:
+    return Draft202012Validator(form.schema)
+
+
+def _nearest(found: str, known: Iterable[str]) -> str | None:
+    # Longer than any key: no typing error, and difflib takes quadratic time.
+    if len(found) > MAX_SHOWN:
+        return None
+    return next(iter(difflib.get_close_matches(found.lower(), list(known), n=1)), None)
+
+
+def refusal(node: Node, expected: str) -> str:
+    """What is said of a value that is not what was expected."""
+    words = [word for word in re.split(r", | or ", expected.removeprefix("expected ")) if re.fullmatch("[a-z_]+", word)]
+    near = _nearest(node.value, words) if isinstance(node.value, str) else None
+    return f"found {node.shown}, {expected}" + (f"; did you mean {near}?" if near else "")
+
+
+def at(root: Node, place: Place) -> tuple[Node, str]:
+    """The value at a place, and its path as messages write it."""
+    return functools.reduce(lambda node, step: node.children[step], place, root), functools.reduce(path_to, place, "")
+
+
+def check(root: Node, form: Format) -> tuple[list[Problem], set[Place]]:
+    """The problems that the schema has with the tree, and the places of what it refuses and of all around that."""
+    unknown: dict[Place, Schema] = {}  # where a mapping has keys that are not these
+    missing: dict[Place, list[str]] = {}
+    refused: dict[Place, str] = {}
+    for error in _validator(form).iter_errors(root.value):
+        place = tuple(error.instance_path)
+        schema: Any = form.schema
+        for step in error.schema_path[:-1]:
+            schema = schema[step]
+        match error.schema_path[-1]:
+            case "additionalProperties":
+                unknown[place] = schema["properties"]
+            case "required":
+                missing[place] = [*missing.get(place, ()), *schema["required"]]
+            case _:
+                mapping = f"expected a mapping of {', '.join(schema.get('properties', ()))}"
+                refused.setdefault(place, schema.get("errorMessage", mapping))
+    wrong = {place[:depth] for place in (*unknown, *missing, *refused) for depth in range(len(place) + 1)}
+    problems: list[Problem] = []
+    meant: set[tuple[Place, str | None]] = set()
+    for place, known in unknown.items():
+        node, path = at(root, place)
+        for key in (str(key) for key in node.children if key not in known):
+            near = _nearest(key, known)
+            meant.add((place, near))
+            wrong.add((*place, key))
+            message = f"unknown key, did you mean {near}?" if near else f"unknown key, expected {', '.join(known)}"
+            if place == ("defaults",) and key in form.own:
+                message = f"not inherited, each {form.item} needs its own"
+            if not place and key in form.keys:
+                meant.add((place, key))
+                home = f"a {form.item}" if key in form.own else f"a {form.item} or to defaults"
+                message = f"belongs to {home}; is it indented too little?"
+            problems.append(Problem(node.children[key].line, path_to(path, key), message))
+    for place, keys in missing.items():
+        node, path = at(root, place)
+        for key in dict.fromkeys(keys):
+            # Not reported beside the misspelt key that was meant to be it, here or in the defaults, or is beside the
+            # items.
+            if key not in node.children and not {(place, key), (("defaults",), key), ((), key)} & meant:
+                problems.append(Problem(node.line, path_to(path, key), "required, but missing"))
+    for place, expected in refused.items():
+        if not any(place[:depth] in refused for depth in range(len(place))):
+            node, path = at(root, place)
+            problems.append(Problem(node.line, path, refusal(node, expected)))
+    return problems, wrong
