@@ -154,6 +154,22 @@ def test_what_a_fold_hides_at_its_peak_is_shown_before_it(tmp_path: Path, angle:
     assert view.share > 0.55
 
 
+def test_a_card_tells_where_it_is_and_what_clip_however_long_its_name(tmp_path: Path) -> None:
+    asset = limb_asset(rings=33, sides=12)
+    asset.gltf["animations"][0]["name"] = name = "browInnerUp + " * 8 + "browOuterUpRight"
+    small = tool(**BUMPY) | {"origin": [-0.1, RADIUS, 0.0], "target": [0.1, RADIUS, 0.0], "width": 0.1}
+    path = asset.write(tmp_path / "limb.glb")
+    large = tool(**BUMPY) | {"origin": [-0.9, RADIUS, 0.0], "target": [0.9, RADIUS, 0.0]}
+    out = tmp_path / "a.png"
+    for each, framed in ((small, True), (large, False)):
+        tools = write_tools(tmp_path / "tools.yaml", each)
+        draw([path], out, tools=tools, review=True, hide_tools=True, size=(160, 120))
+        assert (near(picture(out), np.array((200, 30, 30)) / 255.0, within=5) > 10) == framed
+    (peak,) = peaks_of(path, tmp_path / "tools.yaml")
+    rows = " ".join(fact.text for row in reviewing.card_facts(peak) for fact in row)
+    assert f"in clip {name}" in rows
+
+
 def test_what_carries_no_wrinkles_has_no_review(tmp_path: Path) -> None:
     with pytest.raises(AssetError, match="no wrinkles to review"):
         draw([limb(tmp_path)], tmp_path / "a.png", review=True, **SMALL)

@@ -16,6 +16,7 @@ from wrinklecli.numeric.guard import Progress
 from wrinklecli.review.preview.apply import PlannedTools, apply_tools
 from wrinklecli.review.preview.camera import Camera, camera_axes, parse_view
 from wrinklecli.review.preview.framing import View, plan_views
+from wrinklecli.review.preview.inset import with_inset
 from wrinklecli.review.preview.misfits import RED, Misfit, find_misfits, misfit_overlay, misfit_points
 from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.options import PreviewOptions
@@ -37,10 +38,11 @@ _LAYOUTS = ((1, 1, (760, 570)), (2, 1, (640, 420)), (6, 2, (444, 320)), (MOST_RE
 _HIDDEN, _PLAIN, _MORE = 0.55, 0.7, 1.2
 _EARLIER = (0.85, 0.7, 0.55, 0.4)
 _UNSEEN = 0.2  # share of its wrinkles below which there is nothing to judge
-# Of a tool that does not fit: letters and rows of the line that says so, and factors of its pictures' distances.
+# Letters and rows of a line that stands below a card's pictures; and letters of a clip's name from which it does.
 _REASON, _REASON_ROWS = 92, 3
+_LONG_NAME = 40
 _BRIGHTEST = 0.65  # linear RGB, of a base colour
-_MARGINS = {"close": 1.8, "whole": 1.1}
+_MARGINS = {"close": 1.8, "whole": 1.1}  # of the distance, of a tool that does not fit
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,18 +65,33 @@ class _Shot:
 
     @property
     def aside(self) -> str:
-        """When, and from where."""
-        return f"{self.moment.label}, from {self.view.name}"
+        """When, and from where; in which clip, unless its name needs rows of its own."""
+        when = f"{self.moment.time:.2f} s" if _clip_rows(self.peak) else self.moment.label
+        return f"{when}, from {self.view.name}"
 
     @property
     def facts(self) -> list[Sequence[Fact]]:
         """What is to be said of it."""
-        first, *others = self.peak.facts
+        first, *others = card_facts(self.peak)
         if self.view.share < _UNSEEN:
             first = (*first, Fact("out of sight", alarming=True))
         elif self.moment != self.peak.moment:
             first = (*first, Fact(f"hidden at {self.peak.moment.time:.2f} s"))
         return [first, *others]
+
+
+def card_facts(peak: Peak) -> list[Sequence[Fact]]:
+    """What is to be said of a tool, from whichever side it is seen."""
+    figures, *others = peak.facts
+    return [figures, *_clip_rows(peak), *others]
+
+
+def _clip_rows(peak: Peak) -> list[Sequence[Fact]]:
+    """The name of a tool's clip where it is too long to stand beside the tool's."""
+    name = peak.moment.clip or ""
+    if len(name) <= _LONG_NAME:
+        return []
+    return [[Fact(row)] for row in textwrap.wrap(f"in clip {name}", _REASON)[:_REASON_ROWS]]
 
 
 def review(
@@ -103,7 +120,7 @@ def review(
     warnings += _missing(peaks[len(shown) :], len(peaks))
     count = len(shown) * max(len(options.views), 1) + len(misfits)
     columns, size = _layout(count, options)
-    rows = max(len(facts) for facts in (*(peak.facts for peak in shown), *map(_refusal, misfits)))
+    rows = max(len(facts) for facts in (*map(card_facts, shown), *map(_refusal, misfits)))
     cells = columns, -(-count // columns)
     refuse_large(cards_size(*cells, size, rows), 1, path)
     options = replace(options, size=size)
@@ -232,6 +249,7 @@ def _card(shot: _Shot, snapshots: Sequence[Snapshot], options: PreviewOptions) -
     # Tools of the left and the right are seen from opposite sides: so they look alike.
     style = replace(options.style, lit_from_right=bool(camera.axes[2, 0] < 0))
     pictures = [render(each, camera, size=options.picture_size, style=style) for each in (marked, snapshots[1])]
+    pictures[0] = with_inset(pictures[0], snapshots[0], camera, style)
     return Card(
         name=shot.peak.name,
         colour=INKS[shot.ink % len(INKS)] if marked.marks else None,
@@ -241,7 +259,7 @@ def _card(shot: _Shot, snapshots: Sequence[Snapshot], options: PreviewOptions) -
     )
 
 
-def _refusal(misfit: Misfit) -> list[list[Fact]]:
+def _refusal(misfit: Misfit) -> list[Sequence[Fact]]:
     """What is to be said of a tool that does not fit: the line that a bake would refuse it with, in rows."""
     return [[Fact(row, alarming=True)] for row in textwrap.wrap(misfit.refused.reason, _REASON)[:_REASON_ROWS]]
 

@@ -270,7 +270,7 @@ def _stem_and_side(driver: str, otherwise: str) -> tuple[str, str]:
     """
     stem, side = split_side(driver.rsplit(":", 1)[-1])
     words = "".join(c if c.isascii() and c.isalnum() else " " for c in stem).split()
-    return "_".join(words if any(word.isalpha() for word in words) else otherwise.split()), side
+    return "_".join(words if any(c.isalpha() for word in words for c in word) else otherwise.split()), side
 
 
 def _newly_named(tools: list[WrinkleTool], stem: str, names: set[str]) -> list[WrinkleTool]:
