@@ -39,6 +39,7 @@ _KEYS = [
     "up", "materials", "textures", "samplers", "cameras", "source", "sampler", "material", "pbrMetallicRoughness",
     "baseColorTexture", "index", "texCoord", "nodes", "scenes", "scene", "skins", "joints", "inverseBindMatrices",
     "animations", "channels", "wrinkle", "original", "attributes", "POSITION", "path", "lag", "frequency", "damping",
+    "bow", "variation", "seed", "branch", "profile", "compressible",
 ]
 # fmt: on
 

@@ -149,7 +149,7 @@ def _grown() -> list[Source]:
     header: Json = {"version": 1, "refinement": {"max_levels": 1}, "sampling": {"fps": 4}}
     bent = [[-0.5, RADIUS, 0.0], [0.0, RADIUS, 0.05], [0.5, RADIUS, 0.0]]
     lag = {"frequency": 3, "damping": 0.3}
-    path = {"name": "path", "path": bent, "width": 0.3, "bumps": 3, "strategy": "origin", "lag": lag}
+    path = {"name": "path", "path": bent, "width": 0.3, "bumps": 3, "strategy": "origin", "lag": lag, "bow": 0.5}
     marked = [{"marker": "joint_0"}, [0.2, RADIUS, 0.05], [0.8, RADIUS, 0.0]]
     both = [
         {"name": "marked", "node": "limb", "path": marked, "width": 0.4, "snap": "vertex", "attachment": "patch"},
