@@ -152,7 +152,7 @@ def _grown() -> list[Source]:
     path = {"name": "path", "path": bent, "width": 0.3, "bumps": 3, "strategy": "origin", "lag": lag, "bow": 0.5}
     marked = [{"marker": "joint_0"}, [0.2, RADIUS, 0.05], [0.8, RADIUS, 0.0]]
     both = [
-        {"name": "marked", "node": "limb", "path": marked, "width": 0.4, "snap": "vertex", "attachment": "patch"},
+        {"name": "marked", "node": "limb", "path": marked, "width": 0.4, "snap": "vertex", "bow": -1},
         {"name": "side.L", "node": "limb", "path": bent[:2], "width": 0.3, "mirror": "x", "lag": "none"},
     ]
     alone, two = limb_asset(rings=7, sides=6), limb_asset(rings=7, sides=6, morphs=1, morph_clip="LINEAR")
