@@ -16,7 +16,7 @@ from wrinklecli.errors import BakeError, TooMuchError
 from wrinklecli.review.check import check
 
 MANY = tool(bumps=8, strategy="origin", details=[0.2], profile="polyline")
-ANEW = tool(attachment="patch")
+ANEW = tool(attachment="patch", variation=0)
 SAMPLES = r"^limb: 2,001 samples of 1 tool would take .*: raise --max-memory$"
 
 

@@ -63,9 +63,11 @@ def test_keys_and_what_they_count(tmp_path: Path) -> None:
 
 
 def test_vertices_of_two_tools_count_once(tmp_path: Path) -> None:
-    tools = write_tools(tmp_path / "tools.yaml", tool(), tool(name="again"))
+    same = {"seed": 1}
+    alone = write_tools(tmp_path / "alone.yaml", tool(**same))
+    tools = write_tools(tmp_path / "tools.yaml", tool(**same), tool(name="again", **same))
     found = wrinklecli.bake(limb(tmp_path / "limb.glb"), tools, tmp_path / "out.glb").timings
-    assert found["members"] == bake(tmp_path).timings["members"]
+    assert found["members"] == wrinklecli.bake(tmp_path / "limb.glb", alone, tmp_path / "b.glb").timings["members"]
     assert found["targets"] == 2
 
 

@@ -365,7 +365,7 @@ def test_an_interrupt_is_no_bug(wrinkle: Wrinkle, tmp_path: Path, monkeypatch: p
 
 
 def test_the_report_says_what_every_tool_did(wrinkle: Wrinkle, tmp_path: Path) -> None:
-    write_tools(tmp_path / "tools.yaml", {**PALM, "max_height": "8%"}, BACK)
+    write_tools(tmp_path / "tools.yaml", {**PALM, "max_height": "8%", "variation": 0}, BACK)
     ran = wrinkle("bake", WRIST, "tools.yaml", "-o", "out.glb", "--report", "r.json")
     assert ran.code == 0
     report = json.loads((tmp_path / "r.json").read_text())
@@ -398,6 +398,15 @@ def test_the_report_says_what_every_tool_did(wrinkle: Wrinkle, tmp_path: Path) -
             assert heights.shape == (len(times), 4)
             assert tool["tallest"] == heights.max()
             assert max(tool["curve_length_error"]) < 1e-8
+            lines = tool["line_length_errors"]
+            errors = np.array(lines["errors"])
+            assert abs(errors[lines["v"].index(0)]) < 1e-3
+            assert (
+                lines["worst"]
+                == np.abs(errors).max()
+                >= lines["rms"]
+                == pytest.approx(np.sqrt(np.mean(errors**2)), rel=0.01, abs=1e-4)
+            )
             if tool["name"] == "palm" and clip["name"] == "flex":
                 segment = extras["palm"]["rest_length"]
                 assert heights.max() == pytest.approx(0.08 * segment, rel=1e-4)

@@ -38,6 +38,9 @@ tools:
     max_height: 40%
     details: [0.2, 0.1]
     profile: polyline
+    variation: 0.8
+    seed: 7
+    branch: 0.5
     attachment: patch
     strength: -0.5
     clips: {walk: 0.3, idle: 0}
@@ -197,6 +200,9 @@ OPTIONS = {
     "max_height": st.one_of(st.sampled_from(["auto", "none", None]), LENGTH),
     "details": st.lists(st.floats(0.001, 0.2), max_size=4),
     "profile": st.sampled_from(["smooth", "polyline"]),
+    "variation": st.floats(0, 1),
+    "seed": st.one_of(st.none(), st.integers(0, 2**31 - 1)),
+    "branch": st.floats(0, 1),
     "attenuation": st.sampled_from(["bell", "linear"]),
     "attachment": st.sampled_from(["skin", "patch"]),
     "bow": st.floats(-1, 1),

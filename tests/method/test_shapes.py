@@ -56,7 +56,7 @@ def test_fitted_normals_follow_the_wrinkled_surface(height: str, median: float, 
     """
     prepared = prepare(
         limb_asset(rings=25, sides=24),
-        tool(max_height=height, bumps=4),
+        tool(max_height=height, bumps=4, variation=0),
         refinement={"edges_per_interval": 4, "scheme": "butterfly_full"},
     )
     carried, fine = carry_patch(prepared)

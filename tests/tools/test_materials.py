@@ -22,6 +22,7 @@ def given_by(name: str, tool: WrinkleTool) -> dict[str, object]:
         "compressible": tool.compressible,
         "profile": tool.profile,
         "details": list(tool.details),
+        "variation": tool.variation,
     }
 
 
@@ -50,10 +51,10 @@ def test_what_is_written_wins_over_the_material_and_the_material_over_none(name:
     assert plain.bumps == usual_bumps(None)
     assert tool("material: none") == tool("material: none", f"material: {name}") == plain
     assert tool("", f"material: {name}") == tool(f"material: {name}", "material: skin") == given
-    own = ["bumps: 7", "max_height: none", "compressible: 5%", "profile: smooth", "details: [0.3]"]
+    own = ["bumps: 7", "max_height: none", "compressible: 5%", "profile: smooth", "details: [0.3]", "variation: 0.7"]
     written = replace(tool("\n".join(own)), material=given.material)
     assert tool("\n".join([f"material: {name}", *own])) == tool(f"material: {name}", ", ".join(own)) == written
-    of_material = {key: getattr(given, key) for key in ("bumps", "compressible", "profile", "details")}
+    of_material = {key: getattr(given, key) for key in ("bumps", "compressible", "profile", "details", "variation")}
     assert replace(plain, material=given.material, **of_material) == given
 
 

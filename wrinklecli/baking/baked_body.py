@@ -215,12 +215,12 @@ def _read_lag(data: Json) -> Lag:
 
 
 def _read_curve(data: Json, targets: int) -> CurveTable:
-    bumps = tuple(int(count) for count in data["bumps"])
+    bumps = tuple(float(count) for count in data["bumps"])
     distances = _rising(data["distances"]) if "distances" in data else np.zeros(0)
     parts = _rising(data["parts"])
     rises = np.array(data["rises"], np.float64).reshape(len(parts), -1)
     intervals = int(data["intervals"])
-    if min(intervals, *bumps) < 1 or max(intervals, *bumps) > _MOST_INTERVALS:
+    if intervals < 1 or min(bumps) <= 0 or max(intervals, *bumps) > _MOST_INTERVALS:
         raise ValueError
     return CurveTable(
         taut=float(data["taut"]),

@@ -15,7 +15,7 @@ from wrinklecli.method.patch import Patch
 from wrinklecli.tools.records import RestLengthKeys, RestLengthMorph
 
 # Raised only when the geometry that the same asset and tools give changes.
-METHOD = 2
+METHOD = 3
 
 # Decimal digits of numbers in extras: float32's own.
 _DIGITS = 8
@@ -128,7 +128,7 @@ def _curve_json(target_set: TargetSet) -> Json:
             "taut": table.taut,
             **({"compressible": table.compressible} if table.compressible else {}),
             "intervals": table.intervals,
-            "bumps": list(table.bumps),
+            "bumps": [_count(size) for size in table.bumps],
             **{key: [_digits(value) for value in values] for key, values in limited.items()},
             "parts": [_digits(value) for value in table.parts],
             "rises": [[_digits(value) for value in row] for row in table.rises],
@@ -165,6 +165,11 @@ def _anchor_json(anchor: Anchor, plan: MeshPlan) -> Json:
             if deltas.any()
         }
     return anchored
+
+
+def _count(size: float) -> float:
+    """A number of bumps: whole where all are equally wide."""
+    return int(size) if size.is_integer() else _digits(size)
 
 
 def _digits(value: float, digits: int = _DIGITS) -> float:

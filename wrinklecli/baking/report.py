@@ -22,6 +22,8 @@ from wrinklecli.numeric.arrays import Floats
 
 VERSION = 1
 
+# v of the lines whose lengths are reported: both borders, where nothing is left of a height, are not among them.
+_LINES = np.linspace(-0.75, 0.75, 13)
 # Decimal digits of measured numbers: those that tell any two float32 values apart.
 _DIGITS = 9
 
@@ -217,6 +219,8 @@ def _describe_activity(patch: Patch, seen: Activity, strength: float) -> Json:
     ends = finite + curve.compressible / (1.0 - curve.compressible) * seen.shortenings
     wanted = np.maximum(ends, ends + seen.shortenings) - seen.unabsorbed
     error = np.abs(curve.lengths(seen.amplitudes, ends) - wanted)
+    deepest = int(seen.shortenings.argmax())
+    lines = patch.line_lengths(seen.amplitudes[deepest], float(ends[deepest]), _LINES) / wanted[deepest] - 1.0
     return {
         "name": patch.tool.name,
         "strength": strength,
@@ -226,6 +230,13 @@ def _describe_activity(patch: Patch, seen: Activity, strength: float) -> Json:
         "unabsorbed": _list(seen.unabsorbed),
         "heights": [_list(frame) for frame in curve.heights(seen.amplitudes)],
         "curve_length_error": [float(f"{each:.2e}") for each in error],
+        # Of lines beside the segment, of the length that it has where it is shortest.
+        "line_length_errors": {
+            "v": _list(_LINES),
+            "errors": [float(f"{each:.2e}") for each in lines],
+            "worst": float(f"{np.abs(lines).max():.2e}"),
+            "rms": float(f"{np.sqrt(np.mean(lines**2)):.2e}"),
+        },
         "tallest": _round(tallest),
     }
 

@@ -33,7 +33,7 @@ class CarriedPatch:
     Attributes:
         patch: The tool.
         vertices: (vertices,) fine welded vertices that move, rising.
-        us: (vertices,) where each is on the control curve: along the segment, unless crests are bent.
+        us: (vertices,) where each is on the control curve: along the segment, where wrinkles are straight and ruled.
         magnitudes: (vertices,) world displacement at rest over the curve's height.
         directions: (vertices, 3) bind displacement for a curve height of 1.
         stuck: How many members stay put because their joints' blend is singular at rest.
@@ -63,7 +63,7 @@ def carry(patch: Patch, fine: Refinement, pinned: Bools) -> CarriedPatch:
     members = distinct_values(fine.triangles[children(fine.subdivision.parents, patch.members)])
     u, v = patch.coordinates(fine.rest_positions[members])
     normals = fine.rest_normals_at(members)
-    magnitudes = patch.magnitudes(u, v, normals)
+    us, magnitudes = patch.places(u, v, patch.cosines(u, normals))
     old = members < len(pinned)
     magnitudes[old] *= ~pinned[members[old]]
     regular = ~singular(fine.blended[members])
@@ -78,7 +78,7 @@ def carry(patch: Patch, fine: Refinement, pinned: Bools) -> CarriedPatch:
     return CarriedPatch(
         patch=patch,
         vertices=vertices,
-        us=patch.bowed(u, v)[chosen],
+        us=us[chosen],
         magnitudes=magnitudes[chosen],
         directions=normals_bind * magnitudes[chosen, None],
         # Where the blend is singular there is no normal either, and no magnitude.

@@ -53,9 +53,9 @@ class Absorption:
 
     Attributes:
         intervals: (frames,) x, scene units.
-        capacities: (frames,) D of a full bump, scene units; inf where bumps have no greatest height.
+        capacities: (frames,) D of a full bump of width 1, scene units; inf where bumps have no greatest height.
         rising: (frames,) which group rises; the number of groups where all are full.
-        shares: (frames,) D of each of its bumps, scene units.
+        shares: (frames,) D of a bump of width 1 in it, scene units.
         unabsorbed: (frames,) what none could take, scene units: ≥ 0, and exactly 0 where some bump is not full.
     """
 
@@ -70,10 +70,13 @@ class Absorption:
 class ControlCurve:
     """A tool's control curve, planned once, evaluated for all frames at a time.
 
-    Bumps that always rise together form a group; its height at u is Σ amplitudes[mode] · shapes[mode](u).
+    Bumps that always rise together form a group; its height at u is Σ amplitudes[mode] · shapes[mode](u). All bumps are
+    similar: one of width w is w times as high as one of width 1, and takes w times as much of the shortening. So the
+    profile is asked of a bump of width 1, and amplitudes are its.
 
     Attributes:
-        bumps: Number of bumps B.
+        widths: (bumps,) of each bump over their mean, on the segment.
+        peaks: (bumps,) greatest height of a bump over that on the segment, beside which it may be higher.
         gap: Flat intervals between neighbouring bumps.
         strategy: In which order bumps rise.
         details: Share of a bump's shortening that goes to each finer level; their sum is below 1.
@@ -90,7 +93,8 @@ class ControlCurve:
             0.3 % of the greatest of all.
     """
 
-    bumps: int
+    widths: Floats
+    peaks: Floats
     gap: int
     strategy: Strategy
     details: tuple[float, ...]
@@ -104,9 +108,24 @@ class ControlCurve:
     greatest_amplitudes: Floats
 
     @property
+    def bumps(self) -> int:
+        """Number of bumps B."""
+        return len(self.widths)
+
+    @property
     def bump_starts(self) -> Floats:
-        """(bumps,) u where each bump starts; it spans 2/n."""
-        return np.arange(self.bumps) * (2 + self.gap) / self.interval_count
+        """(bumps,) u where each bump starts; it spans 2/n times its width."""
+        return bump_ends(self.widths, self.gap)[0]
+
+    @property
+    def limit(self) -> float:
+        """Greatest height of a bump of width 1 on the segment, scene units: the highest then has `max_height`."""
+        return self.max_height / float((self.widths * self.peaks).max())
+
+    @property
+    def sizes(self) -> Floats:
+        """(groups,) sum of the widths of each group's bumps."""
+        return np.array([self.widths[list(group)].sum() for group in self.groups])
 
     @property
     def greatest_height(self) -> float:
@@ -132,14 +151,14 @@ class ControlCurve:
             rest_lengths: (frames,) l, scene units.
         """
         intervals = self.intervals(rest_lengths, shortenings)
-        capacities = self.profile.capacity(intervals, self.max_height)
-        sizes = np.array([len(group) for group in self.groups], np.float64)
+        capacities = self.profile.capacity(intervals, self.limit)
+        sizes = self.sizes
         before = np.append(0.0, np.cumsum(sizes))
         rising = np.zeros(len(shortenings), np.intp)
         for bumps in before[1:]:
             rising += shortenings > bumps * capacities
         # Capacities may be infinite, but not where they are full.
-        left = np.maximum(shortenings - before[rising] * np.minimum(capacities, shortenings), 0.0)
+        left = np.maximum(shortenings - before[rising] * np.where(rising > 0, capacities, 0.0), 0.0)
         all_full = rising == len(self.groups)
         return Absorption(
             intervals=intervals,
@@ -156,7 +175,7 @@ class ControlCurve:
         full, partly = np.flatnonzero(absorbed.rising > 0), np.flatnonzero(absorbed.rising < count)
         # Few frames at a time are asked for, mostly of one kind: the profile's cost then is that of being asked at all.
         if len(full):
-            heights = self.profile.fullest(absorbed.capacities[full], absorbed.intervals[full], self.max_height)
+            heights = self.profile.fullest(absorbed.capacities[full], absorbed.intervals[full], self.limit)
             for number in range(absorbed.rising.max()):
                 amplitudes[full, number] = heights * (absorbed.rising[full] > number)[:, None]
         if len(partly):
@@ -190,9 +209,9 @@ class ControlCurve:
         Returns:
             (groups, modes, points), 0 outside the group's bumps.
         """
-        taus = (us - self.bump_starts[:, None]) * (self.interval_count / 2)
+        taus = (us - self.bump_starts[:, None]) * (self.interval_count / 2) / self.widths[:, None]
         inside = (taus > 0) & (taus < 1)
-        of_bumps = self.profile.shapes(np.clip(taus, 0.0, 1.0)) * inside
+        of_bumps = self.profile.shapes(np.clip(taus, 0.0, 1.0)) * (inside * self.widths[:, None])
         return np.stack([of_bumps[:, group].sum(axis=1) for group in self.groups])
 
     def rises(self, us: Floats, amplitudes: Floats) -> Floats:
@@ -206,23 +225,25 @@ class ControlCurve:
             (points, frames), scene units; 0 outside all bumps.
         """
         # Bumps lie side by side: a point is in one at the most.
-        bumps = np.clip(us * self.interval_count / (2 + self.gap), 0, self.bumps - 1).astype(np.intp)
-        taus = (us - self.bump_starts[bumps]) * (self.interval_count / 2)
+        starts = self.bump_starts
+        bumps = np.searchsorted(starts[1:], us, side="right")
+        taus = (us - starts[bumps]) * (self.interval_count / 2) / self.widths[bumps]
         inside = (taus > 0) & (taus < 1)
         at = np.flatnonzero(inside)
         frames = np.broadcast_to(np.arange(us.shape[1]), us.shape).reshape(-1)[at]
         acting = amplitudes[frames, self.groups_of_bumps[bumps.reshape(-1)[at]]]
         heights = np.zeros(us.shape)
-        heights[inside] = np.sum(acting.T * self.profile.shapes(taus.reshape(-1)[at]), axis=0)
+        of_width = np.sum(acting.T * self.profile.shapes(taus.reshape(-1)[at]), axis=0)
+        heights[inside] = of_width * self.widths[bumps.reshape(-1)[at]]
         return heights
 
     def heights(self, amplitudes: Floats) -> Floats:
-        """(frames, bumps) height of each bump's highest point, details included, scene units.
+        """(frames, bumps) height of each bump's highest point, on the segment or beside it, scene units.
 
         Args:
             amplitudes: (frames, groups, modes), scene units.
         """
-        return self.profile.highest(amplitudes)[:, self.groups_of_bumps]
+        return self.profile.highest(amplitudes)[:, self.groups_of_bumps] * (self.widths * self.peaks)
 
     def lengths(self, amplitudes: Floats, distances: Floats) -> Floats:
         """(frames,) arc length of the control curve, scene units: l − unabsorbed, if all is right, where d > 0.
@@ -232,7 +253,7 @@ class ControlCurve:
             distances: (frames,) of the curve's ends, l − d, scene units: l' where the tissue takes nothing.
         """
         intervals = (distances / self.interval_count)[:, None]
-        excess = self.profile.excess(amplitudes, intervals)[:, self.groups_of_bumps]
+        excess = self.profile.excess(amplitudes, intervals)[:, self.groups_of_bumps] * self.widths
         return np.asarray(distances + excess.sum(axis=1), np.float64)
 
     def intervals(self, rest_lengths: Floats, shortenings: Floats) -> Floats:
@@ -253,6 +274,20 @@ def count_intervals(bumps: int, gap: int) -> int:
     return 2 * bumps + gap * (bumps - 1)
 
 
+def bump_ends(widths: Floats, gap: int) -> tuple[Floats, Floats]:
+    """(bumps,) u where each bump starts, and where it ends.
+
+    Args:
+        widths: (bumps,) of each bump over their mean.
+        gap: Flat intervals between neighbouring bumps.
+    """
+    intervals = count_intervals(len(widths), gap)
+    before = np.append(0.0, np.cumsum(widths))
+    before[-1] = len(widths)  # the last bump ends where the segment does
+    flat = np.arange(len(widths)) * gap
+    return (2.0 * before[:-1] + flat) / intervals, (2.0 * before[1:] + flat) / intervals
+
+
 def plan_curve(
     *,
     bumps: int,
@@ -264,6 +299,8 @@ def plan_curve(
     compressible: float = 0.0,
     rest_length: float,
     greatest_rest_length: float | None = None,
+    widths: Floats | None = None,
+    peaks: Floats | None = None,
 ) -> ControlCurve:
     """Plan a tool's control curve.
 
@@ -277,7 +314,12 @@ def plan_curve(
         compressible: c, the share of every shortening that the tissue takes itself, from 0 to below 1.
         rest_length: The tool's rest length, scene units, > 0.
         greatest_rest_length: The greatest that keyed rest lengths reach, scene units; else `rest_length`.
+        widths: (bumps,) of each bump over their mean; else all are equal.
+        peaks: (bumps,) greatest height of a bump over that on the segment; else 1.
     """
+    ruled = np.ones(bumps)
+    widths, peaks = ruled if widths is None else widths, ruled if peaks is None else peaks
+    limit = max_height / float((widths * peaks).max())
     interval_count = count_intervals(bumps, gap)
     groups = _group(bumps, strategy)
     greatest = max(rest_length, greatest_rest_length or 0.0)
@@ -286,10 +328,12 @@ def plan_curve(
         shape = plan_smooth(details)
     else:
         reached = (1.0 - compressible) * TAUT * greatest
-        samples = reachable_heights(details, max_height, TAUT * greatest, reached, interval_count, len(groups[0]))
+        sharing = float(widths[list(groups[0])].sum())
+        samples = reachable_heights(details, limit, TAUT * greatest, reached, interval_count, sharing)
         shape = plan_polyline(details, samples)
     curve = ControlCurve(
-        bumps=bumps,
+        widths=widths,
+        peaks=peaks,
         gap=gap,
         strategy=strategy,
         details=details,
@@ -314,8 +358,8 @@ def _greatest_amplitudes(curve: ControlCurve) -> Floats:
     shares = np.where(numbers < absorbed.rising, absorbed.capacities, 0.0)
     shares = np.where(numbers == absorbed.rising, absorbed.shares, shares)
     # The ends meet but for the rounding of the bumps' sum.
-    taken = shares[curve.groups_of_bumps].sum() + absorbed.unabsorbed
-    bounds = curve.profile.amplitudes(shares, curve.intervals(lengths, taken), curve.max_height)
+    taken = (shares[curve.groups_of_bumps] * curve.widths).sum() + absorbed.unabsorbed
+    bounds = curve.profile.amplitudes(shares, curve.intervals(lengths, taken), curve.limit)
     if isinstance(curve.profile, SmoothProfile):
         return bounds
     # A mode may turn round on its way, so its end is no bound; its samples are.

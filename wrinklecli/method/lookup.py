@@ -60,7 +60,7 @@ class CurveTable:
         taut: Part of the rest length below which wrinkles start.
         compressible: Share of every shortening that the tissue takes itself.
         intervals: Control intervals of the segment; a bump has two.
-        bumps: How many bumps each group has, in the order in which they rise.
+        bumps: How many bumps each group has, in the order in which they rise; a bump counts as much as it is wide.
         distances: (rows,) of the curve's ends, rising, scene units; empty where bumps have no greatest height.
         capacities: (rows,) the shortening that one bump takes when full, scene units.
         parts: (rows,) shortening over chord and shortening of a bump, from 0 to 1.
@@ -73,7 +73,7 @@ class CurveTable:
     taut: float
     compressible: float
     intervals: int
-    bumps: tuple[int, ...]
+    bumps: tuple[float, ...]
     distances: Floats
     capacities: Floats
     parts: Floats
@@ -148,7 +148,7 @@ def tabulate_curve(
     wanted = np.maximum(exact @ own.T, 0.0 if positive else -np.inf)
     # A capacity that is wrong by a share e moves the start of a group behind m bumps by m e of a bump, which at its
     # start, like a square root, is a weight of √(m e).
-    before = sum(len(group) for group in curve.groups[:-1])
+    before = float(curve.sizes[:-1].sum())
     tolerance = TABLE_ERROR**2 / before if before else _CAPACITY_ERROR
     finer = 1.0
     for _ in range(_MOST_TRIES):
@@ -158,7 +158,7 @@ def tabulate_curve(
             taut=TAUT,
             compressible=curve.compressible,
             intervals=curve.interval_count,
-            bumps=tuple(len(group) for group in curve.groups),
+            bumps=tuple(float(size) for size in curve.sizes),
             distances=at,
             capacities=capacities,
             parts=parts,
@@ -177,7 +177,7 @@ def _capacity_rows(curve: ControlCurve, longest: float, tolerance: float) -> tup
     """(rows,) distances of the anchors and what one bump takes there; none where bumps have no greatest height."""
 
     def capacities(distances: Floats) -> Floats:
-        return curve.profile.capacity(distances / curve.interval_count, curve.max_height)[:, None]
+        return curve.profile.capacity(distances / curve.interval_count, curve.limit)[:, None]
 
     if np.isinf(curve.max_height):
         return np.zeros(0), np.zeros(0)

@@ -4,9 +4,6 @@ Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, Computer Graph
 influence region. Differs: members face the patch and are connected to an anchor, where the paper takes every vertex
 that projects onto the patch (the back of a thin limb with them); displacement fades where the surface turns away; and
 (u, v) are those at rest.
-
-Source of the attenuation `bell`: G. Wyvill, C. McPheeters, B. Wyvill, *Data Structure for Soft Objects*, The Visual
-Computer 2(4), 1986: 1 - 22/9 v² + 17/9 v⁴ - 4/9 v⁶.
 """
 
 from dataclasses import dataclass, replace
@@ -23,6 +20,7 @@ from wrinklecli.method.bow import bowed
 from wrinklecli.method.curve import ControlCurve, count_intervals, plan_curve
 from wrinklecli.method.path import Path, path_through
 from wrinklecli.method.rest import Rest, asked_positions
+from wrinklecli.method.variation import Variation, attenuation, plan_variation
 from wrinklecli.numeric.arrays import Floats, Ints, face_normals
 from wrinklecli.numeric.nearest import meets_box
 from wrinklecli.tools.materials import bump_height
@@ -32,6 +30,8 @@ from wrinklecli.tools.records import RestLengthKeys, RestLengthMorph, WrinkleToo
 _LEAST_SPAN = 1e-9
 # Cosines of vertex and patch normal between which displacement fades in.
 _FACING = (0.2, 0.6)
+# Points of a line on each control interval, where its length is measured: right to about 1e-4.
+_LINE_POINTS = 24
 # Stretches of a path's map between which displacement fades in: at 0, on the inside of a bend, wrinkles would meet.
 _UNFOLDED = (0.2, 0.6)
 
@@ -43,6 +43,7 @@ class Patch:
     Attributes:
         tool: Its definition.
         curve: Its control curve.
+        variation: How its wrinkles differ from ruled ones; None where they do not.
         anchors: From that at u = 0 to that at u = 1: two, or more where it follows a path.
         path: The line through them at rest.
         span: The summed distances of neighbouring anchors at rest, scene units.
@@ -52,6 +53,7 @@ class Patch:
 
     tool: WrinkleTool
     curve: ControlCurve
+    variation: Variation | None
     anchors: tuple[Anchor, ...]
     path: Path
     span: float
@@ -104,22 +106,48 @@ class Patch:
         """(…,) of (…, 3) unit normals of the surface, at (…,) places along it, and the patch's there."""
         return self.path.cosines(u, normals)
 
+    def places(self, u: Floats, v: Floats, cosines: Floats) -> tuple[Floats, Floats]:
+        """Where points are on the control curve, and the factors on its height there.
+
+        Args:
+            u: (…,) along the segment.
+            v: (…,) across it.
+            cosines: (…,) of vertex normals and the patch's.
+        """
+        bent = self.bowed(u, v)
+        if self.variation is None:
+            return bent, self.factors(u, v, cosines)
+        places, left, turned = self.variation.places(bent, v)
+        return places, left * self.factors(u, np.where(np.abs(v) <= 1.0, 0.0, v), cosines - turned)
+
+    def line_lengths(self, amplitudes: Floats, distance: float, lines: Floats) -> Floats:
+        """(lines,) how long the surface's cuts along (lines,) v are, scene units, at a strength of 1.
+
+        On a plane, without what fades where the surface turns away.
+
+        Args:
+            amplitudes: (groups, modes), scene units.
+            distance: Of the cuts' ends, scene units.
+            lines: (lines,) v.
+        """
+        points = _LINE_POINTS * 2 ** len(self.curve.details) * self.curve.interval_count + 1
+        u, v = np.meshgrid(np.linspace(0.0, 1.0, points), lines)
+        places, factors = self.places(u, v, np.ones(u.shape))
+        heights = np.einsum("gm,gmv->v", amplitudes, self.curve.shapes(places.reshape(-1))).reshape(u.shape)
+        heights *= factors / self.shape_strength
+        return np.asarray(np.hypot(distance / (points - 1), np.diff(heights, axis=1)).sum(axis=1), np.float64)
+
     def magnitudes(self, u: Floats, v: Floats, normals: Floats) -> Floats:
         """(…,) factor on the curve's height: strength, attenuation, facing; 0 outside the patch."""
         return self.factors(u, v, self.cosines(u, normals))
 
     def factors(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
         """(…,) as `magnitudes`, from the cosines of (…,) vertex normals and the patch's."""
-        spread = np.minimum(np.abs(v), 1.0)
-        if self.tool.attenuation == "linear":
-            attenuation = 1.0 - spread
-        else:
-            squared = spread**2
-            attenuation = 1.0 + squared * (-22.0 + squared * (17.0 - 4.0 * squared)) / 9.0
+        left = attenuation(self.tool.attenuation, v)
         low, high = _FACING
         t = np.clip((cosines - low) / (high - low), 0.0, 1.0)
         inside = (u >= 0.0) & (u <= 1.0) & (np.abs(v) <= 1.0)
-        return np.where(inside, self.shape_strength * attenuation * t * t * (3.0 - 2.0 * t), 0.0)
+        return np.where(inside, self.shape_strength * left * t * t * (3.0 - 2.0 * t), 0.0)
 
     def presence(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
         """(…,) share of the tool's height that a place may have, from 0 at the patch's border to 1.
@@ -197,31 +225,52 @@ def _attach(tool: WrinkleTool, surface: Surface, rest: Rest, rig: Rig, up: str) 
         [each.position for each in anchors], [each.normal for each in anchors], rest.foot, names=names, where=tool.where
     )
     span = sum(spans)
+    half_width = tool.width.resolve(span) / 2.0
+    variation = _variation(tool, half_width / span)
     patch = Patch(
         tool=tool,
-        curve=_curve(tool, span),
+        curve=_curve(tool, span, variation),
+        variation=variation,
         anchors=anchors,
         path=path,
         span=span,
-        half_width=tool.width.resolve(span) / 2.0,
+        half_width=half_width,
         members=np.zeros(0, np.intp),
     )
     return replace(patch, members=_members(patch, surface, rest))
 
 
-def _curve(tool: WrinkleTool, span: float) -> ControlCurve:
+def _variation(tool: WrinkleTool, aspect: float) -> Variation | None:
+    """Draw a tool's irregularity, from half its width over its length; None for ruled wrinkles."""
+    if not tool.variation:
+        return None
+    return plan_variation(
+        tool.name if tool.seed is None else str(tool.seed),
+        tool.variation,
+        tool.branch,
+        bumps=tool.bumps,
+        gap=tool.gap,
+        aspect=aspect,
+        kind=tool.attenuation,
+        mirrored=tool.mirrored,
+    )
+
+
+def _curve(tool: WrinkleTool, span: float, variation: Variation | None) -> ControlCurve:
     """Plan a tool's control curve, from the distance of its anchors at rest, scene units."""
     rest_length, greatest = _rest_lengths(tool, span)
+    varied = {} if variation is None else {"widths": variation.widths, "peaks": variation.peaks}
     return plan_curve(
         bumps=tool.bumps,
         gap=tool.gap,
         strategy=tool.strategy,
         details=tool.details,
         profile=tool.profile,
-        max_height=_max_height(tool, span, rest_length),
+        max_height=_max_height(tool, span, rest_length, variation),
         compressible=tool.compressible,
         rest_length=rest_length,
         greatest_rest_length=greatest,
+        **varied,
     )
 
 
@@ -239,13 +288,16 @@ def _rest_lengths(tool: WrinkleTool, span: float) -> tuple[float, float]:
     return length, length
 
 
-def _max_height(tool: WrinkleTool, span: float, rest_length: float) -> float:
-    """Greatest height of a bump, scene units; for `auto` a part of its width on the straight segment."""
+def _max_height(tool: WrinkleTool, span: float, rest_length: float, variation: Variation | None) -> float:
+    """Greatest height of all bumps, scene units; for `auto` a part of their widths on the straight segment."""
     if tool.max_height is None:
         return np.inf
-    if tool.max_height == "auto":
-        return bump_height(tool.material) * 2.0 * rest_length / count_intervals(tool.bumps, tool.gap)
-    return tool.max_height.resolve(span)
+    if tool.max_height != "auto":
+        return tool.max_height.resolve(span)
+    width = 2.0 * rest_length / count_intervals(tool.bumps, tool.gap)
+    # Each may be as high as a part of its own width.
+    highest = 1.0 if variation is None else float((variation.widths * variation.peaks).max() / variation.peaks.max())
+    return bump_height(tool.material) * width * highest
 
 
 def _members(patch: Patch, surface: Surface, rest: Rest) -> Ints:

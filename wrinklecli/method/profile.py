@@ -297,7 +297,7 @@ def plan_polyline(details: tuple[float, ...], samples: Floats) -> PolylineProfil
 
 
 def reachable_heights(
-    details: tuple[float, ...], max_height: float, greatest: float, reached: float, interval_count: int, sharing: int
+    details: tuple[float, ...], max_height: float, greatest: float, reached: float, interval_count: int, sharing: float
 ) -> Floats:
     """(samples, knots) knot heights of a bump over the (x, D) that a tool can reach, scene units.
 
@@ -307,7 +307,7 @@ def reachable_heights(
         greatest: The greatest taut length, scene units.
         reached: The greatest d, scene units.
         interval_count: n.
-        sharing: Bumps of the first group, which share all of d.
+        sharing: Sum of the widths of the first group's bumps, which share all of d.
     """
     distances = (greatest - reached) + reached * np.linspace(0.0, 1.0, 33, endpoint=False)
     intervals = distances / interval_count

@@ -18,6 +18,7 @@ class Material:
         compressible: Such that bumps are full where a segment loses about 40 %, as at a joint that is well bent.
         profile: Shape of a bump.
         details: Shares of finer wrinkles.
+        variation: How irregular bumps are.
     """
 
     bump_width: float
@@ -25,11 +26,17 @@ class Material:
     compressible: float
     profile: Literal["smooth", "polyline"]
     details: tuple[float, ...]
+    variation: float
 
     @property
     def defaults(self) -> dict[str, Any]:
         """By key, the values that hang on no other key of the tool."""
-        return {"compressible": self.compressible, "profile": self.profile, "details": self.details}
+        return {
+            "compressible": self.compressible,
+            "profile": self.profile,
+            "details": self.details,
+            "variation": self.variation,
+        }
 
     def bumps(self, gap: int) -> int:
         """Bumps along a segment with so many flat intervals, half a bump each, between neighbours."""
@@ -39,9 +46,13 @@ class Material:
 # Those of a tool without a material.
 _PLAIN_BUMPS, _PLAIN_HEIGHT = 4, 0.25
 MATERIALS: Mapping[str, Material] = {
-    "skin": Material(bump_width=0.33, bump_height=0.13, compressible=0.90, profile="smooth", details=()),
-    "cloth": Material(bump_width=0.25, bump_height=0.25, compressible=0.65, profile="smooth", details=()),
-    "leather": Material(bump_width=0.33, bump_height=0.18, compressible=0.85, profile="polyline", details=()),
+    "skin": Material(bump_width=0.33, bump_height=0.13, compressible=0.90, profile="smooth", details=(), variation=0.3),
+    "cloth": Material(
+        bump_width=0.25, bump_height=0.25, compressible=0.65, profile="smooth", details=(), variation=0.55
+    ),
+    "leather": Material(
+        bump_width=0.33, bump_height=0.18, compressible=0.85, profile="polyline", details=(), variation=0.4
+    ),
 }
 
 

@@ -167,6 +167,9 @@ class WrinkleTool:
         details: Shares of the shortening for finer wrinkles, each > 0, their sum < 1.
         profile: Shape of a bump.
         bow: By how much crests are bent like an arc, from -1 to 1.
+        variation: How irregular the bumps are, from 0, ruled, to 1.
+        seed: What their irregularity is drawn from; None for the name.
+        branch: Chance of a bump to merge with its neighbour on a side of the patch.
         attenuation: How a wrinkle fades across the width.
         attachment: `skin`, or the paper's `patch`.
         strength: Factor of the height.
@@ -196,6 +199,9 @@ class WrinkleTool:
     details: tuple[float, ...] = ()
     profile: Literal["smooth", "polyline"] = "smooth"
     bow: float = 0.0
+    variation: float = 0.3
+    seed: int | None = None
+    branch: float = 0.25
     attenuation: Literal["bell", "linear"] = "bell"
     attachment: Literal["skin", "patch"] = "skin"
     strength: float = 1.0

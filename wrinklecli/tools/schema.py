@@ -24,6 +24,7 @@ from wrinklecli.tools.json_schema import (
 MAX_TOOLS = 1_000
 MAX_DETAILS = 4  # levels; a fifth is a 32nd of a bump, finer than any mesh here
 MAX_POINTS = 64  # of a path
+MAX_SEED = 2**31 - 1  # what any language's whole numbers hold
 OWN_KEYS = ("name", "origin", "target", "path")  # of each tool; no defaults
 
 _SECONDS = number(0, 1e6, "seconds")
@@ -160,7 +161,7 @@ TOOL_KEYS = {
     "width": key_of(LENGTH, "Full width across the segment: a length or a percentage. Required."),
     "material": key_of(
         expects("skin, cloth, leather or none", enum=["skin", "cloth", "leather", "none", None]),
-        "Gives bumps, auto heights, compressible, details and profile other defaults. Default none.",
+        "Gives bumps, auto heights, compressible, details, profile and variation other defaults. Default none.",
         default=None,
     ),
     "strategy": key_of(
@@ -201,6 +202,20 @@ TOOL_KEYS = {
         number(-1, 1),
         "Bends crests like an arc, their ends towards the target; negative: origin. Default 0.",
         default=0.0,
+    ),
+    "variation": key_of(
+        number(0, 1),
+        "How irregular the bumps are: 0 is ruled, 1 the most. Default 0.3, or the material's.",
+        default=0.3,
+    ),
+    "seed": key_of(
+        {**whole(0, MAX_SEED), "type": ["integer", "null"]},
+        "Which irregularity it is; a tool and its mirror image with one seed have mirrored wrinkles. Default: from the "
+        "name.",
+        default=None,
+    ),
+    "branch": key_of(
+        number(0, 1), "Chance of a bump to merge with its neighbour, where variation is. Default 0.25.", default=0.25
     ),
     "attenuation": key_of(
         one_of("bell", "linear"), "How a wrinkle fades across the width. Default bell.", default="bell"

@@ -1,0 +1,148 @@
+"""Irregular wrinkles: a strict warp of the patch, similar bumps of exact length, the same on every machine."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.polynomial import chebyshev, legendre
+
+from kit.carried import carry_patch
+from kit.limb import limb_asset, tool
+from kit.prepared import prepare
+from wrinklecli.method.curve import TAUT, group_starts, plan_curve
+from wrinklecli.method.variation import Variation, attenuation, drawn, plan_variation
+from wrinklecli.numeric.arrays import Floats
+
+NODES, WEIGHTS = legendre.leggauss(200)
+# From values at Chebyshev points to slopes of the polynomial through them, at the nodes.
+POINTS = chebyshev.chebpts2(33)
+SLOPES = chebyshev.chebval(NODES, chebyshev.chebder(np.linalg.inv(chebyshev.chebvander(POINTS, 32)))).T
+
+
+@dataclass(frozen=True)
+class Case:
+    """A variation and what it was drawn for."""
+
+    variation: Variation
+    amount: float
+    gap: int
+
+
+@st.composite
+def cases(draw, *, branching: bool = True) -> Case:
+    amount, gap = draw(st.floats(0.01, 1.0)), draw(st.integers(0, 2))
+    variation = plan_variation(
+        draw(st.text(max_size=5)),
+        amount,
+        draw(st.floats(0.0, 1.0)) if branching else 0.0,
+        bumps=draw(st.integers(1, 12)),
+        gap=gap,
+        aspect=draw(st.floats(0.05, 4.0)),
+        kind=draw(st.sampled_from(["bell", "linear"])),
+        mirrored=draw(st.booleans()),
+    )
+    return Case(variation, amount, gap)
+
+
+def lattice(variation: Variation) -> tuple[Floats, Floats]:
+    """(us, lines) u and v all over a patch, its ends and middle among them."""
+    us = np.union1d(np.linspace(0.0, 1.0, 301), [*variation.starts, *variation.ends])
+    return np.meshgrid(us, np.linspace(-1.0, 1.0, 41), indexing="ij")
+
+
+@given(cases())
+def test_no_two_crests_cross_and_borders_stay(case: Case) -> None:
+    u, v = lattice(case.variation)
+    places, factors, turned = case.variation.places(u, v)
+    assert (np.diff(places, axis=0) > 0).all()
+    assert (places[[0, -1]] == u[[0, -1]]).all()
+    middle = v == 0
+    assert (places[middle] == u[middle]).all()
+    assert not turned[middle].any()
+    edges = zip(case.variation.starts, case.variation.ends, strict=True)
+    on_bumps = np.any([(u > start) & (u < end) for start, end in edges], axis=0)
+    assert (factors[on_bumps & middle] == 1).all()
+    assert (factors >= 0).all()
+    assert not factors[np.abs(v) == 1].any()
+    outside = np.array([-0.5, 1.5])
+    assert (case.variation.places(outside, np.ones(2))[0] == outside).all()
+
+
+@given(cases(branching=False))
+def test_wandering_is_bounded(case: Case) -> None:
+    variation = case.variation
+    starts, ends = variation.furrows(np.linspace(-1.0, 1.0, 129))
+    assert np.abs(starts - variation.starts[:, None]).max() <= 0.45 * case.amount / len(starts) * (1 + 1e-12)
+    assert (ends - starts >= 0.39 * (variation.ends - variation.starts)[:, None]).all()
+    assert variation.widths.mean() == pytest.approx(1.0)
+    assert np.ptp(variation.widths) <= 0.71 * case.amount * variation.widths.max()
+
+
+@given(cases(), st.sampled_from(["everywhere", "origin", "both_ends"]), st.floats(0.01, 0.6))
+def test_the_line_from_end_to_end_keeps_its_length(case: Case, strategy: Any, shortening: float) -> None:
+    """Of the curve as it is drawn: a polynomial through it on each half of a bump."""
+    variation = case.variation
+    curve = plan_curve(
+        bumps=len(variation.widths),
+        gap=case.gap,
+        strategy=strategy,
+        details=(),
+        profile="smooth",
+        max_height=0.3 / len(variation.widths),
+        rest_length=1.0,
+        widths=variation.widths,
+        peaks=variation.peaks,
+    )
+    (amplitudes,), (unabsorbed,) = curve.follow(np.array([1.0 - shortening]), np.ones(1))
+    chord = 1.0 - shortening
+    length = chord * (1.0 - np.sum(variation.ends - variation.starts))
+    middles = (variation.starts + variation.ends) / 2
+    for low, high in [*zip(variation.starts, middles, strict=True), *zip(middles, variation.ends, strict=True)]:
+        us = np.clip((low + high + (high - low) * POINTS) / 2, low, high)
+        heights = np.einsum("gm,gmu->u", amplitudes, curve.shapes(us))
+        length += np.sum(WEIGHTS * np.hypot((high - low) * chord / 2, SLOPES @ heights))
+    assert length == pytest.approx(TAUT - unabsorbed, abs=1e-9)
+    # At all shortenings, those close behind the start of a group of bumps among them.
+    shortenings = np.unique(np.clip(group_starts(curve, 1.0)[:, None] + [0.0, 1e-9, 1e-4, 0.01, 0.1], 0.0, 1.0))
+    amplitudes, unabsorbed = curve.follow(1.0 - shortenings, np.ones(len(shortenings)))
+    lengths = curve.lengths(amplitudes, np.minimum(1.0 - shortenings, TAUT))
+    assert lengths == pytest.approx(TAUT - unabsorbed, abs=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["bell", "linear"])
+@pytest.mark.parametrize("height", ["auto", "5%"])
+def test_no_wrinkle_is_higher_than_its_greatest_height(kind: str, height: str) -> None:
+    keys = {"attenuation": kind, "max_height": height, "strategy": "origin", "rest_length": "200%"}
+    prepared = prepare(limb_asset(rings=15, sides=12), tool(variation=1, seed=3, bumps=4, **keys))
+    carried, _ = carry_patch(prepared)
+    curve = prepared.patch.curve
+    heights = np.einsum("gm,gmv->v", curve.greatest_amplitudes, curve.shapes(carried.us)) * carried.magnitudes
+    assert 0.8 * curve.max_height < heights.max() <= curve.max_height * (1 + 1e-3)  # peaks are sampled on lines
+
+
+def test_a_seed_has_the_mirror_image_on_the_other_side() -> None:
+    options = {"bumps": 5, "gap": 1, "aspect": 0.7, "kind": "bell"}
+    left = plan_variation("7", 0.8, 0.5, **options)
+    right = plan_variation("7", 0.8, 0.5, **options, mirrored=True)
+    u, v = lattice(left)
+    for one, other in zip(left.places(u, v), right.places(u, -v), strict=True):
+        assert (one == other).all()
+    other = plan_variation("8", 0.8, 0.5, **options)
+    assert not np.array_equal(other.widths, left.widths)
+
+
+def test_numbers_hang_on_the_seed_alone() -> None:
+    """As written here, whatever the machine and the version of numpy."""
+    assert drawn("brow.L", "widths", 2).tolist() == [-0.9309475801023188, 0.5465316222986099]
+    spread = drawn("", "any", 10_000)
+    assert np.abs(np.histogram(spread, 10, (-1.0, 1.0))[0] - 1000).max() < 120
+    assert -1 <= spread.min() < spread.max() < 1
+
+
+def test_attenuation_is_all_on_the_centre_line_and_nothing_outside() -> None:
+    lines = np.array([0.0, 1.0, -1.0, 2.0])
+    for kind in ("bell", "linear"):
+        assert attenuation(kind, lines).tolist() == [1, 0, 0, 0]

@@ -1,0 +1,319 @@
+"""Irregular wrinkles: a warp of the patch's coordinates and a height along each crest, from a seed.
+
+Real wrinkles are no ruled cylinders: they are unequal, wander, swell, end at places of their own, and some merge with a
+neighbour. A tool's `variation` a, from 0 to 1, says how much. All of it is in its fixed shapes: it adds no morph
+target, and nothing at run time.
+
+On the centre line, v = 0, the warp is the identity. There bumps have unequal widths, and heights in proportion: they
+are similar, so every bump of a group takes up the same strain, as the wrinkles of an inextensible sheet do (E. Cerda,
+L. Mahadevan, *Geometry and Physics of Wrinkling*, Physical Review Letters 90, 2003: amplitude over wavelength hangs on
+the strain alone), and the formula of one bump gives all their lengths exactly, whatever its profile.
+
+Not in the paper, whose bumps are equal.
+
+Source of the attenuation `bell`: G. Wyvill, C. McPheeters, B. Wyvill, *Data Structure for Soft Objects*, The Visual
+Computer 2(4), 1986: 1 - 22/9 v² + 17/9 v⁴ - 4/9 v⁶.
+"""
+
+import hashlib
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from wrinklecli.method.curve import bump_ends
+from wrinklecli.numeric.arrays import Floats
+
+Attenuation = Literal["bell", "linear"]
+
+# What a variation of 1 does. Widths of bumps differ by this share, before they are made to fill the segment.
+_WIDTH = 0.35
+# How far a furrow goes astray, as a share of the mean distance of two crests, and how steeply: the tangent of its angle
+# to the ruled line. Steeper ones read as crumpled paper.
+_WANDER, _STEEPEST = 0.45, 0.6
+# What a bump keeps of its width, as a share, where its furrows approach each other.
+_LEAST_WIDTH = 0.4
+# How far inside the patch a crest may end and how much it swells on its way there, as shares of half the width and of
+# its height; and how much narrower it is at its ends.
+_SHORTER, _SWELL, _TAPER = 0.45, 0.18, 0.45
+# From which |v| a bump merges into its neighbour, over what length, and how much of its own width it loses there.
+_MERGING, _MERGED_OVER, _LOST = (0.0, 0.3), 0.7, 0.75
+# Where the surface turns away, crests end at places of their own too: the cosine of vertex and patch normal at which
+# they do is greater by up to this. It is reached so far from the centre line, as a share of half the width.
+_TURNED, _TURNED_FROM = 0.35, 0.4
+# Waves along v of a furrow, radians over half the width: half of the longest is 0.7 of a patch; the second is half as
+# long, and lower.
+_WAVE, _SECOND = 2.2, 0.5
+# Waves along v of a swelling, over half a patch.
+_SWELLINGS = (0.5, 1.0)
+# How far a crest is off the middle between its furrows, as a share of half its width.
+_SWAY = 0.4
+# How much a furrow goes with the one before it.
+_ALIKE = 0.8
+# Values of v at which bounds are measured.
+_LINES = np.linspace(-1.0, 1.0, 129)
+
+
+def attenuation(kind: Attenuation, v: Floats) -> Floats:
+    """(…,) what is left of a height at (…,) v: all on the centre line, nothing from |v| = 1 on."""
+    spread = np.minimum(np.abs(v), 1.0)
+    if kind == "linear":
+        return 1.0 - spread
+    squared = spread**2
+    left: Floats = 1.0 + squared * (-22.0 + squared * (17.0 - 4.0 * squared)) / 9.0
+    return left
+
+
+@dataclass(frozen=True, slots=True)
+class Merger:
+    """Two neighbouring bumps that become one on a side of the patch.
+
+    Attributes:
+        kept: The bump that takes the other's place over.
+        lost: The one that ends there.
+        side: Of the patch, −1 or 1: the sign of v.
+        start: |v| where it begins.
+        taken: Of the lost one's width, what the kept one has in the end.
+    """
+
+    kept: int
+    lost: int
+    side: float
+    start: float
+    taken: float
+
+    @property
+    def end(self) -> float:
+        """|v| where only one is left."""
+        return self.start + _MERGED_OVER
+
+    def share(self, v: Floats) -> Floats:
+        """(…,) of the lost bump's width, what the kept one has of it at (…,) v."""
+        t = np.clip((self.side * v - self.start) / _MERGED_OVER, 0.0, 1.0)
+        share: Floats = self.taken * t * t * (3.0 - 2.0 * t)
+        return share
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Variation:
+    """How a tool's wrinkles differ from ruled ones.
+
+    Attributes:
+        kind: How crests fade towards their ends.
+        widths: (bumps,) over their mean, on the centre line.
+        starts: (bumps,) u where each bump starts there.
+        ends: (bumps,) and where it ends.
+        wander: (bumps + 1, waves) of the furrows before, between and behind the bumps; 0 of the first and the last.
+        sway: (bumps, waves) of each crest between its furrows, as a share of half the bump's width.
+        reaches: (2, bumps) |v| where each crest ends, for v < 0 and for v ≥ 0.
+        turns: (2, bumps) how much sooner each ends where the surface turns away, as a cosine, on both sides.
+        swells: (3, bumps) share of the height, radians over half a patch, and radians at the centre line.
+        tapers: (bumps,) how much narrower each is at its ends, from 0 to below 1.
+        mergers: Pairs of bumps; none has two.
+        turned: −1 where v counts the other way, for a mirrored tool; else 1.
+    """
+
+    kind: Attenuation
+    widths: Floats
+    starts: Floats
+    ends: Floats
+    wander: Floats
+    sway: Floats
+    reaches: Floats
+    turns: Floats
+    swells: Floats
+    tapers: Floats
+    mergers: tuple[Merger, ...]
+    turned: float
+
+    @property
+    def peaks(self) -> Floats:
+        """(bumps,) the greatest height of each crest over that on the centre line."""
+        return np.array([self._height(bump, _LINES).max() for bump in range(len(self.starts))])
+
+    def furrows(self, v: Floats) -> tuple[Floats, Floats]:
+        """(bumps, lines) u where each bump starts, and where it ends, on (lines,) v."""
+        return self._furrows(self.turned * v)
+
+    def places(self, u: Floats, v: Floats) -> tuple[Floats, Floats, Floats]:
+        """Where the points of a patch are on the centre line's curve, and what they have of its height.
+
+        Args:
+            u: (…,) along the segment.
+            v: (…,) across it.
+
+        Returns:
+            (…,) ũ: rises strictly with u, is u itself where v = 0, and where u is not between 0 and 1;
+            (…,) factor on the height of the curve there, 1 where v = 0; in gaps it is 0;
+            (…,) how much sooner a crest ends where the surface turns away, as a cosine; 0 where v = 0.
+        """
+        flat_u, lines = u.reshape(-1), self.turned * v.reshape(-1)
+        placed, factors, turned = flat_u.copy(), np.zeros(flat_u.shape), np.zeros(flat_u.shape)
+        beside = np.minimum(np.abs(lines) / _TURNED_FROM, 1.0)
+        beside *= beside * (3.0 - 2.0 * beside)
+        starts, ends = self._furrows(lines)
+        waves, within = _waves(lines), (flat_u > 0.0) & (flat_u < 1.0)
+        for bump, (start, end) in enumerate(zip(starts, ends, strict=True)):
+            at = np.flatnonzero(within & (flat_u >= start) & (flat_u < end))
+            # From −1 to 1 over the bump: bent so that the crest is beside the middle, and narrower.
+            side = (2.0 * flat_u[at] - start[at] - end[at]) / (end[at] - start[at])
+            sway = self.sway[bump] @ waves[:, at]
+            taper = self.tapers[bump] * np.minimum(self._spread(bump, lines[at]) ** 2, 1.0)
+            side = (side + sway) / (1.0 + side * sway)
+            side = side * (1.0 + taper) / (1.0 + taper * side * side)
+            placed[at] = self.starts[bump] + (self.ends[bump] - self.starts[bump]) * (1.0 + side) / 2.0
+            factors[at] = self._height(bump, lines[at])
+            turned[at] = beside[at] * np.where(lines[at] < 0, *self.turns[:, bump])
+            if bump + 1 < len(starts):
+                gap = np.flatnonzero(within & (flat_u >= end) & (flat_u < starts[bump + 1]))
+                share = (flat_u[gap] - end[gap]) / (starts[bump + 1, gap] - end[gap])
+                placed[gap] = self.ends[bump] + share * (self.starts[bump + 1] - self.ends[bump])
+        placed = np.where(lines == 0.0, flat_u, placed)
+        return placed.reshape(u.shape), factors.reshape(u.shape), turned.reshape(u.shape)
+
+    def _furrows(self, lines: Floats) -> tuple[Floats, Floats]:
+        moves = self.wander @ _waves(lines)
+        starts, ends = self.starts[:, None] + moves[:-1], self.ends[:, None] + moves[1:]
+        for merger in self.mergers:
+            taken = merger.share(lines) * (ends[merger.lost] - starts[merger.lost])
+            left, right = sorted((merger.kept, merger.lost))
+            shift = np.sign(merger.lost - merger.kept) * taken
+            ends[left] += shift
+            starts[right] += shift
+        return starts, ends
+
+    def _spread(self, bump: int, lines: Floats) -> Floats:
+        """(…,) how far out on a crest lines are: −1 and 1 where it ends."""
+        spread: Floats = lines / np.where(lines < 0, *self.reaches[:, bump])
+        return spread
+
+    def _height(self, bump: int, lines: Floats) -> Floats:
+        """(…,) height of a crest over that on the centre line."""
+        share, turn, phase = self.swells[:, bump]
+        swelling = (1.0 + share * np.sin(turn * lines + phase)) / (1.0 + share * np.sin(phase))
+        height: Floats = attenuation(self.kind, self._spread(bump, lines)) * swelling
+        return height
+
+
+def plan_variation(
+    seed: str,
+    amount: float,
+    branch: float,
+    *,
+    bumps: int,
+    gap: int,
+    aspect: float,
+    kind: Attenuation,
+    mirrored: bool = False,
+) -> Variation:
+    """Draw the irregularity of a tool's wrinkles.
+
+    Args:
+        seed: What it hangs on: the tool's name, or its `seed`.
+        amount: a, above 0 and up to 1.
+        branch: Chance of a bump to merge with its neighbour on a side of the patch, from 0 to 1.
+        bumps: Number of bumps.
+        gap: Flat intervals between neighbouring bumps.
+        aspect: Half the width of the patch over the segment's length.
+        kind: How crests fade.
+        mirrored: Whether v counts the other way, as it does on a mirrored patch.
+    """
+    widths = 1.0 + _WIDTH * amount * drawn(seed, "widths", bumps)
+    widths = widths * (bumps / widths.sum())
+    starts, ends = bump_ends(widths, gap)
+    mergers = _mergers(seed, amount, branch, ends - starts, aspect)
+    reaches = 1.0 - _SHORTER * amount * (1.0 + drawn(seed, "reaches", 2, bumps)) / 2.0
+    for merger in mergers:
+        half = int(merger.side > 0)
+        reaches[half, merger.lost] = min(reaches[half, merger.lost], merger.end)
+        reaches[half, merger.kept] = 1.0
+    share, turn, phase = drawn(seed, "swells", 3, bumps)
+    low, high = _SWELLINGS
+    return Variation(
+        kind=kind,
+        widths=widths,
+        starts=starts,
+        ends=ends,
+        wander=_wandering(drawn(seed, "furrows", bumps + 1, 4), amount, starts, ends, aspect),
+        sway=_swaying(drawn(seed, "crests", bumps, 4), amount, ends - starts, aspect),
+        reaches=reaches,
+        turns=_TURNED * amount * (1.0 + drawn(seed, "facing", 2, bumps)) / 2.0,
+        swells=np.stack(
+            [_SWELL * amount * np.abs(share), 2.0 * np.pi * (low + (high - low) * np.abs(turn)), np.pi * phase]
+        ),
+        tapers=_TAPER * amount * (1.0 + drawn(seed, "tapers", bumps)) / 2.0,
+        mergers=mergers,
+        turned=-1.0 if mirrored else 1.0,
+    )
+
+
+def drawn(seed: str, what: str, *shape: int) -> Floats:
+    """Numbers from −1 to below 1, spread evenly, the same on every machine.
+
+    Args:
+        seed: What they hang on.
+        what: Numbers of another name are others.
+        shape: How many.
+    """
+    digest = hashlib.shake_128(f"{what} {seed}".encode()).digest(8 * math.prod(shape))
+    bits = np.frombuffer(digest, "<u8") >> np.uint64(11)  # 53, what a float holds exactly
+    numbers: Floats = bits.reshape(shape).astype(np.float64) * 2.0**-52 - 1.0
+    return numbers
+
+
+def _mergers(seed: str, amount: float, branch: float, widths: Floats, aspect: float) -> tuple[Merger, ...]:
+    """Pairs of neighbouring bumps of (bumps,) widths, along u."""
+    bumps = len(widths)
+    chances, sides, keeps, starts = drawn(seed, "mergers", 4, bumps)
+    found: list[Merger] = []
+    bump = 0
+    low, high = _MERGING
+    while bump + 1 < bumps:
+        merges = (1.0 + chances[bump]) / 2.0 < branch
+        if merges:
+            kept, lost = (bump, bump + 1) if keeps[bump] < 0 else (bump + 1, bump)
+            start = low + (high - low) * (1.0 + float(starts[bump])) / 2.0
+            side = 1.0 if sides[bump] > 0 else -1.0
+            # A furrow is steepest, by half as much again as in the mean, in the middle of a merger.
+            taken = min(_LOST * math.sqrt(amount), _STEEPEST * aspect * _MERGED_OVER / (1.5 * float(widths[lost])))
+            found.append(Merger(kept, lost, side=side, start=start, taken=taken))
+        bump += 1 + merges
+    return tuple(found)
+
+
+def _wandering(numbers: Floats, amount: float, starts: Floats, ends: Floats, aspect: float) -> Floats:
+    """(bumps + 1, waves) of the furrows, from as many random numbers, as large as all bounds allow."""
+    moving: Floats = numbers.copy()
+    for furrow in range(1, len(moving)):
+        moving[furrow] += _ALIKE * moving[furrow - 1]
+    moving[[0, -1]] = 0.0
+    moves = moving @ _waves(_LINES)
+    farthest = np.abs(moves).max()
+    if farthest == 0.0:  # of one bump
+        return moving
+    steepest = np.abs(np.diff(moves, axis=1)).max() / (_LINES[1] - _LINES[0])
+    narrowest = (-np.diff(moves, axis=0) / (ends - starts)[:, None]).max()
+    scale = min(
+        _WANDER * amount / (len(starts) * farthest),
+        _STEEPEST * amount * aspect / steepest,
+        (1.0 - _LEAST_WIDTH) * amount / narrowest,
+    )
+    wander: Floats = scale * moving
+    return wander
+
+
+def _swaying(numbers: Floats, amount: float, widths: Floats, aspect: float) -> Floats:
+    """(bumps, waves) of the crests between their furrows, from as many random numbers, as large as bounds allow."""
+    moves = numbers @ _waves(_LINES)
+    farthest = np.abs(moves).max(axis=1)
+    steepest = np.abs(np.diff(moves, axis=1)).max(axis=1) / (_LINES[1] - _LINES[0]) * widths / 2.0
+    scales = amount * np.minimum(_SWAY / farthest, _STEEPEST * aspect / steepest)
+    sway: Floats = scales[:, None] * numbers
+    return sway
+
+
+def _waves(lines: Floats) -> Floats:
+    """(4, …) waves over (…,) lines v, all 0 on the centre line."""
+    at = _WAVE * lines
+    return np.stack([np.sin(at), 1.0 - np.cos(at), _SECOND * np.sin(2.0 * at), _SECOND * (1.0 - np.cos(2.0 * at))])
