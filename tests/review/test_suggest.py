@@ -29,6 +29,7 @@ KEYS = [
     "name",
     "node",
     "origin",
+    "between",
     "target",
     "mirror",
     "width",

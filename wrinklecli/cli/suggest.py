@@ -67,10 +67,11 @@ def suggest(asset: str, output: str | None, as_json: bool, quiet: bool, **option
     is nothing to suggest, as for a rigid asset, nothing is written and the exit code is 1, so that a pipeline stops.
 
     --json prints {"suggest": 1, "asset", "reason", "notes", "tools"}; each tool has "name", "node", "origin",
-    "target", "mirror", "width", "material", "strategy", "bumps", "max_height", "compressible", "rest_length", "mesh",
-    "driver", "driver_kind", "clip", "time", "span", "shortest", "shortening", "clips" and "score". Within version 1,
-    keys are only added. Lengths are scene units, shortenings parts of the span; "clips" has the least length in each
-    clip, null where the character is hidden; "reason" says why there are no tools, and is null where there are.
+    "between", "target", "mirror", "width", "material", "strategy", "bumps", "max_height", "compressible",
+    "rest_length", "mesh", "driver", "driver_kind", "clip", "time", "span", "shortest", "shortening", "clips" and
+    "score". Within version 1, keys are only added. Lengths are scene units, shortenings parts of the span; "between"
+    has the points of a path between its ends; "clips" has the least length in each clip, null where the character is
+    hidden; "reason" says why there are no tools, and is null where there are.
 
     Exit codes: 0 done; 1 the input is at fault, or nothing to suggest; 2 wrong usage; 70 a bug.
     """
@@ -120,6 +121,7 @@ def _json_tool(each: "Suggestion") -> dict[str, Any]:
         "name": tool.name,
         "node": tool.node,
         "origin": tool.origin,
+        "between": tool.between,
         "target": tool.target,
         "mirror": "x" if each.mirrored else "none",
         "width": tool.width.value,

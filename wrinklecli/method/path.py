@@ -87,6 +87,10 @@ class Straight:
         found: Floats = normals @ self.normal
         return found
 
+    def directions(self, u: Floats) -> Floats:
+        """(…, 3) unit vectors along it at (…,) u."""
+        return np.broadcast_to(self.along, (*u.shape, 3))
+
     def depths(self, positions: Floats) -> Floats:
         """(…,) how far (…, 3) positions are above the path, along its normal."""
         return (positions - self.start) @ self.normal
@@ -196,6 +200,10 @@ class Curve:
         """(…,) of (…, 3) unit normals, at (…,) places along, and the curve's there."""
         found: Floats = np.sum(normals * self._at(self.normals, u), axis=-1)
         return found
+
+    def directions(self, u: Floats) -> Floats:
+        """(…, 3) unit vectors along it at (…,) u."""
+        return self._at(self.tangents, u)
 
     def depths(self, positions: Floats) -> Floats:
         """(…,) how far (…, 3) positions are above the curve, along its normal."""

@@ -14,13 +14,15 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.errors import WrinkleError
 from wrinklecli.method.patch import Patch, attach_tools
+from wrinklecli.method.path import Curve
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.suggest.folds import Fold
 from wrinklecli.review.suggest.measure import MeasuredMesh, pose_unscaled
 from wrinklecli.review.suggest.moments import Moment, deepest_moments, rising_tools
-from wrinklecli.review.suggest.regions import Region
 from wrinklecli.review.suggest.room import highest
 from wrinklecli.review.suggest.segments import lay_segment
+from wrinklecli.review.suggest.sites import at_sites
+from wrinklecli.review.suggest.trace import misalignment, trace
 from wrinklecli.tools.materials import MATERIALS, usual_bumps
 from wrinklecli.tools.mirror import split_side
 from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
@@ -38,6 +40,11 @@ _WIDTH_OF_REGION, _WIDTH_ACROSS = 1.4, 1.15
 # only slackens. What a morph target moves is a face, where lines are made by less.
 _LEAST_SHORTENING = {"skin": 0.3, "cloth": 0.2, "leather": 0.2, None: 0.15}
 _LEAST_BY_MORPH = 0.04
+# Degrees between a straight tool and the strongest compression, in the median, from which a path is tried, and what
+# part of them it leaves at most.
+_ASKEW, _BETTER = 10.0, 0.7
+# Half the width of a path over its sharpest bend's radius, and what must be left of the straight tool's width.
+_OF_RADIUS, _LEAST_WIDTH = 0.9, 0.6
 # Part of its twin's shortening below which the left one of a pair all but rests.
 _RESTS = 0.7
 # Slack before the first wrinkle, per cent of the rest distance, where a joint makes it: clips rarely come back to the
@@ -64,6 +71,7 @@ class Suggestion:
         clips: Of each clip, the least distance of the anchors with animated scale taken out, scene units; infinite
             where the character is hidden in all of it.
         shortening: The greatest, as a part of the span, or of the rest length where a morph target makes that longer.
+        straight: The same with a straight tool, where this one has a path.
         score: What the region loses: 1 − σ summed over its area, scene units squared.
     """
 
@@ -78,6 +86,7 @@ class Suggestion:
     clips: dict[str, float]
     shortening: float
     score: float
+    straight: "Suggestion | None" = None
 
     @property
     def rest_length(self) -> str:
@@ -160,19 +169,42 @@ def _made(
         lopsided: Whether to take a fold alone that is one of a pair, but would lie on its twin.
         mild: Whether to take one that shortens less than what it is made of asks for.
     """
-    mesh, region = fold.mesh, fold.region
+    region = fold.region
     apart = not region.on_plane and 2.0 * abs(float(region.centre[0])) > 0.5 * min(region.length, region.width)
     if region.twin and not (apart or region.on_plane or lopsided):
         return None
     refined = _refined(fold)
     if refined is None:
         return None
-    driver, by_morph = fold.driver, fold.by_morph
-    stem, side = _stem_and_side(driver, fold.part or "fold")
+
+    def fitted(each: Fold) -> tuple[Suggestion, list[Patch]] | None:
+        return _fitted(each, names, sizes, further, apart=apart, lopsided=lopsided, mild=mild)
+
+    curved = _curved(refined)
+    made = fitted(curved)
+    if curved is refined:
+        return made
+    straight = fitted(refined)
+    return straight if made is None else (replace(made[0], straight=straight and straight[0]), made[1])
+
+
+def _fitted(
+    refined: Fold,
+    names: set[str],
+    sizes: dict[tuple[int, str], float],
+    further: Sequence[Clip],
+    *,
+    apart: bool,
+    lopsided: bool,
+    mild: bool,
+) -> tuple[Suggestion, list[Patch]] | None:
+    """As `_made`, of a fold whose segment fits; `apart` says whether it is clear of its twin."""
+    mesh, region, driver, by_morph = refined.mesh, refined.region, refined.driver, refined.by_morph
+    stem, side = _stem_and_side(driver, refined.part or "fold")
     size = sizes.get((mesh.rig.node, driver))
     if by_morph and region.on_plane:
-        return _driven(refined, _newly_named([_tool(refined, stem, _width(region))], stem, names)[0], further)
-    options = [[_tool(refined, f"{stem}.{side}" if side else stem, _width(region), size)]]
+        return _driven(refined, _newly_named([_tool(refined, stem, _width(refined))], stem, names)[0], further)
+    options = [[_tool(refined, f"{stem}.{side}" if side else stem, _width(refined), size)]]
     # `mirror` would exchange the side in the node's name too.
     if region.twin and apart and not (mesh.node is not None and split_side(mesh.node)[1]):
         options.insert(0, _pair(refined, stem, side, size))
@@ -187,12 +219,12 @@ def _made(
             return None
         lengths = [deepest_moments(mesh, patch) for patch in patches]
         shares = [max(moment.shortening for moment in each.values()) for each in lengths]
-        if max(shares) < _least_shortening(fold, mild=mild):
+        if max(shares) < _least_shortening(refined, mild=mild):
             continue
         if shares[0] < _RESTS * shares[-1]:
             # The one that the clips fold is written, and `mirror` makes the other.
             named, patches, lengths = named[::-1], patches[::-1], lengths[::-1]
-        return _suggested(fold, patches, lengths, further)
+        return _suggested(refined, patches, lengths, further)
     return None
 
 
@@ -243,7 +275,7 @@ def _refined(fold: Fold) -> Fold | None:
     """
     mesh, region = fold.mesh, fold.region
     for _ in range(2):
-        first = _attached(mesh, [_tool(fold, "probe", _width(region))])
+        first = _attached(mesh, [_tool(fold, "probe", _width(fold))])
         if first is None:
             return None
         clip, time = _deepest(mesh, first[0])
@@ -254,6 +286,34 @@ def _refined(fold: Fold) -> Fold | None:
             return None
         fold = replace(fold, origin=ends[0], target=ends[1])
     return fold
+
+
+def _curved(fold: Fold) -> Fold:
+    """A fold with a path along the strongest compression, where a straight tool crosses that askew."""
+    mesh, region = fold.mesh, fold.region
+    straight = _attached(mesh, [_tool(fold, "probe", _width(fold))])
+    if straight is None or region.on_plane:
+        return fold
+    clip, time = _deepest(mesh, straight[0])
+    tensors = at_sites(mesh.gauge, mesh.sites, clip, np.array([time]))[0]
+    askew = misalignment(mesh, straight[0], tensors)
+    if askew < _ASKEW:
+        return fold
+    first, second = (float(np.linalg.norm(end - region.centre)) for end in (fold.origin, fold.target))
+    points = trace(mesh, region, tensors, (first, second))
+    if points is None:
+        return fold
+    curved = replace(fold, origin=points[0], between=points[1:-1], target=points[-1])
+    wide = _attached(mesh, [_tool(curved, "probe", _width(fold))])
+    if wide is None or not isinstance(wide[0].path, Curve):
+        return fold
+    curved = replace(curved, widest=2.0 * _OF_RADIUS * wide[0].path.sharpest[0])
+    found = _attached(mesh, [_tool(curved, "probe", _width(curved))])
+    if found is None or _width(curved) < _LEAST_WIDTH * _width(fold):
+        return fold
+    shortening = max(moment.shortening for moment in deepest_moments(mesh, found[0]).values())
+    better = misalignment(mesh, found[0], tensors) < _BETTER * askew
+    return curved if better and shortening >= _least_shortening(fold, mild=False) else fold
 
 
 def _least_shortening(fold: Fold, *, mild: bool) -> float:
@@ -302,7 +362,7 @@ def _attached(mesh: MeasuredMesh, tools: list[WrinkleTool]) -> list[Patch] | Non
 def _pair(fold: Fold, stem: str, side: str, size: float | None) -> list[WrinkleTool]:
     """The tools of a fold on either side of x = 0, the left one first: on the side of x > 0, or as joints say."""
     region = fold.region
-    width = _width(region)
+    width = _width(fold)
     across = abs(float(np.cross(region.normal, region.along)[0]))
     if across > 0.5:
         # Two bells whose middles are half a width apart add up to an even height between them.
@@ -313,9 +373,9 @@ def _pair(fold: Fold, stem: str, side: str, size: float | None) -> list[WrinkleT
     return [here, _across(here, f"{stem}.R")]
 
 
-def _width(region: Region) -> float:
+def _width(fold: Fold) -> float:
     """Of a tool, scene units."""
-    return (_WIDTH_ACROSS if region.on_plane else _WIDTH_OF_REGION) * region.width
+    return min((_WIDTH_ACROSS if fold.region.on_plane else _WIDTH_OF_REGION) * fold.region.width, fold.widest)
 
 
 def _deepest(mesh: MeasuredMesh, patch: Patch) -> tuple[Clip, float]:
@@ -327,8 +387,8 @@ def _deepest(mesh: MeasuredMesh, patch: Patch) -> tuple[Clip, float]:
 
 def _across(tool: WrinkleTool, name: str) -> WrinkleTool:
     """A tool's mirror image across x = 0."""
-    (a, b, c), (d, e, f) = place_of(tool.origin), place_of(tool.target)
-    return replace(tool, name=name, origin=(0.0 - a, b, c), target=(0.0 - d, e, f))
+    origin, *between, target = ((0.0 - x, y, z) for x, y, z in map(place_of, tool.points))
+    return replace(tool, name=name, origin=origin, between=tuple(between), target=target)
 
 
 def written_length(length: object) -> str:
@@ -348,9 +408,11 @@ def _tool(fold: Fold, name: str, width: float, size: float | None = None) -> Wri
     """A tool in the numbers that are written."""
     # Downwards, or along x or z, whichever way the direction was found.
     axis = int(np.argmax(np.abs(fold.target - fold.origin)))
-    ends = sorted((fold.origin, fold.target), key=lambda end: float(end[axis]), reverse=axis == 1)
-    span = float(np.linalg.norm(ends[1] - ends[0]))
-    origin, target = ([round(float(x), decimals(span)) + 0.0 for x in end] for end in ends)
+    points = np.stack([fold.origin, *fold.between, fold.target])
+    if (points[0, axis] < points[-1, axis]) == (axis == 1):
+        points = points[::-1]
+    span = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+    (a, b, c), *between, (d, e, f) = ([round(float(x), decimals(span)) + 0.0 for x in point] for point in points)
     usual = usual_bumps(fold.material)
     longest = _BUMP_OF_WIDTH[fold.material] * width
     if size is not None and longest / 2.0 < size < 1.5 * longest:
@@ -362,8 +424,9 @@ def _tool(fold: Fold, name: str, width: float, size: float | None = None) -> Wri
     return WrinkleTool(
         name=name,
         node=fold.mesh.node,
-        origin=(origin[0], origin[1], origin[2]),
-        target=(target[0], target[1], target[2]),
+        origin=(a, b, c),
+        between=tuple((x, y, z) for x, y, z in between),
+        target=(d, e, f),
         width=Length(round(width, 1 - math.floor(math.log10(width)))),
         material=fold.material,
         # Bumps that rise one after another stand alone on either side of a joint until it is half bent.

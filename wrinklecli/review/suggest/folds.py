@@ -4,9 +4,10 @@ From each summit of the compression over all clips, the region around it that th
 direction.
 """
 
+import math
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -53,6 +54,8 @@ class Fold:
         time: When most, seconds.
         origin: (3,) one end, on the surface, world space at rest.
         target: (3,) the other.
+        widest: What the width of its tool is at most, scene units.
+        between: (points, 3) of a path between them; none where a straight tool lies well.
         score: What the region loses, area times 1 − σ, scene units squared; less where nobody sees it.
         material: Of what the region is; None for none.
         facet: Length of its triangles' edges where they are shaded flat, scene units; 0 where they are not.
@@ -69,6 +72,8 @@ class Fold:
     score: float
     material: Literal["skin", "cloth", "leather"] | None = None
     facet: float = 0.0
+    widest: float = math.inf
+    between: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     driver: str = ""
     by_morph: bool = False
     part: Part | None = None

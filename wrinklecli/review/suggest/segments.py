@@ -65,7 +65,7 @@ def lay_segment(mesh: MeasuredMesh, region: Region, poses: Sequence[Floats]) -> 
         region: On it.
         poses: (vertices, 3) each, animated scale taken out.
     """
-    triangles = _around(mesh, region)
+    triangles = surface_around(mesh, region)
     if not len(triangles):
         return None
     across = np.cross(region.normal, region.along)
@@ -184,8 +184,8 @@ def _span(places: Floats, low: int, high: int) -> float:
     return float(np.sqrt(np.sum((places[high] - places[low]) ** 2)))
 
 
-def _around(mesh: MeasuredMesh, region: Region) -> Ints:
-    """(triangles, 3) those of its piece within reach of a segment that look its way."""
+def surface_around(mesh: MeasuredMesh, region: Region) -> Ints:
+    """(triangles, 3) those of a region's piece within reach of a segment that look its way."""
     gauge = mesh.gauge
     distances = np.sqrt(np.sum((gauge.middles - region.centre) ** 2, axis=1))
     piece = mesh.sites.pieces[region.members[region.weights.argmax()]]
@@ -202,7 +202,7 @@ def _walk(rest: Rest, triangles: Ints, centre: Floats, directions: Floats, step:
     middles, radii = balls(corners)
     radius, tree = float(radii.max()), cKDTree(middles)
     count = len(directions)
-    first, shares = _nearest_points(centre[None], corners)
+    first, shares = nearest_points(centre[None], corners)
     found, shares = np.repeat(first, count), np.repeat(shares, count, axis=0)
     steps = []
     for number in range(_STEPS + 1):
@@ -214,7 +214,7 @@ def _walk(rest: Rest, triangles: Ints, centre: Floats, directions: Floats, step:
             ahead = places + step * directions
             # The surface is no further than where the step came from.
             close = np.unique(np.concatenate(tree.query_ball_point(ahead, 1.001 * step + radius)).astype(np.intp))
-            which, shares = _nearest_points(ahead, corners[close])
+            which, shares = nearest_points(ahead, corners[close])
             found = close[which]
     columns = [np.stack(column, axis=1) for column in zip(*steps, strict=True)]
     # At a border the nearest point stays behind.
@@ -223,7 +223,7 @@ def _walk(rest: Rest, triangles: Ints, centre: Floats, directions: Floats, step:
     return [_Trail(*(column[k, : lengths[k]] for column in columns)) for k in range(count)]
 
 
-def _nearest_points(points: Floats, corners: Floats) -> tuple[Ints, Floats]:
+def nearest_points(points: Floats, corners: Floats) -> tuple[Ints, Floats]:
     """The points of triangles with area that are nearest to points.
 
     Args:

@@ -7,7 +7,7 @@ from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.gltf.document import Document
 from wrinklecli.review.suggest.fitting import SLACK, Suggestion, decimals, place_of, written_length
 from wrinklecli.tools.read import parse_tools
-from wrinklecli.tools.records import Length, RestLengthMorph
+from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
 from wrinklecli.tools.yaml_tree import printable
 
 
@@ -23,8 +23,8 @@ def tools_text(suggestions: Sequence[Suggestion], asset: str, *, midpoint: bool 
         f"# Tools for {printable(asset, 90)}, as `wrinkle suggest` found them, best first.",
         "#",
         "# Each is a segment across the folds that a clip makes: its ends come closer, and the lost length comes back",
-        "# as bumps. Positions are those of the stored pose, in scene units, Y up. The file is made to be edited: move",
-        "# the ends, try other widths and numbers of bumps, delete what you do not want.",
+        "# as bumps. Where folds turn it is a path. Positions are those of the stored pose, in scene units, Y up. This",
+        "# is made to be edited: move the ends, try other widths and numbers of bumps, delete what you do not want.",
         "version: 1",
         "",
         *(["refinement: {scheme: midpoint}   # keeps the flat faces of a coarse mesh", ""] if midpoint else []),
@@ -48,8 +48,7 @@ def tools_text(suggestions: Sequence[Suggestion], asset: str, *, midpoint: bool 
             f"  # {what} {printable(each.driver, 90)}: {shortens}",
             f"  - name: {tool.name}",
             *([f"    node: {_quoted(tool.node)}"] if tool.node is not None else []),
-            f"    origin: {_written(tool.origin, digits)}",
-            f"    target: {_written(tool.target, digits)}",
+            *_written_points(tool, digits),
             *(["    mirror: x"] if each.mirrored else []),
             f"    width: {tool.width.value:.12g}",
             *([] if isinstance(tool.rest_length, Length) else [f"    rest_length: {written_length(tool.rest_length)}"]),
@@ -61,6 +60,12 @@ def tools_text(suggestions: Sequence[Suggestion], asset: str, *, midpoint: bool 
             "",
         ]
     return "\n".join(lines[:-1]) + "\n"
+
+
+def _written_points(tool: WrinkleTool, digits: int) -> list[str]:
+    if tool.between:
+        return [f"    path: [{', '.join(_written(point, digits) for point in tool.points)}]"]
+    return [f"    origin: {_written(tool.origin, digits)}", f"    target: {_written(tool.target, digits)}"]
 
 
 def _written(anchor: object, digits: int) -> str:

@@ -65,6 +65,8 @@ class _Lie:
 def tried(document: Document, suggestions: Sequence[Suggestion], clips: Sequence[Clip], *, midpoint: bool) -> Tried:
     """Suggestions as narrow as they lie well; those that do not, however narrow they are, as they were.
 
+    A path that does not lie well as it is gives way to the straight tool.
+
     Left out are those where triangles are so long that refinement ends before they show wrinkles.
 
     Args:
@@ -77,13 +79,23 @@ def tried(document: Document, suggestions: Sequence[Suggestion], clips: Sequence
     if any(lie.departs for lie in lies.values()) and not midpoint:
         midpoint = True
         lies = _lies(document, suggestions, clips, midpoint=True)
-    coarse = [
-        each
-        for each in suggestions
-        if any(lies[name].coarse for name in _names(each, lies))
+
+    def is_coarse(each: Suggestion) -> bool:
         # A mesh tells only that some tool on it asks for too much.
-        and any(lie.coarse for lie in _lies(document, [each], clips, midpoint=midpoint).values())
+        return any(lies[name].coarse for name in _names(each, lies)) and any(
+            lie.coarse for lie in _lies(document, [each], clips, midpoint=midpoint).values()
+        )
+
+    straight = [
+        each.straight
+        if each.straight is not None and (any(lies[name].crosses for name in _names(each, lies)) or is_coarse(each))
+        else each
+        for each in suggestions
     ]
+    if any(each is not was for each, was in zip(straight, suggestions, strict=True)):
+        suggestions = straight
+        lies = _lies(document, suggestions, clips, midpoint=midpoint)
+    coarse = [each for each in suggestions if is_coarse(each)]
     notes = [
         f"{each.mesh}: left out a fold that {each.driver} makes: its triangles are too long to show wrinkles there"
         for each in coarse
