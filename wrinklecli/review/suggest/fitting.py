@@ -40,8 +40,8 @@ _WIDTH_OF_REGION, _WIDTH_ACROSS = 1.4, 1.15
 # only slackens. What a morph target moves is a face, where lines are made by less.
 _LEAST_SHORTENING = {"skin": 0.3, "cloth": 0.2, "leather": 0.2, None: 0.15}
 _LEAST_BY_MORPH = 0.04
-# Degrees between a straight tool and the strongest compression, in the median, from which a path is tried, and what
-# part of them it leaves at most.
+# Degrees between a straight tool and the strongest compression, in the median, from which a path is tried. It has less,
+# or this part of them at most.
 _ASKEW, _BETTER = 10.0, 0.7
 # Half the width of a path over its sharpest bend's radius, and what must be left of the straight tool's width.
 _OF_RADIUS, _LEAST_WIDTH = 0.9, 0.6
@@ -312,7 +312,7 @@ def _curved(fold: Fold) -> Fold:
     if found is None or _width(curved) < _LEAST_WIDTH * _width(fold):
         return fold
     shortening = max(moment.shortening for moment in deepest_moments(mesh, found[0]).values())
-    better = misalignment(mesh, found[0], tensors) < _BETTER * askew
+    better = misalignment(mesh, found[0], tensors) < max(_BETTER * askew, min(_ASKEW, askew))
     return curved if better and shortening >= _least_shortening(fold, mild=False) else fold
 
 
