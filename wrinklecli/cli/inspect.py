@@ -127,8 +127,9 @@ def _clip(clip: dict[str, Any]) -> str:
 def _wrinkles(each: dict[str, Any]) -> list[str]:
     lines = ["a draft: neither proven nor fully refined"] if each["draft"] else []
     for tool in each["tools"]:
-        joints = [" + ".join(tool[key]) for key in ("origin_joints", "target_joints")]
-        lines.append(f"{tool['name']}: {joints[0]} to {joints[1]}, rest length {tool['rest_length']:.4g}")
+        anchors = [tool["origin_joints"], *tool.get("between_joints", []), tool["target_joints"]]
+        joints = " to ".join(" + ".join(each) for each in anchors)
+        lines.append(f"{tool['name']}: {joints}, rest length {tool['rest_length']:.4g}")
         lines.append(f"  {counted(len(tool['targets']), 'target')}: {', '.join(tool['targets'])}")
     if each["undriven"]:
         lines.append(f"without a tool: {', '.join(each['undriven'])}")
