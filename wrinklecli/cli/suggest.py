@@ -114,7 +114,7 @@ def _json(asset: str, found: "Suggestions") -> dict[str, Any]:
 
 
 def _json_tool(each: "Suggestion") -> dict[str, Any]:
-    from wrinklecli.review.suggest.fitting import written_length
+    from wrinklecli.review.suggest.draft import written_length
 
     tool = each.tool
     return {

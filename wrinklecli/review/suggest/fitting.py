@@ -4,18 +4,18 @@ A tool that lies on a better one, does not attach or hardly shortens is left out
 x = 0 shortens too becomes a pair.
 """
 
-import json
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
+from wrinklecli.character.pose import node_matrices
 from wrinklecli.errors import WrinkleError
 from wrinklecli.method.patch import Patch, attach_tools
 from wrinklecli.method.path import Curve
 from wrinklecli.numeric.arrays import Floats
+from wrinklecli.review.suggest.draft import newly_named, pair_of, stem_and_side, tool_of, width_of, written_length
 from wrinklecli.review.suggest.folds import Fold
 from wrinklecli.review.suggest.measure import MeasuredMesh, pose_unscaled
 from wrinklecli.review.suggest.moments import Moment, deepest_moments, rising_tools
@@ -23,19 +23,11 @@ from wrinklecli.review.suggest.room import highest
 from wrinklecli.review.suggest.segments import lay_segment
 from wrinklecli.review.suggest.sites import at_sites
 from wrinklecli.review.suggest.trace import misalignment, trace
-from wrinklecli.tools.materials import MATERIALS, usual_bumps
 from wrinklecli.tools.mirror import split_side
 from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
 
 # Part of the best suggestion's score below which a fold is not worth a tool.
 _LEAST_SCORE = 0.02
-# Length of a bump, as a part of the patch's width: wrinkles are several times as long as they are wide, those of cloth
-# most. There are as many as the material has, or so many more where its bumps would be longer.
-_BUMP_OF_WIDTH = {"skin": 0.3, "cloth": 0.15, "leather": 0.3, None: 0.3}
-_MORE_BUMPS = 3
-# Width of a tool, as a multiple of its region's: the attenuation falls to half within the region, and to 0 beyond it.
-# Of a region across x = 0 the whole is known, which fades by itself.
-_WIDTH_OF_REGION, _WIDTH_ACROSS = 1.4, 1.15
 # Part of its length that a segment must lose: where a joint bends less, skin bulges and does not fold, and cloth
 # only slackens. What a morph target moves is a face, where lines are made by less.
 _LEAST_SHORTENING = {"skin": 0.3, "cloth": 0.2, "leather": 0.2, None: 0.15}
@@ -45,11 +37,10 @@ _LEAST_BY_MORPH = 0.04
 _ASKEW, _BETTER = 10.0, 0.7
 # Half the width of a path over its sharpest bend's radius, and what must be left of the straight tool's width.
 _OF_RADIUS, _LEAST_WIDTH = 0.9, 0.6
+# Length of a region about a finger's joint, as a part of its shorter bone's: a segment then ends halfway along that.
+_OF_BONE = 0.6
 # Part of its twin's shortening below which the left one of a pair all but rests.
 _RESTS = 0.7
-# Slack before the first wrinkle, per cent of the rest distance, where a joint makes it: clips rarely come back to the
-# stored pose, and 1 % already shows.
-SLACK = 5
 # Per cent of its rest distance that a segment across the middle of a face has at weight 1 of its morph target, the
 # first that shortens it. Between two brows skin hardly shortens, and yet its lines go across: the weight makes them.
 _FULL = (105.0, 110.0, 115.0, 120.0, 130.0)
@@ -173,6 +164,7 @@ def _made(
     apart = not region.on_plane and 2.0 * abs(float(region.centre[0])) > 0.5 * min(region.length, region.width)
     if region.twin and not (apart or region.on_plane or lopsided):
         return None
+    fold = _within_bones(fold) if fold.part == "finger" else fold
     refined = _refined(fold)
     if refined is None:
         return None
@@ -200,16 +192,16 @@ def _fitted(
 ) -> tuple[Suggestion, list[Patch]] | None:
     """As `_made`, of a fold whose segment fits; `apart` says whether it is clear of its twin."""
     mesh, region, driver, by_morph = refined.mesh, refined.region, refined.driver, refined.by_morph
-    stem, side = _stem_and_side(driver, refined.part or "fold")
+    stem, side = stem_and_side(driver, refined.part or "fold")
     size = sizes.get((mesh.rig.node, driver))
     if by_morph and region.on_plane:
-        return _driven(refined, _newly_named([_tool(refined, stem, _width(refined))], stem, names)[0], further)
-    options = [[_tool(refined, f"{stem}.{side}" if side else stem, _width(refined), size)]]
+        return _driven(refined, newly_named([tool_of(refined, stem, width_of(refined))], stem, names)[0], further)
+    options = [[tool_of(refined, f"{stem}.{side}" if side else stem, width_of(refined), size)]]
     # `mirror` would exchange the side in the node's name too.
     if region.twin and apart and not (mesh.node is not None and split_side(mesh.node)[1]):
-        options.insert(0, _pair(refined, stem, side, size))
+        options.insert(0, pair_of(refined, stem, side, size))
     for tools in options:
-        named = _newly_named(tools, stem, names)
+        named = newly_named(tools, stem, names)
         patches = _attached(mesh, named)
         if patches is None:
             continue
@@ -268,6 +260,18 @@ def _suggested(
     return suggestion, patches
 
 
+def _within_bones(fold: Fold) -> Fold:
+    """A fold of a finger whose region ends within the bones to either side of its joint: beyond are other creases."""
+    rig = fold.mesh.rig
+    node = rig.names.index(fold.driver)
+    others = [*np.flatnonzero(rig.parents == node).tolist(), *([int(rig.parents[node])] * bool(rig.parents[node] >= 0))]
+    joint, *ends = node_matrices(rig, None, np.zeros(1), [node, *others])[0, :, :3, 3]
+    lengths = [length for end in ends if (length := float(np.linalg.norm(end - joint))) > 0]
+    region = replace(fold.region, length=min([fold.region.length, *(_OF_BONE * each for each in lengths)]))
+    laid = lay_segment(fold.mesh, region, [pose_unscaled(fold.mesh, fold.clip, fold.time)])
+    return fold if laid is None else replace(fold, region=region, origin=laid[0], target=laid[1])
+
+
 def _refined(fold: Fold) -> Fold | None:
     """A fold whose segment fits the pose that shortens it most too; none where no tool attaches.
 
@@ -275,7 +279,7 @@ def _refined(fold: Fold) -> Fold | None:
     """
     mesh, region = fold.mesh, fold.region
     for _ in range(2):
-        first = _attached(mesh, [_tool(fold, "probe", _width(fold))])
+        first = _attached(mesh, [tool_of(fold, "probe", width_of(fold))])
         if first is None:
             return None
         clip, time = _deepest(mesh, first[0])
@@ -291,7 +295,7 @@ def _refined(fold: Fold) -> Fold | None:
 def _curved(fold: Fold) -> Fold:
     """A fold with a path along the strongest compression, where a straight tool crosses that askew."""
     mesh, region = fold.mesh, fold.region
-    straight = _attached(mesh, [_tool(fold, "probe", _width(fold))])
+    straight = _attached(mesh, [tool_of(fold, "probe", width_of(fold))])
     if straight is None or region.on_plane:
         return fold
     clip, time = _deepest(mesh, straight[0])
@@ -304,12 +308,12 @@ def _curved(fold: Fold) -> Fold:
     if points is None:
         return fold
     curved = replace(fold, origin=points[0], between=points[1:-1], target=points[-1])
-    wide = _attached(mesh, [_tool(curved, "probe", _width(fold))])
+    wide = _attached(mesh, [tool_of(curved, "probe", width_of(fold))])
     if wide is None or not isinstance(wide[0].path, Curve):
         return fold
     curved = replace(curved, widest=2.0 * _OF_RADIUS * wide[0].path.sharpest[0])
-    found = _attached(mesh, [_tool(curved, "probe", _width(curved))])
-    if found is None or _width(curved) < _LEAST_WIDTH * _width(fold):
+    found = _attached(mesh, [tool_of(curved, "probe", width_of(curved))])
+    if found is None or width_of(curved) < _LEAST_WIDTH * width_of(fold):
         return fold
     shortening = max(moment.shortening for moment in deepest_moments(mesh, found[0]).values())
     better = misalignment(mesh, found[0], tensors) < max(_BETTER * askew, min(_ASKEW, askew))
@@ -321,25 +325,6 @@ def _least_shortening(fold: Fold, *, mild: bool) -> float:
     if fold.by_morph:
         return _LEAST_BY_MORPH
     return _LEAST_SHORTENING[None if mild else fold.material]
-
-
-def _stem_and_side(driver: str, otherwise: str) -> tuple[str, str]:
-    """What tools about a joint or a morph target are named, and L or R where its name says a side.
-
-    Where it has no letters that a tool's name may have, they are named `otherwise`.
-    """
-    stem, side = split_side(driver.rsplit(":", 1)[-1])
-    words = "".join(c if c.isascii() and c.isalnum() else " " for c in stem).split()
-    return "_".join(words if any(c.isalpha() for word in words for c in word) else otherwise.split()), side
-
-
-def _newly_named(tools: list[WrinkleTool], stem: str, names: set[str]) -> list[WrinkleTool]:
-    """Tools of a stem, with the first number after it that makes none of their identifiers one that is taken."""
-    named, number = tools, 1
-    while any(tool.identifier in names for tool in named):
-        number += 1
-        named = [replace(tool, name=f"{stem}_{number}{tool.name[len(stem) :]}") for tool in tools]
-    return named
 
 
 def _of_side(mesh: MeasuredMesh, driver: str, tool: str) -> str:
@@ -359,84 +344,8 @@ def _attached(mesh: MeasuredMesh, tools: list[WrinkleTool]) -> list[Patch] | Non
         return None
 
 
-def _pair(fold: Fold, stem: str, side: str, size: float | None) -> list[WrinkleTool]:
-    """The tools of a fold on either side of x = 0, the left one first: on the side of x > 0, or as joints say."""
-    region = fold.region
-    width = _width(fold)
-    across = abs(float(np.cross(region.normal, region.along)[0]))
-    if across > 0.5:
-        # Two bells whose middles are half a width apart add up to an even height between them.
-        width = min(width, 4.0 * abs(float(region.centre[0])) / across)
-    here = _tool(fold, f"{stem}.L", width, size)
-    if (side or ("L" if region.centre[0] > 0 else "R")) == "R":
-        here = _across(here, here.name)
-    return [here, _across(here, f"{stem}.R")]
-
-
-def _width(fold: Fold) -> float:
-    """Of a tool, scene units."""
-    return min((_WIDTH_ACROSS if fold.region.on_plane else _WIDTH_OF_REGION) * fold.region.width, fold.widest)
-
-
 def _deepest(mesh: MeasuredMesh, patch: Patch) -> tuple[Clip, float]:
     """When a tool's anchors are nearest to each other."""
     moments = deepest_moments(mesh, patch)
     name = max(moments, key=lambda each: moments[each].shortening)
     return next(clip for clip in mesh.clips if clip.name == name), moments[name].time
-
-
-def _across(tool: WrinkleTool, name: str) -> WrinkleTool:
-    """A tool's mirror image across x = 0."""
-    origin, *between, target = ((0.0 - x, y, z) for x, y, z in map(place_of, tool.points))
-    return replace(tool, name=name, origin=origin, between=tuple(between), target=target)
-
-
-def written_length(length: object) -> str:
-    """A rest length of a suggested tool, as YAML."""
-    if isinstance(length, RestLengthMorph):
-        return f"{{morph: {json.dumps(length.morph)}, full: {length.full.value:g}%}}"
-    return f"{length.value:g}%" if isinstance(length, Length) else "auto"
-
-
-def place_of(anchor: object) -> tuple[float, float, float]:
-    """An anchor of a suggested tool, which is always a place."""
-    assert isinstance(anchor, tuple)
-    return anchor
-
-
-def _tool(fold: Fold, name: str, width: float, size: float | None = None) -> WrinkleTool:
-    """A tool in the numbers that are written."""
-    # Downwards, or along x or z, whichever way the direction was found.
-    axis = int(np.argmax(np.abs(fold.target - fold.origin)))
-    points = np.stack([fold.origin, *fold.between, fold.target])
-    if (points[0, axis] < points[-1, axis]) == (axis == 1):
-        points = points[::-1]
-    span = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-    (a, b, c), *between, (d, e, f) = ([round(float(x), decimals(span)) + 0.0 for x in point] for point in points)
-    usual = usual_bumps(fold.material)
-    longest = _BUMP_OF_WIDTH[fold.material] * width
-    if size is not None and longest / 2.0 < size < 1.5 * longest:
-        longest = size
-    bumps = min(max(usual, round(span / longest)), usual + _MORE_BUMPS)
-    if fold.facet:
-        # Among flat faces a bump that is shorter than these reads as a step.
-        bumps = max(1, min(bumps, int(span / fold.facet)))
-    return WrinkleTool(
-        name=name,
-        node=fold.mesh.node,
-        origin=(a, b, c),
-        between=tuple((x, y, z) for x, y, z in between),
-        target=(d, e, f),
-        width=Length(round(width, 1 - math.floor(math.log10(width)))),
-        material=fold.material,
-        # Bumps that rise one after another stand alone on either side of a joint until it is half bent.
-        strategy="everywhere",
-        bumps=bumps,
-        rest_length="auto" if fold.by_morph else Length(100.0 - SLACK, percent=True),
-        **(MATERIALS[fold.material].defaults if fold.material else {}),
-    )
-
-
-def decimals(span: float) -> int:
-    """Decimals of a position: a hundredth of the span, or less."""
-    return max(2 - math.floor(math.log10(span)), 0)

@@ -5,7 +5,8 @@ from dataclasses import replace
 
 from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.gltf.document import Document
-from wrinklecli.review.suggest.fitting import SLACK, Suggestion, decimals, place_of, written_length
+from wrinklecli.review.suggest.draft import SLACK, decimals, place_of, written_length
+from wrinklecli.review.suggest.fitting import Suggestion
 from wrinklecli.tools.read import parse_tools
 from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
 from wrinklecli.tools.yaml_tree import printable
