@@ -8,7 +8,7 @@ import pytest
 from scipy.sparse import csr_array
 
 from kit.asset import Asset, attribute, stored
-from kit.limb import RADIUS, limb_asset
+from kit.limb import RADIUS, flat_limb, limb_asset
 from kit.suggested import ends, middle
 from wrinklecli.character.bones import read_bones
 from wrinklecli.character.clip import read_clips
@@ -193,6 +193,24 @@ def test_a_knee_bends_one_way_and_sides_of_a_face_move_together(tmp_path: Path) 
     ]
     (channel,) = found[1].channels
     assert channel.values[-1].tolist() == [1.0, 1.0]
+
+
+def test_a_fold_of_a_finger_ends_within_its_bones(tmp_path: Path) -> None:
+    asset = limb_asset(rings=31, sides=8, joints=6, angle=300.0)
+    spans = []
+    for name in ("Finger", "Tentacle"):
+        for node in asset.gltf["nodes"][1:7]:
+            node["name"] = f"{name} {node['name'][-1]}"
+        found = suggested(tmp_path, asset, count=2)
+        spans.append(max(each.span for each in found.tools))
+    assert spans[0] < 0.6 * spans[1]
+
+
+def test_low_poly_faces_get_no_bumps_shorter_than_they_are(tmp_path: Path) -> None:
+    smooth, flat = (make(rings=12, sides=8, angle=60.0) for make in (limb_asset, flat_limb))
+    usual, fewer = (suggested(tmp_path, each, count=1).tools[0] for each in (smooth, flat))
+    assert fewer.tool.bumps < usual.tool.bumps
+    assert fewer.span / fewer.tool.bumps > 2.0 / 12
 
 
 def test_a_slope_belongs_to_the_fold_above_it() -> None:

@@ -61,7 +61,8 @@ def suggest(asset: str, output: str | None, as_json: bool, quiet: bool, **option
 
     An asset without clips is looked at in its range of motion: each joint bent about its axes, each morph target
     raised, as far as a body of such joints goes. --clip takes the names of these motions too, such as
-    "LeftLeg about x, +90°".
+    "LeftLeg about x, +90°". Joints are known by the names of common rigs, or by what a VRM says they are. Of tools that
+    --range-of-motion finds beside the clips, check says nothing amiss with --range-of-motion too.
 
     The file bakes as it is, and is made to be edited. A table of the suggestions goes to standard error. Where there
     is nothing to suggest, as for a rigid asset, nothing is written and the exit code is 1, so that a pipeline stops.
