@@ -199,7 +199,7 @@ OPTIONS = {
     "gap": st.integers(0, 64),
     "max_height": st.one_of(st.sampled_from(["auto", "none", None]), LENGTH),
     "details": st.lists(st.floats(0.001, 0.2), max_size=4),
-    "profile": st.sampled_from(["smooth", "polyline"]),
+    "profile": st.sampled_from(["smooth", "skin", "cloth", "polyline"]),
     "variation": st.floats(0, 1),
     "seed": st.one_of(st.none(), st.integers(0, 2**31 - 1)),
     "branch": st.floats(0, 1),

@@ -41,7 +41,7 @@ def detail_lists(draw) -> tuple[float, ...]:
 
 
 @st.composite
-def curves(draw, profiles=("smooth", "polyline")) -> ControlCurve:
+def curves(draw, profiles=("smooth", "skin", "cloth", "polyline")) -> ControlCurve:
     bumps, gap = draw(st.integers(1, 8)), draw(st.integers(0, 3))
     length = draw(st.sampled_from([1e-3, 0.06, 1.0, 37.0, 1e4]))
     auto = 0.25 * 2 * length / (2 * bumps + gap * (bumps - 1))
@@ -294,7 +294,7 @@ def test_gaps_and_ends_stay_flat(curve):
     assert np.isclose(starts[-1, 0] + 2 / curve.interval_count, 1.0)
 
 
-@given(curves(("smooth",)))
+@given(curves(("smooth", "skin", "cloth")))
 def test_the_smooth_profile_is_flat_at_bump_ends_and_never_negative(curve):
     taus = np.concatenate([np.linspace(0, 1, 401), [1e-7, 1 - 1e-7]])
     us = curve.bump_starts[:, None] + 2 / curve.interval_count * taus
@@ -305,6 +305,25 @@ def test_the_smooth_profile_is_flat_at_bump_ends_and_never_negative(curve):
     near_ends = shapes.reshape(len(curve.groups), curve.bumps, -1)[..., -2:]
     # Height over the distance from the end, 1e-7: the slope there, which is 1e-7 g''(0) /2 at most.
     assert near_ends.max() / 1e-7 < 1e-3
+
+
+@pytest.mark.parametrize(("profile", "width"), [("smooth", 0.5), ("skin", 0.25)])
+def test_furrows_are_as_wide_at_half_their_depth_as_said(profile, width):
+    """Of the distance of two crests."""
+    us = np.linspace(0.25, 0.75, 20001)
+    ((heights,),) = plan(bumps=2, profile=profile).shapes(us)
+    assert (heights < 0.5).mean() == pytest.approx(width, abs=1e-3)
+    assert us[[heights[:10000].argmax(), 10000 + heights[10000:].argmax()]] == pytest.approx([0.25, 0.75])
+
+
+def test_cloth_leans_towards_the_middle():
+    us = np.linspace(0.0, 1.0, 40001)
+    ((heights,),) = plan(bumps=2, profile="cloth").shapes(us)
+    assert heights == pytest.approx(heights[::-1], abs=1e-12)
+    crest = us[heights[:20001].argmax()]
+    assert crest == pytest.approx(0.325, abs=1e-3)
+    steepest = np.abs(np.diff(heights))
+    assert steepest[(us[1:] > crest) & (us[1:] < 0.5)].max() > 1.5 * steepest[us[1:] < crest].max()
 
 
 @given(curves())
@@ -328,7 +347,7 @@ def test_everything_scales_with_the_scene(curve, scale):
         gap=curve.gap,
         strategy=curve.strategy,
         details=curve.details,
-        profile="smooth" if isinstance(curve.profile, SmoothProfile) else "polyline",
+        profile=curve.profile.kind if isinstance(curve.profile, SmoothProfile) else "polyline",
         max_height=curve.max_height * scale,
         rest_length=curve.rest_length * scale,
         greatest_rest_length=curve.greatest_rest_length * scale,

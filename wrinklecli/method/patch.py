@@ -106,6 +106,16 @@ class Patch:
         """(…,) of (…, 3) unit normals of the surface, at (…,) places along it, and the patch's there."""
         return self.path.cosines(u, normals)
 
+    def stretched(self, u: Floats, v: Floats) -> Floats:
+        """(…,) places along the patch, along which edges as long as each other show as much of the wrinkles.
+
+        Those along the segment, but longer where the profile turns sharply, in furrows, and shorter on flat crests.
+        """
+        bent = self.bowed(u, v)
+        if not self.curve.sharp:
+            return bent
+        return self.curve.stretched(bent if self.variation is None else self.variation.places(bent, v)[0])
+
     def places(self, u: Floats, v: Floats, cosines: Floats) -> tuple[Floats, Floats]:
         """Where points are on the control curve, and the factors on its height there.
 

@@ -12,6 +12,9 @@ Differs from the paper:
 - `polyline` is the paper's discrete curve. Its details have a closed form: a raised point keeps two lengths'
   sum, so it lies on an ellipse whose foci are the segment's ends.
 
+- `skin` and `cloth` are `smooth` with the place on the bump warped (`warped`): skin has round crests and narrow
+  furrows, cloth leans. A warp keeps all of the above: these, too, are fixed shapes times A.
+
 Lengths are in scene units: D of the bump, x of an interval (a bump spans two), A of its height.
 """
 
@@ -26,7 +29,13 @@ from numpy.polynomial import chebyshev
 
 from wrinklecli.numeric.arrays import Floats
 
-Profile = Literal["smooth", "polyline"]
+Profile = Literal["smooth", "skin", "cloth", "polyline"]
+
+# tan(πμ) over tan(πτ) of skin: at half its depth, τ = 1/8, a furrow then is a quarter as wide as its crests are apart;
+# that of `smooth` is half as wide.
+_NARROW = 1.0 / math.tan(math.pi / 8.0)
+# How far the crest of cloth is off the middle of its bump, of half its width.
+_LEAN = 0.3
 
 MODE_ERROR = 1e-4
 """Largest error of a polyline's knots as rebuilt from its modes, of the tallest knot."""
@@ -50,19 +59,26 @@ Right to 5e-13 of the greatest value; half as many are right to 3e-12.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SmoothProfile:
-    """A bump A g(τ), τ ∈ [0, 1], g = sin²(πτ) + Σₖ rₖ sin²(2ᵏπτ), rₖ = 2⁻ᵏ √(sₖ/(1 − Σs)).
+    """A bump A g(μ(τ)), τ ∈ [0, 1], g = sin²(πμ) + Σₖ rₖ sin²(2ᵏπμ), rₖ = 2⁻ᵏ √(sₖ/(1 − Σs)).
 
     Attributes:
+        kind: Which μ; see `warped`.
         ratios: (levels + 1,) 1, r₁, r₂, …
         peak: Greatest value of g.
         to_amplitude: Over q, of A / (whole √q), whole = 2x + D.
         to_shortening: Over q, of D / (whole q²), whole = 2x + A.
     """
 
+    kind: Profile
     ratios: Floats
     peak: float
     to_amplitude: "Interpolant"
     to_shortening: "Interpolant"
+
+    @property
+    def leans(self) -> bool:
+        """Whether it differs from its mirror image."""
+        return self.kind == "cloth"
 
     def amplitudes(self, shortenings: Floats, intervals: Floats, max_height: float) -> Floats:
         """(..., 1) A of mean over τ of √((2x)² + (A g')²) = 2x + D, from D and x; scene units."""
@@ -89,9 +105,10 @@ class SmoothProfile:
         return np.asarray(self.peak * amplitudes[..., 0], np.float64)
 
     def shapes(self, taus: Floats) -> Floats:
-        """(1, ...) g(τ)."""
+        """(1, ...) g(μ(τ))."""
+        places, _ = warped(self.kind, taus)
         return sum(
-            (ratio * np.sin(2**level * np.pi * taus) ** 2 for level, ratio in enumerate(self.ratios)),
+            (ratio * np.sin(2**level * np.pi * places) ** 2 for level, ratio in enumerate(self.ratios)),
             start=np.zeros_like(taus),
         )[None]
 
@@ -112,8 +129,29 @@ def _parts(chords: Floats, others: Floats | float) -> tuple[Floats, Floats]:
     return wholes, parts
 
 
+def warped(kind: Profile, taus: Floats) -> tuple[Floats, Floats]:
+    """(…,) μ(τ), rising from 0 to 1 with τ, and dμ/dτ."""
+    if kind == "skin":
+        # tan πμ = k tan πτ
+        sines, cosines = np.sin(np.pi * taus), np.cos(np.pi * taus)
+        slopes = _NARROW / (cosines * cosines + (_NARROW * sines) ** 2)
+        return np.arctan2(_NARROW * sines, cosines) / np.pi, slopes
+    if kind == "cloth":
+        # A Möbius map of [−1, 1].
+        divisors = 1.0 - _LEAN * (2.0 * taus - 1.0)
+        return taus * (1.0 - _LEAN) / divisors, (1.0 - _LEAN * _LEAN) / (divisors * divisors)
+    return taus, np.ones_like(taus)
+
+
+def _unwarped(kind: Profile, places: Floats) -> Floats:
+    """(…,) τ at (…,) μ."""
+    if kind == "skin":
+        return np.asarray(np.arctan2(np.sin(np.pi * places), _NARROW * np.cos(np.pi * places)) / np.pi, np.float64)
+    return places * (1.0 + _LEAN) / (1.0 + _LEAN * (2.0 * places - 1.0)) if kind == "cloth" else places
+
+
 @lru_cache(maxsize=16)  # all tools of most files have the same details
-def plan_smooth(details: tuple[float, ...]) -> SmoothProfile:
+def plan_smooth(details: tuple[float, ...], kind: Profile = "smooth") -> SmoothProfile:
     """Solve A for all D and x at once: build the interpolants of a smooth bump with these details."""
     levels = np.arange(len(details) + 1)
     ratios = np.sqrt(np.array([1.0, *(np.array(details) / (1 - math.fsum(details)))])) / 2**levels
@@ -126,8 +164,13 @@ def plan_smooth(details: tuple[float, ...]) -> SmoothProfile:
     # A turning point is at a root; the real part of a complex one is a harmless further candidate.
     candidates = np.concatenate([points, [0.5]])
     peak = float(max(sum(r * np.sin(2**k * np.pi * candidates) ** 2 for k, r in enumerate(ratios))))
-    taus, weights = _quadrature(np.sort(np.concatenate([[0.0], points, [0.5]])))
-    slopes = np.abs(sum(r * 2**k * np.pi * np.sin(2 ** (k + 1) * np.pi * taus) for k, r in enumerate(ratios)))
+    breaks = np.sort(np.concatenate([[0.0], points, [0.5]]))
+    if kind == "cloth":  # not symmetric
+        breaks = np.concatenate([breaks, 1.0 - breaks[-2::-1]])
+    taus, weights = _quadrature(_unwarped(kind, breaks))
+    places, stretches = warped(kind, taus)
+    slopes = np.abs(sum(r * 2**k * np.pi * np.sin(2 ** (k + 1) * np.pi * places) for k, r in enumerate(ratios)))
+    slopes *= stretches
 
     def excess(amplitudes: Floats, chords: Floats) -> tuple[Floats, Floats]:
         # Arc length less chord, and its derivative by A; s²/(√(c² + s²) + c) has no cancellation. (`hypot` is slower.)
@@ -153,24 +196,24 @@ def plan_smooth(details: tuple[float, ...]) -> SmoothProfile:
     def shortenings(q: Floats) -> Floats:
         return excess(q * (2 - q) * (1 + (1 - q) ** 2), (1 - q) ** 4)[0] / q**2
 
-    return SmoothProfile(ratios, peak, _interpolate(amplitudes), _interpolate(shortenings))
+    return SmoothProfile(kind, ratios, peak, _interpolate(amplitudes), _interpolate(shortenings))
 
 
 def _quadrature(breaks: Floats) -> tuple[Floats, Floats]:
-    """Nodes and weights of the mean over τ of a function with period 1, symmetric about ½.
+    """Nodes and weights of the mean over τ of a function on [0, 1], or of one with period 1, symmetric about ½.
 
     Nodes crowd exponentially at the breaks: √(c² + (A g')²) has a rounded kink at each zero of g', of a width
     c/A that goes to 0. The trapezoid rule in y, τ = 1/(1 + e⁻ʸ) within a panel, resolves all widths alike.
 
     Args:
-        breaks: (panels + 1,) rising from 0 to ½: zeros of g', and of g'' where g' may nearly vanish.
+        breaks: (panels + 1,) rising from 0 to 1, or to ½: zeros of g', and of g'' where g' may nearly vanish.
     """
     step, end = 0.16, 32.0  # Errors e^(−2π (π/4) / step) and e^(−end), both below 1e-13.
     ys = np.arange(-end, end + step / 2, step)
     fractions = 1 / (1 + np.exp(-ys))
     widths = np.diff(breaks)
     taus = breaks[:-1, None] + widths[:, None] * fractions
-    weights = 2 * step * widths[:, None] * fractions * fractions[::-1]
+    weights = step / breaks[-1] * widths[:, None] * fractions * fractions[::-1]
     return taus.reshape(-1), weights.reshape(-1)
 
 
@@ -234,6 +277,11 @@ class PolylineProfile:
     modes: Floats
     projection: Floats
     sampled_amplitudes: Floats
+
+    @property
+    def leans(self) -> bool:
+        """Whether it differs from its mirror image."""
+        return False
 
     def amplitudes(self, shortenings: Floats, intervals: Floats, max_height: float) -> Floats:
         """(..., modes) from D and x; scene units."""

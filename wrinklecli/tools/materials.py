@@ -24,7 +24,7 @@ class Material:
     bump_width: float
     bump_height: float
     compressible: float
-    profile: Literal["smooth", "polyline"]
+    profile: Literal["smooth", "skin", "cloth", "polyline"]
     details: tuple[float, ...]
     variation: float
 
@@ -46,9 +46,9 @@ class Material:
 # Those of a tool without a material.
 _PLAIN_BUMPS, _PLAIN_HEIGHT = 4, 0.25
 MATERIALS: Mapping[str, Material] = {
-    "skin": Material(bump_width=0.33, bump_height=0.13, compressible=0.90, profile="smooth", details=(), variation=0.3),
+    "skin": Material(bump_width=0.33, bump_height=0.13, compressible=0.87, profile="skin", details=(), variation=0.3),
     "cloth": Material(
-        bump_width=0.25, bump_height=0.25, compressible=0.65, profile="smooth", details=(), variation=0.55
+        bump_width=0.25, bump_height=0.25, compressible=0.65, profile="cloth", details=(), variation=0.55
     ),
     "leather": Material(
         bump_width=0.33, bump_height=0.18, compressible=0.85, profile="polyline", details=(), variation=0.4

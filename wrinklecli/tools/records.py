@@ -197,7 +197,7 @@ class WrinkleTool:
     max_height: Literal["auto"] | Length | None = "auto"
     compressible: float = 0.0
     details: tuple[float, ...] = ()
-    profile: Literal["smooth", "polyline"] = "smooth"
+    profile: Literal["smooth", "skin", "cloth", "polyline"] = "smooth"
     bow: float = 0.0
     variation: float = 0.3
     seed: int | None = None

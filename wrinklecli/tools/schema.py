@@ -194,8 +194,9 @@ TOOL_KEYS = {
         default=[],
     ),
     "profile": key_of(
-        one_of("smooth", "polyline"),
-        "Shape of a bump: smooth, or the paper's polyline. Default smooth, or the material's.",
+        one_of("smooth", "skin", "cloth", "polyline"),
+        "Shape of a bump: smooth; skin, with narrow furrows; cloth, which leans; polyline, the paper's. Default "
+        "smooth, or the material's.",
         default="smooth",
     ),
     "bow": key_of(
