@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 # Steps of a trace to either side of its middle.
 _STEPS = 24
-# Part of the loss in the middle at which a trace ends: beyond, flesh bulges and does not fold.
-_END_LOSS = 0.3
+# Part of the greatest loss below which skin has no direction to speak of: a trace goes straight on there.
+_TELLING = 0.3
 # Degrees of a trace's turning for each of its pieces; and the most that it has.
 _TURN, _MOST_PIECES = 35.0, 6
 # Sites that tell the compression at a place.
@@ -31,8 +31,8 @@ _NEIGHBOURS = 6
 _FACING = -0.3
 # A step that comes less far than this part of its length is at a border.
 _BORDER = 0.4
-# Part of its height that a tool leaves at a place whose direction counts, and the least loss there.
-_PRESENT, _LOSS = 0.25, 0.05
+# Part of its height that a tool leaves at a place whose direction counts.
+_PRESENT = 0.25
 
 
 def misalignment(mesh: MeasuredMesh, patch: Patch, tensors: Floats) -> float:
@@ -50,7 +50,7 @@ def misalignment(mesh: MeasuredMesh, patch: Patch, tensors: Floats) -> float:
     shares = np.abs(patch.magnitudes(u, v, sites.normals[under]) / patch.shape_strength)
     on, u = under[shares > _PRESENT], u[shares > _PRESENT]
     losses, directions = principal(tensors[on], sites.normals[on])
-    strained = losses > _LOSS
+    strained = losses > _TELLING * losses.max(initial=0.0)
     on, u, directions = on[strained], u[strained], directions[strained]
     if not len(on):
         return 0.0
@@ -129,7 +129,7 @@ class _Field:
         )
 
     def walk(self, start: Floats, along: Floats, length: float) -> Floats:
-        """(points, 3) from near a (3,) place on the surface, at first along a (3,) direction, as far as skin folds."""
+        """(points, 3) from near a (3,) place on the surface, at first along a (3,) direction, as far as the surface."""
         line: list[Floats] = []
         ahead, step, peak = start, length / _STEPS, 0.0
         for _ in range(_STEPS + 1):
@@ -141,9 +141,9 @@ class _Field:
             weights = 1.0 / (distances**2 + step**2)
             loss, direction = principal((weights @ self.tensors[near] / weights.sum())[None], normal[None])
             peak = max(peak, float(loss[0]))
-            if loss[0] < _END_LOSS * peak:
-                break
             line.append(place)
-            along = direction[0] * (1.0 if direction[0] @ along >= 0 else -1.0)
+            if loss[0] >= _TELLING * peak:
+                along = direction[0] * (1.0 if direction[0] @ along >= 0 else -1.0)
+            along = unit(along - (along @ normal) * normal)
             ahead = place + step * along
         return np.array(line).reshape(-1, 3)
