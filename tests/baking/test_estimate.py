@@ -77,3 +77,12 @@ def test_frames_that_no_glb_holds_are_refused(paths: tuple[Path, Path], monkeypa
         BakeError, match=r"^limb: 200,001 frames of [\d,]+ vertices would be .* GB, and a .glb holds 4 GiB"
     ):
         bake(*paths, paths[0].with_name("out.glb"), mode="frames", fps=100_000.0)
+
+
+def test_values_between_keys_are_no_more_than_may_be(tmp_path: Path) -> None:
+    asset, tools = limb(tmp_path / "limb.glb"), write_tools(tmp_path / "tools.yaml", ANEW, sampling={"fps": 0.5})
+    with pytest.raises(
+        TooMuchError, match=r"^fold: [\d,]+ moments of \d+ values to find keys would take .* MB.*-memory$"
+    ):
+        check(asset, tools, max_memory=3_000_000)
+    assert check(asset, tools, max_memory=30_000_000).data["tools"]

@@ -1,5 +1,6 @@
 """Signals over time: samples as close as straight lines need, and keys where lines bend."""
 
+import tracemalloc
 from dataclasses import replace
 from typing import Any
 
@@ -265,3 +266,15 @@ def test_fast_motion_is_sampled_closer() -> None:
     fitted = smooth(lambda t: np.sin(40 * t)[:, None], np.linspace(0, 2, 7), 1e-6)
     times = np.linspace(0, 2, 1001)
     assert np.abs(fitted(times)[:, 0] - np.sin(40 * times)).max() < 1e-5
+
+
+def test_a_wide_signal_is_held_few_times() -> None:
+    def signal(times: Floats) -> Floats:
+        return np.sqrt(np.abs(np.sin(40.0 * times)))[:, None] * np.linspace(0.0, 1.0, 2000)
+
+    tracemalloc.start()
+    times, _ = key_points(np.linspace(0.0, 1.0, 61), signal, tolerance=1e-3, thinning=1e-3, gap=1e-3, step=1e-3)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert len(times) > 500
+    assert peak < 3.6 * 8 * 4 * len(times) * 2000

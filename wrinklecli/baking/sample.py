@@ -35,6 +35,8 @@ from wrinklecli.numeric.memory import Memory
 from wrinklecli.numeric.piecewise import Signal, key_times
 from wrinklecli.numeric.quartics import smooth
 
+# Bytes of a value while keys are found, with its copies.
+_VALUE = 16
 # Coordinates of displacements that are compressed at once: bounds the memory.
 _MOST_COORDINATES = 2**20
 # Frames between two breaks to begin with, besides the clip's turns; halved where a quartic misses the distances. With 4
@@ -105,7 +107,7 @@ def sample_clips(
     Raises:
         BakeError: There are too many shapes.
     """
-    sampled = sample_activities(plan, clips, fps=fps, mode=mode, progress=progress)
+    sampled = sample_activities(plan, clips, fps=fps, mode=mode, memory=memory, progress=progress)
     patches = [carried.patch for carried in plan.carried_patches]
     poses: Sequence[Pose | None] = [None] * len(patches)
     if plan.has_normals:
@@ -128,7 +130,7 @@ def target_weights(target_sets: Sequence[TargetSet], motion: Motion) -> Floats:
 
 
 def sample_activities(
-    plan: MeshPlan, clips: Sequence[Clip], *, fps: float, mode: Mode, progress: Progress
+    plan: MeshPlan, clips: Sequence[Clip], *, fps: float, mode: Mode, memory: Memory, progress: Progress
 ) -> list[Motion]:
     """As `sample_clips`, without weights, as there are no shapes yet: only times, and what the tools do then."""
     clips = list(clips) if mode == "frames" else moving_clips(plan, clips)
@@ -146,7 +148,7 @@ def sample_activities(
             times, keys = sampled[take].times, sampled[take].keys
         else:
             tell_left = partial(_tell_left, progress, end, ends[-1])
-            times, keys = _key_times(plan, clip, lagging, fps=fps, bound=bound, tell_left=tell_left)
+            times, keys = _key_times(plan, clip, lagging, fps=fps, bound=bound, memory=memory, tell_left=tell_left)
         seen = activities(patches, plan.rig, plan.rest, clip, times, lagging=lagging)
         sampled.append(Motion(clip, times, keys, tuple(seen)))
         progress("sampling", end, ends[-1])
@@ -164,6 +166,7 @@ def _key_times(
     *,
     fps: float,
     bound: float,
+    memory: Memory,
     tell_left: Callable[[int], None],
 ) -> tuple[Floats, Ints]:
     """Times so close that straight lines between them are right, and which of them to key.
@@ -174,6 +177,7 @@ def _key_times(
         lagging: How each tool's tissue lags in it.
         fps: Of the grid.
         bound: Greatest error of one tool, scene units.
+        memory: That the values between keys may take.
         tell_left: Called now and then with how many frames of the clip are left.
 
     Returns:
@@ -185,13 +189,13 @@ def _key_times(
         tell_left(math.ceil((clip.end - stretch[0]) * fps))
         within = clip_breaks[(clip_breaks > stretch[0]) & (clip_breaks < stretch[-1])]
         breaks = distinct_values(np.concatenate([stretch[::_FRAMES_OF_A_QUARTIC], stretch[-1:], within]))
-        return _signals(plan, clip, breaks, tolerance, lagging)
+        return _within(memory, _signals(plan, clip, breaks, tolerance, lagging), width, where=clip.name)
 
-    grid = clip_grid(clip, plan.rig, fps=fps)
+    grid, width = clip_grid(clip, plan.rig, fps=fps), sum(_width(each) for each in plan.carried_patches)
     return key_times(
         grid,
         signal_on,
-        width=sum(_width(each) for each in plan.carried_patches),
+        width=width,
         tolerance=tolerance,
         thinning=_KEYS_SHARE * bound,
         gap=KEY_GAP,
@@ -272,6 +276,19 @@ def _signals(
         return np.concatenate(values, axis=1)
 
     return signals
+
+
+def _within(memory: Memory, signal: Signal, width: int, *, where: str) -> Signal:
+    """A signal of so many values; it raises TooMuchError before it has been asked for more than there may be."""
+    asked = 0
+
+    def counted(times: Floats) -> Floats:
+        nonlocal asked
+        asked += len(times)
+        memory.check(_VALUE * width * asked, f"{asked:,} moments of {width:,} values to find keys", where=where)
+        return signal(times)
+
+    return counted
 
 
 def _width(carried: CarriedPatch) -> int:

@@ -10,6 +10,7 @@ from wrinklecli.numeric.arrays import Floats, Ints, float32_values
 # Intervals of the grid that are sampled and thinned at once: bounds the memory.
 _STRETCH = 8192
 # Numbers of a stretch at most: it is shorter where a signal has many values, as `attachment: patch` has three a vertex.
+# And of lines that are drawn at once.
 _MOST_VALUES = 2**20
 # Times that a signal is asked for at once: what stays in a core's cache.
 _CHUNK = 8192
@@ -107,10 +108,15 @@ def _bisected(grid: Floats, signal: Signal, tolerance: float, gap: float, step: 
         middles, at_middles = inside[wide, 1], values[wide, 1]
         low, high = np.concatenate([low[wide], middles]), np.concatenate([middles, high[wide]])
         first, last = np.concatenate([first[wide], at_middles]), np.concatenate([at_middles, last[wide]])
-    points, at_points = (np.concatenate(each) for each in zip(*kept, strict=True))
+    points = np.concatenate([each for each, _ in kept])
     order = np.argsort(points[:, 0])
-    together = at_points[order].reshape(points.size, at_grid.shape[1])  # a signal may have no values
-    return np.append(points[order], grid[-1]), np.concatenate([together, at_grid[-1:]])
+    # Into their places one after another: there may be gigabytes.
+    together = np.zeros((points.size + 1, at_grid.shape[1]))
+    together[-1] = at_grid[-1]
+    by_interval = together[:-1].reshape(*points.shape, at_grid.shape[1])  # a signal may have no values
+    for rows in np.split(np.argsort(order), np.cumsum([len(each) for each, _ in kept])[:-1]):
+        by_interval[rows] = kept.pop(0)[1]
+    return np.append(points[order], grid[-1]), together
 
 
 def sampled(signal: Signal, times: Floats) -> Floats:
@@ -147,7 +153,9 @@ def _thinned(points: Floats, values: Floats, tolerance: float) -> Ints:
     changes = np.append(np.flatnonzero(np.diff(moving)) + 1, count)
     ends = changes[np.searchsorted(changes, np.arange(count), side="right")]
     starts = np.flatnonzero(moving)
-    ends[starts] = np.minimum(_reached(points, values, starts, tolerance), ends[starts])
+    chunk = max(_MOST_VALUES // (_PER_INTERVAL * max(values.shape[1], 1)), 1)
+    for some in (starts[k : k + chunk] for k in range(0, len(starts), chunk)):
+        ends[some] = np.minimum(_reached(points, values, some, tolerance), ends[some])
     keys, furthest = [0], ends.tolist()
     while keys[-1] < count:
         keys.append(furthest[keys[-1]])

@@ -122,7 +122,14 @@ def check(
         for plan in plans:
             seen = _clips_to_see(plan, job)
             refuse_many_samples(job, plan, seen)
-            motions = sample_activities(plan, seen, fps=job.settings.sampling.fps, mode="morph", progress=progress)
+            motions = sample_activities(
+                plan,
+                seen,
+                fps=job.settings.sampling.fps,
+                mode="morph",
+                memory=job.document.memory,
+                progress=progress,
+            )
             baked = [motion.clip for motion in motions if motion.clip.name not in (*job.range, job.pose)]
             warnings += mesh_warnings(plan, job.settings, baked, tracks=True)
             for number, overlaps in enumerate(_overlaps(plan)):
