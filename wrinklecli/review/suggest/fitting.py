@@ -35,6 +35,9 @@ _LEAST_BY_MORPH = 0.04
 # Degrees between a straight tool and the strongest compression, in the median, from which a path is tried. It has less,
 # or this part of them at most.
 _ASKEW, _BETTER = 10.0, 0.7
+# Part of the straight tool's shortening that a path has at least: of less, it runs beside the crease, as in a knee's
+# hollow, and its bumps would be small.
+_AS_SHORT = 0.75
 # Half the width of a path over its sharpest bend's radius, and what must be left of the straight tool's width.
 _OF_RADIUS, _LEAST_WIDTH = 0.9, 0.6
 # Length of a region about a finger's joint, as a part of its shorter bone's: a segment then ends halfway along that.
@@ -315,9 +318,12 @@ def _curved(fold: Fold) -> Fold:
     found = _attached(mesh, [tool_of(curved, "probe", width_of(curved))])
     if found is None or width_of(curved) < _LEAST_WIDTH * width_of(fold):
         return fold
-    shortening = max(moment.shortening for moment in deepest_moments(mesh, found[0]).values())
+    whole, shortening = (
+        max(moment.shortening for moment in deepest_moments(mesh, each[0]).values()) for each in (straight, found)
+    )
     better = misalignment(mesh, found[0], tensors) < max(_BETTER * askew, min(_ASKEW, askew))
-    return curved if better and shortening >= _least_shortening(fold, mild=False) else fold
+    least = max(_least_shortening(fold, mild=False), _AS_SHORT * whole)
+    return curved if better and shortening >= least else fold
 
 
 def _least_shortening(fold: Fold, *, mild: bool) -> float:

@@ -95,7 +95,7 @@ def suggest(
         notes += [*choice.notes, *laid.notes]
         text = reason = ""
         if laid.tools:
-            text = tools_text(laid.tools, os.path.basename(document.path), midpoint=laid.midpoint)
+            text = tools_text(laid.tools, os.path.basename(document.path), laid.refinement)
             refuse_unwritable(text, document, laid.tools)
         elif (folds and not choice.folds) or laid.notes:
             reason = "what its motions fold is left out, as the notes say"

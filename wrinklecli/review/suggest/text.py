@@ -8,17 +8,19 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.review.suggest.draft import SLACK, decimals, place_of, written_length
 from wrinklecli.review.suggest.fitting import Suggestion
 from wrinklecli.tools.read import parse_tools
-from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
+from wrinklecli.tools.records import Length, RefinementSettings, RestLengthMorph, WrinkleTool
 from wrinklecli.tools.yaml_tree import printable
 
+_USUAL = RefinementSettings()
 
-def tools_text(suggestions: Sequence[Suggestion], asset: str, *, midpoint: bool = False) -> str:
+
+def tools_text(suggestions: Sequence[Suggestion], asset: str, refinement: RefinementSettings = _USUAL) -> str:
     """A commented tools file.
 
     Args:
         suggestions: At least one.
         asset: What the comments call the asset.
-        midpoint: Whether refinement must keep faces flat: of a mesh without normals, and where rounding would show.
+        refinement: What is written of it where it is not the usual one.
     """
     lines = [
         f"# Tools for {printable(asset, 90)}, as `wrinkle suggest` found them, best first.",
@@ -28,7 +30,7 @@ def tools_text(suggestions: Sequence[Suggestion], asset: str, *, midpoint: bool 
         "# is made to be edited: move the ends, try other widths and numbers of bumps, delete what you do not want.",
         "version: 1",
         "",
-        *(["refinement: {scheme: midpoint}   # keeps the flat faces of a coarse mesh", ""] if midpoint else []),
+        *_written_refinement(refinement),
         "defaults:",
         f"  rest_length: {100 - SLACK}%     # slack: the first {SLACK} % of shortening make no wrinkles",
         "  max_height: auto     # the material's, which compressible has bumps reach in the deepest fold",
@@ -61,6 +63,15 @@ def tools_text(suggestions: Sequence[Suggestion], asset: str, *, midpoint: bool 
             "",
         ]
     return "\n".join(lines[:-1]) + "\n"
+
+
+def _written_refinement(refinement: RefinementSettings) -> list[str]:
+    finer, flat = refinement.max_levels != _USUAL.max_levels, refinement.scheme != _USUAL.scheme
+    if not finer and not flat:
+        return []
+    keys = [f"max_levels: {refinement.max_levels}"] * finer + [f"scheme: {refinement.scheme}"] * flat
+    why = ["fine enough for triangles as long as these"] * finer + ["keeps the flat faces of a coarse mesh"] * flat
+    return [f"refinement: {{{', '.join(keys)}}}   # {', '.join(why)}", ""]
 
 
 def _written_points(tool: WrinkleTool, digits: int) -> list[str]:
