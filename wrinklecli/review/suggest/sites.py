@@ -172,7 +172,9 @@ def _neighbours(
     near = _symmetric(pairs, np.ones(len(pairs), np.int32), count)
     hop = csr_array(near + eye_array(count, dtype=np.int32))
     reached = csr_array((hop @ hop @ hop) > 0)
-    pairs = close[np.asarray(reached[close[:, 0], close[:, 1]]).reshape(-1).astype(bool)]
+    if len(close):  # scipy has a sparse array for none
+        close = close[np.asarray(reached[close[:, 0], close[:, 1]]).reshape(-1).astype(bool)]
+    pairs = close
     squared = np.sum((positions[pairs[:, 0]] - positions[pairs[:, 1]]) ** 2, axis=1) / radius**2
     kernel = _symmetric(pairs, (1.0 - np.minimum(squared, 1.0)) ** 2, count) + eye_array(count)
     weights = csr_array(kernel.multiply(areas[None]))
