@@ -145,15 +145,17 @@ def _large() -> list[Source]:
 
 
 def _grown() -> list[Source]:
-    """Tools along paths, with tissue that lags, on one mesh and on two; and what a bake writes of them."""
+    """Tools along paths, irregular, with tissue that lags, on one mesh and on two; and what a bake writes of them."""
     header: Json = {"version": 1, "refinement": {"max_levels": 1}, "sampling": {"fps": 4}}
     bent = [[-0.5, RADIUS, 0.0], [0.0, RADIUS, 0.05], [0.5, RADIUS, 0.0]]
     lag = {"frequency": 3, "damping": 0.3}
-    path = {"name": "path", "path": bent, "width": 0.3, "bumps": 3, "strategy": "origin", "lag": lag, "bow": 0.5}
+    grown = {"bow": 0.5, "variation": 1, "branch": 1, "profile": "cloth"}
+    path = {"name": "path", "path": bent, "width": 0.3, "bumps": 3, "strategy": "origin", "lag": lag, **grown}
     marked = [{"marker": "joint_0"}, [0.2, RADIUS, 0.05], [0.8, RADIUS, 0.0]]
     both = [
         {"name": "marked", "node": "limb", "path": marked, "width": 0.4, "snap": "vertex", "bow": -1},
-        {"name": "side.L", "node": "limb", "path": bent[:2], "width": 0.3, "mirror": "x", "lag": "none"},
+        {"name": "side.L", "node": "limb", "path": bent[:2], "width": 0.3, "mirror": "x", "lag": "none", "seed": 7},
+        {"name": "skin", "node": "limb", "origin": bent[0], "target": bent[2], "width": 0.5, "profile": "skin"},
     ]
     alone, two = limb_asset(rings=7, sides=6), limb_asset(rings=7, sides=6, morphs=1, morph_clip="LINEAR")
     crowd(two)
@@ -162,7 +164,7 @@ def _grown() -> list[Source]:
             suffix,
             {**asset.gltf, "buffers": [{"byteLength": len(asset.data)}]},
             bytes(asset.data),
-            {**header, "defaults": {"lag": {}}, "tools": tools},
+            {**header, "defaults": {"lag": {}, "variation": 0.5}, "tools": tools},
         )
         for suffix, asset, tools in ((".glb", alone, [path]), (".gltf", two, both))
     ]
