@@ -71,6 +71,26 @@ def test_a_place_belongs_to_the_nearest_point_of_the_curve(steps: Any, across: f
     assert float(found.across) == pytest.approx(across, abs=1e-9)
 
 
+@pytest.mark.parametrize("angles", [[0, 50, 80, 130], [0, 90, 180, 200, 180, 150]], ids=["arc", "hairpin"])
+def test_the_map_is_continuous_wherever_a_wrinkle_shows(angles: list[float]) -> None:
+    # Steps of one length in these directions.
+    points = np.cumsum([0.25 * np.array([np.cos(turn), np.sin(turn), 0.0]) for turn in np.radians(angles)], axis=0)
+    made = curve_through(points, np.tile([0.0, 0.0, 1.0], (len(points), 1)), on_plane)
+    low, high = points.min(axis=0) - 0.4, points.max(axis=0) + 0.4
+    grid = np.stack(
+        [*(each.ravel() for each in np.meshgrid(*np.linspace(low, high, 161).T[:2])), np.zeros(161**2)], axis=1
+    )
+    step = 1e-4
+    for axis in np.eye(3)[:2]:
+        here, there = made.locate(grid), made.locate(grid + step * axis)
+        assert here.stretches is not None
+        assert there.stretches is not None
+        inside = np.any([(each.u > 0) & (each.u < 1) for each in (here, there)], axis=0)
+        shown = inside & (np.minimum(here.stretches, there.stretches) > 0.2)
+        assert shown.mean() > 0.1
+        assert np.abs(there.u - here.u)[shown].max() * made.length < 5.5 * step
+
+
 @given(STEPS, st.sampled_from([0, 1, 2]))
 def test_a_mirrored_path_is_the_mirror_image(steps: Any, axis: int) -> None:
     points, normals = on_cylinder(steps)

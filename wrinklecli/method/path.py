@@ -31,6 +31,8 @@ _NEAR = 0.5
 _LEAST_ANGLE = 1e-6
 # Degrees by which a path may turn at an anchor: the arcs through sharper turns are loops.
 _MOST_TURN = 120.0
+# What a place counts as stretched by, times the part of its distance by which another part of the path is further.
+_ALONE = 2.0
 # Places by samples of a curve that are looked at together: bounds the memory.
 _AT_ONCE = 2**20
 
@@ -43,7 +45,8 @@ class Located:
         u: (…,) along it: 0 at its first anchor, 1 at its last.
         across: (…,) signed distance from it, to the side of tangent × normal, scene units.
         stretches: (…,) how long a step there is for one of the path: 1 on it, less on the inside of a bend, 0 at its
-            centre, beyond which the map folds. None where it is 1 everywhere.
+            centre, beyond which the map folds, and halfway to another part of the path, where it jumps. None where it
+            is 1 everywhere.
     """
 
     u: Floats
@@ -172,8 +175,10 @@ class Curve:
         between = np.zeros((len(positions), last + 2), bool)
         between[:, 0], between[:, -1] = ahead[:, 0] < 0, ahead[:, -1] >= 0
         between[:, 1:-1] = (ahead[:, :-1] >= 0) & (ahead[:, 1:] < 0)
-        distances = np.where(between, apart[:, [0, *range(last + 1)]], np.inf)
-        piece = np.argmin(distances, axis=1)
+        squared = np.where(between, np.maximum(apart[:, [0, *range(last + 1)]], 0.0), np.inf)
+        piece = np.argmin(squared, axis=1)
+        nearest, second_nearest = np.sqrt(np.partition(squared, 1, axis=1)[:, :2].T)
+        alone = 1.0 - np.divide(nearest, second_nearest, out=np.zeros(len(positions)), where=second_nearest > 0)
         rows = np.arange(len(positions))
         first, second = np.clip(piece - 1, 0, last), np.clip(piece, 0, last)
         inside = first != second
@@ -190,7 +195,8 @@ class Curve:
         away = positions - mixed(self.points) - past[:, None] * tangents
         sideways = unit(np.cross(tangents, mixed(self.normals)))
         stretches = 1.0 - np.where(inside, np.einsum("px,px->p", away, mixed(self.bends)), 0.0)
-        return (mixed(self.ways) + past) / self.length, np.einsum("px,px->p", away, sideways), stretches
+        u, across = (mixed(self.ways) + past) / self.length, np.einsum("px,px->p", away, sideways)
+        return u, across, np.minimum(stretches, _ALONE * alone)
 
     def _at(self, vectors: Floats, u: Floats) -> Floats:
         """(…, 3) unit vectors at (…,) u, of (samples, 3)."""
