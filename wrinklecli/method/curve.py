@@ -18,6 +18,7 @@ highest knot for lower ones.
 import dataclasses
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Literal
 
@@ -70,7 +71,7 @@ class Absorption:
     unabsorbed: Floats
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class ControlCurve:
     """A tool's control curve, planned once, evaluated for all frames at a time.
 
@@ -116,23 +117,23 @@ class ControlCurve:
         """Number of bumps B."""
         return len(self.widths)
 
-    @property
+    @cached_property
     def bump_starts(self) -> Floats:
         """(bumps,) u where each bump starts; it spans 2/n times its width."""
         return bump_ends(self.widths, self.gap)[0]
 
-    @property
+    @cached_property
     def turned(self) -> Bools:
         """(bumps,) those that are the mirror image of the profile: behind the middle, so that all lean towards it."""
         starts, ends = bump_ends(self.widths, self.gap)
         return (self.profile.leans) & (starts + ends > 1.0 + 1e-9)
 
-    @property
+    @cached_property
     def limit(self) -> float:
         """Greatest height of a bump of width 1 on the segment, scene units: the highest then has `max_height`."""
         return self.max_height / float((self.widths * self.peaks).max())
 
-    @property
+    @cached_property
     def sizes(self) -> Floats:
         """(groups,) sum of the widths of each group's bumps."""
         return np.array([self.widths[list(group)].sum() for group in self.groups])
@@ -291,7 +292,7 @@ class ControlCurve:
         """(frames,) x = (l − d)/n; where d = 0, l' may be longer, but nothing rises there."""
         return np.maximum(TAUT * rest_lengths - shortenings, 0.0) / self.interval_count
 
-    @property
+    @cached_property
     def groups_of_bumps(self) -> Ints:
         """(bumps,) index of the group of each bump."""
         indices = np.zeros(self.bumps, np.intp)
