@@ -117,6 +117,25 @@ def test_the_line_from_end_to_end_keeps_its_length(case: Case, strategy: Any, pr
     assert lengths == pytest.approx(TAUT - unabsorbed, abs=1e-9)
 
 
+@given(cases(), st.sampled_from(["everywhere", "origin", "both_ends"]), st.sampled_from([(), (0.2,), (0.1, 0.3)]))
+def test_polylines_keep_their_length_too(case: Case, strategy: Any, details: tuple[float, ...]) -> None:
+    """To rounding where one mode says all, with details as far as their few modes do."""
+    curve = plan_curve(
+        bumps=len(case.variation.widths),
+        gap=case.gap,
+        strategy=strategy,
+        details=details,
+        profile="polyline",
+        max_height=0.3 / len(case.variation.widths),
+        rest_length=1.0,
+        widths=case.variation.widths,
+    )
+    shortenings = np.linspace(0.0, 1.0, 41)
+    amplitudes, unabsorbed = curve.follow(1.0 - shortenings, np.ones(41))
+    lengths = curve.lengths(amplitudes, np.minimum(1.0 - shortenings, TAUT))
+    assert lengths == pytest.approx(TAUT - unabsorbed, abs=1e-3 if details else 1e-12)
+
+
 @pytest.mark.parametrize("kind", ["bell", "linear"])
 @pytest.mark.parametrize("height", ["auto", "5%"])
 def test_no_wrinkle_is_higher_than_its_greatest_height(kind: str, height: str) -> None:

@@ -153,12 +153,12 @@ class Variation:
         beside = np.minimum(np.abs(lines) / _TURNED_FROM, 1.0)
         beside *= beside * (3.0 - 2.0 * beside)
         starts, ends = self._furrows(lines)
-        waves, within = _waves(lines), (flat_u > 0.0) & (flat_u < 1.0)
+        sways, within = _waving(self.sway, lines), (flat_u > 0.0) & (flat_u < 1.0)
         for bump, (start, end) in enumerate(zip(starts, ends, strict=True)):
             at = np.flatnonzero(within & (flat_u >= start) & (flat_u < end))
             # From −1 to 1 over the bump: bent so that the crest is beside the middle, and narrower.
             side = (2.0 * flat_u[at] - start[at] - end[at]) / (end[at] - start[at])
-            sway = self.sway[bump] @ waves[:, at]
+            sway = sways[bump, at]
             taper = self.tapers[bump] * np.minimum(self._spread(bump, lines[at]) ** 2, 1.0)
             side = (side + sway) / (1.0 + side * sway)
             side = side * (1.0 + taper) / (1.0 + taper * side * side)
@@ -173,7 +173,7 @@ class Variation:
         return placed.reshape(u.shape), factors.reshape(u.shape), turned.reshape(u.shape)
 
     def _furrows(self, lines: Floats) -> tuple[Floats, Floats]:
-        moves = self.wander @ _waves(lines)
+        moves = _waving(self.wander, lines)
         starts, ends = self.starts[:, None] + moves[:-1], self.ends[:, None] + moves[1:]
         for merger in self.mergers:
             taken = merger.share(lines) * (ends[merger.lost] - starts[merger.lost])
@@ -288,7 +288,7 @@ def _wandering(numbers: Floats, amount: float, starts: Floats, ends: Floats, asp
     for furrow in range(1, len(moving)):
         moving[furrow] += _ALIKE * moving[furrow - 1]
     moving[[0, -1]] = 0.0
-    moves = moving @ _waves(_LINES)
+    moves = _waving(moving, _LINES)
     farthest = np.abs(moves).max()
     if farthest == 0.0:  # of one bump
         return moving
@@ -305,7 +305,7 @@ def _wandering(numbers: Floats, amount: float, starts: Floats, ends: Floats, asp
 
 def _swaying(numbers: Floats, amount: float, widths: Floats, aspect: float) -> Floats:
     """(bumps, waves) of the crests between their furrows, from as many random numbers, as large as bounds allow."""
-    moves = numbers @ _waves(_LINES)
+    moves = _waving(numbers, _LINES)
     farthest = np.abs(moves).max(axis=1)
     steepest = np.abs(np.diff(moves, axis=1)).max(axis=1) / (_LINES[1] - _LINES[0]) * widths / 2.0
     scales = amount * np.minimum(_SWAY / farthest, _STEEPEST * aspect / steepest)
@@ -313,7 +313,9 @@ def _swaying(numbers: Floats, amount: float, widths: Floats, aspect: float) -> F
     return sway
 
 
-def _waves(lines: Floats) -> Floats:
-    """(4, …) waves over (…,) lines v, all 0 on the centre line."""
+def _waving(amplitudes: Floats, lines: Floats) -> Floats:
+    """(rows, lines) sums of four waves with (rows, 4) amplitudes, on (lines,) v; all are 0 on the centre line."""
     at = _WAVE * lines
-    return np.stack([np.sin(at), 1.0 - np.cos(at), _SECOND * np.sin(2.0 * at), _SECOND * (1.0 - np.cos(2.0 * at))])
+    waves = [np.sin(at), 1.0 - np.cos(at), _SECOND * np.sin(2.0 * at), _SECOND * (1.0 - np.cos(2.0 * at))]
+    # Same bytes: BLAS sums in another order where there are more lines.
+    return np.asarray(np.einsum("rw,wl->rl", amplitudes, np.stack(waves)), np.float64)
