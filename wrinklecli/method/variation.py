@@ -51,6 +51,8 @@ _SWELLINGS = (0.5, 1.0)
 _SWAY = 0.4
 # How much a furrow goes with the one before it.
 _ALIKE = 0.8
+# Points that are placed at once: bounds the memory, which grows with bumps too.
+_AT_ONCE = 2**14
 # Values of v at which bounds are measured.
 _LINES = np.linspace(-1.0, 1.0, 129)
 
@@ -149,15 +151,23 @@ class Variation:
             (…,) how much sooner a crest ends where the surface turns away, as a cosine; 0 where v = 0.
         """
         flat_u, lines = u.reshape(-1), self.turned * v.reshape(-1)
-        placed, factors, turned = flat_u.copy(), np.zeros(flat_u.shape), np.zeros(flat_u.shape)
+        found = np.zeros((3, len(flat_u)))
+        for start in range(0, len(flat_u), _AT_ONCE):
+            part = slice(start, start + _AT_ONCE)
+            found[:, part] = self._places(flat_u[part], lines[part])
+        return found[0].reshape(u.shape), found[1].reshape(u.shape), found[2].reshape(u.shape)
+
+    def _places(self, us: Floats, lines: Floats) -> Floats:
+        """(3, points) as `places`, of (points,) u and v."""
+        placed, factors, turned = us.copy(), np.zeros(us.shape), np.zeros(us.shape)
         beside = np.minimum(np.abs(lines) / _TURNED_FROM, 1.0)
         beside *= beside * (3.0 - 2.0 * beside)
         starts, ends = self._furrows(lines)
-        sways, within = _waving(self.sway, lines), (flat_u > 0.0) & (flat_u < 1.0)
+        sways, within = _waving(self.sway, lines), (us > 0.0) & (us < 1.0)
         for bump, (start, end) in enumerate(zip(starts, ends, strict=True)):
-            at = np.flatnonzero(within & (flat_u >= start) & (flat_u < end))
+            at = np.flatnonzero(within & (us >= start) & (us < end))
             # From −1 to 1 over the bump: bent so that the crest is beside the middle, and narrower.
-            side = (2.0 * flat_u[at] - start[at] - end[at]) / (end[at] - start[at])
+            side = (2.0 * us[at] - start[at] - end[at]) / (end[at] - start[at])
             sway = sways[bump, at]
             taper = self.tapers[bump] * np.minimum(self._spread(bump, lines[at]) ** 2, 1.0)
             side = (side + sway) / (1.0 + side * sway)
@@ -166,11 +176,11 @@ class Variation:
             factors[at] = self._height(bump, lines[at])
             turned[at] = beside[at] * np.where(lines[at] < 0, *self.turns[:, bump])
             if bump + 1 < len(starts):
-                gap = np.flatnonzero(within & (flat_u >= end) & (flat_u < starts[bump + 1]))
-                share = (flat_u[gap] - end[gap]) / (starts[bump + 1, gap] - end[gap])
+                gap = np.flatnonzero(within & (us >= end) & (us < starts[bump + 1]))
+                share = (us[gap] - end[gap]) / (starts[bump + 1, gap] - end[gap])
                 placed[gap] = self.ends[bump] + share * (self.starts[bump + 1] - self.ends[bump])
-        placed = np.where(lines == 0.0, flat_u, placed)
-        return placed.reshape(u.shape), factors.reshape(u.shape), turned.reshape(u.shape)
+        placed = np.where(lines == 0.0, us, placed)
+        return np.stack([placed, factors, turned])
 
     def _furrows(self, lines: Floats) -> tuple[Floats, Floats]:
         moves = _waving(self.wander, lines)
