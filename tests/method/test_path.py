@@ -117,6 +117,16 @@ def test_points_on_a_circle_give_the_circle_and_wrinkles_fan_out_from_its_middle
         assert found.stretches == pytest.approx(np.full(33, radius), abs=1e-2)
 
 
+def test_far_from_the_origin_a_path_is_the_same() -> None:
+    points, normals = on_cylinder([(0.3, 0.2), (0.3, -0.2), (0.4, 0.1)])
+    places = points[:1] + np.random.default_rng(2).normal(0.3, 0.1, (20, 3))
+    here = curve_through(points, normals, lambda point: (point, normals[0])).locate(places)
+    there = curve_through(points + 1e5, normals, lambda point: (point, normals[0])).locate(places + 1e5)
+    assert there.u == pytest.approx(here.u, abs=1e-7)
+    assert there.across == pytest.approx(here.across, abs=1e-7)
+    assert there.stretches == pytest.approx(here.stretches, abs=1e-5)
+
+
 def test_a_path_in_line_lies_as_its_segment_does() -> None:
     ends = {"origin": [-0.4, RADIUS, 0.0], "target": [0.4, RADIUS, 0.0]}
     asset = limb_asset(rings=21, sides=16)
@@ -134,6 +144,18 @@ def test_a_path_in_line_lies_as_its_segment_does() -> None:
 def across(*points: list[float], **keys: Any) -> dict[str, Any]:
     """A tool of the limb with a path."""
     return {"name": "fold", "path": list(points), "width": 0.3, **keys}
+
+
+def test_the_tool_of_the_other_side_has_the_mirrored_patch() -> None:
+    points = [[-0.4, 0.2, 0.15], [-0.1, RADIUS, 0.05], [0.1, 0.24, 0.08], [0.4, 0.1, 0.22]]
+    prepared = prepare(limb_asset(rings=41, sides=32), {**across(*points, mirror="z"), "name": "fold.L"})
+    left, right = prepared.patches
+    places = prepared.rest.positions
+    here, there = left.coordinates(places), right.coordinates(places * [1.0, 1.0, -1.0])
+    near = np.abs(here[1]) < 1.0
+    assert near.sum() > 50
+    assert there[0][near] == pytest.approx(here[0][near], abs=1e-3)
+    assert there[1][near] == pytest.approx(-here[1][near], abs=1e-2)
 
 
 def test_shortening_is_of_the_summed_distances() -> None:

@@ -168,10 +168,12 @@ class Curve:
     def _locate(self, positions: Floats) -> tuple[Floats, Floats, Floats]:
         """As `locate`, of (places, 3)."""
         last = len(self.points) - 1
-        # How far each place is before or behind the plane across the curve at each sample.
-        ahead = positions @ self.tangents.T - np.einsum("sx,sx->s", self.points, self.tangents)
-        apart = np.sum(positions**2, axis=1)[:, None] - 2.0 * positions @ self.points.T + np.sum(self.points**2, axis=1)
-        # It belongs to a piece where it is behind its first plane and before its second, or to what follows an end.
+        # How far each place is ahead of the plane across the curve at each sample, and from the sample, squared.
+        # Measured from its start: products of coordinates lose digits far from the origin.
+        relative, points = positions - self.points[0], self.points - self.points[0]
+        ahead = relative @ self.tangents.T - np.einsum("sx,sx->s", points, self.tangents)
+        apart = np.sum(relative**2, axis=1)[:, None] - 2.0 * relative @ points.T + np.sum(points**2, axis=1)
+        # It belongs to a piece where it is ahead of its first plane and not of its second, or to what is past an end.
         between = np.zeros((len(positions), last + 2), bool)
         between[:, 0], between[:, -1] = ahead[:, 0] < 0, ahead[:, -1] >= 0
         between[:, 1:-1] = (ahead[:, :-1] >= 0) & (ahead[:, 1:] < 0)
@@ -192,7 +194,7 @@ class Curve:
             return found
 
         tangents = mixed(self.tangents)
-        away = positions - mixed(self.points) - past[:, None] * tangents
+        away = relative - mixed(points) - past[:, None] * tangents
         sideways = unit(np.cross(tangents, mixed(self.normals)))
         stretches = 1.0 - np.where(inside, np.einsum("px,px->p", away, mixed(self.bends)), 0.0)
         u, across = (mixed(self.ways) + past) / self.length, np.einsum("px,px->p", away, sideways)

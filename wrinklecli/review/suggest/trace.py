@@ -128,6 +128,11 @@ class _Field:
             tensors[chosen],
         )
 
+    @property
+    def nearest(self) -> list[int]:
+        """Which of the sites nearest to a place tell the compression there, from 1."""
+        return list(range(1, min(_NEIGHBOURS, len(self.tensors)) + 1))
+
     def walk(self, start: Floats, along: Floats, length: float) -> Floats:
         """(points, 3) from near a (3,) place on the surface, at first along a (3,) direction, as far as the surface."""
         line: list[Floats] = []
@@ -137,7 +142,7 @@ class _Field:
             place, normal = shares[0] @ self.corners[triangle], unit(shares[0] @ self.normals[triangle])
             if line and np.linalg.norm(place - line[-1]) < _BORDER * step:
                 break
-            distances, near = (np.asarray(each) for each in self.tree.query(place, k=_NEIGHBOURS))
+            distances, near = (np.asarray(each) for each in self.tree.query(place, k=self.nearest))
             weights = 1.0 / (distances**2 + step**2)
             loss, direction = principal((weights @ self.tensors[near] / weights.sum())[None], normal[None])
             peak = max(peak, float(loss[0]))
