@@ -49,10 +49,10 @@ def draw_curves() -> None:
             axes.plot(xs, ys - 0.17 * row, color=BLUE, lw=1.6)
             axes.plot(xs[[0, -1]], np.full(2, -0.17 * row), "o", color=INK, ms=3)
             axes.text(1.02, -0.17 * row, f"{shortening:.0%}", va="center", color=FAINT)
-    profiles = (("smooth", ()), ("smooth", (0.2,)), ("polyline", (0.2,)))
+    profiles = (("skin", ()), ("cloth", ()), ("polyline", (0.2,)))
     for axes, (profile, details) in zip(rows[1], profiles, strict=True):
         curve = plan_curve(
-            bumps=1, gap=0, strategy="everywhere", details=details, profile=profile, max_height=np.inf, rest_length=1.0
+            bumps=2, gap=0, strategy="everywhere", details=details, profile=profile, max_height=np.inf, rest_length=1.0
         )
         axes.set_title(f"profile: {profile}" + (f", details: {list(details)}" if details else ""))
         for shortening in (0.03, 0.1, 0.2):
