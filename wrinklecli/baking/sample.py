@@ -98,7 +98,7 @@ def sample_clips(
             mesh.
         fps: Of the grid.
         mode: `frames` takes the grid alone, `morph` what straight lines between keys need.
-        memory: That the shapes of all frames may take.
+        memory: That values between keys, and the shapes of all frames, may take.
         progress: Called with a stage's name, frames done and frames in all.
 
     Returns:
