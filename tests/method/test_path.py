@@ -201,7 +201,7 @@ def test_wrinkles_end_before_they_would_meet_on_the_inside_of_a_bend() -> None:
     u, v = made.patch.coordinates(np.array([[r, 0.0, r] for r in (0.15, 0.04, 0.01)]))
     assert u == pytest.approx([0.5, 0.5, 0.5], abs=0.02)
     assert np.abs(v[0]) == pytest.approx((0.15 * np.sqrt(2) - 0.2) / 0.3, abs=1e-3)
-    assert 0.5 < np.abs(v[1]) < np.abs(v[2]) == 1.0
+    assert 0.5 < np.abs(v[1]) < 1.0 < np.abs(v[2])
 
 
 @pytest.mark.parametrize(

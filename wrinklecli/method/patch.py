@@ -96,7 +96,9 @@ class Patch:
             return found.u, v
         low, high = _UNFOLDED
         t = np.clip((found.stretches - low) / (high - low), 0.0, 1.0)
-        return found.u, np.copysign(1.0 - (1.0 - np.abs(v)) * t * t * (3.0 - 2.0 * t), v)
+        spread = 1.0 - (1.0 - np.abs(v)) * t * t * (3.0 - 2.0 * t)
+        # Beyond the border, not on it.
+        return found.u, np.copysign(spread + np.maximum(low - found.stretches, 0.0), v)
 
     def bowed(self, u: Floats, v: Floats) -> Floats:
         """(…,) where (…,) places of the patch are on the control curve: u, unless crests are bent."""
