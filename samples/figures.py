@@ -163,13 +163,14 @@ FLOW = {
     "method": ("Surface, tools, shortening", "shapes and heights"),
     "baking": ("asset and tools", "out.glb, report"),
     "review": ("assets, tools", "text, tables, pictures"),
+    "batch": ("manifest", "many bakes"),
     "cli": ("options", "exit code"),
 }
 
 
 def draw_flow() -> None:
     """The rooms in the order in which they may import, their modules, and what comes in and goes out."""
-    _, axes = plt.subplots(figsize=(9.6, 7.0))
+    _, axes = plt.subplots(figsize=(9.6, 7.7))
     for row, (room, (given, made)) in enumerate(FLOW.items()):
         folder = PACKAGE / room
         modules = sorted(

@@ -13,7 +13,20 @@ from wrinklecli.cli import cli
 TESTS = Path(__file__).parents[1]
 PACKAGE = TESTS.parent / "wrinklecli"
 # The way of the data. A room is a folder, or a module beside the folders.
-ROOMS = ("errors", "files", "numeric", "tools", "gltf", "character", "method", "baking", "review", "testing", "cli")
+ROOMS = [
+    "errors",
+    "files",
+    "numeric",
+    "tools",
+    "gltf",
+    "character",
+    "method",
+    "baking",
+    "review",
+    "batch",
+    "testing",
+    "cli",
+]
 # Who may import a library; any module may import those that are not here.
 DOORS = {
     "yaml": {"tools/yaml_tree"},
@@ -26,10 +39,13 @@ DOORS = {
     "embreex": {"review/preview/preview", "review/preview/rays"},
     "PIL": {"gltf/pixels", "review/preview/cards", "review/preview/preview", "review/preview/sheet"},
     "matplotlib": {"review/plot"},
+    "dask": {"batch/scheduler"},
+    "distributed": {"batch/scheduler"},
+    "fsspec": {"batch/stores"},
     "click": {"cli"},
     "pytest": {"testing"},
 }
-HEAVY = ("numpy", "scipy", "jsonschema_rs", "pygltflib", "trimesh", "yaml", "zstandard", "matplotlib")
+HEAVY = ("numpy", "scipy", "jsonschema_rs", "pygltflib", "trimesh", "yaml", "zstandard", "matplotlib", "distributed")
 
 
 def place_of(path: Path) -> str:

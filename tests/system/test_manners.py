@@ -64,12 +64,12 @@ def test_options_of_one_name_are_of_one_kind() -> None:
     assert not different
     for name in COMMANDS:
         short = {each for option in options(name).values() for each in option.opts if not each.startswith("--")}
-        assert short <= {"-o", "-q", "-v"}
+        assert short <= {"-o", "-q", "-v", "-j"}
 
 
 def test_the_readme_names_every_command_and_every_exit_code() -> None:
     shown = re.findall(r"^wrinkle (\w+) ", README, re.MULTILINE)
-    assert shown == ["inspect", "suggest", "check", "bake", "preview", "diff", "track", "schema"]
+    assert shown == ["inspect", "suggest", "check", "bake", "preview", "diff", "track", "batch", "schema"]
     assert set(COMMANDS) == set(shown)
     table = dict(re.findall(r"^\| (\d+) \| (.*) \|$", README, re.MULTILINE))
     assert sorted(table, key=int) == ["0", "1", "2", "3", "70"]

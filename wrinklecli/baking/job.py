@@ -14,11 +14,13 @@ from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.edit import Storage
 from wrinklecli.gltf.images import files_of
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory
-from wrinklecli.tools.read import load_tools
+from wrinklecli.tools.merged import load_merged
 from wrinklecli.tools.records import MAX_VERTICES, Length, RestLengthKeys, ToolsFile, WrinkleTool
 
 Mode: TypeAlias = Literal["morph", "frames"]
 Engine: TypeAlias = Literal["three", "unity", "spec8", "vtk", "godot3"]
+
+ToolsPaths: TypeAlias = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
 
 _ONE_PERCENT = Length(1.0, percent=True)
 
@@ -113,7 +115,7 @@ class Job:
 
 def read_job(
     asset: str | os.PathLike[str] | Document,
-    tools: str | os.PathLike[str],
+    tools: ToolsPaths,
     options: BakeOptions,
     motions: Motions | None = None,
 ) -> Job:
@@ -121,18 +123,23 @@ def read_job(
 
     Args:
         asset: The .gltf or .glb, or what was read of it.
-        tools: The YAML file of tools.
+        tools: The YAML file of tools, or several that are merged.
         options: Which clips and tools of them, and how to read.
         motions: What moves the asset besides its own clips; the anims of the options where left out.
 
     Raises:
         WrinkleError: One of them is at fault, or they do not go together.
     """
-    settings = _overridden(load_tools(tools), options)
+    settings = _overridden(load_merged(tools_paths(tools)), options)
     document = asset if isinstance(asset, Document) else _read(asset, options)
     if options.replace:
         document = original(document)
     return _job(document, settings, options, motions or Motions(anims=options.anims, range_of_motion=False))
+
+
+def tools_paths(tools: ToolsPaths) -> Sequence[str | os.PathLike[str]]:
+    """The tools files, which are mostly one."""
+    return (tools,) if isinstance(tools, str | os.PathLike) else tools
 
 
 def _read(asset: str | os.PathLike[str], options: BakeOptions) -> Document:
@@ -154,7 +161,7 @@ def _job(asset: Document, settings: ToolsFile, options: BakeOptions, motions: Mo
         settings=settings,
         asset=asset,
         document=document,
-        inputs=(document.files[0], settings.path, *document.files[1:]),
+        inputs=(document.files[0], settings.path, *settings.beside, *document.files[1:]),
         beside=(*files_of(asset), *joined.beside),
         every_clip=every_clip,
         clips=chosen_clips(every_clip, sampled or asked, where=document.path),

@@ -10,7 +10,7 @@ from wrinklecli.baking.budget import BUDGETS, fit_budget, storage
 from wrinklecli.baking.estimate import refuse_too_much
 from wrinklecli.baking.frame_files import export_frames
 from wrinklecli.baking.frames import Frames, encode_frames
-from wrinklecli.baking.job import BakeOptions, Job, read_job
+from wrinklecli.baking.job import BakeOptions, Job, ToolsPaths, read_job, tools_paths
 from wrinklecli.baking.morphs import encode_morphs, own_target_bytes
 from wrinklecli.baking.original import seal
 from wrinklecli.baking.plan import MeshPlan, plan_meshes
@@ -28,7 +28,7 @@ from wrinklecli.numeric.guard import Progress, guarded, no_progress
 
 def bake(
     asset: str | os.PathLike[str],
-    tools: str | os.PathLike[str],
+    tools: ToolsPaths,
     out: str | os.PathLike[str] | None = None,
     options: BakeOptions | None = None,
     *,
@@ -40,7 +40,7 @@ def bake(
 
     Args:
         asset: The .gltf or .glb to read.
-        tools: The YAML file of tools.
+        tools: The YAML file of tools, or several that are merged.
         out: The .gltf or .glb to write; may be left out where `frames_dir` is given.
         options: How to bake; the defaults of `BakeOptions` where left out.
         outputs: Other files to write, which OUT and the frames become a part of. Left out, these are in their places at
@@ -67,7 +67,7 @@ def bake(
 
 def _bake(
     asset: str | os.PathLike[str],
-    tools: str | os.PathLike[str],
+    tools: ToolsPaths,
     out: str | os.PathLike[str] | None,
     options: BakeOptions,
     outputs: Outputs,
@@ -77,7 +77,7 @@ def _bake(
     clock = StageClock()
     if out is not None:
         outputs.claim(out)
-    outputs.protect([asset, tools, *options.anims])
+    outputs.protect([asset, *tools_paths(tools), *options.anims])
     with guarded(os.fspath(asset)):
         with clock.stage("read"):
             job = read_job(asset, tools, options)

@@ -1,5 +1,6 @@
 """The report of a bake: what was made of each mesh, tool and clip, as JSON values, and in a line."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 
@@ -74,6 +75,11 @@ class Report:
             share = 100 * worst / self.data["tallest_wrinkle"]
             parts.append(f"within {worst:.2g} ({share:.2g} % of the tallest wrinkle)")
         return ", ".join(parts)
+
+
+def as_json(data: Json) -> str:
+    """The text of a file of a report or of timings."""
+    return json.dumps(data, indent=1, allow_nan=False) + "\n"
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ import sys
 import click
 
 from wrinklecli.cli.bake import bake
+from wrinklecli.cli.batch import batch
 from wrinklecli.cli.check import check
 from wrinklecli.cli.diff import diff
 from wrinklecli.cli.inspect import inspect
@@ -41,7 +42,7 @@ def cli() -> None:
     """Bake dynamic wrinkles into animated glTF characters."""
 
 
-for _command in (inspect, suggest, check, bake, preview, diff, track, schema):
+for _command in (inspect, suggest, check, bake, preview, diff, track, batch, schema):
     cli.add_command(_command)
 
 

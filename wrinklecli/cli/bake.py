@@ -1,6 +1,5 @@
 """`wrinkle bake`."""
 
-import json
 from typing import Any
 
 import click
@@ -140,6 +139,7 @@ def bake(
     with command_outputs() as outputs, Progress(quiet=quiet) as progress:
         from wrinklecli import bake as run
         from wrinklecli.baking.job import BakeOptions
+        from wrinklecli.baking.report import as_json
 
         for path in (report, timings, depfile):
             if path is not None:
@@ -147,9 +147,9 @@ def bake(
         chosen = BakeOptions(details=report is not None, **options)
         made = run(asset, tools, output, chosen, outputs=outputs, progress=progress.show)
         if report is not None:
-            outputs.add_bytes(report, json.dumps(made.data, indent=1, allow_nan=False).encode() + b"\n")
+            outputs.add_bytes(report, as_json(made.data).encode())
         if timings is not None:
-            outputs.add_bytes(timings, json.dumps(made.timings, indent=1, allow_nan=False).encode() + b"\n")
+            outputs.add_bytes(timings, as_json(made.timings).encode())
         if depfile is not None and output is not None:
             outputs.add_bytes(depfile, dependencies(output, made.inputs))
     if quiet:

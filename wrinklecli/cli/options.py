@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from wrinklecli.numeric.memory import held, shown_bytes
+from wrinklecli.numeric.memory import held, parse_bytes
 from wrinklecli.tools.records import MAX_VERTICES
 
 # Decorates a command's function, as `click.option(…)` does.
@@ -17,8 +17,6 @@ Option = Callable[[Callable[..., Any]], Callable[..., Any]]
 FILE = click.Path(readable=False)
 
 _NUMBER = r"[+-]?(?:\d{1,9}(?:\.\d{0,9})?|\.\d{1,9})"
-_UNITS = {"MB": 10**6, "GB": 10**9, "TB": 10**12}
-_LEAST_MEMORY = 50 * 10**6  # bytes; with less no sample is baked
 
 
 def clip_option(text: str) -> Option:
@@ -176,11 +174,10 @@ def length(_context: click.Context, parameter: click.Parameter, value: str | Non
 
 def _memory(context: click.Context, parameter: click.Parameter, value: str) -> int:
     """A size in bytes, decimal units; until the command ends, the process cannot take more."""
-    found = re.fullmatch(r"(\d{1,6}(?:\.\d{1,3})?) ?(MB|GB|TB)", value, re.IGNORECASE)
-    size = int(float(found[1]) * _UNITS[found[2].upper()]) if found else 0
-    if size < _LEAST_MEMORY:
-        message = f"{value!r} is no size from {shown_bytes(_LEAST_MEMORY)} up, such as 500MB or 4GB"
-        raise click.BadParameter(message, param=parameter)
+    try:
+        size = parse_bytes(value)
+    except ValueError as error:
+        raise click.BadParameter(str(error), param=parameter) from error
     context.with_resource(held(size))
     return size
 

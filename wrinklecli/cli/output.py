@@ -71,16 +71,21 @@ class Progress:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self.clear()
+
+    def clear(self) -> None:
+        """Take the bar away, to print a line."""
         if self._drawn:
             with may_be_lost():
                 click.echo("\r\x1b[K", nl=False, err=True)
+            self._drawn = False
 
-    def show(self, stage: str, done: int, total: int) -> None:
-        """Draw a stage's share of steps that are done."""
+    def show(self, stage: str, done: int, total: int, *, note: str = "") -> None:
+        """Draw a stage's share of steps that are done, and a note behind it."""
         if self._shown:
             width = 30
             filled = width * done // max(total, 1)
-            bar = f"{stage:>8} {'#' * filled}{'.' * (width - filled)} {done}/{total}"
+            bar = f"{stage:>8} {'#' * filled}{'.' * (width - filled)} {done}/{total}  {note}".rstrip()
             with may_be_lost():
                 click.echo(f"\r\x1b[K{bar}", nl=False, err=True)
             self._drawn = True

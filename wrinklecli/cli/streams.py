@@ -83,6 +83,18 @@ def command_outputs() -> Iterator[Outputs]:
         yield outputs
 
 
+@contextmanager
+def job_outputs() -> Iterator[Outputs]:
+    """As `command_outputs`, for one of many jobs: after it, signals are heard as before."""
+    before = {each: signal.getsignal(each) for each in _ENDING}
+    try:
+        with command_outputs() as outputs:
+            yield outputs
+    finally:
+        for each, heard in before.items():
+            signal.signal(each, heard)
+
+
 def _ignore_signals() -> None:
     for each in _ENDING:
         signal.signal(each, signal.SIG_IGN)

@@ -124,6 +124,11 @@ class Outputs:
         """Write a file with this content, as `add` does."""
         return self.add(path, lambda file: file.write(data), last=last, durable=durable)
 
+    @property
+    def written(self) -> list[str]:
+        """The files that have got a content, as they were named; when it is over, those that are in their places."""
+        return [each.path for each in chain.from_iterable(self._outputs.values()) if each.staged]
+
     def found(self, path: str | os.PathLike[str]) -> str | None:
         """The file with the content that a path will have: written here, or there before."""
         written = [each.staged for each in self._outputs.get(_real(os.fspath(path)), ()) if each.staged]

@@ -1,5 +1,6 @@
 """How much memory a command may take: claimed before it is taken, or held by the system where nobody could claim."""
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -9,6 +10,8 @@ from wrinklecli.errors import TooMuchError
 MAX_MEMORY = 10**9
 # Bytes that Python, numpy and its threads have taken before any work is done, and a little more.
 _ITSELF = 2**27
+_UNITS = {"MB": 10**6, "GB": 10**9, "TB": 10**12}
+_LEAST_MEMORY = 50 * 10**6  # bytes; with less no sample is baked
 
 
 class Memory:
@@ -75,6 +78,19 @@ def held(size: int) -> Iterator[None]:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
+
+
+def parse_bytes(text: str) -> int:
+    """Bytes from `500MB` or `4GB`, decimal units.
+
+    Raises:
+        ValueError: It is no such size, or too little for any bake.
+    """
+    found = re.fullmatch(r"(\d{1,6}(?:\.\d{1,3})?) ?(MB|GB|TB)", text, re.IGNORECASE)
+    size = int(float(found[1]) * _UNITS[found[2].upper()]) if found else 0
+    if size < _LEAST_MEMORY:
+        raise ValueError(f"{text!r} is no size from {shown_bytes(_LEAST_MEMORY)} up, such as 500MB or 4GB")
+    return size
 
 
 def shown_bytes(size: float) -> str:

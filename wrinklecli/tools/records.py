@@ -255,6 +255,7 @@ class ToolsFile:
         refinement: How finely the mesh is subdivided.
         tools: The enabled tools in the file's order, a mirrored one behind its source.
         places: Of what stands beside the tools, by keys, such as those of `rest.clip`, for later errors.
+        beside: Further files that this one is merged with.
     """
 
     path: str
@@ -265,6 +266,7 @@ class ToolsFile:
     refinement: RefinementSettings = field(default_factory=RefinementSettings)
     tools: tuple[WrinkleTool, ...]
     places: Mapping[tuple[str, ...], str] = field(default_factory=dict, hash=False, compare=False)
+    beside: tuple[str, ...] = ()
 
     def place(self, *keys: str) -> str:
         """The place of what stands beside the tools, for later errors, such as `tools.yaml:4: rest.clip`."""

@@ -1,0 +1,150 @@
+"""Manifests: what they say, the same in YAML, CSV and JSON lines, and all that is wrong with one at once."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+
+from wrinklecli.baking.job import BakeOptions
+from wrinklecli.batch.build import bake_options
+from wrinklecli.batch.jobs import BatchJob
+from wrinklecli.batch.manifest import read_manifest, read_pattern
+from wrinklecli.batch.schema import OPTION_KEYS
+from wrinklecli.cli import cli
+from wrinklecli.errors import ConfigError
+from wrinklecli.tools.records import Length
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    for name in ("a", "b", "c"):
+        (tmp_path / "chars" / name).mkdir(parents=True)
+        (tmp_path / "chars" / name / f"{name}.glb").touch()
+    return tmp_path
+
+
+def read(name: str, text: str, **given: Any) -> list[BatchJob]:
+    Path(name).write_text(text)
+    return read_manifest(name, given)
+
+
+def complaints(name: str, text: str, **given: Any) -> list[str]:
+    with pytest.raises(ConfigError) as caught:
+        read(name, text, **given)
+    return list(caught.value.lines)
+
+
+def test_jobs_have_the_options_of_bake() -> None:
+    options = {each.opts[-1].strip("-").replace("-", "_"): each for each in cli.commands["bake"].params}
+    apart = {"asset", "tools", "output", "depfile", "quiet", "verbose"}  # of a job itself, or for one bake alone
+    assert set(OPTION_KEYS) == {name for name in options if name not in apart}
+    for name, values in OPTION_KEYS.items():
+        option = options[name]
+        if isinstance(option.type, click.Choice):
+            assert list(option.type.choices) == values["enum"]
+        if isinstance(option.type, click.IntRange | click.FloatRange):
+            assert (option.type.min, option.type.max) == (values["minimum"], values["maximum"])
+        assert getattr(option, "is_flag", False) == (values.get("type") == "boolean")
+        assert option.multiple == ("array" in values.get("type", ""))
+        if "default" in values and values.get("type") != "boolean":
+            assert option.default == values["default"]
+
+
+def test_an_option_says_what_it_says_to_bake() -> None:
+    said = {"max_error": "2%", "max_memory": "2GB", "clip": ("walk",), "tool": ("knee",), "anim": ("x.glb",), "fps": 12}
+    options = bake_options(BatchJob("", "a.glb", ("t.yaml",), "o.glb", said))
+    lists = {"clips": ("walk",), "only": ("knee",), "anims": ("x.glb",)}
+    assert options == BakeOptions(max_error=Length(2.0, percent=True), max_memory=2 * 10**9, fps=12, **lists)  # type: ignore[arg-type]
+    assert bake_options(BatchJob("", "a.glb", ("t.yaml",), "o.glb")) == BakeOptions()
+
+
+@pytest.mark.usefixtures("folder")
+def test_patterns_defaults_and_levels_of_detail() -> None:
+    text = """
+version: 1
+defaults: {tools: [body.yaml, "{folder}/own.yaml"], out: "out/{folder}/{stem}.glb", fps: 24}
+jobs:
+  - asset: chars/[ab]/*.glb
+    clip: walk
+  - fps: 60
+    lods:
+      - {asset: chars/c/c.glb, out: out/c0.glb, max_levels: 2}
+      - {asset: chars/c/c.glb, out: s3://bucket/c1.glb, max_levels: 1}
+"""
+    jobs = read("sub.yaml", text)
+    assert [(job.where, job.asset, job.out) for job in jobs] == [
+        ("sub.yaml:5: jobs[0]", "chars/a/a.glb", "out/chars/a/a.glb"),
+        ("sub.yaml:5: jobs[0]", "chars/b/b.glb", "out/chars/b/b.glb"),
+        ("sub.yaml:9: jobs[1].lods[0]", "chars/c/c.glb", "out/c0.glb"),
+        ("sub.yaml:10: jobs[1].lods[1]", "chars/c/c.glb", "s3://bucket/c1.glb"),
+    ]
+    assert jobs[0].tools == ("body.yaml", "chars/a/own.yaml")
+    assert [dict(job.options) for job in jobs[1:3]] == [{"fps": 24, "clip": ("walk",)}, {"fps": 60, "max_levels": 2}]
+
+
+@pytest.mark.usefixtures("folder")
+def test_paths_are_as_seen_from_the_manifest_but_those_of_the_command_line_from_here() -> None:
+    job, *_ = read("chars/jobs.csv", "asset\n*/*.glb\n", tools="t.yaml", out="out/{stem}.glb")
+    assert (job.asset, job.tools, job.out) == ("chars/a/a.glb", ("t.yaml",), "out/a.glb")
+    assert read_pattern("chars/?/*.glb", {"tools": "t.yaml", "out": "out/{stem}.glb"})[0].out == "out/a.glb"
+
+
+@pytest.mark.usefixtures("folder")
+def test_tables_say_the_same() -> None:
+    yaml = "version: 1\njobs:\n  - {asset: chars/a/a.glb, tools: [t.yaml, u.yaml], out: a.glb, fps: 12, draft: true}\n"
+    csv = "asset,tools,out,fps,draft,clip\nchars/a/a.glb,t.yaml; u.yaml,a.glb,12,true,\n"
+    lines = '{"asset": "chars/a/a.glb", "tools": ["t.yaml", "u.yaml"], "out": "a.glb", "fps": 12, "draft": true}\n'
+    every = [read("m.yaml", yaml), read("m.csv", csv), read("m.jsonl", lines)]
+    assert [(job.asset, job.tools, job.out, dict(job.options)) for (job,) in every] == [
+        ("chars/a/a.glb", ("t.yaml", "u.yaml"), "a.glb", {"fps": 12, "draft": True})
+    ] * 3
+    assert [job.where for (job,) in every] == ["m.yaml:3: jobs[0]", "m.csv:2: jobs[0]", "m.jsonl:1: jobs[0]"]
+
+
+@pytest.mark.usefixtures("folder")
+def test_all_that_is_wrong_is_said_at_once_with_its_line() -> None:
+    text = """version: 1
+defaults: {tools: t.yaml, max_level: 3}
+jobs:
+  - {asset: "chars/x*.glb", out: x.glb}
+  - asset: chars/a/a.glb
+    out: out.glb
+    max_levels: 12
+    engine: unit
+  - {asset: chars/a/a.glb, out: "{stm}.glb"}
+  - {asset: chars/a/a.glb, out: a.txt}
+  - {asset: chars/a/a.glb, out: b.glb, anims: w.glb}
+  - {asset: chars/*/*.glb, out: b.glb}
+  - {asset: chars/a/a.glb}
+  - {asset: chars/a/a.glb, out: chars/b/b.glb, max_memory: 3kB}
+  - {asset: chars/a/a.glb, out: chars/b/b.glb}
+  - {lods: [{asset: chars/a/a.glb, engin: unity}]}
+"""
+    assert complaints("m.yaml", text) == [
+        "m.yaml:2: defaults.max_level: unknown key, did you mean max_levels?",
+        "m.yaml:4: jobs[0].asset: found 'chars/x*.glb', which no file is like",
+        "m.yaml:7: jobs[1].max_levels: found 12, expected a whole number from 0 to 8",
+        "m.yaml:8: jobs[1].engine: found unit, expected three, unity, spec8, vtk or godot3; did you mean unity?",
+        "m.yaml:9: jobs[2].out: found {stm}, expected {stem} or {folder}",
+        "m.yaml:10: jobs[3].out: found 'a.txt', which ends neither in .glb nor .gltf",
+        "m.yaml:11: jobs[4]: anims and tracked go together: files, and the folder for them",
+        "m.yaml:12: jobs[5]: 'b.glb' is an output of another asset too: each needs a name of its own",
+        "m.yaml:12: jobs[5]: 'b.glb' is an output of another asset too: each needs a name of its own",
+        "m.yaml:13: jobs[6].out: required, but missing",
+        "m.yaml:14: jobs[7].max_memory: found 3kB, expected a size from 50MB up, such as 500MB or 4GB",
+        "m.yaml:15: jobs[8]: would write over 'chars/b/b.glb', which jobs[5] reads",
+        "m.yaml:16: jobs[9].lods[0].engin: unknown key, did you mean engine?",
+    ]
+    assert complaints("m.csv", "asset,out\nchars/a/a.glb\nx.glb,o.glb,1\n", tools="t") == [
+        "m.csv:2: jobs[0].out: required, but missing",
+        "m.csv:3: found 3 cells, expected at most 2",
+    ]
+    assert complaints("m.jsonl", '{"asset": 1}\n\n{"asset"\n') == [
+        "m.jsonl:1: jobs[0].asset: found 1, expected text, in quotes where YAML would read a number, true, false or"
+        " null",
+        "m.jsonl:3: JSON: Expecting ':' delimiter",
+    ]
+    assert complaints("m.yaml", "") == ["m.yaml: the file is empty, expected jobs"]
+    assert complaints("m.csv", "asset\n")[0].startswith("m.csv:1: jobs: found a list of 0, expected a list of 1 to ")

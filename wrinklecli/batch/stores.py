@@ -1,0 +1,151 @@
+"""Files by path or by URL (fsspec): read, listed, and written whole or not at all."""
+
+import glob
+import os
+import posixpath
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import Any, BinaryIO
+
+from wrinklecli.errors import WrinkleError
+from wrinklecli.files.inputs import open_input
+
+_URL = re.compile(r"([a-z][a-z0-9+.-]+)://")
+# Stores where a file is there only when all of it is; elsewhere it is written under another name and renamed.
+_WHOLE = {"s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl", "oss", "oci", "r2", "memory"}
+_PATTERN = re.compile(r"[*?\[]")
+
+
+class StoreError(WrinkleError):
+    """A store does not answer as it should: it may do so another time."""
+
+
+def is_url(path: str) -> bool:
+    """Whether a path is one of fsspec's URLs."""
+    return _URL.match(path) is not None
+
+
+def is_pattern(path: str) -> bool:
+    """Whether a path stands for several."""
+    return _PATTERN.search(path) is not None
+
+
+def plain(path: str) -> str:
+    """A path without `file://`, which says no more than a path does."""
+    return path.removeprefix("file://") if path.startswith("file:///") else path
+
+
+def join(folder: str, path: str) -> str:
+    """A path as seen from a folder: itself where it is absolute or a URL."""
+    if is_url(path) or os.path.isabs(path):
+        return plain(path)
+    return posixpath.join(folder, path) if is_url(folder) else os.path.join(folder, path)
+
+
+def matches(pattern: str, folder: str) -> list[str]:
+    """The files that a pattern stands for, sorted, as seen from a folder."""
+    whole = join(folder, pattern)
+    if not is_url(whole):
+        return sorted(glob.glob(pattern, root_dir=folder or None, recursive=True))
+    with _answering(whole):
+        system, path = _system(whole)
+        found = sorted(system.unstrip_protocol(each) for each in system.glob(path))
+    return [each.removeprefix(folder.rstrip("/") + "/") for each in found] if is_url(folder) else found
+
+
+@contextmanager
+def opened(path: str) -> Iterator[BinaryIO]:
+    """A file to read.
+
+    Raises:
+        OSError: It cannot be read.
+        StoreError: Its store does not answer.
+    """
+    if not is_url(path):
+        with open_input(path) as file:
+            yield file
+        return
+    with _answering(path):
+        system, inner = _system(path)
+        with system.open(inner, "rb") as file:
+            yield file
+
+
+def read(path: str) -> bytes:
+    """The bytes of a small file; raises as `opened`."""
+    with opened(path) as file:
+        return file.read()
+
+
+def read_if_there(path: str) -> bytes | None:
+    """The bytes of a small file; none where there is no file."""
+    try:
+        return read(path)
+    except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
+        return None
+
+
+def fetch(path: str, local: str) -> None:
+    """Copy the file of a URL to a path, making folders; raises as `opened`."""
+    os.makedirs(os.path.dirname(local), exist_ok=True)
+    with opened(path) as source, open(local, "wb") as target:
+        while block := source.read(2**20):
+            target.write(block)
+
+
+def put(path: str, data: bytes) -> None:
+    """Write a file, all of it or nothing, making folders.
+
+    Raises:
+        OSError: It cannot be written.
+        StoreError: Its store does not answer.
+    """
+    aside = f"{path}.part-{os.urandom(6).hex()}"
+    if not is_url(path):
+        os.makedirs(os.path.dirname(path) or ".", exist_ok=True)
+        try:
+            with open(aside, "xb") as file:
+                file.write(data)
+            os.replace(aside, path)
+        except BaseException:
+            with suppress(OSError):
+                os.unlink(aside)
+            raise
+        return
+    with _answering(path):
+        system, inner = _system(path)
+        if path.partition("://")[0] in _WHOLE:
+            system.pipe_file(inner, data)
+            return
+        system.makedirs(posixpath.dirname(inner), exist_ok=True)
+        system.pipe_file(_system(aside)[1], data)
+        system.mv(_system(aside)[1], inner)
+
+
+def _system(url: str) -> tuple[Any, str]:
+    """The store of a URL, and the path in it.
+
+    Raises:
+        WrinkleError: A library is missing.
+    """
+    try:
+        from fsspec.core import url_to_fs
+    except ImportError as error:
+        raise WrinkleError("URLs need fsspec: pip install 'wrinklecli[batch]'", where=url) from error
+    try:
+        system, path = url_to_fs(url)
+    except (ImportError, ValueError) as error:
+        raise WrinkleError(f"cannot be reached: {error}", where=url) from error
+    return system, path
+
+
+@contextmanager
+def _answering(url: str) -> Iterator[None]:
+    """Turn what libraries of stores raise, each of its own kinds, into an error of ours; `OSError` stays."""
+    try:
+        yield
+    except (OSError, WrinkleError, MemoryError):
+        raise
+    except Exception as error:
+        raise StoreError(f"the store does not answer: {type(error).__name__}: {error}", where=url) from error

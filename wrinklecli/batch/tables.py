@@ -1,0 +1,84 @@
+"""Manifests that are tables: CSV with a row of keys, and JSON lines; a job in each line."""
+
+import csv
+import io
+import json
+import re
+from typing import Any
+
+from wrinklecli.batch.schema import JOB_KEYS
+from wrinklecli.tools.yaml_tree import Node, Problem, printable
+
+_LIST_MARK = ";"  # between the parts of a cell
+_NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
+
+
+def read_csv(text: str) -> tuple[Node | None, list[Problem]]:
+    """The tree of a CSV file; lists are parted by semicolons, and an empty cell says nothing."""
+    jobs: list[Node] = []
+    problems: list[Problem] = []
+    rows = csv.reader(io.StringIO(text, newline=""), strict=True)
+    try:
+        keys = [cell.strip() for cell in next(rows)]
+        if len(set(keys)) < len(keys):
+            return None, [Problem(1, "", "two columns have the same key")]
+        for row in rows:
+            line = rows.line_num
+            if len(row) > len(keys):
+                problems.append(Problem(line, "", f"found {len(row)} cells, expected at most {len(keys)}"))
+            cells = zip(keys, row, strict=False)
+            values = {key: _cell(key, cell.strip()) for key, cell in cells if cell.strip()}
+            if values:
+                jobs.append(_node(values, line))
+    except csv.Error as error:
+        return None, [Problem(rows.line_num, "", f"CSV: {error}")]
+    return _tree(jobs), problems
+
+
+def read_json_lines(text: str) -> tuple[Node | None, list[Problem]]:
+    """The tree of a file that has an object in each line; empty lines say nothing."""
+    jobs: list[Node] = []
+    problems: list[Problem] = []
+    for line, each in enumerate(text.split("\n"), start=1):
+        if not each.strip():
+            continue
+        try:
+            value = json.loads(each, parse_constant=_refuse_constant)
+        except (ValueError, RecursionError) as error:
+            reason = getattr(error, "msg", None) or str(error)
+            problems.append(Problem(line, "", f"JSON: {printable(reason, 80)}"))
+            continue
+        jobs.append(_node(value, line))
+    return _tree(jobs), problems
+
+
+def _refuse_constant(name: str) -> Any:
+    raise ValueError(f"{name} is no number in JSON")
+
+
+def _tree(jobs: list[Node]) -> Node:
+    listed = Node([each.value for each in jobs], 1, f"a list of {len(jobs)}", dict(enumerate(jobs)))
+    version = Node(1, 1, "1", {})
+    return Node({"version": 1, "jobs": listed.value}, 1, "a mapping", {"version": version, "jobs": listed})
+
+
+def _cell(key: str, text: str) -> Any:
+    """The value of a cell: of the kind that its key takes."""
+    kinds = JOB_KEYS.get(key, {}).get("type", "string")
+    if "array" in kinds:
+        return [part.strip() for part in text.split(_LIST_MARK) if part.strip()]
+    if kinds == "boolean" and text.lower() in ("true", "false"):
+        return text.lower() == "true"
+    if _NUMBER.fullmatch(text) and ("number" in kinds or kinds == "integer"):
+        return int(text) if re.fullmatch(r"[-+]?\d{1,18}", text) else float(text)
+    return text
+
+
+def _node(value: Any, line: int) -> Node:
+    """A value and all below it, on one line."""
+    if isinstance(value, dict):
+        return Node(value, line, "a mapping", {key: _node(each, line) for key, each in value.items()})
+    if isinstance(value, list):
+        parts: dict[str | int, Node] = {number: _node(each, line) for number, each in enumerate(value)}
+        return Node(value, line, f"a list of {len(parts)}", parts)
+    return Node(value, line, printable(json.dumps(value, ensure_ascii=False)), {})

@@ -1,0 +1,243 @@
+"""`wrinkle batch`."""
+
+import json
+import os
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from typing import IO, TYPE_CHECKING, Any
+
+import click
+
+from wrinklecli.cli.options import FILE, quiet_option, strict_option, verbose_option
+from wrinklecli.cli.output import Progress, emit, say, warn
+from wrinklecli.cli.streams import job_outputs
+from wrinklecli.errors import WrinkleError, counted
+
+if TYPE_CHECKING:
+    from wrinklecli.batch.jobs import BatchJob, Outcome
+
+_CACHE = ".wrinkle-cache"
+_VERSION = 1
+_MODELS = (".glb", ".gltf")
+# What a job's end means for the command's, the worst first.
+_EXIT_CODES = {"bug": 70, "failed": 1, "refused": 3}
+
+
+@click.command(
+    short_help="Bake many assets, here or on a Dask cluster.",
+    epilog="Example: wrinkle batch 'chars/*.glb' --tools tools.yaml --out 'out/{stem}.glb' -j 2",
+)
+@click.argument("manifest", type=FILE)
+@click.option("--tools", type=FILE, metavar="TOOLS", help="Of jobs that name none.")
+@click.option("--out", metavar="PATH", help="Of jobs that name none; {stem} is an asset's name, {folder} its folder.")
+@click.option(
+    "-j", "--jobs", type=click.IntRange(1, 1024), default=1, show_default=True, metavar="N", help="Worker processes."
+)
+@click.option("--scheduler", metavar="tcp://HOST:PORT", help="Use the workers of this Dask scheduler instead.")
+@click.option("--cache", metavar="DIR_OR_URL", help=f"Of outputs.  [default: {_CACHE} beside MANIFEST]")
+@click.option("--keep-going/--fail-fast", default=True, show_default=True, help="After a job that failed.")
+@click.option("--dry-run", is_flag=True, help="Say what would be baked, and why; bake nothing.")
+@click.option(
+    "--retry",
+    type=click.IntRange(0, 100),
+    default=3,
+    show_default=True,
+    metavar="N",
+    help="Begin a job again whose worker died or whose store did not answer.",
+)
+@click.option("--report", type=FILE, metavar="FILE.jsonl", help="Write a line for each job as it ends; - is stdout.")
+@click.option("--dashboard", is_flag=True, help="Serve Dask's dashboard, and say where.")
+@strict_option()
+@quiet_option()
+@verbose_option("Print a line for each job.")
+def batch(
+    manifest: str,
+    jobs: int,
+    scheduler: str | None,
+    cache: str | None,
+    keep_going: bool,
+    dry_run: bool,
+    retry: int,
+    report: str | None,
+    dashboard: bool,
+    quiet: bool,
+    verbose: bool,
+    **given: Any,
+) -> None:
+    """Bake all jobs of MANIFEST (YAML, CSV or JSON lines), or every asset of a pattern such as 'chars/*.glb'.
+
+    A job is an asset, tools, an output, and options of `wrinkle bake`, by the same names: configs/batch.md is the
+    reference. Outputs are those of `wrinkle bake`, to the byte, whoever bakes them. Each appears complete or not at
+    all, and a job that fails does so alone.
+
+    What a job depends on is known by content. So a job is baked only if its asset, a file that this refers to, its
+    tools, its options or wrinkle itself have changed; else its outputs are in their places, or are taken from the
+    cache.
+
+    --report writes an object for each job; within version 1, keys are only added: "batch" (the version), "job",
+    "asset", "tools", "out", "result" (hit, built, refused, failed, bug), "reason", "seconds", "key",
+    "peak_memory_bytes", "warnings", "residual", "tallest_wrinkle", "errors" and "worker".
+
+    Exit codes: 0 done; 1 MANIFEST is at fault and nothing was baked, or a job failed; 2 wrong usage; 3 jobs were
+    refused (--strict, and by limits in MANIFEST), none failed otherwise; 70 a bug.
+    """
+    pattern = manifest.lower().endswith(_MODELS)
+    _refuse_usage(manifest, pattern=pattern, jobs=jobs, scheduler=scheduler, given=given)
+
+    from wrinklecli.batch.keys import program
+    from wrinklecli.batch.manifest import folder_of, read_manifest, read_pattern
+    from wrinklecli.batch.scheduler import Workers, looks, outcomes
+    from wrinklecli.batch.stores import join
+    from wrinklecli.batch.worker import Settings
+
+    asked = {key: value for key, value in given.items() if value}
+    every = (read_pattern if pattern else read_manifest)(manifest, asked)
+    place = cache or (_CACHE if pattern else join(folder_of(manifest), _CACHE))
+    settings = Settings(cache=place, program=program(), retries=retry)
+    if dry_run:
+        done = looks(every, settings)
+    else:
+        workers = Workers(jobs, scheduler, dashboard)
+        done = outcomes(every, settings, workers, open_outputs=job_outputs, tell=lambda line: say(f"note: {line}"))
+    told = _Told(len(every), quiet=quiet, verbose=verbose, dry_run=dry_run)
+    with _report(report, every, manifest) as stream, told:
+        for outcome in done:
+            if stream is not None:
+                stream.write(json.dumps(_line(outcome), allow_nan=False) + "\n")
+                stream.flush()
+            told.show(outcome)
+            if not outcome.done and not keep_going:
+                break
+    told.summarize()
+    for result, code in _EXIT_CODES.items():
+        if told.counts.get(result):
+            sys.exit(code)
+
+
+def _refuse_usage(manifest: str, *, pattern: bool, jobs: int, scheduler: str | None, given: dict[str, Any]) -> None:
+    if scheduler is not None and jobs > 1:
+        raise click.UsageError("'--scheduler' has workers of its own: it goes without '-j'.")
+    if pattern and not (given["tools"] and given["out"]):
+        raise click.UsageError("A pattern of assets needs '--tools' and '--out'.")
+    if not pattern and not manifest.lower().endswith((".yaml", ".yml", ".csv", ".jsonl")):
+        message = f"{manifest!r} ends neither in .yaml, .csv or .jsonl nor, as a pattern of assets, in .glb or .gltf"
+        raise click.BadParameter(message, param_hint="MANIFEST")
+
+
+@contextmanager
+def _report(path: str | None, jobs: "Sequence[BatchJob]", manifest: str) -> Iterator[IO[str] | None]:
+    """The file of the report, line by line: what is written is true even if the rest never comes.
+
+    Raises:
+        WrinkleError: It is an input or an output, or cannot be written.
+    """
+    if path is None or path == "-":
+        yield None if path is None else sys.stdout
+        return
+    used = {os.path.abspath(each) for job in jobs for each in (job.asset, job.out, *job.tools, *job.anims)}
+    if os.path.abspath(path) in {*used, os.path.abspath(manifest)}:
+        raise WrinkleError("is a file of the batch too and would be overwritten", where=path)
+    with ExitStack() as opened:
+        try:
+            stream = opened.enter_context(open(path, "w", encoding="utf-8"))
+        except OSError as error:
+            raise WrinkleError(f"cannot be written: {error.strerror}", where=path) from error
+        yield stream
+
+
+def _line(outcome: "Outcome") -> dict[str, Any]:
+    """What a report says of a job."""
+    job = outcome.job
+    return {
+        "batch": _VERSION,
+        "job": job.where,
+        "asset": job.asset,
+        "tools": list(job.tools),
+        "out": job.out,
+        "result": outcome.result,
+        "reason": outcome.reason,
+        "seconds": outcome.seconds,
+        "key": outcome.key,
+        "peak_memory_bytes": outcome.peak_memory,
+        "warnings": list(outcome.warnings),
+        "residual": outcome.residual,
+        "tallest_wrinkle": outcome.tallest,
+        "errors": list(outcome.lines),
+        "worker": outcome.worker,
+    }
+
+
+class _Told:
+    """What people are told of a batch: failures as they come, a bar with rate and time left, a table at the end."""
+
+    def __init__(self, total: int, *, quiet: bool, verbose: bool, dry_run: bool) -> None:
+        self._total, self._quiet, self._verbose, self._dry_run = total, quiet, verbose, dry_run
+        self._start = time.monotonic()
+        self._progress = Progress(quiet=quiet)
+        self._seconds: dict[str, float] = {}
+        self._memory: dict[str, int] = {}
+        self._warnings = 0
+        self.counts: dict[str, int] = {}
+
+    def __enter__(self) -> "_Told":
+        self._progress.__enter__()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.__exit__()
+
+    def show(self, outcome: "Outcome") -> None:
+        """Tell of a job that has ended."""
+        result = outcome.result
+        self.counts[result] = self.counts.get(result, 0) + 1
+        self._seconds[result] = self._seconds.get(result, 0.0) + outcome.seconds
+        self._memory[result] = max(self._memory.get(result, 0), outcome.peak_memory or 0)
+        self._warnings += len(outcome.warnings)
+        if not outcome.done or self._verbose or self._dry_run:
+            self._progress.clear()
+        for line in outcome.lines:
+            say(f"{outcome.job.where}: {line}" if outcome.job.where else line)
+        if outcome.done and self._dry_run:
+            emit(f"{outcome.job.out}: {_planned(outcome)}")
+        elif outcome.done and self._verbose and not self._quiet:
+            for warning in outcome.warnings:
+                warn(f"{outcome.job.out}: {warning}")
+            say(f"{outcome.job.out}: {result}, {outcome.reason}: {outcome.summary}")
+        done = sum(self.counts.values())
+        taken = max(time.monotonic() - self._start, 1e-3)
+        left = taken / done * (self._total - done)
+        self._progress.show("batch", done, self._total, note=f"{done / taken:.3g} a second, {_time(left)} left")
+
+    def summarize(self) -> None:
+        """Tell of all of them."""
+        if self._quiet:
+            return
+        if not self._dry_run and len(self.counts) + self._total > 2:
+            say(f"{'':10}{'jobs':>8}{'seconds':>10}{'a job':>9}{'memory':>10}")
+            for result, count in self.counts.items():
+                seconds, memory = self._seconds[result], self._memory[result]
+                shown = f"{memory / 1e6:.0f} MB" if memory else ""
+                say(f"{result:10}{count:>8}{seconds:>10.1f}{seconds / count:>9.2f}{shown:>10}")
+        if self._warnings and not self._verbose:
+            warn(f"{counted(self._warnings, 'warning')} in all; -v or --report show them")
+        missing = self._total - sum(self.counts.values())
+        words = {"built": "to build", "hit": "known"} if self._dry_run else {}
+        parts = [f"{count:,} {words.get(result, result)}" for result, count in self.counts.items()]
+        parts += [f"{missing:,} not begun"] if missing else []
+        say(f"{counted(self._total, 'job')}: {', '.join(parts)}, in {_time(time.monotonic() - self._start)}")
+
+
+def _planned(outcome: "Outcome") -> str:
+    """What a dry run says of a job."""
+    if outcome.result == "built":
+        return f"would be built: {outcome.reason}"
+    return "is in place" if outcome.reason == "in place" else "would be taken from the cache"
+
+
+def _time(seconds: float) -> str:
+    whole = round(seconds)
+    if whole < 60:
+        return f"{seconds:.1f} s"
+    return f"{whole // 60} min {whole % 60} s" if whole < 3600 else f"{whole // 3600} h {whole % 3600 // 60} min"
