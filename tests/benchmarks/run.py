@@ -43,6 +43,8 @@ from assets import finer, longer, more_clips  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 
 from kit.crowd import write_crowds, write_frames  # noqa: E402
+from kit.limb import limb_asset, write_tools  # noqa: E402
+from kit.limb import tool as limb_tool  # noqa: E402
 from kit.tube import write_tube  # noqa: E402
 from wrinklecli.baking.plan import MeshPlan, plan_mesh  # noqa: E402
 from wrinklecli.character.clip import Clip, read_clips  # noqa: E402
@@ -427,6 +429,29 @@ def start(places: Places) -> Iterator[Row]:
     yield Row("simple_skin", "baking simple_skin.gltf", over, baking / importing, 4.0, False, f"{baking:.2f} s")
 
 
+def batches(places: Places) -> Iterator[Row]:
+    """Many small assets in one command: over one by one, over two workers, and with nothing to do."""
+    folder, count, alone = places.folder / "batch", 1000, 25
+    (folder / "chars").mkdir(parents=True)
+    for number in range(count):
+        limb_asset(rings=7, sides=6, angle=30 + 0.1 * number).write(folder / "chars" / f"{number}.glb")
+    tools = write_tools(folder / "tools.yaml", limb_tool(bumps=2))
+
+    def all_of_them(out: str, workers: int) -> float:
+        (folder / out).mkdir(exist_ok=True)
+        asked = ("--tools", tools, "--out", folder / out / "{stem}.glb", "--cache", folder / f"{out}.cache", "-q")
+        return run("batch", folder / "chars" / "*.glb", *asked, "-j", str(workers), code=WRINKLE)
+
+    one, two = all_of_them("one", 1), all_of_them("two", 2)
+    again = all_of_them("one", 1)
+    single = [bake(folder / "chars" / f"{number}.glb", tools, folder / "out.glb") for number in range(alone)]
+    each = count * statistics.median(single)
+    what = f"{count:,} small assets"
+    yield Row("batch_loop", f"{what}, one bake after another", "batch", each / one, 3.0, True, f"{one:.1f} s")
+    yield Row("batch_workers", f"{what} by one worker", "two workers", one / two, 1.8, True, f"{two:.1f} s")
+    yield Row("batch_again", f"{what}, nothing to do", "the first run", again / one, 0.02, False, f"{again:.2f} s")
+
+
 def blender(places: Places) -> Iterator[Row]:
     """A shape key for each frame, made by Blender."""
     if places.blender is None:
@@ -509,7 +534,7 @@ def tallest(targets: list[Floats], weights: Floats) -> float:
     return max(float(np.linalg.norm(each, axis=-1).max()) for each in moved)
 
 
-SECTIONS = {each.__name__: each for each in (frames, rates, growth, scaling, density, ways, start, blender)}
+SECTIONS = {each.__name__: each for each in (frames, rates, growth, scaling, density, ways, start, batches, blender)}
 
 
 def main() -> int:
