@@ -1,0 +1,96 @@
+"""Hold bakes against cloth that was simulated: `python compare.py FOLDER [SCENE]…`, after simulate.py.
+
+Prints a table, and writes results.csv beside this module if all scenes were asked for.
+"""
+
+import csv
+import sys
+from dataclasses import astuple, fields, replace
+from pathlib import Path
+
+import numpy as np
+
+HERE = Path(__file__).resolve().parent
+sys.path += [str(HERE), str(HERE.parent), str(HERE.parent.parent)]
+
+from bake import bake, played  # noqa: E402
+from measure import Folds, arc_lengths, line_normals, measure  # noqa: E402
+from scenes import SCENES, Array, Scene, share_of  # noqa: E402
+
+from kit.asset import Json  # noqa: E402
+
+FRAMES = (15, 22, 30, 38, 45, 53)  # from a quarter of the movement to its end, and half a second after
+# Blender's cloth, and which material of ours is held against it.
+LOOKS = {"denim": "cloth", "leather": "leather"}
+# What is held against it: the material as it is; a tool along a path, which measures the surface's own shortening, and
+# so takes nothing off it; and the same as tall as its length asks for.
+VARIANTS: dict[str, Json] = {
+    "default": {},
+    "path": {"path": True, "compressible": "0%"},
+    "path, any height": {"path": True, "compressible": "0%", "max_height": "none"},
+}
+# Of a strip as long as it likes a material cannot tell the bumps: those that the simulation has.
+STRIP_BUMPS = {"denim": 5, "leather": 3}
+COLUMNS = ("scene", "cloth", "frame", "shorter", "what", *(field.name for field in fields(Folds)), "seconds")
+
+
+def look_of(scene: Scene, cloth: str, variant: str) -> Json:
+    """The keys of a scene's tool."""
+    look: Json = {"material": LOOKS[cloth], **VARIANTS[variant]}
+    if scene.body is None:
+        look["bumps"] = STRIP_BUMPS[cloth]
+    if look.pop("path", False):
+        ends = np.array([scene.origin, scene.target])
+        look["path"] = [(ends[0] + share * (ends[1] - ends[0])).tolist() for share in np.linspace(0.0, 1.0, 9)]
+    return look
+
+
+def folds(scene: Scene, positions: Array, rest: Array, frame: int) -> Folds:
+    smooth = scene.posed(scene.cloth, share_of(frame))
+    normals = line_normals(smooth, scene.cloth.quads, scene.lines)
+    return measure(positions[scene.lines], smooth[scene.lines], normals, rest[scene.lines])
+
+
+def rows_of(scene: Scene, cloth: str, folder: Path) -> list[tuple[object, ...]]:
+    with np.load(folder / f"{scene.name}_{cloth}.npz") as stored:
+        simulated, spent = stored["positions"].astype(float), float(stored["seconds"].mean())
+    baked, baked_rests = {}, {}
+    for variant in VARIANTS:
+        file, seconds = bake(scene, look_of(scene, cloth, variant), folder / f"{scene.name}_{cloth}_{variant}")
+        baked[variant], baked_rests[variant] = played(file, np.array(FRAMES)), file.attribute("cloth", "POSITION")
+        print(
+            f"{scene.name} {cloth} {variant}: simulated {spent:.3g} s a frame; baked in {seconds:.3g} s for all frames"
+        )
+    rows: list[tuple[object, ...]] = []
+    rest, middle = scene.cloth.positions, scene.lines[len(scene.lines) // 2]
+    for number, frame in enumerate(FRAMES):
+        base = scene.posed(scene.cloth, share_of(frame))
+        shorter = 1.0 - _lengths(base, middle) / _lengths(rest, middle)
+        every = {"simulated": (simulated[frame], spent)}
+        every |= {f"baked, {name}": (posed[number], cost) for name, (posed, cost) in baked.items()}
+        for what, (positions, cost) in every.items():
+            found = folds(scene, positions, rest, frame)
+            if what != "simulated":
+                fine = baked_rests[what.removeprefix("baked, ")]
+                found = replace(found, arc=float(np.mean(arc_lengths(positions, fine, scene.lines))))
+            rows.append((scene.name, cloth, frame, shorter, what, *astuple(found), cost))
+    return rows
+
+
+def _lengths(positions: Array, line: Array) -> float:
+    return float(np.linalg.norm(np.diff(positions[line], axis=0), axis=1).sum())
+
+
+def main() -> None:
+    folder = Path(sys.argv[1])
+    rows = [row for name in sys.argv[2:] or SCENES for cloth in LOOKS for row in rows_of(SCENES[name](), cloth, folder)]
+    written = [[f"{each:.4g}" if isinstance(each, float) else each for each in row] for row in rows]
+    for row in [COLUMNS, *written]:
+        print(*(f"{each!s:>14}" for each in row))
+    if not sys.argv[2:]:
+        with (HERE / "results.csv").open("w", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerows([COLUMNS, *written])
+
+
+if __name__ == "__main__":
+    main()
