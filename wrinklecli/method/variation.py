@@ -23,7 +23,7 @@ from typing import Literal
 import numpy as np
 
 from wrinklecli.method.curve import bump_ends
-from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.arrays import Floats, Ints
 
 Attenuation = Literal["bell", "linear"]
 
@@ -159,28 +159,26 @@ class Variation:
 
     def _places(self, us: Floats, lines: Floats) -> Floats:
         """(3, points) as `places`, of (points,) u and v."""
-        placed, factors, turned = us.copy(), np.zeros(us.shape), np.zeros(us.shape)
-        beside = np.minimum(np.abs(lines) / _TURNED_FROM, 1.0)
-        beside *= beside * (3.0 - 2.0 * beside)
         starts, ends = self._furrows(lines)
-        sways, within = _waving(self.sway, lines), (us > 0.0) & (us < 1.0)
-        for bump, (start, end) in enumerate(zip(starts, ends, strict=True)):
-            at = np.flatnonzero(within & (us >= start) & (us < end))
-            # From −1 to 1 over the bump: bent so that the crest is beside the middle, and narrower.
-            side = (2.0 * us[at] - start[at] - end[at]) / (end[at] - start[at])
-            sway = sways[bump, at]
-            taper = self.tapers[bump] * np.minimum(self._spread(bump, lines[at]) ** 2, 1.0)
-            side = (side + sway) / (1.0 + side * sway)
-            side = side * (1.0 + taper) / (1.0 + taper * side * side)
-            placed[at] = self.starts[bump] + (self.ends[bump] - self.starts[bump]) * (1.0 + side) / 2.0
-            factors[at] = self._height(bump, lines[at])
-            turned[at] = beside[at] * np.where(lines[at] < 0, *self.turns[:, bump])
-            if bump + 1 < len(starts):
-                gap = np.flatnonzero(within & (us >= end) & (us < starts[bump + 1]))
-                share = (us[gap] - end[gap]) / (starts[bump + 1, gap] - end[gap])
-                placed[gap] = self.ends[bump] + share * (self.starts[bump + 1] - self.ends[bump])
-        placed = np.where(lines == 0.0, us, placed)
-        return np.stack([placed, factors, turned])
+        bumps, points = np.sum(us >= starts[1:], axis=0), np.arange(len(us))
+        start, end = starts[bumps, points], ends[bumps, points]
+        # From −1 to 1 over the bump: bent so that the crest is beside the middle, and narrower.
+        side = np.clip((2.0 * us - start - end) / (end - start), -1.0, 1.0)
+        sway = _waving(self.sway, lines)[bumps, points]
+        taper = self.tapers[bumps] * np.minimum(self._spread(bumps, lines) ** 2, 1.0)
+        side = (side + sway) / (1.0 + side * sway)
+        side = side * (1.0 + taper) / (1.0 + taper * side * side)
+        placed = self.starts[bumps] + (self.ends - self.starts)[bumps] * (1.0 + side) / 2.0
+        gaps = np.flatnonzero((us >= end) & (bumps + 1 < len(starts)))
+        before, behind = bumps[gaps], bumps[gaps] + 1
+        share = (us[gaps] - end[gaps]) / (starts[behind, gaps] - end[gaps])
+        placed[gaps] = self.ends[before] + share * (self.starts[behind] - self.ends[before])
+        factors = self._height(bumps, lines)
+        factors[gaps] = 0.0
+        beside = np.minimum(np.abs(lines) / _TURNED_FROM, 1.0)
+        turned = beside * beside * (3.0 - 2.0 * beside) * np.where(lines < 0, *self.turns[:, bumps])
+        stays = (lines == 0.0) | (us <= 0.0) | (us >= 1.0)
+        return np.stack([np.where(stays, us, placed), factors, turned])
 
     def _furrows(self, lines: Floats) -> tuple[Floats, Floats]:
         moves = _waving(self.wander, lines)
@@ -193,13 +191,13 @@ class Variation:
             starts[right] += shift
         return starts, ends
 
-    def _spread(self, bump: int, lines: Floats) -> Floats:
-        """(…,) how far out on a crest lines are: −1 and 1 where it ends."""
+    def _spread(self, bump: int | Ints, lines: Floats) -> Floats:
+        """(lines,) how far out on a crest, or each on its own, lines are: −1 and 1 where it ends."""
         spread: Floats = lines / np.where(lines < 0, *self.reaches[:, bump])
         return spread
 
-    def _height(self, bump: int, lines: Floats) -> Floats:
-        """(…,) height of a crest over that on the centre line."""
+    def _height(self, bump: int | Ints, lines: Floats) -> Floats:
+        """(lines,) height of a crest, or each of its own, over that on the centre line."""
         share, turn, phase = self.swells[:, bump]
         swelling = (1.0 + share * np.sin(turn * lines + phase)) / (1.0 + share * np.sin(phase))
         height: Floats = attenuation(self.kind, self._spread(bump, lines)) * swelling
