@@ -29,7 +29,8 @@ class Built:
 
     Attributes:
         outcome: What is said of it; its seconds are for others to tell.
-        files: Root (of `staging.ROOTS`), path from there and path here of each file; the main one last.
+        files: Root (of `staging.ROOTS`), path from there and path here of each file; the main one last. None where
+            `out` is no file.
     """
 
     outcome: Outcome
@@ -100,6 +101,8 @@ def _residual(made: Report) -> float | None:
 def _files(here: Staged, written: list[str]) -> list[tuple[str, str, str]]:
     """What a cache has to keep: what was written, and what the outputs refer to, which may have been there."""
     job = here.job
+    if not os.path.isfile(job.out):  # a pipe or a device, which has nothing to keep
+        return []
     models = [job.out, *(path for path in written if here.roots.get("tracked") and _within(path, here, "tracked"))]
     for model in models:
         with open(model, "rb") as file:

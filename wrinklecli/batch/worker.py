@@ -133,7 +133,7 @@ def _worked(here: Staged, cache: Cache, job: BatchJob, open_outputs: OpenOutputs
     said = replace(built.outcome, job=job, reason=reason, key=key)
     send(here, [(root, path) for root, path, _ in built.files])
     # An input that was changed meanwhile is in the bake or not: nobody knows.
-    if key_of(parts_of(here.job, job)) == key:
+    if built.files and key_of(parts_of(here.job, job)) == key:
         cache.keep(key, built.files, _said(said))
         cache.note(job.out, parts)
     return said
