@@ -85,6 +85,18 @@ def test_help_needs_no_numpy() -> None:
     assert done.stderr == ""
 
 
+def test_libraries_start_one_thread_whatever_the_cores() -> None:
+    code = (
+        "import sys; sys.argv = ['wrinkle', 'schema']; from wrinklecli.cli import main\n"
+        "try: main()\n"
+        "finally:\n"
+        "    import numpy, scipy.special, threadpoolctl\n"
+        "    print({pool['num_threads'] for pool in threadpoolctl.threadpool_info()}, file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stderr.splitlines()[-1] == "{1}"
+
+
 def test_a_small_bake_imports_no_more_than_it_uses(tmp_path: Path) -> None:
     write_tools(tmp_path / "tools.yaml", PALM)
     rarely_needed = {"scipy", "trimesh", "matplotlib", "PIL", "DracoPy", "numpy.ma"}

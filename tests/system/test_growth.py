@@ -212,7 +212,7 @@ def test_the_proof_poses_as_much_of_any_clip_and_of_any_mesh(baker: Baker, monke
 
 
 def test_a_take_of_several_names_is_looked_into_once(baker: Baker, monkeypatch: pytest.MonkeyPatch) -> None:
-    sampled = counting(monkeypatch, sample, "_key_times", lambda _plan, clip, **_: clip.name)
+    sampled = counting(monkeypatch, sample, "_key_times", lambda _plan, clip, *_, **__: clip.name)
     proven = counting(monkeypatch, proof, "measure_residual", lambda *arguments, **_: arguments[4].name)
     asset = folding(3)
     (fold,) = asset.gltf["animations"]

@@ -159,6 +159,7 @@ def test_pairs_of_tools_are_found_without_a_look_at_each() -> None:
                 span=2.0 * float(np.linalg.norm(half)),
                 origin=SimpleNamespace(position=middle - half),
                 target=SimpleNamespace(position=middle + half),
+                path=SimpleNamespace(middle=middle),
             )
             for middle, half in zip([*middles, middles[5]], [*halves, -0.99 * halves[5]], strict=True)
         ]

@@ -2,6 +2,7 @@
 
 import atexit
 import gc
+import os
 import sys
 
 import click
@@ -48,6 +49,9 @@ for _command in (inspect, suggest, check, bake, preview, diff, track, batch, sch
 
 def main() -> None:
     """Run `wrinkle`; the one place where errors become lines and exit codes."""
+    # Bakes use one thread anyway; OpenBLAS takes 40 MB for each of as many as there are cores while it is loaded, and
+    # where `--max-memory` leaves it less than that, it tries for ever.
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
     gc.set_threshold(_BEFORE_COLLECTION)
     # To search all that is imported once more at exit is a seventh of a small bake.
     atexit.register(gc.freeze)

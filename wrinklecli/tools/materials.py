@@ -47,9 +47,7 @@ class Material:
 _PLAIN_BUMPS, _PLAIN_HEIGHT = 4, 0.25
 MATERIALS: Mapping[str, Material] = {
     "skin": Material(bump_width=0.33, bump_height=0.13, compressible=0.87, profile="skin", details=(), variation=0.3),
-    "cloth": Material(
-        bump_width=0.25, bump_height=0.33, compressible=0.25, profile="cloth", details=(), variation=0.55
-    ),
+    "cloth": Material(bump_width=0.25, bump_height=0.33, compressible=0.25, profile="cloth", details=(), variation=1.0),
     "leather": Material(
         bump_width=0.33, bump_height=0.18, compressible=0.85, profile="polyline", details=(), variation=0.4
     ),
