@@ -14,7 +14,7 @@ from kit.command import Wrinkle
 from kit.places import IN_CI
 
 np.seterr(all="raise", under="ignore")
-for profile, count in {"quick": 10, "full": 30}.items():
+for profile, count in {"quick": 10, "full": 15}.items():
     settings.register_profile(profile, derandomize=True, deadline=None, max_examples=count)
 settings.load_profile("full" if IN_CI else "quick")
 
