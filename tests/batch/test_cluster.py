@@ -81,7 +81,10 @@ def test_workers_and_drivers_that_are_killed_change_no_byte(folder: Path) -> Non
     started.wait()
     done = {each["out"] for each in told(folder, "killed")}
     assert 5 <= len(done) < COUNT
-    assert all(each["result"] == "built" for each in told(folder, "killed"))
+    # What a worker had kept but not told of when it was killed is a hit the second time: at most one job of each.
+    results = [each["result"] for each in told(folder, "killed")]
+    assert results.count("built") + results.count("hit") == len(results)
+    assert results.count("hit") <= 2
     again = batch(folder, "killed", "-j", "2")
     assert again.wait() == 0, (folder / "killed.err").read_text()
     every = told(folder, "killed")
