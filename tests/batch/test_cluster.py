@@ -97,6 +97,8 @@ def test_workers_and_drivers_that_are_killed_change_no_byte(folder: Path) -> Non
 @contextmanager
 def cluster(folder: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
     """A scheduler and two worker processes on the loopback: its address, and its process."""
+    from distributed import Client
+
     file = folder / "scheduler.json"
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     scheduler = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"]
@@ -108,7 +110,10 @@ def cluster(folder: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
         for _ in range(2):
             running.append(subprocess.Popen([*worker, *common, "--no-nanny"], **quiet))  # type: ignore[call-overload]
         until(lambda: file.stat().st_size, running[0])
-        yield json.loads(file.read_text())["address"], running[0]
+        address = json.loads(file.read_text())["address"]
+        with Client(address) as client:  # or one worker does all before the other is there
+            client.wait_for_workers(2, timeout=60)
+        yield address, running[0]
     finally:
         for each in running:
             each.kill()
