@@ -88,6 +88,32 @@ export function wrinkleWeights(
   return found.map((weight) => weight * (toolExtras.strengths?.[clip] ?? 1));
 }
 
+/** The rotation in a 4×4 matrix, stored by columns: three columns of unit length. */
+const turn = (m) => [0, 4, 8].map((k) => m.slice(k, k + 3)).map((c) => c.map((x) => x / (Math.hypot(...c) || 1)));
+const dot = (a, b) => a.reduce((sum, x, i) => sum + x * b[i], 0);
+
+/**
+ * The weights of a fold's morph targets, in the order of `foldExtras.targets`, where touching skin is kept apart.
+ *
+ * foldExtras     one of `extras.wrinkle.folds`
+ * jointMatrixOf  as of `wrinkleWeights`
+ */
+export function foldWeights({ joint, parent, rest: [x, y, z, w], axis, angles, weights, targets }, jointMatrixOf) {
+  const own = turn([...jointMatrixOf(joint)]);
+  const above = parent === undefined ? [[1, 0, 0], [0, 1, 0], [0, 0, 1]] : turn([...jointMatrixOf(parent)]);
+  const stored = [
+    [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+    [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+    [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+  ];
+  // Against the parent, by rows; and what that is from the stored pose.
+  const local = above.map((row) => own.map((column) => dot(row, column)));
+  const d = local.map((row) => stored.map((each) => dot(row, each)));
+  const sines = [d[2][1] - d[1][2], d[0][2] - d[2][0], d[1][0] - d[0][1]];
+  const angle = 2 * Math.atan2(dot(axis, sines), 1 + d[0][0] + d[1][1] + d[2][2]);
+  return targets.map((_, k) => between(angles, weights.map((row) => row[k]), angle));
+}
+
 /**
  * Drives every body below a three.js object. Call `update` each frame, after the mixer and before rendering, with the
  * clip's name and time, and the seconds since the last call: without these, time's own, which stop where a clip loops.
@@ -103,25 +129,33 @@ export class WrinkleDriver {
       if (object.isBone || !(name in this.objects)) this.objects[name] = object;
       const meshes = [];
       if (object.userData.wrinkle) object.traverse((each) => each.morphTargetDictionary && meshes.push(each));
-      if (meshes.length) this.bodies.push({ tools: object.userData.wrinkle.tools, meshes, states: [] });
+      const { tools, folds = [] } = object.userData.wrinkle ?? {};
+      if (meshes.length) this.bodies.push({ tools, folds, meshes, states: [] });
     });
     const isThere = (tool) => anchorsOf(tool).every(({ joints }) => joints.every((name) => name in this.objects));
-    for (const body of this.bodies) body.tools = body.tools.filter(isThere);
+    const bends = ({ joint, parent = joint }) => joint in this.objects && parent in this.objects;
+    for (const body of this.bodies) {
+      body.tools = body.tools.filter(isThere);
+      body.folds = body.folds.filter(bends);
+    }
   }
 
   update(clip, time, elapsed = Math.max(time - this.time, 0)) {
     this.time = time;
     this.root.updateMatrixWorld();
     const jointMatrixOf = (name) => this.objects[name].matrixWorld.elements;
-    for (const { tools, meshes, states } of this.bodies) {
+    for (const { tools, folds, meshes, states } of this.bodies) {
       const { morphTargetDictionary: numbers, morphTargetInfluences: influences } = meshes[0];
       const morphWeightOf = (name) => influences[numbers[name]] ?? 0;
+      const show = ({ targets }, found) => {
+        for (const { morphTargetDictionary: places, morphTargetInfluences: all } of meshes)
+          targets.forEach((name, k) => (all[places[name]] = found[k]));
+      };
       for (const [number, tool] of tools.entries()) {
         const state = (states[number] ??= {});
-        const found = wrinkleWeights(tool, jointMatrixOf, { morphWeightOf, clip, time, state, elapsed });
-        for (const { morphTargetDictionary: places, morphTargetInfluences: all } of meshes)
-          tool.targets.forEach((name, k) => (all[places[name]] = found[k]));
+        show(tool, wrinkleWeights(tool, jointMatrixOf, { morphWeightOf, clip, time, state, elapsed }));
       }
+      for (const fold of folds) show(fold, foldWeights(fold, jointMatrixOf));
     }
   }
 }

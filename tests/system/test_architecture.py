@@ -36,6 +36,7 @@ DOORS = {
     "zstandard": {"baking/original"},
     "threadpoolctl": {"numeric/guard"},
     "trimesh": {"baking/frame_files"},
+    "ipctk": {"method/contact"},
     "embreex": {"review/preview/preview", "review/preview/rays"},
     "PIL": {"gltf/pixels", "review/preview/cards", "review/preview/preview", "review/preview/sheet"},
     "matplotlib": {"review/plot"},

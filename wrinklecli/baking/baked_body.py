@@ -12,7 +12,7 @@ from wrinklecli.errors import AssetError, listed
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.method.lookup import CurveTable
-from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.arrays import Floats, affine_rows, unit_quaternions
 from wrinklecli.tools.records import Lag
 
 # Of a control curve: 64 bumps with gaps of 64, the most of a tools file, have 4,160.
@@ -77,6 +77,34 @@ class BakedTool:
 
 
 @dataclass(frozen=True, slots=True)
+class BakedFold:
+    """A fold whose contact is resolved, as the extras have it.
+
+    Attributes:
+        joint: Name of the joint that bends it.
+        parent: Name of the node above; none for a root.
+        rest: (3, 3) the joint's stored turn against the parent.
+        axis: (3,) that it turns about, in the parent's space.
+        targets: Names of its morph targets.
+        angles: (rows,) radians, rising.
+        table: (rows, targets) weights.
+    """
+
+    joint: str
+    parent: str | None
+    rest: Floats
+    axis: Floats
+    targets: tuple[str, ...]
+    angles: Floats
+    table: Floats
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The names of the nodes that tell its angle."""
+        return (self.joint,) if self.parent is None else (self.joint, self.parent)
+
+
+@dataclass(frozen=True, slots=True)
 class BakedBody:
     """A node that carries wrinkles.
 
@@ -87,6 +115,7 @@ class BakedBody:
         targets: The names of all morph targets.
         stored: (targets,) weights in the stored pose.
         tools: Those that the extras can drive.
+        folds: Those whose contact is resolved.
         ambiguous: Whether a scene or another node has the node's name too.
         draft: Whether it is of a bake that was one.
     """
@@ -97,13 +126,15 @@ class BakedBody:
     targets: tuple[str, ...]
     stored: Floats
     tools: tuple[BakedTool, ...]
+    folds: tuple[BakedFold, ...]
     ambiguous: bool
     draft: bool
 
     @property
     def driven(self) -> tuple[str, ...]:
-        """Names of the morph targets of its tools, in order."""
-        return tuple(name for tool in self.tools for name in tool.targets)
+        """Names of the morph targets of its tools and folds, in order."""
+        of_each = [*(tool.targets for tool in self.tools), *(fold.targets for fold in self.folds)]
+        return tuple(name for targets in of_each for name in targets)
 
     @property
     def own(self) -> tuple[str, ...]:
@@ -129,9 +160,11 @@ def read_bodies(document: Document) -> list[BakedBody]:
         mesh = document.items("meshes")[rig.mesh]
         try:
             tools = tuple(_read_tool(tool) for tool in extras["wrinkle"]["tools"] if tool["targets"])
+            folds = tuple(_read_fold(fold) for fold in extras["wrinkle"].get("folds", ()) if fold["targets"])
         except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise AssetError("is not what `wrinkle bake` writes", where=where) from error
-        gone = [name for tool in tools for name in tool.targets if name not in rig.morph_names]
+        driven = [*(tool.targets for tool in tools), *(fold.targets for fold in folds)]
+        gone = [name for each in driven for name in each if name not in rig.morph_names]
         if gone:
             raise AssetError(f"the mesh has lost its morph targets {listed(gone)}", where=where)
         name = mesh.get("name")
@@ -143,6 +176,7 @@ def read_bodies(document: Document) -> list[BakedBody]:
                 targets=rig.morph_names,
                 stored=rig.morph_weights,
                 tools=tools,
+                folds=folds,
                 ambiguous=count_named(document, node["name"]) > 1,
                 draft=extras["wrinkle"].get("draft") is True,
             )
@@ -157,7 +191,8 @@ def wrinkle_targets(node: Json) -> frozenset[str]:
     extras = node.get("extras")
     try:
         entry = extras["wrinkle"] if isinstance(extras, dict) else {}
-        return frozenset({name for tool in entry["tools"] for name in tool["targets"]} | set(entry.get("undriven", ())))
+        driven = [*entry["tools"], *entry.get("folds", ())]
+        return frozenset({name for each in driven for name in each["targets"]} | set(entry.get("undriven", ())))
     except (KeyError, TypeError, AttributeError):
         return frozenset()  # not what a bake writes: nothing is known of wrinkles
 
@@ -204,6 +239,24 @@ def _read_tool(data: Json) -> BakedTool:
         rows=rows,
         table=table,
         curve=curve,
+    )
+
+
+def _read_fold(data: Json) -> BakedFold:
+    targets, angles = tuple(str(name) for name in data["targets"]), _rising(data["angles"])
+    parent = data.get("parent")
+    rest, axis = (np.array(data[key], np.float64).reshape(size) for key, size in (("rest", 4), ("axis", 3)))
+    if not rest.any():
+        raise ValueError
+    turn = affine_rows(np.zeros((3, 1)), unit_quaternions(rest)[:, None], np.ones((3, 1)))[:, :3, 0]
+    return BakedFold(
+        joint=str(data["joint"]),
+        parent=None if parent is None else str(parent),
+        rest=turn,
+        axis=axis,
+        targets=targets,
+        angles=angles,
+        table=np.array(data["weights"], np.float64).reshape(len(angles), len(targets)),
     )
 
 

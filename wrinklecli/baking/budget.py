@@ -41,7 +41,7 @@ from wrinklecli.baking.remix import (
     with_unit_weights,
 )
 from wrinklecli.baking.sample import Motion, target_weights
-from wrinklecli.baking.targets import TargetSet, targets_of
+from wrinklecli.baking.targets import AnySet, TargetSet, targets_of
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import blend, morph_weights, transform
 from wrinklecli.character.surface import dense_influences, read_vertices
@@ -108,11 +108,11 @@ def _attributes(plan: MeshPlan) -> int:
 def fit_budget(
     document: Document,
     plan: MeshPlan,
-    target_sets: list[TargetSet],
+    target_sets: Sequence[AnySet],
     motions: list[Motion],
     clips: Sequence[Clip],
     engine: Engine,
-) -> tuple[list[TargetSet], list[Motion], Json]:
+) -> tuple[list[AnySet], list[Motion], Json]:
     """Hold a mesh's morph targets to what an engine plays.
 
     Weights outside 0 to 1 cost nothing: a scaled shape, and a shape with its negative as a second one, play the
@@ -146,6 +146,7 @@ def fit_budget(
             for number, target_set in enumerate(target_sets)
         ]
         found.update(_weight_range(plan, target_sets, motions))
+    target_sets, motions = list(target_sets), list(motions)
     if _excess(plan, target_sets, motions, budget):
         target_sets, motions, found["reduced"] = _reduce(plan, target_sets, motions, budget)
     excess = _excess(plan, target_sets, motions, budget)
@@ -161,7 +162,7 @@ def fit_budget(
     return target_sets, motions, found
 
 
-def _weight_range(plan: MeshPlan, target_sets: Sequence[TargetSet], motions: Sequence[Motion]) -> Json:
+def _weight_range(plan: MeshPlan, target_sets: Sequence[AnySet], motions: Sequence[Motion]) -> Json:
     """The least and greatest weights of the wrinkles, and the least of the asset's own, which are not changed."""
     own = [morph_weights(plan.rig, motion.clip, motion.times) for motion in motions]
     wrinkles = [target_weights(target_sets, motion) for motion in motions]
@@ -173,8 +174,8 @@ def _weight_range(plan: MeshPlan, target_sets: Sequence[TargetSet], motions: Seq
 
 
 def _reduce(
-    plan: MeshPlan, target_sets: Sequence[TargetSet], motions: Sequence[Motion], budget: Budget
-) -> tuple[list[TargetSet], list[Motion], list[Json]]:
+    plan: MeshPlan, target_sets: Sequence[AnySet], motions: Sequence[Motion], budget: Budget
+) -> tuple[list[AnySet], list[Motion], list[Json]]:
     """Give each tool the fewest targets, or the fewest at a time, and say what changed."""
     tolerance = _REDUCTION_SHARE * plan.max_error
     reduced, changes = [], []
@@ -187,7 +188,7 @@ def _reduce(
         if new is not old:
             changes.append(
                 {
-                    "tool": old.carried.patch.tool.name,
+                    "tool": _user(old),
                     "from": len(targets_of([old])),
                     "to": len(targets_of([new])),
                     "at_once": most_at_once(new),
@@ -199,7 +200,12 @@ def _reduce(
     return reduced, list(motions), changes
 
 
-def _excess(plan: MeshPlan, target_sets: Sequence[TargetSet], motions: Sequence[Motion], budget: Budget) -> str:
+def _user(target_set: AnySet) -> str:
+    """Whose targets they are, for messages."""
+    return target_set.carried.patch.tool.name if isinstance(target_set, TargetSet) else target_set.identifier
+
+
+def _excess(plan: MeshPlan, target_sets: Sequence[AnySet], motions: Sequence[Motion], budget: Budget) -> str:
     """What exceeds the limits on targets; empty where they hold."""
     own = len(plan.rig.morph_names)
     count = own + len(targets_of(target_sets))
@@ -210,14 +216,14 @@ def _excess(plan: MeshPlan, target_sets: Sequence[TargetSet], motions: Sequence[
             shown, time = _active(plan, target_sets, motion)
             if shown.sum() > budget.active:
                 ends = np.cumsum([own, *(len(targets_of([target_set])) for target_set in target_sets)])
-                users = ["the asset's own", *(target_set.carried.patch.tool.name for target_set in target_sets)]
+                users = ["the asset's own", *(_user(target_set) for target_set in target_sets)]
                 counts = [int(each.sum()) for each in np.split(shown, ends[:-1])]
                 listed = ", ".join(f"{many} of {user}" for user, many in zip(users, counts, strict=True) if many)
                 return f"needs {int(shown.sum())} morph targets at once in {motion.clip.name} at {time:.3g} s: {listed}"
     return ""
 
 
-def _active(plan: MeshPlan, target_sets: Sequence[TargetSet], motion: Motion) -> tuple[Bools, float]:
+def _active(plan: MeshPlan, target_sets: Sequence[AnySet], motion: Motion) -> tuple[Bools, float]:
     """(targets,) which have a weight other than 0 when most do, at and between keys, and that time in seconds."""
     channel = motion.clip.channel(plan.rig.node, "weights")
     weights = target_weights(target_sets, motion)[motion.keys]

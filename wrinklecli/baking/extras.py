@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from wrinklecli.baking.plan import MeshPlan
-from wrinklecli.baking.targets import TargetSet, targets_of
+from wrinklecli.baking.targets import AnySet, CreaseSet, TargetSet, of_folds, of_tools, targets_of
 from wrinklecli.gltf.edit import EditedDocument
 from wrinklecli.gltf.shape import Json
 from wrinklecli.method.anchor import Anchor
@@ -24,7 +24,7 @@ _TABLE_DIGITS = 5
 
 
 def encode_extras(
-    edited: EditedDocument, plan: MeshPlan, target_sets: Sequence[TargetSet], *, draft: bool = False
+    edited: EditedDocument, plan: MeshPlan, target_sets: Sequence[AnySet], *, draft: bool = False
 ) -> None:
     """Write the tools into the node's extras, enough to play wrinkles for a clip that was never baked.
 
@@ -36,7 +36,10 @@ def encode_extras(
     factor in `strengths`, if it is there. Where the rest length changes, `curve` takes the place of these rows: see
     `CurveTable`. Where there is a `lag`, the distance is that which a damped
     spring follows: with d = max(`taut` - distance / rest_length, 0), x'' = ω² (d - x) - 2 ζ ω x', ω = 2π `frequency`
-    and ζ = `damping`, it is (`taut` - max(x, 0)) · rest_length. `vertices` counts those of
+    and ζ = `damping`, it is (`taut` - max(x, 0)) · rest_length. A fold's targets, of `folds`, have the `weights` at the
+    joint's angle, straight between the rows of `angles`: the joint's turn against its parent, both by their matrices
+    with scale taken out, from that of `rest` (x, y, z, w) is a matrix D, and with
+    s = (D₃₂ - D₂₃, D₁₃ - D₃₁, D₂₁ - D₁₂) the angle is 2 atan2(`axis` · s, 1 + trace D). `vertices` counts those of
     each primitive before refinement; new ones follow them. `undriven` are targets of tools that anchors alone do not
     drive. `draft` is there if it was one: not proven, and less refined.
     """
@@ -45,7 +48,8 @@ def encode_extras(
     if not isinstance(node.setdefault("extras", {}), dict):
         return
     undriven = [
-        target.name for target in targets_of(target_set for target_set in target_sets if not target_set.from_skin)
+        target.name
+        for target in targets_of(target_set for target_set in of_tools(target_sets) if not target_set.from_skin)
     ]
     node["extras"]["wrinkle"] = {
         "method": METHOD,
@@ -61,10 +65,11 @@ def encode_extras(
                 "targets": [target.name for target in targets_of([target_set])],
                 **(_table_json(target_set) if _is_constant(patch) else _curve_json(target_set)),
             }
-            for target_set in target_sets
+            for target_set in of_tools(target_sets)
             if target_set.from_skin
             for patch in (target_set.carried.patch,)
         ],
+        **({"folds": folds} if (folds := [_fold_json(each, plan) for each in of_folds(target_sets)]) else {}),
         **({"undriven": undriven} if undriven else {}),
     }
 
@@ -85,6 +90,23 @@ def _driven_json(patch: Patch) -> Json:
         }
         return {"rest_length_keys": keys}
     return {}
+
+
+def _fold_json(found: CreaseSet, plan: MeshPlan) -> Json:
+    """Where contact moves a fold's targets: its joint, and weights by the angle of that."""
+    crease, rig = found.crease, plan.rig
+    hinge = crease.fold.hinge
+    parent = int(rig.parents[hinge.node])
+    weights = found.written(found.shape_weights(crease.table))
+    return {
+        "joint": rig.names[hinge.node],
+        **({"parent": rig.names[parent]} if parent >= 0 else {}),
+        "rest": [_digits(each) for each in hinge.rest],
+        "axis": [_digits(each) for each in hinge.axis],
+        "targets": [target.name for target in targets_of([found])],
+        "angles": [_digits(each) for each in crease.angles],
+        "weights": [[_digits(value, _TABLE_DIGITS) for value in row] for row in weights],
+    }
 
 
 def _lag_json(patch: Patch) -> Json:

@@ -12,7 +12,7 @@ import numpy as np
 from wrinklecli.baking.morphs import encode_mesh, turned_normals
 from wrinklecli.baking.refined_mesh import RefinedPrimitive, base_normals, old_values, primitives_of
 from wrinklecli.baking.sample import Motion, target_weights
-from wrinklecli.baking.targets import TargetSet, targets_of
+from wrinklecli.baking.targets import AnySet, targets_of
 from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.skin import pose, prepare
@@ -33,7 +33,7 @@ class Frames:
 
     rig: Rig
     fine: Refinement
-    target_sets: tuple[TargetSet, ...]
+    target_sets: tuple[AnySet, ...]
     motions: tuple[Motion, ...]
 
 

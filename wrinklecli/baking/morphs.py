@@ -22,7 +22,7 @@ from wrinklecli.baking.refined_mesh import (
     shared_vertices,
 )
 from wrinklecli.baking.sample import Motion, skin_weights, target_weights
-from wrinklecli.baking.targets import Target, TargetSet, targets_of
+from wrinklecli.baking.targets import AnySet, Target, of_tools, targets_of
 from wrinklecli.character.clip import Clip, read_clips
 from wrinklecli.character.rig import Rig, morph_target_names
 from wrinklecli.character.weight_track import Track, pad, widen
@@ -59,7 +59,7 @@ class _Base:
 def encode_morphs(
     edited: EditedDocument,
     plan: MeshPlan,
-    target_sets: list[TargetSet],
+    target_sets: Sequence[AnySet],
     motions: Sequence[Motion],
     *,
     tangents: bool = False,
@@ -83,19 +83,21 @@ def encode_morphs(
     _encode_tracks(edited, plan.rig, target_sets, motions, stored)
 
 
-def _stored_weights(plan: MeshPlan, target_sets: Sequence[TargetSet]) -> Floats:
+def _stored_weights(plan: MeshPlan, target_sets: Sequence[AnySet]) -> Floats:
     """(targets,) weights in the stored pose, where nothing is wrinkled unless the tools file has another rest pose."""
-    if not all(each.from_skin for each in target_sets):
-        return np.zeros(len(targets_of(target_sets)))
-    at_once = [
-        each.written(each.shape_weights(skin_weights(plan, each.carried, None, np.zeros(1)))) for each in target_sets
-    ]
-    stored: Floats = np.concatenate(at_once, axis=1)[0]
+    stored = np.zeros(len(targets_of(target_sets)))
+    tools = of_tools(target_sets)
+    if all(each.from_skin for each in tools):
+        at_once = [
+            each.written(each.shape_weights(skin_weights(plan, each.carried, None, np.zeros(1)))) for each in tools
+        ]
+        # Those of folds come last, and rest.
+        stored[: len(targets_of(tools))] = np.concatenate(at_once, axis=1)[0]
     return stored
 
 
 def _encode_tracks(
-    edited: EditedDocument, rig: Rig, target_sets: Sequence[TargetSet], motions: Sequence[Motion], stored: Floats
+    edited: EditedDocument, rig: Rig, target_sets: Sequence[AnySet], motions: Sequence[Motion], stored: Floats
 ) -> None:
     """Write weight tracks of all morph targets, old and new; a clip that is not baked keeps the stored weights."""
     baked = {motion.clip.index for motion in motions}

@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any
 
 from wrinklecli.baking.budget import BUDGETS, fit_budget, storage
+from wrinklecli.baking.creases import add_creases
 from wrinklecli.baking.estimate import refuse_too_much
 from wrinklecli.baking.frame_files import export_frames
 from wrinklecli.baking.frames import Frames, encode_frames
@@ -115,9 +116,12 @@ def _pose_frames(job: Job, plan: MeshPlan, clock: StageClock, progress: Progress
             memory=job.document.memory,
             progress=progress,
         )
+        every_set, motions = add_creases(
+            plan, target_sets, motions, fps=job.settings.sampling.fps, marched=False, progress=progress
+        )
     if not motions:
         raise BakeError("has no clip: there is no frame to write", where=job.document.path)
-    return BakedMesh(plan, tuple(target_sets), tuple(motions))
+    return BakedMesh(plan, tuple(every_set), tuple(motions))
 
 
 def _add_morph_targets(
@@ -134,21 +138,24 @@ def _add_morph_targets(
             memory=job.document.memory,
             progress=progress,
         )
+        every_set, motions = add_creases(
+            plan, target_sets, motions, fps=job.settings.sampling.fps, marched=True, progress=progress
+        )
     budget = None
     if options.engine is not None:
         with clock.stage("budget"):
-            target_sets, motions, budget = fit_budget(
-                job.document, plan, target_sets, motions, job.every_clip, options.engine
+            every_set, motions, budget = fit_budget(
+                job.document, plan, every_set, motions, job.every_clip, options.engine
             )
     tracked = motions if options.tracks == "all" else []
     with clock.stage("encode"):
-        encode_morphs(edited, plan, target_sets, tracked, tangents=options.morph_tangents, draft=options.draft)
+        encode_morphs(edited, plan, every_set, tracked, tangents=options.morph_tangents, draft=options.draft)
     residuals = {}
     if options.tracks == "all" and not options.draft:
         with clock.stage("prove"):
-            residuals = prove(edited, plan, target_sets, motions, details=options.details, progress=progress)
+            residuals = prove(edited, plan, every_set, motions, details=options.details, progress=progress)
     own_bytes = own_target_bytes(job.document.gltf, plan.rig), own_target_bytes(edited.gltf, plan.rig)
-    return BakedMesh(plan, tuple(target_sets), tuple(motions), residuals, budget, own_bytes)
+    return BakedMesh(plan, tuple(every_set), tuple(motions), residuals, budget, own_bytes)
 
 
 def _write(

@@ -3,6 +3,8 @@
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,6 +22,9 @@ from wrinklecli.method.refine import Refinement, refine
 from wrinklecli.method.rest import Rest, rest_pose
 from wrinklecli.numeric.arrays import Floats, Ints, determinants, distinct_values, median
 from wrinklecli.tools.records import MAX_VERTICES, Length, ToolsFile, WrinkleTool
+
+if TYPE_CHECKING:
+    from wrinklecli.method.fold import Fold
 
 # Products of skinning round a few times; below this many units in the last place float32 sets the limit.
 _FLOAT32_STEPS = 8
@@ -44,6 +49,8 @@ class MeshPlan:
         max_error: Scene units.
         scale: World over bind units, at rest.
         has_normals: Whether the mesh has NORMALs, so that shapes need them too.
+        folds: Where contact is resolved.
+        unhinged: Numbers of the tools whose contact is to be resolved, but between whose ends no joint bends.
     """
 
     rig: Rig
@@ -54,6 +61,8 @@ class MeshPlan:
     max_error: float
     scale: float
     has_normals: bool
+    folds: tuple["Fold", ...] = ()
+    unhinged: tuple[int, ...] = ()
 
 
 def plan_meshes(job: Job, *, influences: int | None = None) -> list[MeshPlan]:
@@ -140,7 +149,41 @@ def plan_mesh(
     if problems:
         raise BakeError.of_all(problems)
     scale = float(median(np.cbrt(np.abs(determinants(rest.blended[:, :, :3])))))
-    return MeshPlan(rig, rest, fine, tuple(carried_patches), tallest, bound, scale, _has_normals(document, rig.mesh))
+    folds, unhinged = _folds(carried_patches, fine, rest, rig, clips)
+    return MeshPlan(
+        rig=rig,
+        rest=rest,
+        fine=fine,
+        carried_patches=tuple(carried_patches),
+        tallest=tallest,
+        max_error=bound,
+        scale=scale,
+        has_normals=_has_normals(document, rig.mesh),
+        folds=folds,
+        unhinged=unhinged,
+    )
+
+
+def _folds(
+    carried_patches: Sequence[CarriedPatch], fine: Refinement, rest: Rest, rig: Rig, clips: Sequence[Clip]
+) -> tuple[tuple["Fold", ...], tuple[int, ...]]:
+    """Where contact is resolved, and the tools that ask for it in vain.
+
+    Raises:
+        BakeError: The library that resolves it is not there.
+    """
+    chosen = [number for number, each in enumerate(carried_patches) if each.patch.tool.contact == "resolve"]
+    if not chosen:
+        return (), ()
+    if find_spec("ipctk") is None:
+        tool = carried_patches[chosen[0]].patch.tool
+        message = "contact needs ipctk, which is not installed: pip install 'wrinklecli[contact]'"
+        raise BakeError(message, where=tool.place("contact"))
+    # Imported here, as other bakes need none of it.
+    from wrinklecli.method.fold import find_folds
+
+    folds, unhinged = find_folds(carried_patches, chosen, fine, rest, rig, clips)
+    return tuple(folds), tuple(unhinged)
 
 
 def poses_of(rig: Rig, clips: Sequence[Clip], joints: Ints | None = None) -> Floats:

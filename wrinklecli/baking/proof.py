@@ -8,7 +8,7 @@ import numpy as np
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.refined_mesh import RefinedPrimitive, primitives_of, shared_vertices
 from wrinklecli.baking.sample import Motion, takes_of
-from wrinklecli.baking.targets import TargetSet, targets_of
+from wrinklecli.baking.targets import AnySet, CreaseSet, of_folds, of_tools, targets_of
 from wrinklecli.character.clip import KEY_GAP, Clip, read_clips
 from wrinklecli.character.pose import Pose, joint_matrices, morph_weights, pose_at
 from wrinklecli.character.rig import Rig, read_rig
@@ -66,6 +66,7 @@ class Proof:
         clips: Of the written file.
         vertices: (vertices,) fine welded vertex of each.
         method: What the bumps of all skin-attached tools add to the vertices, group by group and mode by mode.
+        creases: What the shapes of all folds add to the vertices.
         moved: Of each tool, the vertices here that it moves, and the number of each among those of the tool.
         positions: (vertices, 3) as stored.
         deltas: (old targets, vertices, 3) as stored.
@@ -78,6 +79,7 @@ class Proof:
     clips: tuple[Clip, ...]
     vertices: Ints
     method: Targets
+    creases: Targets
     moved: list[tuple[Ints, Ints]]
     positions: Floats
     deltas: Floats
@@ -89,7 +91,7 @@ class Proof:
 def prove(
     edited: EditedDocument,
     plan: MeshPlan,
-    target_sets: list[TargetSet],
+    target_sets: Sequence[AnySet],
     motions: Sequence[Motion],
     *,
     details: bool,
@@ -100,7 +102,7 @@ def prove(
     Raises:
         RefusedError: A vertex is further off than the plan's bound.
     """
-    proof = read_back(edited, plan)
+    proof = read_back(edited, plan, of_folds(target_sets))
     written = {clip.index: clip for clip in proof.clips}
     residuals: dict[str, Residual] = {}
     proven: dict[int, tuple[Clip, Residual]] = {}
@@ -130,7 +132,7 @@ def _refuse_beyond_bound(plan: MeshPlan, motion: Motion, residual: Residual) -> 
         )
 
 
-def read_back(edited: EditedDocument, plan: MeshPlan) -> Proof:
+def read_back(edited: EditedDocument, plan: MeshPlan, folds: Sequence[CreaseSet] = ()) -> Proof:
     """Load what the file says of the vertices that wrinkles or refinement touch."""
     fine = plan.fine
     refined_primitives = primitives_of(fine, shared_vertices(edited.source, plan.rig.mesh, fine))
@@ -169,6 +171,7 @@ def read_back(edited: EditedDocument, plan: MeshPlan) -> Proof:
         read_clips(written),
         welds[chosen],
         Targets(tuple(shapes), len(chosen)),
+        Targets(tuple(shape for each in folds for shape in _crease_shapes(each, welds[chosen])), len(chosen)),
         moved,
         stored.positions[chosen],
         stored.morph_deltas[:, chosen],
@@ -193,6 +196,13 @@ def _shapes(carried: CarriedPatch, rows: Ints, numbers: Ints) -> Iterator[Sparse
             yield SparseDeltas(rows, heights[:, None] * carried.directions[numbers])
 
 
+def _crease_shapes(found: CreaseSet, vertices: Ints) -> Iterator[SparseDeltas]:
+    """What each shape of a fold adds, at weight 1, to those of (vertices,) that it moves."""
+    rows, numbers = _found_in(vertices, found.crease.vertices)
+    for shape in found.crease.shapes:
+        yield SparseDeltas(rows, shape[numbers])
+
+
 def _distinct(primitives: Sequence[Json], refined_primitives: Sequence[RefinedPrimitive]) -> list[int]:
     """The primitives without those that have the accessors of one before, and so the same vertices."""
     seen: dict[str, Ints] = {}
@@ -208,7 +218,7 @@ def _distinct(primitives: Sequence[Json], refined_primitives: Sequence[RefinedPr
 def measure_residual(
     proof: Proof,
     plan: MeshPlan,
-    target_sets: Sequence[TargetSet],
+    target_sets: Sequence[AnySet],
     motion: Motion,
     written: Clip,
     *,
@@ -229,15 +239,27 @@ def measure_residual(
     seen = further_activities(
         patches, plan.rig, plan.rest, motion.clip, times, known=motion.seen, known_at=motion.times
     )
-    chosen = _chosen_times(times, seen)
+    creased = _crease_weights(target_sets, motion, times)
+    chosen = _chosen_times(times, seen, creased)
     amplitudes = [each.amplitudes[chosen] for each in seen]
     acting = np.flatnonzero(np.any([each.any(axis=(1, 2)) for each in amplitudes], axis=0))
     shaded = acting[distinct_values(np.linspace(0, len(acting) - 1, min(normal_frames, len(acting))).astype(int))]
-    position, time, angles = _vertex_errors(proof, plan, motion.clip, written, times[chosen], amplitudes, shaded)
+    position, time, angles = _vertex_errors(
+        proof, plan, motion.clip, written, times[chosen], amplitudes, creased[chosen], shaded
+    )
     normal = None
     if normal_frames and proof.normals is not None:
         normal = float(np.percentile(angles, 99)) if len(angles) else 0.0
     return Residual(position, time, _height_error(proof, written, motion.clip, times, target_sets, seen), normal)
+
+
+def _crease_weights(target_sets: Sequence[AnySet], motion: Motion, times: Floats) -> Floats:
+    """(times, shapes) weights of the shapes of all folds, which are straight between those sampled."""
+    sampled = [
+        weights for each, weights in zip(target_sets, motion.weights, strict=True) if isinstance(each, CreaseSet)
+    ]
+    columns = [np.interp(times, motion.times, column) for weights in sampled for column in weights.T]
+    return np.stack(columns, axis=1) if columns else np.zeros((len(times), 0))
 
 
 def _vertex_errors(
@@ -247,6 +269,7 @@ def _vertex_errors(
     written: Clip,
     times: Floats,
     amplitudes: Sequence[Floats],
+    creased: Floats,
     shaded: Ints,
 ) -> tuple[float, float, Floats]:
     """The largest distance of a vertex, when that is, and the angles of normals in degrees at the times `shaded`."""
@@ -261,6 +284,7 @@ def _vertex_errors(
     for frames in (slice(k, k + chunk) for k in range(0, len(times), chunk)):
         now = times[frames]
         moved = _method_displacements(proof, plan, clip, now, [each[frames] for each in amplitudes])
+        moved += proof.creases.added(creased[frames])
         matrices = joint_matrices(rig, clip, now, acting)
         wanted, _ = pose(method, matrices, morph_weights(rig, clip, now), moved)
         played = morph_weights(proof.rig, written, now)
@@ -293,7 +317,7 @@ def _height_error(
     written: Clip,
     clip: Clip,
     times: Floats,
-    target_sets: Sequence[TargetSet],
+    target_sets: Sequence[AnySet],
     seen: Sequence[Activity],
 ) -> float:
     """Largest error of an amplitude that the played weights stand for, scene units; skin-attached tools only."""
@@ -301,7 +325,7 @@ def _height_error(
     # By place, not by name: a mesh whose extras are no object stores none.
     after = len(proof.rig.morph_names) - len(targets_of(target_sets))
     worst = 0.0
-    for target_set, what in zip(target_sets, seen, strict=True):
+    for target_set, what in zip(of_tools(target_sets), seen, strict=True):
         patch = target_set.carried.patch
         columns = target_set.columns
         got = played[:, after : after + len(columns)]
@@ -321,9 +345,13 @@ def _height_error(
     return worst
 
 
-def _chosen_times(every: Floats, seen: Sequence[Activity]) -> Ints:
-    """Which times to compare at, rising: an even choice, each tool's tallest and shortest, and where tracks bend."""
+def _chosen_times(every: Floats, seen: Sequence[Activity], creased: Floats) -> Ints:
+    """Which times to compare at, rising: an even choice, each tool's tallest and shortest, and where tracks bend.
+
+    Of the shapes of folds, whose weights are (times, shapes), those at which each is greatest.
+    """
     picked = set(np.linspace(0, len(every) - 1, min(_FRAMES, len(every))).astype(int).tolist())
+    picked.update(np.argmax(np.abs(creased), axis=0).tolist())
     for each in seen:
         sizes = np.abs(each.amplitudes)
         picked.add(int(np.argmax(sizes)) // sizes[0].size)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.sample import Motion, skin_weights
-from wrinklecli.baking.targets import Remix, TargetSet, named_targets, targets_of
+from wrinklecli.baking.targets import AnySet, Remix, TargetSet, named_targets, of_tools, targets_of
 from wrinklecli.character.clip import Clip
 from wrinklecli.method.activity import further_activities
 from wrinklecli.method.curve import weight_path
@@ -21,14 +21,14 @@ _LEAST_SHARE = 0.1
 _IN_TURN = 2
 
 
-def with_unit_weights(target_set: TargetSet, sampled: Sequence[Floats]) -> TargetSet:
+def with_unit_weights(target_set: AnySet, sampled: Sequence[Floats]) -> AnySet:
     """The same motion with weights from 0 to 1: shapes are scaled, and split where weights are negative.
 
     Args:
-        target_set: The tool, on its own shapes.
-        sampled: For each clip its (frames, shapes) weights, which tell the range where a tool has no curve.
+        target_set: The tool or fold, on its own shapes.
+        sampled: For each clip its (frames, shapes) weights, which tell the range where there is no curve.
     """
-    if target_set.from_skin:
+    if isinstance(target_set, TargetSet) and target_set.from_skin:
         path = _path(target_set)
     else:
         path = np.concatenate([np.zeros((0, len(target_set.targets))), *sampled])
@@ -55,7 +55,7 @@ def _path(target_set: TargetSet) -> Floats:
     return np.concatenate([factor * table for factor in factors])
 
 
-def with_fewest(target_set: TargetSet, tolerance: float) -> tuple[TargetSet, float]:
+def with_fewest(target_set: AnySet, tolerance: float) -> tuple[AnySet, float]:
     """A tool's fewest targets that give all heights within a tolerance, and their error; scene units.
 
     All shapes of a tool together: full bumps of a polyline with details still change a little, all alike. (Each
@@ -65,7 +65,7 @@ def with_fewest(target_set: TargetSet, tolerance: float) -> tuple[TargetSet, flo
     error is the greatest over bumps, which lie side by side, and rows of the table, of the sum over modes.
     """
     written = target_set.columns
-    if not target_set.from_skin or len(written) < 2:
+    if not isinstance(target_set, TargetSet) or not target_set.from_skin or len(written) < 2:
         return target_set, 0.0
     old = [target.shape for target in targets_of([target_set])]
     heights = np.array([shape.tallest for shape in old])
@@ -90,7 +90,7 @@ def with_fewest(target_set: TargetSet, tolerance: float) -> tuple[TargetSet, flo
     return target_set, 0.0
 
 
-def with_fewest_at_once(plan: MeshPlan, target_set: TargetSet, tolerance: float) -> tuple[TargetSet, float]:
+def with_fewest_at_once(plan: MeshPlan, target_set: AnySet, tolerance: float) -> tuple[AnySet, float]:
     """A tool on those shapes of which the fewest act at a time, and their error; the exact ones among equals."""
     choices = [
         (target_set, 0.0),
@@ -100,15 +100,15 @@ def with_fewest_at_once(plan: MeshPlan, target_set: TargetSet, tolerance: float)
     return min(choices, key=lambda choice: most_at_once(choice[0]))
 
 
-def most_at_once(target_set: TargetSet) -> int:
+def most_at_once(target_set: AnySet) -> int:
     """Most targets of a tool with a weight other than 0 at a time, over all shortenings; all, without a curve."""
-    if not target_set.from_skin:
+    if not isinstance(target_set, TargetSet) or not target_set.from_skin:
         return len(targets_of([target_set]))
     shown: Bools = target_set.written(target_set.shape_weights(weight_path(target_set.carried.patch.curve))) != 0
     return int((shown[:-1] | shown[1:]).sum(axis=1).max())
 
 
-def in_turn(target_set: TargetSet, least: float) -> TargetSet:
+def in_turn(target_set: AnySet, least: float) -> AnySet:
     """The same motion with few targets at a time where a tool's bumps rise one after another.
 
     Each group of bumps rises when those before it are full and stay so. Target k has the first k groups at their
@@ -120,9 +120,11 @@ def in_turn(target_set: TargetSet, least: float) -> TargetSet:
         target_set: The tool, on the shapes of its curve.
         least: Weights that may be left out.
     """
+    if not isinstance(target_set, TargetSet) or not target_set.from_skin:
+        return target_set
     greatest = target_set.carried.patch.curve.greatest_amplitudes
     groups, modes = greatest.shape
-    if not target_set.from_skin or groups < 2:
+    if groups < 2:
         return target_set
     has = np.array([target is not None for target in target_set.targets]).reshape(groups, modes)
     shares, mix = np.zeros((2, len(target_set.targets), len(target_set.targets)))
@@ -144,24 +146,24 @@ def in_turn(target_set: TargetSet, least: float) -> TargetSet:
     return _remixed(target_set, shapes, Remix(mix, shares, least=least))
 
 
-def keyed_at_turns(plan: MeshPlan, target_sets: Sequence[TargetSet], motion: Motion) -> Motion:
+def keyed_at_turns(plan: MeshPlan, target_sets: Sequence[AnySet], motion: Motion) -> Motion:
     """A clip keyed where one group of bumps is full and the next begins: no interval shows three groups of a tool."""
     clip, times, keys, weights = motion.clip, motion.times, motion.keys, motion.weights
     for number, target_set in enumerate(target_sets):
-        while target_set.remix is not None and target_set.remix.least > 0:
+        while isinstance(target_set, TargetSet) and target_set.remix is not None and target_set.remix.least > 0:
             turns = _turns(plan, target_set, clip, times[keys], target_set.shape_weights(weights[number])[keys])
             if not len(turns):
                 break
             fresh = np.setdiff1d(turns, times)
             places = np.searchsorted(times, fresh)
             weights = tuple(
-                np.insert(old, places, _weights_at(plan, each, clip, old, times, fresh), axis=0) if len(fresh) else old
+                np.insert(old, places, weights_at(plan, each, clip, old, times, fresh), axis=0) if len(fresh) else old
                 for each, old in zip(target_sets, weights, strict=True)
             )
             keyed = np.union1d(times[keys], turns)
             times = np.insert(times, places, fresh)
             keys = np.searchsorted(times, keyed)
-    patches = [target_set.carried.patch for target_set in target_sets]
+    patches = [target_set.carried.patch for target_set in of_tools(target_sets)]
     seen = further_activities(patches, plan.rig, plan.rest, clip, times, known=motion.seen, known_at=motion.times)
     return replace(motion, times=times, keys=keys, seen=tuple(seen), weights=weights)
 
@@ -207,19 +209,17 @@ def _turns(plan: MeshPlan, target_set: TargetSet, clip: Clip, keys: Floats, weig
         near, far = np.where(inside & below, middle, near), np.where(inside & ~below, middle, far)
 
 
-def _weights_at(
-    plan: MeshPlan, target_set: TargetSet, clip: Clip, weights: Floats, times: Floats, fresh: Floats
-) -> Floats:
+def weights_at(plan: MeshPlan, target_set: AnySet, clip: Clip, weights: Floats, times: Floats, fresh: Floats) -> Floats:
     """(fresh, shapes) weights of a tool at more times: its curve's, or between those sampled where it has none."""
-    if target_set.from_skin:
+    if isinstance(target_set, TargetSet) and target_set.from_skin:
         return skin_weights(plan, target_set.carried, clip, fresh)
     columns = [np.interp(fresh, times, column) for column in weights.T]
     return np.stack(columns, axis=1) if columns else np.zeros((len(fresh), 0))
 
 
-def _remixed(target_set: TargetSet, shapes: Sequence[Shape | None], remix: Remix) -> TargetSet:
+def _remixed(target_set: AnySet, shapes: Sequence[Shape | None], remix: Remix) -> AnySet:
     """A tool on other shapes than its own, which are those of its curve."""
-    return replace(target_set, targets=named_targets(target_set.carried, shapes), remix=remix)
+    return replace(target_set, targets=named_targets(target_set.identifier, shapes), remix=remix)
 
 
 def _sum(shapes: Sequence[Shape], factors: Floats) -> Shape:

@@ -12,7 +12,7 @@ from wrinklecli.baking.job import Job, Mode
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.proof import Residual
 from wrinklecli.baking.sample import ClipActivity, Motion
-from wrinklecli.baking.targets import TargetSet, targets_of
+from wrinklecli.baking.targets import AnySet, CreaseSet, TargetSet, of_folds, of_tools, targets_of
 from wrinklecli.baking.warnings import mesh_warnings, tool_warnings
 from wrinklecli.character.clip import KEY_GAP, Clip
 from wrinklecli.errors import counted
@@ -50,6 +50,13 @@ class Report:
     timings: Json = field(default_factory=dict)
 
     @property
+    def _contact(self) -> str:
+        """What the summary says of folds whose contact is resolved."""
+        folds = self.data.get("folds", [])
+        targets = sum(len(fold["targets"]) for fold in folds)
+        return f", {targets} of contact in {counted(len(folds), 'fold')}" if folds else ""
+
+    @property
     def summary(self) -> str:
         """One line: what was made."""
         meshes = self.data["meshes"]
@@ -58,7 +65,7 @@ class Report:
         parts = ["a draft (one level less refined, not proven)"] if self.data["draft"] else []
         parts += [
             counted(len(self.data["tools"]), "tool"),
-            counted(targets, "morph target") if self.data["mode"] == "morph" else "per-frame geometry",
+            counted(targets, "morph target") + self._contact if self.data["mode"] == "morph" else "per-frame geometry",
             counted(added, "new vertex", "new vertices"),
             counted(len(self.data["clips"]), "clip"),
         ]
@@ -96,7 +103,7 @@ class BakedMesh:
     """
 
     plan: MeshPlan
-    target_sets: tuple[TargetSet, ...] = ()
+    target_sets: tuple[AnySet, ...] = ()
     motions: tuple[Motion, ...] = ()
     residuals: dict[str, Residual] = field(default_factory=dict)
     budget: Json | None = None
@@ -120,7 +127,7 @@ def make_report(job: Job, baked: Sequence[BakedMesh], *, images: Sequence[str], 
     for mesh in baked:
         clips = [motion.clip for motion in mesh.motions]
         warnings += mesh_warnings(mesh.plan, job.settings, clips, tracks=tracks)
-        for number, target_set in enumerate(mesh.target_sets):
+        for number, target_set in enumerate(of_tools(mesh.target_sets)):
             warnings += tool_warnings(mesh.plan, target_set.carried, mesh.activity(number), up=job.settings.up)
     engine = job.options.engine
     data: Json = {
@@ -135,8 +142,9 @@ def make_report(job: Job, baked: Sequence[BakedMesh], *, images: Sequence[str], 
         "tools": [
             _describe_tool(mesh.plan, number, target_set)
             for mesh in baked
-            for number, target_set in enumerate(mesh.target_sets)
+            for number, target_set in enumerate(of_tools(mesh.target_sets))
         ],
+        **_describe_folds(baked),
         "clips": _describe_clips(baked, details=job.options.details),
         "notes": list(job.notes),
         "warnings": warnings,
@@ -186,6 +194,30 @@ def _describe_tool(plan: MeshPlan, number: int, target_set: TargetSet) -> Json:
     }
 
 
+def _describe_folds(baked: Sequence[BakedMesh]) -> Json:
+    """An entry for each fold whose contact is resolved; nothing where no tool asks for it. Lengths are scene units."""
+    if not any(mesh.plan.folds for mesh in baked):
+        return {}
+    return {"folds": [_describe_fold(mesh.plan, found) for mesh in baked for found in of_folds(mesh.target_sets)]}
+
+
+def _describe_fold(plan: MeshPlan, found: CreaseSet) -> Json:
+    crease, hinge = found.crease, found.crease.fold.hinge
+    return {
+        "tools": [plan.carried_patches[number].patch.tool.name for number in crease.fold.tools],
+        "joint": plan.rig.names[hinge.node],
+        "degrees": [round(float(np.degrees(end)), 1) for end in (hinge.least, hinge.most)],
+        "moved_vertices": len(crease.vertices),
+        "largest_move": _round(crease.largest),
+        "poses": crease.solved,
+        "unsettled_poses": crease.unsettled,
+        "unsettled_frames": found.unsettled,
+        "error": _round(crease.error),
+        "clip_error": _round(found.error),
+        "targets": [target.name for target in targets_of([found])],
+    }
+
+
 def _describe_clips(baked: Sequence[BakedMesh], *, details: bool) -> list[Json]:
     """An entry for each clip, which may move several meshes."""
     clips: dict[str, Json] = {}
@@ -196,7 +228,7 @@ def _describe_clips(baked: Sequence[BakedMesh], *, details: bool) -> list[Json]:
             entry["keys"] = entry.get("keys", 0) + len(motion.keys)
             if motion.clip.name in mesh.residuals:
                 entry["residual"] = _describe_residual(mesh.residuals[motion.clip.name])
-        for number, target_set in enumerate(mesh.target_sets if details else ()):
+        for number, target_set in enumerate(of_tools(mesh.target_sets) if details else ()):
             patch = target_set.carried.patch
             for each in mesh.activity(number):
                 strength = patch.tool.strength_in(each.clip.name)

@@ -9,7 +9,7 @@ import numpy as np
 
 from wrinklecli.baking.job import Mode
 from wrinklecli.baking.plan import MeshPlan
-from wrinklecli.baking.targets import TargetSet, named_targets
+from wrinklecli.baking.targets import AnySet, TargetSet, named_targets
 from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip, clip_grid, motion_breaks
 from wrinklecli.character.pose import Pose, pose_at
 from wrinklecli.character.rig import moving_nodes
@@ -61,8 +61,8 @@ class Motion:
         times: (frames,) seconds.
         keys: (keys,) the frames that a track needs, straight between them.
         seen: What each tool does at these times.
-        weights: For each tool, (frames, shapes) of its shapes as sampled, which a remix gives the weights of others;
-            empty before there are shapes.
+        weights: For each tool and then each fold, (frames, shapes) of its shapes as sampled, which a remix gives the
+            weights of others; empty before there are shapes.
     """
 
     clip: Clip
@@ -121,8 +121,8 @@ def sample_clips(
     return target_sets, [replace(motion, weights=weights) for motion, weights in zip(sampled, by_clip, strict=True)]
 
 
-def target_weights(target_sets: Sequence[TargetSet], motion: Motion) -> Floats:
-    """(frames, targets) weights of the targets of all tools in one clip."""
+def target_weights(target_sets: Sequence[AnySet], motion: Motion) -> Floats:
+    """(frames, targets) weights of the targets of all tools and folds in one clip."""
     columns = [
         each.written(each.shape_weights(weights)) for each, weights in zip(target_sets, motion.weights, strict=True)
     ]
@@ -217,7 +217,7 @@ def _target_set(
         weights = [_weights(carried, each.clip, each.seen[number]) for each in sampled]
     else:
         shapes, weights = _compressed(plan, carried, sampled, memory)
-    return TargetSet(carried, named_targets(carried, shapes)), weights
+    return TargetSet(carried, named_targets(carried.patch.tool.identifier, shapes)), weights
 
 
 def takes_of(plan: MeshPlan, clips: Sequence[Clip]) -> list[int]:

@@ -1,13 +1,17 @@
 """Morph targets of a tool: their names, their shapes, and other shapes that an engine asks for."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from wrinklecli.method.carry import CarriedPatch
 from wrinklecli.method.shapes import Shape
 from wrinklecli.numeric.arrays import Floats, Ints
+
+if TYPE_CHECKING:
+    from wrinklecli.method.crease import Crease
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +68,11 @@ class TargetSet:
     remix: Remix | None = None
 
     @property
+    def identifier(self) -> str:
+        """What the targets are named by."""
+        return self.carried.patch.tool.identifier
+
+    @property
     def from_skin(self) -> bool:
         """Whether weights follow from the anchors' distance alone."""
         return self.carried.patch.tool.attachment == "skin"
@@ -76,7 +85,7 @@ class TargetSet:
     @property
     def columns(self) -> Ints:
         """The shapes that have a target."""
-        return np.array([index for index, target in enumerate(self.targets) if target is not None], np.intp)
+        return _columns(self.targets)
 
     def written(self, weights: Floats) -> Floats:
         """The columns of (frames, shapes) weights that have a target."""
@@ -84,16 +93,73 @@ class TargetSet:
         return written
 
 
-def named_targets(carried: CarriedPatch, shapes: Iterable[Shape | None]) -> tuple[Target | None, ...]:
-    """Targets `wrinkle_TOOL_1`, `wrinkle_TOOL_2` … for the shapes that there are."""
+@dataclass(frozen=True, slots=True)
+class CreaseSet:
+    """The morph targets of a fold whose contact is resolved.
+
+    Attributes:
+        crease: What contact does.
+        identifier: What the targets are named by.
+        targets: One for each shape; None for a shape that moves no vertex.
+        error: How far the shapes are from what was found in the clips, at most, scene units.
+        unsettled: Frames of the clips whose solution did not settle.
+        remix: Where the shapes are others than those of the crease, as an engine asked for.
+    """
+
+    crease: "Crease"
+    identifier: str
+    targets: tuple[Target | None, ...]
+    error: float
+    unsettled: int
+    remix: Remix | None = None
+
+    @property
+    def from_skin(self) -> bool:
+        """Weights do not follow from the distance of anchors."""
+        return False
+
+    @property
+    def columns(self) -> Ints:
+        """The shapes that have a target."""
+        return _columns(self.targets)
+
+    def shape_weights(self, sampled: Floats) -> Floats:
+        """(frames, shapes) weights of the shapes from those of the crease's."""
+        return sampled if self.remix is None else self.remix.weights(sampled)
+
+    def written(self, weights: Floats) -> Floats:
+        """The columns of (frames, shapes) weights that have a target."""
+        written: Floats = weights[:, self.columns]
+        return written
+
+
+AnySet: TypeAlias = TargetSet | CreaseSet
+
+
+def of_tools(target_sets: Iterable[AnySet]) -> list[TargetSet]:
+    """The sets of tools alone, which stand before those of folds."""
+    return [each for each in target_sets if isinstance(each, TargetSet)]
+
+
+def of_folds(target_sets: Iterable[AnySet]) -> list[CreaseSet]:
+    """The sets of folds alone."""
+    return [each for each in target_sets if isinstance(each, CreaseSet)]
+
+
+def _columns(targets: Sequence[Target | None]) -> Ints:
+    return np.array([index for index, target in enumerate(targets) if target is not None], np.intp)
+
+
+def named_targets(identifier: str, shapes: Iterable[Shape | None]) -> tuple[Target | None, ...]:
+    """Targets `wrinkle_TOOL_1`, `wrinkle_TOOL_2` … for the shapes that there are, by a tool's identifier."""
     targets: list[Target | None] = []
     number = 0
     for shape in shapes:
         number += shape is not None
-        targets.append(None if shape is None else Target(f"wrinkle_{carried.patch.tool.identifier}_{number}", shape))
+        targets.append(None if shape is None else Target(f"wrinkle_{identifier}_{number}", shape))
     return tuple(targets)
 
 
-def targets_of(target_sets: Iterable[TargetSet]) -> tuple[Target, ...]:
-    """The morph targets of all tools, in order."""
+def targets_of(target_sets: Iterable[AnySet]) -> tuple[Target, ...]:
+    """The morph targets of all tools and folds, in order."""
     return tuple(target for each in target_sets for target in each.targets if target is not None)

@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrinklecli.baking.baked_body import BakedBody, BakedTool, count_named, read_bodies
+from wrinklecli.baking.baked_body import BakedBody, BakedFold, BakedTool, count_named, read_bodies
+from wrinklecli.baking.baked_fold import fold_weights
 from wrinklecli.baking.baked_segment import lengths_in
 from wrinklecli.baking.morphs import encode_track
 from wrinklecli.baking.track_node import node_for_tracks
@@ -247,13 +248,15 @@ class _DrivenTools:
 
     Attributes:
         tools: Those whose joints are all there.
+        folds: As well.
         rig: Of the node that gets the tracks: joints of the anchors, and the morph targets that no tool drives.
         joints: Their nodes, by name.
-        stored: (driven targets,) weights in the stored pose, of all tools of the body.
-        columns: For each tool, its targets among them.
+        stored: (driven targets,) weights in the stored pose, of all tools and folds of the body.
+        columns: For each tool and then each fold, its targets among them.
     """
 
     tools: tuple[BakedTool, ...]
+    folds: tuple[BakedFold, ...]
     rig: Rig
     joints: dict[str, int]
     stored: Floats
@@ -270,8 +273,11 @@ class _DrivenTools:
 
         def weights(times: Floats) -> Floats:
             found = np.tile(self.stored, (len(times), 1))
-            for tool, columns, of_tool in zip(self.tools, self.columns, lengths, strict=True):
+            of_tools, of_folds = self.columns[: len(self.tools)], self.columns[len(self.tools) :]
+            for tool, columns, of_tool in zip(self.tools, of_tools, lengths, strict=True):
                 found[:, columns] = tool.strengths.get(clip.name, 1.0) * _weights(tool, *of_tool(times))
+            for fold, columns in zip(self.folds, of_folds, strict=True):
+                found[:, columns] = fold_weights(fold, self.rig, self.joints, clip, times)
             return found
 
         return weights
@@ -295,7 +301,9 @@ def _driven_tools(edited: EditedDocument, node: int, body: BakedBody, tools: Seq
     """Find a body's joints in the file that has the node for its tracks."""
     whole = read_rig(edited.document(), node)
     named = NamedNodes.of(edited.gltf["nodes"]).joints
-    joints = {joint: named[joint] for tool in tools for joint in tool.joints}
+    folds = tuple(fold for fold in body.folds if all(joint in named for joint in fold.joints))
+    wanted = [*(tool.joints for tool in tools), *(fold.joints for fold in folds)]
+    joints = {joint: named[joint] for each in wanted for joint in each}
     rig = replace(
         whole,
         joints=np.array(list(joints.values()), np.intp),
@@ -304,8 +312,9 @@ def _driven_tools(edited: EditedDocument, node: int, body: BakedBody, tools: Seq
         morph_weights=whole.morph_weights[[body.targets.index(name) for name in body.own]],
     )
     stored = body.stored[[body.targets.index(name) for name in body.driven]]
-    columns = tuple([body.driven.index(name) for name in tool.targets] for tool in tools)
-    return _DrivenTools(tuple(tools), rig, joints, stored, columns)
+    targets = [*(tool.targets for tool in tools), *(fold.targets for fold in folds)]
+    columns = tuple([body.driven.index(name) for name in each] for each in targets)
+    return _DrivenTools(tuple(tools), folds, rig, joints, stored, columns)
 
 
 def _weights(tool: BakedTool, distances: Floats, rest_lengths: Floats) -> Floats:

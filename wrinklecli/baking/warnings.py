@@ -48,6 +48,10 @@ def mesh_warnings(plan: MeshPlan, settings: ToolsFile, clips: Sequence[Clip], *,
     rig = plan.rig
     where = rig.names[rig.node]
     warnings = _twin_warnings(plan, clips) + _departure_warnings(plan)
+    warnings += [
+        f"{plan.carried_patches[number].patch.tool.name}: no joint bends between its ends: contact is left as it is"
+        for number in plan.unhinged
+    ]
     if plan.fine.subdivision.limited:
         warnings.append(
             f"{where}: {plan.fine.subdivision.limited} edges are still too long for the wrinkles at max_levels"

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrinklecli.character.clip import Channel, Clip
+from wrinklecli.character.clip import Channel, Clip, sample
 from wrinklecli.character.rig import Rig
 from wrinklecli.numeric.arrays import Floats, cross
 
@@ -55,3 +55,15 @@ def turned_axis(rotation: Floats, axis: Floats) -> Floats:
     vector, real = rotation[:3], rotation[3]
     once = np.cross(vector, axis)
     return np.asarray(axis + 2.0 * (real * once + np.cross(vector, once)))
+
+
+def approach(clip: Clip, time: float, rig: Rig) -> Clip:
+    """A motion of a second from the stored pose to that of a clip at a time, under the clip's name."""
+    at, channels = np.array([time]), []
+    for channel in clip.channels:
+        stored = rig.morph_weights if channel.path == "weights" else rig.locals[channel.node].get(channel.path)
+        if stored is None or (channel.path == "weights" and channel.node != rig.node):
+            continue
+        values = np.stack([stored, sample(channel, at)[0]])
+        channels.append(replace(channel, times=_FROM_START_TO_END, values=values, interpolation="LINEAR"))
+    return motion_clip(clip.name, channels)

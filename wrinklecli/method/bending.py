@@ -56,7 +56,7 @@ def _tallest_pose(patch: Patch, rig: Rig, rest: Rest) -> Pose:
 def own_motions(patch: Patch, rig: Rig) -> Iterator[Clip]:
     """Motions of a second that may bring a tool's ends together: its joint turning either way, then morph targets."""
     morphed = patch.tool.rest_length.morph if isinstance(patch.tool.rest_length, RestLengthMorph) else None
-    node = None if morphed else _bent_node(patch, rig)
+    node = None if morphed else bent_node(patch, rig)
     if node is not None:
         axis = np.stack(cross(patch.along, patch.normal))
         yield from (_turning(rig, node, sign * axis) for sign in (1.0, -1.0))
@@ -66,7 +66,7 @@ def own_motions(patch: Patch, rig: Rig) -> Iterator[Clip]:
             yield motion_clip("", [raising(rig, {number: 1.0})])
 
 
-def _bent_node(patch: Patch, rig: Rig) -> int | None:
+def bent_node(patch: Patch, rig: Rig) -> int | None:
     """The joint between a tool's ends: of those that carry the one more than the other, that nearest to its middle."""
     carried = [_carried_by(anchor, rig) for anchor in patch.anchors]
     shares = {

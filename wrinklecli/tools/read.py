@@ -99,6 +99,7 @@ _READ: Mapping[str, Callable[[Any], Any]] = {
     "compressible": lambda value: float(value.rstrip(" %")) / 100.0,
     "details": lambda value: tuple(map(float, value)),
     "bow": float,
+    "contact": lambda value: value or "off",  # to YAML 1.1, which is read, off is false
     "strength": float,
     "rest_length": _rest_length,
     "keys": _keys,

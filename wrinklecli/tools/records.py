@@ -176,6 +176,7 @@ class WrinkleTool:
         clips: Strength by clip name, in place of `strength`.
         rest_length: `auto`, a length, or what drives it.
         lag: How heights follow the shortening late; None where they follow at once.
+        contact: Whether folds that touch are kept from crossing.
         enabled: Whether it is baked; a `ToolsFile` keeps only those.
         optional: Whether an absent node is a note rather than an error.
         mirrored: Whether `mirror` made it.
@@ -208,6 +209,7 @@ class WrinkleTool:
     clips: Mapping[str, float] = field(default_factory=dict, hash=False)
     rest_length: Literal["auto"] | Length | RestLengthKeys | RestLengthMorph = "auto"
     lag: Lag | None = None
+    contact: Literal["off", "resolve"] = "off"
     enabled: bool = True
     optional: bool = False
     mirrored: bool = False

@@ -245,6 +245,11 @@ TOOL_KEYS = {
         "Heights follow the shortening as a damped spring does: {frequency: 6, damping: 0.5}, or none. Default none.",
         default=None,
     ),
+    "contact": key_of(
+        expects("off or resolve", enum=["off", "resolve", False]),
+        "resolve: folds that touch never cross. Default off.",
+        default="off",
+    ),
     "enabled": key_of(FLAG, "false: checked but not baked. Default true.", default=True),
     "optional": key_of(FLAG, "true: an absent node or clip is a note, not an error. Default false.", default=False),
 }

@@ -7,6 +7,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from wrinklecli.baking.creases import add_creases
 from wrinklecli.baking.estimate import refuse_too_much
 from wrinklecli.baking.job import BakeOptions, Job, read_job
 from wrinklecli.baking.morphs import encode_morphs
@@ -133,5 +134,6 @@ def apply_tools(planned: PlannedTools, clips: Sequence[str], progress: Progress 
     for plan in planned.plans:
         refuse_too_much(job, plan, chosen, job.document.path)
         target_sets, motions = sample_clips(plan, chosen, fps=fps, mode="morph", memory=memory, progress=progress)
-        encode_morphs(edited, plan, target_sets, motions)
+        every_set, motions = add_creases(plan, target_sets, motions, fps=fps, marched=True, progress=progress)
+        encode_morphs(edited, plan, every_set, motions)
     return edited.document()

@@ -1,0 +1,128 @@
+"""`contact: resolve`: a fold that goes through itself touches instead, in the file, in the report, in later clips."""
+
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import wrinklecli
+from kit.limb import limb, tool, write_tools
+from wrinklecli.baking.baked_body import read_bodies
+from wrinklecli.baking.baked_fold import fold_angles, fold_weights
+from wrinklecli.baking.job import BakeOptions
+from wrinklecli.baking.report import Report
+from wrinklecli.baking.track import track
+from wrinklecli.character.clip import read_clips
+from wrinklecli.character.pose import morph_weights
+from wrinklecli.character.rig import read_rig
+from wrinklecli.errors import BakeError
+from wrinklecli.gltf.document import Document, read_document
+from wrinklecli.review.crossings import find_crossings
+
+TOOL = {"bumps": 3, "max_height": "10%"}
+TOP = {"refinement": {"max_levels": 1}}
+
+
+@dataclass(frozen=True)
+class Baked:
+    asset: Path
+    tools: Path
+    out: Path
+    report: Report
+
+    @property
+    def document(self) -> Document:
+        return read_document(self.out)
+
+
+@pytest.fixture(scope="module")
+def folded(tmp_path_factory: pytest.TempPathFactory) -> Baked:
+    pytest.importorskip("ipctk", reason="needs the extra `contact`")
+    folder = tmp_path_factory.mktemp("fold")
+    asset = limb(folder / "limb.glb", angle=80.0, rings=20, sides=12)
+    tools = write_tools(folder / "tools.yaml", tool(**TOOL, contact="resolve"), **TOP)
+    return Baked(asset, tools, folder / "out.glb", wrinklecli.bake(asset, tools, folder / "out.glb"))
+
+
+def test_nothing_crosses_in_a_resolved_fold_at_and_between_keys(folded: Baked) -> None:
+    options = BakeOptions(fps=25.0)
+    (clip,) = find_crossings(folded.out, options=options).data["clips"]
+    before, after = clip["totals"]
+    assert before > 0
+    assert after == 0
+
+
+def test_the_report_says_what_contact_did(folded: Baked) -> None:
+    (fold,) = folded.report.data["folds"]
+    assert fold["tools"] == [folded.report.data["tools"][0]["name"]]
+    assert fold["joint"] == "joint_1"
+    assert 0 < len(fold["targets"]) <= 8
+    assert 0 < fold["error"] < fold["largest_move"]
+    assert fold["unsettled_poses"] == fold["unsettled_frames"] == 0
+    assert "of contact in 1 fold" in folded.report.summary
+    (clip,) = folded.report.data["clips"]
+    assert clip["residual"]["position"] <= folded.report.data["meshes"][0]["max_error"]
+
+
+def test_the_joint_s_angle_tells_the_weights_of_the_joint_s_own_motion(folded: Baked) -> None:
+    document = folded.document
+    (body,) = read_bodies(document)
+    (fold,) = body.folds
+    (clip,) = read_clips(document)
+    rig = read_rig(document, 0)
+    joints = {name: rig.names.index(name) for name in fold.joints}
+    times = np.linspace(clip.start, clip.end, 41)
+    angles = fold_angles(fold, rig, joints, clip, times)
+    assert np.degrees(np.abs(angles).max()) == pytest.approx(80.0, abs=0.1)
+    wanted = morph_weights(rig, clip, times)[:, [rig.morph_names.index(name) for name in fold.targets]]
+    found = fold_weights(fold, rig, joints, clip, times)
+    # On the way down; on the way up, what touches has slid.
+    down = slice(0, 1 + int(np.argmax(np.abs(angles))))
+    assert np.abs(found - wanted)[down].max() < 0.3
+    assert not found[0].any()
+    assert not wanted[0].any()
+
+
+def test_tracks_of_other_files_move_folds_too(folded: Baked, tmp_path: Path) -> None:
+    track(folded.out, [folded.asset], tmp_path)
+    (clip,) = find_crossings(tmp_path / folded.asset.name).data["clips"]
+    tracked, baked = (read_document(path) for path in (tmp_path / folded.asset.name, folded.out))
+    (one,), (other,) = read_clips(tracked), read_clips(baked)
+    rigs = read_rig(tracked, 0), read_rig(baked, 0)
+    names = read_bodies(baked)[0].folds[0].targets
+    times = np.linspace(one.start, (one.start + one.end) / 2, 9)
+    weights = [
+        morph_weights(rig, each, times)[:, [rig.morph_names.index(name) for name in names]]
+        for rig, each in zip(rigs, (one, other), strict=True)
+    ]
+    assert np.abs(weights[0] - weights[1]).max() < 0.25
+    assert clip["totals"]
+
+
+def test_what_asks_for_no_contact_is_baked_as_ever(folded: Baked, tmp_path: Path) -> None:
+    bytes_of = {}
+    for name, more in {"out": {"contact": "off"}, "none": {}}.items():
+        tools = write_tools(tmp_path / f"{name}.yaml", tool(**TOOL, **more), **TOP)
+        wrinklecli.bake(folded.asset, tools, tmp_path / f"{name}.glb")
+        bytes_of[name] = (tmp_path / f"{name}.glb").read_bytes()
+    assert bytes_of["out"] == bytes_of["none"]
+    extras = read_document(tmp_path / "none.glb").items("nodes")[0]["extras"]["wrinkle"]
+    assert "folds" not in extras
+
+
+def test_without_the_library_one_line_says_so(folded: Baked, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "ipctk", None)
+    with pytest.raises(BakeError, match=r"contact needs ipctk, which is not installed: pip install") as caught:
+        wrinklecli.bake(folded.asset, folded.tools, folded.out.with_name("other.glb"))
+    assert len(caught.value.lines) == 1
+
+
+def test_extras_are_json_that_a_player_reads(folded: Baked) -> None:
+    (fold,) = folded.document.items("nodes")[0]["extras"]["wrinkle"]["folds"]
+    assert list(fold) == ["joint", "parent", "rest", "axis", "targets", "angles", "weights"]
+    assert json.loads(json.dumps(fold)) == fold
+    assert fold["angles"] == sorted(fold["angles"])
+    assert np.linalg.norm(fold["axis"]) == pytest.approx(1.0)

@@ -1,0 +1,168 @@
+"""What contact does in a bake: morph targets for each fold, beside those of the tools, and each clip's weights."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from wrinklecli.baking.plan import MeshPlan
+from wrinklecli.baking.remix import weights_at
+from wrinklecli.baking.sample import Motion, takes_of
+from wrinklecli.baking.targets import AnySet, CreaseSet, TargetSet, named_targets
+from wrinklecli.character.clip import KEY_GAP, KEY_STEP, clip_grid, sample
+from wrinklecli.method.activity import further_activities
+from wrinklecli.method.shapes import Sample, make_shapes
+from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
+from wrinklecli.numeric.guard import Progress
+from wrinklecli.numeric.piecewise import key_points
+
+if TYPE_CHECKING:
+    from wrinklecli.method.crease import Crease
+
+MOST_SHAPES = 8
+"""Morph targets of a fold at most, whatever their error."""
+
+# Greatest error of the shapes, of the greatest move: what is left of it is hidden in the fold.
+_SHAPE_ERROR = 0.1
+# Share of the error bound for keys of contact that are left out.
+_KEYS_SHARE = 0.25
+# Radians that a joint turns between two frames of a march, at most.
+_STRIDE = np.radians(4.0)
+
+
+def add_creases(
+    plan: MeshPlan,
+    target_sets: Sequence[TargetSet],
+    motions: Sequence[Motion],
+    *,
+    fps: float,
+    marched: bool,
+    progress: Progress,
+) -> tuple[list[AnySet], list[Motion]]:
+    """Resolve the folds of a mesh, and follow each clip.
+
+    Args:
+        plan: The tools.
+        target_sets: Of the tools.
+        motions: The clips as tools sampled them.
+        fps: Of the grid that clips are marched on.
+        marched: Whether times may be added to the clips' own, as tracks need them.
+        progress: Called with a stage's name, steps done and steps in all.
+
+    Returns:
+        The target sets with those of folds in which anything ever crosses, and motions with their weights.
+    """
+    if not plan.folds:
+        return list(target_sets), list(motions)
+    # Imported here, as other bakes need none of it.
+    from wrinklecli.method.crease import resolve
+
+    made: list[AnySet] = list(target_sets)
+    for number, fold in enumerate(plan.folds, start=1):
+        crease = resolve(fold, share=_SHAPE_ERROR, most=MOST_SHAPES)
+        progress("contact", number, len(plan.folds))
+        if crease is not None:
+            found, motions = _followed(plan, crease, made, motions, fps=fps, marched=marched)
+            made.append(found)
+    return made, list(motions)
+
+
+def _followed(
+    plan: MeshPlan,
+    crease: "Crease",
+    target_sets: Sequence[AnySet],
+    motions: Sequence[Motion],
+    *,
+    fps: float,
+    marched: bool,
+) -> tuple[CreaseSet, list[Motion]]:
+    """A fold's targets, and its weights in each clip."""
+    error, unsettled = 0.0, 0
+    followed: list[Motion] = []
+    takes = takes_of(plan, [motion.clip for motion in motions])
+    for motion, take in zip(motions, takes, strict=True):
+        if take < len(followed):
+            # The same as a clip before it.
+            first = followed[take]
+            followed.append(replace(first, clip=motion.clip))
+            continue
+        times = _march_times(crease, motion, fps) if marched else motion.times
+        weights, missed, odd = crease.follow(motion.clip, times)
+        error, unsettled = max(error, missed * plan.scale), unsettled + odd
+        followed.append(_with_weights(plan, crease, target_sets, motion, times, weights, marched=marched))
+    shapes = make_shapes(
+        plan.fine,
+        crease.vertices,
+        crease.shapes,
+        tallest=plan.scale * np.sqrt(np.sum(crease.shapes**2, axis=2)).max(axis=1),
+        samples=[Sample(*each) for each in crease.samples] if plan.has_normals else [],
+    )
+    name = f"{plan.carried_patches[crease.fold.tools[0]].patch.tool.identifier}_contact"
+    return CreaseSet(crease, name, named_targets(name, shapes), error, unsettled), followed
+
+
+def _march_times(crease: "Crease", motion: Motion, fps: float) -> Floats:
+    """(frames,) seconds of a clip's grid, with more where the joint turns fast."""
+    rig, hinge = crease.fold.rig, crease.fold.hinge
+    grid = clip_grid(motion.clip, rig, fps=fps)
+    channel = motion.clip.channel(hinge.node, "rotation")
+    if channel is None or len(grid) < 2:
+        return grid
+    angles = hinge.angles(sample(channel, grid))
+    parts = np.ceil(np.abs(np.diff(angles)) / _STRIDE).astype(int)
+    # No two times may be as close as no player tells apart.
+    parts = np.clip(parts, 1, np.maximum((np.diff(grid) / (2.0 * KEY_GAP)).astype(int), 1))
+    steps = zip(grid[:-1], grid[1:], parts, strict=True)
+    dense = np.concatenate([*(np.linspace(low, high, count + 1)[:-1] for low, high, count in steps), grid[-1:]])
+    return distinct_values(dense.astype(np.float32).astype(np.float64))
+
+
+def _with_weights(
+    plan: MeshPlan,
+    crease: "Crease",
+    target_sets: Sequence[AnySet],
+    motion: Motion,
+    times: Floats,
+    weights: Floats,
+    *,
+    marched: bool,
+) -> Motion:
+    """A motion with (frames, shapes) weights of a fold at (frames,) times, and keys where they bend."""
+    if not marched:
+        return replace(motion, weights=(*motion.weights, weights))
+    keys = times[_keys(plan, crease, times, weights)]
+    fresh = np.setdiff1d(keys, motion.times)
+    joined = _with_times(plan, target_sets, motion, fresh)
+    columns = [np.interp(joined.times, keys, column) for column in weights[np.searchsorted(times, keys)].T]
+    every = np.union1d(joined.keys, np.searchsorted(joined.times, keys))
+    return replace(joined, keys=every, weights=(*joined.weights, np.stack(columns, axis=1)))
+
+
+def _keys(plan: MeshPlan, crease: "Crease", times: Floats, weights: Floats) -> Ints:
+    """(keys,) the times that straight lines need to give (times, shapes) weights."""
+    sizes = plan.scale * np.sqrt(np.sum(crease.shapes**2, axis=2)).max(axis=1)
+
+    def moves(at: Floats) -> Floats:
+        return np.stack([np.interp(at, times, column) for column in (weights * sizes).T], axis=1)
+
+    bound = _KEYS_SHARE * plan.max_error
+    points, keys = key_points(times, moves, tolerance=np.inf, thinning=bound, gap=KEY_GAP, step=KEY_STEP)
+    return np.searchsorted(times, points[keys])
+
+
+def _with_times(plan: MeshPlan, target_sets: Sequence[AnySet], motion: Motion, fresh: Floats) -> Motion:
+    """A motion sampled at more times, (fresh,) seconds, rising; none is a key yet."""
+    if not len(fresh):
+        return motion
+    clip = motion.clip
+    places = np.searchsorted(motion.times, fresh)
+    times = np.insert(motion.times, places, fresh)
+    weights = []
+    for number, old in enumerate(motion.weights):
+        more = weights_at(plan, target_sets[number], clip, old, motion.times, fresh)
+        weights.append(np.insert(old, places, more, axis=0))
+    patches = [each.patch for each in plan.carried_patches]
+    seen = further_activities(patches, plan.rig, plan.rest, clip, times, known=motion.seen, known_at=motion.times)
+    keys = np.searchsorted(times, motion.times[motion.keys])
+    return Motion(clip, times, keys, tuple(seen), tuple(weights))

@@ -1,0 +1,341 @@
+"""Contact in a fold: a surface that touches itself and never crosses, marched from rest through a bend.
+
+The wrinkled, posed surface is what skinning asks for; the surface found is the nearest one to it that keeps apart:
+
+    min over x of ½ Σ m |c|² + ½ ℓ² |∇c|² + ½ ℓ⁴ |Δc|² + κ/d̂³ B(x; d̂, d_min),   c = x − posed and wrinkled,
+
+with B the barrier of all pairs nearer than d̂ + d_min. The rest pose crosses nothing, and no step lets anything pass
+through: so none ever crosses, however far skinning folds the surface through itself.
+
+Source: M. Li et al., *Incremental Potential Contact*, SIGGRAPH 2020, by its library ipctk. Differs: quasi-static, no
+friction, no material: what resists is the correction c, so nothing moves where nothing touches.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, inverses
+from wrinklecli.numeric.crossings import edges_of
+
+UNITS = 70.0
+"""Units of the solver in a limb's radius: lengths below are about millimetres of a knee."""
+
+# Length over which a correction fades, and how far from what crosses vertices are free, in such lengths. Five: at four
+# a tenth of the correction is left at the border.
+SOFT, FREE = 8.0, 5.0
+# Distance from which what comes near is held off, and that which is kept, at most; and as a share of short edges.
+_NEAR, _KEPT = 0.7, 0.3
+_OF_EDGE = 1 / 3
+# Stiffness of the barrier against that of the correction.
+_BARRIER = 10.0
+# Newton's steps of a frame at most, and the length of a step that ends them.
+_STEPS, _SETTLED = 32, 0.05
+# Halvings of a step that does not lower the energy.
+_HALVINGS = 12
+# Share of a step up to the first touch that is taken.
+_SAFE = 0.9
+# Halvings of the distances until nothing is near at rest.
+_CLOSER = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Posed:
+    """Where a pose wants the vertices.
+
+    Attributes:
+        positions: (vertices, 3) solver's units, turned into the frame of the fold.
+        matrices: (vertices, 3, 3) what turns bind space there.
+    """
+
+    positions: Floats
+    matrices: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """Where the vertices are.
+
+    Attributes:
+        positions: (vertices, 3) solver's units.
+        posed: What the pose wants.
+        converged: Whether the last step ended by itself, with all vertices that are not free in their places.
+    """
+
+    positions: Floats
+    posed: Posed
+    converged: bool = True
+
+    @property
+    def correction(self) -> Floats:
+        """(vertices, 3) from where the pose wants the vertices."""
+        corrected: Floats = self.positions - self.posed.positions
+        return corrected
+
+
+@dataclass(frozen=True)
+class Tissue:
+    """A surface that may touch itself: what resists, and what may collide.
+
+    Attributes:
+        rest: (vertices, 3) solver's units.
+        triangles: (triangles, 3).
+        colliding: (triangles,) those that may touch anything; others crossed at rest, or lie further off.
+        free: (vertices,) those that may leave their pose.
+    """
+
+    rest: Floats
+    triangles: Ints
+    colliding: Bools
+    free: Bools
+
+    @cached_property
+    def distances(self) -> tuple[float, float]:
+        """From where what comes near is held off, and what is kept: so that nothing is held off at rest."""
+        edges = edges_of(self.triangles[self.free[self.triangles].any(axis=1)])
+        lengths = np.sqrt(np.sum((self.rest[edges[:, 0]] - self.rest[edges[:, 1]]) ** 2, axis=1))
+        short = float(np.percentile(lengths, 5)) if len(lengths) else 1.0
+        share = min(1.0, _OF_EDGE * short / (_NEAR + _KEPT))
+        for _ in range(_CLOSER):
+            if not len(self._near(self.rest, share * _NEAR, share * _KEPT)):
+                break
+            share /= 2.0
+        return share * _NEAR, share * _KEPT
+
+    @cached_property
+    def mesh(self) -> Any:
+        """Of ipctk. Vertices that are not free do not collide with each other."""
+        import ipctk
+
+        ipctk.set_logger_level(ipctk.off)
+        ipctk.set_num_threads(1)
+        triangles = self.triangles[self.colliding]
+        mesh = ipctk.CollisionMesh(
+            np.asfortranarray(self.rest),
+            np.asfortranarray(edges_of(triangles).astype(np.int32)),
+            np.asfortranarray(triangles.astype(np.int32)),
+        )
+        labels = np.where(self.free, 1 + np.arange(len(self.rest)), 0)
+        mesh.can_collide = ipctk.make_vertex_patches_filter(labels.astype(np.int32))
+        return mesh
+
+    @cached_property
+    def barrier(self) -> Any:
+        """Of ipctk."""
+        import ipctk
+
+        near = self.distances[0]
+        return ipctk.BarrierPotential(near, _BARRIER / near**3)
+
+    @cached_property
+    def stiffness(self) -> Any:
+        """(vertices, vertices) sparse: mass, gradient and Laplacian of a correction."""
+        import scipy.sparse as sparse
+
+        areas, laplacian = _areas(self.rest, self.triangles), _laplacian(self.rest, self.triangles)
+        mean = float(np.median(areas))
+        masses = np.clip(areas / mean, 0.25, 4.0)
+        bent = laplacian @ sparse.diags_array(1.0 / np.maximum(areas, 1e-3 * mean)) @ laplacian
+        return (sparse.diags_array(masses) + SOFT**2 / mean * laplacian + SOFT**4 / mean * bent).tocsr()
+
+    @cached_property
+    def response(self) -> "Response":
+        """Of free vertices to forces."""
+        rows = np.flatnonzero(self.free)
+        return Response(self.stiffness[rows][:, rows])
+
+    @cached_property
+    def inner_coordinates(self) -> Ints:
+        """(3 · free,) of all coordinates those of free vertices."""
+        return (3 * np.flatnonzero(self.free)[:, None] + np.arange(3)).reshape(-1)
+
+    def collisions(self, positions: Floats) -> Any:
+        """What is near at (vertices, 3)."""
+        return self._near(positions, *self.distances)
+
+    def clear(self, positions: Floats) -> bool:
+        """Whether nothing is near at (vertices, 3)."""
+        return not len(self.collisions(positions))
+
+    def _near(self, positions: Floats, near: float, kept: float) -> Any:
+        import ipctk
+
+        found = ipctk.NormalCollisions()
+        found.build(self.mesh, np.asfortranarray(positions), near, kept)
+        return found
+
+    def free_share(self, start: Floats, end: Floats) -> float:
+        """The part of the straight way from (vertices, 3) to others on which nothing comes too near."""
+        import ipctk
+
+        share = ipctk.compute_collision_free_stepsize(
+            self.mesh,
+            np.asfortranarray(start),
+            np.asfortranarray(end),
+            min_distance=self.distances[1],
+            narrow_phase_ccd=ipctk.AdditiveCCD(),
+        )
+        return float(share)
+
+
+def march(tissue: Tissue, poses: Iterable[Posed], start: State | None = None) -> Iterator[State]:
+    """Follow poses one after another, each begun from the correction of the one before, carried by the skin.
+
+    Args:
+        tissue: The surface.
+        poses: Near enough to each other for the surface to follow.
+        start: Where it begins; the first pose, which crosses nothing, where left out.
+    """
+    state = start
+    for posed in poses:
+        state = State(posed.positions, posed) if state is None else _step(tissue, state, posed)
+        yield state
+
+
+def _step(tissue: Tissue, state: State, posed: Posed) -> State:
+    """Move to the next pose."""
+    carried, correction = np.zeros_like(posed.positions), state.correction
+    rows = np.flatnonzero(correction.any(axis=1))
+    turns = posed.matrices[rows] @ inverses(state.posed.matrices[rows])
+    carried[rows] = np.einsum("vij,vj->vi", turns, correction[rows])
+    wanted = posed.positions + carried
+    share = tissue.free_share(state.positions, wanted)
+    positions = state.positions + (share if share >= 1.0 else _SAFE * share) * (wanted - state.positions)
+    near = tissue.collisions(positions)
+    if share >= 1.0 and not len(near) and not carried.any():
+        return State(positions, posed)
+    return _newton(tissue, positions, posed, near)
+
+
+def _newton(tissue: Tissue, positions: Floats, posed: Posed, near: Any) -> State:
+    """Lower the energy by projected Newton steps, none of which lets anything pass through anything."""
+    energy = _energy(tissue, positions, posed, near)
+    settled = False
+    held = ~tissue.free
+    for _ in range(_STEPS):
+        direction, slope = _direction(tissue, positions, posed, near)
+        if np.abs(direction).max() < _SETTLED:
+            settled = True
+            break
+        arriving = np.abs((posed.positions - positions)[held]).max(initial=0.0) > 1e-9
+        share = tissue.free_share(positions, positions + direction)
+        share = share if share >= 1.0 else _SAFE * share
+        for _halving in range(_HALVINGS):
+            trial = positions + share * direction
+            trial_near = tissue.collisions(trial)
+            trial_energy = _energy(tissue, trial, posed, trial_near)
+            if trial_energy <= energy + 1e-4 * share * slope or (arriving and trial_energy < energy):
+                break
+            share /= 2.0
+        else:
+            break
+        positions, near, energy = trial, trial_near, trial_energy
+    off = np.abs((posed.positions - positions)[held]).max(initial=0.0)
+    return State(positions, posed, settled and bool(off < _SETTLED))
+
+
+def _energy(tissue: Tissue, positions: Floats, posed: Posed, near: Any) -> float:
+    correction = positions - posed.positions
+    elastic = 0.5 * float(np.sum(correction * (tissue.stiffness @ correction)))
+    return elastic + float(tissue.barrier(near, tissue.mesh, np.asfortranarray(positions)))
+
+
+def _direction(tissue: Tissue, positions: Floats, posed: Posed, near: Any) -> tuple[Floats, float]:
+    """(vertices, 3) Newton's step, which takes what is not free to its place, and the slope of the energy along it."""
+    import ipctk
+
+    placed = np.asfortranarray(positions)
+    gradient = (tissue.stiffness @ (positions - posed.positions)).reshape(-1)
+    gradient = gradient + tissue.barrier.gradient(near, tissue.mesh, placed)
+    direction = np.where(tissue.free[:, None], 0.0, posed.positions - positions)
+    right = gradient + (tissue.stiffness @ direction).reshape(-1)
+    inner = tissue.inner_coordinates
+    if not len(near):
+        direction.reshape(-1)[inner] = -tissue.response.of(right[inner])
+        return direction, float(gradient @ direction.reshape(-1))
+    hessian = tissue.barrier.hessian(near, tissue.mesh, placed, ipctk.PSDProjectionMethod.CLAMP).tocsr()
+    right = right + hessian @ direction.reshape(-1)
+    direction.reshape(-1)[inner] = -tissue.response.of(right[inner], hessian[inner][:, inner])
+    return direction, float(gradient @ direction.reshape(-1))
+
+
+class Response:
+    """What free vertices do under forces: the inverse of the stiffness, which never changes, with contacts added.
+
+    Contacts touch few vertices, and what a force on one does everywhere is found once: so a step takes a dense system
+    of those that touch, and no factors of all. (Those of SuperLU took five times as long.)
+
+    Args:
+        stiffness: (free, free) sparse.
+    """
+
+    def __init__(self, stiffness: Any) -> None:
+        import scipy.sparse.linalg as linear
+
+        self._factors = linear.splu(
+            stiffness.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+        )
+        self._known = np.full(stiffness.shape[0], -1, np.intp)
+        self._columns = np.zeros((stiffness.shape[0], 0))
+
+    def of(self, forces: Floats, contacts: Any = None) -> Floats:
+        """(3 · free,) what moves under as many forces, if contacts, (3 · free, 3 · free) sparse, resist too."""
+        alone = self._factors.solve(forces.reshape(-1, 3))
+        if contacts is None:
+            return np.asarray(alone.reshape(-1))
+        touched = np.flatnonzero(np.diff(contacts.indptr).reshape(-1, 3).any(axis=1))
+        columns = self._of_each(touched)
+        coordinates = (3 * touched[:, None] + np.arange(3)).reshape(-1)
+        resisting = contacts[coordinates][:, coordinates].toarray()
+        # (1 + G H) d = G f at the vertices that touch, coordinate by coordinate.
+        count = len(touched)
+        green = columns[touched]
+        system = np.einsum("ij,jakb->iakb", green, resisting.reshape(count, 3, count, 3), optimize=True)
+        system = system.reshape(3 * count, 3 * count)
+        system[np.diag_indices_from(system)] += 1.0
+        moved = np.linalg.solve(system, alone[touched].reshape(-1))
+        held = (resisting @ moved).reshape(-1, 3)
+        return np.asarray((alone - columns @ held).reshape(-1))
+
+    def _of_each(self, vertices: Ints) -> Floats:
+        """(free, vertices) what a force of 1 on each of some does to all."""
+        fresh = vertices[self._known[vertices] < 0]
+        if len(fresh):
+            units = np.zeros((len(self._known), len(fresh)))
+            units[fresh, np.arange(len(fresh))] = 1.0
+            self._known[fresh] = self._columns.shape[1] + np.arange(len(fresh))
+            self._columns = np.concatenate([self._columns, self._factors.solve(units)], axis=1)
+        found: Floats = self._columns[:, self._known[vertices]]
+        return found
+
+
+def _areas(positions: Floats, triangles: Ints) -> Floats:
+    """(vertices,) a third of the triangles of each."""
+    a, b, c = (positions[triangles[:, k]] for k in range(3))
+    areas = np.sqrt(np.sum(np.cross(b - a, c - a) ** 2, axis=1)) / 6.0
+    return np.asarray(np.bincount(triangles.reshape(-1), np.repeat(areas, 3), len(positions)), np.float64)
+
+
+def _laplacian(positions: Floats, triangles: Ints) -> Any:
+    """(vertices, vertices) sparse, of cotangents, whose quadratic form is the integral of a squared gradient.
+
+    Source: U. Pinkall, K. Polthier, *Computing Discrete Minimal Surfaces and Their Conjugates*, 1993. Differs:
+    cotangents are held between 0.05 and 5, so that obtuse and thin triangles do not pull apart.
+    """
+    import scipy.sparse as sparse
+
+    rows, columns, values = [], [], []
+    for k in range(3):
+        a, b, c = (triangles[:, (k + i) % 3] for i in range(3))
+        first, second = positions[b] - positions[a], positions[c] - positions[a]
+        sine = np.sqrt(np.sum(np.cross(first, second) ** 2, axis=1))
+        half = np.clip(np.sum(first * second, axis=1) / np.maximum(sine, 1e-9), 0.05, 5.0) / 2.0
+        rows += [b, c]
+        columns += [c, b]
+        values += [half, half]
+    shape = (len(positions), len(positions))
+    sides = sparse.csr_array((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape)
+    return (sparse.diags_array(sides.sum(axis=1)) - sides).tocsr()
