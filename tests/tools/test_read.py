@@ -40,6 +40,7 @@ from wrinklecli.tools import yaml_tree as yamltree
 from wrinklecli.tools.materials import MATERIALS
 from wrinklecli.tools.read import load_tools, parse_tools
 from wrinklecli.tools.records import (
+    Contact,
     Length,
     Marker,
     RefinementSettings,
@@ -641,6 +642,8 @@ def as_written(value, key=None):
     """A record's value as a file writes it, at a key."""
     if key == "compressible":
         return f"{100 * value:.15g}%"
+    if key == "contact" and value is None:
+        return "off"
     match value:
         case Length(number, percent):
             return f"{number!r}%" if percent else number
@@ -652,7 +655,7 @@ def as_written(value, key=None):
             return {
                 "keys": {clip: [[time, as_written(length)] for time, length in track] for clip, track in keys.items()}
             }
-        case Sampling() | RefinementSettings() | RestFrame():
+        case Sampling() | RefinementSettings() | RestFrame() | Contact():
             return asdict(value)
         case tuple():
             return list(value)
@@ -727,6 +730,7 @@ def readme_tables() -> dict[str, dict[str, str]]:
             "Rest lengths",
             TOOL["rest_length"]["then"]["properties"] | TOOL["rest_length"]["else"]["then"]["properties"],
         ),
+        ("Folds that touch", TOOL["contact"]["then"]["properties"]),
     ],
 )
 def test_the_reference_names_every_key_and_its_default(heading, keys):

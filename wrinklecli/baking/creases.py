@@ -19,6 +19,7 @@ from wrinklecli.numeric.piecewise import key_points
 
 if TYPE_CHECKING:
     from wrinklecli.method.crease import Crease
+    from wrinklecli.method.fold import Fold
 
 MOST_SHAPES = 8
 """Morph targets of a fold at most, whatever their error."""
@@ -98,8 +99,17 @@ def _followed(
         tallest=plan.scale * np.sqrt(np.sum(crease.shapes**2, axis=2)).max(axis=1),
         samples=[Sample(*each) for each in crease.samples] if plan.has_normals else [],
     )
-    name = f"{plan.carried_patches[crease.fold.tools[0]].patch.tool.identifier}_contact"
+    name = _identifier(plan, crease.fold)
     return CreaseSet(crease, name, named_targets(name, shapes), error, unsettled), followed
+
+
+def _identifier(plan: MeshPlan, fold: "Fold") -> str:
+    """What a fold's targets are named by: its first tool's name, so that no other target of the mesh is named so."""
+    name = f"{plan.carried_patches[fold.tools[0]].patch.tool.identifier}_contact"
+    taken = {each.patch.tool.identifier for each in plan.carried_patches}
+    while name in taken or any(own.startswith(f"wrinkle_{name}_") for own in plan.rig.morph_names):
+        name += "_"
+    return name
 
 
 def _march_times(crease: "Crease", motion: Motion, fps: float) -> Floats:

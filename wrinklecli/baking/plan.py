@@ -172,7 +172,7 @@ def _folds(
     Raises:
         BakeError: The library that resolves it is not there.
     """
-    chosen = [number for number, each in enumerate(carried_patches) if each.patch.tool.contact == "resolve"]
+    chosen = [number for number, each in enumerate(carried_patches) if each.patch.tool.contact is not None]
     if not chosen:
         return (), ()
     if find_spec("ipctk") is None:

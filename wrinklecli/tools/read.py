@@ -19,6 +19,7 @@ from wrinklecli.tools.checked import Format, Place, at, check, refusal
 from wrinklecli.tools.materials import with_material
 from wrinklecli.tools.mirror import mirrored
 from wrinklecli.tools.records import (
+    Contact,
     Lag,
     Length,
     Marker,
@@ -77,6 +78,12 @@ def _rest_length(value: Any) -> Literal["auto"] | Length | RestLengthKeys | Rest
     return "auto" if value == "auto" else parse_length(value)
 
 
+def _contact(value: Any) -> Contact | None:
+    if isinstance(value, dict):
+        return Contact(**_converted(value))
+    return Contact() if value == "resolve" else None
+
+
 # How a key's value becomes a record's, wherever the key stands; those that are not here stay as they are.
 _READ: Mapping[str, Callable[[Any], Any]] = {
     "version": int,
@@ -99,13 +106,13 @@ _READ: Mapping[str, Callable[[Any], Any]] = {
     "compressible": lambda value: float(value.rstrip(" %")) / 100.0,
     "details": lambda value: tuple(map(float, value)),
     "bow": float,
-    "contact": lambda value: value or "off",  # to YAML 1.1, which is read, off is false
     "strength": float,
     "rest_length": _rest_length,
     "keys": _keys,
     "lag": lambda value: Lag(**_converted(value)) if isinstance(value, dict) else None,
     "frequency": float,
     "damping": float,
+    "contact": _contact,
     "full": parse_length,
 }
 

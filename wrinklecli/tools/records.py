@@ -135,6 +135,17 @@ class Lag:
     damping: float = 0.5
 
 
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """How folds that touch are kept from crossing.
+
+    Args:
+        per_clip: Whether a clip that still crosses with the targets of all clips gets targets of its own.
+    """
+
+    per_clip: bool = False
+
+
 def in_axes(position: Sequence[float], up: str) -> tuple[float, float, float]:
     """A Y-up position with the axes of a tools file."""
     x, y, z = position
@@ -176,7 +187,7 @@ class WrinkleTool:
         clips: Strength by clip name, in place of `strength`.
         rest_length: `auto`, a length, or what drives it.
         lag: How heights follow the shortening late; None where they follow at once.
-        contact: Whether folds that touch are kept from crossing.
+        contact: How folds that touch are kept from crossing; None where they are not.
         enabled: Whether it is baked; a `ToolsFile` keeps only those.
         optional: Whether an absent node is a note rather than an error.
         mirrored: Whether `mirror` made it.
@@ -209,7 +220,7 @@ class WrinkleTool:
     clips: Mapping[str, float] = field(default_factory=dict, hash=False)
     rest_length: Literal["auto"] | Length | RestLengthKeys | RestLengthMorph = "auto"
     lag: Lag | None = None
-    contact: Literal["off", "resolve"] = "off"
+    contact: Contact | None = None
     enabled: bool = True
     optional: bool = False
     mirrored: bool = False

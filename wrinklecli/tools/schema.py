@@ -100,6 +100,20 @@ _LAG = if_mapping(
     expects("{frequency: 6, damping: 0.5} or none", enum=["none", None]),
 )
 
+_CONTACT = if_mapping(
+    mapping_of(
+        {
+            "per_clip": key_of(
+                FLAG,
+                "true: a clip that still crosses with the targets of all clips gets targets of its own. Default false.",
+                default=False,
+            ),
+        }
+    ),
+    # To YAML 1.1, which is read, off is false.
+    expects("off, resolve or {per_clip: true}", enum=["off", "resolve", False]),
+)
+
 _KEY = expects("[seconds, length]", type="array", prefixItems=[_SECONDS, LENGTH], minItems=2, maxItems=2)
 _KEYED = mapping_of(
     {
@@ -246,8 +260,8 @@ TOOL_KEYS = {
         default=None,
     ),
     "contact": key_of(
-        expects("off or resolve", enum=["off", "resolve", False]),
-        "resolve: folds that touch never cross. Default off.",
+        _CONTACT,
+        "resolve, or a mapping of what else it shall do: folds that touch never cross. Default off.",
         default="off",
     ),
     "enabled": key_of(FLAG, "false: checked but not baked. Default true.", default=True),
