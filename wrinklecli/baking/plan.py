@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
@@ -13,14 +14,14 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.contacts import Neighbours, contacts_of
 from wrinklecli.character.pose import joint_matrices
 from wrinklecli.character.rig import Rig, read_rig
-from wrinklecli.character.surface import influence_count, read_surface
+from wrinklecli.character.surface import Surface, influence_count, read_surface
 from wrinklecli.errors import AssetError, BakeError, WrinkleError
 from wrinklecli.gltf.document import Document
 from wrinklecli.method.carry import CarriedPatch, carry
 from wrinklecli.method.patch import attach_tools
 from wrinklecli.method.refine import Refinement, refine
 from wrinklecli.method.rest import Rest, rest_pose
-from wrinklecli.numeric.arrays import Floats, Ints, determinants, distinct_values, median
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, determinants, distinct_values, median
 from wrinklecli.tools.records import MAX_VERTICES, Length, ToolsFile, WrinkleTool
 
 if TYPE_CHECKING:
@@ -101,6 +102,57 @@ def plan_meshes(job: Job, *, influences: int | None = None) -> list[MeshPlan]:
     return plans
 
 
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """A node's mesh at rest, before tools are on it: what many plans for one mesh share.
+
+    Attributes:
+        document: The asset.
+        rig: Of the node.
+        surface: The mesh, welded.
+        rest: Its rest pose.
+        clips: Of the asset, whichever are baked.
+        neighbours: The meshes of the asset.
+    """
+
+    document: Document
+    rig: Rig
+    surface: Surface
+    rest: Rest
+    clips: tuple[Clip, ...]
+    neighbours: Neighbours
+
+    @cached_property
+    def contacts(self) -> Bools:
+        """(vertices,) those that must stay where they are, as `contacts_of` marks them."""
+        return contacts_of(self.neighbours, self.rig, self.surface, self.rest.positions)
+
+    @cached_property
+    def poses(self) -> Floats:
+        """(poses, joints, 4, 4) a few of every clip, as `poses_of`."""
+        return poses_of(self.rig, self.clips, distinct_values(self.surface.joints))
+
+
+def read_ground(
+    document: Document,
+    node: int,
+    tools: list[WrinkleTool],
+    settings: ToolsFile,
+    clips: tuple[Clip, ...],
+    *,
+    neighbours: Neighbours | None = None,
+) -> Ground:
+    """Read the mesh of a node, at rest as the tools file says: `rest: bind` asks where its first tool is.
+
+    Raises:
+        WrinkleError: The mesh is at fault, or the clip that `rest` names is not there.
+    """
+    rig = read_rig(document, node)
+    surface = read_surface(document, rig)
+    rest = rest_pose(surface, rig, settings, clips, tools)
+    return Ground(document, rig, surface, rest, clips, neighbours or Neighbours(document))
+
+
 def plan_mesh(
     document: Document,
     node: int,
@@ -121,11 +173,23 @@ def plan_mesh(
     Raises:
         WrinkleError: Of all tools that do not fit, a line each.
     """
-    rig = read_rig(document, node)
-    surface = read_surface(document, rig)
-    rest = rest_pose(surface, rig, settings, clips, tools)
+    ground = read_ground(document, node, tools, settings, clips, neighbours=neighbours)
+    return plan_on(ground, tools, settings, max_error, influences=influences, max_vertices=max_vertices)
+
+
+def plan_on(
+    ground: Ground,
+    tools: list[WrinkleTool],
+    settings: ToolsFile,
+    max_error: Length,
+    *,
+    influences: int | None = None,
+    max_vertices: int = MAX_VERTICES,
+) -> MeshPlan:
+    """As `plan_mesh`, on a mesh that is read already."""
+    document, rig, surface, rest = ground.document, ground.rig, ground.surface, ground.rest
     patches = attach_tools(tools, surface, rest, rig, up=settings.up)
-    contacts = contacts_of(neighbours or Neighbours(document), rig, surface, rest.positions)
+    contacts = ground.contacts
     tallest = max(patch.greatest_height for patch in patches)
     bound = max(max_error.resolve(tallest), _float32_error(rest))
     fine = refine(
@@ -136,7 +200,7 @@ def plan_mesh(
         settings=settings.refinement,
         contacts=contacts,
         influences=min(influence_count(document, rig), influences or sys.maxsize),
-        poses=poses_of(rig, clips, distinct_values(surface.joints)),
+        poses=ground.poses,
         tolerance=_PRUNING_SHARE * bound,
         max_vertices=max_vertices,
     )
@@ -149,7 +213,7 @@ def plan_mesh(
     if problems:
         raise BakeError.of_all(problems)
     scale = float(median(np.cbrt(np.abs(determinants(rest.blended[:, :, :3])))))
-    folds, unhinged = _folds(carried_patches, fine, rest, rig, clips)
+    folds, unhinged = _folds(carried_patches, fine, rest, rig, ground.clips)
     return MeshPlan(
         rig=rig,
         rest=rest,
