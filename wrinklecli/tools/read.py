@@ -294,6 +294,15 @@ def load_tools(path: str | os.PathLike[str]) -> ToolsFile:
     Raises:
         ConfigError: The file cannot be read, or all of its problems, a line each, in the order of its lines.
     """
+    return parse_tools(load_text(path), name=os.fspath(path))
+
+
+def load_text(path: str | os.PathLike[str]) -> str:
+    """Read the text of a file of tools, whatever it says.
+
+    Raises:
+        ConfigError: The file cannot be read, or is no text.
+    """
     name = os.fspath(path)
     shown_name = printable(name, len(name))
     try:
@@ -308,9 +317,8 @@ def load_tools(path: str | os.PathLike[str]) -> ToolsFile:
     if len(data) > MAX_BYTES:
         raise ConfigError(f"larger than {MAX_BYTES // 1_000_000} MB, expected YAML", where=shown_name)
     try:
-        text = data.decode("utf-8-sig")
+        return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         message = f"found byte 0x{data[error.start]:02x}, expected UTF-8"
         raise ConfigError(message, where=f"{shown_name}:{line}") from None
-    return parse_tools(text, name=name)
