@@ -164,13 +164,14 @@ FLOW = {
     "baking": ("asset and tools", "out.glb, report"),
     "review": ("assets, tools", "text, tables, pictures"),
     "batch": ("manifest", "many bakes"),
+    "editor": ("asset, tools", "tools, edited"),
     "cli": ("options", "exit code"),
 }
 
 
 def draw_flow() -> None:
     """The rooms in the order in which they may import, their modules, and what comes in and goes out."""
-    _, axes = plt.subplots(figsize=(9.6, 7.7))
+    _, axes = plt.subplots(figsize=(9.6, 8.4))
     for row, (room, (given, made)) in enumerate(FLOW.items()):
         folder = PACKAGE / room
         modules = sorted(

@@ -1,0 +1,94 @@
+"""A session of the editor, without a page: what it shows is what a bake writes, and every step can be undone."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+import wrinklecli
+from kit.limb import RADIUS, limb
+from wrinklecli.character.clip import read_clips
+from wrinklecli.character.scene import pose_primitive, read_scene
+from wrinklecli.editor.session import Session
+from wrinklecli.errors import ConfigError
+from wrinklecli.gltf.document import read_document
+
+TOOLS = """\
+version: 1
+# Two on the inside of the fold, which overlap, and one far off.
+tools:
+  - name: crease
+    origin: [-0.4, 0.25, 0.0]   # metres
+    target: [0.4, 0.25, 0.0]
+    width: 0.3
+    bumps: 3
+  - {name: across, origin: [-0.2, 0.2, 0.15], target: [0.2, 0.2, 0.15], width: 0.2, bumps: 2, material: skin}
+  - {name: far, origin: [-0.9, -0.25, 0.0], target: [-0.7, -0.25, 0.0], width: 0.1, bumps: 2, rest_length: 120%}
+"""
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Session:
+    """A limb with three tools."""
+    (tmp_path / "tools.yaml").write_text(TOOLS)
+    return Session.open(limb(tmp_path / "limb.glb", rings=20, sides=12), tmp_path / "tools.yaml")
+
+
+def test_what_is_shown_is_what_is_baked(session: Session, tmp_path: Path) -> None:
+    session.set_value("far", ("strength",), 0.7)
+    session.save()
+    report = wrinklecli.bake(tmp_path / "limb.glb", tmp_path / "tools.yaml", tmp_path / "out.glb")
+    bound = report.data["meshes"][0]["max_error"]
+    document = read_document(tmp_path / "out.glb")
+    (primitive,), (clip,) = read_scene(document), read_clips(document)
+    for time in (0.0, 0.4, 1.0):
+        (shown,) = session.meshes("fold", time)
+        baked = pose_primitive(primitive, clip, np.array([time])).positions[0]
+        assert len(primitive.triangles) == len(shown.faces)
+        for some, others in ((shown.positions, baked), (baked, shown.positions)):
+            assert cKDTree(others).query(some)[0].max() < bound
+
+
+def test_a_tool_between_two_places_wrinkles_at_once(session: Session) -> None:
+    name = session.add_tool([-0.3, 0.2, -0.15], [0.3, 0.2, -0.15])
+    assert [tool.name for tool in session.tools()] == ["crease", "across", "far", name]
+    assert session.tools()[-1].problem is None
+    curve = session.curve(name, "fold", 1.0)
+    assert curve is not None
+    assert curve[:, 1].max() > 0.005
+    assert np.linalg.norm(session.anchors(name), axis=1) == pytest.approx([np.hypot(RADIUS, 0.3)] * 2, rel=0.03)
+
+
+def test_every_step_can_be_undone_and_done_again(session: Session) -> None:
+    for number in range(120):
+        session.set_value("crease", ("bumps",), 4 + number % 2)
+    session.copy("across")
+    session.delete("across")
+    session.rename("far", "further")
+    after, steps = session.text, 0
+    while session.undo():
+        steps += 1
+    assert (session.text, steps) == (TOOLS, 123)
+    while session.redo():
+        pass
+    assert session.text == after
+
+
+def test_a_draft_is_no_step(session: Session) -> None:
+    before = session.meshes("fold", 1.0)[0]
+    session.set_value("crease", ("bumps",), 5, draft=True)
+    assert len(session.meshes("fold", 1.0)[0].positions) != len(before.positions)
+    assert session.text == TOOLS
+    session.drop_draft()
+    assert session.meshes("fold", 1.0)[0].laid is before.laid
+    assert not session.undo()
+
+
+def test_what_is_not_valid_changes_nothing(session: Session) -> None:
+    with pytest.raises(ConfigError, match="bumps: found 99"):
+        session.set_value("crease", ("bumps",), 99)
+    assert session.text == TOOLS
+    session.move_point("crease", 0, [5.0, 5.0, 5.0])
+    assert "from the mesh" in str(session.tools()[0].problem)
+    assert len(session.meshes(None, 0.0)) == 1
