@@ -15,7 +15,8 @@ from wrinklecli.character.pose import blend, joint_matrices, morph_weights, tran
 from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.surface import Surface, read_surface
 from wrinklecli.gltf.document import Document, read_document
-from wrinklecli.method.patch import Patch, attach_tools
+from wrinklecli.method.attach import attach_tools
+from wrinklecli.method.patch import Patch
 from wrinklecli.method.refine import Refinement, refine
 from wrinklecli.method.rest import Rest, rest_pose
 from wrinklecli.numeric.arrays import Floats

@@ -16,7 +16,7 @@ from wrinklecli.character.surface import read_surface
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import read_document
 from wrinklecli.method.activity import lengths_over_time
-from wrinklecli.method.patch import attach_tools
+from wrinklecli.method.attach import attach_tools
 from wrinklecli.method.rest import rest_pose
 from wrinklecli.numeric.arrays import unit
 from wrinklecli.review.suggest.fitting import Suggestion

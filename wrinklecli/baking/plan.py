@@ -17,8 +17,8 @@ from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.surface import Surface, influence_count, read_surface
 from wrinklecli.errors import AssetError, BakeError, WrinkleError
 from wrinklecli.gltf.document import Document
+from wrinklecli.method.attach import attach_tools
 from wrinklecli.method.carry import CarriedPatch, carry
-from wrinklecli.method.patch import attach_tools
 from wrinklecli.method.refine import Refinement, refine
 from wrinklecli.method.rest import Rest, rest_pose
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, determinants, distinct_values, median

@@ -20,8 +20,9 @@ from wrinklecli.method.rest import Rest
 from wrinklecli.numeric.arrays import Floats, cross, unit, unit_quaternions
 from wrinklecli.tools.records import RestLengthKeys, RestLengthMorph
 
-# Moments of a motion at which a tool is looked at: a joint turns by 2.3° between two.
-_MOMENTS = 65
+MOMENTS = 65
+"""At which a motion is looked at: a joint turns by 2.3° between two."""
+
 # Radians that a joint turns at most, to either side: 150°, a knee or an elbow.
 _MOST_TURN = np.radians(150.0)
 # Difference of the shares of both ends that a joint carries, below which it hardly bends what is between them.
@@ -42,7 +43,7 @@ def _tallest_pose(patch: Patch, rig: Rig, rest: Rest) -> Pose:
     tallest, pose = 0.0, rest.pose
     if isinstance(patch.tool.rest_length, RestLengthKeys):
         return pose
-    times = np.linspace(0.0, 1.0, _MOMENTS)
+    times = np.linspace(0.0, 1.0, MOMENTS)
     for motion in own_motions(patch, rig):
         amplitudes, _ = patch.curve.follow(*lengths_over_time(patch, rig, rest, motion, times))
         heights = patch.curve.heights(amplitudes).sum(axis=1)
@@ -58,12 +59,17 @@ def own_motions(patch: Patch, rig: Rig) -> Iterator[Clip]:
     morphed = patch.tool.rest_length.morph if isinstance(patch.tool.rest_length, RestLengthMorph) else None
     node = None if morphed else bent_node(patch, rig)
     if node is not None:
-        axis = np.stack(cross(patch.along, patch.normal))
-        yield from (_turning(rig, node, sign * axis) for sign in (1.0, -1.0))
+        yield from turns_of(patch, rig, node)
     for number, name in enumerate(rig.morph_names):
         moves = any(anchor.points[1 + number].any() for anchor in patch.anchors)
         if moves if morphed is None else name == morphed:
             yield motion_clip("", [raising(rig, {number: 1.0})])
+
+
+def turns_of(patch: Patch, rig: Rig, node: int) -> tuple[Clip, Clip]:
+    """A node that turns about a patch's v axis, either way, by 150° within a second."""
+    axis = np.stack(cross(patch.along, patch.normal))
+    return _turning(rig, node, axis), _turning(rig, node, -axis)
 
 
 def bent_node(patch: Patch, rig: Rig) -> int | None:
@@ -105,7 +111,7 @@ def _turning(rig: Rig, node: int, axis: Floats) -> Clip:
         "",
         [
             turning(
-                node, unit_quaternions(rig.locals[node]["rotation"]), local, _MOST_TURN, np.linspace(0.0, 1.0, _MOMENTS)
+                node, unit_quaternions(rig.locals[node]["rotation"]), local, _MOST_TURN, np.linspace(0.0, 1.0, MOMENTS)
             )
         ],
     )

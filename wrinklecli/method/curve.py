@@ -92,6 +92,8 @@ class ControlCurve:
         interval_count: n, see `count_intervals`.
         groups: Bump indices of each group, in rising order.
         profile: The shape of one bump, precomputed.
+        demand: (2, rows) roots of shares of the rest length, rising: by how much the ends are closer, and what the line
+            on the surface then asks the curve for (see module `demand`); None where it asks for just that.
         greatest_amplitudes: (groups, modes) bounds of |amplitude|, scene units: reached at full shortening or
             at `max_height`; exactly 0 for a group that never rises. Amplitudes of further modes, which only a
             polyline with details has, can be negative; such modes' bounds are sampled, to 2 % or
@@ -111,6 +113,7 @@ class ControlCurve:
     groups: tuple[tuple[int, ...], ...]
     profile: SmoothProfile | PolylineProfile
     greatest_amplitudes: Floats
+    demand: Floats | None = None
 
     @property
     def bumps(self) -> int:
@@ -146,13 +149,24 @@ class ControlCurve:
     def shortening(self, distances: Floats, rest_lengths: Floats) -> Floats:
         """(frames,) d = (1 − c) max((1 − 1e-5) l − l', 0), scene units: the shortening that makes wrinkles.
 
-        Neither stretching nor rounding noise does.
+        Neither stretching nor rounding noise does. In place of the maximum stands what the surface asks for, if it
+        asks for more or less.
 
         Args:
             distances: (frames,) current lengths l', scene units.
             rest_lengths: (frames,) rest lengths l, scene units.
         """
-        return (1.0 - self.compressible) * np.maximum(TAUT * rest_lengths - distances, 0.0)
+        gone = np.maximum(TAUT * rest_lengths - distances, 0.0)
+        if self.demand is not None:
+            gone = rest_lengths * self.asked(gone / rest_lengths)
+        return (1.0 - self.compressible) * gone
+
+    def asked(self, shares: Floats) -> Floats:
+        """(…,) of the rest length that the surface asks for where the ends are closer by (…,) shares of it."""
+        if self.demand is None:
+            return shares
+        asked: Floats = np.interp(np.sqrt(shares), *self.demand) ** 2
+        return asked
 
     def absorb(self, shortenings: Floats, rest_lengths: Floats) -> Absorption:
         """Distribute shortenings over the groups of bumps by the tool's strategy.
@@ -456,7 +470,8 @@ def fitting_compressible(curve: ControlCurve, lengths: Iterable[tuple[Floats, Fl
     for length, reached in greatest.items():
         if reached > 0:
             full = float(group_starts(incompressible, length)[-1]) - (1.0 - TAUT)
-            fitting = max(fitting, 1.0 - full / reached)
+            asked_full, asked = curve.asked(np.array([full, reached])).tolist()
+            fitting = max(fitting, 1.0 - asked_full / asked)
     return fitting
 
 

@@ -227,7 +227,7 @@ def plan_variation(
         kind: How crests fade.
         mirrored: Whether v counts the other way, as it does on a mirrored patch.
     """
-    widths = 1.0 + _WIDTH * amount * drawn(seed, "widths", bumps)
+    widths = 1.0 + _WIDTH * amount * _unlike(drawn(seed, "widths", bumps))
     widths = widths * (bumps / widths.sum())
     starts, ends = bump_ends(widths, gap)
     mergers = _mergers(seed, amount, branch, ends - starts, aspect)
@@ -268,6 +268,16 @@ def drawn(seed: str, what: str, *shape: int) -> Floats:
     bits = np.frombuffer(digest, "<u8") >> np.uint64(11)  # 53, what a float holds exactly
     numbers: Floats = bits.reshape(shape).astype(np.float64) * 2.0**-52 - 1.0
     return numbers
+
+
+def _unlike(numbers: Floats) -> Floats:
+    """As many numbers from −1 to 1 in the same order, however few: one in each equal part, and more towards both ends.
+
+    As they are, four numbers may be all but equal, which reads as ruled.
+    """
+    ranks = np.argsort(np.argsort(numbers, kind="stable"), kind="stable")
+    spread: Floats = np.sin(np.pi / 2.0 * ((2.0 * ranks + 1.0 + numbers) / len(numbers) - 1.0))
+    return spread
 
 
 def _mergers(seed: str, amount: float, branch: float, widths: Floats, aspect: float) -> tuple[Merger, ...]:

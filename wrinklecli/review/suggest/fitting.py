@@ -12,7 +12,8 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import node_matrices
 from wrinklecli.errors import WrinkleError
-from wrinklecli.method.patch import Patch, attach_tools
+from wrinklecli.method.attach import attach_tools
+from wrinklecli.method.patch import Patch
 from wrinklecli.method.path import Curve
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.suggest.draft import newly_named, pair_of, stem_and_side, tool_of, width_of, written_length
