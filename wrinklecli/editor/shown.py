@@ -21,8 +21,9 @@ from wrinklecli.character.scene import scene_nodes
 from wrinklecli.character.skin import Skin, pose, prepare
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import Document
+from wrinklecli.method.attach import attach_tools
 from wrinklecli.method.carry import CarriedPatch, displacements
-from wrinklecli.method.patch import Patch, attach_tools
+from wrinklecli.method.patch import Patch
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, flags_of, vertex_normals
 from wrinklecli.tools.records import Length, ToolsFile, WrinkleTool
 
