@@ -1,6 +1,8 @@
 """Settings of every test: floating-point faults raise, property tests repeat the same examples, in CI more of them."""
 
+import os
 import signal
+import sys
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +15,9 @@ from kit.clients import install
 from kit.command import Wrinkle
 from kit.places import IN_CI
 
+# Workers, and the hundreds of commands that they start, would else compile all modules anew.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 np.seterr(all="raise", under="ignore")
 for profile, count in {"quick": 10, "full": 15}.items():
     settings.register_profile(profile, derandomize=True, deadline=None, max_examples=count)

@@ -65,6 +65,7 @@ def test_spec8_reduces_to_eight_at_a_time(tmp_path: Path) -> None:
     assert np.abs(held.keys("flex", "wrist")[1]).max() <= 1 + 1e-6
 
 
+@pytest.mark.slow
 def test_the_report_says_what_was_reduced(tmp_path: Path) -> None:
     data = report_of(tmp_path, sample("wrist"), ROUGH, engine="spec8")
     (mesh,) = data["engine"]["meshes"]
@@ -79,6 +80,7 @@ def test_the_report_says_what_was_reduced(tmp_path: Path) -> None:
     assert mesh["active"] == active(out, "wrist")
 
 
+@pytest.mark.slow
 def test_reduced_targets_do_not_depend_on_the_clips() -> None:
     """Whether a tool is reduced does: `extend` alone needs few at a time. How it is, does not."""
     both, one = bake_once("wrist", ROUGH, engine="spec8"), bake_once("wrist", ROUGH, engine="spec8", clips=["flex"])
@@ -167,6 +169,7 @@ def test_the_forehead_of_the_samples_plays_with_eight_targets(tmp_path: Path) ->
     assert 0 < raised["residual"]["weights"] <= made.data["meshes"][0]["max_error"]
 
 
+@pytest.mark.slow
 def test_targets_in_turn_do_not_depend_on_the_clips() -> None:
     every, none = (
         bake_once("head", IN_TURN, engine="spec8"),
@@ -182,7 +185,7 @@ def test_targets_in_turn_do_not_depend_on_the_clips() -> None:
     ]
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("tool", [ROUGH, {**BROW, "strategy": "origin", "bumps": 9}])
 def test_heights_of_other_shapes_are_proven_at_all_times(
     tool: Json, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -25,6 +25,7 @@ def paths(tmp_path: Path) -> tuple[Path, Path]:
     return limb(tmp_path / "limb.glb"), write_tools(tmp_path / "tools.yaml", MANY)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("tools", "accessors"), [(MANY, "sparse"), (MANY, "dense"), (ANEW, "sparse")])
 def test_bytes_of_targets_are_those_that_are_written(tmp_path: Path, tools: Any, accessors: Any) -> None:
     asset = limb(tmp_path / "limb.glb")

@@ -284,6 +284,7 @@ def test_normals_follow_the_wrinkles() -> None:
         assert np.percentile(angles, 99) < min(8, np.percentile(unbent, 99) / 2)
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize(
     ("name", "clip", "steepest"),
     # The clip extend closes the wrist's crease further than where its wrinkles are full at first.

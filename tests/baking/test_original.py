@@ -586,7 +586,7 @@ LIES: dict[str, Callable[[Json, bytes], tuple[Json, bytes]]] = {
 }
 
 
-@pytest.mark.quick(12)
+@pytest.mark.quick(4)
 @pytest.mark.parametrize("lie", LIES)
 def test_a_record_that_lies_is_refused_in_one_line(lie: str, tmp_path: Path) -> None:
     path = forged(baked_limb(tmp_path), LIES[lie])

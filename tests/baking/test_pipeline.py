@@ -342,6 +342,7 @@ def test_keyed_rest_lengths() -> None:
         assert np.abs(one - other).max() < 2e-6
 
 
+@pytest.mark.slow
 def test_the_bundled_keyed_head() -> None:
     after = bake_config("head", "head_keyed")
     columns = wrinkle_columns(after, "head")

@@ -20,7 +20,7 @@ def vertex_accessors(primitive: Json) -> list[int]:
     return [*primitive["attributes"].values(), *chain.from_iterable(targets)]
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     "tool", [PALM, {**PALM, "width": 0.004, "origin": [0.03, -0.0205, 0.0], "target": [0.06, -0.02, 0.0]}]
 )
@@ -126,6 +126,7 @@ def test_the_refined_surface_is_whole() -> None:
         assert counts[1][1] == counts[0][1], "the border has changed"
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("normals", [False, True])
 @pytest.mark.parametrize("accessors", ["sparse", "based"])
 def test_many_blendshapes_cost_no_more_than_they_did(normals: bool, accessors: str, tmp_path: Path) -> None:

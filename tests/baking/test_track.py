@@ -71,7 +71,7 @@ def assert_tracks(made: Gltf, whole: Gltf, node: str, clip: str) -> None:
     assert np.abs(found - expected).max() < CLOSE
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("change", [skeleton_only, in_centimetres])
 @pytest.mark.parametrize(("name", "clips"), [("trousers", ["squat", "walk"]), ("wrist", ["flex", "extend"])])
 def test_a_clip_in_a_file_of_its_own_gets_the_weights_that_baking_gives(
@@ -223,6 +223,7 @@ def test_the_files_own_body_takes_the_tracks(name: str, tmp_path: Path) -> None:
     assert_valid(made.path)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("name", ["trousers", "head"])
 def test_a_body_with_the_targets_gets_its_tracks_anew(name: str, tmp_path: Path) -> None:
     whole = bake_config(name, name)
@@ -257,6 +258,7 @@ def test_strengths_and_rest_lengths_of_a_clip(rest_length: Json, strategy: str, 
         assert not made.weights("head", clip, np.linspace(0, 3, 31)).any()
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("clip", ["think", "raise_brows"])
 def test_keyed_rest_lengths_of_a_sample(clip: str, tmp_path: Path) -> None:
     made, report = run(body_of("head", "head_keyed"), sample("head"), tmp_path)
@@ -274,6 +276,7 @@ def test_what_is_left_out_is_said(tmp_path: Path) -> None:
     assert any("pan" in line for line in report.warnings)
 
 
+@pytest.mark.slow
 def test_a_name_that_three_js_would_change_is_said(tmp_path: Path) -> None:
     def scene_of_its_name(editor: Editor) -> None:
         editor.json["scenes"][0]["name"] = "trousers"

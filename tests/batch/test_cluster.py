@@ -1,5 +1,6 @@
 """Workers of Dask: the bytes of one process, whoever is killed meanwhile."""
 
+import importlib.util
 import json
 import os
 import signal
@@ -16,8 +17,11 @@ import pytest
 from kit.command import files
 from kit.limb import limb_asset, tool, write_tools
 
-pytest.importorskip("distributed")
-pytestmark = [pytest.mark.slow, pytest.mark.skipif(not Path("/proc").exists(), reason="looks for workers in /proc")]
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="needs dask.distributed"),
+    pytest.mark.skipif(not Path("/proc").exists(), reason="looks for workers in /proc"),
+]
 MAIN = [sys.executable, "-c", "from wrinklecli.cli import main; main()"]
 COUNT = 12
 

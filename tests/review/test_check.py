@@ -77,6 +77,7 @@ def test_it_says_where_a_path_bends_too_sharply_or_leaves_the_mesh(tmp_path: Pat
 # --- What is measured ---
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("levels", [0, None])
 def test_it_says_what_a_bake_then_does(levels: int | None, tmp_path: Path) -> None:
     tools = write_tools(tmp_path / "tools.yaml", PALM, {**BACK, "strategy": "both_ends"})

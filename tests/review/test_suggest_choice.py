@@ -71,7 +71,7 @@ def test_words_of_names_say_what_a_mesh_is_made_of(name: str, kind: str | None) 
     assert (found and found.kind) == kind
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("material", "kind"),
     [
@@ -129,6 +129,7 @@ def sleeved(factor: float) -> Asset:
     return asset
 
 
+@pytest.mark.slow
 def test_what_is_under_another_mesh_where_it_folds_is_left_out(tmp_path: Path) -> None:
     found = suggested(tmp_path, sleeved(1.1))
     assert {(each.tool.node, each.tool.material) for each in found.tools} == {("sleeve", "cloth")}

@@ -162,6 +162,7 @@ def test_three_js_puts_every_vertex_within_max_error(name: str, folder: Path) ->
     assert acting > 0.1, "no tool acts in any clip: this compares nothing"
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("name", but(("wrist", "head", "shared/hand", "shared/fox"), slow=("head",)))
 def test_three_js_reads_dense_and_sparse_alike(name: str, folder: Path) -> None:
     found, sparse = made(name, "morph", "sparse", folder)
@@ -171,7 +172,7 @@ def test_three_js_reads_dense_and_sparse_alike(name: str, folder: Path) -> None:
     assert np.array_equal(one, other)
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("name", ["wrist", "trousers", "head", "shared/cesium_man"])
 def test_the_players_of_these_tests_agree_with_three_js(name: str, folder: Path) -> None:
     found, out = made(name, "morph", "sparse", folder)
@@ -235,7 +236,7 @@ def quantization(file: Gltf, node: int, clip: int, times: Floats) -> float:
     return 3**0.5 * step * (1 + acting) / 2 + spread / 255 * joints.shape[1] / 2 + resampled
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("name", but(PLAYED, slow=LARGE))
 def test_gltf_transform_reads_and_optimizes_a_bake(name: str, folder: Path, tmp_path: Path) -> None:
     """Merged, reordered, quantised and compressed, each vertex still goes where some vertex of the bake goes."""

@@ -304,7 +304,7 @@ def test_memory_of_posed_frames_does_not_hold_them(baker: Baker, sheet: int) -> 
     assert long - short < min(8000 * frames_of(10), (more - less) / 4)
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.usefixtures("small_spool")
 @pytest.mark.parametrize(("mode", "each"), [("morph", 3000), ("frames", 6000)])
 def test_memory_grows_evenly_with_a_mesh_elsewhere(baker: Baker, mode: str, each: int) -> None:

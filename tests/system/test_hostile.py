@@ -44,6 +44,7 @@ def attacked(case: Case, folder: Path) -> int:
         pytest.fail(f"case {case.name}: {case.dumped()}\n{type(error).__name__}: {error}", pytrace=True)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("first", range(0, CASES, BATCH))
 def test_commands_on_damaged_files_end_in_order(tmp_path: Path, first: int) -> None:
     for number in range(first, min(first + BATCH, CASES)):
@@ -64,7 +65,7 @@ def test_every_option_is_attacked() -> None:
         assert [each.opts for each in options if not set(each.opts) & given[name]] == []
 
 
-@pytest.mark.quick(20)
+@pytest.mark.quick(6)
 @pytest.mark.parametrize("line", KEPT.read_text().splitlines(), ids=lambda line: str(json.loads(line)["arguments"]))
 def test_what_failed_once_does_not_again(tmp_path: Path, line: str) -> None:
     attacked(loaded(line, "kept"), tmp_path)
@@ -434,6 +435,7 @@ def test_json_has_long_names_whole(tmp_path: Path) -> None:
     assert json.loads(out)["deforming"][0]["node"] == "N" * 100_000
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize(
     "arguments",
     [

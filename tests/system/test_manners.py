@@ -159,7 +159,7 @@ def test_colours_are_for_terminals_that_want_them(tmp_path: Path) -> None:
 # --- Completion ---
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("typed", "completed"),
     [

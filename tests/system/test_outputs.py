@@ -121,6 +121,7 @@ def test_an_output_that_is_there_keeps_its_mode(name: str, folder: Path, wrinkle
     assert output.read_bytes() != b"old"
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("name", WRITING)
 def test_what_is_a_device_stays_one(name: str, folder: Path, wrinkle: Wrinkle) -> None:
     command, ending = WRITING[name]

@@ -11,6 +11,7 @@ from kit.limb import limb_asset
 MAIN = "from wrinklecli.cli import main; main()"
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("size", ["50MB", "150MB"])
 def test_too_little_memory_is_a_line_and_no_crash(tmp_path: Path, size: str) -> None:
     limb_asset(rings=7, sides=6).write(tmp_path / "limb.glb")
