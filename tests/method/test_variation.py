@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial import chebyshev, legendre
+from scipy.signal import find_peaks
 
 from kit.carried import carry_patch
 from kit.limb import limb_asset, tool
@@ -56,7 +57,8 @@ def lattice(variation: Variation) -> tuple[Floats, Floats]:
 @given(cases())
 def test_no_two_crests_cross_and_borders_stay(case: Case) -> None:
     u, v = lattice(case.variation)
-    places, factors, turned = case.variation.places(u, v)
+    found, turned = case.variation.places(u, v)
+    places, factors = found.us, found.factors
     assert (np.diff(places, axis=0) > 0).all()
     assert (places[[0, -1]] == u[[0, -1]]).all()
     middle = v == 0
@@ -68,7 +70,7 @@ def test_no_two_crests_cross_and_borders_stay(case: Case) -> None:
     assert (factors >= 0).all()
     assert not factors[np.abs(v) == 1].any()
     outside = np.array([-0.5, 1.5])
-    assert (case.variation.places(outside, np.ones(2))[0] == outside).all()
+    assert (case.variation.places(outside, np.ones(2))[0].us == outside).all()
 
 
 @given(cases(branching=False))
@@ -143,7 +145,7 @@ def test_no_wrinkle_is_higher_than_its_greatest_height(kind: str, height: str) -
     prepared = prepare(limb_asset(rings=15, sides=12), tool(variation=1, seed=3, bumps=4, **keys))
     carried, _ = carry_patch(prepared)
     curve = prepared.patch.curve
-    heights = np.einsum("gm,gmv->v", curve.greatest_amplitudes, curve.shapes(carried.us)) * carried.magnitudes
+    heights = np.einsum("gm,gmv->v", curve.greatest_amplitudes, carried.shapes()) * carried.magnitudes
     assert 0.8 * curve.max_height < heights.max() <= curve.max_height * (1 + 1e-3)  # peaks are sampled on lines
 
 
@@ -152,10 +154,50 @@ def test_a_seed_has_the_mirror_image_on_the_other_side() -> None:
     left = plan_variation("7", 0.8, 0.5, **options)
     right = plan_variation("7", 0.8, 0.5, **options, mirrored=True)
     u, v = lattice(left)
-    for one, other in zip(left.places(u, v), right.places(u, -v), strict=True):
-        assert (one == other).all()
+    (one, turned), (other, turned_other) = left.places(u, v), right.places(u, -v)
+    assert (turned == turned_other).all()
+    assert (one.us == other.us).all()
+    assert (one.factors == other.factors).all()
+    assert one.joined is not None
+    assert other.joined is not None
+    assert (one.joined == other.joined).all()
     other = plan_variation("8", 0.8, 0.5, **options)
     assert not np.array_equal(other.widths, left.widths)
+
+
+@pytest.mark.parametrize(
+    ("profile", "gap"),
+    [("smooth", 0), ("skin", 0), ("cloth", 0), ("polyline", 0), ("smooth", 1), ("skin", 1), ("cloth", 1)],
+)
+def test_the_crests_of_bumps_that_merge_come_together_and_are_one_from_there_on(profile: Any, gap: int) -> None:
+    drawn_so = plan_variation("seven", 0.6, 1.0, bumps=2, gap=gap, aspect=1.0, kind="bell")
+    (merger,) = drawn_so.mergers
+    lines = np.linspace(0.0, 0.95, 200)
+    u, v = np.meshgrid(np.linspace(0.0, 1.0, 801), merger.side * lines)
+    curve = plan_curve(
+        bumps=2,
+        gap=gap,
+        strategy="everywhere",
+        details=(),
+        profile=profile,
+        max_height=0.1,
+        rest_length=1.0,
+        widths=drawn_so.widths,
+        peaks=drawn_so.peaks,
+    )
+    places = drawn_so.places(u.reshape(-1), v.reshape(-1))[0]
+    heights = (places.factors * places.shapes(curve)[0, 0]).reshape(u.shape)
+    crests = [find_peaks(row, prominence=0.01 * row.max())[0] for row in heights]
+    counts = np.array([len(each) for each in crests])
+    assert (counts[lines <= merger.start] == 2).all()
+    assert (counts[lines >= merger.start + merger.over] == 1).all()
+    met = int(np.argmax(counts == 1))
+    assert (counts[:met] == 2).all()
+    apart = np.array([np.ptp(each) for each in crests[:met]])
+    assert apart[-1] < 0.7 * apart[0]
+    # Nothing jumps, from line to line or along one.
+    assert np.abs(np.diff(heights, axis=0)).max() < 0.05 * heights.max()
+    assert np.abs(np.diff(heights, axis=1)).max() < 0.05 * heights.max()
 
 
 def test_numbers_hang_on_the_seed_alone() -> None:

@@ -304,12 +304,13 @@ def test_no_sample_s_tool_is_warned_of() -> None:
 @pytest.mark.parametrize("strength", [1.0, -1.0])
 @pytest.mark.parametrize("share", [0.1, 0.9, 1.1])
 def test_wrinkles_taller_than_the_room_are_warned_of(strength: float, share: float, tmp_path: Path) -> None:
-    alone = checked(sheet(tmp_path / "a.glb", line(-0.5, 0.5)), across(strength=strength)).data["tools"][0]
+    ruled = {"strength": strength, "variation": 0}
+    alone = checked(sheet(tmp_path / "a.glb", line(-0.5, 0.5)), across(**ruled)).data["tools"][0]
     height = alone["clips"][0]["height"]
     room = share * height
     other = line(0.45, -0.45, room) if strength > 0 else line(-0.45, 0.45, -room)
     asset = sheet(tmp_path / "a.glb", line(-0.5, 0.5), other)
-    lines = warnings(asset, across(strength=strength), about="opposite surface")
+    lines = warnings(asset, across(**ruled), about="opposite surface")
     assert bool(lines) == (share < 1)
     if lines:
         assert f"{height:.3g} where there is room for {room:.3g} at rest, near [" in lines[0]

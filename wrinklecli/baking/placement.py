@@ -202,7 +202,7 @@ def _near_box(fine: Refinement, points: Floats, distance: float, *, slack: float
 def _peaks(carried: CarriedPatch, clips: Sequence[ClipActivity]) -> tuple[Floats, Floats]:
     """(vertices,) how far each vertex of a tool is moved outwards, and inwards, at the most, scene units."""
     patch, curve = carried.patch, carried.patch.curve
-    shapes = curve.shapes(carried.us)
+    shapes = carried.shapes()
     moved = [np.zeros(len(carried.us))]
     if not clips:
         moved.append(np.einsum("gm,gmv->v", curve.greatest_amplitudes, shapes) * carried.magnitudes)

@@ -191,7 +191,7 @@ def _found_in(vertices: Ints, wanted: Ints) -> tuple[Ints, Ints]:
 def _shapes(carried: CarriedPatch, rows: Ints, numbers: Ints) -> Iterator[SparseDeltas]:
     """What each mode of each group of a tool adds, at amplitude 1, to (n,) rows: its vertices of (n,) numbers."""
     if carried.ring is None:
-        curves = carried.patch.curve.shapes(carried.us[numbers])
+        curves = carried.shapes(numbers)
         for heights in curves.reshape(-1, len(numbers)):
             yield SparseDeltas(rows, heights[:, None] * carried.directions[numbers])
 

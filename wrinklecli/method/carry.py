@@ -17,6 +17,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.errors import BakeError
 from wrinklecli.method.activity import activity
 from wrinklecli.method.patch import Patch
+from wrinklecli.method.places import Places
 from wrinklecli.method.posed import Ring, posed_displacements, ring_around
 from wrinklecli.method.refine import Refinement
 from wrinklecli.method.rest import Rest
@@ -33,8 +34,7 @@ class CarriedPatch:
     Attributes:
         patch: The tool.
         vertices: (vertices,) fine welded vertices that move, rising.
-        us: (vertices,) where each is on the control curve: along the segment, where wrinkles are straight and ruled.
-        magnitudes: (vertices,) world displacement at rest over the curve's height.
+        places: Of each on the control curve; their factors are world displacements at rest over the curve's height.
         directions: (vertices, 3) bind displacement for a curve height of 1.
         stuck: How many members stay put because their joints' blend is singular at rest.
         ring: What poses them; None for `attachment: skin`.
@@ -42,11 +42,24 @@ class CarriedPatch:
 
     patch: Patch
     vertices: Ints
-    us: Floats
-    magnitudes: Floats
+    places: Places
     directions: Floats
     stuck: int
     ring: Ring | None
+
+    @property
+    def us(self) -> Floats:
+        """(vertices,) where each is along the control curve."""
+        return self.places.us
+
+    @property
+    def magnitudes(self) -> Floats:
+        """(vertices,) world displacement at rest over the curve's height."""
+        return self.places.factors
+
+    def shapes(self, chosen: Ints | None = None) -> Floats:
+        """(groups, modes, vertices) heights of the curve per unit of amplitude, at all vertices or (chosen,)."""
+        return (self.places if chosen is None else self.places.of(chosen)).shapes(self.patch.curve)
 
 
 def carry(patch: Patch, fine: Refinement, pinned: Bools) -> CarriedPatch:
@@ -63,9 +76,12 @@ def carry(patch: Patch, fine: Refinement, pinned: Bools) -> CarriedPatch:
     members = distinct_values(fine.triangles[children(fine.subdivision.parents, patch.members)])
     u, v = patch.coordinates(fine.rest_positions[members])
     normals = fine.rest_normals_at(members)
-    us, magnitudes = patch.places(u, v, patch.cosines(u, normals))
+    places = patch.places(u, v, patch.cosines(u, normals))
     old = members < len(pinned)
-    magnitudes[old] *= ~pinned[members[old]]
+    free = np.ones(len(members), bool)
+    free[old] = ~pinned[members[old]]
+    places = places.times(free)
+    magnitudes = places.factors
     regular = ~singular(fine.blended[members])
     moving = np.abs(magnitudes) > LEAST_SHARE * abs(patch.shape_strength)
     if not (regular & moving).any():
@@ -74,16 +90,14 @@ def carry(patch: Patch, fine: Refinement, pinned: Bools) -> CarriedPatch:
     chosen = regular & (moving if patch.tool.attachment == "skin" else True)
     vertices = members[chosen]
     normals_bind = np.einsum("vij,vj->vi", inverses(fine.blended[vertices]), normals[chosen])
-    free = ~pinned[np.minimum(vertices, len(pinned) - 1)] | (vertices >= len(pinned))
     return CarriedPatch(
         patch=patch,
         vertices=vertices,
-        us=us[chosen],
-        magnitudes=magnitudes[chosen],
+        places=places.of(chosen),
         directions=normals_bind * magnitudes[chosen, None],
         # Where the blend is singular there is no normal either, and no magnitude.
         stuck=int(((u >= 0) & (u <= 1) & (np.abs(v) <= 1) & ~regular).sum()),
-        ring=ring_around(patch, vertices, free, fine) if patch.tool.attachment == "patch" else None,
+        ring=ring_around(patch, vertices, free[chosen], fine) if patch.tool.attachment == "patch" else None,
     )
 
 
@@ -116,6 +130,6 @@ def displacements(
     amplitudes = patch.clip_strength(clip) * amplitudes
     if carried.ring is not None:
         return posed_displacements(patch, carried.ring, fine, rig, clip, times, amplitudes)
-    heights = np.einsum("fgm,gmv->fv", amplitudes, patch.curve.shapes(carried.us))
+    heights = np.einsum("fgm,gmv->fv", amplitudes, carried.shapes())
     moved: Floats = heights[..., None] * carried.directions
     return moved

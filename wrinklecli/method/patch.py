@@ -13,6 +13,7 @@ from wrinklecli.method.anchor import Anchor
 from wrinklecli.method.bow import bowed
 from wrinklecli.method.curve import ControlCurve
 from wrinklecli.method.path import Path
+from wrinklecli.method.places import Places
 from wrinklecli.method.variation import Variation, attenuation
 from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.tools.records import RestLengthKeys, WrinkleTool
@@ -105,9 +106,9 @@ class Patch:
         bent = self.bowed(u, v)
         if not self.curve.sharp:
             return bent
-        return self.curve.stretched(bent if self.variation is None else self.variation.places(bent, v)[0])
+        return self.curve.stretched(bent if self.variation is None else self.variation.places(bent, v)[0].us)
 
-    def places(self, u: Floats, v: Floats, cosines: Floats) -> tuple[Floats, Floats]:
+    def places(self, u: Floats, v: Floats, cosines: Floats) -> Places:
         """Where points are on the control curve, and the factors on its height there.
 
         Args:
@@ -117,9 +118,9 @@ class Patch:
         """
         bent = self.bowed(u, v)
         if self.variation is None:
-            return bent, self.factors(u, v, cosines)
-        places, left, turned = self.variation.places(bent, v)
-        return places, left * self.factors(u, np.where(np.abs(v) <= 1.0, 0.0, v), cosines - turned)
+            return Places(bent, self.factors(u, v, cosines))
+        places, turned = self.variation.places(bent, v)
+        return places.times(self.factors(u, np.where(np.abs(v) <= 1.0, 0.0, v), cosines - turned))
 
     def line_lengths(self, amplitudes: Floats, distance: float, lines: Floats) -> Floats:
         """(lines,) how long the surface's cuts along (lines,) v are, scene units, at a strength of 1.
@@ -133,9 +134,9 @@ class Patch:
         """
         points = _LINE_POINTS * 2 ** len(self.curve.details) * self.curve.interval_count + 1
         u, v = np.meshgrid(np.linspace(0.0, 1.0, points), lines)
-        places, factors = self.places(u, v, np.ones(u.shape))
-        heights = np.einsum("gm,gmv->v", amplitudes, self.curve.shapes(places.reshape(-1))).reshape(u.shape)
-        heights *= factors / self.shape_strength
+        places = self.places(u.reshape(-1), v.reshape(-1), np.ones(u.size))
+        heights = np.einsum("gm,gmv->v", amplitudes, places.shapes(self.curve)) * places.factors
+        heights = heights.reshape(u.shape) / self.shape_strength
         return np.asarray(np.hypot(distance / (points - 1), np.diff(heights, axis=1)).sum(axis=1), np.float64)
 
     def magnitudes(self, u: Floats, v: Floats, normals: Floats) -> Floats:

@@ -134,9 +134,8 @@ def _posed_at_once(
     across = np.stack(cross(placed.along, placed.normal))
     u = np.sum(relative * placed.along[:, None], axis=0) / placed.span
     v = np.sum(relative * across[:, None], axis=0) / patch.half_width
-    us, factors = patch.places(u, v, np.sum(normals * placed.normal[:, None], axis=0))
-    factors = factors * ring.free[:, None] * placed.exists
-    lengths = factors * patch.curve.rises(np.clip(us, 0.0, 1.0), amplitudes)
+    places = patch.places(u, v, np.sum(normals * placed.normal[:, None], axis=0))
+    lengths = places.times(ring.free[:, None] * placed.exists).rises(patch.curve, amplitudes)
     members, frames = np.nonzero(lengths)
     linear = blended[:, :3, ring.members[members], frames].transpose(2, 0, 1)
     pushed = lengths[members, frames, None] * normals[:, members, frames].T

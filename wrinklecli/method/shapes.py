@@ -80,7 +80,7 @@ def shapes_of(carried: CarriedPatch, fine: Refinement, rest: Rest, pose: Pose | 
         pose: In which normals are to be right; none where the mesh has no normals.
     """
     curve = carried.patch.curve
-    scaled = curve.shapes(carried.us) * curve.greatest_amplitudes[..., None]
+    scaled = carried.shapes() * curve.greatest_amplitudes[..., None]
     path = weight_path(curve)
     shapes: list[Shape | None] = []
     for group, heights in enumerate(scaled):

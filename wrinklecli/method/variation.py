@@ -23,6 +23,7 @@ from typing import Literal
 import numpy as np
 
 from wrinklecli.method.curve import bump_ends
+from wrinklecli.method.places import Places
 from wrinklecli.numeric.arrays import Floats, Ints
 
 Attenuation = Literal["bell", "linear"]
@@ -37,8 +38,14 @@ _LEAST_WIDTH = 0.4
 # How far inside the patch a crest may end and how much it swells on its way there, as shares of half the width and of
 # its height; and how much narrower it is at its ends.
 _SHORTER, _SWELL, _TAPER = 0.45, 0.18, 0.45
-# From which |v| a bump merges into its neighbour, over what length, and how much of its own width it loses there.
-_MERGING, _MERGED_OVER, _LOST = (0.0, 0.3), 0.7, 0.75
+# From which |v| two bumps become one, over which length, more where a patch is narrow, and how high that is, over the
+# wider of the two.
+_MERGING, _MERGED_OVER, _MERGED_HEIGHT = (0.0, 0.2), (0.45, 0.7), 1.6
+# How near the furrow between them their crests come on the way, as `_SWAY`, and from which share of the way that is
+# filled: it is narrow then.
+_TOGETHER, _FILLED_FROM = 0.7, 0.25
+# How much of a gap between them they take over.
+_CLOSED = 0.9
 # Where the surface turns away, crests end at places of their own too: the cosine of vertex and patch normal at which
 # they do is greater by up to this. It is reached so far from the centre line, as a share of half the width.
 _TURNED, _TURNED_FROM = 0.35, 0.4
@@ -69,32 +76,31 @@ def attenuation(kind: Attenuation, v: Floats) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class Merger:
-    """Two neighbouring bumps that become one on a side of the patch.
+    """Two neighbouring bumps that become one on a side of the patch: their crests bend towards each other and meet.
+
+    First the furrow between them gets narrow. Then they fade into a bump as wide as they are together, which fills it.
 
     Attributes:
-        kept: The bump that takes the other's place over.
-        lost: The one that ends there.
+        left: The first of the two.
+        wider: The one of the two that is as wide as the other or wider: the joined bump is its shape, drawn out.
         side: Of the patch, −1 or 1: the sign of v.
         start: |v| where it begins.
-        taken: Of the lost one's width, what the kept one has in the end.
+        over: Up to where they are one, from there.
     """
 
-    kept: int
-    lost: int
+    left: int
+    wider: int
     side: float
     start: float
-    taken: float
+    over: float
 
-    @property
-    def end(self) -> float:
-        """|v| where only one is left."""
-        return self.start + _MERGED_OVER
+    def together(self, v: Floats) -> Floats:
+        """(…,) how much of the way towards each other their crests have come, from 0 to 1, at (…,) v."""
+        return _smoothstep((self.side * v - self.start) / self.over)
 
     def share(self, v: Floats) -> Floats:
-        """(…,) of the lost bump's width, what the kept one has of it at (…,) v."""
-        t = np.clip((self.side * v - self.start) / _MERGED_OVER, 0.0, 1.0)
-        share: Floats = self.taken * t * t * (3.0 - 2.0 * t)
-        return share
+        """(…,) what the joined bump has of the height, from 0 to 1, at (…,) v."""
+        return _smoothstep(((self.side * v - self.start) / self.over - _FILLED_FROM) / (1.0 - _FILLED_FROM))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,13 +138,20 @@ class Variation:
     @property
     def peaks(self) -> Floats:
         """(bumps,) the greatest height of each crest over that on the centre line."""
-        return np.array([self._height(bump, _LINES).max() for bump in range(len(self.starts))])
+        heights = np.stack([self._height(bump, _LINES) for bump in range(len(self.starts))])
+        peaks: Floats = heights.max(axis=1)
+        for merger in self.mergers:
+            share, pair, width = merger.share(_LINES), slice(merger.left, merger.left + 2), self.widths[merger.wider]
+            apart = (heights[pair] * self.widths[pair, None]).max(axis=0) / width
+            joined = (1.0 - share) * apart + share * self._joined_height(merger, _LINES)
+            peaks[merger.wider] = max(float(peaks[merger.wider]), float(joined.max()))
+        return peaks
 
     def furrows(self, v: Floats) -> tuple[Floats, Floats]:
         """(bumps, lines) u where each bump starts, and where it ends, on (lines,) v."""
         return self._furrows(self.turned * v)
 
-    def places(self, u: Floats, v: Floats) -> tuple[Floats, Floats, Floats]:
+    def places(self, u: Floats, v: Floats) -> tuple[Places, Floats]:
         """Where the points of a patch are on the centre line's curve, and what they have of its height.
 
         Args:
@@ -146,19 +159,20 @@ class Variation:
             v: (…,) across it.
 
         Returns:
-            (…,) ũ: rises strictly with u, is u itself where v = 0, and where u is not between 0 and 1;
-            (…,) factor on the height of the curve there, 1 where v = 0; in gaps it is 0;
+            Places: their ũ rises strictly with u, is u itself where v = 0, and where u is not between 0 and 1; their
+            factors are 1 where v = 0, and 0 in gaps; nothing is joined where v = 0;
             (…,) how much sooner a crest ends where the surface turns away, as a cosine; 0 where v = 0.
         """
         flat_u, lines = u.reshape(-1), self.turned * v.reshape(-1)
-        found = np.zeros((3, len(flat_u)))
+        found = np.zeros((5, len(flat_u)))
         for start in range(0, len(flat_u), _AT_ONCE):
             part = slice(start, start + _AT_ONCE)
             found[:, part] = self._places(flat_u[part], lines[part])
-        return found[0].reshape(u.shape), found[1].reshape(u.shape), found[2].reshape(u.shape)
+        us, factors, joined, joined_us, turned = found.reshape(5, *u.shape)
+        return (Places(us, factors, joined, joined_us) if self.mergers else Places(us, factors)), turned
 
     def _places(self, us: Floats, lines: Floats) -> Floats:
-        """(3, points) as `places`, of (points,) u and v."""
+        """(5, points) us, factors, joined, joined_us and turned of `places`, of (points,) u and v."""
         starts, ends = self._furrows(lines)
         bumps, points = np.sum(us >= starts[1:], axis=0), np.arange(len(us))
         start, end = starts[bumps, points], ends[bumps, points]
@@ -166,6 +180,10 @@ class Variation:
         side = np.clip((2.0 * us - start - end) / (end - start), -1.0, 1.0)
         sway = _waving(self.sway, lines)[bumps, points]
         taper = self.tapers[bumps] * np.minimum(self._spread(bumps, lines) ** 2, 1.0)
+        for merger in self.mergers:
+            towards = np.select([bumps == merger.left, bumps == merger.left + 1], [-_TOGETHER, _TOGETHER])
+            share = merger.together(lines) * (towards != 0.0)
+            sway, taper = sway + share * (towards - sway), taper * (1.0 - share)
         side = (side + sway) / (1.0 + side * sway)
         side = side * (1.0 + taper) / (1.0 + taper * side * side)
         placed = self.starts[bumps] + (self.ends - self.starts)[bumps] * (1.0 + side) / 2.0
@@ -175,20 +193,31 @@ class Variation:
         placed[gaps] = self.ends[before] + share * (self.starts[behind] - self.ends[before])
         factors = self._height(bumps, lines)
         factors[gaps] = 0.0
-        beside = np.minimum(np.abs(lines) / _TURNED_FROM, 1.0)
-        turned = beside * beside * (3.0 - 2.0 * beside) * np.where(lines < 0, *self.turns[:, bumps])
+        turned = _smoothstep(np.abs(lines) / _TURNED_FROM) * np.where(lines < 0, *self.turns[:, bumps])
         stays = (lines == 0.0) | (us <= 0.0) | (us >= 1.0)
-        return np.stack([np.where(stays, us, placed), factors, turned])
+        joined, joined_us = np.zeros(len(us)), us.copy()
+        for merger in self.mergers:
+            left, right = merger.left, merger.left + 1
+            share = merger.share(lines)
+            on = np.flatnonzero((share > 0.0) & (us > starts[left]) & (us < ends[right]))
+            before, behind = starts[left, on], ends[right, on]
+            low, high = self.starts[merger.wider], self.ends[merger.wider]
+            # The joined crest lies where the furrow between the two was.
+            furrow = (ends[left, on] + starts[right, on] - before - behind) / (behind - before)
+            side = np.clip((2.0 * us[on] - before - behind) / (behind - before), -1.0, 1.0)
+            joined_us[on] = low + (high - low) * (1.0 + (side - furrow) / (1.0 - side * furrow)) / 2.0
+            apart, together = (1.0 - share[on]) * factors[on], share[on] * self._joined_height(merger, lines[on])
+            factors[on] = apart + together
+            joined[on] = np.divide(together, factors[on], out=np.zeros(len(on)), where=factors[on] > 0.0)
+        return np.stack([np.where(stays, us, placed), factors, joined, joined_us, turned])
 
     def _furrows(self, lines: Floats) -> tuple[Floats, Floats]:
         moves = _waving(self.wander, lines)
         starts, ends = self.starts[:, None] + moves[:-1], self.ends[:, None] + moves[1:]
         for merger in self.mergers:
-            taken = merger.share(lines) * (ends[merger.lost] - starts[merger.lost])
-            left, right = sorted((merger.kept, merger.lost))
-            shift = np.sign(merger.lost - merger.kept) * taken
-            ends[left] += shift
-            starts[right] += shift
+            closed = _CLOSED / 2.0 * merger.together(lines) * (starts[merger.left + 1] - ends[merger.left])
+            ends[merger.left] += closed
+            starts[merger.left + 1] -= closed
         return starts, ends
 
     def _spread(self, bump: int | Ints, lines: Floats) -> Floats:
@@ -202,6 +231,10 @@ class Variation:
         swelling = (1.0 + share * np.sin(turn * lines + phase)) / (1.0 + share * np.sin(phase))
         height: Floats = attenuation(self.kind, self._spread(bump, lines)) * swelling
         return height
+
+    def _joined_height(self, merger: Merger, lines: Floats) -> Floats:
+        """(lines,) height of what two bumps become over that of the wider on the centre line."""
+        return _MERGED_HEIGHT * self._height(merger.wider, lines)
 
 
 def plan_variation(
@@ -230,12 +263,11 @@ def plan_variation(
     widths = 1.0 + _WIDTH * amount * _unlike(drawn(seed, "widths", bumps))
     widths = widths * (bumps / widths.sum())
     starts, ends = bump_ends(widths, gap)
-    mergers = _mergers(seed, amount, branch, ends - starts, aspect)
+    mergers = _mergers(seed, branch, ends - starts, aspect)
     reaches = 1.0 - _SHORTER * amount * (1.0 + drawn(seed, "reaches", 2, bumps)) / 2.0
     for merger in mergers:
         half = int(merger.side > 0)
-        reaches[half, merger.lost] = min(reaches[half, merger.lost], merger.end)
-        reaches[half, merger.kept] = 1.0
+        reaches[half, merger.left : merger.left + 2] = 1.0
     share, turn, phase = drawn(seed, "swells", 3, bumps)
     low, high = _SWELLINGS
     return Variation(
@@ -270,6 +302,12 @@ def drawn(seed: str, what: str, *shape: int) -> Floats:
     return numbers
 
 
+def _smoothstep(t: Floats) -> Floats:
+    t = np.clip(t, 0.0, 1.0)
+    step: Floats = t * t * (3.0 - 2.0 * t)
+    return step
+
+
 def _unlike(numbers: Floats) -> Floats:
     """As many numbers from −1 to 1 in the same order, however few: one in each equal part, and more towards both ends.
 
@@ -280,22 +318,21 @@ def _unlike(numbers: Floats) -> Floats:
     return spread
 
 
-def _mergers(seed: str, amount: float, branch: float, widths: Floats, aspect: float) -> tuple[Merger, ...]:
+def _mergers(seed: str, branch: float, widths: Floats, aspect: float) -> tuple[Merger, ...]:
     """Pairs of neighbouring bumps of (bumps,) widths, along u."""
     bumps = len(widths)
-    chances, sides, keeps, starts = drawn(seed, "mergers", 4, bumps)
+    chances, sides, starts = drawn(seed, "mergers", 3, bumps)
     found: list[Merger] = []
     bump = 0
     low, high = _MERGING
     while bump + 1 < bumps:
         merges = (1.0 + chances[bump]) / 2.0 < branch
         if merges:
-            kept, lost = (bump, bump + 1) if keeps[bump] < 0 else (bump + 1, bump)
             start = low + (high - low) * (1.0 + float(starts[bump])) / 2.0
-            side = 1.0 if sides[bump] > 0 else -1.0
-            # A furrow is steepest, by half as much again as in the mean, in the middle of a merger.
-            taken = min(_LOST * math.sqrt(amount), _STEEPEST * aspect * _MERGED_OVER / (1.5 * float(widths[lost])))
-            found.append(Merger(kept, lost, side=side, start=start, taken=taken))
+            wider = bump + int(widths[bump + 1] > widths[bump])
+            # Crests go about half a bump to the side.
+            over = float(np.clip(0.5 * widths[wider] / (_STEEPEST * aspect), *_MERGED_OVER))
+            found.append(Merger(bump, wider, side=1.0 if sides[bump] > 0 else -1.0, start=start, over=over))
         bump += 1 + merges
     return tuple(found)
 
