@@ -187,7 +187,7 @@ def test_the_crests_of_bumps_that_merge_come_together_and_are_one_from_there_on(
     )
     places = drawn_so.places(u.reshape(-1), v.reshape(-1))[0]
     heights = (places.factors * places.shapes(curve)[0, 0]).reshape(u.shape)
-    crests = [find_peaks(row, prominence=0.01 * row.max())[0] for row in heights]
+    crests = [find_peaks(row, prominence=0.02 * row.max())[0] for row in heights]
     counts = np.array([len(each) for each in crests])
     assert (counts[lines <= merger.start] == 2).all()
     assert (counts[lines >= merger.start + merger.over] == 1).all()
