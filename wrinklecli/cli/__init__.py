@@ -11,6 +11,7 @@ from wrinklecli.cli.bake import bake
 from wrinklecli.cli.batch import batch
 from wrinklecli.cli.check import check
 from wrinklecli.cli.diff import diff
+from wrinklecli.cli.edit import edit
 from wrinklecli.cli.inspect import inspect
 from wrinklecli.cli.output import say
 from wrinklecli.cli.preview import preview
@@ -43,7 +44,7 @@ def cli() -> None:
     """Bake dynamic wrinkles into animated glTF characters."""
 
 
-for _command in (inspect, suggest, check, bake, preview, diff, track, batch, schema):
+for _command in (inspect, suggest, edit, check, bake, preview, diff, track, batch, schema):
     cli.add_command(_command)
 
 

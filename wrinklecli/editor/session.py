@@ -19,7 +19,7 @@ from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.scene import deforming_nodes
 from wrinklecli.editor.shown import Laid, LaidMesh, LaidTool, Stage
 from wrinklecli.errors import ConfigError, nearest
-from wrinklecli.gltf.document import read_document
+from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.method.activity import activity
 from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.numeric.blocks import Blocks
@@ -151,7 +151,7 @@ class Session:
             document = read_document(asset, allow_external=allow_external, memory=Memory(max_memory))
             motions = Motions(anims, range_of_motion or None)
             joined = moved(document, deforming_nodes(document), motions)
-            stage = Stage(joined.document, joined.clips)
+            stage = Stage(joined.document, joined.clips, frozenset(joined.range))
         name = os.fspath(tools) if tools is not None else os.path.splitext(path)[0] + ".yaml"
         file = ToolsText(load_text(name) if os.path.exists(name) else _NEW, name)
         session = cls(stage, name, file)
@@ -164,6 +164,16 @@ class Session:
     def clips(self) -> tuple[Clip, ...]:
         """All clips: of the asset, of other files, of the range of motion; each has name, start and end."""
         return self._stage.clips
+
+    @property
+    def made(self) -> frozenset[str]:
+        """Names of the clips that are a range of motion, which no file has."""
+        return self._stage.made
+
+    @property
+    def document(self) -> Document:
+        """The asset, with all clips."""
+        return self._stage.document
 
     @property
     def step(self) -> Step:
@@ -333,6 +343,11 @@ class Session:
 
     # What is shown.
 
+    def laid(self) -> Mapping[str, LaidTool]:
+        """The tools that fit, mirrored ones too, by name."""
+        with self._guarded():
+            return self._laid_now().tools
+
     def meshes(self, clip: str | None, time: float) -> list[ShownMesh]:
         """All meshes at a time of a clip, seconds, with wrinkles; the stored pose where the clip is None."""
         with self._guarded():
@@ -421,9 +436,6 @@ class Session:
                 settings = replace(settings, refinement=drafted(settings.refinement))
             self._laid = (step, coarse, self._stage.laid(settings))
         return self._laid[2]
-
-    def _laid_tool(self, tool: str) -> LaidTool | None:
-        return self._laid_now().tools.get(tool)
 
     def _clip(self, name: str | None) -> Clip | None:
         return None if name is None else clip_named(self.clips, name, where=self._stage.document.path)

@@ -88,14 +88,27 @@ class LaidMesh:
         return self.ground.rig.names[self.ground.rig.node]
 
     @cached_property
-    def faces(self) -> Ints:
-        """(triangles, 3) vertices: those of the coarse mesh, then the new ones of each cluster."""
-        kept, parts = np.ones(len(self.ground.surface.triangles), bool), []
-        for cluster, shift in zip(self.clusters, self._shifts, strict=True):
+    def kept(self) -> Ints:
+        """(triangles,) of the coarse mesh that are shown as they are, rising."""
+        kept = np.ones(len(self.ground.surface.triangles), bool)
+        for cluster in self.clusters:
             kept[cluster.parents] = False
+        return np.flatnonzero(kept)
+
+    @cached_property
+    def faces(self) -> Ints:
+        """(triangles, 3) vertices: of the coarse mesh's triangles that are kept, then of those of each cluster."""
+        parts = [self.ground.surface.triangles[self.kept]]
+        for cluster, shift in zip(self.clusters, self.shifts, strict=True):
             faces = cluster.plan.fine.triangles[cluster.triangles]
             parts.append(np.where(faces < cluster.old_count, faces, faces + shift))
-        return np.concatenate([self.ground.surface.triangles[kept], *parts])
+        return np.concatenate(parts)
+
+    @cached_property
+    def parents(self) -> Ints:
+        """(triangles,) the triangle of the coarse mesh that each of `faces` is, or is a part of."""
+        split = [each.plan.fine.subdivision.parents[each.triangles] for each in self.clusters]
+        return np.concatenate([self.kept, *split])
 
     @cached_property
     def rest_positions(self) -> Floats:
@@ -104,7 +117,7 @@ class LaidMesh:
         return np.concatenate([self.ground.rest.positions, *new])
 
     @cached_property
-    def _shifts(self) -> list[int]:
+    def shifts(self) -> list[int]:
         """What is added to the numbers of each cluster's new vertices."""
         counts = [len(each.plan.fine.positions) - each.old_count for each in self.clusters]
         return np.cumsum([0, *counts])[:-1].tolist() if counts else []
@@ -117,7 +130,7 @@ class LaidMesh:
         old = len(self.ground.surface.positions)
         total = old + sum(each.skin.weights.shape[1] for each in self.clusters)
         offsets = np.zeros((1, 3, total))
-        for cluster, shift in zip(self.clusters, self._shifts, strict=True):
+        for cluster, shift in zip(self.clusters, self.shifts, strict=True):
             plan = cluster.plan
             for carried in plan.carried_patches:
                 moved = displacements(carried, plan.fine, rig, plan.rest, clip, times)[0]
@@ -192,10 +205,11 @@ class Stage:
     Args:
         document: With all clips.
         clips: Of it.
+        made: Names of those that are a range of motion.
     """
 
-    def __init__(self, document: Document, clips: Sequence[Clip]) -> None:
-        self.document, self.clips = document, tuple(clips)
+    def __init__(self, document: Document, clips: Sequence[Clip], made: frozenset[str] = frozenset()) -> None:
+        self.document, self.clips, self.made = document, tuple(clips), made
         self._neighbours = Neighbours(document)
         self._nodes = [node for node in scene_nodes(document) if "mesh" in document.items("nodes")[node]]
         self._grounds, self._skins = _Kept(), dict[int, Skin]()

@@ -46,3 +46,12 @@ def linear_rgb(colours: Array) -> Array:
 def srgb(colours: Array) -> Array:
     """The sRGB of linear RGB; both 0 to 1."""
     return np.where(colours < 0.0031308, 12.92 * colours, 1.055 * colours ** (1 / 2.4) - 0.055)
+
+
+def png_of(pixels: Bytes) -> bytes:
+    """(height, width, 3) sRGB as a PNG."""
+    from PIL import Image
+
+    file = io.BytesIO()
+    Image.fromarray(pixels).save(file, "PNG", compress_level=1)
+    return file.getvalue()

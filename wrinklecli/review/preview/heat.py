@@ -3,7 +3,8 @@
 import numpy as np
 
 from wrinklecli.character.scene import ScenePrimitive, pose_primitive
-from wrinklecli.numeric.arrays import Floats, face_normals
+from wrinklecli.gltf.pixels import linear_rgb
+from wrinklecli.numeric.arrays import Floats, Ints, face_normals
 
 Colour = tuple[float, float, float]
 
@@ -34,17 +35,25 @@ def compressions(primitive: ScenePrimitive, positions: Floats) -> Floats:
         positions: (vertices, 3) where its vertices are now, world space.
     """
     stored = pose_primitive(primitive, None, np.zeros(1)).positions[0]
-    triangles = primitive.triangles
-    losses = compression(stored[triangles], positions[triangles])
-    areas = np.sqrt(np.sum(face_normals(stored, triangles) ** 2, axis=1))
     # Vertices of a seam are one place.
     _, places = np.unique(primitive.vertices.positions, axis=0, return_inverse=True)
     places = places.reshape(-1)
+    return _means(stored, positions, primitive.triangles, places)[places]
+
+
+def point_colours(rest: Floats, posed: Floats, triangles: Ints) -> Floats:
+    """(points, 3) linear RGB of compression, of (points, 3) at rest and now, and their (triangles, 3)."""
+    return linear_rgb(heat_colours(_means(rest, posed, triangles, np.arange(len(rest)))))
+
+
+def _means(rest: Floats, posed: Floats, triangles: Ints, places: Ints) -> Floats:
+    """(places,) compression of the triangles around each place, the mean by area; (vertices,) have places."""
+    losses = compression(rest[triangles], posed[triangles])
+    areas = np.sqrt(np.sum(face_normals(rest, triangles) ** 2, axis=1))
     into = places[triangles].ravel()
     sums = np.bincount(into, np.repeat(losses * areas, 3), len(places))
     weights = np.bincount(into, np.repeat(areas, 3), len(places))
-    means: Floats = (sums / np.where(weights > 0, weights, 1.0))[places]
-    return means
+    return np.asarray(sums / np.where(weights > 0, weights, 1.0))
 
 
 def compression(rest: Floats, posed: Floats) -> Floats:

@@ -1,0 +1,154 @@
+"""A page in a real browser: Chromium, driven through its DevTools protocol, by mouse, keyboard and what the page shows.
+
+Source: https://chromedevtools.github.io/devtools-protocol/, domains Page, Runtime and Input.
+"""
+
+import base64
+import json
+import shutil
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from kit.clients import give_up
+
+_PATIENCE = 60.0  # seconds; drawn without a GPU, a page takes its time
+_NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
+_OPTIONS = (
+    "--headless",
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-dev-shm-usage",
+    "--disable-sync",
+    "--no-first-run",
+    "--remote-debugging-port=0",
+)
+
+
+class Page:
+    """The one page of a browser.
+
+    Args:
+        connection: To its DevTools.
+    """
+
+    def __init__(self, connection: Any) -> None:
+        self._connection, self._sent = connection, 0
+
+    def call(self, method: str, **parameters: object) -> dict[str, Any]:
+        """What a method of the protocol answers."""
+        self._sent += 1
+        self._connection.send(json.dumps({"id": self._sent, "method": method, "params": parameters}))
+        while True:
+            answer = json.loads(self._connection.recv(timeout=_PATIENCE))
+            if answer.get("id") == self._sent:
+                assert "error" not in answer, (method, answer["error"])
+                result: dict[str, Any] = answer["result"]
+                return result
+
+    def value(self, expression: str) -> Any:
+        """What a JavaScript expression is."""
+        answer = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
+        assert "exceptionDetails" not in answer, answer["exceptionDetails"]
+        return answer["result"].get("value")
+
+    def wait(self, expression: str) -> Any:
+        """What a JavaScript expression is, once that is true."""
+        return until(lambda: self.value(expression), expression)
+
+    def click(self, x: float, y: float) -> None:
+        """Press and release the left button there, CSS pixels."""
+        self.drag([(x, y)])
+
+    def drag(self, way: list[tuple[float, float]]) -> None:
+        """Press the left button at the first place and release it at the last."""
+        self._mouse("mouseMoved", *way[0])
+        self._mouse("mousePressed", *way[0])
+        for place in way[1:]:
+            time.sleep(0.05)
+            self._mouse("mouseMoved", *place)
+        time.sleep(0.05)
+        self._mouse("mouseReleased", *way[-1])
+
+    def _mouse(self, kind: str, x: float, y: float) -> None:
+        button = {} if kind == "mouseMoved" else {"button": "left", "clickCount": 1}
+        self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **button)
+
+    def type(self, text: str) -> None:
+        """Type text where the focus is, in place of what is selected."""
+        self.call("Input.insertText", text=text)
+
+    def press(self, key: str, *, code: int, modifiers: int = 0) -> None:
+        """Press and release a key, such as Enter, of a Windows key code; modifiers: 2 is Ctrl."""
+        for kind in ("rawKeyDown", "keyUp"):
+            self.call(
+                "Input.dispatchKeyEvent",
+                type=kind,
+                key=key,
+                code=key,
+                windowsVirtualKeyCode=code,
+                modifiers=modifiers,
+            )
+
+    def screenshot(self, path: Path) -> None:
+        """Write what the page shows, a .png."""
+        path.write_bytes(base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"]))
+
+
+def until(look: Callable[[], Any], what: str) -> Any:
+    """What a function returns, once that is true."""
+    end = time.monotonic() + _PATIENCE
+    while not (found := look()):
+        assert time.monotonic() < end, f"never: {what}"
+        time.sleep(0.05)
+    return found
+
+
+@contextmanager
+def browsing(folder: Path, address: str, size: tuple[int, int] = (1280, 800)) -> Iterator[Page]:
+    """A page at an address. Skips the test where there is no Chromium; fails it where `CI` is set.
+
+    Args:
+        folder: For what the browser keeps.
+        address: Of the page.
+        size: CSS pixels.
+    """
+    program = next((found for name in _NAMES if (found := shutil.which(name))), None)
+    if program is None:
+        give_up(f"none of {', '.join(_NAMES)} is installed: no browser to try the page in")
+    from websockets.sync.client import connect
+
+    profile = folder / "profile"
+    command = [program, *_OPTIONS, f"--window-size={size[0]},{size[1]}", f"--user-data-dir={profile}", address]
+    browser = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        port = until(lambda: _port(profile), "the browser's port")
+        listed = until(lambda: _pages(port), "the browser's page")
+        with connect(listed[0]["webSocketDebuggerUrl"], max_size=None) as connection:
+            page = Page(connection)
+            page.call(
+                "Emulation.setDeviceMetricsOverride", width=size[0], height=size[1], deviceScaleFactor=1, mobile=False
+            )
+            yield page
+    finally:
+        browser.terminate()
+        browser.wait()
+
+
+def _port(profile: Path) -> str:
+    file = profile / "DevToolsActivePort"
+    lines = file.read_text().splitlines() if file.is_file() else []
+    return lines[0] if len(lines) == 2 else ""
+
+
+def _pages(port: str) -> list[dict[str, str]]:
+    from urllib.request import urlopen
+
+    with urlopen(f"http://127.0.0.1:{port}/json/list", timeout=_PATIENCE) as answer:
+        return [each for each in json.load(answer) if each["type"] == "page"]

@@ -1,0 +1,111 @@
+"""`wrinkle edit`."""
+
+import ipaddress
+import signal
+import threading
+import webbrowser
+from types import FrameType
+from typing import Any
+
+import click
+
+from wrinklecli.cli.options import (
+    FILE,
+    allow_external_option,
+    anim_option,
+    max_memory_option,
+    quiet_option,
+    range_of_motion_option,
+)
+from wrinklecli.cli.output import emit, say, warn
+from wrinklecli.errors import WrinkleError
+
+_PORT = 8765
+
+
+@click.command(
+    short_help="A web page on which tools are drawn and tuned.",
+    epilog="Example: wrinkle edit samples/trousers.glb configs/trousers.yaml",
+)
+@click.argument("asset", type=FILE)
+@click.argument("tools", type=FILE, required=False)
+@anim_option("")
+@range_of_motion_option("Without clips that is done anyway.")
+@click.option("--heat", is_flag=True, help="Begin with the surface coloured by its compression.")
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65_535),
+    default=_PORT,
+    show_default=True,
+    metavar="N",
+    help="Where the page is served; 0 takes any port that is free.",
+)
+@click.option(
+    "--host",
+    default="127.0.0.1",
+    show_default=True,
+    help="The address to listen on. At any other than this machine's own, whoever reaches it sees and changes all.",
+)
+@click.option("--no-browser", is_flag=True, help="Print the page's address, and open no browser.")
+@allow_external_option()
+@max_memory_option()
+@quiet_option("Print nothing but the address, and errors.")
+def edit(
+    asset: str,
+    tools: str | None,
+    port: int,
+    host: str,
+    heat: bool,
+    no_browser: bool,
+    quiet: bool,
+    **options: Any,
+) -> None:
+    """Draw wrinkling tools on ASSET (glTF) with the mouse, in a web page, while its clips play.
+
+    TOOLS is the YAML file that the page opens and saves; where it is not there, or none is named (then it is ASSET with
+    the ending .yaml), the page begins without tools. Comments, order and all that is not touched stay as they were.
+    The page needs no network, but viser: pip install 'wrinklecli[edit]'. Ctrl-C ends it.
+
+    Exit codes: 0 done; 1 the input is at fault, or the port is taken; 2 wrong usage; 70 a bug.
+    """
+    from wrinklecli.numeric.guard import guarded
+
+    with guarded(asset):
+        from wrinklecli.editor.session import Session
+
+        try:
+            from wrinklecli.editor.page import Page
+            from wrinklecli.editor.served import Place
+        except ImportError as error:
+            raise WrinkleError(f"needs viser ({error}): pip install 'wrinklecli[edit]'", where="edit") from None
+    ended = threading.Event()
+
+    def end(_number: int, _frame: FrameType | None) -> None:
+        ended.set()
+
+    session = Session.open(asset, tools, **options)
+    page = Page(session, Place(host, port), heat=heat)
+    for each in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(each, end)
+    address = f"http://{f'[{host}]' if ':' in host else host}:{page.port}"
+    emit(address)
+    if not quiet:
+        if not _is_own(host):
+            warn(f"whoever reaches {host} sees the asset and changes the tools: the page asks for no password")
+        say(f"edits {session.path}; Ctrl-C ends it")
+    if not no_browser:
+        webbrowser.open(address)
+    # In steps, as a thread that waits for ever hears no signal on Windows.
+    while not ended.wait(0.5):
+        pass
+    page.close()
+    if session.changed:
+        warn(f"{session.path}: not all was saved")
+
+
+def _is_own(host: str) -> bool:
+    """Whether no other machine reaches an address."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"

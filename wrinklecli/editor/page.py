@@ -1,0 +1,390 @@
+"""The page of `wrinkle edit`: a session's state as widgets and pictures, and what people do there as its edits."""
+
+import contextlib
+import html
+import logging
+import threading
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import viser
+
+from wrinklecli.editor.controls import Steps, ToolControls
+from wrinklecli.editor.keys import as_written
+from wrinklecli.editor.picture import Picture
+from wrinklecli.editor.player import Charts, Player
+from wrinklecli.editor.served import Place, serve
+from wrinklecli.editor.session import EditedTool, Session
+from wrinklecli.editor.work import Work
+from wrinklecli.errors import WrinkleError
+from wrinklecli.numeric.arrays import Floats
+
+_SLIDES = 0.35  # seconds without a further change after which a slider has been let go
+_WIDE = 380  # pixels of the panel
+_GOOD, _BAD, _ASKS = "#1c7a3f", "#c92a2a", "#1f6fd6"
+
+
+class Page:
+    """A served page, until `close`.
+
+    Args:
+        session: What it edits.
+        place: Where it is served.
+        heat: Whether to begin with the surface coloured by its compression.
+
+    Raises:
+        WrinkleError: The port is taken, or the host is no address of this machine.
+    """
+
+    def __init__(self, session: Session, place: Place, *, heat: bool = False) -> None:
+        self._session = session
+        self._work = Work(self._fail)
+        self._server = serve(place)
+        self._picture = Picture(self._server, self._work, session, self._dragged)
+        self._chosen: str | None = None
+        self._ends: list[Floats] | None = None  # of a new tool, as far as they have been clicked
+        self._sliding: Callable[[], None] | None = None  # makes the draft that is shown an edit
+        self._buttons: dict[str, Any] = {}
+        self._build(heat=heat)
+        self._refresh()
+        self._picture.look_at_all()
+        self._say("\n".join(self._picture.warnings), _BAD)
+        self._thread = threading.Thread(target=self._work.run, name="editor", daemon=True)
+        self._thread.start()
+
+    @property
+    def port(self) -> int:
+        """That the page is served on."""
+        return self._server.get_port()
+
+    def close(self) -> None:
+        """End what is being done, and serve no more."""
+        self._work.end()
+        self._thread.join()
+        self._server.stop()
+
+    # Widgets.
+
+    def _build(self, *, heat: bool) -> None:
+        gui = self._server.gui
+        gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(31, 111, 214))
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(_WIDE)
+        self._head = gui.add_html("")
+        self._said = gui.add_html("")
+        self._add_file_buttons(gui)
+        play = gui.add_panel()
+        with play.add_tab("Play"):
+            self._player = Player(self._server, self._work, self._session.clips, self._show)
+        with play.add_tab("View"):
+            self._picture.add_widgets(gui, heat=heat)
+        play.float(x=15, y=-15, width=420)
+        self._new: Any = gui.add_button(
+            "New tool", icon=viser.Icon.PLUS, hint="Click where it begins and where it ends."
+        )
+        self._on(self._new.on_click, self._begin_new)
+        self._list = gui.add_folder("Tools")
+        self._panel: Any = gui.add_folder("Tool", visible=False)
+        with self._panel:
+            self._add_tool_panel(gui)
+        clicks: Any = self._server.scene.on_click()
+        clicks(self._clicked)
+
+    def _add_file_buttons(self, gui: viser.GuiApi) -> None:
+        actions = {"Save": self._save, "Undo": self._undo, "Redo": self._redo}
+        self._add_group(gui, "file", actions)
+        self._on(gui.add_command("Save", hotkey="S", modifier="cmd/ctrl").on_trigger, self._save)
+        self._on(gui.add_command("Undo", hotkey="Z", modifier="cmd/ctrl").on_trigger, self._undo)
+        self._on(gui.add_command("Redo", hotkey="Z", modifier="cmd/ctrl+shift").on_trigger, self._redo)
+
+    def _add_tool_panel(self, gui: viser.GuiApi) -> None:
+        self._problem = gui.add_html("")
+        self._name: Any = gui.add_text("name", "")
+        self._on_set(self._name, "name", self._rename)
+        actions = {
+            "Look": self._look,
+            "Solo": self._solo,
+            "On/off": self._switch,
+            "Copy": self._copy,
+            "Delete": self._delete,
+        }
+        self._add_group(gui, "tool", actions)
+        self._charts = Charts(gui)
+        clips = [clip.name for clip in self._session.clips if clip.name not in self._session.made]
+        self._controls = ToolControls(gui, self._changed, self._unset, clips)
+
+    def _add_group(self, gui: viser.GuiApi, title: str, actions: dict[str, Callable[[], None]]) -> None:
+        """A button for each action, in one row."""
+
+        async def clicked(event: Any) -> None:
+            # Of several clicks in a row none replaces another.
+            self._work.put(object(), actions[event.target.value])
+
+        gui.add_button_group(title, tuple(actions)).on_click(clicked)
+
+    def _on(self, register: Callable[[Any], object], action: Callable[[], None]) -> None:
+        """Do something on each click of a button, or each stroke of a key."""
+
+        async def told(_event: object) -> None:
+            self._work.put(object(), action)
+
+        register(told)
+
+    def _on_set(self, widget: Any, key: str, action: Callable[[], None]) -> None:
+        """Do something where somebody has set a widget."""
+
+        async def told(event: Any) -> None:
+            if event.client is not None:
+                self._work.put(key, action)
+
+        widget.on_update(told)
+
+    # What is said.
+
+    def _say(self, text: str, colour: str = _GOOD) -> None:
+        """A line on the page; none for an empty text."""
+        shown = html.escape(text).replace("\n", "<br>")
+        self._said.content = (
+            f'<div style="padding:2px 12px 6px;color:{colour};font-size:.85em">{shown}</div>' if text else ""
+        )
+
+    def _fail(self, error: Exception) -> None:
+        """Say what went wrong; the page stays."""
+        if isinstance(error, WrinkleError):
+            self._say("\n".join(error.lines[:6]), _BAD)
+        else:
+            logging.getLogger(__name__).error("this is a bug of wrinkle's", exc_info=error)
+            self._say(f"a bug of wrinkle's: {type(error).__name__}: {error}", _BAD)
+        with contextlib.suppress(WrinkleError):
+            self._refresh()
+
+    # What is shown.
+
+    def _refresh(self) -> None:
+        """Show the session's state: after every edit."""
+        tools = self._session.tools()
+        names = [tool.name for tool in tools]
+        if self._chosen not in names:
+            self._chosen = None
+        state = "not saved yet" if self._session.changed else "saved"
+        self._head.content = (
+            f'<div style="padding:4px 12px"><b>{html.escape(self._session.path)}</b>'
+            f'<span style="opacity:.6"> · {len(tools)} tools · {state}</span></div>'
+        )
+        self._list_tools(tools)
+        self._panel.visible = self._chosen is not None
+        for tool in tools:
+            if tool.name == self._chosen:
+                self._panel.label = tool.name
+                self._name.value = tool.name
+                self._problem.content = _problem_line(tool)
+                laid = self._session.laid().get(tool.name)
+                span = 1.0 if laid is None else laid.carried.patch.span
+                self._controls.show(tool.values, sorted(tool.own), span)
+        self._show()
+        self._chart()
+
+    def _list_tools(self, tools: Sequence[EditedTool]) -> None:
+        """A button for each tool."""
+        for name in [name for name in self._buttons if name not in {tool.name for tool in tools}]:
+            self._buttons.pop(name).remove()
+        for order, tool in enumerate(tools):
+            notes = [
+                "" if tool.enabled else "off",
+                "solo" if tool.solo else "",
+                f"and {tool.partner}" if tool.partner else "",
+                "does not fit" if tool.problem else "",
+            ]
+            told = ", ".join(note for note in notes if note)
+            label = f"{tool.name} ({told})" if told else tool.name
+            if tool.name not in self._buttons:
+                with self._list:
+                    button = self._buttons[tool.name] = self._server.gui.add_button(label)
+                self._listen(button, tool.name)
+            button = self._buttons[tool.name]
+            button.label, button.order = label, float(order)
+            button.color = "blue" if tool.name == self._chosen else "gray"
+
+    def _listen(self, button: Any, name: str) -> None:
+        self._on(button.on_click, lambda: self._choose(name, look=True))
+
+    def _show(self) -> None:
+        """Show the player's moment."""
+        self._picture.show(self._player, self._chosen)
+        self._chart_now()
+
+    def _chart(self) -> None:
+        """Draw the chosen tool's curves."""
+        clip, over = self._player.clip, None
+        laid = self._session.laid().get(self._chosen) if self._chosen else None
+        if self._chosen is not None and laid is not None:
+            patch = laid.carried.patch
+            self._charts.show_reach(patch.span, patch.greatest_height)
+            over = None if clip is None else self._session.heights(self._chosen, clip)
+        self._charts.show_heights(over)
+        self._chart_now()
+
+    def _chart_now(self) -> None:
+        if self._chosen is not None:
+            self._charts.show_now(self._player.time)
+            self._charts.show_curve(self._session.curve(self._chosen, self._player.clip, self._player.time))
+
+    # What people do: choosing and looking.
+
+    def _choose(self, name: str | None, *, look: bool) -> None:
+        self._settle_slide()
+        self._chosen = name
+        self._refresh()
+        if look and name is not None:
+            self._picture.look_at_tool(name)
+
+    def _look(self) -> None:
+        if self._chosen is not None:
+            self._picture.look_at_tool(self._chosen)
+
+    # What people do: editing.
+
+    def _changed(self, steps: Steps, value: Any, slides: bool) -> None:
+        """Set a key of the chosen tool; called by widgets."""
+        name = self._chosen
+        if name is None:
+            return
+
+        def edit(draft: bool) -> None:
+            self._session.set_value(name, steps, value, draft=draft)
+
+        if slides:
+            self._work.put(("set", steps), lambda: self._slide(edit))
+        else:
+            self._work.put(("set", steps), lambda: self._edit(lambda: edit(False)))
+
+    def _slide(self, edit: Callable[[bool], None]) -> None:
+        """Show a draft of an edit, which becomes one as soon as nothing follows; called with whether it is a draft."""
+        self._sliding = lambda: edit(False)
+        edit(True)
+        self._refresh()
+        self._work.put_later("slid", _SLIDES, self._settle_slide)
+
+    def _settle_slide(self) -> None:
+        """Make the last draft an edit."""
+        self._work.drop("slid")
+        full, self._sliding = self._sliding, None
+        if full is not None:
+            full()
+            self._refresh()
+
+    def _edit(self, action: Callable[[], object]) -> None:
+        self._settle_slide()
+        action()
+        self._say("")
+        self._refresh()
+
+    def _unset(self, key: str) -> None:
+        name = self._chosen
+        if name is not None:
+            self._work.put(("unset", key), lambda: self._edit(lambda: self._session.unset(name, (key,))))
+
+    def _undo(self) -> None:
+        self._edit(self._session.undo)
+
+    def _redo(self) -> None:
+        self._edit(self._session.redo)
+
+    def _save(self) -> None:
+        self._edit(self._session.save)
+        self._say(f"saved as {self._session.path}")
+
+    def _rename(self) -> None:
+        if self._chosen is not None and self._name.value not in ("", self._chosen):
+            old, new = self._chosen, self._name.value
+            self._chosen = new
+            self._edit(lambda: self._session.rename(old, new))
+
+    def _solo(self) -> None:
+        chosen = next((tool for tool in self._session.tools() if tool.name == self._chosen), None)
+        if chosen is not None:
+            self._edit(lambda: self._session.solo(() if chosen.solo else (chosen.name,)))
+
+    def _switch(self) -> None:
+        chosen = next((tool for tool in self._session.tools() if tool.name == self._chosen), None)
+        if chosen is not None:
+            self._edit(lambda: self._session.enable(chosen.name, enabled=not chosen.enabled))
+
+    def _copy(self) -> None:
+        if self._chosen is not None:
+            self._settle_slide()
+            self._choose(self._session.copy(self._chosen), look=False)
+
+    def _delete(self) -> None:
+        if self._chosen is not None:
+            name = self._chosen
+            self._edit(lambda: self._session.delete(name))
+
+    # What people do: drawing.
+
+    def _begin_new(self) -> None:
+        if self._ends is None:
+            self._ends = []
+            self._new.label, self._new.color = "Cancel", "orange"
+            self._say("Click where the tool begins. It runs across the wrinkles.", _ASKS)
+        else:
+            self._end_new()
+            self._say("")
+
+    def _end_new(self) -> None:
+        self._ends = None
+        self._new.label, self._new.color = "New tool", None
+
+    async def _clicked(self, event: viser.SceneClickEvent) -> None:
+        origin, direction = np.array(event.ray_origin, float), np.array(event.ray_direction, float)
+        self._work.put(object(), lambda: self._click(origin, direction))
+
+    def _click(self, origin: Floats, direction: Floats) -> None:
+        hit = self._picture.hit(origin, direction)
+        if hit is None:
+            return
+        mesh, place = hit
+        if self._ends is None:
+            self._choose(self._picture.tool_at(mesh, place) or self._chosen, look=False)
+            return
+        self._ends.append(place)
+        if len(self._ends) == 1:
+            self._say("Now click where it ends.", _ASKS)
+            return
+        first, last = (end.tolist() for end in self._ends)
+        self._end_new()
+        self._settle_slide()
+        name = self._session.add_tool(first, last, mesh.node)
+        self._choose(name, look=False)
+        self._say(f"{name} is new: drag its ends, and the dots at its sides for the width")
+
+    def _dragged(self, kind: str, number: int, origin: Floats, direction: Floats, phase: str) -> None:
+        """A dot of the chosen tool is dragged; called by the view."""
+        name = self._chosen
+        if name is None or phase == "start":
+            return
+        self._work.put((kind, number), lambda: self._drag(name, kind, number, origin, direction))
+        if phase == "end":
+            self._work.put("let go", self._settle_slide)
+
+    def _drag(self, name: str, kind: str, number: int, origin: Floats, direction: Floats) -> None:
+        hit, laid = self._picture.hit(origin, direction), self._session.laid().get(name)
+        if hit is None or laid is None:
+            return
+        place, patch = hit[1], laid.carried.patch
+        if kind == "anchor":
+            self._slide(lambda draft: self._session.move_point(name, number, place.tolist(), draft=draft))
+        else:
+            percent = max(
+                round(200.0 * abs(float(patch.coordinates(place)[1])) * patch.half_width / patch.span, 1), 1.0
+            )
+            before = next(tool.values.get("width") for tool in self._session.tools() if tool.name == name)
+            width = as_written(self._controls.width, percent, before, patch.span)
+            self._slide(lambda draft: self._session.set_value(name, ("width",), width, draft=draft))
+
+
+def _problem_line(tool: EditedTool) -> str:
+    if not tool.problem:
+        return ""
+    return f'<div style="padding:0 12px 6px;color:{_BAD};font-size:.85em">{html.escape(tool.problem)}</div>'

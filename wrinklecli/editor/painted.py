@@ -1,0 +1,94 @@
+"""A mesh with colours or a texture as a small .glb, for a browser to draw: its own meshes have one colour each.
+
+Source: glTF 2.0 §4.4 (GLB), §3.7 (geometry), §3.9 (materials).
+"""
+
+import json
+import struct
+
+import numpy as np
+
+from wrinklecli.gltf.document import TRIANGLES
+from wrinklecli.gltf.pixels import png_of
+from wrinklecli.numeric.arrays import Array, Floats, Ints
+from wrinklecli.review.preview.materials import Texture
+
+_FLOAT, _UINT, _UBYTE = 5126, 5125, 5121
+_WRAPS = {"clamp": 33071, "mirror": 33648, "repeat": 10497}
+_ROUGH = 0.9
+
+
+class PaintedMesh:
+    """What of such a .glb stays while its vertices move.
+
+    Args:
+        triangles: (triangles, 3).
+        coordinates: (vertices, 2) in the texture.
+        texture: That multiplies the colours; None for none.
+    """
+
+    def __init__(self, triangles: Ints, coordinates: Floats, texture: Texture | None) -> None:
+        self._fixed: list[tuple[str, Array]] = [("SCALAR", triangles.astype(np.uint32).ravel())]
+        self._image = b""
+        self._material: dict[str, object] = {"metallicFactor": 0.0, "roughnessFactor": _ROUGH}
+        self._sampler = {}
+        if texture is not None:
+            self._fixed.append(("VEC2", coordinates.astype(np.float32)))
+            self._image = png_of(texture.pixels)
+            self._material["baseColorTexture"] = {"index": 0}
+            self._sampler = {key: _WRAPS[wrap] for key, wrap in zip(("wrapS", "wrapT"), texture.wraps, strict=True)}
+
+    def glb(self, positions: Floats, colours: Floats) -> bytes:
+        """The .glb with (vertices, 3) positions and (vertices, 3) linear colours."""
+        shades = np.full((len(colours), 4), 255, np.uint8)
+        shades[:, :3] = np.round(255 * np.clip(colours, 0.0, 1.0))
+        arrays = [*self._fixed, ("VEC3", positions.astype(np.float32)), ("VEC4", shades)]
+        attributes = {"POSITION": len(arrays) - 2, "COLOR_0": len(arrays) - 1}
+        if self._image:
+            attributes["TEXCOORD_0"] = 1
+        accessors, views, parts, start = [], [], [], 0
+        for number, (kind, array) in enumerate(arrays):
+            component = {"f": _FLOAT, "u": _UINT if array.itemsize == 4 else _UBYTE}[array.dtype.kind]
+            accessor: dict[str, object] = {
+                "bufferView": number,
+                "componentType": component,
+                "count": len(array),
+                "type": kind,
+            }
+            if kind == "VEC3":
+                accessor |= {"min": array.min(axis=0).tolist(), "max": array.max(axis=0).tolist()}
+            if component == _UBYTE:
+                accessor["normalized"] = True
+            accessors.append(accessor)
+            views.append({"buffer": 0, "byteOffset": start, "byteLength": array.nbytes})
+            parts.append(array.tobytes())
+            start += array.nbytes
+        gltf: dict[str, object] = {
+            "asset": {"version": "2.0"},
+            "scene": 0,
+            "scenes": [{"nodes": [0]}],
+            "nodes": [{"mesh": 0}],
+            "meshes": [
+                {"primitives": [{"attributes": attributes, "indices": 0, "material": 0, "mode": TRIANGLES}]},
+            ],
+            "materials": [{"doubleSided": True, "pbrMetallicRoughness": self._material}],
+            "accessors": accessors,
+            "bufferViews": views,
+        }
+        if self._image:
+            views.append({"buffer": 0, "byteOffset": start, "byteLength": len(self._image)})
+            parts.append(self._image)
+            start += len(self._image)
+            gltf["images"] = [{"bufferView": len(views) - 1, "mimeType": "image/png"}]
+            gltf["samplers"] = [self._sampler]
+            gltf["textures"] = [{"source": 0, "sampler": 0}]
+        gltf["buffers"] = [{"byteLength": start}]
+        return _container(gltf, b"".join(parts))
+
+
+def _container(gltf: dict[str, object], data: bytes) -> bytes:
+    """JSON and a buffer in one file."""
+    text = json.dumps(gltf, separators=(",", ":")).encode()
+    chunks = ((b"JSON", text + b" " * (-len(text) % 4)), (b"BIN\0", data + b"\0" * (-len(data) % 4)))
+    body = b"".join(struct.pack("<I", len(chunk)) + kind + chunk for kind, chunk in chunks)
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body

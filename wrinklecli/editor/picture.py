@@ -1,0 +1,186 @@
+"""What the page shows in 3D: the session's meshes at the player's moment, tools on them, and where cameras stand."""
+
+from typing import Any
+
+import numpy as np
+import viser
+
+from wrinklecli.character.scene import read_scene
+from wrinklecli.editor.drawing import Body, body_of, mark_of, picked
+from wrinklecli.editor.player import Player
+from wrinklecli.editor.scene import LOOKS, Drag, Look, View
+from wrinklecli.editor.session import Session, ShownMesh
+from wrinklecli.editor.work import Work
+from wrinklecli.numeric.arrays import Floats
+from wrinklecli.review.preview.heat import point_colours
+from wrinklecli.review.preview.materials import Paint, read_paints
+from wrinklecli.review.preview.shown import INKS
+
+_SETTLES = 0.08  # seconds in which a browser reads a coloured mesh
+_ASIDE = 1.15  # widths of the asset between it and its rest pose beside it
+_ALL, _CLOSE = 1.15, 3.2  # distance of a camera: diagonals of the asset, reaches of a tool
+_BACKGROUND = ((236, 239, 243), (203, 208, 215))  # sRGB above and below
+
+
+class Picture:
+    """The 3D view of all tabs, with the widgets that say how it looks.
+
+    Args:
+        server: The page's.
+        work: Does what widgets ask for.
+        session: What is shown.
+        drag: Called where a tool's dot is dragged.
+    """
+
+    def __init__(self, server: viser.ViserServer, work: Work, session: Session, drag: Drag) -> None:
+        self._server, self._work, self._session = server, work, session
+        server.scene.set_up_direction("+y")
+        server.scene.set_background_image(_background())
+        self._view = View(server, "asset", drag)
+        self._rest_view = View(server, "rest", lambda *_: None)
+        self._bodies: tuple[Body, ...] = ()
+        self._chosen: str | None = None
+        self.shown: list[ShownMesh] = []
+        self._paints: dict[int, list[Paint]] = {}
+        sources = read_scene(session.document)
+        paints, unread = read_paints(session.document, sources)
+        for source, paint in zip(sources, paints, strict=True):
+            self._paints.setdefault(source.rig.node, []).append(paint)
+        self.warnings = tuple(unread)
+
+    def add_widgets(self, gui: viser.GuiApi, *, heat: bool) -> None:
+        """Add what says how it looks, to where the program is in the page."""
+        self._look: Any = gui.add_dropdown("surface", LOOKS, initial_value="heat" if heat else "clay")
+        self._wire: Any = gui.add_checkbox("wire", initial_value=False)
+        self._beside: Any = gui.add_checkbox("rest beside", initial_value=False, hint="Show it at rest, too.")
+        whole: Any = gui.add_button("Look at all", icon=viser.Icon.FOCUS_CENTERED)
+
+        async def look_at_all(_event: object) -> None:
+            self._work.put("look", self.look_at_all)
+
+        async def look_otherwise(event: Any) -> None:
+            if event.client is not None:
+                self._work.put("dress", self._dress)
+
+        whole.on_click(look_at_all)
+        for each in (self._look, self._wire, self._beside):
+            each.on_update(look_otherwise)
+
+    def show(self, player: Player, chosen: str | None) -> None:
+        """Show the player's moment, with dots on the chosen tool."""
+        before, self.shown = self.shown, self._session.meshes(player.clip, player.time)
+        same = len(before) == len(self.shown) and all(
+            new.laid is old.laid for new, old in zip(self.shown, before, strict=True)
+        )
+        with self._server.atomic():
+            if not same:
+                self._chosen = chosen
+                self._dress()
+                return
+            self._move()
+            if chosen != self._chosen:
+                self._chosen = chosen
+                self._mark()
+
+    @property
+    def _points(self) -> list[Floats]:
+        return [mesh.positions for mesh in self.shown]
+
+    def _dress(self) -> None:
+        """Show meshes that are new, or that look otherwise than before."""
+        look: Look = self._look.value
+        wire, beside = bool(self._wire.value), bool(self._beside.value)
+        self._bodies = tuple(body_of(mesh.laid, self._paints[mesh.laid.ground.rig.node]) for mesh in self.shown)
+        with self._server.atomic():
+            self._view.dress(self._bodies, self._points, look, wire=wire)
+            self._mark()
+            rest = [mesh.positions for mesh in self._session.meshes(None, 0.0)] if beside else []
+            self._rest_view.dress(self._bodies if beside else (), rest, look, wire=wire)
+            width = float(np.ptp(self._everything(), axis=0)[0])
+            self._rest_view.place((-_ASIDE * width, 0.0, 0.0), visible=beside)
+            self._move()
+
+    def _move(self) -> None:
+        heats = []
+        if self._look.value == "heat":
+            heats = [point_colours(each.laid.rest_positions, each.positions, each.faces) for each in self.shown]
+        if self._view.move(self._points, heats):
+            self._work.put_later("settle", _SETTLES, self._view.settle)
+
+    def _mark(self) -> None:
+        """Draw the tools on the shown meshes."""
+        marks = []
+        for number, tool in enumerate(self._session.laid().values()):
+            body = self._body_of(tool.plan.rig.node)
+            marks.append(mark_of(tool, self.shown[body].laid, body, INKS[number % len(INKS)]))
+        self._view.mark(marks, self._chosen, self._points)
+
+    def _body_of(self, node: int) -> int:
+        return next(k for k, mesh in enumerate(self.shown) if mesh.laid.ground.rig.node == node)
+
+    def _everything(self) -> Floats:
+        """(points, 3) all that is shown; the world's origin where nothing is."""
+        return np.concatenate(self._points) if any(map(len, self._points)) else np.zeros((1, 3))
+
+    # Where cameras stand.
+
+    def look_at_all(self) -> None:
+        """Let the cameras see the whole asset."""
+        every = self._everything()
+        low, high = every.min(axis=0), every.max(axis=0)
+        size = float(np.linalg.norm(high - low)) or 1.0
+        self._point_cameras((low + high) / 2, np.array([0.45, 0.2, 1.0]), _ALL * size)
+
+    def look_at_tool(self, name: str) -> None:
+        """Let the cameras face a tool; they stay where it does not fit."""
+        found = self._view.middle_of(name, self._points)
+        if found is not None:
+            middle, facing, reach = found
+            self._point_cameras(middle, facing + np.array([0.0, 0.2, 0.0]), _CLOSE * reach)
+
+    def _point_cameras(self, middle: Floats, direction: Floats, distance: float) -> None:
+        position = middle + distance * direction / (np.linalg.norm(direction) or 1.0)
+        start = self._server.initial_camera
+        start.look_at, start.position, start.up = middle, position, np.array([0.0, 1.0, 0.0])
+        start.near = distance / 100
+        for client in self._server.get_clients().values():
+            with client.atomic():
+                client.camera.up_direction = (0.0, 1.0, 0.0)
+                client.camera.near = distance / 100
+                # In this order: to move a camera moves what it looks at.
+                client.camera.position = position
+                client.camera.look_at = middle
+
+    # What is under the pointer.
+
+    def hit(self, origin: Floats, direction: Floats) -> tuple[ShownMesh, Floats] | None:
+        """The mesh that a ray from (3,) in (3,) meets first, and (3,) where that is at rest; None where it misses."""
+        best, found = np.inf, None
+        for mesh in self.shown:
+            hit = picked(origin, direction, mesh.positions, mesh.faces)
+            if hit is not None and hit[0] < best:
+                best = hit[0]
+                found = mesh, hit[2] @ mesh.laid.rest_positions[mesh.faces[hit[1]]]
+        return found
+
+    def tool_at(self, mesh: ShownMesh, place: Floats) -> str | None:
+        """The tool of the file whose patch, or whose partner's, is at a (3,) place at rest."""
+        laid = self._session.laid()
+        for tool in self._session.tools():
+            for name in (tool.name, tool.partner):
+                found = laid.get(name) if name else None
+                if found is None or found.plan.rig.node != mesh.laid.ground.rig.node:
+                    continue
+                patch = found.carried.patch
+                u, v = patch.coordinates(place)
+                near = abs(float((place - patch.path.middle) @ patch.normal)) < patch.span
+                if near and 0 <= u <= 1 and abs(v) <= 1:
+                    return tool.name
+        return None
+
+
+def _background() -> Any:
+    """(rows, columns, 3) of a plain wall, lighter above."""
+    above, below = (np.array(colour, float) for colour in _BACKGROUND)
+    shares = np.linspace(0.0, 1.0, 64)[:, None, None]
+    return np.round((1 - shares) * above + shares * below).astype(np.uint8).repeat(2, axis=1)
