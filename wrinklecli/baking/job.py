@@ -15,7 +15,7 @@ from wrinklecli.gltf.edit import Storage
 from wrinklecli.gltf.images import files_of
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory
 from wrinklecli.tools.merged import load_merged
-from wrinklecli.tools.records import MAX_VERTICES, Length, RefinementSettings, RestLengthKeys, ToolsFile, WrinkleTool
+from wrinklecli.tools.records import MAX_VERTICES, Length, RestLengthKeys, ToolsFile, WrinkleTool
 
 Mode: TypeAlias = Literal["morph", "frames"]
 Engine: TypeAlias = Literal["three", "unity", "spec8", "vtk", "godot3"]
@@ -273,14 +273,10 @@ def _overridden(settings: ToolsFile, options: BakeOptions) -> ToolsFile:
     if options.max_levels is not None:
         refinement = replace(refinement, max_levels=options.max_levels)
     if options.draft:
-        refinement = drafted(refinement)
+        # Edges twice as long need one level less.
+        fewer, longer = max(refinement.max_levels - 1, 0), refinement.edges_per_interval / 2
+        refinement = replace(refinement, max_levels=fewer, edges_per_interval=longer)
     return replace(settings, tools=tools, sampling=sampling, refinement=refinement)
-
-
-def drafted(refinement: RefinementSettings) -> RefinementSettings:
-    """The refinement of a quick look: edges twice as long, which need one level less."""
-    fewer, longer = max(refinement.max_levels - 1, 0), refinement.edges_per_interval / 2
-    return replace(refinement, max_levels=fewer, edges_per_interval=longer)
 
 
 def _check_clip_names(settings: ToolsFile, sampled: Sequence[str], clips: tuple[Clip, ...]) -> list[str]:

@@ -19,6 +19,7 @@ from wrinklecli.errors import AssetError, BakeError, WrinkleError
 from wrinklecli.gltf.document import Document
 from wrinklecli.method.attach import attach_tools
 from wrinklecli.method.carry import CarriedPatch, carry
+from wrinklecli.method.patch import Patch
 from wrinklecli.method.refine import Refinement, refine
 from wrinklecli.method.rest import Rest, rest_pose
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, determinants, distinct_values, median
@@ -174,21 +175,21 @@ def plan_mesh(
         WrinkleError: Of all tools that do not fit, a line each.
     """
     ground = read_ground(document, node, tools, settings, clips, neighbours=neighbours)
-    return plan_on(ground, tools, settings, max_error, influences=influences, max_vertices=max_vertices)
+    patches = attach_tools(tools, ground.surface, ground.rest, ground.rig, up=settings.up)
+    return plan_on(ground, patches, settings, max_error, influences=influences, max_vertices=max_vertices)
 
 
 def plan_on(
     ground: Ground,
-    tools: list[WrinkleTool],
+    patches: Sequence[Patch],
     settings: ToolsFile,
     max_error: Length,
     *,
     influences: int | None = None,
     max_vertices: int = MAX_VERTICES,
 ) -> MeshPlan:
-    """As `plan_mesh`, on a mesh that is read already."""
+    """As `plan_mesh`, of tools that are attached already."""
     document, rig, surface, rest = ground.document, ground.rig, ground.surface, ground.rest
-    patches = attach_tools(tools, surface, rest, rig, up=settings.up)
     contacts = ground.contacts
     tallest = max(patch.greatest_height for patch in patches)
     bound = max(max_error.resolve(tallest), _float32_error(rest))
