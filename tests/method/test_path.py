@@ -1,5 +1,6 @@
 """Paths: a smooth curve through anchors, u along it and v across it, fanning out where it bends; straight ones too."""
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -14,6 +15,7 @@ from kit.limb import RADIUS, limb_asset, tool
 from kit.prepared import prepare
 from wrinklecli.errors import BakeError
 from wrinklecli.method.activity import lengths_over_time
+from wrinklecli.method.attach import attach_tools
 from wrinklecli.method.path import Curve, Foot, path_through
 from wrinklecli.numeric.arrays import Floats, unit
 
@@ -156,6 +158,14 @@ def test_the_tool_of_the_other_side_has_the_mirrored_patch() -> None:
     assert near.sum() > 50
     assert there[0][near] == pytest.approx(here[0][near], abs=1e-3)
     assert there[1][near] == pytest.approx(-here[1][near], abs=1e-2)
+
+
+def test_a_path_that_no_file_gives_is_refused_in_a_line() -> None:
+    """As one that `suggest` tries."""
+    made = prepare(limb_asset(rings=9, sides=8))
+    drafted = replace(made.patch.tool, between=((0.0, 3.0, 0.0),), places={})
+    with pytest.raises(BakeError, match="more than a quarter of its segment"):
+        attach_tools([drafted], made.surface, made.rest, made.rig, up="y")
 
 
 def test_shortening_is_of_the_summed_distances() -> None:

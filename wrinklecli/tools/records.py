@@ -242,7 +242,7 @@ class WrinkleTool:
 
     def place_of(self, number: int, *keys: str) -> str:
         """The place of one of the points in the file, whichever way it is given there."""
-        given = ("path", str(number)) if ("path",) in self.places else (("origin", "target")[number],)
+        given = ("path", str(number)) if ("path",) in self.places or self.between else (("origin", "target")[number],)
         return self.place(*given, *keys)
 
     @property

@@ -36,8 +36,8 @@ _LEAST_BY_MORPH = 0.04
 # Degrees between a straight tool and the strongest compression, in the median, from which a path is tried. It has less,
 # or this part of them at most.
 _ASKEW, _BETTER = 10.0, 0.7
-# Part of the straight tool's shortening that a path has at least: of less, it runs beside the crease, as in a knee's
-# hollow, and its bumps would be small.
+# Part of the straight tool's shortening, measured along the skin as a path measures it, that a path has at least: of
+# less, it runs beside the crease, as in a knee's hollow, and its bumps would be small.
 _AS_SHORT = 0.75
 # Half the width of a path over its sharpest bend's radius, and what must be left of the straight tool's width.
 _OF_RADIUS, _LEAST_WIDTH = 0.9, 0.6
@@ -298,33 +298,65 @@ def _refined(fold: Fold) -> Fold | None:
 
 def _curved(fold: Fold) -> Fold:
     """A fold with a path along the strongest compression, where a straight tool crosses that askew."""
-    mesh, region = fold.mesh, fold.region
+    mesh = fold.mesh
     straight = _attached(mesh, [tool_of(fold, "probe", width_of(fold))])
-    if straight is None or region.on_plane:
+    if straight is None or fold.region.on_plane:
         return fold
-    clip, time = _deepest(mesh, straight[0])
-    tensors = at_sites(mesh.gauge, mesh.sites, clip, np.array([time]))[0]
-    askew = misalignment(mesh, straight[0], tensors)
+    moment = _deepest(mesh, straight[0])
+    askew = _askew(mesh, straight[0], moment)
     if askew < _ASKEW:
         return fold
+    best, least = fold, max(_BETTER * askew, min(_ASKEW, askew))
+    for _ in range(2):
+        traced = _traced(fold, *moment)
+        if traced is None:
+            break
+        curved, found = traced
+        # A path is shortest at another time than the chord from end to end.
+        moment, before = _deepest(mesh, found), moment
+        angle = _askew(mesh, found, moment)
+        if angle < least:
+            best, least = curved, angle
+        if least < _ASKEW or moment == before:
+            break
+    return best
+
+
+def _askew(mesh: MeasuredMesh, patch: Patch, moment: tuple[Clip, float]) -> float:
+    """Median angle of a tool with the strongest compression at a time of a clip, degrees."""
+    clip, time = moment
+    return misalignment(mesh, patch, at_sites(mesh.gauge, mesh.sites, clip, np.array([time]))[0])
+
+
+def _traced(fold: Fold, clip: Clip, time: float) -> tuple[Fold, Patch] | None:
+    """A fold with a path along the strongest compression at a time of a clip, attached; none where that is no tool."""
+    mesh, region = fold.mesh, fold.region
+    tensors = at_sites(mesh.gauge, mesh.sites, clip, np.array([time]))[0]
     first, second = (float(np.linalg.norm(end - region.centre)) for end in (fold.origin, fold.target))
     points = trace(mesh, region, tensors, (first, second))
     if points is None:
-        return fold
+        return None
     curved = replace(fold, origin=points[0], between=points[1:-1], target=points[-1])
     wide = _attached(mesh, [tool_of(curved, "probe", width_of(fold))])
     if wide is None or not isinstance(wide[0].path, Curve):
-        return fold
+        return None
     curved = replace(curved, widest=2.0 * _OF_RADIUS * wide[0].path.sharpest[0])
     found = _attached(mesh, [tool_of(curved, "probe", width_of(curved))])
     if found is None or width_of(curved) < _LEAST_WIDTH * width_of(fold):
-        return fold
-    whole, shortening = (
-        max(moment.shortening for moment in deepest_moments(mesh, each[0]).values()) for each in (straight, found)
-    )
-    better = misalignment(mesh, found[0], tensors) < max(_BETTER * askew, min(_ASKEW, askew))
-    least = max(_least_shortening(fold, mild=False), _AS_SHORT * whole)
-    return curved if better and shortening >= least else fold
+        return None
+    # As a path measures it: from point to point over the skin, where the straight tool is.
+    shares = np.linspace(0.0, 1.0, len(points))[1:-1, None]
+    over = [mesh.rest.foot(place)[0] for place in fold.origin + shares * (fold.target - fold.origin)]
+    straight = _attached(mesh, [tool_of(replace(fold, between=np.array(over)), "probe", width_of(fold))])
+    least = _least_shortening(fold, mild=False)
+    if straight is not None:
+        least = max(least, _AS_SHORT * _most_shortening(mesh, straight[0]))
+    return (curved, found[0]) if _most_shortening(mesh, found[0]) >= least else None
+
+
+def _most_shortening(mesh: MeasuredMesh, patch: Patch) -> float:
+    """The greatest of all clips."""
+    return max(moment.shortening for moment in deepest_moments(mesh, patch).values())
 
 
 def _least_shortening(fold: Fold, *, mild: bool) -> float:
