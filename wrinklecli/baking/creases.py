@@ -14,11 +14,11 @@ from wrinklecli.character.clip import KEY_GAP, KEY_STEP, clip_grid, sample
 from wrinklecli.method.activity import further_activities
 from wrinklecli.method.shapes import Sample, make_shapes
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
-from wrinklecli.numeric.guard import Progress
+from wrinklecli.numeric.guard import Progress, one_thread
 from wrinklecli.numeric.piecewise import key_points
 
 if TYPE_CHECKING:
-    from wrinklecli.method.crease import Crease
+    from wrinklecli.method.crease import Crease, Followed
     from wrinklecli.method.fold import Fold
 
 MOST_SHAPES = 8
@@ -57,15 +57,18 @@ def add_creases(
     if not plan.folds:
         return list(target_sets), list(motions)
     # Imported here, as other bakes need none of it.
+    import scipy.linalg  # noqa: F401  # has a BLAS of its own, which is to run one thread
+
     from wrinklecli.method.crease import resolve
 
     made: list[AnySet] = list(target_sets)
-    for number, fold in enumerate(plan.folds, start=1):
-        crease = resolve(fold, share=_SHAPE_ERROR, most=MOST_SHAPES)
-        progress("contact", number, len(plan.folds))
-        if crease is not None:
-            found, motions = _followed(plan, crease, made, motions, fps=fps, marched=marched)
-            made.append(found)
+    with one_thread():
+        for number, fold in enumerate(plan.folds, start=1):
+            crease = resolve(fold, share=_SHAPE_ERROR, most=MOST_SHAPES)
+            progress("contact", number, len(plan.folds))
+            if crease is not None:
+                found, motions = _followed(plan, crease, made, motions, fps=fps, marched=marched)
+                made.append(found)
     return made, list(motions)
 
 
@@ -79,7 +82,7 @@ def _followed(
     marched: bool,
 ) -> tuple[CreaseSet, list[Motion]]:
     """A fold's targets, and its weights in each clip."""
-    error, unsettled = 0.0, 0
+    found: list[Followed] = []
     followed: list[Motion] = []
     takes = takes_of(plan, [motion.clip for motion in motions])
     for motion, take in zip(motions, takes, strict=True):
@@ -89,9 +92,9 @@ def _followed(
             followed.append(replace(first, clip=motion.clip))
             continue
         times = _march_times(crease, motion, fps) if marched else motion.times
-        weights, missed, odd = crease.follow(motion.clip, times)
-        error, unsettled = max(error, missed * plan.scale), unsettled + odd
-        followed.append(_with_weights(plan, crease, target_sets, motion, times, weights, marched=marched))
+        follow = crease.follow(motion.clip, times)
+        found.append(follow)
+        followed.append(_with_weights(plan, crease, target_sets, motion, times, follow.weights, marched=marched))
     shapes = make_shapes(
         plan.fine,
         crease.vertices,
@@ -100,7 +103,7 @@ def _followed(
         samples=[Sample(*each) for each in crease.samples] if plan.has_normals else [],
     )
     name = _identifier(plan, crease.fold)
-    return CreaseSet(crease, name, named_targets(name, shapes), error, unsettled), followed
+    return CreaseSet(crease, name, named_targets(name, shapes), tuple(found)), followed
 
 
 def _identifier(plan: MeshPlan, fold: "Fold") -> str:

@@ -214,7 +214,7 @@ def plan_on(
     if problems:
         raise BakeError.of_all(problems)
     scale = float(median(np.cbrt(np.abs(determinants(rest.blended[:, :, :3])))))
-    folds, unhinged = _folds(carried_patches, fine, rest, rig, ground.clips)
+    folds, unhinged = _folds(carried_patches, fine, rest, rig)
     return MeshPlan(
         rig=rig,
         rest=rest,
@@ -230,7 +230,7 @@ def plan_on(
 
 
 def _folds(
-    carried_patches: Sequence[CarriedPatch], fine: Refinement, rest: Rest, rig: Rig, clips: Sequence[Clip]
+    carried_patches: Sequence[CarriedPatch], fine: Refinement, rest: Rest, rig: Rig
 ) -> tuple[tuple["Fold", ...], tuple[int, ...]]:
     """Where contact is resolved, and the tools that ask for it in vain.
 
@@ -247,7 +247,7 @@ def _folds(
     # Imported here, as other bakes need none of it.
     from wrinklecli.method.fold import find_folds
 
-    folds, unhinged = find_folds(carried_patches, chosen, fine, rest, rig, clips)
+    folds, unhinged = find_folds(carried_patches, chosen, fine, rest, rig)
     return tuple(folds), tuple(unhinged)
 
 

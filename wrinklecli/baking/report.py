@@ -211,9 +211,11 @@ def _describe_fold(plan: MeshPlan, found: CreaseSet) -> Json:
         "largest_move": _round(crease.largest),
         "poses": crease.solved,
         "unsettled_poses": crease.unsettled,
-        "unsettled_frames": found.unsettled,
+        "crossing_poses": crease.crossing,
         "error": _round(crease.error),
-        "clip_error": _round(found.error),
+        "unsettled_frames": sum(each.unsettled for each in found.clips),
+        "crossing_frames": sum(each.crossing for each in found.clips),
+        "clip_error": _round(max((each.error for each in found.clips), default=0.0)),
         "targets": [target.name for target in targets_of([found])],
     }
 

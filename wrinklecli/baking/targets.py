@@ -11,7 +11,7 @@ from wrinklecli.method.shapes import Shape
 from wrinklecli.numeric.arrays import Floats, Ints
 
 if TYPE_CHECKING:
-    from wrinklecli.method.crease import Crease
+    from wrinklecli.method.crease import Crease, Followed
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,16 +101,14 @@ class CreaseSet:
         crease: What contact does.
         identifier: What the targets are named by.
         targets: One for each shape; None for a shape that moves no vertex.
-        error: How far the shapes are from what was found in the clips, at most, scene units.
-        unsettled: Frames of the clips whose solution did not settle.
+        clips: How the shapes follow the clips.
         remix: Where the shapes are others than those of the crease, as an engine asked for.
     """
 
     crease: "Crease"
     identifier: str
     targets: tuple[Target | None, ...]
-    error: float
-    unsettled: int
+    clips: "tuple[Followed, ...]"
     remix: Remix | None = None
 
     @property

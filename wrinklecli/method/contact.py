@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, inverses
-from wrinklecli.numeric.crossings import edges_of
+from wrinklecli.numeric.crossings import Crossings, edges_of
 
 UNITS = 70.0
 """Units of the solver in a limb's radius: lengths below are about millimetres of a knee."""
@@ -123,6 +123,11 @@ class Tissue:
         return mesh
 
     @cached_property
+    def crossings(self) -> Crossings:
+        """What may cross."""
+        return Crossings.of(self.rest, self.triangles[self.colliding])
+
+    @cached_property
     def barrier(self) -> Any:
         """Of ipctk."""
         import ipctk
@@ -159,6 +164,24 @@ class Tissue:
     def clear(self, positions: Floats) -> bool:
         """Whether nothing is near at (vertices, 3)."""
         return not len(self.collisions(positions))
+
+    def touching(self, positions: Floats) -> Bools:
+        """(vertices,) those that something holds off at (vertices, 3)."""
+        placed = np.asfortranarray(positions)
+        held = self.barrier.gradient(self.collisions(positions), self.mesh, placed).reshape(-1, 3)
+        return np.asarray(held.any(axis=1))
+
+    def crossing(self, positions: Floats) -> Bools | None:
+        """(vertices,) whether an edge or a triangle of each crosses at (vertices, 3); None where none does."""
+        import ipctk
+
+        if not ipctk.has_intersections(self.mesh, np.asfortranarray(positions)):
+            return None
+        edges, triangles = self.crossings.at(positions)
+        marked = np.zeros(len(positions), bool)
+        marked[self.crossings.edges[edges]] = True
+        marked[self.crossings.triangles[triangles]] = True
+        return marked if marked.any() else None
 
     def _near(self, positions: Floats, near: float, kept: float) -> Any:
         import ipctk
@@ -283,6 +306,8 @@ class Response:
 
     def of(self, forces: Floats, contacts: Any = None) -> Floats:
         """(3 · free,) what moves under as many forces, if contacts, (3 · free, 3 · free) sparse, resist too."""
+        from scipy.linalg import cho_factor, cho_solve
+
         alone = self._factors.solve(forces.reshape(-1, 3))
         if contacts is None:
             return np.asarray(alone.reshape(-1))
@@ -290,13 +315,14 @@ class Response:
         columns = self._of_each(touched)
         coordinates = (3 * touched[:, None] + np.arange(3)).reshape(-1)
         resisting = contacts[coordinates][:, coordinates].toarray()
-        # (1 + G H) d = G f at the vertices that touch, coordinate by coordinate.
-        count = len(touched)
-        green = columns[touched]
-        system = np.einsum("ij,jakb->iakb", green, resisting.reshape(count, 3, count, 3), optimize=True)
-        system = system.reshape(3 * count, 3 * count)
-        system[np.diag_indices_from(system)] += 1.0
-        moved = np.linalg.solve(system, alone[touched].reshape(-1))
+        # (G⁻¹ + H) d = G⁻¹ (G f) at the vertices that touch: G is the same for each coordinate, and H mixes them.
+        inverse = np.linalg.inv(columns[touched])
+        inverse = 0.5 * (inverse + inverse.T)
+        system = resisting.reshape(len(touched), 3, len(touched), 3).copy()
+        for k in range(3):
+            system[:, k, :, k] += inverse
+        factors = cho_factor(system.reshape(resisting.shape), overwrite_a=True, check_finite=False)
+        moved = cho_solve(factors, (inverse @ alone[touched]).reshape(-1), check_finite=False)
         held = (resisting @ moved).reshape(-1, 3)
         return np.asarray((alone - columns @ held).reshape(-1))
 

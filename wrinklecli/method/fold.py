@@ -10,82 +10,23 @@ from functools import cached_property
 
 import numpy as np
 
-from wrinklecli.character.clip import Clip, sample
-from wrinklecli.character.motion import motion_clip, quaternion_product, turning
+from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import blend, joint_matrices, morph_weights, node_matrices, transform
 from wrinklecli.character.rig import Rig
 from wrinklecli.method.activity import lengths_over_time
 from wrinklecli.method.bending import bent_node
 from wrinklecli.method.carry import CarriedPatch, displacements
+from wrinklecli.method.hinge import Hinge, hinge_of
 from wrinklecli.method.patch import Patch
 from wrinklecli.method.refine import Refinement
 from wrinklecli.method.rest import Rest
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, distinct_values, unit, unit_quaternions
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
 from wrinklecli.numeric.crossings import Crossings
 
 # How far the surface round a joint may touch, in radii of the limb, and at least in lengths of the segment.
 _REACH_RADII, _REACH_SPANS = 2.6, 0.75
 # Radius of the limb at least, in lengths of the segment: a joint may lie in the skin.
 _LEAST_RADIUS = 0.25
-# Radians that clips turn a joint before they tell how it turns (see `range_of_motion`), and that it turns either way
-# where they do not.
-_TELLING, _UNTOLD = np.radians(30.0), np.radians(120.0)
-# Radians to a multiple of which the range is widened: clips that differ a little ask for the same targets.
-_ROUND = np.radians(5.0)
-# Moments of a clip at which a joint's rotation is looked at.
-_MOMENTS = 61
-
-
-@dataclass(frozen=True, slots=True)
-class Hinge:
-    """A joint that turns about one axis.
-
-    Attributes:
-        node: The joint.
-        axis: (3,) unit, in the space of the node's parent.
-        rest: (4,) the node's stored rotation, of unit length.
-        least: Radians that it turns by at the most, one way; 0 or less,
-        most: and the other; 0 or more.
-    """
-
-    node: int
-    axis: Floats
-    rest: Floats
-    least: float
-    most: float
-
-    def turn(self, angles: Floats, *, tilt: Floats | None = None) -> Clip:
-        """A clip of a second through (keys,) evenly spaced radians, each less than 180° from the one before.
-
-        Args:
-            angles: From the stored rotation.
-            tilt: (2,) by how much the axis leans to two sides, tangents of angles; not at all where left out.
-        """
-        axis = self.axis if tilt is None else unit(self.axis + tilt @ _across(self.axis))
-        times = np.linspace(0.0, 1.0, len(angles))
-        greatest = float(np.abs(angles).max()) or 1.0
-        channel = turning(self.node, self.rest, axis, greatest, angles / greatest)
-        return motion_clip("", [type(channel)(0, self.node, "rotation", times, channel.values, "LINEAR")])
-
-    def angles(self, rotations: Floats) -> Floats:
-        """(frames,) radians about the axis from the stored rotation to (frames, 4) others: their twist.
-
-        Source: the swing-twist decomposition of quaternions.
-        """
-        turns = _turns_from(self.rest, rotations)
-        return np.asarray(2.0 * np.arctan2(turns[:, :3] @ self.axis, turns[:, 3]))
-
-
-def _turns_from(stored: Floats, rotations: Floats) -> Floats:
-    """(frames, 4) quaternions, the real part at least 0, that turn a stored one, (4,), to others, (frames, 4)."""
-    turns = quaternion_product(rotations, stored * [-1.0, -1.0, -1.0, 1.0])
-    return np.asarray(np.where(turns[:, 3:] < 0, -turns, turns))
-
-
-def _across(axis: Floats) -> Floats:
-    """(2, 3) unit, across an axis and each other."""
-    first = unit(np.stack(cross(axis, np.eye(3)[np.argmin(np.abs(axis))])))
-    return np.stack([first, np.stack(cross(axis, first))])
 
 
 @dataclass(frozen=True)
@@ -173,7 +114,6 @@ def find_folds(
     fine: Refinement,
     rest: Rest,
     rig: Rig,
-    clips: Sequence[Clip] = (),
 ) -> tuple[list[Fold], list[int]]:
     """The folds of some tools, of which those over one joint share one; and the tools that have no joint.
 
@@ -183,7 +123,6 @@ def find_folds(
         fine: The refined surface.
         rest: The rest pose.
         rig: The joints.
-        clips: All of the asset, which tell how far a joint turns and about which axis, whichever are baked.
     """
     by_node: dict[int, list[int]] = {}
     without = []
@@ -193,7 +132,7 @@ def find_folds(
             without.append(number)
         else:
             by_node.setdefault(node, []).append(number)
-    folds = [_fold(tuple(tools), node, carried_patches, fine, rest, rig, clips) for node, tools in by_node.items()]
+    folds = [_fold(tuple(tools), node, carried_patches, fine, rest, rig) for node, tools in by_node.items()]
     return folds, without
 
 
@@ -204,7 +143,6 @@ def _fold(
     fine: Refinement,
     rest: Rest,
     rig: Rig,
-    clips: Sequence[Clip],
 ) -> Fold:
     patches = [carried_patches[number].patch for number in tools]
     pivot = node_matrices(rig, rest.clip, rest.time, [node])[0, 0, :3, 3]
@@ -213,7 +151,7 @@ def _fold(
     vertices, triangles = _round(pivot, reach, fine, np.concatenate([carried_patches[t].vertices for t in tools]))
     return Fold(
         tools=tools,
-        hinge=_hinge(node, patches, pivot, rig, clips),
+        hinge=hinge_of(node, patches, pivot, rig, rest),
         vertices=vertices,
         triangles=triangles,
         radius=radius,
@@ -231,28 +169,6 @@ def _limb_radius(patch: Patch, pivot: Floats) -> float:
     apart = pivot - patch.origin.position
     away = apart - np.clip(apart @ patch.along, 0.0, patch.span) * patch.along
     return max(float(np.linalg.norm(away)), _LEAST_RADIUS * patch.span)
-
-
-def _hinge(node: int, patches: Sequence[Patch], pivot: Floats, rig: Rig, clips: Sequence[Clip]) -> Hinge:
-    """The joint, turning as the asset's clips turn it; where they hardly do, so that the tools' ends come together."""
-    stored = unit_quaternions(rig.locals[node]["rotation"])
-    parent = int(rig.parents[node])
-    world = np.eye(4) if parent < 0 else node_matrices(rig, None, np.zeros(1), [parent])[0, 0]
-    # A turn about this brings the first tool's ends together fastest.
-    closing = unit(np.linalg.pinv(world[:3, :3]) @ np.cross(patches[0].target.position - pivot, patches[0].along))
-    channels = [channel for clip in clips if (channel := clip.channel(node, "rotation")) is not None]
-    turns = [np.array([[0.0, 0.0, 0.0, 1.0]])]
-    for channel in channels:
-        times = np.linspace(channel.times[0], channel.times[-1], _MOMENTS)
-        turns.append(_turns_from(stored, sample(channel, times)))
-    together = np.concatenate(turns)
-    if 2.0 * np.arcsin(np.minimum(np.linalg.norm(together[:, :3], axis=1), 1.0)).max() < _TELLING:
-        return Hinge(node, closing, stored, -_UNTOLD, _UNTOLD)
-    _, _, axes = np.linalg.svd(together[:, :3], full_matrices=False)
-    axis = axes[0] if axes[0] @ closing >= 0 else -axes[0]
-    angles = 2.0 * np.arctan2(together[:, :3] @ axis, together[:, 3])
-    low, high = (np.sign(end) * np.ceil(np.abs(end) / _ROUND) * _ROUND for end in (angles.min(), angles.max()))
-    return Hinge(node, axis, stored, min(float(low), 0.0), max(float(high), 0.0))
 
 
 def _round(pivot: Floats, reach: float, fine: Refinement, seeds: Ints) -> tuple[Ints, Ints]:

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from traceback import extract_tb
 from typing import TypeAlias
 
@@ -20,6 +20,12 @@ def no_progress(_stage: str, _done: int, _total: int) -> None:
     """A `Progress` that tells nobody."""
 
 
+def one_thread() -> AbstractContextManager[object]:
+    """BLAS runs one thread meanwhile, that of libraries too that were imported since `guarded` looked for them."""
+    limits: AbstractContextManager[object] = threadpool_limits(limits=1, user_api="blas")
+    return limits
+
+
 @contextmanager
 def guarded(asset: str) -> Iterator[None]:
     """Stop where numbers leave the range of floats or memory ends, and say so: NaN would go unseen into the file.
@@ -35,7 +41,7 @@ def guarded(asset: str) -> Iterator[None]:
         BakeError: There is too little memory.
     """
     try:
-        with np.errstate(all="raise", under="ignore"), threadpool_limits(limits=1, user_api="blas"):
+        with np.errstate(all="raise", under="ignore"), one_thread():
             yield
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         own = [

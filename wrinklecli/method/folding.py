@@ -1,0 +1,124 @@
+"""How a fold moves under contact: clips posed for the solver of module `contact`, and what it finds, in bind space."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.method.contact import UNITS, Posed, State, Tissue, march
+from wrinklecli.method.fold import Fold
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, inverses
+
+# Poses of which all but the last are passed over where nothing is near at its: 16° of a sweep, an eighth of a second.
+_AHEAD = 4
+# Poses that are computed at once: bounds the memory.
+_AT_ONCE = 16
+# What the square of an error counts where nothing touches, of what it counts where something does: there a tenth of
+# the length is as good, hidden in the fold.
+_APART = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What contact does in a pose.
+
+    Attributes:
+        moved: (free, 3) what it adds to the vertices that may leave their pose, bind space.
+        shares: (free,) what the square of an error counts there.
+        positions: (vertices, 3) where the pose wants all vertices, solver's units.
+        matrices: (free, 3, 3) what turns bind space to these units there.
+        state: Of the solver, from which the next pose begins.
+    """
+
+    moved: Floats
+    shares: Floats
+    positions: Floats
+    matrices: Floats
+    state: State
+
+    @property
+    def touches(self) -> bool:
+        """Whether contact does anything."""
+        return bool(self.moved.any())
+
+
+def found_in(
+    fold: Fold, tissue: Tissue, clip: Clip | None, times: Floats, start: State | None = None
+) -> Iterator[Found]:
+    """What contact does at each of (frames,) seconds of a clip, begun from a state or from nothing that touches."""
+    scale = UNITS / fold.radius
+    rows = free_rows(tissue)
+    for state in _states(tissue, _poses(fold, tissue, clip, times), start):
+        matrices = scale * state.posed.matrices[rows]
+        correction = state.correction[rows]
+        moved, shares = np.zeros_like(correction), np.full(len(rows), _APART)
+        moving = np.flatnonzero(correction.any(axis=1))
+        if len(moving):
+            moved[moving] = np.einsum("vij,vj->vi", inverses(matrices[moving]), correction[moving])
+            shares[tissue.touching(state.positions)[rows]] = 1.0
+        yield Found(moved, shares, state.posed.positions, matrices, state)
+
+
+def free_rows(tissue: Tissue) -> Ints:
+    """(free,) the vertices that may leave their pose, rising."""
+    return np.flatnonzero(tissue.free)
+
+
+def still_crossing(tissue: Tissue, found: Found, moved: Floats) -> Bools | None:
+    """(free,) which vertices cross if others are moved than those found, by (free, 3) in bind space; None if none."""
+    rows = free_rows(tissue)
+    positions = found.positions.copy()
+    positions[rows] += np.einsum("vij,vj->vi", found.matrices, moved)
+    marked = tissue.crossing(positions)
+    return marked if marked is None else marked[rows]
+
+
+def last_of(states: Iterator[Found]) -> State | None:
+    """The state of the last of some poses."""
+    state = None
+    for each in states:
+        state = each.state
+    return state
+
+
+def is_clear(fold: Fold, tissue: Tissue, clip: Clip | None, time: float) -> bool:
+    """Whether nothing is near at a time of a clip."""
+    return tissue.clear(next(_poses(fold, tissue, clip, np.array([time]))).positions)
+
+
+def _states(tissue: Tissue, poses: Iterator[Posed], start: State | None = None) -> Iterator[State]:
+    """March poses, but pass over those before and behind which nothing is near."""
+    state = start
+    while ahead := list(islice(poses, _AHEAD)):
+        if tissue.clear(ahead[-1].positions) and (state is None or not state.correction.any()):
+            yield from (State(posed.positions, posed) for posed in ahead)
+            state = State(ahead[-1].positions, ahead[-1])
+        else:
+            for marched in march(tissue, ahead, state):
+                yield (state := marched)
+
+
+def _poses(fold: Fold, tissue: Tissue, clip: Clip | None, times: Floats) -> Iterator[Posed]:
+    """The wrinkled surface over time, turned so that the surface round the joint stays as it is at rest."""
+    scale = UNITS / fold.radius
+    apart = np.sqrt(np.sum((fold.rest_positions - fold.pivot) ** 2, axis=1)) / fold.radius
+    shares = 1.0 / (1.0 + apart**2)
+    for k in range(0, len(times), _AT_ONCE):
+        for positions, matrices in zip(*fold.posed(clip, times[k : k + _AT_ONCE]), strict=True):
+            turn, shift = _aligned(scale * positions, tissue.rest, shares)
+            yield Posed(scale * positions @ turn.T + shift, turn @ matrices)
+
+
+def _aligned(positions: Floats, wanted: Floats, shares: Floats) -> tuple[Floats, Floats]:
+    """(3, 3) turn and (3,) shift that bring (vertices, 3) positions nearest to others, by their (vertices,) shares.
+
+    Source: W. Kabsch, *A solution for the best rotation to relate two sets of vectors*, 1976.
+    """
+    whole = shares.sum()
+    middle, other = shares @ positions / whole, shares @ wanted / whole
+    left, _, right = np.linalg.svd((positions - middle).T @ (shares[:, None] * (wanted - other)))
+    mirrored = np.sign(np.linalg.det(right.T @ left.T))
+    turn = right.T @ np.diag([1.0, 1.0, mirrored]) @ left.T
+    return turn, other - turn @ middle

@@ -1,0 +1,116 @@
+"""Hinges: the joint between the ends of some tools, the axis about which it folds them, and how far.
+
+All of it follows from the tools and the rest pose alone: what a fold needs must not hang on the clips that there are.
+Not in the paper.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.motion import motion_clip, quaternion_product, turning
+from wrinklecli.character.pose import node_matrices
+from wrinklecli.character.rig import Rig
+from wrinklecli.method.activity import lengths_over_time
+from wrinklecli.method.patch import Patch
+from wrinklecli.method.rest import Rest
+from wrinklecli.numeric.arrays import Floats, cross, unit, unit_quaternions
+
+# Radians that a joint turns at most: a knee or an elbow.
+_MOST = np.radians(120.0)
+# Radians that it turns on from where a tool's ends are nearest. Beyond the fold is closed: what is left of the way are
+# clips that press a limb into itself, as a deep squat does.
+_ON = np.radians(30.0)
+# Poses in which the ends of tools are looked at: 2° from one to the next.
+_LOOKS = 61
+# The one that tells which way they come together.
+_FIRST = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Hinge:
+    """A joint that turns about one axis.
+
+    Attributes:
+        node: The joint.
+        axis: (3,) unit, in the space of the node's parent.
+        rest: (4,) the node's stored rotation, of unit length.
+        least: Radians that it turns by at the most, one way; 0 or less,
+        most: and the other; 0 or more.
+    """
+
+    node: int
+    axis: Floats
+    rest: Floats
+    least: float
+    most: float
+
+    def turn(self, angles: Floats, *, tilt: Floats | None = None) -> Clip:
+        """A clip of a second through (keys,) evenly spaced radians, each less than 180° from the one before.
+
+        Args:
+            angles: From the stored rotation.
+            tilt: (2,) by how much the axis leans to two sides, tangents of angles; not at all where left out.
+        """
+        axis = self.axis if tilt is None else unit(self.axis + tilt @ _across(self.axis))
+        times = np.linspace(0.0, 1.0, len(angles))
+        greatest = float(np.abs(angles).max()) or 1.0
+        channel = turning(self.node, self.rest, axis, greatest, angles / greatest)
+        return motion_clip("", [replace(channel, times=times)])
+
+    def angles(self, rotations: Floats) -> Floats:
+        """(frames,) radians about the axis from the stored rotation to (frames, 4) others: their twist.
+
+        Source: the swing-twist decomposition of quaternions.
+        """
+        turns = quaternion_product(rotations, self.rest * [-1.0, -1.0, -1.0, 1.0])
+        # A quaternion and its negative are one rotation.
+        turns = np.where(turns[:, 3:] < 0, -turns, turns)
+        return np.asarray(2.0 * np.arctan2(turns[:, :3] @ self.axis, turns[:, 3]))
+
+
+def hinge_of(node: int, patches: Sequence[Patch], pivot: Floats, rig: Rig, rest: Rest) -> Hinge:
+    """The hinge that a joint is to the tools whose ends it brings together.
+
+    Its axis is the mean of two for each tool: the one about which a turn brings its ends together fastest, and the
+    patch's v axis, along which wrinkles run.
+
+    Args:
+        node: The joint.
+        patches: The tools, at least one; their axes are taken for one, whichever way each closes.
+        pivot: (3,) where the joint is at rest, world space.
+        rig: The joints.
+        rest: The rest pose.
+    """
+    stored = unit_quaternions(rig.locals[node]["rotation"])
+    parent = int(rig.parents[node])
+    world = np.eye(4) if parent < 0 else node_matrices(rig, None, np.zeros(1), [parent])[0, 0]
+    # A turn in the parent's space about what the parent takes to the axis.
+    axes = [unit(np.linalg.pinv(world[:3, :3]) @ _folding_axis(patch, pivot)) for patch in patches]
+    axis = unit(np.sum([axis if axis @ axes[0] >= 0 else -axis for axis in axes], axis=0))
+    still = Hinge(node, axis, stored, 0.0, 0.0)
+    ends = [_end(still, patch, rig, rest) for patch in patches]
+    return replace(still, least=min(0.0, *ends), most=max(0.0, *ends))
+
+
+def _folding_axis(patch: Patch, pivot: Floats) -> Floats:
+    """(3,) unit, world space at rest: turns about it, one way or the other, bring a tool's ends together."""
+    across = np.stack(cross(patch.along, patch.normal))
+    fastest = unit(np.cross(patch.target.position - pivot, patch.along))
+    return unit(fastest + (across if across @ fastest >= 0 else -across))
+
+
+def _end(hinge: Hinge, patch: Patch, rig: Rig, rest: Rest) -> float:
+    """Radians by which a hinge turns at most to fold a tool, the way that brings its ends together at first."""
+    angles, times = np.linspace(0.0, _MOST, _LOOKS), np.linspace(0.0, 1.0, _LOOKS)
+    ways = [(sign, lengths_over_time(patch, rig, rest, hinge.turn(sign * angles), times)[0]) for sign in (1.0, -1.0)]
+    sign, lengths = min(ways, key=lambda way: way[1][_FIRST])
+    return float(sign * min(angles[np.argmin(lengths)] + _ON, _MOST))
+
+
+def _across(axis: Floats) -> Floats:
+    """(2, 3) unit, across an axis and each other."""
+    first = unit(np.stack(cross(axis, np.eye(3)[np.argmin(np.abs(axis))])))
+    return np.stack([first, np.stack(cross(axis, first))])
