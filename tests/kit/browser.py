@@ -96,6 +96,29 @@ class Page:
                 modifiers=modifiers,
             )
 
+    def press_button(self, text: str) -> None:
+        """Click the button that shows a text."""
+        found = f"[...document.querySelectorAll('button')].find(each => each.innerText.trim() === {text!r})"
+        self.click(*self._middle(found))
+
+    def fill(self, label: str, text: str) -> None:
+        """Type into the field that has a label, in place of what it holds, and press Enter."""
+        of_label = f"[...document.querySelectorAll('label')].find(each => each.innerText.trim() === {label!r})"
+        row = f"{of_label}?.parentElement.parentElement.parentElement"
+        field = f"[...({row}?.querySelectorAll('input') ?? [])].at(-1)"
+        self.click(*self._middle(field))
+        self.value(f"{field}.select()")
+        self.type(text)
+        self.press("Enter", code=13)
+
+    def _middle(self, element: str) -> list[float]:
+        """Where the middle of an element is, once it is there."""
+        place = "(each => { each.scrollIntoView({block: 'nearest'}); const box = each.getBoundingClientRect();"
+        place += f" return [box.x + box.width / 2, box.y + box.height / 2]; }})({element})"
+        self.wait(f"!!({element})")
+        found: list[float] = self.value(place)
+        return found
+
     def screenshot(self, path: Path) -> None:
         """Write what the page shows, a .png."""
         path.write_bytes(base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"]))

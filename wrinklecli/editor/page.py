@@ -3,7 +3,9 @@
 import contextlib
 import html
 import logging
+import os
 import threading
+import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -17,12 +19,14 @@ from wrinklecli.editor.player import Charts, Player
 from wrinklecli.editor.served import Place, serve
 from wrinklecli.editor.session import EditedTool, Session
 from wrinklecli.editor.work import Work
-from wrinklecli.errors import WrinkleError
+from wrinklecli.errors import ConfigError, WrinkleError
 from wrinklecli.numeric.arrays import Floats
 
 _SLIDES = 0.35  # seconds without a further change after which a slider has been let go
 _WIDE = 380  # pixels of the panel
-_GOOD, _BAD, _ASKS = "#1c7a3f", "#c92a2a", "#1f6fd6"
+_BAR = 0.2  # seconds between two steps of a bake's progress that are shown
+_WARNS = 1.0  # seconds after an edit, before what `check` would warn of is looked for
+_GOOD, _BAD, _ASKS, _WARNING = "#1c7a3f", "#c92a2a", "#1f6fd6", "#b35c00"
 
 
 class Page:
@@ -35,39 +39,49 @@ class Page:
 
     Raises:
         WrinkleError: The port is taken, or the host is no address of this machine.
+
+    Attributes:
+        server: That has the tabs, with their cameras.
     """
 
     def __init__(self, session: Session, place: Place, *, heat: bool = False) -> None:
         self._session = session
         self._work = Work(self._fail)
-        self._server = serve(place)
-        self._picture = Picture(self._server, self._work, session, self._dragged)
+        # What takes seconds: a clip plays on meanwhile.
+        self._slow = Work(lambda error: self._work.put(object(), lambda: self._fail(error)))
+        self.server = serve(place)
+        self._picture = Picture(self.server, self._work, session, self._dragged)
         self._chosen: str | None = None
         self._ends: list[Floats] | None = None  # of a new tool, as far as they have been clicked
         self._sliding: Callable[[], None] | None = None  # makes the draft that is shown an edit
         self._buttons: dict[str, Any] = {}
+        self._warnings: dict[str, list[str]] = {}
+        self._told = 0  # of the session's notes
         self._build(heat=heat)
         self._refresh()
         self._picture.look_at_all()
-        self._say("\n".join(self._picture.warnings), _BAD)
-        self._thread = threading.Thread(target=self._work.run, name="editor", daemon=True)
-        self._thread.start()
+        self._say("\n".join((*session.notes, *self._picture.warnings)), _ASKS)
+        self._threads = [threading.Thread(target=each.run, daemon=True) for each in (self._work, self._slow)]
+        for thread in self._threads:
+            thread.start()
 
     @property
     def port(self) -> int:
         """That the page is served on."""
-        return self._server.get_port()
+        return self.server.get_port()
 
     def close(self) -> None:
         """End what is being done, and serve no more."""
-        self._work.end()
-        self._thread.join()
-        self._server.stop()
+        self._work.put("end", self._settle_slide)
+        for work, thread in zip((self._work, self._slow), self._threads, strict=True):
+            work.end()
+            thread.join()
+        self.server.stop()
 
     # Widgets.
 
     def _build(self, *, heat: bool) -> None:
-        gui = self._server.gui
+        gui = self.server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(31, 111, 214))
         gui.main_panel.dock_right()
         gui.main_panel.set_width(_WIDE)
@@ -76,7 +90,7 @@ class Page:
         self._add_file_buttons(gui)
         play = gui.add_panel()
         with play.add_tab("Play"):
-            self._player = Player(self._server, self._work, self._session.clips, self._show)
+            self._player = Player(self.server, self._work, self._session.clips, self._session.frame_times, self._show)
         with play.add_tab("View"):
             self._picture.add_widgets(gui, heat=heat)
         play.float(x=15, y=-15, width=420)
@@ -88,12 +102,15 @@ class Page:
         self._panel: Any = gui.add_folder("Tool", visible=False)
         with self._panel:
             self._add_tool_panel(gui)
-        clicks: Any = self._server.scene.on_click()
+        clicks: Any = self.server.scene.on_click()
         clicks(self._clicked)
 
     def _add_file_buttons(self, gui: viser.GuiApi) -> None:
-        actions = {"Save": self._save, "Undo": self._undo, "Redo": self._redo}
+        actions = {"Save": self._save, "Bake": self._bake, "Undo": self._undo, "Redo": self._redo}
         self._add_group(gui, "file", actions)
+        self._over: Any = gui.add_button("Save over what others have written", color="red", visible=False)
+        self._on(self._over.on_click, lambda: self._save(overwrite=True))
+        self._progress: Any = gui.add_progress_bar(0.0, visible=False)
         self._on(gui.add_command("Save", hotkey="S", modifier="cmd/ctrl").on_trigger, self._save)
         self._on(gui.add_command("Undo", hotkey="Z", modifier="cmd/ctrl").on_trigger, self._undo)
         self._on(gui.add_command("Redo", hotkey="Z", modifier="cmd/ctrl+shift").on_trigger, self._redo)
@@ -144,10 +161,7 @@ class Page:
 
     def _say(self, text: str, colour: str = _GOOD) -> None:
         """A line on the page; none for an empty text."""
-        shown = html.escape(text).replace("\n", "<br>")
-        self._said.content = (
-            f'<div style="padding:2px 12px 6px;color:{colour};font-size:.85em">{shown}</div>' if text else ""
-        )
+        self._said.content = _line(text, colour) if text else ""
 
     def _fail(self, error: Exception) -> None:
         """Say what went wrong; the page stays."""
@@ -168,8 +182,9 @@ class Page:
         if self._chosen not in names:
             self._chosen = None
         state = "not saved yet" if self._session.changed else "saved"
+        name = html.escape(os.path.basename(self._session.path))
         self._head.content = (
-            f'<div style="padding:4px 12px"><b>{html.escape(self._session.path)}</b>'
+            f'<div style="padding:4px 12px;overflow-wrap:anywhere"><b>{name}</b>'
             f'<span style="opacity:.6"> · {len(tools)} tools · {state}</span></div>'
         )
         self._list_tools(tools)
@@ -178,12 +193,37 @@ class Page:
             if tool.name == self._chosen:
                 self._panel.label = tool.name
                 self._name.value = tool.name
-                self._problem.content = _problem_line(tool)
+                self._problem.content = self._told_of(tool)
                 laid = self._session.laid().get(tool.name)
                 span = 1.0 if laid is None else laid.carried.patch.span
                 self._controls.show(tool.values, sorted(tool.own), span)
         self._show()
         self._chart()
+        if not self._session.settled:
+            self._slow.put("settle", self._refine)
+            self._slow.put_later("warn", _WARNS, self._warn)
+
+    def _refine(self) -> None:
+        """Refine for what tools are now, beside all else."""
+        self._session.settle()
+        self._work.put("refined", self._show)
+
+    def _warn(self) -> None:
+        """Find out what `check` would warn of, beside all else."""
+        found = self._session.warnings()
+
+        def tell() -> None:
+            self._warnings = found
+            self._refresh()
+
+        self._work.put("warned", tell)
+
+    def _told_of(self, tool: EditedTool) -> str:
+        """What is wrong with a tool, and what `check` would warn of."""
+        partner = [] if tool.partner is None else self._warnings.get(tool.partner, [])
+        lines = [(tool.problem, _BAD)] if tool.problem else []
+        lines += [(line, _WARNING) for line in (*self._warnings.get(tool.name, []), *partner)]
+        return "".join(_line(text, colour) for text, colour in lines)
 
     def _list_tools(self, tools: Sequence[EditedTool]) -> None:
         """A button for each tool."""
@@ -194,13 +234,13 @@ class Page:
                 "" if tool.enabled else "off",
                 "solo" if tool.solo else "",
                 f"and {tool.partner}" if tool.partner else "",
-                "does not fit" if tool.problem else "",
+                "does not fit" if tool.problem else "!" if self._warnings.get(tool.name) else "",
             ]
             told = ", ".join(note for note in notes if note)
             label = f"{tool.name} ({told})" if told else tool.name
             if tool.name not in self._buttons:
                 with self._list:
-                    button = self._buttons[tool.name] = self._server.gui.add_button(label)
+                    button = self._buttons[tool.name] = self.server.gui.add_button(label)
                 self._listen(button, tool.name)
             button = self._buttons[tool.name]
             button.label, button.order = label, float(order)
@@ -291,9 +331,44 @@ class Page:
     def _redo(self) -> None:
         self._edit(self._session.redo)
 
-    def _save(self) -> None:
-        self._edit(self._session.save)
+    def _save(self, *, overwrite: bool = False) -> None:
+        self._settle_slide()
+        try:
+            self._session.save(overwrite=overwrite)
+            self._over.visible = False
+        except ConfigError:
+            self._over.visible = True
+            raise
+        self._refresh()
         self._say(f"saved as {self._session.path}")
+
+    def _bake(self) -> None:
+        """Save, and bake beside all else."""
+        self._save()
+        self._progress.visible = True
+        self._say("baking …", _ASKS)
+        self._slow.put("bake", self._bake_saved)
+
+    def _bake_saved(self) -> None:
+        last = [0.0]
+
+        def progress(stage: str, done: int, total: int) -> None:
+            # Rarely enough for the page to draw it.
+            if time.monotonic() - last[0] > _BAR:
+                last[0] = time.monotonic()
+                self._work.put("progress", lambda: self._show_progress(stage, done, total))
+
+        try:
+            told = self._session.bake(progress)
+        finally:
+            self._work.put("progress", lambda: self._show_progress("", 0, 1))
+        self._work.put(object(), lambda: self._say(told))
+
+    def _show_progress(self, stage: str, done: int, total: int) -> None:
+        self._progress.visible = bool(stage)
+        self._progress.value = 100.0 * done / max(total, 1)
+        if stage:
+            self._say(f"baking: {stage} {done}/{total}", _ASKS)
 
     def _rename(self) -> None:
         if self._chosen is not None and self._name.value not in ("", self._chosen):
@@ -384,7 +459,7 @@ class Page:
             self._slide(lambda draft: self._session.set_value(name, ("width",), width, draft=draft))
 
 
-def _problem_line(tool: EditedTool) -> str:
-    if not tool.problem:
-        return ""
-    return f'<div style="padding:0 12px 6px;color:{_BAD};font-size:.85em">{html.escape(tool.problem)}</div>'
+def _line(text: str, colour: str) -> str:
+    """Text as HTML, of a colour."""
+    shown = html.escape(text).replace("\n", "<br>")
+    return f'<div style="padding:2px 12px 6px;color:{colour};font-size:.85em;overflow-wrap:anywhere">{shown}</div>'

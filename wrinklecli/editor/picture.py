@@ -68,7 +68,7 @@ class Picture:
 
     def show(self, player: Player, chosen: str | None) -> None:
         """Show the player's moment, with dots on the chosen tool."""
-        before, self.shown = self.shown, self._session.meshes(player.clip, player.time)
+        before, self.shown = self.shown, self._session.meshes(player.clip, player.time, wait=False)
         same = len(before) == len(self.shown) and all(
             new.laid is old.laid for new, old in zip(self.shown, before, strict=True)
         )
@@ -94,7 +94,7 @@ class Picture:
         with self._server.atomic():
             self._view.dress(self._bodies, self._points, look, wire=wire)
             self._mark()
-            rest = [mesh.positions for mesh in self._session.meshes(None, 0.0)] if beside else []
+            rest = [mesh.positions for mesh in self._session.meshes(None, 0.0, wait=False)] if beside else []
             self._rest_view.dress(self._bodies if beside else (), rest, look, wire=wire)
             width = float(np.ptp(self._everything(), axis=0)[0])
             self._rest_view.place((-_ASIDE * width, 0.0, 0.0), visible=beside)

@@ -25,13 +25,21 @@ class Player:
         server: The page's.
         work: That plays on.
         clips: Of the asset.
+        frame_times: Of a clip's name, the (frames,) seconds that it is played at.
         show: Called where another moment is to be shown.
     """
 
-    def __init__(self, server: viser.ViserServer, work: Work, clips: Sequence[Clip], show: Callable[[], None]) -> None:
-        self._work, self._show = work, show
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        work: Work,
+        clips: Sequence[Clip],
+        frame_times: Callable[[str], Floats],
+        show: Callable[[], None],
+    ) -> None:
+        self._work, self._show, self._frame_times = work, show, frame_times
         self._clips = {clip.name: clip for clip in clips}
-        self._last = 0.0
+        self._last, self._ahead = 0.0, 0.0  # when the last moment was shown, and how far it was in the clip
         self.playing = False
         gui = server.gui
         names = (*self._clips, REST)
@@ -75,7 +83,7 @@ class Player:
         self.playing = not self.playing and self.clip is not None
         self._button.label = "Pause" if self.playing else "Play"
         self._button.icon = viser.Icon.PLAYER_PAUSE if self.playing else viser.Icon.PLAYER_PLAY
-        self._last = time.monotonic()
+        self._last, self._ahead = time.monotonic(), self.time - self._time.min
         if self.playing:
             self._work.put_later("tick", 0.0, self._tick)
         else:
@@ -110,7 +118,10 @@ class Player:
         passed = (now - self._last) * float(self._speed.value)
         self._last = now
         length = self._time.max - self._time.min
-        self._time.value = self._time.min + (self.time - self._time.min + passed) % length
+        self._ahead = (self._ahead + passed) % length
+        moment = self._time.min + self._ahead
+        times = self._frame_times(self._clip.value)
+        self._time.value = float(times[np.argmin(np.abs(times - moment))])
         self._show()
         # Where a machine cannot keep up, other work has its turn between two moments.
         self._work.put_later("tick", max(1.0 / _FPS - (time.monotonic() - now), 0.0), self._tick)

@@ -1,6 +1,7 @@
 """Where the page is served: at one address and port, or not at all; to nobody else than who asks there."""
 
 import contextlib
+import logging
 import socket
 from dataclasses import dataclass
 
@@ -36,6 +37,10 @@ def serve(place: Place) -> viser.ViserServer:
     if server.get_port() != port:
         server.stop()
         raise WrinkleError(f"port {port} was taken just now", where="edit")
+    # What a damaged or hostile message raises ends at most the tab that sent it; nobody reads its traceback.
+    logging.getLogger("websockets.server").setLevel(logging.CRITICAL + 1)
+    loop = server.get_event_loop()
+    loop.call_soon_threadsafe(loop.set_exception_handler, lambda _loop, _context: None)
     # Any page that a tab shows could ask for a tunnel through which the whole internet would reach this one.
     server.request_share_url = _refuse  # type: ignore[method-assign]
     return server

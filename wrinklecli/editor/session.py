@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from wrinklecli.baking.job import BakeOptions
 from wrinklecli.character.clip import Clip, clip_named
 from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.scene import deforming_nodes
@@ -21,7 +22,7 @@ from wrinklecli.editor.store import Store
 from wrinklecli.editor.told import control_curve, heights_over, warnings_of
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.numeric.arrays import Floats, Ints
-from wrinklecli.numeric.guard import guarded
+from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory
 from wrinklecli.tools.mirror import exchange_sides
 from wrinklecli.tools.records import ToolsFile, in_axes
@@ -258,6 +259,28 @@ class Session(Edits):
             return warnings_of(laid, self._stage.played, self.clips, self._settings_of(self._base.file))
 
     # Within.
+
+    def bake(self, progress: Progress = no_progress) -> str:
+        """Bake the saved file, beside it, as `wrinkle bake` does; it may run beside what is shown meanwhile.
+
+        Returns:
+            What was made, in a line.
+
+        Raises:
+            WrinkleError: As `wrinkle bake`.
+        """
+        from wrinklecli.baking.pipeline import bake
+
+        reading, asset = self._reading, os.path.splitext(os.path.basename(self.asset))[0]
+        out = os.path.join(os.path.dirname(self.path), f"{asset}_wrinkled.glb")
+        report = bake(
+            self.asset,
+            self.path,
+            out,
+            BakeOptions(anims=reading.anims, allow_external=reading.allow_external, max_memory=reading.max_memory),
+            progress=progress,
+        )
+        return "\n".join((f"{out}: {report.summary}", *report.warnings))
 
     @contextmanager
     def _guarded(self) -> Iterator[None]:

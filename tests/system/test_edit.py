@@ -1,0 +1,91 @@
+"""`wrinkle edit` in a real browser: a tool is drawn by two clicks, tuned and saved, and bakes as if written by hand."""
+
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import wrinklecli
+from kit.browser import Page as Tab
+from kit.browser import browsing, until
+from kit.places import ROOT
+from wrinklecli.editor.page import Page
+from wrinklecli.editor.served import Place
+from wrinklecli.editor.session import Session
+from wrinklecli.tools.read import load_tools
+
+SIZE = (900, 600)  # CSS pixels: without a GPU more take long
+# Behind the left knee of the sample trousers, at rest, and where a camera looks at it from.
+KNEE = np.array([(0.115, 0.55, -0.078), (0.115, 0.40, -0.078)])
+CAMERA = np.array([0.115, 0.5, -1.0])
+
+Floats = NDArray[np.float64]
+
+
+def on_screen(page: Page, place: Floats) -> tuple[float, float]:
+    """Where a tab shows a (3,) place, CSS pixels."""
+    (client,) = page.server.get_clients().values()
+    camera = client.camera
+    backwards = (camera.position - camera.look_at) / np.linalg.norm(camera.position - camera.look_at)
+    right = np.cross(camera.up_direction, backwards)
+    right /= np.linalg.norm(right)
+    relative = place - camera.position
+    scale = camera.image_height / 2 / np.tan(camera.fov / 2) / -(relative @ backwards)
+    up = np.cross(backwards, right)
+    return camera.image_width / 2 + scale * (relative @ right), camera.image_height / 2 - scale * (relative @ up)
+
+
+def take_picture(tab: Tab, name: str) -> None:
+    """Keep what the tab shows, where somebody wants to look at it."""
+    if folder := os.environ.get("WRINKLE_SCREENSHOTS"):
+        tab.screenshot(Path(folder, f"{name}.png"))
+
+
+@pytest.mark.slow
+def test_a_tool_is_drawn_tuned_and_saved(tmp_path: Path) -> None:
+    asset = Path(shutil.copy(ROOT / "samples" / "trousers.glb", tmp_path))
+    session = Session.open(asset)
+    page = Page(session, Place())
+    try:
+        with browsing(tmp_path, f"http://127.0.0.1:{page.port}", SIZE) as tab:
+            until(page.server.get_clients, "a connected tab")
+            take_picture(tab, "opened")
+            for client in page.server.get_clients().values():
+                client.camera.position, client.camera.look_at = CAMERA, KNEE.mean(axis=0)
+            until(lambda: np.allclose(next(iter(page.server.get_clients().values())).camera.position, CAMERA), "turned")
+
+            tab.press_button("New tool")
+            tab.wait("document.body.innerText.includes('Click where the tool begins')")
+            tab.click(*on_screen(page, KNEE[0]))
+            tab.wait("document.body.innerText.includes('Now click where it ends')")
+            tab.click(*on_screen(page, KNEE[1]))
+            tab.wait("document.body.innerText.includes('wrinkle_1 is new')")
+            take_picture(tab, "drawn")
+
+            tab.fill("bumps", "5")
+            until(lambda: session.text.count("bumps: 5"), "five bumps")
+            tab.fill("time (s)", "0.65")
+            take_picture(tab, "scrubbed")
+
+            tab.press_button("Save")
+            tab.wait("document.body.innerText.includes('saved as')")
+            take_picture(tab, "saved")
+    finally:
+        page.close()
+
+    saved = asset.with_suffix(".yaml")
+    (tool,) = load_tools(saved).tools
+    np.testing.assert_allclose(np.array([tool.origin, tool.target]), KNEE, atol=0.02)
+    origin, target = (list(end) for end in (tool.origin, tool.target))
+    by_hand = tmp_path / "by_hand.yaml"
+    by_hand.write_text(
+        "version: 1\ntools:\n"
+        f"  - {{name: {tool.name}, bumps: 5, width: {tool.width.value}, origin: {origin}, target: {target}}}\n"
+    )
+    outputs = [tmp_path / "edited.glb", tmp_path / "by_hand.glb"]
+    for tools, out in zip((saved, by_hand), outputs, strict=True):
+        wrinklecli.bake(asset, tools, out, clips=["squat"])
+    assert outputs[0].read_bytes() == outputs[1].read_bytes()
