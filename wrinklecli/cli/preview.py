@@ -153,8 +153,8 @@ def preview(
     """Draw ASSET (glTF), baked or not: its tools in review, a contact sheet over time, or an animation.
 
     Two assets are shown side by side, at the same moments and from the same places. The camera looks at the wrinkles,
-    where there are any. Tools are drawn as their patch and its segment, from a dot at the origin to a ring at the
-    target. No display is needed, but Pillow and embreex are: pip install 'wrinklecli[preview]'.
+    where there are any. Tools are drawn as their patch, the crests of their wrinkles, and their segment, from
+    a dot at the origin to a ring at the target. No display is needed, but Pillow and embreex are: pip install 'wrinklecli[preview]'.
 
     Exit codes: 0 done; 1 the input is at fault, nothing written; 2 wrong usage; 70 a bug.
     """

@@ -283,6 +283,16 @@ class ControlCurve:
         warped_us = starts[bumps] + widths * np.where(turned, 1.0 - places, places)
         return np.where(inside, us + _SHARPNESS * (warped_us - us), us)
 
+    def phases(self, us: Floats) -> Floats:
+        """(…,) where (…,) us are among the bumps: k + 1/2 on the crest of bump k, k and k + 1 at its feet."""
+        starts, ends = bump_ends(self.widths, self.gap)
+        bumps = np.searchsorted(starts[1:], us, side="right")
+        taus = np.clip((us - starts[bumps]) / (ends - starts)[bumps], 0.0, 1.0)
+        crests = np.where(self.turned, 1.0 - self.profile.crest, self.profile.crest)[bumps]
+        over = taus > crests
+        phases: Floats = bumps + 0.5 * (over + (taus - over * crests) / np.where(over, 1.0 - crests, crests))
+        return phases
+
     def heights(self, amplitudes: Floats) -> Floats:
         """(frames, bumps) height of each bump's highest point, on the segment or beside it, scene units.
 

@@ -11,6 +11,9 @@ import numpy as np
 from wrinklecli.method.curve import ControlCurve
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
 
+# Share of the height from which a bump that two have become is one.
+_ONE = 0.7
+
 
 @dataclass(frozen=True, slots=True)
 class Places:
@@ -36,6 +39,18 @@ class Places:
         """Some of (points,)."""
         parts = (None if each is None else each[chosen] for each in (self.joined, self.joined_us))
         return Places(self.us[chosen], self.factors[chosen], *parts)
+
+    def phases(self, curve: ControlCurve) -> Floats:
+        """(triangles, 3) where corners are among a curve's bumps, as it has them; on two that have become one, of that.
+
+        NaN where they become it, within a triangle.
+        """
+        phases = curve.phases(self.us)
+        if self.joined is None or self.joined_us is None:
+            return phases
+        one = self.joined > _ONE
+        phases = np.where(one, curve.phases(self.joined_us), phases)
+        return np.where(np.ptp(one.astype(np.intp), axis=1, keepdims=True) > 0, np.nan, phases)
 
     def shapes(self, curve: ControlCurve) -> Floats:
         """(groups, modes, points) heights of (points,) per unit of amplitude, without the factors."""

@@ -80,6 +80,11 @@ class SmoothProfile:
         """Whether it differs from its mirror image."""
         return self.kind == "cloth"
 
+    @property
+    def crest(self) -> float:
+        """τ of its highest point, without details."""
+        return float(_unwarped(self.kind, np.array(0.5)))
+
     def amplitudes(self, shortenings: Floats, intervals: Floats, max_height: float) -> Floats:
         """(..., 1) A of mean over τ of √((2x)² + (A g')²) = 2x + D, from D and x; scene units."""
         wholes, q = _parts(2 * intervals, shortenings)
@@ -282,6 +287,11 @@ class PolylineProfile:
     def leans(self) -> bool:
         """Whether it differs from its mirror image."""
         return False
+
+    @property
+    def crest(self) -> float:
+        """τ of its highest point, without details."""
+        return 0.5
 
     def amplitudes(self, shortenings: Floats, intervals: Floats, max_height: float) -> Floats:
         """(..., modes) from D and x; scene units."""

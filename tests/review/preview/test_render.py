@@ -157,6 +157,33 @@ def test_a_mark_has_an_outline_a_segment_and_ends_of_even_width_on_any_slope(tur
         assert drawn[rows, column - 1 : column + 1].any(), "round, beyond the outline too"
 
 
+def test_a_mark_has_a_line_on_each_crest() -> None:
+    frame = square(half=0.9)
+    places = frame.corners[..., [1, 0]] + (0.9, 0.0)
+    mark = Mark(
+        name="",
+        triangles=np.array([0, 1]),
+        inside=np.array([True, True]),
+        places=places,
+        span=1.8,
+        half_width=0.8,
+        colour=(0.9, 0.0, 0.0),
+        phases=3.0 * places[..., 0] / 1.8,
+    )
+    shown, bare = (
+        render.render(each, HEAD_ON, size=(400, 300)).astype(int) for each in (replace(frame, marks=(mark,)), frame)
+    )
+    # Beside the segment.
+    column = round(float(HEAD_ON.project(np.array([0.4, 0.0, 0.0]), (400, 300))[0]))
+    drawn = np.flatnonzero((bare - shown)[:, column, 1] > 40)
+    lines = np.split(drawn, np.flatnonzero(np.diff(drawn) > 1) + 1)
+    expected = HEAD_ON.project(np.array([(0.4, y, 0) for y in (0.9, 0.6, 0.0, -0.6, -0.9)]), (400, 300))[:, 1]
+    assert [float(line.mean()) + 0.5 for line in lines] == pytest.approx(expected.tolist(), abs=1.5)
+    unmarked = replace(mark, phases=np.full(mark.phases.shape, np.nan) if mark.phases is not None else None)
+    plain = render.render(replace(frame, marks=(unmarked,)), HEAD_ON, size=(400, 300)).astype(int)
+    assert ((bare - plain)[:, column, 1] > 40).sum() < len(drawn)
+
+
 def test_light_ends_on_a_coarse_mesh_that_is_refined_where_it_did_before(tmp_path: Path) -> None:
     asset = limb(tmp_path, rings=7, sides=7)
     tools = write_tools(tmp_path / "tools.yaml", tool(bumps=4, width=0.9))

@@ -8,6 +8,8 @@ from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints
 from wrinklecli.review.preview.camera import project
 from wrinklecli.review.preview.rays import unit_rows
 
+# Half the width of a crest's line, pixels, and how opaque it is.
+_CREST, _CREST_SHOWN = 1.2, 0.6
 INK = np.array((0.05, 0.07, 0.12), np.float32)  # of wires, sRGB
 
 
@@ -24,6 +26,8 @@ class Mark:
         half_width: Of the rectangle, scene units.
         colour: sRGB.
         tint: How opaque its inside is.
+        phases: (triangles, 3) of their corners among the tool's bumps: k + 1/2 on the crest of bump k. NaN where no
+            wrinkle shows; None where no crests are drawn.
     """
 
     name: str
@@ -34,6 +38,7 @@ class Mark:
     half_width: float
     colour: tuple[float, float, float]
     tint: float = 0.1
+    phases: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,12 +50,14 @@ class SeenMark:
         rows: (all triangles,) into those of the mark; -1 elsewhere.
         rates: (triangles, 2) how fast its places change, along and across, over a pixel.
         pixels: (triangles, 2, 2) pixels for each unit along and across.
+        passing: (triangles,) how fast its phases change over a pixel; NaN where no crest is drawn.
     """
 
     mark: Mark
     rows: Ints
     rates: Array
     pixels: Array
+    passing: Array
 
 
 def seen_mark(mark: Mark, local: Floats, size: tuple[int, int], tangent: float) -> SeenMark:
@@ -62,7 +69,11 @@ def seen_mark(mark: Mark, local: Floats, size: tuple[int, int], tangent: float) 
         for corners in (project(local[mark.triangles], size, tangent), mark.places)
     )
     rates = np.sqrt(np.sum((placed @ _inverses(shown)) ** 2, axis=2))
-    return SeenMark(mark, rows, np.maximum(rates, 1e-30), shown @ _inverses(placed))
+    passing = np.full(len(rates), np.nan)
+    if mark.phases is not None:
+        steps = mark.phases[:, 1:] - mark.phases[:, :1]
+        passing = np.sqrt(np.sum((steps[:, None] @ _inverses(shown))[:, 0] ** 2, axis=1))
+    return SeenMark(mark, rows, np.maximum(rates, 1e-30), shown @ _inverses(placed), passing)
 
 
 def _inverses(matrices: Array) -> Array:
@@ -98,7 +109,7 @@ def edge_cover(projected: Array, places: Array, found: Ints) -> Array:
 
 
 def draw_mark(colours: Array, drawn: SeenMark, found: Ints, weights: Array) -> None:
-    """Draw a mark, in place: a tint, an outline and a segment with a dot where it begins and a ring where it ends.
+    """Draw a mark, in place: a tint, an outline, its crests, and a segment from a dot where it begins to a ring.
 
     Args:
         colours: (hits, 3) sRGB.
@@ -122,6 +133,11 @@ def draw_mark(colours: Array, drawn: SeenMark, found: Ints, weights: Array) -> N
     )
     tint = np.where(depth > 0, mark.tint, 0.0)
     lines = np.maximum(0.8 * np.clip(1.2 - np.abs(depth), 0, 1), np.clip(1.7 - beside, 0, 1))
+    if mark.phases is not None:
+        phases = np.einsum("pi,pi->p", weights[here], mark.phases[rows])
+        off = np.abs(phases - np.floor(phases) - 0.5) / np.maximum(drawn.passing[rows], 1e-30)
+        crests = np.where((depth > 0) & (off < _CREST), _CREST_SHOWN * np.minimum(_CREST - off, 1.0), 0.0)
+        lines = np.maximum(lines, crests)
     # A ring surrounds nothing but the surface.
     covered = np.where(mark.inside[rows], np.where(end < 3.0, tint, np.maximum(tint, lines)), 0.0)
     ends = np.maximum(np.clip(5.0 - start, 0, 1), np.clip(1.8 - np.abs(end - 4.2), 0, 1))

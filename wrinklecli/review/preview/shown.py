@@ -29,6 +29,8 @@ Colour = tuple[float, float, float]
 
 # That a triangle takes while it is drawn, Embree's among them.
 _TRIANGLE_BYTES = 1250
+# Share of a tool's height below which no crest is drawn.
+_LOW = 0.05
 # Of tools, sRGB: told apart on skin, on cloth and by most who confuse colours.
 INKS: tuple[Colour, ...] = (
     (0.86, 0.08, 0.24),
@@ -251,6 +253,8 @@ def _marks(source: ScenePrimitive, plans: Sequence[MeshPlan], refined: bool) -> 
             u, v = patch.coordinates(fine.rest_positions[welded[triangles]])
             shown = inside | (patch.cosines(u.mean(axis=1), outwards[triangles]) > 0)
             triangles, inside, u, v = triangles[shown], inside[shown], u[shown], v[shown]
+            places = patch.places(u, v, np.ones(u.shape))
+            low = np.abs(places.factors) < _LOW * abs(patch.shape_strength)
             yield Mark(
                 name=patch.tool.name,
                 triangles=triangles,
@@ -259,6 +263,7 @@ def _marks(source: ScenePrimitive, plans: Sequence[MeshPlan], refined: bool) -> 
                 span=patch.span,
                 half_width=patch.half_width,
                 colour=INKS[names.index(patch.tool.name) % len(INKS)],
+                phases=np.where(low, np.nan, places.phases(patch.curve)),
             )
 
 
