@@ -202,6 +202,18 @@ def blendshape_limb(count: int = 67, *, normals: bool = True) -> Asset:
     return asset
 
 
+def sleeved_limb(*, gap: float = 0.04, **options: Any) -> Asset:
+    """A limb within a wider tube, node `sleeve`, that the same joints move."""
+    asset = limb_asset(**options)
+    (primitive,) = asset.gltf["meshes"][0]["primitives"]
+    positions = attribute(asset, 0, "POSITION").astype(np.float64) * [1.0, 1.0 + gap / RADIUS, 1.0 + gap / RADIUS]
+    worn = {**primitive["attributes"], "POSITION": asset.accessor(positions, bounds=True, target=ARRAY_BUFFER)}
+    asset.append("meshes", {"primitives": [{**primitive, "attributes": worn}]})
+    node = asset.append("nodes", {"name": "sleeve", "mesh": 1, "skin": 0})
+    asset.gltf["scenes"][0]["nodes"].append(node)
+    return asset
+
+
 def _band(first: int, last: int, sides: int, seam: bool) -> Array:
     """(vertices, 2) ring and side of the vertices of a band; with a seam one side more than there are."""
     ring, side = np.meshgrid(np.arange(first, last + 1), np.arange(sides + seam), indexing="ij")

@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
@@ -12,10 +12,11 @@ import numpy as np
 from wrinklecli.baking.job import Job
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.contacts import Neighbours, contacts_of
+from wrinklecli.character.obstacles import read_obstacles
 from wrinklecli.character.pose import joint_matrices
 from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.surface import Surface, influence_count, read_surface
-from wrinklecli.errors import AssetError, BakeError, WrinkleError
+from wrinklecli.errors import AssetError, BakeError, WrinkleError, listed, nearest
 from wrinklecli.gltf.document import Document
 from wrinklecli.method.attach import attach_tools
 from wrinklecli.method.carry import CarriedPatch, carry
@@ -214,7 +215,7 @@ def plan_on(
     if problems:
         raise BakeError.of_all(problems)
     scale = float(median(np.cbrt(np.abs(determinants(rest.blended[:, :, :3])))))
-    folds, unhinged = _folds(carried_patches, fine, rest, rig)
+    folds, unhinged = _folds(ground, carried_patches, fine)
     return MeshPlan(
         rig=rig,
         rest=rest,
@@ -230,12 +231,12 @@ def plan_on(
 
 
 def _folds(
-    carried_patches: Sequence[CarriedPatch], fine: Refinement, rest: Rest, rig: Rig
+    ground: Ground, carried_patches: Sequence[CarriedPatch], fine: Refinement
 ) -> tuple[tuple["Fold", ...], tuple[int, ...]]:
     """Where contact is resolved, and the tools that ask for it in vain.
 
     Raises:
-        BakeError: The library that resolves it is not there.
+        BakeError: The library that resolves it is not there, or a node whose mesh is to be ignored.
     """
     chosen = [number for number, each in enumerate(carried_patches) if each.patch.tool.contact is not None]
     if not chosen:
@@ -247,8 +248,27 @@ def _folds(
     # Imported here, as other bakes need none of it.
     from wrinklecli.method.fold import find_folds
 
-    folds, unhinged = find_folds(carried_patches, chosen, fine, rest, rig)
+    _check_ignored(ground.document, [carried_patches[number].patch.tool for number in chosen])
+    obstacles = partial(read_obstacles, ground.document, ground.rig.node)
+    folds, unhinged = find_folds(carried_patches, chosen, fine, ground.rest, ground.rig, obstacles)
     return tuple(folds), tuple(unhinged)
+
+
+def _check_ignored(document: Document, tools: Sequence[WrinkleTool]) -> None:
+    """Refuse names of nodes that are not there, but in tools files that are for other assets too."""
+    known = [str(node["name"]) for node in document.items("nodes") if "mesh" in node and "name" in node]
+    problems = [
+        BakeError(
+            f"node {name!r} is no node with a mesh{nearest(name, known)}; there are {listed(known)}",
+            where=tool.place("contact"),
+        )
+        for tool in tools
+        if tool.contact and not tool.optional
+        for name in tool.contact.ignore
+        if name not in known
+    ]
+    if problems:
+        raise BakeError.of_all(problems)
 
 
 def poses_of(rig: Rig, clips: Sequence[Clip], joints: Ints | None = None) -> Floats:

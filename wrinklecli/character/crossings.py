@@ -13,7 +13,7 @@ from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig, read_hierarchy, read_rig
 from wrinklecli.character.scene import scene_nodes
 from wrinklecli.character.skin import Skin, pose, prepare
-from wrinklecli.character.surface import read_surface, read_triangles
+from wrinklecli.character.surface import has_triangles, read_surface
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.numeric.crossings import Crossings
@@ -83,7 +83,7 @@ def read_scene_surface(document: Document) -> SceneSurface:
     nodes, hierarchy = document.items("nodes"), read_hierarchy(document)
     rigs, skins, triangles, carriers, starts = [], [], [np.zeros((0, 3), np.intp)], [np.zeros(0, np.intp)], [0]
     for node in scene_nodes(document):
-        if "mesh" not in nodes[node] or not _has_triangles(document, nodes[node]["mesh"]):
+        if "mesh" not in nodes[node] or not has_triangles(document, nodes[node]["mesh"]):
             continue
         rig = read_rig(document, node, hierarchy)
         surface = read_surface(document, rig)
@@ -111,14 +111,3 @@ def _posed(rigs: Sequence[Rig], skins: Sequence[Skin], clip: Clip | None, times:
     for rig, skin in zip(rigs, skins, strict=True):
         parts.append(pose(skin, joint_matrices(rig, clip, times), morph_weights(rig, clip, times))[0])
     return np.concatenate(parts, axis=2)
-
-
-def _has_triangles(document: Document, mesh: int) -> bool:
-    """Whether any primitive of a mesh is of triangles; others are points and lines."""
-    for number, primitive in enumerate(document.items("meshes")[mesh].get("primitives", [])):
-        where = document.where("meshes", mesh, "primitives", number)
-        stored = primitive.get("attributes", {}).get("POSITION")
-        count = len(document.accessor(stored, user=where)) if stored is not None else 0
-        if len(read_triangles(document, primitive, count, where)):
-            return True
-    return False

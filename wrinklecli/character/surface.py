@@ -365,3 +365,14 @@ def influence_count(document: Document, rig: Rig) -> int:
         return 1
     primitives = document.items("meshes")[rig.mesh]["primitives"]
     return 4 * min(influence_sets(each["attributes"]) for each in primitives)
+
+
+def has_triangles(document: Document, mesh: int) -> bool:
+    """Whether any primitive of a mesh is of triangles; others are points and lines."""
+    for number, primitive in enumerate(document.items("meshes")[mesh].get("primitives", [])):
+        where = document.where("meshes", mesh, "primitives", number)
+        stored = primitive.get("attributes", {}).get("POSITION")
+        count = len(document.accessor(stored, user=where)) if stored is not None else 0
+        if len(read_triangles(document, primitive, count, where)):
+            return True
+    return False

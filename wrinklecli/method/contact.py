@@ -2,22 +2,25 @@
 
 The wrinkled, posed surface is what skinning asks for; the surface found is the nearest one to it that keeps apart:
 
-    min over x of ½ Σ m |c|² + ½ ℓ² |∇c|² + ½ ℓ⁴ |Δc|² + κ/d̂³ B(x; d̂, d_min),   c = x − posed and wrinkled,
+    min over x of ½ Σ m |c|² + ½ ℓ² |∇c|² + ½ ℓ⁴ |Δc|² + ½ p ΔV² + κ/d̂³ B(x; d̂, d_min),   c = x − posed and wrinkled,
 
-with B the barrier of all pairs nearer than d̂ + d_min. The rest pose crosses nothing, and no step lets anything pass
-through: so none ever crosses, however far skinning folds the surface through itself.
+with B the barrier of all pairs nearer than d̂ + d_min, and ΔV what c takes away of the volume below. The rest pose
+crosses nothing, and no step lets anything pass through: so none ever crosses, however far skinning folds the surface
+through itself. Other meshes are of the same system, but so stiff that they give way only where they pass through
+themselves and would leave no room.
 
 Source: M. Li et al., *Incremental Potential Contact*, SIGGRAPH 2020, by its library ipctk. Differs: quasi-static, no
 friction, no material: what resists is the correction c, so nothing moves where nothing touches.
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from wrinklecli.method.volume import Pieces
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, inverses
 from wrinklecli.numeric.crossings import Crossings, edges_of
 
@@ -32,6 +35,14 @@ _NEAR, _KEPT = 0.7, 0.3
 _OF_EDGE = 1 / 3
 # Stiffness of the barrier against that of the correction.
 _BARRIER = 10.0
+# How much heavier vertices get towards where they are no longer free: what is squeezed away bulges near the contact.
+_FARTHER = 8.0
+# How much of the pressed out volume is left, as a share: of a fold's own 2 to 5 % a tenth of one.
+_LOST = 0.03
+# Stiffness of other meshes against that of the surface itself.
+_STIFF = 1000.0
+# Other meshes that are nearer at rest than this share of what is held off lie on the surface: they never collide.
+_TIGHT = 0.1
 # Newton's steps of a frame at most, and the length of a step that ends them.
 _STEPS, _SETTLED = 32, 0.05
 # Halvings of a step that does not lower the energy.
@@ -85,20 +96,40 @@ class Tissue:
         triangles: (triangles, 3).
         colliding: (triangles,) those that may touch anything; others crossed at rest, or lie further off.
         free: (vertices,) those that may leave their pose.
+        own: (vertices,) those that are not of other meshes, which only come in the way.
+        apart: (vertices,) how far each is at rest from what crosses without contact, solver's units.
     """
 
     rest: Floats
     triangles: Ints
     colliding: Bools
     free: Bools
+    own: Bools
+    apart: Floats
+
+    def loosened(self) -> "Tissue":
+        """The same, but for triangles of other meshes that lie on it at rest: these it goes through ever after."""
+        share = _TIGHT * self._share
+        found = self._near(self.rest, share * _NEAR, share * _KEPT)
+        edges, triangles = self.mesh.edges, self.mesh.faces
+        pairs = [found[k].vertex_ids(edges, triangles) for k in range(len(found))]
+        near = np.array([vertex for pair in pairs for vertex in pair if vertex >= 0], np.intp)
+        on = np.zeros(len(self.rest), bool)
+        on[near] = True
+        return replace(self, colliding=self.colliding & ~(on & ~self.own)[self.triangles].any(axis=1))
+
+    @cached_property
+    def _share(self) -> float:
+        """Of the distances, at most, so that short edges keep apart."""
+        edges = edges_of(self.triangles[(self.free & self.own)[self.triangles].any(axis=1)])
+        lengths = np.sqrt(np.sum((self.rest[edges[:, 0]] - self.rest[edges[:, 1]]) ** 2, axis=1))
+        short = float(np.percentile(lengths, 5)) if len(lengths) else 1.0
+        return min(1.0, _OF_EDGE * short / (_NEAR + _KEPT))
 
     @cached_property
     def distances(self) -> tuple[float, float]:
         """From where what comes near is held off, and what is kept: so that nothing is held off at rest."""
-        edges = edges_of(self.triangles[self.free[self.triangles].any(axis=1)])
-        lengths = np.sqrt(np.sum((self.rest[edges[:, 0]] - self.rest[edges[:, 1]]) ** 2, axis=1))
-        short = float(np.percentile(lengths, 5)) if len(lengths) else 1.0
-        share = min(1.0, _OF_EDGE * short / (_NEAR + _KEPT))
+        share = self._share
         for _ in range(_CLOSER):
             if not len(self._near(self.rest, share * _NEAR, share * _KEPT)):
                 break
@@ -107,7 +138,7 @@ class Tissue:
 
     @cached_property
     def mesh(self) -> Any:
-        """Of ipctk. Vertices that are not free do not collide with each other."""
+        """Of ipctk. Vertices that are not free do not collide with each other, nor do other meshes."""
         import ipctk
 
         ipctk.set_logger_level(ipctk.off)
@@ -118,7 +149,7 @@ class Tissue:
             np.asfortranarray(edges_of(triangles).astype(np.int32)),
             np.asfortranarray(triangles.astype(np.int32)),
         )
-        labels = np.where(self.free, 1 + np.arange(len(self.rest)), 0)
+        labels = np.where(self.free & self.own, 1 + np.arange(len(self.rest)), 0)
         mesh.can_collide = ipctk.make_vertex_patches_filter(labels.astype(np.int32))
         return mesh
 
@@ -142,9 +173,23 @@ class Tissue:
 
         areas, laplacian = _areas(self.rest, self.triangles), _laplacian(self.rest, self.triangles)
         mean = float(np.median(areas))
-        masses = np.clip(areas / mean, 0.25, 4.0)
+        masses = np.clip(areas / mean, 0.25, 4.0) * (1.0 + _FARTHER * (self.apart / (FREE * SOFT)) ** 2)
         bent = laplacian @ sparse.diags_array(1.0 / np.maximum(areas, 1e-3 * mean)) @ laplacian
-        return (sparse.diags_array(masses) + SOFT**2 / mean * laplacian + SOFT**4 / mean * bent).tocsr()
+        whole = sparse.diags_array(masses) + SOFT**2 / mean * laplacian + SOFT**4 / mean * bent
+        # Meshes are apart from each other, so a factor of each leaves the matrix symmetric.
+        return (sparse.diags_array(np.where(self.own, 1.0, _STIFF)) @ whole).tocsr()
+
+    @cached_property
+    def pieces(self) -> Pieces:
+        """Those whose volume is kept."""
+        return Pieces.of(self.triangles, self.free & self.own)
+
+    @cached_property
+    def pressures(self) -> Floats:
+        """(pieces,) what resists a change of volume: so much more than a piece itself that hardly any is lost."""
+        gradients = self.pieces.gradients(self.rest).reshape(-1, self.rest.size)[:, self.inner_coordinates]
+        gives = np.sum(gradients.T * self.response.of(gradients.T), axis=0)
+        return np.asarray((1.0 / _LOST - 1.0) / gives)
 
     @cached_property
     def response(self) -> "Response":
@@ -162,8 +207,13 @@ class Tissue:
         return self._near(positions, *self.distances)
 
     def clear(self, positions: Floats) -> bool:
-        """Whether nothing is near at (vertices, 3)."""
-        return not len(self.collisions(positions))
+        """Whether nothing is near, nor crosses, at (vertices, 3)."""
+        import ipctk
+
+        if len(self.collisions(positions)):
+            return False
+        # Long edges go through large triangles far from all their vertices.
+        return not ipctk.has_intersections(self.mesh, np.asfortranarray(positions))
 
     def touching(self, positions: Floats) -> Bools:
         """(vertices,) those that something holds off at (vertices, 3)."""
@@ -178,9 +228,12 @@ class Tissue:
         if not ipctk.has_intersections(self.mesh, np.asfortranarray(positions)):
             return None
         edges, triangles = self.crossings.at(positions)
+        ends, corners = self.crossings.edges[edges], self.crossings.triangles[triangles]
+        inner = self.free & self.own
+        counts = inner[ends].any(axis=1) | inner[corners].any(axis=1)
         marked = np.zeros(len(positions), bool)
-        marked[self.crossings.edges[edges]] = True
-        marked[self.crossings.triangles[triangles]] = True
+        marked[ends[counts]] = True
+        marked[corners[counts]] = True
         return marked if marked.any() else None
 
     def _near(self, positions: Floats, near: float, kept: float) -> Any:
@@ -235,11 +288,12 @@ def _step(tissue: Tissue, state: State, posed: Posed) -> State:
 
 def _newton(tissue: Tissue, positions: Floats, posed: Posed, near: Any) -> State:
     """Lower the energy by projected Newton steps, none of which lets anything pass through anything."""
-    energy = _energy(tissue, positions, posed, near)
+    wanted = _Wanted(posed.positions, tissue.pieces.volumes(posed.positions))
+    energy = _energy(tissue, positions, wanted, near)
     settled = False
     held = ~tissue.free
     for _ in range(_STEPS):
-        direction, slope = _direction(tissue, positions, posed, near)
+        direction, slope = _direction(tissue, positions, wanted, near)
         if np.abs(direction).max() < _SETTLED:
             settled = True
             break
@@ -249,7 +303,7 @@ def _newton(tissue: Tissue, positions: Floats, posed: Posed, near: Any) -> State
         for _halving in range(_HALVINGS):
             trial = positions + share * direction
             trial_near = tissue.collisions(trial)
-            trial_energy = _energy(tissue, trial, posed, trial_near)
+            trial_energy = _energy(tissue, trial, wanted, trial_near)
             if trial_energy <= energy + 1e-4 * share * slope or (arriving and trial_energy < energy):
                 break
             share /= 2.0
@@ -260,29 +314,50 @@ def _newton(tissue: Tissue, positions: Floats, posed: Posed, near: Any) -> State
     return State(positions, posed, settled and bool(off < _SETTLED))
 
 
-def _energy(tissue: Tissue, positions: Floats, posed: Posed, near: Any) -> float:
-    correction = positions - posed.positions
+@dataclass(frozen=True, slots=True)
+class _Wanted:
+    """What a pose asks for.
+
+    Attributes:
+        positions: (vertices, 3) solver's units.
+        volumes: (pieces,) under them.
+    """
+
+    positions: Floats
+    volumes: Floats
+
+
+def _energy(tissue: Tissue, positions: Floats, wanted: _Wanted, near: Any) -> float:
+    correction = positions - wanted.positions
     elastic = 0.5 * float(np.sum(correction * (tissue.stiffness @ correction)))
-    return elastic + float(tissue.barrier(near, tissue.mesh, np.asfortranarray(positions)))
+    pressed = 0.5 * float(tissue.pressures @ (tissue.pieces.volumes(positions) - wanted.volumes) ** 2)
+    return elastic + pressed + float(tissue.barrier(near, tissue.mesh, np.asfortranarray(positions)))
 
 
-def _direction(tissue: Tissue, positions: Floats, posed: Posed, near: Any) -> tuple[Floats, float]:
+def _direction(tissue: Tissue, positions: Floats, wanted: _Wanted, near: Any) -> tuple[Floats, float]:
     """(vertices, 3) Newton's step, which takes what is not free to its place, and the slope of the energy along it."""
     import ipctk
 
     placed = np.asfortranarray(positions)
-    gradient = (tissue.stiffness @ (positions - posed.positions)).reshape(-1)
+    volumes = tissue.pieces.gradients(positions).reshape(-1, positions.size)
+    pressed = tissue.pressures * (tissue.pieces.volumes(positions) - wanted.volumes)
+    gradient = (tissue.stiffness @ (positions - wanted.positions)).reshape(-1) + pressed @ volumes
     gradient = gradient + tissue.barrier.gradient(near, tissue.mesh, placed)
-    direction = np.where(tissue.free[:, None], 0.0, posed.positions - positions)
-    right = gradient + (tissue.stiffness @ direction).reshape(-1)
-    inner = tissue.inner_coordinates
-    if not len(near):
-        direction.reshape(-1)[inner] = -tissue.response.of(right[inner])
-        return direction, float(gradient @ direction.reshape(-1))
-    hessian = tissue.barrier.hessian(near, tissue.mesh, placed, ipctk.PSDProjectionMethod.CLAMP).tocsr()
-    right = right + hessian @ direction.reshape(-1)
-    direction.reshape(-1)[inner] = -tissue.response.of(right[inner], hessian[inner][:, inner])
-    return direction, float(gradient @ direction.reshape(-1))
+    direction = np.where(tissue.free[:, None], 0.0, wanted.positions - positions)
+    flat, inner = direction.reshape(-1), tissue.inner_coordinates
+    right = gradient + (tissue.stiffness @ direction).reshape(-1) + (tissue.pressures * (volumes @ flat)) @ volumes
+    hessian = None
+    if len(near):
+        hessian = tissue.barrier.hessian(near, tissue.mesh, placed, ipctk.PSDProjectionMethod.CLAMP).tocsr()
+        right = right + hessian @ flat
+        hessian = hessian[inner][:, inner]
+    # (A + V p Vᵀ) d = −f, from what A alone does under f and V.
+    inside = volumes[:, inner].T
+    alone = tissue.response.of(np.column_stack([-right[inner], inside]), hessian)
+    moved, under = alone[:, 0], alone[:, 1:]
+    resisting = np.diag(1.0 / tissue.pressures) + inside.T @ under
+    flat[inner] = moved - under @ np.linalg.solve(resisting, inside.T @ moved)
+    return direction, float(gradient @ flat)
 
 
 class Response:
@@ -305,12 +380,13 @@ class Response:
         self._columns = np.zeros((stiffness.shape[0], 0))
 
     def of(self, forces: Floats, contacts: Any = None) -> Floats:
-        """(3 · free,) what moves under as many forces, if contacts, (3 · free, 3 · free) sparse, resist too."""
+        """(3 · free, forces) what moves under as many, if contacts, (3 · free, 3 · free) sparse, resist too."""
         from scipy.linalg import cho_factor, cho_solve
 
-        alone = self._factors.solve(forces.reshape(-1, 3))
+        several = forces.shape[1]
+        alone = self._factors.solve(forces.reshape(-1, 3 * several))
         if contacts is None:
-            return np.asarray(alone.reshape(-1))
+            return np.asarray(alone.reshape(-1, several))
         touched = np.flatnonzero(np.diff(contacts.indptr).reshape(-1, 3).any(axis=1))
         columns = self._of_each(touched)
         coordinates = (3 * touched[:, None] + np.arange(3)).reshape(-1)
@@ -322,9 +398,9 @@ class Response:
         for k in range(3):
             system[:, k, :, k] += inverse
         factors = cho_factor(system.reshape(resisting.shape), overwrite_a=True, check_finite=False)
-        moved = cho_solve(factors, (inverse @ alone[touched]).reshape(-1), check_finite=False)
-        held = (resisting @ moved).reshape(-1, 3)
-        return np.asarray((alone - columns @ held).reshape(-1))
+        pulled = (inverse @ alone[touched]).reshape(-1, several)
+        held = (resisting @ cho_solve(factors, pulled, check_finite=False)).reshape(-1, 3 * several)
+        return np.asarray((alone - columns @ held).reshape(-1, several))
 
     def _of_each(self, vertices: Ints) -> Floats:
         """(free, vertices) what a force of 1 on each of some does to all."""

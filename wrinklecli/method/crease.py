@@ -123,10 +123,10 @@ def resolve(fold: Fold, *, share: float, most: int) -> Crease | None:
         most: Shapes at most, whatever they leave.
     """
     ends = [end for end in (fold.hinge.least, fold.hinge.most) if end]
-    free = _free(fold, ends)
-    if not free.any():
+    apart = _apart(fold, ends)
+    if apart is None:
         return None
-    tissue = _tissue(fold, free)
+    tissue = _tissue(fold, apart)
     solved = list(_swept(fold, tissue, ends))
     if not solved:
         return None
@@ -255,12 +255,12 @@ def _angles(end: float, stride: float) -> Floats:
     return np.linspace(0.0, end, int(np.ceil(abs(end) / stride)) + 1)
 
 
-def _free(fold: Fold, ends: Sequence[float]) -> Bools:
-    """(vertices,) those near any that ever crosses in a sweep, and did not at rest."""
+def _apart(fold: Fold, ends: Sequence[float]) -> Floats | None:
+    """(vertices,) how far each is at rest from any that crosses in a sweep and not at rest, solver's units."""
     from scipy.spatial import cKDTree
 
     still = fold.crossing(fold.rest_positions)
-    marked = np.zeros(len(fold.vertices), bool)
+    marked = np.zeros(len(fold.own), bool)
     for lean in _LEANING:
         for end in ends:
             clip = fold.hinge.turn(_angles(end, _STRIDE), tilt=_LEAN * lean)
@@ -268,22 +268,27 @@ def _free(fold: Fold, ends: Sequence[float]) -> Bools:
             for positions in fold.posed(clip, looks)[0]:
                 marked |= fold.crossing(positions)
     marked &= ~still
-    if not marked.any():
-        return marked
-    near = cKDTree(fold.rest_positions[marked]).query(fold.rest_positions)[0] < FREE * SOFT / UNITS * fold.radius
-    return np.asarray(near & ~_border(fold))
+    if not marked[fold.own].any():
+        return None
+    return np.asarray(cKDTree(fold.rest_positions[marked]).query(fold.rest_positions)[0] * UNITS / fold.radius)
 
 
 def _border(fold: Fold) -> Bools:
-    """(vertices,) those with triangles beyond the fold, which must stay where they are."""
-    inside = np.bincount(fold.triangles.reshape(-1), minlength=len(fold.vertices))
+    """(own vertices,) those with triangles beyond the fold, which must stay where they are."""
+    inside = np.bincount(fold.triangles.reshape(-1), minlength=len(fold.own))[fold.own]
     starts = fold.fine.around.starts
     return np.asarray(starts[fold.vertices + 1] - starts[fold.vertices] > inside)
 
 
-def _tissue(fold: Fold, free: Bools) -> Tissue:
-    _, crossed = fold.crossings.at(fold.rest_positions)
+def _tissue(fold: Fold, apart: Floats) -> Tissue:
+    free = apart < FREE * SOFT
+    free[fold.own] &= ~_border(fold)
+    edges, crossed = fold.crossings.at(fold.rest_positions)
     # What is not near any that is free never touched one.
     colliding = np.asarray(free[fold.triangles].any(axis=1))
     colliding[crossed] = False
-    return Tissue(fold.rest_positions * UNITS / fold.radius, fold.triangles, colliding, free)
+    through = np.zeros(len(free), bool)
+    through[fold.crossings.edges[edges]] = True
+    colliding[(through & ~fold.own)[fold.triangles].any(axis=1)] = False
+    tissue = Tissue(fold.rest_positions * UNITS / fold.radius, fold.triangles, colliding, free, fold.own, apart)
+    return tissue.loosened() if fold.others else tissue

@@ -4,13 +4,14 @@ Not in the paper, which names contact as a goal. A fold is what module `contact`
 joint, with the surface round it that may touch.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
+from wrinklecli.character.obstacles import Obstacle
 from wrinklecli.character.pose import blend, joint_matrices, morph_weights, node_matrices, transform
 from wrinklecli.character.rig import Rig
 from wrinklecli.method.activity import lengths_over_time
@@ -22,11 +23,14 @@ from wrinklecli.method.refine import Refinement
 from wrinklecli.method.rest import Rest
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
 from wrinklecli.numeric.crossings import Crossings
+from wrinklecli.tools.records import Contact
 
 # How far the surface round a joint may touch, in radii of the limb, and at least in lengths of the segment.
 _REACH_RADII, _REACH_SPANS = 2.6, 0.75
 # Radius of the limb at least, in lengths of the segment: a joint may lie in the skin.
 _LEAST_RADIUS = 0.25
+# Poses on the way to either end of a joint's range at which other meshes are looked at.
+_LOOKS = 4
 
 
 @dataclass(frozen=True)
@@ -37,7 +41,7 @@ class Fold:
         tools: Numbers of the tools whose contact is resolved here.
         hinge: The joint.
         vertices: (vertices,) fine welded vertices, rising.
-        triangles: (triangles, 3) into these.
+        triangles: (triangles, 3) into these, and into those of other meshes, which follow them.
         radius: Of the limb, scene units.
         pivot: (3,) where the joint is at rest, world space.
         rig: Of the mesh.
@@ -45,6 +49,7 @@ class Fold:
         fine: The refined surface.
         carried: All tools on the mesh.
         weights: (vertices, joints) skin weights of the vertices.
+        others: What of other meshes may touch it.
     """
 
     tools: tuple[int, ...]
@@ -58,11 +63,18 @@ class Fold:
     fine: Refinement
     carried: tuple[CarriedPatch, ...]
     weights: Floats
+    others: tuple[Obstacle, ...] = ()
 
     @cached_property
     def rest_positions(self) -> Floats:
-        """(vertices, 3) world space at rest."""
-        return self.fine.rest_positions[self.vertices]
+        """(vertices, 3) world space at rest, those of other meshes behind its own."""
+        others = [each.posed(self.rest.clip, self.rest.time)[0][0] for each in self.others]
+        return np.concatenate([self.fine.rest_positions[self.vertices], *others])
+
+    @cached_property
+    def own(self) -> Bools:
+        """(vertices,) those that are not of other meshes."""
+        return np.arange(len(self.rest_positions)) < len(self.vertices)
 
     @cached_property
     def crossings(self) -> Crossings:
@@ -85,7 +97,8 @@ class Fold:
         In a motion that no file has (of index -1) nothing lags: it stands for all clips, fast or slow.
 
         Returns:
-            (frames, vertices, 3) world space, and (frames, vertices, 3, 3) what turns bind space there.
+            (frames, vertices, 3) world space, and (frames, vertices, 3, 3) what turns bind space there, those of other
+            meshes behind its own.
         """
         blended = blend(self.weights, joint_matrices(self.rig, clip, times))
         bind = self.fine.positions[self.vertices] + np.tensordot(
@@ -97,14 +110,21 @@ class Fold:
                 lengths = lengths_over_time(carried.patch, self.rig, self.rest, clip, times)
                 amplitudes, _ = carried.patch.curve.follow(*lengths)
             bind[:, here] += displacements(carried, self.fine, self.rig, self.rest, clip, times, amplitudes)[:, there]
-        return transform(blended, bind), blended[..., :3]
+        others = [each.posed(clip, times) for each in self.others]
+        positions = np.concatenate([transform(blended, bind), *(each[0] for each in others)], axis=1)
+        return positions, np.concatenate([blended[..., :3], *(each[1] for each in others)], axis=1)
 
     def crossing(self, positions: Floats) -> Bools:
-        """(vertices,) whether an edge or a triangle of each takes part in a crossing at (vertices, 3) positions."""
+        """(vertices,) whether an edge or a triangle of each takes part in a crossing at (vertices, 3) positions.
+
+        Other meshes may cross each other.
+        """
         edges, triangles = self.crossings.at(positions)
+        ends, corners = self.crossings.edges[edges], self.triangles[triangles]
+        counts = self.own[ends[:, 0]] | self.own[corners[:, 0]]
         marked = np.zeros(len(positions), bool)
-        marked[self.crossings.edges[edges]] = True
-        marked[self.triangles[triangles]] = True
+        marked[ends[counts]] = True
+        marked[corners[counts]] = True
         return marked
 
 
@@ -114,6 +134,7 @@ def find_folds(
     fine: Refinement,
     rest: Rest,
     rig: Rig,
+    obstacles: Callable[[Collection[str]], Sequence[Obstacle]] | None = None,
 ) -> tuple[list[Fold], list[int]]:
     """The folds of some tools, of which those over one joint share one; and the tools that have no joint.
 
@@ -123,6 +144,7 @@ def find_folds(
         fine: The refined surface.
         rest: The rest pose.
         rig: The joints.
+        obstacles: Gives the other meshes but those of nodes of some names; none where left out.
     """
     by_node: dict[int, list[int]] = {}
     without = []
@@ -132,8 +154,32 @@ def find_folds(
             without.append(number)
         else:
             by_node.setdefault(node, []).append(number)
-    folds = [_fold(tuple(tools), node, carried_patches, fine, rest, rig) for node, tools in by_node.items()]
+    folds = []
+    for node, tools in by_node.items():
+        fold = _fold(tuple(tools), node, carried_patches, fine, rest, rig)
+        settings = [carried_patches[number].patch.tool.contact or Contact() for number in tools]
+        ignored = {name for each in settings for name in each.ignore}
+        folds.append(_beside(fold, obstacles(ignored) if obstacles else ()))
     return folds, without
+
+
+def _beside(fold: Fold, obstacles: Sequence[Obstacle]) -> Fold:
+    """A fold with what of other meshes comes near it in its joint's motion, by boxes."""
+    ends = np.array([fold.hinge.least, fold.hinge.most])
+    looks = [fold.hinge.turn(np.linspace(0.0, end, _LOOKS)) for end in ends[ends != 0]]
+    moments = [(look, np.array([time])) for look in looks for time in np.linspace(0.0, 1.0, _LOOKS)]
+    boxes = [(places.min(axis=0), places.max(axis=0)) for places in (fold.posed(*each)[0][0] for each in moments)]
+    triangles, others, count = [fold.triangles], [], len(fold.vertices)
+    for obstacle in obstacles:
+        near = np.zeros(len(obstacle.triangles), bool)
+        for moment, (low, high) in zip(moments, boxes, strict=True):
+            corners = obstacle.posed(*moment)[0][0][obstacle.triangles]
+            near |= ((corners.max(axis=1) >= low) & (corners.min(axis=1) <= high)).all(axis=1)
+        if near.any():
+            others.append(obstacle.part(near))
+            triangles.append(others[-1].triangles + count)
+            count += len(others[-1].positions)
+    return replace(fold, others=tuple(others), triangles=np.concatenate(triangles))
 
 
 def _fold(

@@ -62,17 +62,29 @@ def found_in(
 
 
 def free_rows(tissue: Tissue) -> Ints:
-    """(free,) the vertices that may leave their pose, rising."""
-    return np.flatnonzero(tissue.free)
+    """(free,) the vertices that may leave their pose, rising; but for those of other meshes."""
+    return np.flatnonzero(tissue.free & tissue.own)
 
 
 def still_crossing(tissue: Tissue, found: Found, moved: Floats) -> Bools | None:
-    """(free,) which vertices cross if others are moved than those found, by (free, 3) in bind space; None if none."""
+    """(free,) which vertices cross if others are moved than those found, by (free, 3) in bind space; None if none.
+
+    What crosses with those found too, as another mesh that leaves no room, does not count.
+    """
     rows = free_rows(tissue)
-    positions = found.positions.copy()
-    positions[rows] += np.einsum("vij,vj->vi", found.matrices, moved)
-    marked = tissue.crossing(positions)
-    return marked if marked is None else marked[rows]
+
+    def crossing(added: Floats) -> Bools | None:
+        positions = found.positions.copy()
+        positions[rows] += np.einsum("vij,vj->vi", found.matrices, added)
+        marked = tissue.crossing(positions)
+        return marked if marked is None else marked[rows]
+
+    marked = crossing(moved)
+    if marked is None:
+        return None
+    ever = crossing(found.moved)
+    fresh = marked if ever is None else marked & ~ever
+    return fresh if fresh.any() else None
 
 
 def last_of(states: Iterator[Found]) -> State | None:
@@ -104,7 +116,7 @@ def _poses(fold: Fold, tissue: Tissue, clip: Clip | None, times: Floats) -> Iter
     """The wrinkled surface over time, turned so that the surface round the joint stays as it is at rest."""
     scale = UNITS / fold.radius
     apart = np.sqrt(np.sum((fold.rest_positions - fold.pivot) ** 2, axis=1)) / fold.radius
-    shares = 1.0 / (1.0 + apart**2)
+    shares = np.where(fold.own, 1.0 / (1.0 + apart**2), 0.0)
     for k in range(0, len(times), _AT_ONCE):
         for positions, matrices in zip(*fold.posed(clip, times[k : k + _AT_ONCE]), strict=True):
             turn, shift = _aligned(scale * positions, tissue.rest, shares)

@@ -113,6 +113,7 @@ _READ: Mapping[str, Callable[[Any], Any]] = {
     "frequency": float,
     "damping": float,
     "contact": _contact,
+    "ignore": tuple,
     "full": parse_length,
 }
 

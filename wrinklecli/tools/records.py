@@ -141,9 +141,11 @@ class Contact:
 
     Args:
         per_clip: Whether a clip that still crosses with the targets of all clips gets targets of its own.
+        ignore: Nodes whose meshes may go through the tool's.
     """
 
     per_clip: bool = False
+    ignore: tuple[str, ...] = ()
 
 
 def in_axes(position: Sequence[float], up: str) -> tuple[float, float, float]:

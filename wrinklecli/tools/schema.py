@@ -108,10 +108,15 @@ _CONTACT = if_mapping(
                 "true: a clip that still crosses with the targets of all clips gets targets of its own. Default false.",
                 default=False,
             ),
+            "ignore": key_of(
+                list_of(TEXT, 0, None, "a list of node names"),
+                "Nodes whose meshes may go through the tool's. Default [].",
+                default=[],
+            ),
         }
     ),
     # To YAML 1.1, which is read, off is false.
-    expects("off, resolve or {per_clip: true}", enum=["off", "resolve", False]),
+    expects("off, resolve or {per_clip: false, ignore: []}", enum=["off", "resolve", False]),
 )
 
 _KEY = expects("[seconds, length]", type="array", prefixItems=[_SECONDS, LENGTH], minItems=2, maxItems=2)

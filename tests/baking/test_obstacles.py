@@ -1,0 +1,40 @@
+"""Other meshes beside a fold whose contact is resolved: wrinkles stay on their side, unless these are ignored."""
+
+from pathlib import Path
+
+import pytest
+
+import wrinklecli
+from kit.limb import sleeved_limb, tool, write_tools
+from wrinklecli.errors import BakeError
+from wrinklecli.review.crossings import find_crossings
+
+
+def baked(folder: Path, **contact: object) -> tuple[int, int]:
+    """How often a limb crosses its sleeve, before and after a bake."""
+    pytest.importorskip("ipctk", reason="needs the extra `contact`")
+    asset = sleeved_limb(gap=0.05, rings=14, sides=10, angle=32.0).write(folder / "limb.glb")
+    entry = tool(node="limb", bumps=2, max_height="10%", contact=contact)
+    tools = write_tools(folder / "tools.yaml", entry, refinement={"max_levels": 1})
+    wrinklecli.bake(asset, tools, folder / "out.glb")
+    (clip,) = find_crossings(folder / "out.glb").data["clips"]
+    before, after = clip["totals"]
+    return before, after
+
+
+@pytest.mark.quick(1)
+def test_wrinkles_stay_beneath_a_sleeve(tmp_path: Path) -> None:
+    assert baked(tmp_path) == (0, 0)
+
+
+def test_a_mesh_that_is_ignored_is_gone_through(tmp_path: Path) -> None:
+    before, after = baked(tmp_path, ignore=["sleeve"])
+    assert before == 0
+    assert after > 10
+
+
+def test_only_nodes_with_a_mesh_are_ignored(tmp_path: Path) -> None:
+    with pytest.raises(
+        BakeError, match=r"tools\[0\]\.contact: node 'sleve' is no node with a mesh; did you mean 'sleeve'"
+    ):
+        baked(tmp_path, ignore=["sleve"])

@@ -1,0 +1,75 @@
+"""Obstacles: the other meshes of a scene, which move with their own skin and may touch what is wrinkled."""
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.pose import blend, joint_matrices, morph_weights, transform
+from wrinklecli.character.rig import Rig, read_hierarchy, read_rig
+from wrinklecli.character.scene import scene_nodes
+from wrinklecli.character.surface import has_triangles, read_surface
+from wrinklecli.gltf.document import Document
+from wrinklecli.numeric.arrays import Bools, Floats, Ints
+
+
+@dataclass(frozen=True, slots=True)
+class Obstacle:
+    """A mesh as a node shows it.
+
+    Attributes:
+        rig: What moves it.
+        weights: (vertices, joints) skin weights.
+        positions: (vertices, 3) bind space.
+        morph_deltas: (morph targets, vertices, 3).
+        triangles: (triangles, 3).
+    """
+
+    rig: Rig
+    weights: Floats
+    positions: Floats
+    morph_deltas: Floats
+    triangles: Ints
+
+    def posed(self, clip: Clip | None, times: Floats) -> tuple[Floats, Floats]:
+        """How it lies at (frames,) seconds of a clip; none for the stored pose.
+
+        Returns:
+            (frames, vertices, 3) world space, and (frames, vertices, 3, 3) what turns bind space there.
+        """
+        blended = blend(self.weights, joint_matrices(self.rig, clip, times))
+        bind = self.positions + np.tensordot(morph_weights(self.rig, clip, times), self.morph_deltas, axes=1)
+        return transform(blended, bind), blended[..., :3]
+
+    def part(self, chosen: Bools) -> "Obstacle":
+        """Of (triangles,) those chosen, with their vertices."""
+        vertices, local = np.unique(self.triangles[chosen], return_inverse=True)
+        return replace(
+            self,
+            weights=self.weights[vertices],
+            positions=self.positions[vertices],
+            morph_deltas=self.morph_deltas[:, vertices],
+            triangles=local.reshape(-1, 3),
+        )
+
+
+def read_obstacles(document: Document, node: int, ignored: Collection[str] = ()) -> tuple[Obstacle, ...]:
+    """Every mesh of the default scene but that of a node, and but those of nodes that are named.
+
+    Raises:
+        AssetError: A mesh, a skin or the hierarchy is malformed.
+    """
+    nodes, hierarchy = document.items("nodes"), read_hierarchy(document)
+    found = []
+    for other in scene_nodes(document):
+        shown = nodes[other]
+        if other == node or shown.get("name") in ignored or "mesh" not in shown:
+            continue
+        if not has_triangles(document, shown["mesh"]):
+            continue
+        rig = read_rig(document, other, hierarchy)
+        surface = read_surface(document, rig)
+        weights = surface.dense_weights(np.arange(len(surface.positions)), len(rig.joints))
+        found.append(Obstacle(rig, weights, surface.positions, surface.morph_deltas, surface.triangles))
+    return tuple(found)
