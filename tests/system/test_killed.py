@@ -26,8 +26,8 @@ def folder(tmp_path: Path) -> Path:
     """Assets and tools, and earlier outputs to be replaced."""
     made = tmp_path / "folder"
     made.mkdir()
-    limb_asset(rings=7, sides=6).write(made / "limb.glb")
-    limb_asset(rings=7, sides=6).write(made / "bent.gltf")
+    limb_asset(rings=15, sides=6).write(made / "limb.glb")
+    limb_asset(rings=15, sides=6).write(made / "bent.gltf")
     tools = write_tools(made / "tools.yaml", tool(bumps=2), refinement={"max_levels": 0}, sampling={"fps": 4})
     for name in ("baked.glb", "out.gltf"):
         wrinklecli.bake(made / "limb.glb", tools, made / name)
@@ -42,13 +42,13 @@ def folder(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     ("name", "sign", "step"),
     [
-        # A few lines, which take little time; then every line of a bake, and each third of what writes as it does.
+        # A few lines, which take little time; then every line of a bake, and each fifth of what writes as it does.
         ("bake", signal.SIGTERM, 29),
         ("frames", signal.SIGKILL, 29),
         ("track", signal.SIGINT, 29),
         *(("bake", sign, 1) for sign in (signal.SIGTERM, signal.SIGKILL)),
-        *(("bake", sign, 3) for sign in (signal.SIGINT, signal.SIGHUP)),
-        *((name, sign, 3) for name in COMMANDS if name != "bake" for sign in (signal.SIGTERM, signal.SIGKILL)),
+        *(("bake", sign, 5) for sign in (signal.SIGINT, signal.SIGHUP)),
+        *((name, sign, 5) for name in COMMANDS if name != "bake" for sign in (signal.SIGTERM, signal.SIGKILL)),
     ],
 )
 def test_a_signal_at_any_line_leaves_all_files_new_or_none(
