@@ -40,9 +40,6 @@ Strategy = Literal["everywhere", "origin", "both_ends"]
 TAUT = 1 - 1e-5
 """Part of the rest length below which wrinkles start: rounding noise of 1e-7 alone would raise 6e-5 l."""
 
-# How far refinement follows a sharp profile: 1 would show furrows of skin as well as `smooth` shows its own, for up to
-# twice the vertices of `smooth`; this takes a tenth more, as a rule.
-_SHARPNESS = 0.4
 # Rows of `weight_path` for each group of bumps, and after the last is full, when only details of a polyline still move.
 _PATH_ROWS = 65
 _FULL_ROWS = 8
@@ -280,8 +277,7 @@ class ControlCurve:
         taus = (us - starts[bumps]) / widths
         inside = (taus > 0) & (taus < 1)
         places, _ = warped(self.profile.kind, np.where(turned, 1.0 - taus, taus).clip(0.0, 1.0))
-        warped_us = starts[bumps] + widths * np.where(turned, 1.0 - places, places)
-        return np.where(inside, us + _SHARPNESS * (warped_us - us), us)
+        return np.where(inside, starts[bumps] + widths * np.where(turned, 1.0 - places, places), us)
 
     def phases(self, us: Floats) -> Floats:
         """(…,) where (…,) us are among the bumps: k + 1/2 on the crest of bump k, k and k + 1 at its feet."""
