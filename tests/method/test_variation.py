@@ -43,6 +43,7 @@ def cases(draw, *, branching: bool = True) -> Case:
         gap=gap,
         aspect=draw(st.floats(0.05, 4.0)),
         kind=draw(st.sampled_from(["bell", "linear"])),
+        strategy=draw(st.sampled_from(["everywhere", "origin", "both_ends"])),
         mirrored=draw(st.booleans()),
     )
     return Case(variation, amount, gap)
@@ -198,6 +199,12 @@ def test_the_crests_of_bumps_that_merge_come_together_and_are_one_from_there_on(
     # Nothing jumps, from line to line or along one.
     assert np.abs(np.diff(heights, axis=0)).max() < 0.05 * heights.max()
     assert np.abs(np.diff(heights, axis=1)).max() < 0.05 * heights.max()
+
+
+@pytest.mark.parametrize(("strategy", "pairs"), [("everywhere", {0, 2}), ("origin", set()), ("both_ends", {1})])
+def test_only_bumps_that_rise_together_merge(strategy: Any, pairs: set[int]) -> None:
+    made = plan_variation("any", 0.5, 1.0, bumps=4, gap=0, aspect=1.0, kind="bell", strategy=strategy)
+    assert {merger.left for merger in made.mergers} == pairs
 
 
 def test_numbers_hang_on_the_seed_alone() -> None:

@@ -101,6 +101,7 @@ def _variation(tool: WrinkleTool, aspect: float) -> Variation | None:
         gap=tool.gap,
         aspect=aspect,
         kind=tool.attenuation,
+        strategy=tool.strategy,
         mirrored=tool.mirrored,
     )
 

@@ -373,7 +373,7 @@ def plan_curve(
     widths, peaks = ruled if widths is None else widths, ruled if peaks is None else peaks
     limit = max_height / float((widths * peaks).max())
     interval_count = count_intervals(bumps, gap)
-    groups = _group(bumps, strategy)
+    groups = group_bumps(bumps, strategy)
     greatest = max(rest_length, greatest_rest_length or 0.0)
     shape: SmoothProfile | PolylineProfile
     if profile != "polyline":
@@ -418,7 +418,7 @@ def _greatest_amplitudes(curve: ControlCurve) -> Floats:
     return np.where(shares[:, None] > 0, np.maximum(curve.profile.sampled_amplitudes, np.abs(bounds)), 0.0)
 
 
-def _group(bumps: int, strategy: Strategy) -> tuple[tuple[int, ...], ...]:
+def group_bumps(bumps: int, strategy: Strategy) -> tuple[tuple[int, ...], ...]:
     """Bumps that always rise together, in rising order."""
     if strategy == "everywhere":
         return (tuple(range(bumps)),)

@@ -18,11 +18,12 @@ Computer 2(4), 1986: 1 - 22/9 v² + 17/9 v⁴ - 4/9 v⁶.
 import hashlib
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 
-from wrinklecli.method.curve import bump_ends
+from wrinklecli.method.curve import Strategy, bump_ends, group_bumps
 from wrinklecli.method.places import Places
 from wrinklecli.numeric.arrays import Floats, Ints
 
@@ -246,6 +247,7 @@ def plan_variation(
     gap: int,
     aspect: float,
     kind: Attenuation,
+    strategy: Strategy = "everywhere",
     mirrored: bool = False,
 ) -> Variation:
     """Draw the irregularity of a tool's wrinkles.
@@ -253,17 +255,20 @@ def plan_variation(
     Args:
         seed: What it hangs on: the tool's name, or its `seed`.
         amount: a, above 0 and up to 1.
-        branch: Chance of a bump to merge with its neighbour on a side of the patch, from 0 to 1.
+        branch: Chance of a bump to merge with its neighbour on a side of the patch, from 0 to 1; only bumps that rise
+            together do.
         bumps: Number of bumps.
         gap: Flat intervals between neighbouring bumps.
         aspect: Half the width of the patch over the segment's length.
         kind: How crests fade.
+        strategy: In which order bumps rise.
         mirrored: Whether v counts the other way, as it does on a mirrored patch.
     """
     widths = 1.0 + _WIDTH * amount * _unlike(drawn(seed, "widths", bumps))
     widths = widths * (bumps / widths.sum())
     starts, ends = bump_ends(widths, gap)
-    mergers = _mergers(seed, branch, ends - starts, aspect)
+    together = {pair for group in group_bumps(bumps, strategy) for pair in pairwise(sorted(group))}
+    mergers = _mergers(seed, branch, ends - starts, aspect, together)
     reaches = 1.0 - _SHORTER * amount * (1.0 + drawn(seed, "reaches", 2, bumps)) / 2.0
     for merger in mergers:
         half = int(merger.side > 0)
@@ -318,15 +323,17 @@ def _unlike(numbers: Floats) -> Floats:
     return spread
 
 
-def _mergers(seed: str, branch: float, widths: Floats, aspect: float) -> tuple[Merger, ...]:
-    """Pairs of neighbouring bumps of (bumps,) widths, along u."""
+def _mergers(
+    seed: str, branch: float, widths: Floats, aspect: float, together: set[tuple[int, int]]
+) -> tuple[Merger, ...]:
+    """Pairs of neighbouring bumps of (bumps,) widths, along u, of those that rise together."""
     bumps = len(widths)
     chances, sides, starts = drawn(seed, "mergers", 3, bumps)
     found: list[Merger] = []
     bump = 0
     low, high = _MERGING
     while bump + 1 < bumps:
-        merges = (1.0 + chances[bump]) / 2.0 < branch
+        merges = (1.0 + chances[bump]) / 2.0 < branch and (bump, bump + 1) in together
         if merges:
             start = low + (high - low) * (1.0 + float(starts[bump])) / 2.0
             wider = bump + int(widths[bump + 1] > widths[bump])
