@@ -61,6 +61,7 @@ def test_the_report_says_what_contact_did(folded: Baked) -> None:
     assert fold["joint"] == "joint_1"
     assert 0 < len(fold["targets"]) <= 8
     assert 0 < fold["error"] < fold["largest_move"]
+    assert fold["volume_lost"] < 0.01
     assert fold["unsettled_poses"] == fold["unsettled_frames"] == 0
     assert "of contact in 1 fold" in folded.report.summary
     (clip,) = folded.report.data["clips"]

@@ -209,6 +209,7 @@ def _describe_fold(plan: MeshPlan, found: CreaseSet) -> Json:
         "degrees": [round(float(np.degrees(end)), 1) for end in (hinge.least, hinge.most)],
         "moved_vertices": len(crease.vertices),
         "largest_move": _round(crease.largest),
+        "volume_lost": _round(crease.squeezed),
         "poses": crease.solved,
         "unsettled_poses": crease.unsettled,
         "crossing_poses": crease.crossing,

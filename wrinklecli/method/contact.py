@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from wrinklecli.method.response import Response, stiffness_of
 from wrinklecli.method.volume import Pieces
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, inverses
 from wrinklecli.numeric.crossings import Crossings, edges_of
@@ -171,11 +172,8 @@ class Tissue:
         """(vertices, vertices) sparse: mass, gradient and Laplacian of a correction."""
         import scipy.sparse as sparse
 
-        areas, laplacian = _areas(self.rest, self.triangles), _laplacian(self.rest, self.triangles)
-        mean = float(np.median(areas))
-        masses = np.clip(areas / mean, 0.25, 4.0) * (1.0 + _FARTHER * (self.apart / (FREE * SOFT)) ** 2)
-        bent = laplacian @ sparse.diags_array(1.0 / np.maximum(areas, 1e-3 * mean)) @ laplacian
-        whole = sparse.diags_array(masses) + SOFT**2 / mean * laplacian + SOFT**4 / mean * bent
+        heavier = 1.0 + _FARTHER * (self.apart / (FREE * SOFT)) ** 2
+        whole = stiffness_of(self.rest, self.triangles, soft=SOFT, heavier=heavier)
         # Meshes are apart from each other, so a factor of each leaves the matrix symmetric.
         return (sparse.diags_array(np.where(self.own, 1.0, _STIFF)) @ whole).tocsr()
 
@@ -192,7 +190,7 @@ class Tissue:
         return np.asarray((1.0 / _LOST - 1.0) / gives)
 
     @cached_property
-    def response(self) -> "Response":
+    def response(self) -> Response:
         """Of free vertices to forces."""
         rows = np.flatnonzero(self.free)
         return Response(self.stiffness[rows][:, rows])
@@ -358,86 +356,3 @@ def _direction(tissue: Tissue, positions: Floats, wanted: _Wanted, near: Any) ->
     resisting = np.diag(1.0 / tissue.pressures) + inside.T @ under
     flat[inner] = moved - under @ np.linalg.solve(resisting, inside.T @ moved)
     return direction, float(gradient @ flat)
-
-
-class Response:
-    """What free vertices do under forces: the inverse of the stiffness, which never changes, with contacts added.
-
-    Contacts touch few vertices, and what a force on one does everywhere is found once: so a step takes a dense system
-    of those that touch, and no factors of all. (Those of SuperLU took five times as long.)
-
-    Args:
-        stiffness: (free, free) sparse.
-    """
-
-    def __init__(self, stiffness: Any) -> None:
-        import scipy.sparse.linalg as linear
-
-        self._factors = linear.splu(
-            stiffness.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-        )
-        self._known = np.full(stiffness.shape[0], -1, np.intp)
-        self._columns = np.zeros((stiffness.shape[0], 0))
-
-    def of(self, forces: Floats, contacts: Any = None) -> Floats:
-        """(3 · free, forces) what moves under as many, if contacts, (3 · free, 3 · free) sparse, resist too."""
-        from scipy.linalg import cho_factor, cho_solve
-
-        several = forces.shape[1]
-        alone = self._factors.solve(forces.reshape(-1, 3 * several))
-        if contacts is None:
-            return np.asarray(alone.reshape(-1, several))
-        touched = np.flatnonzero(np.diff(contacts.indptr).reshape(-1, 3).any(axis=1))
-        columns = self._of_each(touched)
-        coordinates = (3 * touched[:, None] + np.arange(3)).reshape(-1)
-        resisting = contacts[coordinates][:, coordinates].toarray()
-        # (G⁻¹ + H) d = G⁻¹ (G f) at the vertices that touch: G is the same for each coordinate, and H mixes them.
-        inverse = np.linalg.inv(columns[touched])
-        inverse = 0.5 * (inverse + inverse.T)
-        system = resisting.reshape(len(touched), 3, len(touched), 3).copy()
-        for k in range(3):
-            system[:, k, :, k] += inverse
-        factors = cho_factor(system.reshape(resisting.shape), overwrite_a=True, check_finite=False)
-        pulled = (inverse @ alone[touched]).reshape(-1, several)
-        held = (resisting @ cho_solve(factors, pulled, check_finite=False)).reshape(-1, 3 * several)
-        return np.asarray((alone - columns @ held).reshape(-1, several))
-
-    def _of_each(self, vertices: Ints) -> Floats:
-        """(free, vertices) what a force of 1 on each of some does to all."""
-        fresh = vertices[self._known[vertices] < 0]
-        if len(fresh):
-            units = np.zeros((len(self._known), len(fresh)))
-            units[fresh, np.arange(len(fresh))] = 1.0
-            self._known[fresh] = self._columns.shape[1] + np.arange(len(fresh))
-            self._columns = np.concatenate([self._columns, self._factors.solve(units)], axis=1)
-        found: Floats = self._columns[:, self._known[vertices]]
-        return found
-
-
-def _areas(positions: Floats, triangles: Ints) -> Floats:
-    """(vertices,) a third of the triangles of each."""
-    a, b, c = (positions[triangles[:, k]] for k in range(3))
-    areas = np.sqrt(np.sum(np.cross(b - a, c - a) ** 2, axis=1)) / 6.0
-    return np.asarray(np.bincount(triangles.reshape(-1), np.repeat(areas, 3), len(positions)), np.float64)
-
-
-def _laplacian(positions: Floats, triangles: Ints) -> Any:
-    """(vertices, vertices) sparse, of cotangents, whose quadratic form is the integral of a squared gradient.
-
-    Source: U. Pinkall, K. Polthier, *Computing Discrete Minimal Surfaces and Their Conjugates*, 1993. Differs:
-    cotangents are held between 0.05 and 5, so that obtuse and thin triangles do not pull apart.
-    """
-    import scipy.sparse as sparse
-
-    rows, columns, values = [], [], []
-    for k in range(3):
-        a, b, c = (triangles[:, (k + i) % 3] for i in range(3))
-        first, second = positions[b] - positions[a], positions[c] - positions[a]
-        sine = np.sqrt(np.sum(np.cross(first, second) ** 2, axis=1))
-        half = np.clip(np.sum(first * second, axis=1) / np.maximum(sine, 1e-9), 0.05, 5.0) / 2.0
-        rows += [b, c]
-        columns += [c, b]
-        values += [half, half]
-    shape = (len(positions), len(positions))
-    sides = sparse.csr_array((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape)
-    return (sparse.diags_array(sides.sum(axis=1)) - sides).tocsr()

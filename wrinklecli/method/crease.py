@@ -16,7 +16,7 @@ from wrinklecli.character.pose import Pose, pose_at
 from wrinklecli.method.basis import project, weighted_basis
 from wrinklecli.method.contact import FREE, SOFT, UNITS, Tissue
 from wrinklecli.method.fold import Fold
-from wrinklecli.method.folding import Found, found_in, free_rows, is_clear, last_of, still_crossing
+from wrinklecli.method.folding import Found, found_in, free_rows, is_clear, last_of, squeezed, still_crossing
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
 
 # Radians between two poses of a sweep, at most: further apart, what closes fast needs several times the steps.
@@ -49,6 +49,7 @@ class Crease:
         samples: Weights and poses in which normals are to be right.
         error: How far the shapes are from what was found in the sweeps, at most, scene units.
         largest: The greatest move that was found, scene units.
+        squeezed: Volume that the shapes take away in the sweeps, at most, of a limb's as long as it is thick.
         unsettled: Poses of the sweeps whose solution did not settle.
         crossing: Poses of the sweeps in which the shapes leave crossings.
         solved: Poses of the sweeps with contact.
@@ -62,6 +63,7 @@ class Crease:
     samples: tuple[tuple[Floats, Pose], ...]
     error: float
     largest: float
+    squeezed: float
     unsettled: int
     crossing: int
     solved: int
@@ -142,6 +144,10 @@ def resolve(fold: Fold, *, share: float, most: int) -> Crease | None:
         samples=tuple((weights[k], pose_at(fold.rig, solved[k].clip, solved[k].time)) for k in _chosen(weights)),
         error=scale * max(_missed(each.found, row, shapes) for each, row in zip(solved, weights, strict=True)),
         largest=scale * max(_length(each.found, each.found.moved) for each in solved),
+        squeezed=max(
+            squeezed(tissue, each.found, np.tensordot(row, shapes, axes=1))
+            for each, row in zip(solved, weights, strict=True)
+        ),
         unsettled=sum(not each.found.state.converged for each in solved),
         crossing=crossing,
         solved=len(solved),

@@ -71,20 +71,25 @@ def still_crossing(tissue: Tissue, found: Found, moved: Floats) -> Bools | None:
 
     What crosses with those found too, as another mesh that leaves no room, does not count.
     """
-    rows = free_rows(tissue)
-
-    def crossing(added: Floats) -> Bools | None:
-        positions = found.positions.copy()
-        positions[rows] += np.einsum("vij,vj->vi", found.matrices, added)
-        marked = tissue.crossing(positions)
-        return marked if marked is None else marked[rows]
-
-    marked = crossing(moved)
+    marked = tissue.crossing(_moved(tissue, found, moved))
     if marked is None:
         return None
-    ever = crossing(found.moved)
-    fresh = marked if ever is None else marked & ~ever
+    ever = tissue.crossing(_moved(tissue, found, found.moved))
+    fresh = (marked if ever is None else marked & ~ever)[free_rows(tissue)]
     return fresh if fresh.any() else None
+
+
+def squeezed(tissue: Tissue, found: Found, moved: Floats) -> float:
+    """How much of a limb's volume, as long as it is thick, goes if vertices are moved by (free, 3) in bind space."""
+    grown = tissue.pieces.grown(_moved(tissue, found, moved), found.positions)
+    return abs(grown) / (2.0 * np.pi * UNITS**3)
+
+
+def _moved(tissue: Tissue, found: Found, moved: Floats) -> Floats:
+    """(vertices, 3) positions with (free, 3) added, bind space; solver's units."""
+    positions = found.positions.copy()
+    positions[free_rows(tissue)] += np.einsum("vij,vj->vi", found.matrices, moved)
+    return positions
 
 
 def last_of(states: Iterator[Found]) -> State | None:

@@ -36,6 +36,10 @@ class Pieces:
         piece = np.where(free[moving], labels[moving], -1).max(axis=1)
         return cls(tuple(moving[piece == each] for each in np.unique(piece)))
 
+    def grown(self, positions: Floats, wanted: Floats) -> float:
+        """By how much the volume of all under (vertices, 3) positions is more than under others."""
+        return float(np.sum(self.volumes(positions) - self.volumes(wanted)))
+
     def volumes(self, positions: Floats) -> Floats:
         """(pieces,) between each and the origin; only differences mean anything."""
         return np.array([np.sum(dot(*_sides(positions, each))) / 6.0 for each in self.triangles])
