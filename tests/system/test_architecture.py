@@ -44,7 +44,7 @@ DOORS = {
     "dask": {"batch/scheduler"},
     "distributed": {"batch/scheduler"},
     "fsspec": {"batch/stores"},
-    "viser": {f"editor/{name}" for name in ("controls", "page", "picture", "player", "scene", "served")},
+    "viser": {f"editor/{name}" for name in ("controls", "hand", "page", "picture", "player", "scene", "served")},
     "rich": {"editor/served"},
     "click": {"cli"},
     "pytest": {"testing"},

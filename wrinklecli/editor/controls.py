@@ -34,7 +34,6 @@ class ToolControls:
         self._distance = 1.0
         self._shows: list[Callable[[], None]] = []
         controls = key_controls()
-        self.width = next(control for control in controls if control.key == "width")
         tabs = gui.add_tab_group()
         for group in dict.fromkeys([*GROUPS, *(control.group for control in controls)]):
             with tabs.add_tab(group):

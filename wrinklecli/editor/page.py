@@ -9,24 +9,22 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import numpy as np
 import viser
 
 from wrinklecli.editor.controls import Steps, ToolControls
-from wrinklecli.editor.keys import as_written
+from wrinklecli.editor.hand import ASKS, BAD, GOOD, Hand
 from wrinklecli.editor.picture import Picture
 from wrinklecli.editor.player import Charts, Player
 from wrinklecli.editor.served import Place, serve
 from wrinklecli.editor.session import EditedTool, Session
 from wrinklecli.editor.work import Work
 from wrinklecli.errors import ConfigError, WrinkleError
-from wrinklecli.numeric.arrays import Floats
 
 _SLIDES = 0.35  # seconds without a further change after which a slider has been let go
 _WIDE = 380  # pixels of the panel
 _BAR = 0.2  # seconds between two steps of a bake's progress that are shown
 _WARNS = 1.0  # seconds after an edit, before what `check` would warn of is looked for
-_GOOD, _BAD, _ASKS, _WARNING = "#1c7a3f", "#c92a2a", "#1f6fd6", "#b35c00"
+_WARNING = "#b35c00"
 
 
 class Page:
@@ -42,6 +40,7 @@ class Page:
 
     Attributes:
         server: That has the tabs, with their cameras.
+        chosen: The name of the tool that the page shows; none for none.
     """
 
     def __init__(self, session: Session, place: Place, *, heat: bool = False) -> None:
@@ -50,9 +49,10 @@ class Page:
         # What takes seconds: a clip plays on meanwhile.
         self._slow = Work(lambda error: self._work.put(object(), lambda: self._fail(error)))
         self.server = serve(place)
-        self._picture = Picture(self.server, self._work, session, self._dragged)
-        self._chosen: str | None = None
-        self._ends: list[Floats] | None = None  # of a new tool, as far as they have been clicked
+        self._hand = Hand(self._work, session, self)
+        self._picture = Picture(self.server, self._work, session, self._hand.drag)
+        self._hand.listen(self.server, self._picture)
+        self.chosen: str | None = None
         self._sliding: Callable[[], None] | None = None  # makes the draft that is shown an edit
         self._buttons: dict[str, Any] = {}
         self._warnings: dict[str, list[str]] = {}
@@ -60,7 +60,7 @@ class Page:
         self._build(heat=heat)
         self._refresh()
         self._picture.look_at_all()
-        self._say("\n".join((*session.notes, *self._picture.warnings)), _ASKS)
+        self.say("\n".join((*session.notes, *self._picture.warnings)), ASKS)
         self._threads = [threading.Thread(target=each.run, daemon=True) for each in (self._work, self._slow)]
         for thread in self._threads:
             thread.start()
@@ -72,7 +72,7 @@ class Page:
 
     def close(self) -> None:
         """End what is being done, and serve no more."""
-        self._work.put("end", self._settle_slide)
+        self._work.put("end", self.settle_slide)
         for work, thread in zip((self._work, self._slow), self._threads, strict=True):
             work.end()
             thread.join()
@@ -93,17 +93,13 @@ class Page:
             self._player = Player(self.server, self._work, self._session.clips, self._session.frame_times, self._show)
         with play.add_tab("View"):
             self._picture.add_widgets(gui, heat=heat)
+            self._player.add_speed(gui)
         play.float(x=15, y=-15, width=420)
-        self._new: Any = gui.add_button(
-            "New tool", icon=viser.Icon.PLUS, hint="Click where it begins and where it ends."
-        )
-        self._on(self._new.on_click, self._begin_new)
+        self._hand.add_button(gui)
         self._list = gui.add_folder("Tools")
         self._panel: Any = gui.add_folder("Tool", visible=False)
         with self._panel:
             self._add_tool_panel(gui)
-        clicks: Any = self.server.scene.on_click()
-        clicks(self._clicked)
 
     def _add_file_buttons(self, gui: viser.GuiApi) -> None:
         actions = {"Save": self._save, "Bake": self._bake, "Undo": self._undo, "Redo": self._redo}
@@ -119,6 +115,9 @@ class Page:
         self._problem = gui.add_html("")
         self._name: Any = gui.add_text("name", "")
         self._on_set(self._name, "name", self._rename)
+        tip = "Also make the tool of the other side: x negated, left and right exchanged in its name."
+        self._twin: Any = gui.add_checkbox("both sides", initial_value=False, hint=tip)
+        self._on_set(self._twin, "twin", self._mirror)
         actions = {
             "Look": self._look,
             "Solo": self._solo,
@@ -159,17 +158,17 @@ class Page:
 
     # What is said.
 
-    def _say(self, text: str, colour: str = _GOOD) -> None:
+    def say(self, text: str, colour: str = GOOD) -> None:
         """A line on the page; none for an empty text."""
         self._said.content = _line(text, colour) if text else ""
 
     def _fail(self, error: Exception) -> None:
         """Say what went wrong; the page stays."""
         if isinstance(error, WrinkleError):
-            self._say("\n".join(error.lines[:6]), _BAD)
+            self.say("\n".join(error.lines[:6]), BAD)
         else:
             logging.getLogger(__name__).error("this is a bug of wrinkle's", exc_info=error)
-            self._say(f"a bug of wrinkle's: {type(error).__name__}: {error}", _BAD)
+            self.say(f"a bug of wrinkle's: {type(error).__name__}: {error}", BAD)
         with contextlib.suppress(WrinkleError):
             self._refresh()
 
@@ -179,8 +178,8 @@ class Page:
         """Show the session's state: after every edit."""
         tools = self._session.tools()
         names = [tool.name for tool in tools]
-        if self._chosen not in names:
-            self._chosen = None
+        if self.chosen not in names:
+            self.chosen = None
         state = "not saved yet" if self._session.changed else "saved"
         name = html.escape(os.path.basename(self._session.path))
         self._head.content = (
@@ -188,11 +187,11 @@ class Page:
             f'<span style="opacity:.6"> · {len(tools)} tools · {state}</span></div>'
         )
         self._list_tools(tools)
-        self._panel.visible = self._chosen is not None
+        self._panel.visible = self.chosen is not None
         for tool in tools:
-            if tool.name == self._chosen:
+            if tool.name == self.chosen:
                 self._panel.label = tool.name
-                self._name.value = tool.name
+                self._name.value, self._twin.value = tool.name, tool.partner is not None
                 self._problem.content = self._told_of(tool)
                 laid = self._session.laid().get(tool.name)
                 span = 1.0 if laid is None else laid.carried.patch.span
@@ -221,7 +220,7 @@ class Page:
     def _told_of(self, tool: EditedTool) -> str:
         """What is wrong with a tool, and what `check` would warn of."""
         partner = [] if tool.partner is None else self._warnings.get(tool.partner, [])
-        lines = [(tool.problem, _BAD)] if tool.problem else []
+        lines = [(tool.problem, BAD)] if tool.problem else []
         lines += [(line, _WARNING) for line in (*self._warnings.get(tool.name, []), *partner)]
         return "".join(_line(text, colour) for text, colour in lines)
 
@@ -244,50 +243,51 @@ class Page:
                 self._listen(button, tool.name)
             button = self._buttons[tool.name]
             button.label, button.order = label, float(order)
-            button.color = "blue" if tool.name == self._chosen else "gray"
+            button.color = "blue" if tool.name == self.chosen else "gray"
 
     def _listen(self, button: Any, name: str) -> None:
-        self._on(button.on_click, lambda: self._choose(name, look=True))
+        self._on(button.on_click, lambda: self.choose(name, look=True))
 
     def _show(self) -> None:
         """Show the player's moment."""
-        self._picture.show(self._player, self._chosen)
+        self._picture.show(self._player, self.chosen)
         self._chart_now()
 
     def _chart(self) -> None:
         """Draw the chosen tool's curves."""
         clip, over = self._player.clip, None
-        laid = self._session.laid().get(self._chosen) if self._chosen else None
-        if self._chosen is not None and laid is not None:
+        laid = self._session.laid().get(self.chosen) if self.chosen else None
+        if self.chosen is not None and laid is not None:
             patch = laid.carried.patch
             self._charts.show_reach(patch.span, patch.greatest_height)
-            over = None if clip is None else self._session.heights(self._chosen, clip)
+            over = None if clip is None else self._session.heights(self.chosen, clip)
         self._charts.show_heights(over)
         self._chart_now()
 
     def _chart_now(self) -> None:
-        if self._chosen is not None:
+        if self.chosen is not None:
             self._charts.show_now(self._player.time)
-            self._charts.show_curve(self._session.curve(self._chosen, self._player.clip, self._player.time))
+            self._charts.show_curve(self._session.curve(self.chosen, self._player.clip, self._player.time))
 
     # What people do: choosing and looking.
 
-    def _choose(self, name: str | None, *, look: bool) -> None:
-        self._settle_slide()
-        self._chosen = name
+    def choose(self, name: str | None, *, look: bool) -> None:
+        """Show a tool, and let the cameras look at it."""
+        self.settle_slide()
+        self.chosen = name
         self._refresh()
         if look and name is not None:
             self._picture.look_at_tool(name)
 
     def _look(self) -> None:
-        if self._chosen is not None:
-            self._picture.look_at_tool(self._chosen)
+        if self.chosen is not None:
+            self._picture.look_at_tool(self.chosen)
 
     # What people do: editing.
 
     def _changed(self, steps: Steps, value: Any, slides: bool) -> None:
         """Set a key of the chosen tool; called by widgets."""
-        name = self._chosen
+        name = self.chosen
         if name is None:
             return
 
@@ -295,18 +295,18 @@ class Page:
             self._session.set_value(name, steps, value, draft=draft)
 
         if slides:
-            self._work.put(("set", steps), lambda: self._slide(edit))
+            self._work.put(("set", steps), lambda: self.slide(edit))
         else:
             self._work.put(("set", steps), lambda: self._edit(lambda: edit(False)))
 
-    def _slide(self, edit: Callable[[bool], None]) -> None:
+    def slide(self, edit: Callable[[bool], None]) -> None:
         """Show a draft of an edit, which becomes one as soon as nothing follows; called with whether it is a draft."""
         self._sliding = lambda: edit(False)
         edit(True)
         self._refresh()
-        self._work.put_later("slid", _SLIDES, self._settle_slide)
+        self._work.put_later("slid", _SLIDES, self.settle_slide)
 
-    def _settle_slide(self) -> None:
+    def settle_slide(self) -> None:
         """Make the last draft an edit."""
         self._work.drop("slid")
         full, self._sliding = self._sliding, None
@@ -315,13 +315,13 @@ class Page:
             self._refresh()
 
     def _edit(self, action: Callable[[], object]) -> None:
-        self._settle_slide()
+        self.settle_slide()
         action()
-        self._say("")
+        self.say("")
         self._refresh()
 
     def _unset(self, key: str) -> None:
-        name = self._chosen
+        name = self.chosen
         if name is not None:
             self._work.put(("unset", key), lambda: self._edit(lambda: self._session.unset(name, (key,))))
 
@@ -332,7 +332,7 @@ class Page:
         self._edit(self._session.redo)
 
     def _save(self, *, overwrite: bool = False) -> None:
-        self._settle_slide()
+        self.settle_slide()
         try:
             self._session.save(overwrite=overwrite)
             self._over.visible = False
@@ -340,13 +340,13 @@ class Page:
             self._over.visible = True
             raise
         self._refresh()
-        self._say(f"saved as {self._session.path}")
+        self.say(f"saved as {self._session.path}")
 
     def _bake(self) -> None:
         """Save, and bake beside all else."""
         self._save()
         self._progress.visible = True
-        self._say("baking …", _ASKS)
+        self.say("baking …", ASKS)
         self._slow.put("bake", self._bake_saved)
 
     def _bake_saved(self) -> None:
@@ -362,101 +362,44 @@ class Page:
             told = self._session.bake(progress)
         finally:
             self._work.put("progress", lambda: self._show_progress("", 0, 1))
-        self._work.put(object(), lambda: self._say(told))
+        self._work.put(object(), lambda: self.say(told))
 
     def _show_progress(self, stage: str, done: int, total: int) -> None:
         self._progress.visible = bool(stage)
         self._progress.value = 100.0 * done / max(total, 1)
         if stage:
-            self._say(f"baking: {stage} {done}/{total}", _ASKS)
+            self.say(f"baking: {stage} {done}/{total}", ASKS)
 
     def _rename(self) -> None:
-        if self._chosen is not None and self._name.value not in ("", self._chosen):
-            old, new = self._chosen, self._name.value
-            self._chosen = new
+        if self.chosen is not None and self._name.value not in ("", self.chosen):
+            old, new = self.chosen, self._name.value
+            self.chosen = new
             self._edit(lambda: self._session.rename(old, new))
 
+    def _mirror(self) -> None:
+        if (name := self.chosen) is not None:
+            axis = "x" if self._twin.value else None
+            self._edit(lambda: self._session.mirror(name, axis))
+
     def _solo(self) -> None:
-        chosen = next((tool for tool in self._session.tools() if tool.name == self._chosen), None)
+        chosen = next((tool for tool in self._session.tools() if tool.name == self.chosen), None)
         if chosen is not None:
             self._edit(lambda: self._session.solo(() if chosen.solo else (chosen.name,)))
 
     def _switch(self) -> None:
-        chosen = next((tool for tool in self._session.tools() if tool.name == self._chosen), None)
+        chosen = next((tool for tool in self._session.tools() if tool.name == self.chosen), None)
         if chosen is not None:
             self._edit(lambda: self._session.enable(chosen.name, enabled=not chosen.enabled))
 
     def _copy(self) -> None:
-        if self._chosen is not None:
-            self._settle_slide()
-            self._choose(self._session.copy(self._chosen), look=False)
+        if self.chosen is not None:
+            self.settle_slide()
+            self.choose(self._session.copy(self.chosen), look=False)
 
     def _delete(self) -> None:
-        if self._chosen is not None:
-            name = self._chosen
+        if self.chosen is not None:
+            name = self.chosen
             self._edit(lambda: self._session.delete(name))
-
-    # What people do: drawing.
-
-    def _begin_new(self) -> None:
-        if self._ends is None:
-            self._ends = []
-            self._new.label, self._new.color = "Cancel", "orange"
-            self._say("Click where the tool begins. It runs across the wrinkles.", _ASKS)
-        else:
-            self._end_new()
-            self._say("")
-
-    def _end_new(self) -> None:
-        self._ends = None
-        self._new.label, self._new.color = "New tool", None
-
-    async def _clicked(self, event: viser.SceneClickEvent) -> None:
-        origin, direction = np.array(event.ray_origin, float), np.array(event.ray_direction, float)
-        self._work.put(object(), lambda: self._click(origin, direction))
-
-    def _click(self, origin: Floats, direction: Floats) -> None:
-        hit = self._picture.hit(origin, direction)
-        if hit is None:
-            return
-        mesh, place = hit
-        if self._ends is None:
-            self._choose(self._picture.tool_at(mesh, place) or self._chosen, look=False)
-            return
-        self._ends.append(place)
-        if len(self._ends) == 1:
-            self._say("Now click where it ends.", _ASKS)
-            return
-        first, last = (end.tolist() for end in self._ends)
-        self._end_new()
-        self._settle_slide()
-        name = self._session.add_tool(first, last, mesh.node)
-        self._choose(name, look=False)
-        self._say(f"{name} is new: drag its ends, and the dots at its sides for the width")
-
-    def _dragged(self, kind: str, number: int, origin: Floats, direction: Floats, phase: str) -> None:
-        """A dot of the chosen tool is dragged; called by the view."""
-        name = self._chosen
-        if name is None or phase == "start":
-            return
-        self._work.put((kind, number), lambda: self._drag(name, kind, number, origin, direction))
-        if phase == "end":
-            self._work.put("let go", self._settle_slide)
-
-    def _drag(self, name: str, kind: str, number: int, origin: Floats, direction: Floats) -> None:
-        hit, laid = self._picture.hit(origin, direction), self._session.laid().get(name)
-        if hit is None or laid is None:
-            return
-        place, patch = hit[1], laid.carried.patch
-        if kind == "anchor":
-            self._slide(lambda draft: self._session.move_point(name, number, place.tolist(), draft=draft))
-        else:
-            percent = max(
-                round(200.0 * abs(float(patch.coordinates(place)[1])) * patch.half_width / patch.span, 1), 1.0
-            )
-            before = next(tool.values.get("width") for tool in self._session.tools() if tool.name == name)
-            width = as_written(self._controls.width, percent, before, patch.span)
-            self._slide(lambda draft: self._session.set_value(name, ("width",), width, draft=draft))
 
 
 def _line(text: str, colour: str) -> str:

@@ -19,6 +19,13 @@ from wrinklecli.review.preview.shown import INKS
 _SETTLES = 0.08  # seconds in which a browser reads a coloured mesh
 _ASIDE = 1.15  # widths of the asset between it and its rest pose beside it
 _ALL, _CLOSE = 1.15, 3.2  # distance of a camera: diagonals of the asset, reaches of a tool
+# Where cameras stand for each side, the asset facing +z.
+_SIDES = {
+    "front": (0.3, 0.2, 1.0),
+    "left": (1.0, 0.2, 0.3),
+    "back": (0.3, 0.2, -1.0),
+    "right": (-1.0, 0.2, 0.3),
+}
 _BACKGROUND = ((236, 239, 243), (203, 208, 215))  # sRGB above and below
 
 
@@ -53,16 +60,17 @@ class Picture:
         self._look: Any = gui.add_dropdown("surface", LOOKS, initial_value="heat" if heat else "clay")
         self._wire: Any = gui.add_checkbox("wire", initial_value=False)
         self._beside: Any = gui.add_checkbox("rest beside", initial_value=False, hint="Show it at rest, too.")
-        whole: Any = gui.add_button("Look at all", icon=viser.Icon.FOCUS_CENTERED)
+        sides: Any = gui.add_button_group("look from", tuple(_SIDES))
 
-        async def look_at_all(_event: object) -> None:
-            self._work.put("look", self.look_at_all)
+        async def look(event: Any) -> None:
+            side = event.target.value
+            self._work.put("look", lambda: self.look_at_all(side))
 
         async def look_otherwise(event: Any) -> None:
             if event.client is not None:
                 self._work.put("dress", self._dress)
 
-        whole.on_click(look_at_all)
+        sides.on_click(look)
         for each in (self._look, self._wire, self._beside):
             each.on_update(look_otherwise)
 
@@ -124,12 +132,12 @@ class Picture:
 
     # Where cameras stand.
 
-    def look_at_all(self) -> None:
-        """Let the cameras see the whole asset."""
+    def look_at_all(self, side: str = "front") -> None:
+        """Let the cameras see the whole asset from a side, a little from above."""
         every = self._everything()
         low, high = every.min(axis=0), every.max(axis=0)
         size = float(np.linalg.norm(high - low)) or 1.0
-        self._point_cameras((low + high) / 2, np.array([0.45, 0.2, 1.0]), _ALL * size)
+        self._point_cameras((low + high) / 2, np.array(_SIDES[side]), _ALL * size)
 
     def look_at_tool(self, name: str) -> None:
         """Let the cameras face a tool; they stay where it does not fit."""

@@ -14,7 +14,7 @@ from wrinklecli.numeric.arrays import Floats
 
 REST = "as stored"
 _FPS = 30.0  # asked for; what a machine can
-_SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0)
+_SPEEDS, _SPEED_STEP = (0.1, 2.0), 0.05  # times as fast
 _TIME_STEP = 0.001  # seconds
 
 
@@ -45,8 +45,8 @@ class Player:
         names = (*self._clips, REST)
         self._clip: Any = gui.add_dropdown("clip", names, hint="Motions of joints and morph targets are clips, too.")
         self._time: Any = gui.add_slider("time (s)", 0.0, 1.0, _TIME_STEP, 0.0)
-        self._speed: Any = gui.add_slider("speed", _SPEEDS[0], _SPEEDS[-1], 0.05, 1.0)
         self._button: Any = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, hint="Space")
+        self._speed: Any = None
         self._reach()
         command = gui.add_command("Play or pause", hotkey="space")
 
@@ -67,6 +67,10 @@ class Player:
         async def _(event: Any) -> None:
             if event.client is not None:
                 work.put("time", self._scrubbed)
+
+    def add_speed(self, gui: viser.GuiApi) -> None:
+        """Add how fast it plays, to where the program is in the page."""
+        self._speed = gui.add_slider("speed", *_SPEEDS, _SPEED_STEP, 1.0)
 
     @property
     def clip(self) -> str | None:
