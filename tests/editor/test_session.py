@@ -95,3 +95,10 @@ def test_what_is_not_valid_changes_nothing(session: Session) -> None:
     session.move_point("crease", 0, [5.0, 5.0, 5.0])
     assert "from the mesh" in str(session.tools()[0].problem)
     assert len(session.meshes(None, 0.0)) == 1
+
+
+def test_a_tool_with_a_partner_names_its_side(session: Session) -> None:
+    assert session.mirror("far", "x") == "far.R"
+    assert [tool.partner for tool in session.tools()] == [None, None, "far.L"]
+    session.undo()
+    assert session.text == TOOLS

@@ -46,6 +46,7 @@ DOORS = {
     "fsspec": {"batch/stores"},
     "viser": {f"editor/{name}" for name in ("controls", "hand", "page", "picture", "player", "scene", "served")},
     "rich": {"editor/served"},
+    "websockets": {"editor/served"},
     "click": {"cli"},
     "pytest": {"testing"},
 }

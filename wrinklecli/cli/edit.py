@@ -1,6 +1,5 @@
 """`wrinkle edit`."""
 
-import ipaddress
 import signal
 import threading
 import webbrowser
@@ -75,7 +74,7 @@ def edit(
 
         try:
             from wrinklecli.editor.page import Page
-            from wrinklecli.editor.served import Place
+            from wrinklecli.editor.served import Place, is_own
         except ImportError as error:
             raise WrinkleError(f"needs viser ({error}): pip install 'wrinklecli[edit]'", where="edit") from None
     ended = threading.Event()
@@ -90,7 +89,7 @@ def edit(
     address = f"http://{f'[{host}]' if ':' in host else host}:{page.port}"
     emit(address)
     if not quiet:
-        if not _is_own(host):
+        if not is_own(host):
             warn(f"whoever reaches {host} sees the asset and changes the tools: the page asks for no password")
         say(f"edits {session.path}; Ctrl-C ends it")
     if not no_browser:
@@ -101,11 +100,3 @@ def edit(
     page.close()
     if session.changed:
         warn(f"{session.path}: not all was saved")
-
-
-def _is_own(host: str) -> bool:
-    """Whether no other machine reaches an address."""
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"

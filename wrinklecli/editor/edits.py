@@ -162,14 +162,26 @@ class Edits:
         """Switch a tool on or off in the file."""
         self.set_value(tool, ("enabled",), enabled)
 
-    def mirror(self, tool: str, axis: str | None) -> None:
-        """Give a tool a partner on the other side of x, y or z = 0, or none."""
+    def mirror(self, tool: str, axis: str | None) -> str:
+        """Give a tool a partner on the other side of x, y or z = 0, or none.
+
+        Returns:
+            Its name: that of a tool with a partner ends with its side, where it names none.
+        """
         with self._guarded():
-            inherited = (self._base.file.beside.get("defaults") or {}).get("mirror")
+            file, number = self._base.file, self._number(tool)
+            inherited = (file.beside.get("defaults") or {}).get("mirror")
             if axis is None and inherited in (None, "none"):
                 self.unset(tool, ("mirror",))
-            else:
-                self.set_value(tool, ("mirror",), axis or "none")
+                return tool
+            name = tool
+            if axis is not None and exchange_sides(tool) == tool:
+                points = file.tools[number].get("path") or [file.tools[number]["origin"], file.tools[number]["target"]]
+                sides = [point["xyz".index(axis)] for point in points if isinstance(point, list)]
+                name = f"{tool}.{'L' if sum(sides) > 0 else 'R'}"
+                file = file.with_value(number, ("name",), name)
+            self._become(file.with_value(number, ("mirror",), axis or "none"), f"{name}: mirror")
+            return name
 
     def solo(self, tools: Sequence[str]) -> None:
         """Show some tools alone; all again where there are none. The file stays as it is."""

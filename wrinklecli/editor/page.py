@@ -377,9 +377,9 @@ class Page:
             self._edit(lambda: self._session.rename(old, new))
 
     def _mirror(self) -> None:
-        if (name := self.chosen) is not None:
-            axis = "x" if self._twin.value else None
-            self._edit(lambda: self._session.mirror(name, axis))
+        if self.chosen is not None:
+            self.settle_slide()
+            self.choose(self._session.mirror(self.chosen, "x" if self._twin.value else None), look=False)
 
     def _solo(self) -> None:
         chosen = next((tool for tool in self._session.tools() if tool.name == self.chosen), None)

@@ -1,12 +1,16 @@
 """Where the page is served: at one address and port, or not at all; to nobody else than who asks there."""
 
 import contextlib
+import ipaddress
 import logging
+import re
 import socket
 from dataclasses import dataclass
+from functools import partial
 
 import rich
 import viser
+import websockets.asyncio.server
 
 from wrinklecli.errors import WrinkleError
 
@@ -33,7 +37,13 @@ def serve(place: Place) -> viser.ViserServer:
     # The server would take the next port that is free, and say so where only data belongs.
     port = _free_port(place.host, place.port)
     rich.reconfigure(quiet=True)
-    server = viser.ViserServer(host=place.host, port=port, verbose=False)
+    # Any other page that the browser shows could connect, too, and edit; its own is known by its origin.
+    usual = websockets.asyncio.server.serve
+    websockets.asyncio.server.serve = partial(usual, origins=[None, _own_origin(place.host, port)])  # type: ignore
+    try:
+        server = viser.ViserServer(host=place.host, port=port, verbose=False)
+    finally:
+        websockets.asyncio.server.serve = usual  # type: ignore[misc]
     if server.get_port() != port:
         server.stop()
         raise WrinkleError(f"port {port} was taken just now", where="edit")
@@ -44,6 +54,21 @@ def serve(place: Place) -> viser.ViserServer:
     # Any page that a tab shows could ask for a tunnel through which the whole internet would reach this one.
     server.request_share_url = _refuse  # type: ignore[method-assign]
     return server
+
+
+def _own_origin(host: str, port: int) -> re.Pattern[str]:
+    """The origins of the page: where all addresses are listened on, of any host, at this port."""
+    hosts = {"127.0.0.1", "localhost", "[::1]", host, f"[{host}]"}
+    named = "|".join(map(re.escape, sorted(hosts))) if is_own(host) else r"[^/:]+|\[[^/]*\]"
+    return re.compile(rf"http://(?:{named}):{port}")
+
+
+def is_own(host: str) -> bool:
+    """Whether no other machine reaches an address."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
 
 
 def _refuse(verbose: bool = True) -> None:

@@ -1,0 +1,77 @@
+"""The page for those who mean it no good: what they send ends at most their own tab."""
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import pytest
+import viser
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import ClientConnection, connect
+
+from kit.limb import limb
+from wrinklecli.editor.page import Page
+from wrinklecli.editor.served import Place
+from wrinklecli.editor.session import Session
+from wrinklecli.errors import WrinkleError
+
+TABS = 100
+EVIL = [
+    b"",
+    b"\xff" * 40,
+    msgspec.msgpack.encode(17),
+    msgspec.msgpack.encode({"type": "NoMessage"}),
+    msgspec.msgpack.encode({"type": "GuiUpdateMessage"}),
+    msgspec.msgpack.encode({"type": "GuiUpdateMessage", "uuid": "none", "updates": {"value": 1}}),
+    msgspec.msgpack.encode({"type": "ShareUrlRequest"}),
+    msgspec.msgpack.encode({"type": "ScenePointerMessage", "event_type": "click", "ray_origin": None}),
+]
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    """A page of a limb without tools."""
+    folder = tmp_path_factory.mktemp("page")
+    page = Page(Session.open(limb(folder / "limb.glb", rings=8, sides=6)), Place())
+    yield page
+    page.close()
+
+
+def tab(page: Page, **options: object) -> ClientConnection:
+    address = f"ws://127.0.0.1:{page.port}"
+    return connect(address, subprotocols=[f"viser-v{viser.__version__}"], max_size=None, **options)  # type: ignore
+
+
+def test_hostile_messages_end_no_other_tab(page: Page) -> None:
+    with tab(page) as other:
+        other.recv(timeout=10)
+        for message in EVIL:
+            with tab(page) as hostile, contextlib.suppress(ConnectionClosed):
+                hostile.send(message)
+                hostile.recv(timeout=10)
+        with contextlib.suppress(TimeoutError):
+            while True:
+                other.recv(timeout=0.1)
+        page.say("still here")
+        assert other.recv(timeout=10)
+
+
+def test_many_tabs_show_one_session(page: Page) -> None:
+    with contextlib.ExitStack() as stack:
+        tabs = [stack.enter_context(tab(page)) for _ in range(TABS)]
+        assert all(len(each.recv(timeout=20)) > 1000 for each in tabs)
+
+
+def test_other_pages_are_not_let_in(page: Page) -> None:
+    with pytest.raises(InvalidStatus, match="403"):
+        tab(page, origin="http://evil.example")
+    with tab(page, origin=f"http://127.0.0.1:{page.port}") as own:
+        assert own.recv(timeout=10)
+
+
+def test_a_taken_port_is_said_in_a_line(page: Page, tmp_path: Path) -> None:
+    session = Session.open(limb(tmp_path / "limb.glb", rings=8, sides=6))
+    with pytest.raises(WrinkleError, match=r"^edit: port \d+ of 127\.0\.0\.1: .*--port") as caught:
+        Page(session, Place(port=page.port))
+    assert len(caught.value.lines) == 1
