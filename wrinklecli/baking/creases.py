@@ -9,9 +9,11 @@ import numpy as np
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.remix import weights_at
 from wrinklecli.baking.sample import Motion, takes_of
-from wrinklecli.baking.targets import AnySet, CreaseSet, TargetSet, named_targets
+from wrinklecli.baking.targets import AnySet, CreaseSet, TargetSet, named_targets, of_tools
 from wrinklecli.character.clip import KEY_GAP, KEY_STEP, clip_grid, sample
-from wrinklecli.method.activity import further_activities
+from wrinklecli.character.pose import pose_at
+from wrinklecli.method.activity import further_activities, lengths_over_time
+from wrinklecli.method.curve import weights_of
 from wrinklecli.method.shapes import Sample, make_shapes
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
 from wrinklecli.numeric.guard import Progress, one_thread
@@ -24,8 +26,8 @@ if TYPE_CHECKING:
 MOST_SHAPES = 8
 """Morph targets of a fold at most, whatever their error."""
 
-# Greatest error of the shapes, of the greatest move: what is left of it is hidden in the fold.
-_SHAPE_ERROR = 0.1
+# Greatest error of a vertex, of the greatest move. It is hidden in the fold: where something touches, shapes are right.
+_SHAPE_ERROR = 0.35
 # Share of the error bound for keys of contact that are left out.
 _KEYS_SHARE = 0.25
 # Radians that a joint turns between two frames of a march, at most.
@@ -100,10 +102,30 @@ def _followed(
         crease.vertices,
         crease.shapes,
         tallest=plan.scale * np.sqrt(np.sum(crease.shapes**2, axis=2)).max(axis=1),
-        samples=[Sample(*each) for each in crease.samples] if plan.has_normals else [],
+        samples=_samples(plan, crease, of_tools(target_sets)) if plan.has_normals else [],
     )
     name = _identifier(plan, crease.fold)
     return CreaseSet(crease, name, named_targets(name, shapes), tuple(found)), followed
+
+
+def _samples(plan: MeshPlan, crease: "Crease", tools: Sequence[TargetSet]) -> list[Sample]:
+    """Where the normals of a fold are to be right: on the wrinkles of tools that stay on the skin."""
+    samples = []
+    for weights, clip, time in crease.samples:
+        beneath = []
+        for each in tools:
+            if each.from_skin:
+                patch = each.carried.patch
+                lengths = lengths_over_time(patch, plan.rig, plan.rest, clip, np.array([time]))
+                amplitudes, _ = patch.curve.follow(*lengths)
+                acting = patch.clip_strength(clip) * weights_of(patch.curve, amplitudes).reshape(-1)
+                beneath += [
+                    (target.shape, float(weight))
+                    for target, weight in zip(each.targets, acting, strict=True)
+                    if target is not None and weight
+                ]
+        samples.append(Sample(weights, pose_at(plan.rig, clip, time), beneath=beneath))
+    return samples
 
 
 def _identifier(plan: MeshPlan, fold: "Fold") -> str:

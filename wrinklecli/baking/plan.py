@@ -246,11 +246,13 @@ def _folds(
         message = "contact needs ipctk, which is not installed: pip install 'wrinklecli[contact]'"
         raise BakeError(message, where=tool.place("contact"))
     # Imported here, as other bakes need none of it.
+    from wrinklecli.character.bones import read_bones
     from wrinklecli.method.fold import find_folds
 
     _check_ignored(ground.document, [carried_patches[number].patch.tool for number in chosen])
+    parts = read_bones(ground.document).parts
     obstacles = partial(read_obstacles, ground.document, ground.rig.node)
-    folds, unhinged = find_folds(carried_patches, chosen, fine, ground.rest, ground.rig, obstacles)
+    folds, unhinged = find_folds(carried_patches, chosen, fine, ground.rest, ground.rig, parts, obstacles)
     return tuple(folds), tuple(unhinged)
 
 

@@ -12,7 +12,6 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.motion import approach
-from wrinklecli.character.pose import Pose, pose_at
 from wrinklecli.method.basis import project, weighted_basis
 from wrinklecli.method.contact import FREE, SOFT, UNITS, Tissue
 from wrinklecli.method.fold import Fold
@@ -33,7 +32,9 @@ _LOOKS = 8
 # Poses from rest to the beginning of a clip that is folded there.
 _APPROACH = 33
 # How often shapes and weights are fitted again where they leave crossings, and by how much these then count more.
-_TRIES, _MORE = 4, 4.0
+_TRIES, _MORE = 8, 3.0
+# Share of poses with crossings above which more shapes are needed at once.
+_HOPELESS = 0.2
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class Crease:
         shapes: (shapes, free, 3) bind space, at weight 1, of the vertices that may move.
         angles: (rows,) radians of the joint about its axis, rising,
         table: and (rows, shapes) weights there.
-        samples: Weights and poses in which normals are to be right.
+        samples: Weights, and the motions and times in which normals are to be right with them.
         error: How far the shapes are from what was found in the sweeps, at most, scene units.
         largest: The greatest move that was found, scene units.
         squeezed: Volume that the shapes take away in the sweeps, at most, of a limb's as long as it is thick.
@@ -60,7 +61,7 @@ class Crease:
     shapes: Floats
     angles: Floats
     table: Floats
-    samples: tuple[tuple[Floats, Pose], ...]
+    samples: tuple[tuple[Floats, Clip, float], ...]
     error: float
     largest: float
     squeezed: float
@@ -141,7 +142,7 @@ def resolve(fold: Fold, *, share: float, most: int) -> Crease | None:
         shapes=shapes,
         angles=angles,
         table=table,
-        samples=tuple((weights[k], pose_at(fold.rig, solved[k].clip, solved[k].time)) for k in _chosen(weights)),
+        samples=tuple((weights[k], solved[k].clip, solved[k].time) for k in _chosen(weights)),
         error=scale * max(_missed(each.found, row, shapes) for each, row in zip(solved, weights, strict=True)),
         largest=scale * max(_length(each.found, each.found.moved) for each in solved),
         squeezed=max(
@@ -224,6 +225,8 @@ def _fewest(tissue: Tissue, solved: Sequence[Found], *, share: float, most: int)
             if not crossing:
                 return weights, shapes, 0
             tries.append((crossing, weights, shapes))
+            if crossing > _HOPELESS * len(solved) and count < most:
+                break
     crossing, weights, shapes = min(tries, key=lambda each: each[0])
     return weights, shapes, crossing
 

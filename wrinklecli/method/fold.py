@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
+from wrinklecli.character.bones import Part
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.obstacles import Obstacle
 from wrinklecli.character.pose import blend, joint_matrices, morph_weights, node_matrices, transform
@@ -134,6 +135,7 @@ def find_folds(
     fine: Refinement,
     rest: Rest,
     rig: Rig,
+    parts: Sequence[Part | None],
     obstacles: Callable[[Collection[str]], Sequence[Obstacle]] | None = None,
 ) -> tuple[list[Fold], list[int]]:
     """The folds of some tools, of which those over one joint share one; and the tools that have no joint.
@@ -144,6 +146,7 @@ def find_folds(
         fine: The refined surface.
         rest: The rest pose.
         rig: The joints.
+        parts: Of a body, that each node moves, as far as that is known.
         obstacles: Gives the other meshes but those of nodes of some names; none where left out.
     """
     by_node: dict[int, list[int]] = {}
@@ -156,7 +159,7 @@ def find_folds(
             by_node.setdefault(node, []).append(number)
     folds = []
     for node, tools in by_node.items():
-        fold = _fold(tuple(tools), node, carried_patches, fine, rest, rig)
+        fold = _fold(tuple(tools), node, carried_patches, fine, rest, rig, parts[node])
         settings = [carried_patches[number].patch.tool.contact or Contact() for number in tools]
         ignored = {name for each in settings for name in each.ignore}
         folds.append(_beside(fold, obstacles(ignored) if obstacles else ()))
@@ -189,6 +192,7 @@ def _fold(
     fine: Refinement,
     rest: Rest,
     rig: Rig,
+    part: Part | None,
 ) -> Fold:
     patches = [carried_patches[number].patch for number in tools]
     pivot = node_matrices(rig, rest.clip, rest.time, [node])[0, 0, :3, 3]
@@ -197,7 +201,7 @@ def _fold(
     vertices, triangles = _round(pivot, reach, fine, np.concatenate([carried_patches[t].vertices for t in tools]))
     return Fold(
         tools=tools,
-        hinge=hinge_of(node, patches, pivot, rig, rest),
+        hinge=hinge_of(node, patches, pivot, rig, rest, part),
         vertices=vertices,
         triangles=triangles,
         radius=radius,

@@ -4,11 +4,12 @@ All of it follows from the tools and the rest pose alone: what a fold needs must
 Not in the paper.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from wrinklecli.character.bones import Part
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.motion import motion_clip, quaternion_product, turning
 from wrinklecli.character.pose import node_matrices
@@ -18,12 +19,25 @@ from wrinklecli.method.patch import Patch
 from wrinklecli.method.rest import Rest
 from wrinklecli.numeric.arrays import Floats, cross, unit, unit_quaternions
 
-# Radians that a joint turns at most: a knee or an elbow.
-_MOST = np.radians(120.0)
+# Degrees that a joint turns at most, from its stored pose: about as far as people bend it, and others as far as a hip.
+_FARTHEST: Mapping[Part, float] = {
+    "lower arm": 125.0,
+    "lower leg": 115.0,
+    "finger": 95.0,
+    "hand": 70.0,
+    "foot": 60.0,
+    "toes": 60.0,
+    "neck": 60.0,
+    "head": 60.0,
+    "spine": 60.0,
+    "chest": 60.0,
+    "shoulder": 60.0,
+}
+_OTHERS = 105.0
 # Radians that it turns on from where a tool's ends are nearest. Beyond the fold is closed: what is left of the way are
 # clips that press a limb into itself, as a deep squat does.
 _ON = np.radians(30.0)
-# Poses in which the ends of tools are looked at: 2° from one to the next.
+# Poses in which the ends of tools are looked at: about 2° from one to the next.
 _LOOKS = 61
 # The one that tells which way they come together.
 _FIRST = 5
@@ -71,7 +85,9 @@ class Hinge:
         return np.asarray(2.0 * np.arctan2(turns[:, :3] @ self.axis, turns[:, 3]))
 
 
-def hinge_of(node: int, patches: Sequence[Patch], pivot: Floats, rig: Rig, rest: Rest) -> Hinge:
+def hinge_of(
+    node: int, patches: Sequence[Patch], pivot: Floats, rig: Rig, rest: Rest, part: Part | None = None
+) -> Hinge:
     """The hinge that a joint is to the tools whose ends it brings together.
 
     Its axis is the mean of two for each tool: the one about which a turn brings its ends together fastest, and the
@@ -83,6 +99,7 @@ def hinge_of(node: int, patches: Sequence[Patch], pivot: Floats, rig: Rig, rest:
         pivot: (3,) where the joint is at rest, world space.
         rig: The joints.
         rest: The rest pose.
+        part: Of a body that the joint moves, which tells how far it turns; None where that is unknown.
     """
     stored = unit_quaternions(rig.locals[node]["rotation"])
     parent = int(rig.parents[node])
@@ -91,7 +108,8 @@ def hinge_of(node: int, patches: Sequence[Patch], pivot: Floats, rig: Rig, rest:
     axes = [unit(np.linalg.pinv(world[:3, :3]) @ _folding_axis(patch, pivot)) for patch in patches]
     axis = unit(np.sum([axis if axis @ axes[0] >= 0 else -axis for axis in axes], axis=0))
     still = Hinge(node, axis, stored, 0.0, 0.0)
-    ends = [_end(still, patch, rig, rest) for patch in patches]
+    most = float(np.radians(_OTHERS if part is None else _FARTHEST.get(part, _OTHERS)))
+    ends = [_end(still, most, patch, rig, rest) for patch in patches]
     return replace(still, least=min(0.0, *ends), most=max(0.0, *ends))
 
 
@@ -102,12 +120,12 @@ def _folding_axis(patch: Patch, pivot: Floats) -> Floats:
     return unit(fastest + (across if across @ fastest >= 0 else -across))
 
 
-def _end(hinge: Hinge, patch: Patch, rig: Rig, rest: Rest) -> float:
+def _end(hinge: Hinge, most: float, patch: Patch, rig: Rig, rest: Rest) -> float:
     """Radians by which a hinge turns at most to fold a tool, the way that brings its ends together at first."""
-    angles, times = np.linspace(0.0, _MOST, _LOOKS), np.linspace(0.0, 1.0, _LOOKS)
+    angles, times = np.linspace(0.0, most, _LOOKS), np.linspace(0.0, 1.0, _LOOKS)
     ways = [(sign, lengths_over_time(patch, rig, rest, hinge.turn(sign * angles), times)[0]) for sign in (1.0, -1.0)]
     sign, lengths = min(ways, key=lambda way: way[1][_FIRST])
-    return float(sign * min(angles[np.argmin(lengths)] + _ON, _MOST))
+    return float(sign * min(angles[np.argmin(lengths)] + _ON, most))
 
 
 def _across(axis: Floats) -> Floats:

@@ -61,11 +61,13 @@ class Sample:
         weights: (shapes,) of shapes that act together.
         pose: Of the mesh.
         share: What it counts beside others.
+        beneath: Other shapes that act meanwhile, each with its weight: their normals are there already.
     """
 
     weights: Floats
     pose: Pose
     share: float = 1.0
+    beneath: Sequence[tuple[Shape, float]] = ()
 
 
 def shapes_of(carried: CarriedPatch, fine: Refinement, rest: Rest, pose: Pose | None) -> list[Shape | None]:
@@ -146,10 +148,16 @@ def _fit_normals(fine: Refinement, vertices: Ints, deltas: Floats, samples: Sequ
     """
     weights, shares = np.stack([each.weights for each in samples]), np.array([each.share for each in samples])
     displacements = np.einsum("fs,svx->fvx", weights, deltas)
-    touched, true = displaced_normals(fine, vertices, displacements, [each.pose for each in samples])
+    touched, true = displaced_normals(
+        fine, vertices, displacements, [each.pose for each in samples], [each.beneath for each in samples]
+    )
     base = fine.normals_at(touched)
     cosines = np.maximum(np.sum(true * base, axis=2), _LEAST_COSINE)
     wanted = true / cosines[..., None] - base
+    for number, sample in enumerate(samples):
+        for shape, weight in sample.beneath:
+            _, rows, others = np.intersect1d(touched, shape.normal_vertices, assume_unique=True, return_indices=True)
+            wanted[number, rows] -= weight * shape.normal_deltas[others]
     leverage = shares[:, None] * cosines**4
     normal = np.einsum("fv,fs,ft->vst", leverage, weights, weights)
     right = np.einsum("fv,fs,fvx->vsx", leverage, weights, wanted)
@@ -160,7 +168,11 @@ def _fit_normals(fine: Refinement, vertices: Ints, deltas: Floats, samples: Sequ
 
 
 def displaced_normals(
-    fine: Refinement, vertices: Ints, displacements: Floats, poses: Sequence[Pose]
+    fine: Refinement,
+    vertices: Ints,
+    displacements: Floats,
+    poses: Sequence[Pose],
+    beneath: Sequence[Sequence[tuple[Shape, float]]] = (),
 ) -> tuple[Ints, Floats]:
     """Bind normals around displaced vertices that a pose takes to true ones.
 
@@ -172,6 +184,7 @@ def displaced_normals(
         vertices: (vertices,) that are displaced.
         displacements: (samples, vertices, 3) bind space.
         poses: Of each sample.
+        beneath: Of each sample other shapes that displace vertices too, and their weights; none where left out.
 
     Returns:
         (touched,) vertices of every triangle that a displaced vertex has, and (samples, touched, 3) unit vectors, bind
@@ -184,13 +197,16 @@ def displaced_normals(
     moved, rows = np.searchsorted(around, vertices), np.searchsorted(around, touched)
     weights, base = fine.dense_weights(around, fine.weights.shape[1]), fine.normals_at(touched)
     normals = np.zeros((len(displacements), len(touched), 3))
-    for into, displacement, pose in zip(normals, displacements, poses, strict=True):
+    for number, (into, displacement, pose) in enumerate(zip(normals, displacements, poses, strict=True)):
         bind = fine.positions[around] + np.tensordot(pose.morph_weights, fine.morph_deltas[:, around], axes=1)
         blended = blend(weights, pose.matrices[None])[0]
         # A mirrored pose turns the winding inside out.
         outward = np.sign(determinants(blended[rows, :, :3]))[:, None]
         smooth = outward * vertex_normals(transform(blended[None], bind)[0], local)[rows]
         bind[moved] += displacement
+        for shape, weight in beneath[number] if beneath else ():
+            _, here, others = np.intersect1d(around, shape.vertices, assume_unique=True, return_indices=True)
+            bind[here] += weight * shape.deltas[others]
         true = outward * vertex_normals(transform(blended[None], bind)[0], local)[rows]
         shown = carried_normals(blended[rows], base)
         back = unit(np.einsum("vji,vj->vi", blended[rows, :, :3], turn_to(smooth, shown, true)))
