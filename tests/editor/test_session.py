@@ -1,5 +1,6 @@
 """A session of the editor, without a page: what it shows is what a bake writes, and every step can be undone."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,8 @@ from wrinklecli.character.scene import pose_primitive, read_scene
 from wrinklecli.editor.session import Session
 from wrinklecli.errors import ConfigError
 from wrinklecli.gltf.document import read_document
+from wrinklecli.review.check import check
+from wrinklecli.review.suggest.suggest import suggest
 
 TOOLS = """\
 version: 1
@@ -102,3 +105,26 @@ def test_a_tool_with_a_partner_names_its_side(session: Session) -> None:
     assert [tool.partner for tool in session.tools()] == [None, None, "far.L"]
     session.undo()
     assert session.text == TOOLS
+
+
+def test_what_suggest_finds_is_accepted_one_by_one(session: Session, tmp_path: Path) -> None:
+    offers = session.offers()
+    assert offers
+    assert "joint_1 shortens it by" in offers[0].why
+    first = session.accept(offers[0])
+    second = session.accept(offers[0])
+    assert first != second
+    session.delete("far")
+    assert [tool.problem for tool in session.tools()] == [None] * len(session.tools())
+    suggested = suggest(tmp_path / "limb.glb").tools[0].tool
+    (own,) = (tool for tool in session.settings().tools if tool.name == first)
+    assert replace(own, where="", max_height=suggested.max_height) == replace(suggested, where="")
+
+
+def test_warnings_are_beside_the_tool_that_they_are_about(session: Session) -> None:
+    session.set_value("crease", ("strength",), 2)
+    session.save()
+    found = session.warnings()
+    assert any("strength 2 does not keep the length" in line for line in found["crease"])
+    checked = check(session.asset, session.path)
+    assert sorted(line for lines in found.values() for line in lines) == sorted(checked.warnings)

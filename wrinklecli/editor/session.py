@@ -16,7 +16,8 @@ from wrinklecli.character.clip import Clip, clip_named
 from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.scene import deforming_nodes
 from wrinklecli.editor.edits import Edits, Step
-from wrinklecli.editor.played import frame_times
+from wrinklecli.editor.offered import Offer, guessed, offers_of, turned
+from wrinklecli.editor.played import Latest, frame_times
 from wrinklecli.editor.shown import Laid, LaidMesh, LaidTool, Stage
 from wrinklecli.editor.store import Store
 from wrinklecli.editor.told import control_curve, heights_over, warnings_of
@@ -24,8 +25,10 @@ from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory
+from wrinklecli.review.suggest.placed import Chosen
+from wrinklecli.review.suggest.suggest import suggest
 from wrinklecli.tools.mirror import exchange_sides
-from wrinklecli.tools.records import ToolsFile, in_axes
+from wrinklecli.tools.records import ToolsFile, identifier, in_axes
 from wrinklecli.tools.schema import TOOL_KEYS
 
 
@@ -97,6 +100,8 @@ class Session(Edits):
         self._stage = self._read_stage()
         self._laid: tuple[object, Laid] | None = None
         self._settled: tuple[object, Laid] | None = None
+        self._measured = Latest(4)
+        self._offers: list[Offer] | None = None
 
     @classmethod
     def open(
@@ -174,7 +179,7 @@ class Session(Edits):
         """Add a tool between two places of a mesh at rest, with a first guess of its width and bumps.
 
         Args:
-            origin: (3,) world space, as `at_rest` gives it.
+            origin: (3,) world space.
             target: (3,)
             node: Name of the node whose mesh was touched.
 
@@ -183,20 +188,49 @@ class Session(Edits):
         """
         with self._guarded():
             file = self._base.file
-            axis = (file.beside.get("defaults") or {}).get("mirror")
-            middle = in_axes((np.add(origin, target) / 2.0).tolist(), file.beside.get("up", "y"))
-            sides = dict(zip("xyz", middle, strict=True))
+            axis, up = (file.beside.get("defaults") or {}).get("mirror"), file.beside.get("up", "y")
+            sides = dict(zip("xyz", in_axes((np.add(origin, target) / 2.0).tolist(), up), strict=True))
             name = self._new_name("wrinkle" + ("" if axis not in sides else ".L" if sides[axis] > 0 else ".R"))
             span = float(np.linalg.norm(np.subtract(target, origin)))
+            deforming = deforming_nodes(self._stage.document)
+            meshes = [mesh for mesh in self._quick().meshes if mesh.ground.rig.node in deforming]
+            touched = [mesh for mesh in meshes if node in (None, mesh.node)]
             values: dict[str, Any] = {"name": name}
-            if node is not None and len(deforming_nodes(self._stage.document)) > 1:
+            if node is not None and len(deforming) > 1:
                 values["node"] = node
-            values |= {
-                "origin": self._written_place(origin, span),
-                "target": self._written_place(target, span),
-                "width": float(f"{span:.2g}"),
-            }
+            values |= {"origin": self._written_place(origin, span), "target": self._written_place(target, span)}
+            if touched:
+                values |= guessed(self._chosen_on(touched[0]).tool(np.array(origin, float), np.array(target, float)))
+            else:
+                values["width"] = float(f"{span:.2g}")
             self._become(file.with_tool(values), f"{name} is new")
+            return name
+
+    def offers(self) -> list[Offer]:
+        """What `suggest` finds for the asset. It may take seconds, beside what is shown meanwhile."""
+        if self._offers is None:
+            reading = self._reading
+            found = suggest(
+                self.asset,
+                anims=reading.anims,
+                range_of_motion=reading.range_of_motion,
+                allow_external=reading.allow_external,
+                max_memory=reading.max_memory,
+            )
+            self.notes += [*found.notes, *([f"{self.asset}: {found.reason}"] if found.reason else [])]
+            self._offers = offers_of(found)
+        return self._offers
+
+    def accept(self, offer: Offer) -> str:
+        """Add a tool that was offered; its name."""
+        with self._guarded():
+            file = self._base.file
+            taken = {identifier(tool.name) for tool in self.settings().tools}
+            name = offer.name if identifier(offer.name) not in taken else self._new_name(offer.name)
+            values = turned(offer.values, file.beside.get("up", "y")) | {"name": name}
+            if (file.beside.get("defaults") or {}).get("mirror") not in (None, "none"):
+                values.setdefault("mirror", "none")
+            self._become(file.with_tool(values), f"{name} is accepted")
             return name
 
     # What is shown.
@@ -286,6 +320,11 @@ class Session(Edits):
     def _guarded(self) -> Iterator[None]:
         with self._lock, guarded(self.asset):
             yield
+
+    def _chosen_on(self, mesh: LaidMesh) -> Chosen:
+        """A mesh, measured for first guesses."""
+        found: Chosen | None = self._measured.get(mesh.ground)
+        return found or self._measured.put(mesh.ground, Chosen(self._stage.document, mesh.ground, self.clips))
 
     def _read_stage(self) -> Stage:
         reading = self._reading
