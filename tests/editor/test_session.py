@@ -128,3 +128,28 @@ def test_warnings_are_beside_the_tool_that_they_are_about(session: Session) -> N
     assert any("strength 2 does not keep the length" in line for line in found["crease"])
     checked = check(session.asset, session.path)
     assert sorted(line for lines in found.values() for line in lines) == sorted(checked.warnings)
+
+
+def test_an_asset_that_is_exported_again_gets_the_same_tools(session: Session, tmp_path: Path) -> None:
+    session.set_value("crease", ("bumps",), 5)
+    before = session.meshes("fold", 0.5)[0]
+    limb(tmp_path / "limb.glb", rings=16, sides=12, joints=3)
+    (tmp_path / "tools.yaml").write_text(TOOLS.replace("rest_length: 120%", "rest_length: 130%"))
+    assert not session.refresh()
+    assert session.refresh()
+    assert not session.refresh()
+    assert "exported again" in "".join(session.notes)
+    after = session.meshes("fold", 0.5)[0]
+    assert len(after.positions) != len(before.positions)
+    assert [tool.problem for tool in session.tools()] == [None] * 3
+    assert [tool.bumps for tool in session.settings().tools] == [5, 2, 2]
+    assert "130%" in session.text
+    # One that is not whole, and one from which the tools have gone.
+    (tmp_path / "limb.glb").write_bytes(b"glTF")
+    session.refresh()
+    assert session.refresh()
+    assert session.meshes("fold", 0.5)[0].laid is after.laid
+    limb(tmp_path / "limb.glb", rings=16, sides=12, root={"translation": [9, 0, 0]})
+    session.refresh()
+    assert session.refresh()
+    assert all("from the mesh" in str(tool.problem) for tool in session.tools())

@@ -2,6 +2,7 @@
 
 import math
 import re
+import time
 from typing import Any
 
 import click
@@ -21,9 +22,13 @@ from wrinklecli.cli.options import (
     tool_option,
 )
 from wrinklecli.cli.output import Progress, say, warn
-from wrinklecli.cli.streams import command_outputs
+from wrinklecli.cli.streams import command_outputs, job_outputs
+from wrinklecli.errors import WrinkleError
+from wrinklecli.files.outputs import Outputs
+from wrinklecli.files.watched import Watched
 from wrinklecli.review.preview.options import MOST_SIDE, PreviewOptions, Style
 
+_LOOKS = 0.3  # seconds between two looks whether a file has changed
 _LEAST_SIDE = 16  # pixels of a picture's width or height
 
 
@@ -143,12 +148,20 @@ def _above_0(_context: click.Context, parameter: click.Parameter, value: float |
 @click.option("--wire", is_flag=True, help="Draw the triangles' edges.")
 @click.option("--clay", is_flag=True, help="Grey, whatever the materials say.")
 @click.option("--backfaces", is_flag=True, help="Paint triangles seen from behind red.")
+@click.option("--watch", is_flag=True, help="Draw again whenever ASSET or TOOLS has changed, until Ctrl-C.")
 @allow_external_option()
 @max_memory_option()
 @max_vertices_option()
 @quiet_option()
 def preview(
-    assets: tuple[str, ...], output: str, wire: bool, clay: bool, backfaces: bool, quiet: bool, **options: Any
+    assets: tuple[str, ...],
+    output: str,
+    wire: bool,
+    clay: bool,
+    backfaces: bool,
+    watch: bool,
+    quiet: bool,
+    **options: Any,
 ) -> None:
     """Draw ASSET (glTF), baked or not: its tools in review, a contact sheet over time, or an animation.
 
@@ -160,14 +173,36 @@ def preview(
     Exit codes: 0 done; 1 the input is at fault, nothing written; 2 wrong usage; 70 a bug.
     """
     _refuse_misuse(assets, output, options)
+    style = Style(wire=wire, clay=clay, backfaces=backfaces)
+    if not watch:
+        with command_outputs() as outputs:
+            _draw(assets, output, style, options, outputs, quiet=quiet)
+        return
+    watched = Watched([*assets, *options["anims"], *([] if options["tools"] is None else [options["tools"]])])
+    while True:
+        try:
+            with job_outputs() as outputs:
+                _draw(assets, output, style, options, outputs, quiet=quiet)
+        except WrinkleError as error:
+            for line in error.lines:
+                say(line)
+        if not quiet:
+            say("watches for changes; Ctrl-C ends it")
+        while not watched.changed():
+            time.sleep(_LOOKS)
 
-    with command_outputs() as outputs, Progress(quiet=quiet) as progress:
+
+def _draw(
+    assets: tuple[str, ...], output: str, style: Style, options: dict[str, Any], outputs: Outputs, *, quiet: bool
+) -> None:
+    """Draw the picture, and say what is in it."""
+    with Progress(quiet=quiet) as progress:
         from wrinklecli.numeric.guard import guarded
 
         with guarded(assets[0]):  # of little memory the modules alone may take too much
             from wrinklecli.review.preview.preview import preview as run
 
-        chosen = PreviewOptions(**options, style=Style(wire=wire, clay=clay, backfaces=backfaces))
+        chosen = PreviewOptions(**options, style=style)
         made = run(assets, output, chosen, outputs=outputs, progress=progress.show)
     if quiet:
         return

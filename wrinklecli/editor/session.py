@@ -15,12 +15,14 @@ from wrinklecli.baking.job import BakeOptions
 from wrinklecli.character.clip import Clip, clip_named
 from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.scene import deforming_nodes
-from wrinklecli.editor.edits import Edits, Step
+from wrinklecli.editor.edits import Draft, Edits, Step
 from wrinklecli.editor.offered import Offer, guessed, offers_of, turned
 from wrinklecli.editor.played import Latest, frame_times
 from wrinklecli.editor.shown import Laid, LaidMesh, LaidTool, Stage
 from wrinklecli.editor.store import Store
 from wrinklecli.editor.told import control_curve, heights_over, warnings_of
+from wrinklecli.errors import WrinkleError
+from wrinklecli.files.watched import Watched
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
@@ -97,11 +99,13 @@ class Session(Edits):
         super().__init__(store)
         self.asset = asset
         self._reading = reading
+        self._watched_asset = Watched([asset])
         self._stage = self._read_stage()
         self._laid: tuple[object, Laid] | None = None
         self._settled: tuple[object, Laid] | None = None
         self._measured = Latest(4)
         self._offers: list[Offer] | None = None
+        self._watched_tools = Watched([store.path])
 
     @classmethod
     def open(
@@ -233,6 +237,30 @@ class Session(Edits):
             self._become(file.with_tool(values), f"{name} is accepted")
             return name
 
+    # The files.
+
+    def refresh(self) -> bool:
+        """Take up what others have written: the asset, exported again, and the tools file; to be called now and then.
+
+        Tools are attached again, and those that no longer fit have a `problem`. What cannot be read, or not be merged,
+        is said in `notes`, and all stays as it is.
+
+        Returns:
+            Whether anything has changed, be it the notes.
+        """
+        asset, tools = self._watched_asset.changed(), self._watched_tools.changed()
+        try:
+            if asset:
+                stage = self._read_stage()  # beside what is shown meanwhile
+                with self._lock:
+                    self._stage, self._laid, self._settled, self._offers = stage, None, None, None
+                self.notes.append(f"{self.asset}: was exported again")
+            if tools:
+                self.merge()
+        except WrinkleError as error:
+            self.notes += error.lines
+        return asset or tools
+
     # What is shown.
 
     @property
@@ -242,12 +270,14 @@ class Session(Edits):
 
     def settle(self) -> None:
         """Refine for what tools are now. It takes a while, and may run beside what is shown meanwhile."""
-        step = self._base
+        with self._lock:
+            step, stage, settings = self._base, self._stage, self._shown_settings(self._base)
         if self._settled is None or self._settled[0] is not step:
             with guarded(self.asset):
-                laid = self._stage.laid(self._shown_settings(step))
+                laid = stage.laid(settings)
             with self._lock:
-                self._settled = step, laid
+                if stage is self._stage:
+                    self._settled = step, laid
 
     def laid(self) -> Mapping[str, LaidTool]:
         """The tools that fit, mirrored ones too, by name; in a hurry as `meshes` shows them."""
@@ -333,14 +363,13 @@ class Session(Edits):
             document = read_document(self.asset, allow_external=reading.allow_external, memory=memory)
             motions = Motions(reading.anims, reading.range_of_motion or None)
             joined = moved(document, deforming_nodes(document), motions)
-        self.notes += [*joined.notes, *joined.warnings]
+        self.notes += [each for each in (*joined.notes, *joined.warnings) if each not in self.notes]
+        self._watched_asset = Watched([self.asset, *joined.document.files])
         return Stage(joined.document, joined.clips, frozenset(joined.range))
 
-    def _shown_settings(self, step: Step) -> ToolsFile:
-        """The tools of a step that are shown."""
-        settings = self._settings_of(step.file)
-        if self._draft is not None and step is self._base:
-            settings = self._draft.settings
+    def _shown_settings(self, step: Step, draft: Draft | None = None) -> ToolsFile:
+        """The tools of a step that are shown, or with those of a draft of it."""
+        settings = self._settings_of(step.file) if draft is None else draft.settings
         chosen = step.solo | {exchange_sides(name) for name in step.solo}
         return replace(settings, tools=tuple(each for each in settings.tools if not step.solo or each.name in chosen))
 
@@ -351,7 +380,10 @@ class Session(Edits):
             return self._settled[1]
         if self._laid is None or self._laid[0] is not of:
             before = self._settled or self._laid
-            self._laid = of, self._stage.laid(self._shown_settings(self._base), None if before is None else before[1])
+            self._laid = (
+                of,
+                self._stage.laid(self._shown_settings(self._base, self._draft), None if before is None else before[1]),
+            )
             if not self._laid[1].hurried and of is self._base:
                 self._settled = self._laid
         return self._laid[1]
