@@ -27,6 +27,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 # Where it is set, what is installed in place is compiled at every start, unlike the packages that it is compared with.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
@@ -39,11 +40,13 @@ ROOT = HERE.parents[1]
 sys.path[:0] = [str(ROOT), str(HERE), str(ROOT / "tests")]
 
 import numpy as np  # noqa: E402
+import yaml  # noqa: E402
 from assets import finer, longer, more_clips  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 
+import wrinklecli  # noqa: E402
 from kit.crowd import write_crowds, write_frames  # noqa: E402
-from kit.limb import limb_asset, write_tools  # noqa: E402
+from kit.limb import limb_asset, sleeved_limb, write_tools  # noqa: E402
 from kit.limb import tool as limb_tool  # noqa: E402
 from kit.tube import write_tube  # noqa: E402
 from wrinklecli.baking.plan import MeshPlan, plan_mesh  # noqa: E402
@@ -55,6 +58,7 @@ from wrinklecli.gltf.document import read_document  # noqa: E402
 from wrinklecli.method.activity import activities  # noqa: E402
 from wrinklecli.method.curve import weights_of  # noqa: E402
 from wrinklecli.method.shapes import shapes_of  # noqa: E402
+from wrinklecli.review.crossings import find_crossings  # noqa: E402
 from wrinklecli.tools.read import load_tools  # noqa: E402
 from wrinklecli.tools.records import Length  # noqa: E402
 
@@ -534,7 +538,59 @@ def tallest(targets: list[Floats], weights: Floats) -> float:
     return max(float(np.linalg.norm(each, axis=-1).max()) for each in moved)
 
 
-SECTIONS = {each.__name__: each for each in (frames, rates, growth, scaling, density, ways, start, batches, blender)}
+def contact(places: Places) -> Iterator[Row]:
+    """Folds that touch: what is left of their crossings, what they cost, and what becomes of their volume."""
+    limb = limb_asset(rings=30, sides=20, angle=85).write(places.folder / "limb.glb")
+    sleeved = sleeved_limb(gap=0.05, rings=30, sides=20, angle=60).write(places.folder / "sleeved.glb")
+    crease = limb_tool(bumps=3, max_height="8%", node="limb")
+    wrist = {
+        "name": "wrist",
+        "origin": [-0.4622, 0.2576, 0.1750],
+        "target": [-0.4838, 0.2355, 0.2126],
+        "width": 0.05,
+        "bumps": 4,
+    }
+    samples = yaml.safe_load((ROOT / "configs" / "trousers.yaml").read_text(encoding="utf-8"))
+    yield from folded(places, "elbow", limb, {"version": 1, "tools": [crease]})
+    yield from folded(places, "sleeve", sleeved, {"version": 1, "tools": [crease]})
+    yield from folded(places, "trousers", ROOT / "samples" / "trousers.glb", samples)
+    if found(places.assets / "hand.glb"):
+        yield from folded(places, "hand", places.assets / "hand.glb", {"version": 1, "tools": [wrist]})
+
+
+def folded(places: Places, name: str, asset: Path, tools: dict[str, Any]) -> Iterator[Row]:
+    """The folds of one asset, with contact and without."""
+    seconds, crossing, folds = [], [], []
+    for wanted in ("resolve", "off"):
+        each = {**tools, "defaults": {**tools.get("defaults", {}), "contact": wanted}}
+        path, out = places.folder / f"{name}_{wanted}.yaml", places.folder / f"{name}_{wanted}.glb"
+        path.write_text(json.dumps(each), encoding="utf-8")
+        begun = time.process_time()
+        report = wrinklecli.bake(asset, path, out)
+        seconds.append(time.process_time() - begun)
+        folds = folds or report.data["folds"]
+        # Elsewhere a mesh, or the sleeve, may cross itself as ever.
+        joints = ["limb: "] if name == "sleeve" else [fold["joint"] for fold in folds]
+        parts = [part for clip in find_crossings(out).data["clips"] for part in clip["places"]]
+        here = [part["counts"] for part in parts if any(joint in part["between"] for joint in joints)]
+        crossing.append((sum(before for before, _ in here), sum(after for _, after in here)))
+    (before, left), (_, without) = crossing
+    what, over = f"crossings in folds that touch, {name}", "those without contact"
+    yield Row(f"contact_left_{name}", what, over, left / without, 0.0, False, f"{before} -> {without} -> {left}")
+    each_fold = (seconds[0] - seconds[1]) / len(folds)
+    what = f"seconds that contact takes in a fold, {name}"
+    yield Row(f"contact_seconds_{name}", what, "10", each_fold / 10, 1.0, False, f"{each_fold:.1f} s")
+    targets = max(len(fold["targets"]) for fold in folds)
+    what = f"morph targets of a fold that touches, {name}"
+    yield Row(f"contact_targets_{name}", what, "the 8 that it may have", targets / 8, 1.0, False, f"{targets}")
+    lost = 100.0 * max(fold["volume_lost"] for fold in folds)
+    what = f"volume that a fold loses, {name}"
+    yield Row(f"contact_volume_{name}", what, "1 % of the limb beside it", lost, 1.0, False, f"{lost:.2f} %")
+
+
+SECTIONS = {
+    each.__name__: each for each in (frames, rates, growth, scaling, density, ways, start, batches, blender, contact)
+}
 
 
 def main() -> int:
