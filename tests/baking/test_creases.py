@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import wrinklecli
-from kit.limb import limb, tool, write_tools
+from kit.limb import RADIUS, limb, tool, write_tools
 from wrinklecli.baking.baked_body import read_bodies
 from wrinklecli.baking.baked_fold import fold_angles, fold_weights
 from wrinklecli.baking.job import BakeOptions
@@ -42,7 +42,7 @@ class Baked:
 def folded(tmp_path_factory: pytest.TempPathFactory) -> Baked:
     pytest.importorskip("ipctk", reason="needs the extra `contact`")
     folder = tmp_path_factory.mktemp("fold")
-    asset = limb(folder / "limb.glb", angle=80.0, rings=20, sides=12)
+    asset = limb(folder / "limb.glb", angle=75.0, rings=16, sides=10)
     tools = write_tools(folder / "tools.yaml", tool(**TOOL, contact="resolve"), **TOP)
     return Baked(asset, tools, folder / "out.glb", wrinklecli.bake(asset, tools, folder / "out.glb"))
 
@@ -77,7 +77,7 @@ def test_the_joint_s_angle_tells_the_weights_of_the_joint_s_own_motion(folded: B
     joints = {name: rig.names.index(name) for name in fold.joints}
     times = np.linspace(clip.start, clip.end, 41)
     angles = fold_angles(fold, rig, joints, clip, times)
-    assert np.degrees(np.abs(angles).max()) == pytest.approx(80.0, abs=0.1)
+    assert np.degrees(np.abs(angles).max()) == pytest.approx(75.0, abs=0.1)
     wanted = morph_weights(rig, clip, times)[:, [rig.morph_names.index(name) for name in fold.targets]]
     found = fold_weights(fold, rig, joints, clip, times)
     # On the way down; on the way up, what touches has slid.
@@ -101,6 +101,31 @@ def test_tracks_of_other_files_move_folds_too(folded: Baked, tmp_path: Path) -> 
     ]
     assert np.abs(weights[0] - weights[1]).max() < 0.25
     assert clip["totals"]
+
+
+def test_a_clip_that_still_crosses_gets_targets_of_its_own(folded: Baked, tmp_path: Path) -> None:
+    # The clip bends the limb about an axis that leans by 60° from that of the tool.
+    y, z = RADIUS * np.cos(np.radians(60.0)), RADIUS * np.sin(np.radians(60.0))
+    aside = tool(bumps=2, max_height="10%", origin=[-0.4, y, z], target=[0.4, y, z], contact={"per_clip": True})
+    other = tool(name="crease_contact", origin=[-0.4, -RADIUS, 0.0], target=[0.4, -RADIUS, 0.0], bumps=1)
+    tools, out = write_tools(tmp_path / "tools.yaml", aside, other, **TOP), tmp_path / "out.glb"
+    report = wrinklecli.bake(folded.asset, tools, out)
+    shared, own = report.data["folds"]
+    assert (shared["clip"], own["clip"]) == (None, "fold")
+    assert own["crossing_frames"] == 0
+    (clip,) = find_crossings(out, options=BakeOptions(fps=25.0)).data["clips"]
+    assert clip["totals"][0] > clip["totals"][1] == 0
+    # A tool has the name that targets of contact have otherwise.
+    document = read_document(out)
+    names = document.items("meshes")[0]["extras"]["targetNames"]
+    assert len(set(names)) == len(names)
+    extras = document.items("nodes")[0]["extras"]["wrinkle"]
+    assert (
+        extras["undriven"]
+        == own["targets"]
+        == [f"wrinkle_crease_contact__in_fold_{k + 1}" for k in range(len(own["targets"]))]
+    )
+    assert extras["folds"][0]["targets"] == shared["targets"]
 
 
 def test_what_asks_for_no_contact_is_baked_as_ever(folded: Baked, tmp_path: Path) -> None:

@@ -1,7 +1,7 @@
 """What contact does in a bake: morph targets for each fold, beside those of the tools, and each clip's weights."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +18,7 @@ from wrinklecli.method.shapes import Sample, make_shapes
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
 from wrinklecli.numeric.guard import Progress, one_thread
 from wrinklecli.numeric.piecewise import key_points
+from wrinklecli.tools.records import identifier
 
 if TYPE_CHECKING:
     from wrinklecli.method.crease import Crease, Followed
@@ -70,8 +71,23 @@ def add_creases(
             progress("contact", number, len(plan.folds))
             if crease is not None:
                 found, motions = _followed(plan, crease, made, motions, fps=fps, marched=marched)
-                made.append(found)
+                made += found
     return made, list(motions)
+
+
+@dataclass(frozen=True, slots=True)
+class _Marched:
+    """A clip, marched.
+
+    Attributes:
+        times: (frames,) seconds.
+        followed: How shapes follow it: those of all clips, or its own.
+        own: Shapes for it alone, where those of all clips leave crossings and a tool asks for that.
+    """
+
+    times: Floats
+    followed: "Followed"
+    own: "Crease | None" = None
 
 
 def _followed(
@@ -82,21 +98,54 @@ def _followed(
     *,
     fps: float,
     marched: bool,
-) -> tuple[CreaseSet, list[Motion]]:
-    """A fold's targets, and its weights in each clip."""
-    found: list[Followed] = []
-    followed: list[Motion] = []
+) -> tuple[list[CreaseSet], list[Motion]]:
+    """A fold's targets, and their weights in each clip."""
     takes = takes_of(plan, [motion.clip for motion in motions])
+    marches = {
+        take: _march(plan, crease, motions[take], _march_times(crease, motions[take], fps) if marched else None)
+        for take in sorted(set(takes))
+    }
+    shared = tuple(each.followed for each in marches.values() if each.own is None)
+    sets = [_crease_set(plan, crease, target_sets, shared)]
+    acting = dict.fromkeys(marches, 0)
+    for take, each in marches.items():
+        if each.own is not None:
+            acting[take] = len(sets)
+            sets.append(_crease_set(plan, each.own, target_sets, (each.followed,), clip=motions[take].clip.name))
+    followed: list[Motion] = []
     for motion, take in zip(motions, takes, strict=True):
         if take < len(followed):
             # The same as a clip before it.
-            first = followed[take]
-            followed.append(replace(first, clip=motion.clip))
+            followed.append(replace(followed[take], clip=motion.clip))
             continue
-        times = _march_times(crease, motion, fps) if marched else motion.times
-        follow = crease.follow(motion.clip, times)
-        found.append(follow)
-        followed.append(_with_weights(plan, crease, target_sets, motion, times, follow.weights, marched=marched))
+        times, found = marches[take].times, marches[take].followed.weights
+        weights = [
+            found if number == acting[take] else np.zeros((len(times), len(each.crease.shapes)))
+            for number, each in enumerate(sets)
+        ]
+        followed.append(_with_weights(plan, sets, target_sets, motion, times, weights, marched=marched))
+    return sets, followed
+
+
+def _march(plan: MeshPlan, crease: "Crease", motion: Motion, times: Floats | None) -> _Marched:
+    """March a clip, at times of its own where there are any."""
+    times = motion.times if times is None else times
+    followed = crease.follow(motion.clip, times)
+    settings = [plan.carried_patches[number].patch.tool.contact for number in crease.fold.tools]
+    if followed.crossing and any(each is not None and each.per_clip for each in settings):
+        own, followed = crease.for_clip(motion.clip, times, share=_SHAPE_ERROR, most=MOST_SHAPES)
+        return _Marched(times, followed, own)
+    return _Marched(times, followed)
+
+
+def _crease_set(
+    plan: MeshPlan,
+    crease: "Crease",
+    target_sets: Sequence[AnySet],
+    found: "tuple[Followed, ...]",
+    clip: str | None = None,
+) -> CreaseSet:
+    """The targets of a fold for all clips, or for one."""
     shapes = make_shapes(
         plan.fine,
         crease.vertices,
@@ -104,8 +153,8 @@ def _followed(
         tallest=plan.scale * np.sqrt(np.sum(crease.shapes**2, axis=2)).max(axis=1),
         samples=_samples(plan, crease, of_tools(target_sets)) if plan.has_normals else [],
     )
-    name = _identifier(plan, crease.fold)
-    return CreaseSet(crease, name, named_targets(name, shapes), tuple(found)), followed
+    name = _identifier(plan, crease.fold, clip)
+    return CreaseSet(crease, name, named_targets(name, shapes), found, clip)
 
 
 def _samples(plan: MeshPlan, crease: "Crease", tools: Sequence[TargetSet]) -> list[Sample]:
@@ -128,13 +177,14 @@ def _samples(plan: MeshPlan, crease: "Crease", tools: Sequence[TargetSet]) -> li
     return samples
 
 
-def _identifier(plan: MeshPlan, fold: "Fold") -> str:
+def _identifier(plan: MeshPlan, fold: "Fold", clip: str | None = None) -> str:
     """What a fold's targets are named by: its first tool's name, so that no other target of the mesh is named so."""
     name = f"{plan.carried_patches[fold.tools[0]].patch.tool.identifier}_contact"
     taken = {each.patch.tool.identifier for each in plan.carried_patches}
     while name in taken or any(own.startswith(f"wrinkle_{name}_") for own in plan.rig.morph_names):
         name += "_"
-    return name
+    # No other name has two of these before a clip's.
+    return name if clip is None else f"{name}_in_{identifier(clip)}"
 
 
 def _march_times(crease: "Crease", motion: Motion, fps: float) -> Floats:
@@ -155,31 +205,33 @@ def _march_times(crease: "Crease", motion: Motion, fps: float) -> Floats:
 
 def _with_weights(
     plan: MeshPlan,
-    crease: "Crease",
+    sets: Sequence[CreaseSet],
     target_sets: Sequence[AnySet],
     motion: Motion,
     times: Floats,
-    weights: Floats,
+    weights: Sequence[Floats],
     *,
     marched: bool,
 ) -> Motion:
-    """A motion with (frames, shapes) weights of a fold at (frames,) times, and keys where they bend."""
+    """A motion with (frames, shapes) weights of a fold's sets at (frames,) times, and keys where they bend."""
     if not marched:
-        return replace(motion, weights=(*motion.weights, weights))
-    keys = times[_keys(plan, crease, times, weights)]
+        return replace(motion, weights=(*motion.weights, *weights))
+    keys = times[_keys(plan, sets, times, weights)]
     fresh = np.setdiff1d(keys, motion.times)
     joined = _with_times(plan, target_sets, motion, fresh)
-    columns = [np.interp(joined.times, keys, column) for column in weights[np.searchsorted(times, keys)].T]
+    at = np.searchsorted(times, keys)
+    of_sets = [np.stack([np.interp(joined.times, keys, column) for column in each[at].T], axis=1) for each in weights]
     every = np.union1d(joined.keys, np.searchsorted(joined.times, keys))
-    return replace(joined, keys=every, weights=(*joined.weights, np.stack(columns, axis=1)))
+    return replace(joined, keys=every, weights=(*joined.weights, *of_sets))
 
 
-def _keys(plan: MeshPlan, crease: "Crease", times: Floats, weights: Floats) -> Ints:
-    """(keys,) the times that straight lines need to give (times, shapes) weights."""
-    sizes = plan.scale * np.sqrt(np.sum(crease.shapes**2, axis=2)).max(axis=1)
+def _keys(plan: MeshPlan, sets: Sequence[CreaseSet], times: Floats, weights: Sequence[Floats]) -> Ints:
+    """(keys,) the times that straight lines need to give (times, shapes) weights of sets."""
+    sizes = np.concatenate([plan.scale * np.sqrt(np.sum(each.crease.shapes**2, axis=2)).max(axis=1) for each in sets])
+    together = np.concatenate(weights, axis=1) * sizes
 
     def moves(at: Floats) -> Floats:
-        return np.stack([np.interp(at, times, column) for column in (weights * sizes).T], axis=1)
+        return np.stack([np.interp(at, times, column) for column in together.T], axis=1)
 
     bound = _KEYS_SHARE * plan.max_error
     points, keys = key_points(times, moves, tolerance=np.inf, thinning=bound, gap=KEY_GAP, step=KEY_STEP)

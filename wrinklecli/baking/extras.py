@@ -41,7 +41,7 @@ def encode_extras(
     with scale taken out, from that of `rest` (x, y, z, w) is a matrix D, and with
     s = (D₃₂ - D₂₃, D₁₃ - D₃₁, D₂₁ - D₁₂) the angle is 2 atan2(`axis` · s, 1 + trace D). `vertices` counts those of
     each primitive before refinement; new ones follow them. `undriven` are targets of tools that anchors alone do not
-    drive. `draft` is there if it was one: not proven, and less refined.
+    drive, and those that contact has for one clip alone. `draft` is there if it was one: not proven, and less refined.
     """
     rig = plan.rig
     node = edited.gltf["nodes"][rig.node]
@@ -49,8 +49,14 @@ def encode_extras(
         return
     undriven = [
         target.name
-        for target in targets_of(target_set for target_set in of_tools(target_sets) if not target_set.from_skin)
+        for target in targets_of(
+            [
+                *(each for each in of_tools(target_sets) if not each.from_skin),
+                *(each for each in of_folds(target_sets) if each.clip is not None),
+            ]
+        )
     ]
+    folds = [_fold_json(each, plan) for each in of_folds(target_sets) if each.clip is None]
     node["extras"]["wrinkle"] = {
         "method": METHOD,
         **({"draft": True} if draft else {}),
@@ -69,7 +75,7 @@ def encode_extras(
             if target_set.from_skin
             for patch in (target_set.carried.patch,)
         ],
-        **({"folds": folds} if (folds := [_fold_json(each, plan) for each in of_folds(target_sets)]) else {}),
+        **({"folds": folds} if folds else {}),
         **({"undriven": undriven} if undriven else {}),
     }
 

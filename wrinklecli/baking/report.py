@@ -205,6 +205,7 @@ def _describe_fold(plan: MeshPlan, found: CreaseSet) -> Json:
     crease, hinge = found.crease, found.crease.fold.hinge
     return {
         "tools": [plan.carried_patches[number].patch.tool.name for number in crease.fold.tools],
+        "clip": found.clip,
         "joint": plan.rig.names[hinge.node],
         "degrees": [round(float(np.degrees(end)), 1) for end in (hinge.least, hinge.most)],
         "moved_vertices": len(crease.vertices),

@@ -101,7 +101,8 @@ class CreaseSet:
         crease: What contact does.
         identifier: What the targets are named by.
         targets: One for each shape; None for a shape that moves no vertex.
-        clips: How the shapes follow the clips.
+        clips: How the shapes follow the clips that they act in.
+        clip: The one clip that they act in; None for all.
         remix: Where the shapes are others than those of the crease, as an engine asked for.
     """
 
@@ -109,6 +110,7 @@ class CreaseSet:
     identifier: str
     targets: tuple[Target | None, ...]
     clips: "tuple[Followed, ...]"
+    clip: str | None = None
     remix: Remix | None = None
 
     @property

@@ -6,7 +6,7 @@ what is found; those of a clip that was never baked are looked up by the joint's
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -89,6 +89,28 @@ class Crease:
                 crossing += crosses
                 error = max(error, _missed(found, weights[frame], self.shapes))
         return Followed(weights, error * self.fold.radius / UNITS, unsettled, crossing)
+
+    def for_clip(self, clip: Clip, times: Floats, *, share: float, most: int) -> "tuple[Crease, Followed]":
+        """The same fold with shapes for what contact does in one clip alone, as `resolve`; and how they follow it.
+
+        Args:
+            clip: The animation, in which something touches.
+            times: (frames,) seconds, as of `follow`.
+            share: Greatest error of a vertex, of the greatest move.
+            most: Shapes at most.
+        """
+        every = list(self._marched(clip, times))
+        touching = [frame for frame, found in enumerate(every) if found.touches]
+        solved = [every[frame] for frame in touching]
+        made, shapes, crossing = _fewest(self.tissue, solved, share=share, most=most)
+        weights = np.zeros((len(times), len(shapes)))
+        weights[touching] = made
+        scale = self.fold.radius / UNITS
+        error = scale * max(_missed(each, row, shapes) for each, row in zip(solved, made, strict=True))
+        unsettled = sum(not each.state.converged for each in solved)
+        samples = tuple((made[k], clip, float(times[touching[k]])) for k in _chosen(made))
+        own = replace(self, shapes=shapes, table=np.zeros((len(self.angles), len(shapes))), samples=samples)
+        return own, Followed(weights, error, unsettled, crossing)
 
     def _marched(self, clip: Clip | None, times: Floats) -> Iterator[Found]:
         """A clip, from rest to its beginning where that is folded already."""
