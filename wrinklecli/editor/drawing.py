@@ -11,15 +11,15 @@ import numpy as np
 
 from wrinklecli.editor.shown import LaidMesh, LaidTool
 from wrinklecli.numeric.arrays import Floats, Ints, among, distinct, distinct_values, face_normals, unit
-from wrinklecli.numeric.nearest import closest_point, distances_along
+from wrinklecli.numeric.nearest import distances_along
 from wrinklecli.review.preview.materials import Paint
 
 # Stored normals that differ by less are one: an 8-bit normal's step.
 _NORMAL_STEP = 1 / 127
-# Spots on each side of a patch's border, and on the line from origin to target.
-_SIDE = 24
+# Spots on each line, with one in its middle, and lines: the four sides of a patch, and that from origin to target.
+_SIDE, _LINES = 25, 5
 # Barycentric coordinates may be below 0 by so much: points between triangles are on one of them.
-_EDGE = 1e-9
+_EDGE = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,63 +156,58 @@ def mark_of(tool: LaidTool, mesh: LaidMesh, body: int, colour: tuple[float, floa
     u, v = patch.coordinates(corners)
     outward = patch.cosines(u.mean(axis=1), unit(face_normals(mesh.rest_positions, mesh.faces[faces]))) > 0
     faces, places = faces[outward], np.stack([u, v], axis=2)[outward]
-    ends = np.linspace(0.0, 1.0, _SIDE)
-    sides = [
-        np.column_stack([ends, np.full(_SIDE, 1.0)]),
-        np.column_stack([ends, np.full(_SIDE, -1.0)]),
-        np.column_stack([np.zeros(_SIDE), 2 * ends - 1]),
-        np.column_stack([np.ones(_SIDE), 2 * ends - 1]),
-        np.column_stack([ends, np.zeros(_SIDE)]),
+    ends, ones = np.linspace(0.0, 1.0, _SIDE), np.ones(_SIDE)
+    sought = [
+        np.column_stack(line)
+        for line in ((ends, ones), (ends, -ones), (0 * ends, 2 * ends - 1), (ones, 2 * ends - 1), (ends, 0 * ends))
     ]
-    sought = np.concatenate([*sides, [(0.5, 1.0), (0.5, -1.0)]])
-    found, barycentrics = _located(sought, places)
-    lines = np.arange(len(sides) * _SIDE).reshape(len(sides), _SIDE)
+    for anchor in patch.anchors:
+        sought.append(np.column_stack([np.atleast_1d(each) for each in patch.coordinates(anchor.position)]))
+    located = [_located(line, places) for line in sought]
+    found, barycentrics = (np.concatenate(each) for each in zip(*located, strict=True))
+    lines = np.arange(_LINES * _SIDE).reshape(_LINES, _SIDE)
     segments = np.stack([lines[:, :-1].ravel(), lines[:, 1:].ravel()], axis=1)
-    anchors = [_anchored(mesh.rest_positions[mesh.faces[faces]], anchor.position) for anchor in patch.anchors]
-    numbers = len(sought) + np.arange(len(anchors))
+    edges = lines[:2, _SIDE // 2]
     return Mark(
         name=patch.tool.name,
         colour=colour,
-        spots=Spots(
-            body,
-            faces[np.concatenate([np.maximum(found, 0), [number for number, _ in anchors]])],
-            np.concatenate([barycentrics, [each for _, each in anchors]]),
-        ),
+        spots=Spots(body, faces[np.maximum(found, 0)], barycentrics),
         segments=segments[(found[segments] >= 0).all(axis=1)],
-        anchors=numbers,
-        edges=np.flatnonzero(found[-2:] >= 0) + len(sought) - 2,
+        anchors=np.arange(lines.size, len(found)),
+        edges=edges[found[edges] >= 0],
     )
 
 
-def _anchored(corners: Floats, position: Floats) -> tuple[int, Floats]:
-    """The nearest of (triangles, 3, 3) to a (3,) point, and (3,) where on it."""
-    triangles = np.arange(3 * len(corners)).reshape(-1, 3)
-    number, barycentrics, _ = closest_point(corners.reshape(-1, 3), triangles, position)
-    return number, barycentrics
-
-
-def _located(sought: Floats, places: Floats) -> tuple[Ints, Floats]:
-    """Which of (triangles, 3, 2) triangles of a plane (points, 2) are in, and where there.
+def _located(line: Floats, places: Floats) -> tuple[Ints, Floats]:
+    """Which of (triangles, 3, 2) triangles of a plane the (points, 2) of a line are in, and where there.
 
     Returns:
         (points,) the first triangle; -1 where there is none. (points, 3) barycentric coordinates.
     """
-    low, high = places.min(axis=1), places.max(axis=1)
-    found, barycentrics = np.full(len(sought), -1), np.tile((1.0, 0.0, 0.0), (len(sought), 1))
-    for number, point in enumerate(sought):
-        near = np.flatnonzero(((low <= point) & (point <= high)).all(axis=1))
-        if not len(near):
-            continue
-        a, b, c = places[near].transpose(1, 0, 2)
-        ab, ac, ap = b - a, c - a, point - a
-        area = ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]
-        safe = np.where(area != 0, area, 1.0)
-        second = (ap[:, 0] * ac[:, 1] - ap[:, 1] * ac[:, 0]) / safe
-        third = (ab[:, 0] * ap[:, 1] - ab[:, 1] * ap[:, 0]) / safe
-        shares = np.stack([1 - second - third, second, third], axis=1)
-        inside = np.flatnonzero((shares >= -_EDGE).all(axis=1) & (area != 0))
-        if len(inside):
-            found[number], barycentrics[number] = near[inside[0]], shares[inside[0]]
+    low, high = line.min(axis=0) - _EDGE, line.max(axis=0) + _EDGE
+    inside = np.ones(len(places), bool)
+    for axis in (0, 1):
+        a, b, c = places[:, :, axis].T
+        inside &= np.minimum(np.minimum(a, b), c) <= high[axis]
+        inside &= np.maximum(np.maximum(a, b), c) >= low[axis]
+    near = np.flatnonzero(inside)
+    found, barycentrics = np.full(len(line), -1), np.tile((1.0, 0.0, 0.0), (len(line), 1))
+    if not len(near):
+        return found, barycentrics
+    a, b, c = places[near].transpose(1, 2, 0)
+    ab, ac = b - a, c - a
+    ap = line[:, :, None] - a
+    area = ab[0] * ac[1] - ab[1] * ac[0]
+    solid = np.abs(area) > 0
+    safe = np.where(solid, area, 1.0)
+    second = (ap[:, 0] * ac[1] - ap[:, 1] * ac[0]) / safe
+    third = (ab[0] * ap[:, 1] - ab[1] * ap[:, 0]) / safe
+    hits = (second >= -_EDGE) & (third >= -_EDGE) & (second + third <= 1 + _EDGE) & solid
+    there = np.flatnonzero(hits.any(axis=1))
+    first = np.argmax(hits[there], axis=1)
+    found[there] = near[first]
+    x, y = second[there, first], third[there, first]
+    barycentrics[there] = np.stack([1 - x - y, x, y], axis=1)
     return found, barycentrics
 
 

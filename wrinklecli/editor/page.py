@@ -41,6 +41,7 @@ class Page:
     Attributes:
         server: That has the tabs, with their cameras.
         chosen: The name of the tool that the page shows; none for none.
+        player: What says which moment is shown.
     """
 
     def __init__(self, session: Session, place: Place, *, heat: bool = False) -> None:
@@ -90,10 +91,10 @@ class Page:
         self._add_file_buttons(gui)
         play = gui.add_panel()
         with play.add_tab("Play"):
-            self._player = Player(self.server, self._work, self._session.clips, self._session.frame_times, self._show)
+            self.player = Player(self.server, self._work, self._session.clips, self._session.frame_times, self._show)
         with play.add_tab("View"):
             self._picture.add_widgets(gui, heat=heat)
-            self._player.add_speed(gui)
+            self.player.add_speed(gui)
         play.float(x=15, y=-15, width=420)
         self._hand.add_button(gui)
         self._list = gui.add_folder("Tools")
@@ -250,12 +251,12 @@ class Page:
 
     def _show(self) -> None:
         """Show the player's moment."""
-        self._picture.show(self._player, self.chosen)
+        self._picture.show(self.player, self.chosen)
         self._chart_now()
 
     def _chart(self) -> None:
         """Draw the chosen tool's curves."""
-        clip, over = self._player.clip, None
+        clip, over = self.player.clip, None
         laid = self._session.laid().get(self.chosen) if self.chosen else None
         if self.chosen is not None and laid is not None:
             patch = laid.carried.patch
@@ -266,8 +267,8 @@ class Page:
 
     def _chart_now(self) -> None:
         if self.chosen is not None:
-            self._charts.show_now(self._player.time)
-            self._charts.show_curve(self._session.curve(self.chosen, self._player.clip, self._player.time))
+            self._charts.show_now(self.player.time)
+            self._charts.show_curve(self._session.curve(self.chosen, self.player.clip, self.player.time))
 
     # What people do: choosing and looking.
 

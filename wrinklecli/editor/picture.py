@@ -6,11 +6,12 @@ import numpy as np
 import viser
 
 from wrinklecli.character.scene import read_scene
-from wrinklecli.editor.drawing import Body, body_of, mark_of, picked
+from wrinklecli.editor.drawing import Body, Mark, body_of, mark_of, picked
 from wrinklecli.editor.player import Player
 from wrinklecli.editor.scene import LOOKS, Drag, Look, View
 from wrinklecli.editor.session import Session, ShownMesh
 from wrinklecli.editor.work import Work
+from wrinklecli.method.patch import Patch
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.preview.heat import point_colours
 from wrinklecli.review.preview.materials import Paint, read_paints
@@ -46,6 +47,7 @@ class Picture:
         self._view = View(server, "asset", drag)
         self._rest_view = View(server, "rest", lambda *_: None)
         self._bodies: tuple[Body, ...] = ()
+        self._marks: dict[str, tuple[Patch, Mark]] = {}  # as long as the triangles are the same
         self._chosen: str | None = None
         self.shown: list[ShownMesh] = []
         self._paints: dict[int, list[Paint]] = {}
@@ -77,18 +79,20 @@ class Picture:
     def show(self, player: Player, chosen: str | None) -> None:
         """Show the player's moment, with dots on the chosen tool."""
         before, self.shown = self.shown, self._session.meshes(player.clip, player.time, wait=False)
-        same = len(before) == len(self.shown) and all(
-            new.laid is old.laid for new, old in zip(self.shown, before, strict=True)
-        )
+        pairs = list(zip(self.shown, before, strict=False))
+        same = len(before) == len(self.shown) and all(new.laid is old.laid for new, old in pairs)
+        # What is dragged moves other vertices of the triangles that are there.
+        alike = len(before) == len(self.shown) and all(np.array_equal(new.faces, old.faces) for new, old in pairs)
         with self._server.atomic():
-            if not same:
+            if not alike:
                 self._chosen = chosen
+                self._marks.clear()
                 self._dress()
                 return
-            self._move()
-            if chosen != self._chosen:
+            if not same or chosen != self._chosen:
                 self._chosen = chosen
                 self._mark()
+            self._move()
 
     @property
     def _points(self) -> list[Floats]:
@@ -118,9 +122,13 @@ class Picture:
     def _mark(self) -> None:
         """Draw the tools on the shown meshes."""
         marks = []
-        for number, tool in enumerate(self._session.laid().values()):
-            body = self._body_of(tool.plan.rig.node)
-            marks.append(mark_of(tool, self.shown[body].laid, body, INKS[number % len(INKS)]))
+        for number, (name, tool) in enumerate(self._session.laid().items()):
+            patch, mark = self._marks.get(name, (None, None))
+            if mark is None or patch is not tool.patch:
+                body = self._body_of(tool.plan.rig.node)
+                mark = mark_of(tool, self.shown[body].laid, body, INKS[number % len(INKS)])
+                self._marks[name] = tool.patch, mark
+            marks.append(mark)
         self._view.mark(marks, self._chosen, self._points)
 
     def _body_of(self, node: int) -> int:
