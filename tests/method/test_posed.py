@@ -32,6 +32,24 @@ def test_projected_anew_at_rest_is_carried_by_the_skin(root: Any, profile: str) 
     assert results[1] == pytest.approx(results[0], abs=1e-12)
 
 
+def test_a_path_laid_anew_at_rest_is_carried_by_the_skin_and_bends_with_it() -> None:
+    points = [[-0.4, 0.25, 0.0], [-0.1, 0.24, 0.07], [0.1, 0.24, 0.07], [0.4, 0.25, 0.0]]
+    keys = {"name": "fold", "path": points, "width": 0.3, "bumps": 3, "rest_length": "110%"}
+    results = []
+    for attachment in ("skin", "patch"):
+        prepared = prepare(
+            limb_asset(rings=25, sides=24), {**keys, "attachment": attachment}, refinement={"max_levels": 0}
+        )
+        carried, fine = carry_patch(prepared)
+        results.append(scattered(carried, fine, moved(prepared, carried, fine, [0.0, 0.1])))
+    carried_by_skin, laid_anew = results
+    assert np.abs(carried_by_skin).max() > 0.01, "the case is one"
+    assert laid_anew[0] == pytest.approx(carried_by_skin[0], abs=1e-9)
+    # Bent by 10 degrees it is about there, and as high.
+    assert laid_anew[1] == pytest.approx(carried_by_skin[1], abs=0.2 * np.abs(carried_by_skin[1]).max())
+    assert not np.allclose(laid_anew[1], carried_by_skin[1], atol=1e-4)
+
+
 def test_projected_anew_a_pinned_vertex_stays_too() -> None:
     prepared = prepare(limb_asset(rings=15, sides=12), tool(rest_length=MORE, attachment="patch"))
     pinned = np.zeros(len(prepared.surface.positions), bool)

@@ -322,14 +322,6 @@ def test_bad_paths(path: str, expected: str) -> None:
     assert lines_of(path_tool(path)) == [f"t.yaml:4: tools[0].path{expected}"]
 
 
-def test_a_path_is_not_laid_anew() -> None:
-    wrong = path_tool(POINTS, "defaults: {attachment: patch}\n")
-    assert lines_of(wrong) == [
-        "t.yaml:5: tools[0].path: found a list of 3, expected two points: attachment: patch is for straight tools"
-    ]
-    assert parse_tools(path_tool("[[1, 2, 3], [1, 4, 3]]", "defaults: {attachment: patch}\n")).tools
-
-
 def test_a_path_stands_alone() -> None:
     lines = lines_of(HEAD + f"    path: {POINTS}\n    width: 1\n")
     assert lines == [

@@ -128,6 +128,12 @@ class Curve:
         return float(self.ways[-1])
 
     @property
+    def knots(self) -> Floats:
+        """(2 anchors - 1, 3) what it goes through: the anchors, and what lies on the surface halfway between two."""
+        found: Floats = self.points[::_PIECES]
+        return found
+
+    @property
     def sharpest(self) -> tuple[float, int]:
         """The least radius of its bends within the surface, scene units, and the number of the anchor nearest to it."""
         bends = np.abs(np.sum(self.bends * np.cross(self.tangents, self.normals), axis=1))
@@ -262,7 +268,11 @@ def path_through(
                 f"turns by {turn:.0f}° at {names[k + 1]}, and {_MOST_TURN:.0f}° is the most: more points round it",
                 where=where,
             )
-    places, facing = _halved(np.stack(points), np.stack(normals), foot)
+    return curve_on(*_halved(np.stack(points), np.stack(normals), foot))
+
+
+def curve_on(places: Floats, facing: Floats) -> Curve:
+    """The smooth curve through (places, 3) points of a surface, with its (places, 3) normals there."""
     return _curve(*_spline(places, facing, _PIECES))
 
 

@@ -7,7 +7,7 @@ targets act before skinning.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,8 +17,10 @@ from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
 from wrinklecli.errors import BakeError
 from wrinklecli.method.patch import Patch
+from wrinklecli.method.path import Curve, curve_on
 from wrinklecli.method.refine import Refinement
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, determinants, inverses, median
+from wrinklecli.numeric.blocks import Blocks
 from wrinklecli.numeric.memory import Memory
 
 if TYPE_CHECKING:
@@ -48,8 +50,8 @@ class Ring:
         vertices: (around,) fine welded vertices, rising.
         members: (members,) numbers in `vertices`.
         free: (members,) those that may move: not what touches another mesh.
-        origin: (corners,) numbers in `vertices` of those around the origin.
-        target: (corners,) the same of the target.
+        knots: Of the points that the patch's path goes through, the anchors among them, (corners,) numbers in
+            `vertices` of those around each, and their (corners,) shares.
         triangles: (triangles, 3) numbers in `vertices`.
         sums: (around, triangles) 1 where a triangle has a vertex.
         joints: (joints,) into the rig's, that move any of the vertices.
@@ -59,8 +61,7 @@ class Ring:
     vertices: Ints
     members: Ints
     free: Bools
-    origin: Ints
-    target: Ints
+    knots: tuple[tuple[Ints, Floats], ...]
     triangles: Ints
     sums: "csr_array[np.float64, tuple[int, int]]"
     joints: Ints
@@ -72,7 +73,8 @@ def ring_around(patch: Patch, members: Ints, free: Bools, fine: Refinement) -> R
     from scipy.sparse import csr_array
 
     # Normals of members, and of anchors on a face that turns away, need all triangles around them.
-    needed = np.concatenate([members, patch.origin.vertices, patch.target.vertices])
+    knots = _knots(patch, fine)
+    needed = np.concatenate([members, *(corners for corners, _ in knots)])
     faces = fine.triangles[np.isin(fine.triangles, needed).any(axis=1)]
     around, local = np.unique(faces, return_inverse=True)
     local = local.reshape(-1, 3)
@@ -86,13 +88,22 @@ def ring_around(patch: Patch, members: Ints, free: Bools, fine: Refinement) -> R
         vertices=around,
         members=np.searchsorted(around, members),
         free=free,
-        origin=np.searchsorted(around, patch.origin.vertices),
-        target=np.searchsorted(around, patch.target.vertices),
+        knots=tuple((np.searchsorted(around, corners), shares) for corners, shares in knots),
         triangles=local,
         sums=sums,
         joints=joints,
         weights=np.ascontiguousarray(weights[:, joints]),
     )
+
+
+def _knots(patch: Patch, fine: Refinement) -> list[tuple[Ints, Floats]]:
+    """Of the points that a patch's path goes through, the (corners,) welded vertices around each and their shares."""
+    if not isinstance(patch.path, Curve):
+        return [(anchor.vertices, anchor.barycentrics) for anchor in patch.anchors]
+    triangles = fine.surface.triangles
+    coarse = Blocks.of(fine.rest_positions[: len(fine.surface.positions)], triangles)
+    found = [coarse.closest_point(knot) for knot in patch.path.knots]
+    return [(triangles[triangle], shares) for triangle, shares, _ in found]
 
 
 def posed_displacements(
@@ -128,14 +139,11 @@ def _posed_at_once(
 ) -> Floats:
     """As `posed_displacements`, of few frames. Inside, frames are the last axis and x, y, z the first."""
     blended, positions, normals = _posed_ring(ring, fine, rig, clip, times)
-    placed = _placed(patch, ring, positions, normals)
+    locate = _along_curves if isinstance(patch.path, Curve) else _along_segments
+    u, v, cosines, exists = locate(patch, ring, positions, normals)
     normals = normals[:, ring.members]
-    relative = positions[:, ring.members] - placed.origin[:, None]
-    across = np.stack(cross(placed.along, placed.normal))
-    u = np.sum(relative * placed.along[:, None], axis=0) / placed.span
-    v = np.sum(relative * across[:, None], axis=0) / patch.half_width
-    places = patch.places(u, v, np.sum(normals * placed.normal[:, None], axis=0))
-    lengths = places.times(ring.free[:, None] * placed.exists).rises(patch.curve, amplitudes)
+    places = patch.places(u, v, cosines)
+    lengths = places.times(ring.free[:, None] * exists).rises(patch.curve, amplitudes)
     members, frames = np.nonzero(lengths)
     linear = blended[:, :3, ring.members[members], frames].transpose(2, 0, 1)
     pushed = lengths[members, frames, None] * normals[:, members, frames].T
@@ -162,6 +170,45 @@ def _posed_ring(
     return blended, positions, outward * _units(np.stack([np.asarray(ring.sums @ each) for each in faces]))
 
 
+def _at_knots(ring: Ring, vectors: Floats) -> Floats:
+    """(knots, 3, frames) of (3, around, frames)."""
+    return np.stack([np.einsum("c,xcf->xf", shares, vectors[:, corners]) for corners, shares in ring.knots])
+
+
+def _along_segments(
+    patch: Patch, ring: Ring, positions: Floats, normals: Floats
+) -> tuple[Floats, Floats, Floats, Bools]:
+    """(members, frames) u, v and cosines with the patch's normal, and (frames,) whether there is a patch.
+
+    Args:
+        patch: A straight tool.
+        ring: Its members and what surrounds them.
+        positions: (3, around, frames) world space.
+        normals: (3, around, frames) unit.
+    """
+    placed = _placed(patch, ring, positions, normals)
+    relative = positions[:, ring.members] - placed.origin[:, None]
+    across = np.stack(cross(placed.along, placed.normal))
+    u = np.sum(relative * placed.along[:, None], axis=0) / placed.span
+    v = np.sum(relative * across[:, None], axis=0) / patch.half_width
+    return u, v, np.sum(normals[:, ring.members] * placed.normal[:, None], axis=0), placed.exists
+
+
+def _along_curves(patch: Patch, ring: Ring, positions: Floats, normals: Floats) -> tuple[Floats, Floats, Floats, Bools]:
+    """As `_along_segments`, of a tool with a path: through the points of the skin that it went through at rest."""
+    shape = (len(ring.members), positions.shape[2])
+    u, v, cosines, exists = np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros(shape[1], bool)
+    knots, facing = (_at_knots(ring, vectors).transpose(2, 0, 1) for vectors in (positions, normals))
+    apart = np.linalg.norm(np.diff(knots, axis=1), axis=2).min(axis=1) > _LEAST_SPAN * patch.span
+    facing = facing / np.maximum(np.linalg.norm(facing, axis=2, keepdims=True), _LEAST_MEAN)
+    for frame in np.flatnonzero(apart):
+        posed = replace(patch, path=curve_on(knots[frame], facing[frame]))
+        exists[frame] = True
+        u[:, frame], v[:, frame] = posed.coordinates(positions[:, ring.members, frame].T)
+        cosines[:, frame] = posed.cosines(u[:, frame], normals[:, ring.members, frame].T)
+    return u, v, cosines, exists
+
+
 @dataclass(frozen=True, slots=True)
 class _Placed:
     """Where the patch is in posed frames, world space.
@@ -183,20 +230,13 @@ class _Placed:
 
 def _placed(patch: Patch, ring: Ring, positions: Floats, normals: Floats) -> _Placed:
     """Place the patch by its anchors, from (3, around, frames) positions and normals."""
-
-    def at_ends(vectors: Floats) -> tuple[Floats, Floats]:
-        return (
-            np.einsum("c,xcf->xf", patch.origin.barycentrics, vectors[:, ring.origin]),
-            np.einsum("c,xcf->xf", patch.target.barycentrics, vectors[:, ring.target]),
-        )
-
-    origin, target = at_ends(positions)
+    origin, target = _at_knots(ring, positions)
     difference = target - origin
     span = np.sqrt(np.sum(difference**2, axis=0))
     apart = span > _LEAST_SPAN * patch.span
     span = np.where(apart, span, 1.0)
     along = difference / span
-    first, second = at_ends(normals)
+    first, second = _at_knots(ring, normals)
     mean = _units(first) + _units(second)
     mean = mean - np.sum(mean * along, axis=0) * along
     exists = apart & (np.sqrt(np.sum(mean**2, axis=0)) >= _LEAST_MEAN)

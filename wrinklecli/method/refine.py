@@ -252,7 +252,7 @@ def _long_edges(level: Level, patches: Sequence[Patch], rest: Rest, settings: Re
         u_faces, v_faces = u[local.reshape(-1, 3)], v[local.reshape(-1, 3)]
         meets = (u_faces.max(axis=1) > 0) & (u_faces.min(axis=1) < 1)
         meets &= (v_faces.max(axis=1) > -1) & (v_faces.min(axis=1) < 1)
-        # At the last level edges are only counted: those that show wrinkles, if not furrows as sharp as they are, will do.
+        # At the last level edges are only counted: those that show wrinkles, if not furrows as sharp, will do.
         u = patch.stretched(u, v) if level.number < settings.max_levels else patch.bowed(u, v)
         edges = distinct_values(level.triangle_edges[faces[meets]])
         ends = np.searchsorted(vertices, level.edges[edges])

@@ -203,9 +203,6 @@ def _problems_of(tool: _Tool, owners: Mapping[str, str]) -> Iterator[Problem]:
         if point == before:
             line = parts["path"].children[number].line
             yield Problem(line, f"{tool.path}.path[{number}]", "same as the point before it, expected another")
-    if len(values.get("path", ())) > 2 and values.get("attachment") == "patch":
-        message = f"found {parts['path'].shown}, expected two points: attachment: patch is for straight tools"
-        yield Problem(parts["path"].line, f"{tool.path}.path", message)
 
 
 def _problems_of_mirrored(tool: _Tool, other: Mapping[str, Any], owners: Mapping[str, str]) -> Iterator[Problem]:
