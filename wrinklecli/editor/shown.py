@@ -77,11 +77,6 @@ class Cluster:
         parents = self.parents[~taken[self.parents]]
         return replace(self, parents=parents, triangles=children(self.plan.fine.subdivision.parents, parents))
 
-    @property
-    def names(self) -> set[str]:
-        """Of its tools."""
-        return {each.patch.tool.name for each in self.plan.carried_patches}
-
 
 @dataclass(frozen=True, eq=False)
 class LaidMesh:
@@ -326,13 +321,15 @@ class Stage:
         waiting = {patch.tool.name: patch for patch in patches}
         for mesh in before.meshes:
             for cluster in mesh.clusters if mesh.ground is ground else ():
-                names = [name for name in waiting if name in cluster.names]
                 again = []
-                for name in names:
+                for carried in cluster.plan.carried_patches:
+                    patch = waiting.pop(carried.patch.tool.name, None)
                     try:
-                        again.append(carry(waiting.pop(name), cluster.plan.fine, ground.contacts))
+                        if patch is not None:
+                            same = patch is carried.patch
+                            again.append(carried if same else carry(patch, cluster.plan.fine, ground.contacts))
                     except WrinkleError as error:
-                        problems[name] = error.lines[0]
+                        problems[carried.patch.tool.name] = error.lines[0]
                 if again:
                     yield Cluster.of(replace(cluster.plan, carried_patches=tuple(again)), cluster.skin)
         coarse = replace(settings, refinement=replace(settings.refinement, max_levels=0))

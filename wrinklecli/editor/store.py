@@ -124,7 +124,7 @@ def read_file(file: ToolsText) -> ToolsFile:
     Raises:
         ConfigError: All of its problems.
     """
-    return parse_tools((file if file.tools else file.with_tool(_NO_TOOL)).text, name=file.name)
+    return parse_tools((file.with_tool(_NO_TOOL) if file.is_empty else file).text, name=file.name)
 
 
 def _lines(file: ToolsText, name: str) -> list[str] | None:

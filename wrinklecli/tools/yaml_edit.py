@@ -125,6 +125,12 @@ class ToolsText:
         return tuple(node.value if isinstance(node.value, dict) else {} for node in self._nodes)
 
     @cached_property
+    def is_empty(self) -> bool:
+        """Whether it is a mapping that names no tool, which the reader refuses, but an editor begins with."""
+        root, _ = read_tree(self.text)
+        return root is not None and isinstance(root.value, dict) and root.value.get("tools") in (None, [])
+
+    @cached_property
     def _nodes(self) -> tuple[Node, ...]:
         root, _ = read_tree(self.text)
         tools = root.children.get("tools") if root is not None else None

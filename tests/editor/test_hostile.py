@@ -1,0 +1,68 @@
+"""What is wrong with files is said in a line, and no file is ever half written."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kit.asset import stored
+from kit.limb import limb, limb_asset
+from wrinklecli.editor.session import Session
+from wrinklecli.errors import WrinkleError
+
+TOOL = "tools: [{name: a, origin: [-0.4, 0.25, 0], target: [0.4, 0.25, 0], width: 0.3}]\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("tools: [", "YAML"),
+        ("- 1\n", "expected a mapping"),
+        ("version: 1\ntools: 5\n", "tools.yaml:2: tools"),
+        ("", "empty"),
+        ("version: 1\nrest: {clip: none}\n" + TOOL, "'none'"),
+    ],
+)
+def test_a_broken_file_is_a_line(text: str, said: str, tmp_path: Path) -> None:
+    path = limb(tmp_path / "limb.glb", rings=6, sides=6)
+    (tmp_path / "tools.yaml").write_text(text)
+    with pytest.raises(WrinkleError, match=said):
+        Session.open(path, tmp_path / "tools.yaml").meshes(None, 0.0)
+    assert (tmp_path / "tools.yaml").read_text() == text
+
+
+def test_a_clip_with_a_nan_is_a_line(tmp_path: Path) -> None:
+    asset = limb_asset(rings=6, sides=6)
+    (sampler,) = asset.gltf["animations"][0]["samplers"]
+    stored(asset, sampler["output"])[1] = np.nan
+    with pytest.raises(WrinkleError, match="finite"):
+        Session.open(asset.write(tmp_path / "limb.glb"))
+
+
+def test_an_asset_that_takes_too_much_memory_is_a_line(tmp_path: Path) -> None:
+    path = limb(tmp_path / "limb.glb", rings=60, sides=60)
+    with pytest.raises(WrinkleError, match="max-memory"):
+        Session.open(path, max_memory=100_000).meshes(None, 0.0)
+
+
+def test_an_interrupted_save_leaves_a_whole_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = limb(tmp_path / "limb.glb", rings=6, sides=6)
+    tools = tmp_path / "tools.yaml"
+    tools.write_text("version: 1\n" + TOOL)
+    session = Session.open(path, tools)
+    session.set_value("a", ("bumps",), 2)
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "replace", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            session.save()
+    assert tools.read_text() == "version: 1\n" + TOOL
+    assert session.changed
+    assert Session.open(path, tools).text == session.text
+    session.save()
+    assert "bumps: 2" in tools.read_text()
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["limb.glb", "tools.yaml"]
