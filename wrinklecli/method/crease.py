@@ -305,15 +305,15 @@ def _apart(fold: Fold, ends: Sequence[float]) -> Floats | None:
 
 
 def _border(fold: Fold) -> Bools:
-    """(own vertices,) those with triangles beyond the fold, which must stay where they are."""
-    inside = np.bincount(fold.triangles.reshape(-1), minlength=len(fold.own))[fold.own]
+    """(vertices,) those with triangles beyond the fold, which must stay where they are; none of other meshes."""
+    inside = np.bincount(fold.triangles.reshape(-1), minlength=len(fold.own))[: len(fold.vertices)]
     starts = fold.fine.around.starts
     return np.asarray(starts[fold.vertices + 1] - starts[fold.vertices] > inside)
 
 
 def _tissue(fold: Fold, apart: Floats) -> Tissue:
     free = apart < FREE * SOFT
-    free[fold.own] &= ~_border(fold)
+    free[: len(fold.vertices)] &= ~_border(fold)
     edges, crossed = fold.crossings.at(fold.rest_positions)
     # What is not near any that is free never touched one.
     colliding = np.asarray(free[fold.triangles].any(axis=1))
@@ -322,4 +322,4 @@ def _tissue(fold: Fold, apart: Floats) -> Tissue:
     through[fold.crossings.edges[edges]] = True
     colliding[(through & ~fold.own)[fold.triangles].any(axis=1)] = False
     tissue = Tissue(fold.rest_positions * UNITS / fold.radius, fold.triangles, colliding, free, fold.own, apart)
-    return tissue.loosened() if fold.others else tissue
+    return tissue if fold.own.all() else tissue.loosened()

@@ -43,6 +43,7 @@ class Fold:
         hinge: The joint.
         vertices: (vertices,) fine welded vertices, rising.
         triangles: (triangles, 3) into these, and into those of other meshes, which follow them.
+        own: (vertices,) which may leave their pose: not other meshes, nor what does not hang together with the tools.
         radius: Of the limb, scene units.
         pivot: (3,) where the joint is at rest, world space.
         rig: Of the mesh.
@@ -57,6 +58,7 @@ class Fold:
     hinge: Hinge
     vertices: Ints
     triangles: Ints
+    own: Bools
     radius: float
     pivot: Floats
     rig: Rig
@@ -71,11 +73,6 @@ class Fold:
         """(vertices, 3) world space at rest, those of other meshes behind its own."""
         others = [each.posed(self.rest.clip, self.rest.time)[0][0] for each in self.others]
         return np.concatenate([self.fine.rest_positions[self.vertices], *others])
-
-    @cached_property
-    def own(self) -> Bools:
-        """(vertices,) those that are not of other meshes."""
-        return np.arange(len(self.rest_positions)) < len(self.vertices)
 
     @cached_property
     def crossings(self) -> Crossings:
@@ -172,7 +169,7 @@ def _beside(fold: Fold, obstacles: Sequence[Obstacle]) -> Fold:
     looks = [fold.hinge.turn(np.linspace(0.0, end, _LOOKS)) for end in ends[ends != 0]]
     moments = [(look, np.array([time])) for look in looks for time in np.linspace(0.0, 1.0, _LOOKS)]
     boxes = [(places.min(axis=0), places.max(axis=0)) for places in (fold.posed(*each)[0][0] for each in moments)]
-    triangles, others, count = [fold.triangles], [], len(fold.vertices)
+    triangles, others, count = [fold.triangles], list[Obstacle](), len(fold.vertices)
     for obstacle in obstacles:
         near = np.zeros(len(obstacle.triangles), bool)
         for moment, (low, high) in zip(moments, boxes, strict=True):
@@ -182,7 +179,8 @@ def _beside(fold: Fold, obstacles: Sequence[Obstacle]) -> Fold:
             others.append(obstacle.part(near))
             triangles.append(others[-1].triangles + count)
             count += len(others[-1].positions)
-    return replace(fold, others=tuple(others), triangles=np.concatenate(triangles))
+    own = np.concatenate([fold.own, np.zeros(count - len(fold.own), bool)])
+    return replace(fold, others=tuple(others), triangles=np.concatenate(triangles), own=own)
 
 
 def _fold(
@@ -198,12 +196,15 @@ def _fold(
     pivot = node_matrices(rig, rest.clip, rest.time, [node])[0, 0, :3, 3]
     radius = max(_limb_radius(patch, pivot) for patch in patches)
     reach = max(_REACH_RADII * radius, _REACH_SPANS * max(patch.span for patch in patches))
-    vertices, triangles = _round(pivot, reach, fine, np.concatenate([carried_patches[t].vertices for t in tools]))
+    seeds = np.concatenate([carried_patches[number].vertices for number in tools])
+    alone = any(rig.names[rig.node] in patch.tool.contact.ignore for patch in patches if patch.tool.contact)
+    vertices, triangles, own = _round(pivot, reach, fine, seeds, alone=alone)
     return Fold(
         tools=tools,
         hinge=hinge_of(node, patches, pivot, rig, rest, part),
         vertices=vertices,
         triangles=triangles,
+        own=own,
         radius=radius,
         pivot=pivot,
         rig=rig,
@@ -221,8 +222,13 @@ def _limb_radius(patch: Patch, pivot: Floats) -> float:
     return max(float(np.linalg.norm(away)), _LEAST_RADIUS * patch.span)
 
 
-def _round(pivot: Floats, reach: float, fine: Refinement, seeds: Ints) -> tuple[Ints, Ints]:
-    """(vertices,) within reach of a joint, rising, that hang together with some of (seeds,), and their triangles."""
+def _round(pivot: Floats, reach: float, fine: Refinement, seeds: Ints, *, alone: bool) -> tuple[Ints, Ints, Bools]:
+    """The fine vertices within reach of a joint.
+
+    Returns:
+        (vertices,) rising, (triangles, 3) of these, and (vertices,) whether they hang together with some of (seeds,),
+        or `alone` those that do.
+    """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -235,6 +241,8 @@ def _round(pivot: Floats, reach: float, fine: Refinement, seeds: Ints) -> tuple[
     links = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(len(vertices), len(vertices)))
     _, pieces = connected_components(links, directed=False)
     wanted = distinct_values(pieces[np.isin(vertices, seeds)])
-    kept = np.isin(pieces, wanted)
-    numbers = np.cumsum(kept) - 1
-    return vertices[kept], numbers[local[kept[local[:, 0]]]]
+    own = np.isin(pieces, wanted)
+    if alone:
+        numbers = np.cumsum(own) - 1
+        return vertices[own], numbers[local[own[local[:, 0]]]], own[own]
+    return vertices, local, own
