@@ -100,6 +100,15 @@ def test_what_is_not_valid_changes_nothing(session: Session) -> None:
     assert len(session.meshes(None, 0.0)) == 1
 
 
+def test_what_a_bake_would_refuse_or_leave_out_is_the_tools_problem(session: Session) -> None:
+    session.set_value("crease", ("clips", "fould"), 1)
+    session.set_value("far", ("strength",), 0)
+    first, second, third = (tool.problem for tool in session.tools())
+    assert "did you mean 'fold'" in str(first)
+    assert second is None
+    assert third == "far: is left out, as its strength is 0 in every clip"
+
+
 def test_a_tool_with_a_partner_names_its_side(session: Session) -> None:
     assert session.mirror("far", "x") == "far.R"
     assert [tool.partner for tool in session.tools()] == [None, None, "far.L"]

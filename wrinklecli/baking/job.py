@@ -155,7 +155,7 @@ def _job(asset: Document, settings: ToolsFile, options: BakeOptions, motions: Mo
     asked = joined.chosen(options.clips)
     sampled = () if asked or settings.sampling.clips == "all" else settings.sampling.clips
     nameable = tuple(clip for clip in every_clip if clip.name not in (*joined.range, joined.pose))
-    vain_clips = _check_clip_names(settings, sampled, nameable)
+    vain_clips = check_clip_names(settings, sampled, nameable)
     return Job(
         options=options,
         settings=settings,
@@ -190,10 +190,9 @@ def tools_by_node(document: Document, settings: ToolsFile) -> tuple[dict[int, li
     warnings: list[str] = []
     problems: list[BakeError] = []
     for tool in settings.tools:
-        if not tool.strength and not any(tool.clips.values()):
-            warnings.append(f"{tool.name}: left out, as its strength is 0 in every clip")
-        elif tool.optional and tool.node is not None and all(nodes[i].get("name") != tool.node for i in mesh_nodes):
-            warnings.append(f"{tool.name}: left out, as there is no node {tool.node!r}")
+        why = why_left_out(tool, document)
+        if why is not None:
+            warnings.append(f"{tool.name}: left out, as {why}")
         else:
             try:
                 found.setdefault(_node_of(tool, document, mesh_nodes, deforming), []).append(tool)
@@ -213,6 +212,16 @@ def tools_by_node(document: Document, settings: ToolsFile) -> tuple[dict[int, li
     if not found:
         raise BakeError("no tool is left: those that there are, are absent or of strength 0", where=settings.path)
     return dict(sorted(found.items())), warnings
+
+
+def why_left_out(tool: WrinkleTool, document: Document) -> str | None:
+    """Why a bake would go on without a tool; None where it would not."""
+    if not tool.strength and not any(tool.clips.values()):
+        return "its strength is 0 in every clip"
+    named = ("mesh" in node and node.get("name") == tool.node for node in document.items("nodes"))
+    if tool.optional and tool.node is not None and not any(named):
+        return f"there is no node {tool.node!r}"
+    return None
 
 
 def _node_of(tool: WrinkleTool, document: Document, mesh_nodes: Sequence[int], deforming: Sequence[int]) -> int:
@@ -279,7 +288,7 @@ def _overridden(settings: ToolsFile, options: BakeOptions) -> ToolsFile:
     return replace(settings, tools=tools, sampling=sampling, refinement=refinement)
 
 
-def _check_clip_names(settings: ToolsFile, sampled: Sequence[str], clips: tuple[Clip, ...]) -> list[str]:
+def check_clip_names(settings: ToolsFile, sampled: Sequence[str], clips: tuple[Clip, ...]) -> list[str]:
     """A warning for each clip that an optional tool names and the asset lacks.
 
     Args:

@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from wrinklecli.baking.job import tools_by_node
+from wrinklecli.baking.job import check_clip_names, tools_by_node, why_left_out
 from wrinklecli.baking.plan import Ground, MeshPlan, plan_on, read_ground
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.contacts import Neighbours
@@ -235,8 +235,14 @@ class Stage:
         by_node: dict[int, list[WrinkleTool]] = {}
         problems: dict[str, str] = {}
         for tool in settings.tools:
+            why = why_left_out(tool, self.document)
+            if why is not None:
+                problems[tool.name] = f"{tool.name}: is left out, as {why}"
+                continue
             try:
-                found, _ = tools_by_node(self.document, replace(settings, tools=(tool,)))
+                alone = replace(settings, tools=(tool,))
+                check_clip_names(alone, (), tuple(clip for clip in self.clips if clip.name not in self.made))
+                found, _ = tools_by_node(self.document, alone)
                 by_node.setdefault(next(iter(found)), []).append(_quick(tool))
             except WrinkleError as error:
                 problems[tool.name] = error.lines[0]
