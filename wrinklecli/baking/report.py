@@ -13,7 +13,7 @@ from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.proof import Residual
 from wrinklecli.baking.sample import ClipActivity, Motion
 from wrinklecli.baking.targets import AnySet, CreaseSet, TargetSet, of_folds, of_tools, targets_of
-from wrinklecli.baking.warnings import mesh_warnings, tool_warnings
+from wrinklecli.baking.warnings import fold_warnings, mesh_warnings, tool_warnings
 from wrinklecli.character.clip import KEY_GAP, Clip
 from wrinklecli.errors import counted
 from wrinklecli.gltf.shape import Json
@@ -54,7 +54,8 @@ class Report:
         """What the summary says of folds whose contact is resolved."""
         folds = self.data.get("folds", [])
         targets = sum(len(fold["targets"]) for fold in folds)
-        return f", {targets} of contact in {counted(len(folds), 'fold')}" if folds else ""
+        count = sum(fold["clip"] is None for fold in folds)
+        return f", {targets} of contact in {counted(count, 'fold')}" if folds else ""
 
     @property
     def summary(self) -> str:
@@ -129,6 +130,8 @@ def make_report(job: Job, baked: Sequence[BakedMesh], *, images: Sequence[str], 
         warnings += mesh_warnings(mesh.plan, job.settings, clips, tracks=tracks)
         for number, target_set in enumerate(of_tools(mesh.target_sets)):
             warnings += tool_warnings(mesh.plan, target_set.carried, mesh.activity(number), up=job.settings.up)
+        for found in of_folds(mesh.target_sets):
+            warnings += fold_warnings(mesh.plan, found)
     engine = job.options.engine
     data: Json = {
         "report": VERSION,

@@ -8,6 +8,7 @@ import numpy as np
 from wrinklecli.baking.placement import collision, ground_under
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.sample import ClipActivity
+from wrinklecli.baking.targets import CreaseSet
 from wrinklecli.character.clip import Clip
 from wrinklecli.errors import counted
 from wrinklecli.method.carry import CarriedPatch
@@ -63,6 +64,22 @@ def mesh_warnings(plan: MeshPlan, settings: ToolsFile, clips: Sequence[Clip], *,
         for clip in clips
         if rig.morph_names and clip.channel(rig.node, "weights") is None and tracks
     ]
+
+
+def fold_warnings(plan: MeshPlan, found: CreaseSet) -> list[str]:
+    """What a user should know of a fold: where contact is not resolved wholly."""
+    tools = [plan.carried_patches[number].patch.tool for number in found.crease.fold.tools]
+    name = ", ".join(tool.name for tool in tools)
+    crossing = sum(each.crossing for each in found.clips)
+    unsettled = found.crease.unsettled + sum(each.unsettled for each in found.clips)
+    warnings = []
+    if crossing:
+        own = any(tool.contact is not None and tool.contact.per_clip for tool in tools)
+        hint = "" if own else "; contact: {per_clip: true} gives such clips targets of their own"
+        warnings.append(f"{name}: contact leaves crossings in {counted(crossing, 'frame')} of clips{hint}")
+    if unsettled:
+        warnings.append(f"{name}: contact did not settle in {counted(unsettled, 'pose')}: they keep the last state")
+    return warnings
 
 
 def tool_warnings(plan: MeshPlan, carried: CarriedPatch, clips: Sequence[ClipActivity], *, up: str) -> list[str]:
