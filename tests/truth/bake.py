@@ -52,9 +52,8 @@ def bake(scene: Scene, look: Json, folder: Path) -> tuple[Gltf, float]:
     if "path" in look:
         ends = {}
     tool = {"name": "fold", "width": scene.width, **ends, **look}
-    (folder / "tools.yaml").write_text(
-        yaml.safe_dump({"version": 1, "refinement": {"scheme": "midpoint"}, "tools": [tool]})
-    )
+    refinement = {"scheme": "midpoint", "edges_per_interval": tool.pop("edges_per_interval", 2)}
+    (folder / "tools.yaml").write_text(yaml.safe_dump({"version": 1, "refinement": refinement, "tools": [tool]}))
     before = time.process_time()
     wrinklecli.bake(folder / "cloth.glb", folder / "tools.yaml", folder / "out.glb")
     return Gltf(folder / "out.glb"), time.process_time() - before

@@ -23,11 +23,11 @@ FRAMES = (15, 22, 30, 38, 45, 53)  # from a quarter of the movement to its end, 
 # Blender's cloth, and which material of ours is held against it.
 LOOKS = {"denim": "cloth", "leather": "leather"}
 # What is held against it: the material as it is; a tool along a path, which measures the surface's own shortening, and
-# so takes nothing off it; and the same as tall as its length asks for.
+# so takes nothing off it; and the same as tall as its length asks for, with edges short enough to keep that.
 VARIANTS: dict[str, Json] = {
     "default": {},
     "path": {"path": True, "compressible": "0%"},
-    "path, any height": {"path": True, "compressible": "0%", "max_height": "none"},
+    "path, any height": {"path": True, "compressible": "0%", "max_height": "none", "edges_per_interval": 4},
 }
 # Of a strip as long as it likes a material cannot tell the bumps: those that the simulation has.
 STRIP_BUMPS = {"denim": 5, "leather": 3}
