@@ -91,6 +91,28 @@ def test_a_draft_is_no_step(session: Session) -> None:
     assert not session.undo()
 
 
+def test_a_draft_of_one_side_leaves_the_other_as_it_is(tmp_path: Path) -> None:
+    (tmp_path / "tools.yaml").write_text(TOOLS.replace("crease", "crease.L").replace("far", "crease.R"))
+    session = Session.open(limb(tmp_path / "limb.glb", rings=20, sides=12), tmp_path / "tools.yaml")
+    session.set_value("crease.L", ("bumps",), 5, draft=True)
+    assert set(session.laid()) == {"crease.L", "across", "crease.R"}
+    session.mirror("across", "z")
+    session.set_value("across.L", ("bumps",), 3, draft=True)
+    assert [session.laid()[name].patch.tool.bumps for name in ("across.L", "across.R", "crease.R")] == [3, 3, 2]
+    session.solo(["across.L"])
+    assert set(session.laid()) == {"across.L", "across.R"}
+    session.solo(["crease.L"])
+    assert set(session.laid()) == {"crease.L"}
+
+
+def test_a_frame_that_is_looked_up_is_the_one_that_is_computed(session: Session) -> None:
+    time = float(session.frame_times("fold")[20])
+    (looked_up,), (computed,) = (session.meshes("fold", at) for at in (time, float(np.nextafter(time, 1.0))))
+    assert np.abs(looked_up.positions - computed.positions).max() < 1e-9
+    (flat,) = session.meshes("fold", time, wrinkled=False)
+    assert np.abs(looked_up.positions - flat.positions).max() > 0.01
+
+
 def test_what_is_not_valid_changes_nothing(session: Session) -> None:
     with pytest.raises(ConfigError, match="bumps: found 99"):
         session.set_value("crease", ("bumps",), 99)

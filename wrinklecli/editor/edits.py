@@ -21,7 +21,7 @@ from wrinklecli.tools.records import ToolsFile, WrinkleTool, identifier, in_axes
 from wrinklecli.tools.yaml_edit import Steps, ToolsText
 
 # Steps that can be undone, and that can be after the file has changed on disk, to either side: each is merged with it.
-_MOST_STEPS, _MOST_MERGED = 1000, 100
+_MOST_STEPS, _MOST_MERGED = 300, 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,19 +246,6 @@ class Edits:
             self.notes.append(f"{self.path}: has changed on disk; both are here now")
             return True
 
-    # Within.
-
-    @property
-    def _base(self) -> Step:
-        """What an edit changes: the present step, whatever is drafted."""
-        return self._steps[self._at]
-
-    @contextmanager
-    def _guarded(self) -> Iterator[None]:
-        """One thread at a time."""
-        with self._lock:
-            yield
-
     def recover(self) -> None:
         """Take up what an earlier session has not saved."""
         found = self._store.unsaved()
@@ -275,6 +262,19 @@ class Edits:
                 f"{self.path}: unsaved edits of an earlier session do not fit, and are in {kept}",
                 *error.lines,
             ]
+
+    # Within.
+
+    @property
+    def _base(self) -> Step:
+        """What an edit changes: the present step, whatever is drafted."""
+        return self._steps[self._at]
+
+    @contextmanager
+    def _guarded(self) -> Iterator[None]:
+        """One thread at a time."""
+        with self._lock:
+            yield
 
     def settings(self) -> ToolsFile:
         """The tools file as a bake reads it, with its enabled tools and without a draft."""
@@ -297,12 +297,12 @@ class Edits:
             ConfigError: They are not valid.
         """
         file = self._base.file
-        names = {str(file.tools[number].get("name")), exchange_sides(str(file.tools[number].get("name")))}
+        name = str(file.tools[number].get("name"))
         beside = {key: each for key, each in file.beside.items() if key in ("version", "up", "defaults")}
         alone = parse_tools(json.dumps({**beside, "tools": [values]}), name=self.path).tools
         tools: list[WrinkleTool] = []
         for tool in self._settings_of(file).tools:
-            if tool.name not in names:
+            if tool.name != name and not (tool.mirrored and tool.name == exchange_sides(name)):
                 tools.append(tool)
             elif alone:
                 tools, alone = [*tools, *alone], ()
@@ -346,13 +346,17 @@ class Edits:
 
     def _new_name(self, stem: str) -> str:
         """A name of a stem that no tool has, with the side at its end where the stem has one."""
-        taken = {identifier(tool.name) for tool in self._settings_of(self._base.file).tools}
-        taken |= {identifier(name) for name in names_of(self._base.file)}
+        taken = self._taken_names()
         body, side = (stem[:-2], stem[-2:]) if stem[-2:] in (".L", ".R") else (stem, "")
         number = 1
         while identifier(name := f"{body}_{number}{side}") in taken:
             number += 1
         return name
+
+    def _taken_names(self) -> set[str]:
+        """The identifiers of all tools, mirrored and disabled ones too."""
+        every = (*names_of(self._base.file), *(tool.name for tool in self.settings().tools))
+        return {identifier(name) for name in every}
 
     def _written_place(self, place: Sequence[float], span: float) -> list[float]:
         """A Y-up place in the file's axes, with as many digits as matter: a thousandth of the segment, or less."""

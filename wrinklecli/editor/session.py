@@ -229,8 +229,7 @@ class Session(Edits):
         """Add a tool that was offered; its name."""
         with self._guarded():
             file = self._base.file
-            taken = {identifier(tool.name) for tool in self.settings().tools}
-            name = offer.name if identifier(offer.name) not in taken else self._new_name(offer.name)
+            name = offer.name if identifier(offer.name) not in self._taken_names() else self._new_name(offer.name)
             values = turned(offer.values, file.beside.get("up", "y")) | {"name": name}
             if (file.beside.get("defaults") or {}).get("mirror") not in (None, "none"):
                 values.setdefault("mirror", "none")
@@ -370,8 +369,11 @@ class Session(Edits):
     def _shown_settings(self, step: Step, draft: Draft | None = None) -> ToolsFile:
         """The tools of a step that are shown, or with those of a draft of it."""
         settings = self._settings_of(step.file) if draft is None else draft.settings
-        chosen = step.solo | {exchange_sides(name) for name in step.solo}
-        return replace(settings, tools=tuple(each for each in settings.tools if not step.solo or each.name in chosen))
+        if not step.solo:
+            return settings
+        names = [exchange_sides(each.name) if each.mirrored else each.name for each in settings.tools]
+        chosen = (tool for tool, name in zip(settings.tools, names, strict=True) if name in step.solo)
+        return replace(settings, tools=tuple(chosen))
 
     def _quick(self) -> Laid:
         """What tools make of the asset now, in a hurry: what was settled where it fits."""
