@@ -102,6 +102,14 @@ def test_a_crash_beside_another_edit_loses_neither(path: Path) -> None:
     assert (path.parent / ".tools.yaml.unsaved.1").exists()
 
 
+def test_a_part_of_what_is_inherited_keeps_the_rest(tmp_path: Path) -> None:
+    (tmp_path / "tools.yaml").write_text(TEXT.replace("{width: 0.3}", "{width: 0.3, clips: {walk: 0.5}}"))
+    edits = opened(tmp_path / "tools.yaml")
+    edits.set_value("b.L", ("clips", "run"), 0.7)
+    assert dict(edits.settings().tools[1].clips) == {"walk": 0.5, "run": 0.7}
+    assert dict(edits.settings().tools[0].clips) == {"walk": 0.5}
+
+
 EDITS = st.lists(
     st.one_of(
         st.tuples(st.just("set_value"), st.sampled_from("abc"), st.just(("bumps",)), st.integers(1, 9)),

@@ -64,6 +64,23 @@ def test_what_others_repeat_stays_theirs() -> None:
     assert [each["width"] for each in FILE.with_copy(0, "shin.L").tools] == [0.24] * 4
 
 
+def test_a_part_of_what_is_repeated_or_merged_is_changed_in_one_tool_alone() -> None:
+    file = ToolsText(
+        "version: 1\ntools:\n  - {name: a, clips: &c {walk: 1, run: 2}, path: &p [[0, 0, 0], [1, 1, 1]]}\n"
+        "  - {name: b, clips: *c, path: *p}\n  - &m\n    name: d\n    clips: {on: 3}\n  - <<: *m\n    name: e\n"
+    )
+    assert file.with_value(1, ("clips", "run"), 5).tools[1]["clips"] == {"walk": 1, "run": 5}
+    assert file.with_value(1, ("path", 1), [2, 2, 2]).tools[1]["path"] == [[0, 0, 0], [2, 2, 2]]
+    assert file.with_value(3, ("clips", "run"), 5).tools[3]["clips"] == {"on": 3, "run": 5}
+    assert file.with_value(0, ("path", 0), [3, 3, 3]).tools[1]["path"][0] == [0, 0, 0]
+
+
+def test_lines_end_as_they_did() -> None:
+    file = ToolsText(FILE.text.replace("\n", "\r\n"))
+    for changed in (file.without(0, ("clips",)), file.without_tool(2), file.without(2, ("width",))):
+        assert "\n" not in changed.text.replace("\r\n", "")
+
+
 @pytest.mark.parametrize("text", ["version: 1\ntools: []   # none\n", "version: 1\ntools:   # none\n", "version: 1\n"])
 def test_the_first_tool_comes_and_the_last_goes(text: str) -> None:
     one = ToolsText(text).with_tool({"name": "a", "origin": [1.0, 2, 3], "width": "80%"})

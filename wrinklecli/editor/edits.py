@@ -18,7 +18,7 @@ from wrinklecli.errors import ConfigError, WrinkleError, nearest
 from wrinklecli.tools.mirror import exchange_sides
 from wrinklecli.tools.read import parse_tools
 from wrinklecli.tools.records import ToolsFile, WrinkleTool, identifier, in_axes
-from wrinklecli.tools.yaml_edit import Steps, ToolsText
+from wrinklecli.tools.yaml_edit import Steps, ToolsText, with_part
 
 # Steps that can be undone, and that can be after the file has changed on disk, to either side: each is merged with it.
 _MOST_STEPS, _MOST_MERGED = 300, 100
@@ -120,11 +120,15 @@ class Edits:
             draft: See the class.
         """
         with self._guarded():
-            number = self._number(tool)
+            file, number = self._base.file, self._number(tool)
+            own, inherited = file.tools[number], file.beside.get("defaults") or {}
+            if len(steps) > 1 and steps[0] not in own and steps[0] in inherited:
+                # A tool's own mapping stands in place of what it inherits.
+                steps, value = steps[:1], with_part(inherited[steps[0]], steps[1:], value)
             if draft:
-                self._draft = self._drafted(number, _within(self._base.file.tools[number], steps, value))
+                self._draft = self._drafted(number, with_part(own, steps, value))
             else:
-                self._become(self._base.file.with_value(number, steps, value), f"{tool}: {steps[0]}")
+                self._become(file.with_value(number, steps, value), f"{tool}: {steps[0]}")
 
     def unset(self, tool: str, steps: Steps) -> None:
         """Take a key away from a tool: what the file's defaults or the schema say holds then."""
@@ -363,16 +367,3 @@ class Edits:
         digits = max(3 - int(np.floor(np.log10(span))), 0) if span > 0 else 6
         turned = in_axes([float(x) for x in place], self._base.file.beside.get("up", "y"))
         return [round(each, digits) + 0.0 for each in turned]
-
-
-def _within(values: Mapping[str, Any], steps: Steps, value: Any) -> dict[str, Any]:
-    """Values by key, with another one at some steps."""
-    first, *others = steps
-    below: Any = values.get(str(first))
-    if not others:
-        below = value
-    elif isinstance(others[0], int):
-        below = [value if number == others[0] else each for number, each in enumerate(below or [])]
-    else:
-        below = _within(below if isinstance(below, Mapping) else {}, others, value)
-    return {**values, str(first): below}

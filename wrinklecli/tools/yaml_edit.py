@@ -160,14 +160,20 @@ class ToolsText:
             ConfigError: The tool is an alias, or others repeat a block of what would go.
         """
         part = self._item(number)
+        values: Any = self.tools[number]
         for depth, step in enumerate(steps):
-            below = self._below(part, step)
-            if below is None:
-                return self._inserted(part, str(step), _nested(steps[depth + 1 :], value))
-            if below.kind == "alias" or (below.kind == "scalar" and depth + 1 < len(steps)):
-                return self._replaced(below, _nested(steps[depth + 1 :], value))
+            below, last = self._below(part, step), depth + 1 == len(steps)
+            values = values[step] if isinstance(step, int) else values.get(step)
+            if below is None or not (last or self._is_own(below)):
+                # What it repeats or is merged with is written out, to be changed here alone.
+                found = value if last else with_part(values, steps[depth + 1 :], value)
+                return self._inserted(part, str(step), found) if below is None else self._replaced(below, found)
             part = below
         return self._replaced(part, value)
+
+    def _is_own(self, part: _Part) -> bool:
+        """Whether a part of a value can be changed without a change of what stands elsewhere."""
+        return part.kind in ("map", "seq") and not self._uses(part)
 
     def without(self, number: int, steps: Steps) -> "ToolsText":
         """The file without a key of one of its tools; as it is where the tool itself has none.
@@ -252,7 +258,7 @@ class ToolsText:
         else:
             start = self._lead(part)
             last = number == len(tools.items) - 1
-            end = self._line_end(part.end) + 1 if last else self._lead(tools.items[number + 1])
+            end = self._line_end(part.end) + len(self._newline) if last else self._lead(tools.items[number + 1])
         return self._with([_Change(start, min(end, len(self.text)), ""), *self._moved_anchors(start, end)])
 
     @property
@@ -315,7 +321,7 @@ class ToolsText:
             start, end, text = key.start, part.keys[1].start, ""
         else:
             start, text = self._line_start(key.start), ""
-            end = self._line_end(item.end) + 1
+            end = self._line_end(item.end) + len(self._newline)
             if last and end > len(self.text):
                 start, end = start - len(self._newline), len(self.text)
         if self._moved_anchors(start, end):
@@ -350,7 +356,7 @@ class ToolsText:
     def _uses(self, part: _Part) -> list[_Part]:
         """The aliases that repeat an anchored value."""
         found: list[_Part] = []
-        for each in self._root.within():
+        for each in self._root.within() if part.anchor is not None else ():
             if each.start > part.start and each.anchor == part.anchor:
                 if each.kind != "alias":
                     break
@@ -416,11 +422,16 @@ def _lines(text: str) -> list[str]:
     return re.split(r"\r?\n", text)
 
 
-def _nested(steps: Steps, value: Any) -> Any:
-    """A value within mappings of the keys that lead to it."""
-    for step in reversed(steps):
-        value = {step: value}
-    return value
+def with_part(values: Any, steps: Steps, value: Any) -> Any:
+    """A copy of values with another one at some steps; mappings that are not there are made."""
+    first, *others = steps
+    if isinstance(first, int):
+        items = values if isinstance(values, Sequence) else ()
+        return [
+            with_part(each, others, value) if others else value if k == first else each for k, each in enumerate(items)
+        ]
+    found = values if isinstance(values, Mapping) else {}
+    return {**found, first: with_part(found.get(first), others, value) if others else value}
 
 
 def _changed(text: str, changes: Sequence[_Change], offset: int = 0) -> str:
