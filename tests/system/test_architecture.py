@@ -44,7 +44,9 @@ DOORS = {
     "dask": {"batch/scheduler"},
     "distributed": {"batch/scheduler"},
     "fsspec": {"batch/stores"},
-    "viser": {f"editor/{name}" for name in ("controls", "hand", "page", "picture", "player", "scene", "served")},
+    "viser": {
+        f"editor/{name}" for name in "controls desk hand keeping page picture player proposals scene served".split()
+    },
     "rich": {"editor/served"},
     "websockets": {"editor/served"},
     "click": {"cli"},

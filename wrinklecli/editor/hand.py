@@ -1,41 +1,18 @@
 """What the hand does on the mesh: it clicks a new tool's two ends, chooses tools, and drags their dots."""
 
-from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import viser
 
+from wrinklecli.editor.desk import ASKS, Desk, on
 from wrinklecli.editor.keys import as_written, key_controls
 from wrinklecli.editor.picture import Picture
 from wrinklecli.editor.session import Session
 from wrinklecli.editor.work import Work
 from wrinklecli.numeric.arrays import Floats
 
-GOOD, BAD, ASKS = "#1c7a3f", "#c92a2a", "#1f6fd6"
-"""Colours of what the page says: it is done, it failed, something is to be done."""
-
 _WIDTH = next(control for control in key_controls() if control.key == "width")
-
-
-class Desk(Protocol):
-    """What a hand works at: the page."""
-
-    @property
-    def chosen(self) -> str | None:
-        """The name of the tool that it shows."""
-
-    def say(self, text: str, colour: str = GOOD) -> None:
-        """Show a line."""
-
-    def choose(self, name: str | None, *, look: bool) -> None:
-        """Show a tool, and let the cameras look at it."""
-
-    def slide(self, edit: Callable[[bool], None]) -> None:
-        """Show a draft of an edit."""
-
-    def settle_slide(self) -> None:
-        """Make the last draft an edit."""
 
 
 class Hand:
@@ -62,10 +39,7 @@ class Hand:
         tip = "Click where it begins and where it ends."
         self._new: Any = gui.add_button("New tool", icon=viser.Icon.PLUS, hint=tip)
 
-        async def begin(_event: object) -> None:
-            self._work.put(object(), self._begin_new)
-
-        self._new.on_click(begin)
+        on(self._new.on_click, self._work, self._begin_new)
 
     def _begin_new(self) -> None:
         if self._ends is None:

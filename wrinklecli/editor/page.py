@@ -5,24 +5,25 @@ import html
 import logging
 import os
 import threading
-import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import viser
 
 from wrinklecli.editor.controls import Steps, ToolControls
-from wrinklecli.editor.hand import ASKS, BAD, GOOD, Hand
+from wrinklecli.editor.desk import ASKS, BAD, GOOD, add_group, on, on_set
+from wrinklecli.editor.hand import Hand
+from wrinklecli.editor.keeping import Keeping
 from wrinklecli.editor.picture import Picture
 from wrinklecli.editor.player import Charts, Player
+from wrinklecli.editor.proposals import Proposals
 from wrinklecli.editor.served import Place, serve
 from wrinklecli.editor.session import EditedTool, Session
 from wrinklecli.editor.work import Work
-from wrinklecli.errors import ConfigError, WrinkleError
+from wrinklecli.errors import WrinkleError
 
 _SLIDES = 0.35  # seconds without a further change after which a slider has been let go
 _WIDE = 380  # pixels of the panel
-_BAR = 0.2  # seconds between two steps of a bake's progress that are shown
 _WARNS = 1.0  # seconds after an edit, before what `check` would warn of is looked for
 _WARNING = "#b35c00"
 
@@ -57,11 +58,11 @@ class Page:
         self._sliding: Callable[[], None] | None = None  # makes the draft that is shown an edit
         self._buttons: dict[str, Any] = {}
         self._warnings: dict[str, list[str]] = {}
-        self._told = 0  # of the session's notes
         self._build(heat=heat)
-        self._refresh()
+        self.refresh()
         self._picture.look_at_all()
-        self.say("\n".join((*session.notes, *self._picture.warnings)), ASKS)
+        self.say("\n".join(self._picture.warnings), ASKS)
+        self._keeping.tell()
         self._threads = [threading.Thread(target=each.run, daemon=True) for each in (self._work, self._slow)]
         for thread in self._threads:
             thread.start()
@@ -73,10 +74,11 @@ class Page:
 
     def close(self) -> None:
         """End what is being done, and serve no more."""
-        self._work.put("end", self.settle_slide)
         for work, thread in zip((self._work, self._slow), self._threads, strict=True):
             work.end()
             thread.join()
+        with contextlib.suppress(WrinkleError):
+            self.settle_slide()
         self.server.stop()
 
     # Widgets.
@@ -88,7 +90,7 @@ class Page:
         gui.main_panel.set_width(_WIDE)
         self._head = gui.add_html("")
         self._said = gui.add_html("")
-        self._add_file_buttons(gui)
+        self._keeping = Keeping(gui, self._work, self._slow, self._session, self)
         play = gui.add_panel()
         with play.add_tab("Play"):
             self.player = Player(self.server, self._work, self._session.clips, self._session.frame_times, self._show)
@@ -98,27 +100,18 @@ class Page:
         play.float(x=15, y=-15, width=420)
         self._hand.add_button(gui)
         self._list = gui.add_folder("Tools")
+        Proposals(gui, self._work, self._slow, self._session, self)
         self._panel: Any = gui.add_folder("Tool", visible=False)
         with self._panel:
             self._add_tool_panel(gui)
 
-    def _add_file_buttons(self, gui: viser.GuiApi) -> None:
-        actions = {"Save": self._save, "Bake": self._bake, "Undo": self._undo, "Redo": self._redo}
-        self._add_group(gui, "file", actions)
-        self._over: Any = gui.add_button("Save over what others have written", color="red", visible=False)
-        self._on(self._over.on_click, lambda: self._save(overwrite=True))
-        self._progress: Any = gui.add_progress_bar(0.0, visible=False)
-        self._on(gui.add_command("Save", hotkey="S", modifier="cmd/ctrl").on_trigger, self._save)
-        self._on(gui.add_command("Undo", hotkey="Z", modifier="cmd/ctrl").on_trigger, self._undo)
-        self._on(gui.add_command("Redo", hotkey="Z", modifier="cmd/ctrl+shift").on_trigger, self._redo)
-
     def _add_tool_panel(self, gui: viser.GuiApi) -> None:
         self._problem = gui.add_html("")
         self._name: Any = gui.add_text("name", "")
-        self._on_set(self._name, "name", self._rename)
+        on_set(self._name, self._work, "name", self._rename)
         tip = "Also make the tool of the other side: x negated, left and right exchanged in its name."
         self._twin: Any = gui.add_checkbox("both sides", initial_value=False, hint=tip)
-        self._on_set(self._twin, "twin", self._mirror)
+        on_set(self._twin, self._work, "twin", self._mirror)
         actions = {
             "Look": self._look,
             "Solo": self._solo,
@@ -126,36 +119,10 @@ class Page:
             "Copy": self._copy,
             "Delete": self._delete,
         }
-        self._add_group(gui, "tool", actions)
+        add_group(gui, self._work, "tool", actions)
         self._charts = Charts(gui)
         clips = [clip.name for clip in self._session.clips if clip.name not in self._session.made]
         self._controls = ToolControls(gui, self._changed, self._unset, clips)
-
-    def _add_group(self, gui: viser.GuiApi, title: str, actions: dict[str, Callable[[], None]]) -> None:
-        """A button for each action, in one row."""
-
-        async def clicked(event: Any) -> None:
-            # Of several clicks in a row none replaces another.
-            self._work.put(object(), actions[event.target.value])
-
-        gui.add_button_group(title, tuple(actions)).on_click(clicked)
-
-    def _on(self, register: Callable[[Any], object], action: Callable[[], None]) -> None:
-        """Do something on each click of a button, or each stroke of a key."""
-
-        async def told(_event: object) -> None:
-            self._work.put(object(), action)
-
-        register(told)
-
-    def _on_set(self, widget: Any, key: str, action: Callable[[], None]) -> None:
-        """Do something where somebody has set a widget."""
-
-        async def told(event: Any) -> None:
-            if event.client is not None:
-                self._work.put(key, action)
-
-        widget.on_update(told)
 
     # What is said.
 
@@ -171,11 +138,11 @@ class Page:
             logging.getLogger(__name__).error("this is a bug of wrinkle's", exc_info=error)
             self.say(f"a bug of wrinkle's: {type(error).__name__}: {error}", BAD)
         with contextlib.suppress(WrinkleError):
-            self._refresh()
+            self.refresh()
 
     # What is shown.
 
-    def _refresh(self) -> None:
+    def refresh(self) -> None:
         """Show the session's state: after every edit."""
         tools = self._session.tools()
         names = [tool.name for tool in tools]
@@ -197,8 +164,11 @@ class Page:
                 laid = self._session.laid().get(tool.name)
                 span = 1.0 if laid is None else laid.carried.patch.span
                 self._controls.show(tool.values, sorted(tool.own), span)
+        self._picture.read()
+        self.player.take(self._session.clips)
         self._show()
         self._chart()
+        self._keeping.tell()
         if not self._session.settled:
             self._slow.put("settle", self._refine)
             self._slow.put_later("warn", _WARNS, self._warn)
@@ -214,7 +184,7 @@ class Page:
 
         def tell() -> None:
             self._warnings = found
-            self._refresh()
+            self.refresh()
 
         self._work.put("warned", tell)
 
@@ -247,7 +217,7 @@ class Page:
             button.color = "blue" if tool.name == self.chosen else "gray"
 
     def _listen(self, button: Any, name: str) -> None:
-        self._on(button.on_click, lambda: self.choose(name, look=True))
+        on(button.on_click, self._work, lambda: self.choose(name, look=True))
 
     def _show(self) -> None:
         """Show the player's moment."""
@@ -276,7 +246,7 @@ class Page:
         """Show a tool, and let the cameras look at it."""
         self.settle_slide()
         self.chosen = name
-        self._refresh()
+        self.refresh()
         if look and name is not None:
             self._picture.look_at_tool(name)
 
@@ -304,7 +274,7 @@ class Page:
         """Show a draft of an edit, which becomes one as soon as nothing follows; called with whether it is a draft."""
         self._sliding = lambda: edit(False)
         edit(True)
-        self._refresh()
+        self.refresh()
         self._work.put_later("slid", _SLIDES, self.settle_slide)
 
     def settle_slide(self) -> None:
@@ -313,63 +283,18 @@ class Page:
         full, self._sliding = self._sliding, None
         if full is not None:
             full()
-            self._refresh()
+            self.refresh()
 
     def _edit(self, action: Callable[[], object]) -> None:
         self.settle_slide()
         action()
         self.say("")
-        self._refresh()
+        self.refresh()
 
     def _unset(self, key: str) -> None:
         name = self.chosen
         if name is not None:
             self._work.put(("unset", key), lambda: self._edit(lambda: self._session.unset(name, (key,))))
-
-    def _undo(self) -> None:
-        self._edit(self._session.undo)
-
-    def _redo(self) -> None:
-        self._edit(self._session.redo)
-
-    def _save(self, *, overwrite: bool = False) -> None:
-        self.settle_slide()
-        try:
-            self._session.save(overwrite=overwrite)
-            self._over.visible = False
-        except ConfigError:
-            self._over.visible = True
-            raise
-        self._refresh()
-        self.say(f"saved as {self._session.path}")
-
-    def _bake(self) -> None:
-        """Save, and bake beside all else."""
-        self._save()
-        self._progress.visible = True
-        self.say("baking …", ASKS)
-        self._slow.put("bake", self._bake_saved)
-
-    def _bake_saved(self) -> None:
-        last = [0.0]
-
-        def progress(stage: str, done: int, total: int) -> None:
-            # Rarely enough for the page to draw it.
-            if time.monotonic() - last[0] > _BAR:
-                last[0] = time.monotonic()
-                self._work.put("progress", lambda: self._show_progress(stage, done, total))
-
-        try:
-            told = self._session.bake(progress)
-        finally:
-            self._work.put("progress", lambda: self._show_progress("", 0, 1))
-        self._work.put(object(), lambda: self.say(told))
-
-    def _show_progress(self, stage: str, done: int, total: int) -> None:
-        self._progress.visible = bool(stage)
-        self._progress.value = 100.0 * done / max(total, 1)
-        if stage:
-            self.say(f"baking: {stage} {done}/{total}", ASKS)
 
     def _rename(self) -> None:
         if self.chosen is not None and self._name.value not in ("", self.chosen):

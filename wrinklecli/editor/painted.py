@@ -38,12 +38,14 @@ class PaintedMesh:
             self._material["baseColorTexture"] = {"index": 0}
             self._sampler = {key: _WRAPS[wrap] for key, wrap in zip(("wrapS", "wrapT"), texture.wraps, strict=True)}
 
-    def glb(self, positions: Floats, colours: Floats) -> bytes:
-        """The .glb with (vertices, 3) positions and (vertices, 3) linear colours."""
+    def glb(self, positions: Floats, normals: Floats, colours: Floats) -> bytes:
+        """The .glb with (vertices, 3) positions, unit normals and linear colours."""
         shades = np.full((len(colours), 4), 255, np.uint8)
         shades[:, :3] = np.round(255 * np.clip(colours, 0.0, 1.0))
-        arrays = [*self._fixed, ("VEC3", positions.astype(np.float32)), ("VEC4", shades)]
-        attributes = {"POSITION": len(arrays) - 2, "COLOR_0": len(arrays) - 1}
+        moving = [("VEC3", positions.astype(np.float32)), ("VEC3", normals.astype(np.float32)), ("VEC4", shades)]
+        arrays = [*self._fixed, *moving]
+        # Without normals it would be drawn flat.
+        attributes = {name: len(self._fixed) + k for k, name in enumerate(("POSITION", "NORMAL", "COLOR_0"))}
         if self._image:
             attributes["TEXCOORD_0"] = 1
         accessors, views, parts, start = [], [], [], 0

@@ -1,5 +1,6 @@
 """What the page shows in 3D: the session's meshes at the player's moment, tools on them, and where cameras stand."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from wrinklecli.editor.player import Player
 from wrinklecli.editor.scene import LOOKS, Drag, Look, View
 from wrinklecli.editor.session import Session, ShownMesh
 from wrinklecli.editor.work import Work
+from wrinklecli.gltf.document import Document
 from wrinklecli.method.patch import Patch
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.preview.heat import point_colours
@@ -50,12 +52,21 @@ class Picture:
         self._marks: dict[str, tuple[Patch, Mark]] = {}  # as long as the triangles are the same
         self._chosen: str | None = None
         self.shown: list[ShownMesh] = []
+        self._document: Document | None = None
+        self.read()
+
+    def read(self) -> None:
+        """Read what colours the asset, where that is another than before."""
+        if self._session.document is self._document:
+            return
+        self._document = self._session.document
+        sources = read_scene(self._document)
+        paints, unread = read_paints(self._document, sources)
         self._paints: dict[int, list[Paint]] = {}
-        sources = read_scene(session.document)
-        paints, unread = read_paints(session.document, sources)
         for source, paint in zip(sources, paints, strict=True):
             self._paints.setdefault(source.rig.node, []).append(paint)
         self.warnings = tuple(unread)
+        self.shown = []  # so that all is drawn anew
 
     def add_widgets(self, gui: viser.GuiApi, *, heat: bool) -> None:
         """Add what says how it looks, to where the program is in the page."""
@@ -108,16 +119,22 @@ class Picture:
             self._mark()
             rest = [mesh.positions for mesh in self._session.meshes(None, 0.0, wait=False)] if beside else []
             self._rest_view.dress(self._bodies if beside else (), rest, look, wire=wire)
-            width = float(np.ptp(self._everything(), axis=0)[0])
+            if self._rest_view.move(rest, self._heats(rest)):
+                self._work.put_later("settle rest", _SETTLES, self._rest_view.settle)
+            width = max(float(np.ptp(each[:, 0])) for each in (self._everything(), *rest) if len(each))
             self._rest_view.place((-_ASIDE * width, 0.0, 0.0), visible=beside)
             self._move()
 
     def _move(self) -> None:
-        heats = []
-        if self._look.value == "heat":
-            heats = [point_colours(each.laid.rest_positions, each.positions, each.faces) for each in self.shown]
-        if self._view.move(self._points, heats):
+        if self._view.move(self._points, self._heats(self._points)):
             self._work.put_later("settle", _SETTLES, self._view.settle)
+
+    def _heats(self, points: Sequence[Floats]) -> list[Floats]:
+        """Of each body, its (points, 3) being there, their colours; none where compression does not show."""
+        if self._look.value != "heat":
+            return []
+        pairs = zip(self.shown, points, strict=False)
+        return [point_colours(mesh.laid.rest_positions, places, mesh.faces) for mesh, places in pairs]
 
     def _mark(self) -> None:
         """Draw the tools on the shown meshes."""

@@ -82,6 +82,17 @@ class Player:
         """The shown time of the clip, seconds."""
         return float(self._time.value)
 
+    def take(self, clips: Sequence[Clip]) -> None:
+        """Offer these clips from now on: the asset may have been exported again."""
+        if len(clips) == len(self._clips) and all(each is self._clips.get(each.name) for each in clips):
+            return
+        shown, moment = self._clip.value, self.time
+        self._clips = {clip.name: clip for clip in clips}
+        self._clip.options = (*self._clips, REST)
+        self._clip.value = shown if shown in (*self._clips, REST) else next(iter((*self._clips, REST)))
+        self._reach()
+        self._time.value = float(np.clip(moment, self._time.min, self._time.max))
+
     def toggle(self) -> None:
         """Play, or stop playing."""
         self.playing = not self.playing and self.clip is not None

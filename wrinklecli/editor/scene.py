@@ -10,7 +10,7 @@ import viser
 from wrinklecli.editor.drawing import Body, DrawnMesh, Mark
 from wrinklecli.editor.painted import PaintedMesh
 from wrinklecli.gltf.pixels import srgb
-from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.arrays import Floats, vertex_normals
 
 Look = Literal["textures", "clay", "heat"]
 LOOKS: tuple[Look, ...] = ("textures", "clay", "heat")
@@ -85,7 +85,8 @@ class View:
                 if look == "heat" or (look == "textures" and _is_painted(mesh)):
                     texture = None if look == "heat" else mesh.paint.texture
                     made = PaintedMesh(mesh.triangles, mesh.paint.coordinates, texture)
-                    data = made.glb(places[mesh.points], mesh.paint.colours)
+                    normals = vertex_normals(places, body.triangles)
+                    data = made.glb(places[mesh.points], normals[mesh.points], mesh.paint.colours)
                     front = self._scene.add_glb(f"{name}/a", data)
                     back = self._scene.add_glb(f"{name}/b", data, visible=False)
                     self._painted[key] = _Painted(made, front, back)
@@ -120,7 +121,8 @@ class View:
                     painted = self._painted[key]
                     painted.turn()
                     colours = heats[number][mesh.points] if heats else mesh.paint.colours
-                    painted.back.glb_data = painted.made.glb(places[mesh.points], colours)
+                    normals = vertex_normals(places, self._bodies[number].triangles)
+                    painted.back.glb_data = painted.made.glb(places[mesh.points], normals[mesh.points], colours)
                     painted.waiting = True
         self._move_marks(points)
         return bool(self._painted)

@@ -1,0 +1,63 @@
+"""What the parts of the page share: how they tell it what was done, and how their widgets ask for work."""
+
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
+
+import viser
+
+from wrinklecli.editor.work import Work
+
+GOOD, BAD, ASKS = "#1c7a3f", "#c92a2a", "#1f6fd6"
+"""Colours of what the page says: it is done, it failed, something is to be done."""
+
+
+class Desk(Protocol):
+    """The page, for its parts."""
+
+    @property
+    def chosen(self) -> str | None:
+        """The name of the tool that it shows."""
+
+    def say(self, text: str, colour: str = GOOD) -> None:
+        """Show a line."""
+
+    def refresh(self) -> None:
+        """Show the session's state."""
+
+    def choose(self, name: str | None, *, look: bool) -> None:
+        """Show a tool, and let the cameras look at it."""
+
+    def slide(self, edit: Callable[[bool], None]) -> None:
+        """Show a draft of an edit."""
+
+    def settle_slide(self) -> None:
+        """Make the last draft an edit."""
+
+
+def add_group(gui: viser.GuiApi, work: Work, title: str, actions: Mapping[str, Callable[[], None]]) -> None:
+    """A button for each action, in one row."""
+
+    async def clicked(event: Any) -> None:
+        # Of several clicks in a row none replaces another.
+        work.put(object(), actions[event.target.value])
+
+    gui.add_button_group(title, tuple(actions)).on_click(clicked)
+
+
+def on(register: Callable[[Any], object], work: Work, action: Callable[[], None]) -> None:
+    """Do something on each click of a button, or each stroke of a key."""
+
+    async def told(_event: object) -> None:
+        work.put(object(), action)
+
+    register(told)
+
+
+def on_set(widget: Any, work: Work, key: str, action: Callable[[], None]) -> None:
+    """Do something where somebody has set a widget; what the program itself shows is no wish of anybody's."""
+
+    async def told(event: Any) -> None:
+        if event.client is not None:
+            work.put(key, action)
+
+    widget.on_update(told)
