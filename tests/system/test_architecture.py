@@ -44,9 +44,8 @@ DOORS = {
     "dask": {"batch/scheduler"},
     "distributed": {"batch/scheduler"},
     "fsspec": {"batch/stores"},
-    "viser": {
-        f"editor/{name}" for name in "controls desk hand keeping page picture player proposals scene served".split()
-    },
+    "viser": {"editor/" + name for name in ("controls", "desk", "hand", "keeping", "page", "picture")}
+    | {"editor/" + name for name in ("player", "proposals", "scene", "served")},
     "rich": {"editor/served"},
     "websockets": {"editor/served"},
     "click": {"cli"},

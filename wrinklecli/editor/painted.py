@@ -42,7 +42,11 @@ class PaintedMesh:
         """The .glb with (vertices, 3) positions, unit normals and linear colours."""
         shades = np.full((len(colours), 4), 255, np.uint8)
         shades[:, :3] = np.round(255 * np.clip(colours, 0.0, 1.0))
-        moving = [("VEC3", positions.astype(np.float32)), ("VEC3", normals.astype(np.float32)), ("VEC4", shades)]
+        moving: list[tuple[str, Array]] = [
+            ("VEC3", positions.astype(np.float32)),
+            ("VEC3", normals.astype(np.float32)),
+            ("VEC4", shades),
+        ]
         arrays = [*self._fixed, *moving]
         # Without normals it would be drawn flat.
         attributes = {name: len(self._fixed) + k for k, name in enumerate(("POSITION", "NORMAL", "COLOR_0"))}
