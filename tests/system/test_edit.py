@@ -1,5 +1,6 @@
 """`wrinkle edit` in a real browser: a tool is drawn by two clicks, tuned and saved, and bakes as if written by hand."""
 
+import json
 import os
 import shutil
 from pathlib import Path
@@ -79,12 +80,11 @@ def test_a_tool_is_drawn_tuned_and_saved(tmp_path: Path) -> None:
     saved = asset.with_suffix(".yaml")
     (tool,) = load_tools(saved).tools
     np.testing.assert_allclose(np.array([tool.origin, tool.target]), KNEE, atol=0.02)
-    origin, target = (list(end) for end in (tool.origin, tool.target))
+    (edited,) = session.tools()
+    assert {"bumps", "origin", "target", "width"} < edited.own
+    numbers = {key: edited.values[key] for key in edited.own}
     by_hand = tmp_path / "by_hand.yaml"
-    by_hand.write_text(
-        "version: 1\ntools:\n"
-        f"  - {{name: {tool.name}, bumps: 5, width: {tool.width.value}, origin: {origin}, target: {target}}}\n"
-    )
+    by_hand.write_text(f"version: 1\ntools:\n  - {json.dumps(numbers)}\n")
     outputs = [tmp_path / "edited.glb", tmp_path / "by_hand.glb"]
     for tools, out in zip((saved, by_hand), outputs, strict=True):
         wrinklecli.bake(asset, tools, out, clips=["squat"])
