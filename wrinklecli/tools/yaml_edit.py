@@ -1,20 +1,19 @@
 """A tools file's text edited in place: what an edit does not touch keeps every byte, comments and anchors too.
 
-PyYAML's events say between which characters each value stands, and an edit puts others there. Libraries that read a
+`yaml_parts` says between which characters each value stands, and an edit puts others there. Libraries that read a
 file and write it anew keep comments, but neither the spaces of a flow list, nor quotes, nor where lines break; and the
 most usual one reads YAML 1.2, which has other words for true than this program's files.
 """
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeAlias
 
-import yaml
-
 from wrinklecli.errors import ConfigError
+from wrinklecli.tools.yaml_parts import Part, dashes, read_parts
 from wrinklecli.tools.yaml_tree import Node, read_tree
 
 Steps: TypeAlias = Sequence[str | int]
@@ -24,37 +23,6 @@ Steps: TypeAlias = Sequence[str | int]
 _PLAIN = re.compile(r"[A-Za-z_](?:[A-Za-z0-9_. -]*[A-Za-z0-9_.-])?|[0-9]+(?:\.[0-9]+)?%")
 _WORDS = {"true", "yes", "on", "false", "no", "off", "null"}
 _ANCHOR = re.compile(r"&[^\s,\[\]{}]+[ \t]*")
-
-
-@dataclass(frozen=True, slots=True)
-class _Part:
-    """A value in the text.
-
-    Attributes:
-        start: Its first character, that of its anchor or tag where it has one.
-        end: Behind its last; of a block neither the comments nor the empty lines that follow.
-        kind: What it is.
-        flow: Whether it stands in brackets.
-        anchor: Name by which others repeat it, or by which this alias repeats another.
-        keys: Of a mapping, one for each of its items.
-        items: Values of a mapping or a sequence.
-    """
-
-    start: int
-    end: int
-    kind: str
-    flow: bool = False
-    anchor: str | None = None
-    keys: tuple["_Part", ...] = ()
-    items: tuple["_Part", ...] = ()
-
-    def within(self) -> Iterator["_Part"]:
-        """Itself and all below it, in the order of the text."""
-        yield self
-        for number, item in enumerate(self.items):
-            if self.keys:
-                yield from self.keys[number].within()
-            yield from item.within()
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,24 +63,15 @@ class ToolsText:
     name: str = "<tools>"
 
     @cached_property
-    def _root(self) -> _Part:
-        events = yaml.parse(self.text, Loader=yaml.SafeLoader)
-        try:
-            for event in events:
-                if isinstance(event, yaml.DocumentStartEvent):
-                    return _part(next(events), events)
-        except (yaml.YAMLError, ValueError, RecursionError) as error:
-            raise ConfigError(f"cannot be read as YAML: {error}", where=self.name) from None
-        raise ConfigError("the file is empty", where=self.name)
+    def _root(self) -> Part:
+        return read_parts(self.text, self.name)
 
     @cached_property
     def _dashes(self) -> list[int]:
-        """Where the items of block sequences begin."""
-        tokens = yaml.scan(self.text, Loader=yaml.SafeLoader)
-        return [token.start_mark.index for token in tokens if isinstance(token, yaml.BlockEntryToken)]
+        return dashes(self.text)
 
     @cached_property
-    def _tools(self) -> _Part | None:
+    def _tools(self) -> Part | None:
         """What stands behind `tools`; None where the key is not there."""
         for key, item in zip(self._root.keys, self._root.items, strict=True):
             if self.text[key.start : key.end].strip("\"'") == "tools":
@@ -171,7 +130,7 @@ class ToolsText:
             part = below
         return self._replaced(part, value)
 
-    def _is_own(self, part: _Part) -> bool:
+    def _is_own(self, part: Part) -> bool:
         """Whether a part of a value can be changed without a change of what stands elsewhere."""
         return part.kind in ("map", "seq") and not self._uses(part)
 
@@ -271,7 +230,7 @@ class ToolsText:
     def _newline(self) -> str:
         return "\r\n" if "\r\n" in self.text else "\n"
 
-    def _item(self, number: int) -> _Part:
+    def _item(self, number: int) -> Part:
         tools = self._tools
         assert tools is not None
         part = tools.items[number]
@@ -280,7 +239,7 @@ class ToolsText:
             raise ConfigError("is no mapping of its own; write it out to edit it", where=f"{self.name}:{line}")
         return part
 
-    def _below(self, part: _Part, step: str | int) -> _Part | None:
+    def _below(self, part: Part, step: str | int) -> Part | None:
         """The value of a key, or the item of an index, that a part has itself."""
         if isinstance(step, int):
             return part.items[step] if part.kind == "seq" and step < len(part.items) else None
@@ -289,7 +248,7 @@ class ToolsText:
                 return item
         return None
 
-    def _replaced(self, part: _Part, value: Any) -> "ToolsText":
+    def _replaced(self, part: Part, value: Any) -> "ToolsText":
         """Another value in place of one; an anchor stays, unless others repeat it: the first of these takes it."""
         text, start = written(value), part.start
         if part.anchor is not None and part.kind != "alias" and not self._uses(part):
@@ -299,7 +258,7 @@ class ToolsText:
             text = " " + text  # where nothing stood
         return self._with([_Change(start, part.end, text), *self._moved_anchors(start, part.end)])
 
-    def _inserted(self, part: _Part, key: str, value: Any) -> "ToolsText":
+    def _inserted(self, part: Part, key: str, value: Any) -> "ToolsText":
         """A key behind the last of a mapping."""
         text = f"{written(key)}: {written(value)}"
         if part.flow or not part.items:
@@ -309,7 +268,7 @@ class ToolsText:
         indent = " " * self._column(part.keys[0].start)
         return self._with([_Change(at, at, f"{self._newline}{indent}{text}")])
 
-    def _removal(self, part: _Part, number: int) -> _Change:
+    def _removal(self, part: Part, number: int) -> _Change:
         """A key of a mapping taken away, with the comment on its line."""
         key, item = part.keys[number], part.items[number]
         last = number == len(part.keys) - 1
@@ -353,9 +312,9 @@ class ToolsText:
         text = newline.join([first, *(indent + line for line in lines[1:])])
         return [_Change(at, at, newline * (1 + spaced) + text)]
 
-    def _uses(self, part: _Part) -> list[_Part]:
+    def _uses(self, part: Part) -> list[Part]:
         """The aliases that repeat an anchored value."""
-        found: list[_Part] = []
+        found: list[Part] = []
         for each in self._root.within() if part.anchor is not None else ():
             if each.start > part.start and each.anchor == part.anchor:
                 if each.kind != "alias":
@@ -389,11 +348,11 @@ class ToolsText:
     def _with(self, changes: Sequence[_Change]) -> "ToolsText":
         return ToolsText(_changed(self.text, changes), self.name)
 
-    def _dash(self, part: _Part) -> int:
+    def _dash(self, part: Part) -> int:
         """The dash of an item of a block sequence."""
         return max(dash for dash in self._dashes if dash < part.start)
 
-    def _lead(self, part: _Part) -> int:
+    def _lead(self, part: Part) -> int:
         """Where the line of an item begins, or the comments right above it."""
         start = self._line_start(self._dash(part))
         while start > 0:
@@ -439,26 +398,3 @@ def _changed(text: str, changes: Sequence[_Change], offset: int = 0) -> str:
     for change in sorted(changes, key=lambda each: each.start, reverse=True):
         text = text[: change.start - offset] + change.text + text[change.end - offset :]
     return text
-
-
-def _part(event: yaml.Event, events: Iterator[yaml.Event]) -> _Part:
-    """The value that begins with an event; takes its other events."""
-    assert event.start_mark is not None
-    assert event.end_mark is not None
-    start, end = event.start_mark.index, event.end_mark.index
-    if isinstance(event, yaml.AliasEvent):
-        return _Part(start, end, "alias", anchor=event.anchor)
-    if isinstance(event, yaml.ScalarEvent):
-        return _Part(start, end, "scalar", anchor=event.anchor)
-    assert isinstance(event, yaml.SequenceStartEvent | yaml.MappingStartEvent)
-    mapping, parts = isinstance(event, yaml.MappingStartEvent), []
-    for each in events:
-        if isinstance(each, yaml.CollectionEndEvent):
-            end = each.end_mark.index if each.end_mark is not None else end
-            break
-        parts.append(_part(each, events))
-    keys, items = (parts[::2], parts[1::2]) if mapping else ([], parts)
-    flow = bool(event.flow_style)
-    if not flow and parts:
-        end = parts[-1].end
-    return _Part(start, end, "map" if mapping else "seq", flow, event.anchor, tuple(keys), tuple(items))
