@@ -32,10 +32,13 @@ class Latest:
 
     Args:
         count: How many are kept.
+
+    Attributes:
+        count: The same, which may change.
     """
 
     def __init__(self, count: int) -> None:
-        self._count, self._lock = count, threading.Lock()
+        self.count, self._lock = count, threading.Lock()
         self._values: OrderedDict[Hashable, Any] = OrderedDict()
 
     def get(self, key: Hashable) -> Any:
@@ -49,7 +52,7 @@ class Latest:
         """Keep a value, and give it back."""
         with self._lock:
             self._values[key] = value
-            while len(self._values) > self._count:
+            while len(self._values) > self.count:
                 self._values.popitem(last=False)
         return value
 

@@ -31,8 +31,9 @@ _MAX_ERROR = Length(1.0, percent=True)
 # Rings of triangles around a tool's members that its refinement may read or split: tools whose rings meet are planned
 # together.
 _RINGS = 4
-# Plans and patches that are kept: those of a few undone steps.
-_KEPT = 64
+# Patches and plans, beside one for each tool, and meshes, beside one for each node, that are kept: those of a few undone
+# steps. A plan may take 10 MB.
+_PATCHES, _PLANS, _MESHES = 256, 24, 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,8 +219,12 @@ class Stage:
         self.played = Played()
         self._neighbours = Neighbours(document)
         self._nodes = [node for node in scene_nodes(document) if "mesh" in document.items("nodes")[node]]
-        self._grounds, self._skins = Latest(_KEPT), Latest(_KEPT)
-        self._patches, self._clusters, self._meshes = Latest(_KEPT), Latest(_KEPT), Latest(_KEPT)
+        self._grounds, self._skins = Latest(2 * len(self._nodes)), Latest(len(self._nodes))
+        self._patches, self._clusters, self._meshes = (
+            Latest(_PATCHES),
+            Latest(_PLANS),
+            Latest(len(self._nodes) + _MESHES),
+        )
 
     def laid(self, settings: ToolsFile, before: Laid | None = None) -> Laid:
         """Lay the tools of a file; those that do not fit are named, with what a bake would say.
@@ -232,6 +237,7 @@ class Stage:
         Raises:
             WrinkleError: The asset is at fault, or what the file says beside the tools.
         """
+        self._patches.count, self._clusters.count = (each + len(settings.tools) for each in (_PATCHES, _PLANS))
         by_node: dict[int, list[WrinkleTool]] = {}
         problems: dict[str, str] = {}
         for tool in settings.tools:
