@@ -31,8 +31,8 @@ _MAX_ERROR = Length(1.0, percent=True)
 # Rings of triangles around a tool's members that its refinement may read or split: tools whose rings meet are planned
 # together.
 _RINGS = 4
-# Patches and plans, beside one for each tool, and meshes, beside one for each node, that are kept: those of a few undone
-# steps. A plan may take 10 MB.
+# Kept for undone steps: patches and plans beside one for each tool, meshes beside one for each node. A plan may take
+# 10 MB.
 _PATCHES, _PLANS, _MESHES = 256, 24, 8
 
 
