@@ -24,6 +24,7 @@ from wrinklecli.errors import WrinkleError
 
 _SLIDES = 0.35  # seconds without a further change after which a slider has been let go
 _WIDE = 380  # pixels of the panel
+_CHARTS = 0.15  # seconds without a further change after which charts are drawn anew
 _WARNS = 1.0  # seconds after an edit, before what `check` would warn of is looked for
 _WARNING = "#b35c00"
 
@@ -74,12 +75,16 @@ class Page:
 
     def close(self) -> None:
         """End what is being done, and serve no more."""
-        for work, thread in zip((self._work, self._slow), self._threads, strict=True):
-            work.end()
-            thread.join()
+        self.rest()
         with contextlib.suppress(WrinkleError):
             self.settle_slide()
         self.server.stop()
+
+    def rest(self) -> None:
+        """Do nothing more by itself, and serve what is there."""
+        for work, thread in zip((self._work, self._slow), self._threads, strict=True):
+            work.end()
+            thread.join()
 
     # Widgets.
 
@@ -167,7 +172,8 @@ class Page:
         self._picture.read()
         self.player.take(self._session.clips)
         self._show()
-        self._chart()
+        # While something slides, the mesh comes first.
+        self._work.put_later("chart", 0.0 if self._sliding is None else _CHARTS, self._chart)
         self._keeping.tell()
         if not self._session.settled:
             self._slow.put("settle", self._refine)
