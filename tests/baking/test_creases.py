@@ -103,6 +103,18 @@ def test_tracks_of_other_files_move_folds_too(folded: Baked, tmp_path: Path) -> 
     assert clip["totals"]
 
 
+def test_targets_do_not_hang_on_the_clips(folded: Baked, tmp_path: Path) -> None:
+    asset, out = limb(tmp_path / "limb.glb", angle=20.0, rings=16, sides=10), tmp_path / "out.glb"
+    wrinklecli.bake(asset, folded.tools, out)
+    other = read_document(out)
+    assert other.items("nodes")[0]["extras"] == folded.document.items("nodes")[0]["extras"]
+    numbers = [
+        list(each.items("meshes")[0]["primitives"][0]["targets"][-1].values()) for each in (other, folded.document)
+    ]
+    for one, two in zip(*numbers, strict=True):
+        assert np.array_equal(other.accessor(one), folded.document.accessor(two))
+
+
 def test_a_clip_that_still_crosses_gets_targets_of_its_own(folded: Baked, tmp_path: Path) -> None:
     # The clip bends the limb about an axis that leans by 60° from that of the tool.
     y, z = RADIUS * np.cos(np.radians(60.0)), RADIUS * np.sin(np.radians(60.0))
