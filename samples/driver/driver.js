@@ -129,9 +129,15 @@ export class WrinkleDriver {
       if (object.isBone || !(name in this.objects)) this.objects[name] = object;
       const meshes = [];
       if (object.userData.wrinkle) object.traverse((each) => each.morphTargetDictionary && meshes.push(each));
-      const { tools, folds = [] } = object.userData.wrinkle ?? {};
-      if (meshes.length) this.bodies.push({ tools, folds, meshes, states: [] });
+      const { tools, folds = [], parts = [] } = object.userData.wrinkle ?? {};
+      if (meshes.length) this.bodies.push({ tools, folds, parts, meshes, states: [] });
     });
+    // The other parts of a mesh that was split stand beside it.
+    for (const { parts, meshes } of this.bodies)
+      root.traverse((object) => {
+        if (!parts.includes(object.userData.name ?? object.name)) return;
+        object.traverse((each) => each.morphTargetDictionary && !meshes.includes(each) && meshes.push(each));
+      });
     const isThere = (tool) => anchorsOf(tool).every(({ joints }) => joints.every((name) => name in this.objects));
     const bends = ({ joint, parent = joint }) => joint in this.objects && parent in this.objects;
     for (const body of this.bodies) {
@@ -149,8 +155,11 @@ export class WrinkleDriver {
       const morphWeightOf = (name) => influences[numbers[name]] ?? 0;
       const show = ({ targets }, found) => {
         for (const { morphTargetDictionary: places, morphTargetInfluences: all } of meshes)
-          targets.forEach((name, k) => (all[places[name]] = found[k]));
+          targets.forEach((name, k) => name in places && (all[places[name]] = found[k]));
       };
+      // The asset's own morph targets move other parts as the first.
+      for (const { morphTargetDictionary: places, morphTargetInfluences: all } of meshes.slice(1))
+        for (const [name, place] of Object.entries(places)) if (name in numbers) all[place] = influences[numbers[name]];
       for (const [number, tool] of tools.entries()) {
         const state = (states[number] ??= {});
         show(tool, wrinkleWeights(tool, jointMatrixOf, { morphWeightOf, clip, time, state, elapsed }));

@@ -71,7 +71,7 @@ jobs:
   - fps: 60
     lods:
       - {asset: chars/c/c.glb, out: out/c0.glb, max_levels: 2}
-      - {asset: chars/c/c.glb, out: s3://bucket/c1.glb, max_levels: 1}
+      - {asset: chars/c/c.glb, out: s3://bucket/c1.glb, max_levels: 1, edges_per_interval: 1, split: true}
 """
     jobs = read("sub.yaml", text)
     assert [(job.where, job.asset, job.out) for job in jobs] == [
@@ -81,7 +81,9 @@ jobs:
         ("sub.yaml:10: jobs[1].lods[1]", "chars/c/c.glb", "s3://bucket/c1.glb"),
     ]
     assert jobs[0].tools == ("body.yaml", "chars/a/own.yaml")
-    assert [dict(job.options) for job in jobs[1:3]] == [{"fps": 24, "clip": ("walk",)}, {"fps": 60, "max_levels": 2}]
+    coarser = {"fps": 60, "max_levels": 1, "edges_per_interval": 1, "split": True}
+    assert [dict(job.options) for job in jobs[2:]] == [{"fps": 60, "max_levels": 2}, coarser]
+    assert dict(jobs[1].options) == {"fps": 24, "clip": ("walk",)}
 
 
 @pytest.mark.usefixtures("folder")

@@ -59,8 +59,10 @@ def test_quiet_says_nothing_and_verbose_a_line_for_each_tool(wrinkle: Wrinkle, t
 def test_options_reach_the_bake(wrinkle: Wrinkle, tmp_path: Path) -> None:
     write_tools(tmp_path / "tools.yaml", PALM, BACK)
     options = ["--clip", "flex", "--tool", "palm", "--fps", "7", "--max-levels", "1", "--accessors", "dense"]
+    options += ["--edges-per-interval", "1"]
     assert wrinkle("bake", WRIST, "tools.yaml", "-o", "out.glb", *options).code == 0
-    wanted = bake_once("wrist", PALM, BACK, clips=["flex"], only=["palm"], fps=7, max_levels=1, accessors="dense")
+    named = {"clips": ["flex"], "only": ["palm"], "fps": 7, "max_levels": 1, "accessors": "dense"}
+    wanted = bake_once("wrist", PALM, BACK, edges_per_interval=1, **named)
     assert (tmp_path / "out.glb").read_bytes() == wanted.path.read_bytes()
 
 

@@ -26,11 +26,16 @@ export async function drive({ file, anim, clip, times, node, drive: driven, elap
   const mixer = new AnimationMixer(root);
   const action = found && mixer.clipAction(found).play();
   const driver = driven ? new WrinkleDriver(root) : null;
-  const parts = [];
-  root.traverse((object) => {
-    if (object.userData.name !== node && object.userData.wrinkle === undefined) return;
-    object.traverse((each) => each.morphTargetInfluences && parts.push(each));
-  });
+  const meshesOf = (isOne) => {
+    const parts = [];
+    root.traverse((object) => {
+      if (isOne(object)) object.traverse((each) => each.morphTargetInfluences && parts.push(each));
+    });
+    return parts;
+  };
+  const named = meshesOf(({ userData }) => userData.name === node);
+  // gltfpack puts a mesh below its node, without a name.
+  const parts = named.length ? named : meshesOf(({ userData }) => userData.wrinkle !== undefined);
   const weights = times.map((time, frame) => {
     if (action) action.time = time;
     mixer.update(0);

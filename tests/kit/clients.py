@@ -327,3 +327,8 @@ def compare_with_three(
         f" three.js {found[worst[:2]]}, expected {expected[worst[:2]]}"
     )
     return float(differences[worst])
+
+
+def target_bytes(file: Path) -> int:
+    """What three.js allocates on a GPU for a file's morph targets."""
+    return int(ask("memory", "targetBytes", str(file)))

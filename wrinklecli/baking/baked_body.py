@@ -3,10 +3,12 @@
 Source: the extras that `extras.encode_extras` writes.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from wrinklecli.baking.extras import PARTS
 from wrinklecli.character.rig import read_rig
 from wrinklecli.errors import AssetError, listed
 from wrinklecli.gltf.document import Document
@@ -105,19 +107,15 @@ class BakedFold:
 
 
 @dataclass(frozen=True, slots=True)
-class BakedBody:
-    """A node that carries wrinkles.
+class BakedPart:
+    """A node whose mesh has morph targets of a body.
 
     Attributes:
         node: Its name.
         mesh: Of its mesh; none where it has no name.
         primitives: How many the mesh has.
-        targets: The names of all morph targets.
+        targets: The names of its morph targets.
         stored: (targets,) weights in the stored pose.
-        tools: Those that the extras can drive.
-        folds: Those whose contact is resolved.
-        ambiguous: Whether a scene or another node has the node's name too.
-        draft: Whether it is of a bake that was one.
     """
 
     node: str
@@ -125,10 +123,40 @@ class BakedBody:
     primitives: int
     targets: tuple[str, ...]
     stored: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class BakedBody:
+    """A node that carries wrinkles, with the other nodes among which its mesh was split.
+
+    Attributes:
+        parts: The node itself, whose mesh has all of the asset's own morph targets, and the others.
+        tools: Those that the extras can drive.
+        folds: Those whose contact is resolved.
+        ambiguous: Whether a scene or another node has the node's name too.
+        draft: Whether it is of a bake that was one.
+    """
+
+    parts: tuple[BakedPart, ...]
     tools: tuple[BakedTool, ...]
     folds: tuple[BakedFold, ...]
     ambiguous: bool
     draft: bool
+
+    @property
+    def node(self) -> str:
+        """Name of the node itself."""
+        return self.parts[0].node
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """Names of the morph targets of the node itself."""
+        return self.parts[0].targets
+
+    def stored(self, names: Sequence[str]) -> Floats:
+        """(names,) weights of some morph targets in the stored pose."""
+        weights = {name: each for part in self.parts for name, each in zip(part.targets, part.stored, strict=True)}
+        return np.array([weights[name] for name in names])
 
     @property
     def driven(self) -> tuple[str, ...]:
@@ -138,7 +166,7 @@ class BakedBody:
 
     @property
     def own(self) -> tuple[str, ...]:
-        """Names of the morph targets that are not driven."""
+        """Names of the morph targets that are not driven, all of which the node itself has."""
         return tuple(name for name in self.targets if name not in self.driven)
 
 
@@ -156,28 +184,23 @@ def read_bodies(document: Document) -> list[BakedBody]:
         where = document.where("nodes", index, "extras", "wrinkle")
         if not node.get("name"):
             raise AssetError("tracks find their mesh by the node's name, and it has none", where=where)
-        rig = read_rig(document, index)
-        mesh = document.items("meshes")[rig.mesh]
         try:
+            parts = tuple(_read_part(document, each) for each in (index, *part_nodes(document, index)))
             tools = tuple(_read_tool(tool) for tool in extras["wrinkle"]["tools"] if tool["targets"])
             folds = tuple(_read_fold(fold) for fold in extras["wrinkle"].get("folds", ()) if fold["targets"])
         except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise AssetError("is not what `wrinkle bake` writes", where=where) from error
         driven = [*(tool.targets for tool in tools), *(fold.targets for fold in folds)]
-        gone = [name for each in driven for name in each if name not in rig.morph_names]
+        there = {name for part in parts for name in part.targets}
+        gone = [name for each in driven for name in each if name not in there]
         if gone:
             raise AssetError(f"the mesh has lost its morph targets {listed(gone)}", where=where)
-        name = mesh.get("name")
         bodies.append(
             BakedBody(
-                node=node["name"],
-                mesh=name if isinstance(name, str) else None,
-                primitives=len(mesh["primitives"]),
-                targets=rig.morph_names,
-                stored=rig.morph_weights,
+                parts=parts,
                 tools=tools,
                 folds=folds,
-                ambiguous=count_named(document, node["name"]) > 1,
+                ambiguous=any(count_named(document, part.node) > 1 for part in parts),
                 draft=extras["wrinkle"].get("draft") is True,
             )
         )
@@ -186,8 +209,49 @@ def read_bodies(document: Document) -> list[BakedBody]:
     return bodies
 
 
-def wrinkle_targets(node: Json) -> frozenset[str]:
-    """The names of the morph targets that a bake has added to a node's mesh; none where the extras do not say so."""
+def part_nodes(document: Document, node: int) -> list[int]:
+    """The other nodes among which a baked node's mesh was split.
+
+    Raises:
+        KeyError: One is not there, or others: the extras are not what `bake` writes.
+    """
+    nodes = document.items("nodes")
+    names = {each.get("name"): index for index, each in enumerate(nodes) if "mesh" in each}
+    return [names[name] for name in nodes[node]["extras"]["wrinkle"].get(PARTS, ())]
+
+
+def wrinkle_targets(document: Document) -> dict[int, frozenset[str]]:
+    """For each node the names of the morph targets that a bake has added; none where no extras say so."""
+    nodes = document.items("nodes")
+    found = {index: _wrinkle_targets(node) for index, node in enumerate(nodes)}
+    return found | {part: found[part] | found[body] for part, body in bodies_of_parts(document).items()}
+
+
+def bodies_of_parts(document: Document) -> dict[int, int]:
+    """For each node with a part of a split mesh, but the one that carries the extras, that one."""
+    found: dict[int, int] = {}
+    for index, node in enumerate(document.items("nodes")):
+        try:
+            found |= dict.fromkeys(part_nodes(document, index) if _wrinkle_targets(node) else (), index)
+        except (KeyError, TypeError, AttributeError):
+            continue
+    return found
+
+
+def _read_part(document: Document, node: int) -> BakedPart:
+    rig = read_rig(document, node)
+    mesh = document.items("meshes")[rig.mesh]
+    name = mesh.get("name")
+    return BakedPart(
+        node=document.items("nodes")[node]["name"],
+        mesh=name if isinstance(name, str) else None,
+        primitives=len(mesh["primitives"]),
+        targets=rig.morph_names,
+        stored=rig.morph_weights,
+    )
+
+
+def _wrinkle_targets(node: Json) -> frozenset[str]:
     extras = node.get("extras")
     try:
         entry = extras["wrinkle"] if isinstance(extras, dict) else {}

@@ -97,7 +97,24 @@ def texture_bytes(plan: MeshPlan, targets: int) -> int:
     It is targets x vertices x attributes (POSITION, and NORMAL where there is one) x 16 bytes, a texture row's
     padding left out. Source: three.js r187, `WebGLMorphtargets`.
     """
-    return targets * len(plan.fine.weld) * _attributes(plan) * _TEXEL_BYTES
+    return texel_bytes(plan, targets * len(plan.fine.weld))
+
+
+def texel_bytes(plan: MeshPlan, vertices: int) -> int:
+    """The same of so many vertices of morph targets."""
+    return vertices * _attributes(plan) * _TEXEL_BYTES
+
+
+def mesh_texture_bytes(gltf: Json, mesh: Json) -> int:
+    """The same of a mesh in a document."""
+    return sum(
+        len(targets)
+        * gltf["accessors"][primitive["attributes"]["POSITION"]]["count"]
+        * (1 + any("NORMAL" in target for target in targets))
+        * _TEXEL_BYTES
+        for primitive in mesh["primitives"]
+        for targets in (primitive.get("targets", []),)
+    )
 
 
 def _attributes(plan: MeshPlan) -> int:

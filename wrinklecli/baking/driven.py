@@ -27,7 +27,7 @@ def with_driven_wrinkles(document: Document, clips: Collection[str]) -> tuple[Do
         The document, and what is wrong with the extras, a line each.
     """
     chosen = [clip for clip in read_clips(document) if clip.name in clips]
-    if not chosen or not any(wrinkle_targets(node) for node in document.items("nodes")):
+    if not chosen or not any(wrinkle_targets(document).values()):
         return document, []
     try:
         bodies = read_bodies(document)
@@ -38,16 +38,17 @@ def with_driven_wrinkles(document: Document, clips: Collection[str]) -> tuple[Do
     for body in bodies:
         tools, missed = present_tools(body, document.items("nodes"))
         warnings += [f"{document.path}: {line}" for line in missed]
-        undriven = [clip for clip in chosen if not _drives(clip, nodes.meshes[body.node], body)]
+        undriven = [clip for clip in chosen if not _drives(clip, nodes.meshes, body)]
         if tools:
             track_body(edited, body, tools, undriven, fps=_FPS, tolerance=MAX_ERROR - TABLE_ERROR)
     return edited.document(), warnings
 
 
-def _drives(clip: Clip, node: int, body: BakedBody) -> bool:
+def _drives(clip: Clip, nodes: dict[str, int], body: BakedBody) -> bool:
     """Whether a clip moves a morph target of the body's tools itself, as one does that `track` has been over."""
-    channel = clip.channel(node, "weights")
-    if channel is None:
-        return False
-    columns = [body.targets.index(name) for name in body.driven]
-    return not np.allclose(channel.points[:, columns], body.stored[columns], atol=1e-6)
+    for part in body.parts:
+        channel = clip.channel(nodes[part.node], "weights")
+        columns = [number for number, name in enumerate(part.targets) if name in body.driven]
+        if channel is not None and not np.allclose(channel.points[:, columns], part.stored[columns], atol=1e-6):
+            return True
+    return False

@@ -17,6 +17,9 @@ from wrinklecli.tools.records import RestLengthKeys, RestLengthMorph
 # Raised only when the geometry that the same asset and tools give changes.
 METHOD = 3
 
+PARTS = "parts"
+"""Key of the names of the nodes beside it that show the other parts of a split mesh."""
+
 # Decimal digits of numbers in extras: float32's own.
 _DIGITS = 8
 # Decimal digits of tabulated weights, whose rows are right to about three.
@@ -42,6 +45,8 @@ def encode_extras(
     s = (D₃₂ - D₂₃, D₁₃ - D₃₁, D₂₁ - D₁₂) the angle is 2 atan2(`axis` · s, 1 + trace D). `vertices` counts those of
     each primitive before refinement; new ones follow them. `undriven` are targets of tools that anchors alone do not
     drive, and those that contact has for one clip alone. `draft` is there if it was one: not proven, and less refined.
+    `parts` is there where the mesh was split: the names of the nodes with the rest of it, of whose morph targets those
+    of one name must have the same weight.
     """
     rig = plan.rig
     node = edited.gltf["nodes"][rig.node]

@@ -37,6 +37,7 @@ class BakeOptions:
         fps: Overrides `sampling.fps`.
         max_error: Largest distance of the file from the method, of the tallest wrinkle where in per cent.
         max_levels: Overrides `refinement.max_levels`.
+        edges_per_interval: Overrides `refinement.edges_per_interval`.
         max_vertices: That refinement may add to a mesh.
         accessors: How morph targets are stored: `dense` for readers that cannot take sparse accessors, `based` for
             those that need zeros below them; see `gltf.edit`.
@@ -53,6 +54,7 @@ class BakeOptions:
             `baking.original`.
         details: Measure residuals of normals and curve lengths for the report, which takes longer.
         draft: For a quick look: refine one level less and do not prove the file, which says that it is a draft.
+        split: Let faces that the same morph targets move be meshes and nodes of their own, without the other targets.
     """
 
     mode: Mode = "morph"
@@ -62,6 +64,7 @@ class BakeOptions:
     fps: float | None = None
     max_error: Length = _ONE_PERCENT
     max_levels: int | None = None
+    edges_per_interval: int | None = None
     max_vertices: int = MAX_VERTICES
     accessors: Storage = "sparse"
     tracks: Literal["all", "none"] = "all"
@@ -75,6 +78,7 @@ class BakeOptions:
     replace: bool = False
     details: bool = False
     draft: bool = False
+    split: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -281,6 +285,8 @@ def _overridden(settings: ToolsFile, options: BakeOptions) -> ToolsFile:
         sampling = replace(sampling, fps=options.fps)
     if options.max_levels is not None:
         refinement = replace(refinement, max_levels=options.max_levels)
+    if options.edges_per_interval is not None:
+        refinement = replace(refinement, edges_per_interval=options.edges_per_interval)
     if options.draft:
         # Edges twice as long need one level less.
         fewer, longer = max(refinement.max_levels - 1, 0), refinement.edges_per_interval / 2

@@ -18,6 +18,7 @@ from wrinklecli.baking.plan import MeshPlan, plan_meshes
 from wrinklecli.baking.proof import prove
 from wrinklecli.baking.report import BakedMesh, Report, make_report
 from wrinklecli.baking.sample import sample_clips
+from wrinklecli.baking.split import split_meshes, weighed
 from wrinklecli.baking.timings import StageClock, make_timings
 from wrinklecli.errors import BakeError, RefusedError
 from wrinklecli.files.outputs import Outputs, part_of
@@ -75,6 +76,10 @@ def _bake(
     progress: Progress,
 ) -> Report:
     """Bake, and add what is to be written to `outputs`."""
+    if options.split and options.mode == "frames":
+        raise BakeError(
+            "split keeps morph targets from what they do not move; mode frames writes none", where=os.fspath(asset)
+        )
     clock = StageClock()
     if out is not None:
         outputs.claim(out)
@@ -93,6 +98,11 @@ def _bake(
             posed = [_pose_frames(job, plan, clock, progress) for plan in plans]
         if options.mode == "morph" and out is not None:
             morphed = [_add_morph_targets(job, edited, plan, clock, progress) for plan in plans]
+            with clock.stage("encode"):
+                if options.split:
+                    edited, morphed = split_meshes(edited, morphed)
+                else:
+                    morphed = [weighed(edited, mesh) for mesh in morphed]
         # Where nothing is to be written, the report tells of the plans alone.
         baked = morphed or posed or [BakedMesh(plan) for plan in plans]
         with clock.stage("report"):

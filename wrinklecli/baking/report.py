@@ -58,6 +58,14 @@ class Report:
         return f", {targets} of contact in {counted(count, 'fold')}" if folds else ""
 
     @property
+    def _split(self) -> str:
+        """What the summary says of a split: what it would leave, where that is less than half."""
+        meshes = self.data["meshes"]
+        whole = sum(mesh["gpu_bytes"] for mesh in meshes)
+        split = sum(mesh.get("split_gpu_bytes", mesh["gpu_bytes"]) for mesh in meshes)
+        return f" ({split / 1e6:.1f} MB with --split)" if 2 * split < whole else ""
+
+    @property
     def summary(self) -> str:
         """One line: what was made."""
         meshes = self.data["meshes"]
@@ -71,7 +79,7 @@ class Report:
             counted(len(self.data["clips"]), "clip"),
         ]
         if self.data["mode"] == "morph":
-            parts.append(f"{sum(mesh['gpu_bytes'] for mesh in meshes) / 1e6:.1f} MB of targets on a GPU")
+            parts.append(f"{sum(mesh['gpu_bytes'] for mesh in meshes) / 1e6:.1f} MB of targets on a GPU" + self._split)
         own = [mesh["own_targets"] for mesh in meshes if mesh.get("own_targets", {}).get("bytes")]
         if own:
             before, after = (sum(each[key] for each in own) / 1e6 for key in ("bytes_before", "bytes"))
@@ -91,6 +99,19 @@ def as_json(data: Json) -> str:
 
 
 @dataclass(frozen=True, slots=True)
+class Split:
+    """A mesh in parts, made or only weighed.
+
+    Attributes:
+        gpu_bytes: That three.js takes for the morph targets of all parts.
+        nodes: Names of the parts' nodes; none where the mesh is whole.
+    """
+
+    gpu_bytes: int
+    nodes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class BakedMesh:
     """All that was made of one node's mesh.
 
@@ -101,6 +122,7 @@ class BakedMesh:
         residuals: By clip, where the file was proved.
         budget: What `fit_budget` says, where an engine was named.
         own_bytes: What the asset's own morph targets take, in the asset and in the written file.
+        split: The mesh in parts; None where little was to be gained.
     """
 
     plan: MeshPlan
@@ -109,6 +131,7 @@ class BakedMesh:
     residuals: dict[str, Residual] = field(default_factory=dict)
     budget: Json | None = None
     own_bytes: tuple[int, int] = (0, 0)
+    split: Split | None = None
 
     def activity(self, tool: int) -> list[ClipActivity]:
         """What one of the tools does in each clip."""
@@ -178,6 +201,10 @@ def _describe_mesh(mesh: BakedMesh, mode: Mode) -> Json:
         data["own_targets"] = {"count": len(rig.morph_names), "bytes_before": before, "bytes": after}
         # Of all morph targets, those of the asset among them.
         data["gpu_bytes"] = texture_bytes(plan, len(rig.morph_names) + len(targets_of(mesh.target_sets)))
+        if mesh.split is not None and mesh.split.nodes:
+            data |= {"gpu_bytes": mesh.split.gpu_bytes, "parts": list(mesh.split.nodes)}
+        elif mesh.split is not None:
+            data["split_gpu_bytes"] = mesh.split.gpu_bytes
     return data
 
 

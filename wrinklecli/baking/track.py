@@ -210,9 +210,10 @@ def track_body(
     tolerance: float,
 ) -> tuple[list[str], list[str]]:
     """Add one body's tracks; the names of the clips that move its anchors, and of those that do not."""
-    node = node_for_tracks(edited, body)
+    node = node_for_tracks(edited, body.parts[0], body.own)
+    others = [(part, node_for_tracks(edited, part, part.targets)) for part in body.parts[1:] if part.targets]
     driven = _driven_tools(edited, node, body, tools)
-    order = [[*body.own, *body.driven].index(name) for name in body.targets]
+    every = [*body.own, *body.driven]
     moved, still = [], []
     for source in clips:
         clip = _with_own_weights(source, node, body)
@@ -226,7 +227,9 @@ def track_body(
             if channel is None:
                 continue
             made = pad(channel, driven.stored)
-        encode_track(edited, source, node, Track(made.times, made.values[..., order], made.interpolation))
+        for part, place in ((body.parts[0], node), *others):
+            values = made.values[..., [every.index(name) for name in part.targets]]
+            encode_track(edited, source, place, Track(made.times, values, made.interpolation))
     return moved, still
 
 
@@ -311,7 +314,7 @@ def _driven_tools(edited: EditedDocument, node: int, body: BakedBody, tools: Seq
         morph_names=body.own,
         morph_weights=whole.morph_weights[[body.targets.index(name) for name in body.own]],
     )
-    stored = body.stored[[body.targets.index(name) for name in body.driven]]
+    stored = body.stored(body.driven)
     targets = [*(tool.targets for tool in tools), *(fold.targets for fold in folds)]
     columns = tuple([body.driven.index(name) for name in each] for each in targets)
     return _DrivenTools(tuple(tools), folds, rig, joints, stored, columns)

@@ -1,8 +1,10 @@
-"""The node that gets a body's tracks in a file of clips: its own of the body's name, or a stub for players to bind."""
+"""The nodes that get a body's tracks in a file of clips: its own of their names, or stubs for players to bind."""
+
+from collections.abc import Sequence
 
 import numpy as np
 
-from wrinklecli.baking.baked_body import BakedBody
+from wrinklecli.baking.baked_body import BakedPart
 from wrinklecli.baking.morphs import own_mesh
 from wrinklecli.character.rig import morph_target_names
 from wrinklecli.errors import AssetError, listed
@@ -11,8 +13,13 @@ from wrinklecli.gltf.edit import VERTEX_DATA, EditedDocument
 from wrinklecli.gltf.shape import Json
 
 
-def node_for_tracks(edited: EditedDocument, body: BakedBody) -> int:
-    """The node that gets the body's tracks: the file's own of that name, or a stub.
+def node_for_tracks(edited: EditedDocument, body: BakedPart, own: Sequence[str]) -> int:
+    """The node that gets a body's tracks: the file's own of that name, or a stub.
+
+    Args:
+        edited: The file with clips.
+        body: The node as it was baked.
+        own: Names of the morph targets that it may have without the others.
 
     Raises:
         AssetError: The file has a mesh on a node of that name, with other morph targets, or without vertices.
@@ -23,7 +30,7 @@ def node_for_tracks(edited: EditedDocument, body: BakedBody) -> int:
         return _add_stub(edited, body)
     node = nodes[found[0]]
     names = tuple(morph_target_names(edited.gltf["meshes"][node["mesh"]]))
-    if names not in (body.targets, body.own):
+    if names not in (body.targets, tuple(own)):
         raise AssetError(
             f"the mesh of {body.node!r} has other morph targets than the body: {listed(names)};"
             " take it out of the file, or bake this file itself",
@@ -31,7 +38,7 @@ def node_for_tracks(edited: EditedDocument, body: BakedBody) -> int:
         )
     if names != body.targets:
         _refuse_incomplete(edited.source, node["mesh"], targets=len(names))
-        _add_idle_targets(edited, node, body)
+        _add_idle_targets(edited, node, body, own)
     return found[0]
 
 
@@ -48,7 +55,7 @@ def _refuse_incomplete(document: Document, mesh: int, *, targets: int) -> None:
             raise AssetError(f"has {len(primitive.get('targets', []))} morph targets, not {targets}", where=where)
 
 
-def _add_stub(edited: EditedDocument, body: BakedBody) -> int:
+def _add_stub(edited: EditedDocument, body: BakedPart) -> int:
     """Append a node with a mesh of the body's names and targets, three vertices in one point, and give its index."""
     point = edited.add(np.zeros((3, 3), np.float32), target=VERTEX_DATA, bounds=True)
     primitive: Json = {"attributes": {"POSITION": point}, "targets": [{"POSITION": point} for _ in body.targets]}
@@ -69,10 +76,9 @@ def _add_stub(edited: EditedDocument, body: BakedBody) -> int:
     return len(nodes) - 1
 
 
-def _add_idle_targets(edited: EditedDocument, node: Json, body: BakedBody) -> None:
+def _add_idle_targets(edited: EditedDocument, node: Json, body: BakedPart, own: Sequence[str]) -> None:
     """Give a mesh the body's targets that it lacks: they do nothing here, but tracks have a weight for each."""
     mesh = own_mesh(edited, node, node["mesh"])
-    own = list(body.own)
     for primitive in mesh["primitives"]:
         old = primitive.get("targets", [])
         count = len(edited.source.accessor(primitive["attributes"]["POSITION"]))

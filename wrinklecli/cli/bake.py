@@ -51,6 +51,9 @@ from wrinklecli.cli.streams import command_outputs
     help="Refuse a file that is off by more: scene units, or per cent of the tallest wrinkle.",
 )
 @max_levels_option()
+@click.option(
+    "--edges-per-interval", type=click.IntRange(1, 16), help="Overrides refinement.edges_per_interval: on half a bump."
+)
 @max_vertices_option()
 @click.option(
     "--accessors",
@@ -68,6 +71,12 @@ from wrinklecli.cli.streams import command_outputs
     help="none: write targets and extras, but no weight tracks.",
 )
 @click.option("--draft", is_flag=True, help="A quick look: no proof, one level of refinement less; OUT says so.")
+@click.option(
+    "--split",
+    is_flag=True,
+    help="Meshes in parts, NAME_part2 and so on beside NAME, each with the morph targets alone that move it: engines"
+    " unpack targets over whole meshes.",
+)
 @click.option("--morph-tangents", is_flag=True, help="Add TANGENT to targets where the mesh has tangents.")
 @click.option(
     "--engine",

@@ -62,6 +62,7 @@ class EditedDocument:
         self._data = NewData()
         self._new_views: set[int] = set()
         self._dead_views: set[int] = set()  # of the source: nothing refers to them any more
+        self._dead_spans: list[tuple[int, int, int]] = []  # buffers and bytes that no view of the source shows
         self._free_views: list[int] = []  # of these, whose index no other has got yet
         self._free_accessors: list[int] = []
         self._accessor_uses = Counter(accessor_references(self.gltf))
@@ -233,6 +234,13 @@ class EditedDocument:
         """Drop one reference to an accessor, not the last: its successor will be there for another's sake."""
         self._release(accessor)
 
+    def discard(self, accessor: int, *, like: int) -> None:
+        """Drop one reference to an accessor; after the last it shows what another does, until its index is needed."""
+        freed = self._release(accessor)
+        if freed is not None:
+            self._free_accessors.append(freed)
+            self.gltf["accessors"][freed] = copy.copy(self.gltf["accessors"][like])
+
     def drop_view(self, view: int) -> None:
         """Drop one reference to a buffer view that no accessor has."""
         self._release_view(view)
@@ -243,6 +251,18 @@ class EditedDocument:
         data = memoryview(b"".join(self.new_data()))
         # What the source has decoded is not taken over: an accessor's index may be another's now.
         return replace(self.source, gltf=self.gltf | {"buffers": buffers}, buffers=(*self.source.buffers, data))
+
+    def continued(self) -> "EditedDocument":
+        """A document being changed whose source is this one as it is now: what was added may be replaced too."""
+        again = EditedDocument(self.document(), storage=self.storage)
+        views = self.source.items("bufferViews")
+        dead = [part for slot in sorted(self._dead_views) if slot < len(views) for part in view_parts(views[slot])]
+        again._dead_spans = [*self._dead_spans, *((part.get("buffer", -1), *view_span(part)) for part in dead)]
+        again._free_views, again._dead_views = list(self._free_views), set(self._free_views)
+        again._free_accessors = list(self._free_accessors)
+        for accessor in self._free_accessors:
+            again._view_uses.subtract(accessor_views(self.gltf["accessors"][accessor]))
+        return again
 
     @property
     def new_size(self) -> int:
@@ -256,7 +276,7 @@ class EditedDocument:
     def kept(self, buffer: int) -> KeptBytes:
         """What is kept of a buffer of the source: all but dead views that no other view overlaps."""
         living: list[tuple[int, int]] = []
-        dead: list[tuple[int, int]] = []
+        dead = [(low, high) for number, low, high in self._dead_spans if number == buffer]
         for slot, view in enumerate(self.source.items("bufferViews")):
             shown = [view_span(part) for part in view_parts(view) if part.get("buffer") == buffer]
             (dead if slot in self._dead_views else living).extend(shown)

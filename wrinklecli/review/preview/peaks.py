@@ -1,7 +1,7 @@
 """The moment at which each tool's wrinkles are tallest, and what an artist wants to know of the tool there."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +20,7 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.method.activity import activities
 from wrinklecli.method.curve import group_starts
-from wrinklecli.numeric.arrays import Floats, determinants, median
+from wrinklecli.numeric.arrays import Floats, Ints, determinants, median
 from wrinklecli.review.check import describe_clip, describe_tool
 from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.shown import ShownAsset, ShownPrimitive
@@ -111,14 +111,27 @@ def baked_peaks(asset: ShownAsset, clips: Sequence[Clip]) -> list[Peak]:
     driven = _driven_tools(asset)
     peaks = []
     for node, shown in asset.wrinkled.items():
-        rig = shown[0].source.rig
+        rigs = {each.source.rig.node: each.source.rig for each in shown}
+        rig = rigs.get(node, shown[0].source.rig)
         scale = float(median(np.cbrt(np.abs(determinants(joint_matrices(rig, None, np.zeros(1))[0, :, :3, :3])))))
         tracked = [clip for clip in clips if clip.channel(node, "weights") is not None]
         grids = [clip_grid(clip, rig, fps=_FPS) for clip in tracked]
-        weights = [morph_weights(rig, clip, times) for clip, times in zip(tracked, grids, strict=True)]
-        for name, columns in _tools_on(asset, node, rig):
-            reaches = scale * _reaches(shown, columns)
-            heights = [np.max(np.abs(each[:, columns]) * reaches, axis=1, initial=0.0) for each in weights]
+        weights = [
+            {part: morph_weights(each, clip, times) for part, each in rigs.items()}
+            for clip, times in zip(tracked, grids, strict=True)
+        ]
+        for name, targets in _tools_on(asset, node, rigs.values()):
+            reaches = [(each, *_reaches(each, targets)) for each in shown]
+            heights = [
+                np.max(
+                    [
+                        np.max(np.abs(of[each.source.rig.node][:, columns]) * scale * reach, axis=1, initial=0.0)
+                        for each, columns, reach in reaches
+                    ],
+                    axis=0,
+                )
+                for of in weights
+            ]
             found = []
             top = _EQUAL * max((float(each.max(initial=0.0)) for each in heights), default=0.0)
             for clip, times, each in zip(tracked, grids, heights, strict=True):
@@ -160,30 +173,28 @@ def _driven_tools(asset: ShownAsset) -> dict[tuple[int, str], BakedTool]:
     return found
 
 
-def _tools_on(asset: ShownAsset, node: int, rig: Rig) -> Iterator[tuple[str, list[int]]]:
-    """The tools that were baked into a node, by name, with the numbers of their morph targets."""
+def _tools_on(asset: ShownAsset, node: int, rigs: Iterable[Rig]) -> Iterator[tuple[str, list[str]]]:
+    """The tools that were baked into a node, by name, with the names of their morph targets on some meshes."""
+    there = {name for rig in rigs for name in rig.morph_names}
     entry = asset.document.items("nodes")[node]["extras"]["wrinkle"]
     for tool in entry["tools"]:
-        columns = [rig.morph_names.index(name) for name in tool["targets"] if name in rig.morph_names]
-        if columns:
-            yield str(tool.get("name")), columns
-    undriven: dict[str, list[int]] = {}
+        targets = [name for name in tool["targets"] if name in there]
+        if targets:
+            yield str(tool.get("name")), targets
+    undriven: dict[str, list[str]] = {}
     for name in entry.get("undriven", ()):
-        found = re.fullmatch(r"wrinkle_(.*)_\d+", name) if name in rig.morph_names else None
+        found = re.fullmatch(r"wrinkle_(.*)_\d+", name) if name in there else None
         if found:
-            undriven.setdefault(found[1], []).append(rig.morph_names.index(name))
+            undriven.setdefault(found[1], []).append(name)
     yield from undriven.items()
 
 
-def _reaches(shown: Sequence[ShownPrimitive], columns: Sequence[int]) -> Floats:
-    """(targets,) how far each of some morph targets moves a vertex at the most, bind units."""
-    reaches = np.zeros(len(columns))
-    for each in shown:
-        of_shapes = np.isin(columns, each.shape_numbers)
-        rows = np.searchsorted(each.shape_numbers, np.array(columns)[of_shapes])
-        lengths = np.sqrt(np.sum(each.shapes[rows] ** 2, axis=2)).max(axis=1, initial=0.0)
-        reaches[of_shapes] = np.maximum(reaches[of_shapes], lengths)
-    return reaches
+def _reaches(shown: ShownPrimitive, targets: Sequence[str]) -> tuple[Ints, Floats]:
+    """(found,) numbers of some morph targets on a primitive, and (found,) how far they move a vertex, bind units."""
+    names = shown.source.rig.morph_names
+    rows = [row for row, number in enumerate(shown.shape_numbers.tolist()) if names[number] in targets]
+    lengths: Floats = np.sqrt(np.sum(shown.shapes[rows] ** 2, axis=2)).max(axis=1, initial=0.0)
+    return shown.shape_numbers[rows], lengths
 
 
 def _shortening(tool: BakedTool, asset: ShownAsset, rig: Rig, clip: Clip, times: Floats) -> Json:

@@ -144,8 +144,7 @@ def _read_assets(
     motions = Motions(options.anims, range_of_motion, options.pose, options.morphs)
     joined: list[Moved] = []
     for document in documents:
-        driven = {node: wrinkle_targets(each) for node, each in enumerate(document.items("nodes"))}
-        joined.append(moved(document, deforming_nodes(document), motions, driven=driven))
+        joined.append(moved(document, deforming_nodes(document), motions, driven=wrinkle_targets(document)))
         outputs.protect([*files_of(document), *joined[-1].beside])
         # What is shown beside an asset moves as it does.
         motions = replace(motions, range_of_motion=bool(joined[0].range))

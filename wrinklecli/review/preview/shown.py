@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrinklecli.baking.baked_body import wrinkle_targets
+from wrinklecli.baking.baked_body import bodies_of_parts, wrinkle_targets
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.refined_mesh import primitives_of
 from wrinklecli.character.clip import Clip, clip_named, read_clips
@@ -108,11 +108,12 @@ class ShownAsset:
 
     @property
     def wrinkled(self) -> dict[int, list[ShownPrimitive]]:
-        """The primitives that carry wrinkles, by their node."""
+        """The primitives that carry wrinkles, by their node; those of a split mesh by that which tells of the tools."""
+        bodies = bodies_of_parts(self.document)
         found: dict[int, list[ShownPrimitive]] = {}
         for shown in self.primitives:
             if len(shown.shape_numbers):
-                found.setdefault(shown.source.rig.node, []).append(shown)
+                found.setdefault(bodies.get(shown.source.rig.node, shown.source.rig.node), []).append(shown)
         return found
 
     def without_wrinkles(self) -> "ShownAsset":
@@ -132,13 +133,15 @@ class ShownAsset:
         """The asset with no other wrinkles than those of some morph targets.
 
         Args:
-            chosen: Whether a morph target, by its node and its name, is one of them.
+            chosen: Whether a morph target, by its node (as of `wrinkled`) and its name, is one of them.
             raised: Let their stored weights be 1.
         """
+        bodies = bodies_of_parts(self.document)
         primitives = []
         for shown in self.primitives:
             rig = shown.source.rig
-            numbers = [number for number in shown.shape_numbers if chosen(rig.node, rig.morph_names[number])]
+            body = bodies.get(rig.node, rig.node)
+            numbers = [number for number in shown.shape_numbers if chosen(body, rig.morph_names[number])]
             weights = rig.morph_weights.copy()
             if raised:
                 weights[numbers] = 1.0
@@ -210,9 +213,11 @@ def read_shown(
     for source in sources:
         _refuse_many(document, len(source.triangles))
     paints, warnings = read_paints(document, sources)
+    driven = wrinkle_targets(document)
     primitives = []
     for source, paint in zip(sources, paints, strict=True):
-        numbers = _wrinkle_targets(document, source)
+        of_bake = driven[source.rig.node]
+        numbers = np.array([k for k, name in enumerate(source.rig.morph_names) if name in of_bake], np.intp)
         shapes = source.vertices.morph_deltas[numbers]
         primitives.append(ShownPrimitive(source, paint, shapes, numbers, tuple(_marks(source, plans, refined))))
     return ShownAsset(label, document, read_clips(document), tuple(primitives)), warnings
@@ -221,12 +226,6 @@ def read_shown(
 def _refuse_many(document: Document, count: int) -> None:
     """Check that so many triangles may be drawn at once."""
     document.memory.check(_TRIANGLE_BYTES * count, f"{count:,} triangles to draw", where=document.path)
-
-
-def _wrinkle_targets(document: Document, source: ScenePrimitive) -> Ints:
-    """(shapes,) numbers of the morph targets that a bake has added, by the node's extras."""
-    names = wrinkle_targets(document.items("nodes")[source.rig.node])
-    return np.array([k for k, name in enumerate(source.rig.morph_names) if name in names], np.intp)
 
 
 def _marks(source: ScenePrimitive, plans: Sequence[MeshPlan], refined: bool) -> Iterator[Mark]:

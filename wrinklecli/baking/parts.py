@@ -1,0 +1,125 @@
+"""Which faces of a mesh are moved by which morph targets, and in which few parts they take the least memory on a GPU.
+
+Engines unpack a morph target over all vertices of its mesh, however few it moves. So what it takes of memory and time
+follows the mesh; of a mesh in parts, of which each has the targets alone that move it, it follows the wrinkles.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from wrinklecli.baking.refined_mesh import RefinedPrimitive
+from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.shape import Json
+from wrinklecli.gltf.split import Part
+from wrinklecli.numeric.arrays import Bools, Floats, Ints
+
+# Bytes on a GPU that a mesh more is worth: it takes a draw call.
+_WORTH = 131_072
+# Parts at the most, and those that are compared with each other at first.
+_MOST, _COMPARED = 16, 192
+# Of a vertex and target, two texels of four floats, POSITION and NORMAL; a surface has half as many vertices as faces.
+_BYTES_OF_FACE = 16
+
+
+def parts_of(
+    document: Document, primitives: Sequence[Json], refined_primitives: Sequence[RefinedPrimitive], *, own: int
+) -> list[Part]:
+    """Divide a mesh. No morph target moves a vertex of a part that lacks it, nor turns anything there.
+
+    Faces that the same targets move are one; then two are joined, those for which it costs the least, as long as that
+    is little. Faces of a part need not lie together. The first part, for the node itself, is that in which all of the
+    asset's own targets cost the least: players may go on setting these by their numbers.
+
+    Args:
+        document: With the targets.
+        primitives: Of the mesh.
+        refined_primitives: The same.
+        own: How many of the targets, the first, are the asset's own.
+
+    Returns:
+        The parts; a single one where nothing is gained.
+    """
+    faces = [each.triangles if len(each.triangles) else np.arange(len(each.weld))[None] for each in refined_primitives]
+    moved = _moved_faces(document, primitives, refined_primitives, faces)
+    packed = np.packbits(moved, axis=1)
+    rows = packed.view(np.dtype((np.void, packed.shape[1]))).reshape(-1)
+    _, firsts, kind_of, counts = np.unique(rows, return_index=True, return_inverse=True, return_counts=True)
+    sets, groups = _joined(moved[firsts], counts.astype(np.float64))
+    part_of = groups[kind_of]
+    sizes = np.bincount(part_of, minlength=len(sets))
+    missing = sizes * (~sets[:, :own]).sum(axis=1) + np.where(sets[:, own:].any(axis=1), 0, len(moved) * (own + 1))
+    first = int(np.argmin(missing))
+    sets[first, :own] = True
+    sets[first] |= ~sets.any(axis=0)
+    order = [first, *(k for k in range(len(sets)) if k != first)]
+    ends = np.cumsum([len(each) for each in faces])[:-1]
+    of_primitives = np.split(part_of, ends)
+    return [
+        Part(
+            tuple(each[of == k] for each, of in zip(faces, of_primitives, strict=True)),
+            tuple(np.flatnonzero(sets[k]).tolist()),
+        )
+        for k in order
+    ]
+
+
+def _moved_faces(
+    document: Document,
+    primitives: Sequence[Json],
+    refined_primitives: Sequence[RefinedPrimitive],
+    faces: Sequence[Ints],
+) -> Bools:
+    """(faces, targets) whether a target changes anything at a corner, of whichever primitive that is."""
+    count = 1 + max(int(each.weld.max(initial=0)) for each in refined_primitives)
+    moved = np.zeros((count, len(primitives[0]["targets"])), bool)
+    for primitive, refined in zip(primitives, refined_primitives, strict=True):
+        for number, target in enumerate(primitive["targets"]):
+            for index in target.values():
+                moved[refined.weld[document.changes(index)[0]], number] = True
+    corners = [refined.weld[each] for refined, each in zip(refined_primitives, faces, strict=True)]
+    return np.concatenate([moved[each].any(axis=1) for each in corners])
+
+
+def _joined(kinds: Bools, counts: Floats) -> tuple[Bools, Ints]:
+    """Join kinds of faces while it costs little.
+
+    Args:
+        kinds: (kinds, targets) by which each is moved.
+        counts: (kinds,) faces of each.
+
+    Returns:
+        (parts, targets) and (kinds,) the part of each.
+    """
+    sets, sizes, groups = kinds.astype(np.float64), counts.copy(), np.arange(len(kinds))
+    alive = np.argsort(-counts, kind="stable")
+    # Of thousands of kinds most are a few faces each: these join the best of the largest.
+    alive, few = alive[:_COMPARED], alive[_COMPARED:]
+    for kind in few:
+        into = int(alive[np.argmin(_costs(sets[alive], sizes[alive], sets[kind], sizes[kind]))])
+        _join(sets, sizes, groups, into, int(kind))
+    while len(alive) > 1:
+        costs = np.stack([_costs(sets[alive], sizes[alive], sets[k], sizes[k]) for k in alive])
+        np.fill_diagonal(costs, np.inf)
+        one, other = np.unravel_index(int(costs.argmin()), costs.shape)
+        if costs[one, other] * _BYTES_OF_FACE > _WORTH and len(alive) <= _MOST:
+            break
+        _join(sets, sizes, groups, int(alive[one]), int(alive[other]))
+        alive = np.delete(alive, other)
+    numbers = np.zeros(len(kinds), np.intp)
+    numbers[alive] = np.arange(len(alive))
+    return sets[alive] > 0, numbers[groups]
+
+
+def _costs(sets: Floats, sizes: Floats, other: Floats, size: float) -> Floats:
+    """(parts,) by how many faces times targets the mesh grows if another part joins each."""
+    each, more = sets.sum(axis=1), other.sum()
+    both = each + more - sets @ other
+    costs: Floats = both * (sizes + size) - each * sizes - more * size
+    return costs
+
+
+def _join(sets: Floats, sizes: Floats, groups: Ints, into: int, kind: int) -> None:
+    sets[into] = np.maximum(sets[into], sets[kind])
+    sizes[into] += sizes[kind]
+    groups[groups == kind] = into

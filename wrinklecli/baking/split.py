@@ -1,0 +1,75 @@
+"""A baked mesh split in parts, of which each gets the morph targets alone that move it: see `baking.parts`."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from wrinklecli.baking.budget import mesh_texture_bytes, texel_bytes, texture_bytes
+from wrinklecli.baking.extras import PARTS
+from wrinklecli.baking.parts import parts_of
+from wrinklecli.baking.refined_mesh import primitives_of, shared_vertices
+from wrinklecli.baking.report import BakedMesh, Split
+from wrinklecli.baking.targets import targets_of
+from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.edit import EditedDocument
+from wrinklecli.gltf.split import Part, split_node
+
+# Bytes on a GPU below which nobody asks what a split would save.
+_MATTERS = 1_000_000
+
+
+def split_meshes(edited: EditedDocument, baked: Sequence[BakedMesh]) -> tuple[EditedDocument, list[BakedMesh]]:
+    """Split the mesh of each baked node where that makes its morph targets smaller.
+
+    Args:
+        edited: With morph targets and tracks, as they were proved: what follows moves no vertex.
+        baked: What was made of each mesh.
+
+    Returns:
+        A document being changed whose source is what was made, and the meshes with their parts.
+
+    Raises:
+        BakeError: Something sets the morph targets of a mesh in a way that several cannot follow.
+    """
+    whole = edited.continued()
+    return whole, [_split(whole, edited.source, mesh) for mesh in baked]
+
+
+def weighed(edited: EditedDocument, mesh: BakedMesh) -> BakedMesh:
+    """A mesh that is not split, with what its targets would take if it were; as it is where that does not matter."""
+    plan = mesh.plan
+    if texture_bytes(plan, len(plan.rig.morph_names) + len(targets_of(mesh.target_sets))) < _MATTERS:
+        return mesh
+    document = edited.document()
+    parts = _parts(document, edited.source, mesh)
+    vertices = (len(part.targets) * sum(len(np.unique(each)) for each in part.triangles) for part in parts)
+    return replace(mesh, split=Split(texel_bytes(plan, sum(vertices))))
+
+
+def _split(whole: EditedDocument, source: Document, mesh: BakedMesh) -> BakedMesh:
+    rig, gltf = mesh.plan.rig, whole.gltf
+    parts = _parts(whole.source, source, mesh)
+    if len(parts) < 2:
+        return mesh
+    made = split_node(whole, rig.node, parts)
+    nodes = [gltf["nodes"][node] for node in made]
+    entry = nodes[0].get("extras", {})
+    if isinstance(entry, dict) and "wrinkle" in entry:
+        for node in nodes[1:]:
+            node["extras"] = {key: each for key, each in node["extras"].items() if key != "wrinkle"}
+            if not node["extras"]:
+                del node["extras"]
+        entry["wrinkle"][PARTS] = [node.get("name", "") for node in nodes[1:]]
+    size = sum(mesh_texture_bytes(gltf, gltf["meshes"][node["mesh"]]) for node in nodes)
+    return replace(mesh, split=Split(size, tuple(str(node.get("name", "")) for node in nodes)))
+
+
+def _parts(document: Document, source: Document, mesh: BakedMesh) -> list[Part]:
+    """The parts of a baked mesh of a document; none where it has no morph targets."""
+    plan = mesh.plan
+    primitives = document.items("meshes")[document.items("nodes")[plan.rig.node]["mesh"]]["primitives"]
+    if not any(primitive.get("targets") for primitive in primitives):
+        return []
+    refined_primitives = primitives_of(plan.fine, shared_vertices(source, plan.rig.mesh, plan.fine))
+    return parts_of(document, primitives, refined_primitives, own=len(plan.rig.morph_names))
