@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrinklecli.baking.baked_body import BakedBody, BakedFold, BakedTool, count_named, read_bodies
+from wrinklecli.baking.baked_body import BakedBody, BakedFold, BakedPart, BakedTool, count_named, read_bodies
 from wrinklecli.baking.baked_fold import fold_weights
 from wrinklecli.baking.baked_segment import lengths_in
 from wrinklecli.baking.morphs import encode_track
@@ -228,9 +228,20 @@ def track_body(
                 continue
             made = pad(channel, driven.stored)
         for part, place in ((body.parts[0], node), *others):
-            values = made.values[..., [every.index(name) for name in part.targets]]
-            encode_track(edited, source, place, Track(made.times, values, made.interpolation))
+            encode_track(edited, source, place, _track_of(part, made, every))
     return moved, still
+
+
+def _track_of(part: BakedPart, made: Track, names: Sequence[str]) -> Track:
+    """The weights of a part's morph targets, from those of names; other parts' undriven targets stay as stored."""
+    values = np.zeros((*made.values.shape[:-1], len(part.targets)))
+    points = values if values.ndim == 2 else values[:, 1]  # of a cubic, between its tangents
+    for column, name in enumerate(part.targets):
+        if name in names:
+            values[..., column] = made.values[..., names.index(name)]
+        else:
+            points[:, column] = part.stored[column]
+    return Track(made.times, values, made.interpolation)
 
 
 def _with_own_weights(clip: Clip, node: int, body: BakedBody) -> Clip:
