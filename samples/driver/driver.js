@@ -1,7 +1,11 @@
 // Wrinkles in clips that were never baked: what `wrinkle bake` leaves in a node's extras is enough.
 // `wrinkleWeights` needs neither a browser nor three.js; `WrinkleDriver` is how three.js uses it.
 
+import { foldWeights } from './fold.js';
+import { between } from './polyline.js';
 import { lagged } from './spring.js';
+
+export { foldWeights };
 
 /** A point times a 4×4 matrix, stored by columns. */
 const moved = (m, [x, y, z]) => [0, 1, 2].map((i) => m[i] * x + m[i + 4] * y + m[i + 8] * z + m[i + 12]);
@@ -10,14 +14,6 @@ const determinant = (m) =>
 
 /** A tool's anchors: two, or all of its path. */
 const anchorsOf = ({ origin, target, anchors = [origin, target] }) => anchors;
-
-/** A value between the points of a polyline, held before the first and after the last. */
-function between(xs, ys, x) {
-  const k = xs.findIndex((each) => each > x);
-  if (k === 0) return ys[0];
-  if (k < 0) return ys[ys.length - 1];
-  return ys[k - 1] + ((ys[k] - ys[k - 1]) * (x - xs[k - 1])) / (xs[k] - xs[k - 1]);
-}
 
 /** An anchor's place in the world, and its joints' scale against rest. */
 function anchor({ joints, weights, positions, scales, morphs = {} }, jointMatrixOf, morphWeightOf) {
@@ -86,32 +82,6 @@ export function wrinkleWeights(
     ? followed(curve, distance, length)
     : targets.map((_, k) => between(shortenings, weights.map((row) => row[k]), 1 - distance / length));
   return found.map((weight) => weight * (toolExtras.strengths?.[clip] ?? 1));
-}
-
-/** The rotation in a 4×4 matrix, stored by columns: three columns of unit length. */
-const turn = (m) => [0, 4, 8].map((k) => m.slice(k, k + 3)).map((c) => c.map((x) => x / (Math.hypot(...c) || 1)));
-const dot = (a, b) => a.reduce((sum, x, i) => sum + x * b[i], 0);
-
-/**
- * The weights of a fold's morph targets, in the order of `foldExtras.targets`, where touching skin is kept apart.
- *
- * foldExtras     one of `extras.wrinkle.folds`
- * jointMatrixOf  as of `wrinkleWeights`
- */
-export function foldWeights({ joint, parent, rest: [x, y, z, w], axis, angles, weights, targets }, jointMatrixOf) {
-  const own = turn([...jointMatrixOf(joint)]);
-  const above = parent === undefined ? [[1, 0, 0], [0, 1, 0], [0, 0, 1]] : turn([...jointMatrixOf(parent)]);
-  const stored = [
-    [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-    [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-    [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-  ];
-  // Against the parent, by rows; and what that is from the stored pose.
-  const local = above.map((row) => own.map((column) => dot(row, column)));
-  const d = local.map((row) => stored.map((each) => dot(row, each)));
-  const sines = [d[2][1] - d[1][2], d[0][2] - d[2][0], d[1][0] - d[0][1]];
-  const angle = 2 * Math.atan2(dot(axis, sines), 1 + d[0][0] + d[1][1] + d[2][2]);
-  return targets.map((_, k) => between(angles, weights.map((row) => row[k]), angle));
 }
 
 /**

@@ -101,7 +101,7 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
             yield from some("--accessors", chance.choice(["dense", "based"]))
             yield from some("--tracks", "none")
             yield from some("--morph-tangents")
-            yield from some("--draft")
+            yield from (*some("--draft"), *some("--split"), *some("--edges-per-interval", "1", share=0.1))
             yield from some("--engine", chance.choice(["three", "unity", "spec8", "vtk", "godot3"]))
             yield from some("--frames-dir", "frames", "--frames-format", chance.choice(["obj", "ply", "glb"]))
             yield from some("--timings", "timings.json", share=0.05)
