@@ -119,6 +119,16 @@ def test_a_clip_that_still_crosses_gets_targets_of_its_own(folded: Baked, tmp_pa
     # The clip bends the limb about an axis that leans by 60° from that of the tool.
     y, z = RADIUS * np.cos(np.radians(60.0)), RADIUS * np.sin(np.radians(60.0))
     aside = tool(bumps=2, max_height="10%", origin=[-0.4, y, z], target=[0.4, y, z], contact={"per_clip": True})
+    shared_alone, off = (
+        write_tools(tmp_path / f"{name}.yaml", aside | {"contact": name}, **TOP) for name in ("resolve", "off")
+    )
+    warnings = wrinklecli.bake(folded.asset, shared_alone, tmp_path / "resolve.glb").warnings
+    assert any("contact is left out of 1 clip, in which more would cross than without" in line for line in warnings), (
+        warnings
+    )
+    wrinklecli.bake(folded.asset, off, tmp_path / "off.glb")
+    crossings = [find_crossings(tmp_path / f"{name}.glb").data["clips"][0]["totals"] for name in ("resolve", "off")]
+    assert crossings[0] == crossings[1]
     other = tool(name="crease_contact", origin=[-0.4, -RADIUS, 0.0], target=[0.4, -RADIUS, 0.0], bumps=1)
     tools, out = write_tools(tmp_path / "tools.yaml", aside, other, **TOP), tmp_path / "out.glb"
     report = wrinklecli.bake(folded.asset, tools, out)

@@ -247,6 +247,7 @@ def _describe_fold(plan: MeshPlan, found: CreaseSet) -> Json:
         "error": _round(crease.error),
         "unsettled_frames": sum(each.unsettled for each in found.clips),
         "crossing_frames": sum(each.crossing for each in found.clips),
+        "clips_given_up": sum(each.given_up for each in found.clips),
         "clip_error": _round(max((each.error for each in found.clips), default=0.0)),
         "targets": [target.name for target in targets_of([found])],
     }

@@ -70,13 +70,17 @@ def fold_warnings(plan: MeshPlan, found: CreaseSet) -> list[str]:
     """What a user should know of a fold: where contact is not resolved wholly."""
     tools = [plan.carried_patches[number].patch.tool for number in found.crease.fold.tools]
     name = ", ".join(tool.name for tool in tools)
-    crossing = sum(each.crossing for each in found.clips)
+    crossing = sum(each.crossing for each in found.clips if not each.given_up)
+    given_up = sum(each.given_up for each in found.clips)
     unsettled = found.crease.unsettled + sum(each.unsettled for each in found.clips)
     warnings = []
+    own = any(tool.contact is not None and tool.contact.per_clip for tool in tools)
+    hint = "" if own else "; contact: {per_clip: true} gives such clips targets of their own"
     if crossing:
-        own = any(tool.contact is not None and tool.contact.per_clip for tool in tools)
-        hint = "" if own else "; contact: {per_clip: true} gives such clips targets of their own"
         warnings.append(f"{name}: contact leaves crossings in {counted(crossing, 'frame')} of clips{hint}")
+    if given_up:
+        clips = counted(given_up, "clip")
+        warnings.append(f"{name}: contact is left out of {clips}, in which more would cross than without{hint}")
     if unsettled:
         warnings.append(f"{name}: contact did not settle in {counted(unsettled, 'pose')}: they keep the last state")
     return warnings

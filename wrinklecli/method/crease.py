@@ -15,7 +15,16 @@ from wrinklecli.character.motion import approach
 from wrinklecli.method.basis import project, weighted_basis
 from wrinklecli.method.contact import FREE, SOFT, UNITS, Tissue
 from wrinklecli.method.fold import Fold
-from wrinklecli.method.folding import Found, found_in, free_rows, is_clear, last_of, squeezed, still_crossing
+from wrinklecli.method.folding import (
+    Found,
+    crossing_vertices,
+    found_in,
+    free_rows,
+    is_clear,
+    last_of,
+    squeezed,
+    still_crossing,
+)
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
 
 # Radians between two poses of a sweep, at most: further apart, what closes fast needs several times the steps.
@@ -77,18 +86,27 @@ class Crease:
     def follow(self, clip: Clip | None, times: Floats) -> "Followed":
         """March a clip.
 
+        A clip that folds the surface otherwise than the joint alone does may get from the shapes more crossings than
+        they take away: it is left as it was.
+
         Args:
             clip: The animation.
             times: (frames,) seconds, rising; near enough for the surface to follow.
         """
         weights, error, unsettled, crossing = np.zeros((len(times), len(self.shapes))), 0.0, 0, 0
+        left = 0  # vertices that cross, more than without contact
         for frame, found in enumerate(self._marched(clip, times)):
             unsettled += not found.state.converged
             if found.touches:
                 weights[frame], crosses = fitted(self.tissue, found, self.shapes)
                 crossing += crosses
                 error = max(error, _missed(found, weights[frame], self.shapes))
-        return Followed(weights, error * self.fold.radius / UNITS, unsettled, crossing)
+                left -= crossing_vertices(self.tissue, found, np.zeros_like(found.moved))
+                if crosses:
+                    left += crossing_vertices(self.tissue, found, np.tensordot(weights[frame], self.shapes, axes=1))
+        if left > 0:
+            weights[:] = 0.0
+        return Followed(weights, error * self.fold.radius / UNITS, unsettled, crossing, given_up=left > 0)
 
     def for_clip(self, clip: Clip, times: Floats, *, share: float, most: int) -> "tuple[Crease, Followed]":
         """The same fold with shapes for what contact does in one clip alone, as `resolve`; and how they follow it.
@@ -130,12 +148,14 @@ class Followed:
         error: How far the shapes are from what was found, at most, scene units.
         unsettled: Frames whose solution did not settle.
         crossing: Frames in which the shapes leave crossings.
+        given_up: Whether the clip is as without contact, as there would be more crossings with it.
     """
 
     weights: Floats
     error: float
     unsettled: int
     crossing: int
+    given_up: bool = False
 
 
 def resolve(fold: Fold, *, share: float, most: int) -> Crease | None:

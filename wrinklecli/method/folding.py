@@ -79,6 +79,12 @@ def still_crossing(tissue: Tissue, found: Found, moved: Floats) -> Bools | None:
     return fresh if fresh.any() else None
 
 
+def crossing_vertices(tissue: Tissue, found: Found, moved: Floats) -> int:
+    """How many vertices cross if (free, 3) is added to them, bind space."""
+    marked = tissue.crossing(_moved(tissue, found, moved))
+    return 0 if marked is None else int(marked.sum())
+
+
 def squeezed(tissue: Tissue, found: Found, moved: Floats) -> float:
     """How much of a limb's volume, as long as it is thick, goes if vertices are moved by (free, 3) in bind space."""
     grown = tissue.pieces.grown(_moved(tissue, found, moved), found.positions)
