@@ -103,6 +103,7 @@ def test_tracks_of_other_files_move_folds_too(folded: Baked, tmp_path: Path) -> 
     assert clip["totals"]
 
 
+@pytest.mark.slow
 def test_targets_do_not_hang_on_the_clips(folded: Baked, tmp_path: Path) -> None:
     asset, out = limb(tmp_path / "limb.glb", angle=20.0, rings=16, sides=10), tmp_path / "out.glb"
     wrinklecli.bake(asset, folded.tools, out)
@@ -115,6 +116,7 @@ def test_targets_do_not_hang_on_the_clips(folded: Baked, tmp_path: Path) -> None
         assert np.array_equal(other.accessor(one), folded.document.accessor(two))
 
 
+@pytest.mark.slow
 def test_a_clip_that_still_crosses_gets_targets_of_its_own(folded: Baked, tmp_path: Path) -> None:
     # The clip bends the limb about an axis that leans by 60° from that of the tool.
     y, z = RADIUS * np.cos(np.radians(60.0)), RADIUS * np.sin(np.radians(60.0))

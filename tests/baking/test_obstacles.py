@@ -25,6 +25,7 @@ def baked(folder: Path, *, joined: bool = False, **contact: object) -> tuple[int
     return before, after
 
 
+@pytest.mark.slow
 def test_wrinkles_stay_beneath_a_sleeve(tmp_path: Path) -> None:
     assert baked(tmp_path) == (0, 0)
 

@@ -507,6 +507,7 @@ def test_markers(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_mirrored_tools_make_mirrored_wrinkles() -> None:
     """Where they have a seed: without one, those of a name differ from those of another."""
     config = yaml.safe_load((ROOT / "configs" / "trousers.yaml").read_text())

@@ -102,7 +102,7 @@ def test_diff_sees_no_difference_in_what_moves(pair: tuple[Gltf, Gltf]) -> None:
     assert diff(pair[0].path, pair[1].path, posed=True, tolerance=Length(1e-12)).same
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 def test_a_forehead_takes_a_quarter_of_the_memory_in_three_js() -> None:
     whole, parted = (bake_config("head", "head", **each) for each in ({}, {"split": True}))
     assert target_bytes(parted.path) < target_bytes(whole.path) / 4
@@ -112,7 +112,7 @@ def test_a_forehead_takes_a_quarter_of_the_memory_in_three_js() -> None:
     assert target_bytes(parted.path) < 3 * 32 * region * len(targets_of(whole, "head"))
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 def test_tracks_of_other_files_and_the_driver_move_all_parts(tmp_path: Path) -> None:
     parted, clip = bake_config("head", "head", split=True), "raise_brows"
     (made,) = track(parted.path, [sample("head")], tmp_path)

@@ -111,6 +111,7 @@ def other_bind_space(editor: Editor) -> None:
         editor.data[start : start + old.nbytes] = np.float32(wider @ old).tobytes()
 
 
+@pytest.mark.slow
 def test_quantised_positions_do_not_matter(tmp_path: Path) -> None:
     editor = Editor(Gltf(bake_config("trousers", "trousers", tracks="none").path))
     other_bind_space(editor)
@@ -184,7 +185,7 @@ def test_gltfpack_stores_morph_weights_in_8_bits(tmp_path: Path) -> None:
         assert np.abs(values[:, :2] - source.weights("head", "raise_brows", times)[:, :2]).max() <= 1 / 510 + 1e-6
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("clip", ["raise_brows", "think"])
 def test_keyed_rest_lengths_of_a_sample(clip: str) -> None:
     bare, whole = bake_config("head", "head_keyed", tracks="none"), bake_config("head", "head_keyed")

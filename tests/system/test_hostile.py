@@ -44,7 +44,7 @@ def attacked(case: Case, folder: Path) -> int:
         pytest.fail(f"case {case.name}: {case.dumped()}\n{type(error).__name__}: {error}", pytrace=True)
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("first", range(0, CASES, BATCH))
 def test_commands_on_damaged_files_end_in_order(tmp_path: Path, first: int) -> None:
     for number in range(first, min(first + BATCH, CASES)):

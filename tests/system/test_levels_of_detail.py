@@ -18,7 +18,7 @@ from wrinklecli.numeric.nearest import closest_point
 LEVELS = {"0.5": {"max_levels": 3}, "0.25": {"max_levels": 3, "edges_per_interval": 2}}
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("share", LEVELS)
 def test_crests_of_coarser_levels_are_within_a_fifth_of_a_bump(share: str, tmp_path: Path) -> None:
     coarse, out = tmp_path / "coarse.glb", tmp_path / "out.glb"

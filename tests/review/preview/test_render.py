@@ -128,6 +128,7 @@ def test_wires_are_drawn_along_the_edges() -> None:
     assert abs(fall[22, 44]) < 3, "the middle of a triangle"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn", [0.0, 60.0])
 def test_a_mark_has_an_outline_a_segment_and_ends_of_even_width_on_any_slope(turn: float) -> None:
     frame = square(half=0.9)
