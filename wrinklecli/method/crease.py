@@ -44,6 +44,8 @@ _APPROACH = 33
 _TRIES, _MORE = 8, 3.0
 # Share of poses with crossings above which more shapes are needed at once.
 _HOPELESS = 0.2
+# Volume that shapes may take away, of a limb's as long as it is thick.
+_LOST = 0.01
 
 
 @dataclass(frozen=True)
@@ -120,7 +122,7 @@ class Crease:
         every = list(self._marched(clip, times))
         touching = [frame for frame, found in enumerate(every) if found.touches]
         solved = [every[frame] for frame in touching]
-        made, shapes, crossing = _fewest(self.tissue, solved, share=share, most=most)
+        made, shapes, crossing = fewest(self.tissue, solved, share=share, most=most)
         weights = np.zeros((len(times), len(shapes)))
         weights[touching] = made
         scale = self.fold.radius / UNITS
@@ -175,7 +177,7 @@ def resolve(fold: Fold, *, share: float, most: int) -> Crease | None:
     solved = list(_swept(fold, tissue, ends))
     if not solved:
         return None
-    weights, shapes, crossing = _fewest(tissue, [each.found for each in solved], share=share, most=most)
+    weights, shapes, crossing = fewest(tissue, [each.found for each in solved], share=share, most=most)
     scale = fold.radius / UNITS
     angles, table = _by_angle(solved, weights)
     return Crease(
@@ -242,34 +244,45 @@ def _by_angle(solved: Sequence[_Solved], weights: Floats) -> tuple[Floats, Float
     return np.array([angle for angle, _ in rows]), padded[[number for _, number in rows]]
 
 
-def _fewest(tissue: Tissue, solved: Sequence[Found], *, share: float, most: int) -> tuple[Floats, Floats, int]:
-    """The fewest shapes that are right enough and leave no crossing in any sweep; of most, those that leave the fewest.
+def fewest(tissue: Tissue, solved: Sequence[Found], *, share: float, most: int) -> tuple[Floats, Floats, int]:
+    """The fewest shapes that are right enough, keep the volume and leave no crossing in any sweep.
+
+    Args:
+        tissue: What may touch.
+        solved: What was found, at least one pose.
+        share: Greatest error of a vertex, of the greatest move.
+        most: Shapes at most: of those the ones that leave the fewest crossings, and then the most volume.
 
     Returns:
         (poses, shapes) weights in [-1, 1], (shapes, free, 3), and the number of poses in which they leave crossings.
     """
     fields = np.stack([each.moved for each in solved])
     bound = share * max(_length(each, each.moved) for each in solved)
-    tries: list[tuple[int, Floats, Floats]] = []
-    for count in range(1, min(most, len(solved)) + 1):
+    # What contact itself takes away, no shapes give back.
+    allowed = max(_LOST, *(squeezed(tissue, each, each.moved) for each in solved))
+    most = min(most, len(solved))
+    tries: list[tuple[int, float, Floats, Floats]] = []
+    for count in range(1, most + 1):
         shares = np.stack([each.shares for each in solved])
         for _ in range(_TRIES):
             weights, shapes = weighted_basis(fields, shares, count)
             missed = max(_missed(each, row, shapes) for each, row in zip(solved, weights, strict=True))
-            if missed > bound and count < min(most, len(solved)):
+            if missed > bound and count < most:
                 break
-            crossing = 0
+            crossing, lost = 0, 0.0
             for number, each in enumerate(solved):
-                marked = still_crossing(tissue, each, np.tensordot(weights[number], shapes, axes=1))
+                moved = np.tensordot(weights[number], shapes, axes=1)
+                lost = max(lost, squeezed(tissue, each, moved))
+                marked = still_crossing(tissue, each, moved)
                 if marked is not None:
                     crossing += 1
                     shares[number, marked] *= _MORE
-            if not crossing:
+            if not crossing and lost <= allowed:
                 return weights, shapes, 0
-            tries.append((crossing, weights, shapes))
-            if crossing > _HOPELESS * len(solved) and count < most:
+            tries.append((crossing, max(lost, allowed), weights, shapes))
+            if not crossing or (crossing > _HOPELESS * len(solved) and count < most):
                 break
-    crossing, weights, shapes = min(tries, key=lambda each: each[0])
+    crossing, _, weights, shapes = min(tries, key=lambda each: each[:2])
     return weights, shapes, crossing
 
 

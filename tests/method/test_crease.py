@@ -1,0 +1,38 @@
+"""Few shapes for what contact does in a fold: enough of them that the volume stays."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("ipctk", reason="needs the extra `contact`")
+
+from kit.bent_tube import SIDES, tube
+from wrinklecli.method.contact import Posed, State, Tissue
+from wrinklecli.method.crease import fewest
+from wrinklecli.method.folding import Found, free_rows, squeezed
+
+
+def test_shapes_that_would_take_volume_away_are_more() -> None:
+    rest, triangles = tube(60.0)
+    ring = np.arange(len(rest)) // SIDES
+    free = (ring > 0) & (ring < ring.max())
+    tissue = Tissue(rest, triangles, np.ones(len(triangles), bool), free, np.ones(len(rest), bool), np.zeros(len(rest)))
+    matrices = np.tile(np.eye(3), (len(rest), 1, 1))
+    turning = np.cross([1.0, 0.0, 0.0], rest / 60.0)
+
+    def found(shrunk: int) -> Found:
+        """Two rings that turn and swell, and two that shrink as much, which count little."""
+        first, other = np.isin(ring, [4, 5]), np.isin(ring, [shrunk, shrunk + 1])
+        moved = 1.5 * (first * 1.0 - other)[:, None] * rest / 60.0 + 8.0 * first[:, None] * turning
+        moved[:, 0] = 0.0
+        shares = np.where(other, 0.01, 1.0)
+        rows = free_rows(tissue)
+        return Found(moved[rows], shares[rows], rest, matrices[rows], State(rest, Posed(rest, matrices)))
+
+    solved = [found(8), found(11)]
+    weights, shapes, crossing = fewest(tissue, solved, share=0.35, most=8)
+    lost = [
+        squeezed(tissue, each, np.tensordot(row, shapes, axes=1)) for each, row in zip(solved, weights, strict=True)
+    ]
+    assert len(shapes) == 2
+    assert crossing == 0
+    assert max(lost) < 0.01
