@@ -90,8 +90,8 @@ def hinge_of(
 ) -> Hinge:
     """The hinge that a joint is to the tools whose ends it brings together.
 
-    Its axis is the mean of two for each tool: the one about which a turn brings its ends together fastest, and the
-    patch's v axis, along which wrinkles run.
+    Its axis is the mean of two for each tool, which count by its area: the one about which a turn brings its ends
+    together fastest, and the patch's v axis, along which wrinkles run.
 
     Args:
         node: The joint.
@@ -106,7 +106,10 @@ def hinge_of(
     world = np.eye(4) if parent < 0 else node_matrices(rig, None, np.zeros(1), [parent])[0, 0]
     # A turn in the parent's space about what the parent takes to the axis.
     axes = [unit(np.linalg.pinv(world[:3, :3]) @ _folding_axis(patch, pivot)) for patch in patches]
-    axis = unit(np.sum([axis if axis @ axes[0] >= 0 else -axis for axis in axes], axis=0))
+    # A small tool that slants to break the evenness of a large one hardly turns the axis.
+    areas = [patch.span * patch.half_width for patch in patches]
+    signed = [axis if axis @ axes[0] >= 0 else -axis for axis in axes]
+    axis = unit(np.average(signed, axis=0, weights=areas))
     still = Hinge(node, axis, stored, 0.0, 0.0)
     most = float(np.radians(_OTHERS if part is None else _FARTHEST.get(part, _OTHERS)))
     ends = [_end(still, most, patch, rig, rest) for patch in patches]
