@@ -1,4 +1,4 @@
-"""Settings of every test: floating-point faults raise, property tests repeat the same examples, in CI more of them."""
+"""Settings of every test: floating-point faults raise, property tests repeat the same examples."""
 
 import os
 import signal
@@ -13,15 +13,13 @@ from hypothesis import settings
 
 from kit.clients import install
 from kit.command import Wrinkle
-from kit.places import IN_CI
 
 # Workers, and the hundreds of commands that they start, would else compile all modules anew.
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 np.seterr(all="raise", under="ignore")
-for profile, count in {"quick": 10, "full": 15}.items():
-    settings.register_profile(profile, derandomize=True, deadline=None, max_examples=count)
-settings.load_profile("full" if IN_CI else "quick")
+settings.register_profile("wrinkle", derandomize=True, deadline=None, max_examples=10)
+settings.load_profile("wrinkle")
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -11,6 +11,7 @@ import os
 import queue
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -201,14 +202,17 @@ class _Sent:
             self._send(job)
         while self._jobs:
             future = self._next()
-            job = self._jobs.pop(future.key)
+            try:
+                outcome = self._outcome(self._jobs[future.key], future)
+            except (OSError, CancelledError) as error:
+                # Done, and the scheduler was gone before it could pass on what came of it.
+                raise self._lost() from error
+            self._jobs.pop(future.key)
             self._futures.pop(future.key)
-            outcome = self._outcome(job, future)
-            if outcome is not None:
-                following = next(waiting, None)
-                if following is not None:
-                    self._send(following)
-                yield outcome
+            following = next(waiting, None)
+            if following is not None:
+                self._send(following)
+            yield outcome
 
     def _send(self, job: BatchJob) -> None:
         future = self._client.submit(on_worker, job, self._settings, pure=False)
@@ -228,13 +232,16 @@ class _Sent:
                 if future.status in ("finished", "error"):
                     return future
             if self._client.status != "running" or any(each.status == "cancelled" for each in self._futures.values()):
-                raise WrinkleError(
-                    f"the scheduler is lost, with {counted(len(self._jobs), 'job')} in flight; what is done is kept:"
-                    " run the same command again"
-                )
+                raise self._lost()
 
-    def _outcome(self, job: BatchJob, future: Any) -> Outcome | None:
-        """What came of a job; none where it was sent again, as its workers had died."""
+    def _lost(self) -> WrinkleError:
+        return WrinkleError(
+            f"the scheduler is lost, with {counted(len(self._jobs), 'job')} in flight; what is done is kept:"
+            " run the same command again"
+        )
+
+    def _outcome(self, job: BatchJob, future: Any) -> Outcome:
+        """What came of a job."""
         from distributed import KilledWorker
 
         if future.status == "finished":
