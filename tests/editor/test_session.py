@@ -10,9 +10,12 @@ from scipy.spatial import cKDTree
 import wrinklecli
 from kit.limb import RADIUS, limb
 from wrinklecli.character.clip import read_clips
+from wrinklecli.character.posing import with_pose
 from wrinklecli.character.scene import pose_primitive, read_scene
+from wrinklecli.editor.baked import bake_saved
+from wrinklecli.editor.freely import POSE, FreePose
 from wrinklecli.editor.session import Session
-from wrinklecli.errors import ConfigError
+from wrinklecli.errors import AssetError, ConfigError
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review.check import check
 from wrinklecli.review.suggest.suggest import suggest
@@ -51,6 +54,34 @@ def test_what_is_shown_is_what_is_baked(session: Session, tmp_path: Path) -> Non
         assert len(primitive.triangles) == len(shown.faces)
         for some, others in ((shown.positions, baked), (baked, shown.positions)):
             assert cKDTree(others).query(some)[0].max() < bound
+
+
+def test_what_was_baked_is_shown_in_place(session: Session) -> None:
+    session.save()
+    baked = bake_saved(session)
+    assert baked.text == session.text
+    assert not baked.plays(POSE)
+    (edited,), (written,) = session.meshes("fold", 0.4), baked.meshes("fold", 0.4)
+    tallest = max(tool.patch.greatest_height for tool in session.laid().values())
+    assert len(written.faces) == len(edited.faces)
+    assert cKDTree(written.positions).query(edited.positions)[0].max() < 0.01 * tallest
+
+
+def test_a_free_pose_is_that_of_preview(session: Session, tmp_path: Path) -> None:
+    pose = FreePose().turned("joint_1", "z", 50.0).turned("joint_1", "x", 20.0)
+    session.take_pose(pose)
+    (shown,), (stored,) = session.meshes(POSE, 0.0, wrinkled=False), session.meshes(None, 0.0, wrinkled=False)
+    posed = with_pose(read_document(tmp_path / "limb.glb"), [("joint_1", "x", 20.0), ("joint_1", "z", 50.0)], [])
+    (primitive,), clip = read_scene(posed), read_clips(posed)[-1]
+    assert f"--pose {clip.name.replace(' ', ' --pose ')}" == pose.options
+    there = pose_primitive(primitive, clip, np.zeros(1)).positions[0]
+    assert cKDTree(shown.positions).query(there)[0].max() < 1e-6
+    assert session.curve("crease", POSE, 0.0) is not None
+    assert session.heights("crease", POSE) is None
+    with pytest.raises(AssetError, match="has no joint 'joint_9'"):
+        session.take_pose(pose.turned("joint_9", "x", 1.0))
+    session.take_pose(pose.turned("joint_1", "x", 0.0).turned("joint_1", "z", 0.0))
+    assert np.array_equal(session.meshes(POSE, 0.0, wrinkled=False)[0].positions, stored.positions)
 
 
 def test_a_tool_between_two_places_wrinkles_at_once(session: Session) -> None:

@@ -44,7 +44,7 @@ DOORS = {
     "dask": {"batch/scheduler"},
     "distributed": {"batch/scheduler"},
     "fsspec": {"batch/stores"},
-    "viser": {"editor/" + name for name in ("controls", "desk", "hand", "keeping", "page", "picture")}
+    "viser": {"editor/" + name for name in ("controls", "desk", "hand", "keeping", "page", "picture", "poser")}
     | {"editor/" + name for name in ("player", "proposals", "scene", "served")},
     "rich": {"editor/served"},
     "websockets": {"editor/served"},

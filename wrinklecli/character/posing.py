@@ -8,7 +8,7 @@ from wrinklecli.character.anims import NamedNodes
 from wrinklecli.character.clip import Channel, Clip
 from wrinklecli.character.joined import with_clips, with_free_nodes
 from wrinklecli.character.motion import raising, turned_axis, turning
-from wrinklecli.character.rig import LARGEST, read_hierarchy, read_rig
+from wrinklecli.character.rig import LARGEST, Rig, read_hierarchy, read_rig
 from wrinklecli.errors import AssetError, listed, nearest
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, unit_quaternions
@@ -31,27 +31,53 @@ def with_pose(document: Document, turns: Sequence[JointTurn], weights: Sequence[
         AssetError: There is no joint or morph target of a name, or a joint is stored as a matrix that shears.
         ValueError: An axis is none, or a number is not finite or out of range.
     """
+    document = with_free_nodes(document, [_joint(document, name) for name, _, _ in turns])
+    return with_clips(document, [pose_clip(document, turns, weights)])
+
+
+def pose_clip(document: Document, turns: Sequence[JointTurn], weights: Sequence[MorphWeight]) -> Clip:
+    """A pose as a clip of one key, which no file has; as `with_pose`, but no joint that is stored as a matrix turns."""
     if any(axis not in ("x", "y", "z") for _, axis, _ in turns):
         raise ValueError("axes of joints are x, y and z")
     if not all(abs(number) <= LARGEST for number in [*(each[2] for each in turns), *(each[1] for each in weights)]):
         raise ValueError(f"degrees and weights are numbers up to {LARGEST:g}")
-    document = with_free_nodes(document, [_joint(document, name) for name, _, _ in turns])
     channels = [*_turned(document, turns), *_raised(document, dict(weights))]
     words = [*(f"{name}={axis}:{degrees:g}" for name, axis, degrees in turns), *(f"{n}={w:g}" for n, w in weights)]
-    return with_clips(document, [Clip(-1, " ".join(words), tuple(channels), 0.0, 0.0)])
+    return Clip(-1, " ".join(words), tuple(channels), 0.0, 0.0)
+
+
+def posable(document: Document) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The names of all joints that `pose_clip` turns, and of all morph targets."""
+    stored = read_hierarchy(document).locals
+    joints = [name for name, joint in _joints(document).items() if name and "rotation" in stored[joint]]
+    morphs = dict.fromkeys(name for rig in _rigs(document) for name in rig.morph_names)
+    return tuple(joints), tuple(morphs)
 
 
 def _joint(document: Document, name: str) -> int:
     """The joint of a name; any other node of the name where none is a joint."""
-    nodes = document.items("nodes")
-    joints = dict.fromkeys(joint for skin in document.items("skins") for joint in skin.get("joints", []))
-    known: dict[str, int] = {str(nodes[joint].get("name", "")): joint for joint in reversed(joints)}
-    found = known.get(name, NamedNodes.of(nodes).joints.get(name) if name else None)
+    known = _joints(document)
+    found = known.get(name, NamedNodes.of(document.items("nodes")).joints.get(name) if name else None)
     if found is None:
-        names = list(known)[::-1]
-        message = f"has no joint {name!r}{nearest(name, names)}; there are {listed(names)}"
+        message = f"has no joint {name!r}{nearest(name, known)}; there are {listed(known)}"
         raise AssetError(message, where=document.path)
     return found
+
+
+def _joints(document: Document) -> dict[str, int]:
+    """The joints of all skins by name; of several the first."""
+    nodes = document.items("nodes")
+    joints = dict.fromkeys(joint for skin in document.items("skins") for joint in skin.get("joints", []))
+    known: dict[str, int] = {}
+    for joint in joints:
+        known.setdefault(str(nodes[joint].get("name", "")), joint)
+    return known
+
+
+def _rigs(document: Document) -> list[Rig]:
+    """What moves all meshes."""
+    hierarchy = read_hierarchy(document)
+    return [read_rig(document, node, hierarchy) for node, each in enumerate(document.items("nodes")) if "mesh" in each]
 
 
 def _turned(document: Document, turns: Sequence[JointTurn]) -> list[Channel]:
@@ -71,8 +97,7 @@ def _turned(document: Document, turns: Sequence[JointTurn]) -> list[Channel]:
 
 def _raised(document: Document, weights: Mapping[str, float]) -> list[Channel]:
     """The weights of all meshes that have one of some morph targets."""
-    hierarchy = read_hierarchy(document)
-    rigs = [read_rig(document, node, hierarchy) for node, each in enumerate(document.items("nodes")) if "mesh" in each]
+    rigs = _rigs(document)
     known = dict.fromkeys(name for rig in rigs for name in rig.morph_names)
     for name in weights:
         if name not in known:

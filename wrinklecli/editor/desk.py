@@ -5,6 +5,7 @@ from typing import Any, Protocol
 
 import viser
 
+from wrinklecli.editor.baked import Baked
 from wrinklecli.editor.work import Work
 
 GOOD, BAD, ASKS = "#1c7a3f", "#c92a2a", "#1f6fd6"
@@ -26,6 +27,9 @@ class Desk(Protocol):
 
     def choose(self, name: str | None, *, look: bool) -> None:
         """Show a tool, and let the cameras look at it."""
+
+    def compare(self, baked: Baked) -> None:
+        """Offer to show what was baked in place of what is edited."""
 
     def slide(self, edit: Callable[[bool], None]) -> None:
         """Show a draft of an edit."""

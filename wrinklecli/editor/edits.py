@@ -98,7 +98,12 @@ class Edits:
     @property
     def changed(self) -> bool:
         """Whether there is something to save."""
-        return self.text != self._store.base
+        return self.text != self.saved_text
+
+    @property
+    def saved_text(self) -> str:
+        """Of the tools file as it was last read or saved."""
+        return self._store.base
 
     @property
     def undoable(self) -> str | None:

@@ -5,6 +5,7 @@ from typing import Any
 
 import viser
 
+from wrinklecli.editor.baked import Baked, bake_saved
 from wrinklecli.editor.desk import ASKS, Desk, add_group, on
 from wrinklecli.editor.session import Session
 from wrinklecli.editor.work import Work
@@ -79,10 +80,14 @@ class Keeping:
                 self._work.put("progress", lambda: self._show_progress(stage, done, total))
 
         try:
-            told = self._session.bake(progress)
+            baked = bake_saved(self._session, progress)
         finally:
             self._work.put("progress", lambda: self._show_progress("", 0, 1))
-        self._work.put(object(), lambda: self._desk.say(told))
+        self._work.put(object(), lambda: self._show_baked(baked))
+
+    def _show_baked(self, baked: Baked) -> None:
+        self._desk.compare(baked)
+        self._desk.say(f"{baked.told}\nView, baked file: shows it in place")
 
     def _show_progress(self, stage: str, done: int, total: int) -> None:
         self._progress.visible = bool(stage)

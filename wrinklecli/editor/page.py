@@ -10,12 +10,14 @@ from typing import Any
 
 import viser
 
+from wrinklecli.editor.baked import Baked
 from wrinklecli.editor.controls import Steps, ToolControls
 from wrinklecli.editor.desk import ASKS, BAD, GOOD, add_group, on, on_set
 from wrinklecli.editor.hand import Hand
 from wrinklecli.editor.keeping import Keeping
 from wrinklecli.editor.picture import Picture
 from wrinklecli.editor.player import Charts, Player
+from wrinklecli.editor.poser import Poser
 from wrinklecli.editor.proposals import Proposals
 from wrinklecli.editor.served import Place, serve
 from wrinklecli.editor.session import EditedTool, Session
@@ -100,8 +102,10 @@ class Page:
         with play.add_tab("Play"):
             self.player = Player(self.server, self._work, self._session.clips, self._session.frame_times, self._show)
         with play.add_tab("View"):
-            self._picture.add_widgets(gui, heat=heat)
+            self._picture.add_widgets(gui, self._show, heat=heat)
             self.player.add_speed(gui)
+        with play.add_tab("Pose"):
+            self._poser = Poser(gui, self._work, self._session, self.player)
         play.float(x=15, y=-15, width=420)
         self._hand.add_button(gui)
         self._list = gui.add_folder("Tools")
@@ -147,6 +151,11 @@ class Page:
 
     # What is shown.
 
+    def compare(self, baked: Baked) -> None:
+        """Offer to show what was baked in place of what is edited, until that is another."""
+        self._picture.compare(baked)
+        self._show()
+
     def refresh(self) -> None:
         """Show the session's state: after every edit."""
         tools = self._session.tools()
@@ -170,7 +179,9 @@ class Page:
                 span = 1.0 if laid is None else laid.carried.patch.span
                 self._controls.show(tool.values, sorted(tool.own), span)
         self._picture.read()
+        self._picture.drop_old()
         self.player.take(self._session.clips)
+        self._poser.refresh()
         self._show()
         # While something slides, the mesh comes first.
         self._work.put_later("chart", 0.0 if self._sliding is None else _CHARTS, self._chart)

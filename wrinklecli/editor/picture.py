@@ -1,12 +1,14 @@
 """What the page shows in 3D: the session's meshes at the player's moment, tools on them, and where cameras stand."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 import viser
 
 from wrinklecli.character.scene import read_scene
+from wrinklecli.editor.baked import Baked
+from wrinklecli.editor.desk import on_set
 from wrinklecli.editor.drawing import Body, Mark, body_of, mark_of, picked
 from wrinklecli.editor.player import Player
 from wrinklecli.editor.scene import LOOKS, Drag, Look, View
@@ -53,6 +55,7 @@ class Picture:
         self._chosen: str | None = None
         self.shown: list[ShownMesh] = []
         self._document: Document | None = None
+        self._baked: Baked | None = None
         self.read()
 
     def read(self) -> None:
@@ -60,18 +63,25 @@ class Picture:
         if self._session.document is self._document:
             return
         self._document = self._session.document
-        sources = read_scene(self._document)
-        paints, unread = read_paints(self._document, sources)
-        self._paints: dict[int, list[Paint]] = {}
-        for source, paint in zip(sources, paints, strict=True):
-            self._paints.setdefault(source.rig.node, []).append(paint)
-        self.warnings = tuple(unread)
+        self._paints, self.warnings = _paints_of(self._document)
         self.shown = []  # so that all is drawn anew
 
-    def add_widgets(self, gui: viser.GuiApi, *, heat: bool) -> None:
-        """Add what says how it looks, to where the program is in the page."""
+    def compare(self, baked: Baked) -> None:
+        """Offer to show what was baked in place of what is edited."""
+        self._baked, (self._baked_paints, _) = baked, _paints_of(baked.document)
+        self._as_baked.visible = True
+
+    def drop_old(self) -> None:
+        """Offer what was baked no more, where something else is edited by now."""
+        if self._baked is not None and self._baked.text != self._session.text:
+            self._baked, self._as_baked.value, self._as_baked.visible = None, False, False
+
+    def add_widgets(self, gui: viser.GuiApi, show: Callable[[], None], *, heat: bool) -> None:
+        """Add what says how it looks, to where the program is in the page; `show` calls this one's."""
         self._look: Any = gui.add_dropdown("surface", LOOKS, initial_value="heat" if heat else "clay")
         self._wire: Any = gui.add_checkbox("wire", initial_value=False)
+        tip = "Show what Bake has written, in place of what is edited; its clips, as it plays them."
+        self._as_baked: Any = gui.add_checkbox("baked file", initial_value=False, hint=tip, visible=False)
         self._beside: Any = gui.add_checkbox("rest beside", initial_value=False, hint="Show it at rest, too.")
         sides: Any = gui.add_button_group("look from", tuple(_SIDES))
 
@@ -86,10 +96,12 @@ class Picture:
         sides.on_click(look)
         for each in (self._look, self._wire, self._beside):
             each.on_update(look_otherwise)
+        on_set(self._as_baked, self._work, "as baked", show)
 
     def show(self, player: Player, chosen: str | None) -> None:
         """Show the player's moment, with dots on the chosen tool."""
-        before, self.shown = self.shown, self._session.meshes(player.clip, player.time, wait=False)
+        before = self.shown
+        self.shown = self._meshes(player.clip, player.time)
         pairs = list(zip(self.shown, before, strict=False))
         same = len(before) == len(self.shown) and all(new.laid is old.laid for new, old in pairs)
         # What is dragged moves other vertices of the triangles that are there.
@@ -105,6 +117,17 @@ class Picture:
                 self._mark()
             self._move()
 
+    def _meshes(self, clip: str | None, time: float) -> list[ShownMesh]:
+        """All meshes at a moment: of the baked file, where it is chosen and has the clip, else as edited."""
+        if self._baked is not None and self._as_baked.value and self._baked.plays(clip):
+            return self._baked.meshes(clip, time)
+        return self._session.meshes(clip, time, wait=False)
+
+    @property
+    def _is_baked(self) -> bool:
+        """Whether the shown meshes are of the baked file."""
+        return self._baked is not None and any(mesh.laid in self._baked.laid for mesh in self.shown)
+
     @property
     def _points(self) -> list[Floats]:
         return [mesh.positions for mesh in self.shown]
@@ -113,11 +136,12 @@ class Picture:
         """Show meshes that are new, or that look otherwise than before."""
         look: Look = self._look.value
         wire, beside = bool(self._wire.value), bool(self._beside.value)
-        self._bodies = tuple(body_of(mesh.laid, self._paints[mesh.laid.ground.rig.node]) for mesh in self.shown)
+        paints = self._baked_paints if self._is_baked else self._paints
+        self._bodies = tuple(body_of(mesh.laid, paints[mesh.laid.ground.rig.node]) for mesh in self.shown)
         with self._server.atomic():
             self._view.dress(self._bodies, self._points, look, wire=wire)
             self._mark()
-            rest = [mesh.positions for mesh in self._session.meshes(None, 0.0, wait=False)] if beside else []
+            rest = [mesh.positions for mesh in self._meshes(None, 0.0)] if beside else []
             self._rest_view.dress(self._bodies if beside else (), rest, look, wire=wire)
             if self._rest_view.move(rest, self._heats(rest)):
                 self._work.put_later("settle rest", _SETTLES, self._rest_view.settle)
@@ -139,7 +163,7 @@ class Picture:
     def _mark(self) -> None:
         """Draw the tools on the shown meshes."""
         marks = []
-        for number, (name, tool) in enumerate(self._session.laid().items()):
+        for number, (name, tool) in enumerate(() if self._is_baked else self._session.laid().items()):
             patch, mark = self._marks.get(name, (None, None))
             if mark is None or patch is not tool.patch:
                 body = self._body_of(tool.plan.rig.node)
@@ -210,6 +234,16 @@ class Picture:
                 if near and 0 <= u <= 1 and abs(v) <= 1:
                     return tool.name
         return None
+
+
+def _paints_of(document: Document) -> tuple[dict[int, list[Paint]], tuple[str, ...]]:
+    """What colours the primitives of each node, and what of it could not be read, a line each."""
+    sources = read_scene(document)
+    paints, unread = read_paints(document, sources)
+    found: dict[int, list[Paint]] = {}
+    for source, paint in zip(sources, paints, strict=True):
+        found.setdefault(source.rig.node, []).append(paint)
+    return found, tuple(unread)
 
 
 def _background() -> Any:

@@ -9,6 +9,7 @@ import viser
 from viser import uplot
 
 from wrinklecli.character.clip import Clip
+from wrinklecli.editor.freely import POSE
 from wrinklecli.editor.work import Work
 from wrinklecli.numeric.arrays import Floats
 
@@ -42,7 +43,7 @@ class Player:
         self._last, self._ahead = 0.0, 0.0  # when the last moment was shown, and how far it was in the clip
         self.playing = False
         gui = server.gui
-        names = (*self._clips, REST)
+        names = (*self._clips, POSE, REST)
         self._clip: Any = gui.add_dropdown("clip", names, hint="Motions of joints and morph targets are clips, too.")
         self._time: Any = gui.add_slider("time (s)", 0.0, 1.0, _TIME_STEP, 0.0)
         self._button: Any = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, hint="Space")
@@ -74,7 +75,7 @@ class Player:
 
     @property
     def clip(self) -> str | None:
-        """The name of the shown clip; none for the stored pose."""
+        """The name of the shown clip, or `POSE`; none for the stored pose."""
         return None if self._clip.value == REST else self._clip.value
 
     @property
@@ -88,14 +89,14 @@ class Player:
             return
         shown, moment = self._clip.value, self.time
         self._clips = {clip.name: clip for clip in clips}
-        self._clip.options = (*self._clips, REST)
-        self._clip.value = shown if shown in (*self._clips, REST) else next(iter((*self._clips, REST)))
+        names = self._clip.options = (*self._clips, POSE, REST)
+        self._clip.value = shown if shown in names else names[0]
         self._reach()
         self._time.value = float(np.clip(moment, self._time.min, self._time.max))
 
     def toggle(self) -> None:
         """Play, or stop playing."""
-        self.playing = not self.playing and self.clip is not None
+        self.playing = not self.playing and not self._time.disabled
         self._button.label = "Pause" if self.playing else "Play"
         self._button.icon = viser.Icon.PLAYER_PAUSE if self.playing else viser.Icon.PLAYER_PLAY
         self._last, self._ahead = time.monotonic(), self.time - self._time.min

@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from wrinklecli.baking.job import BakeOptions
 from wrinklecli.character.clip import Clip, clip_named
+from wrinklecli.character.joined import with_free_nodes
 from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.scene import deforming_nodes
 from wrinklecli.editor.edits import Draft, Edits, Step
+from wrinklecli.editor.freely import POSE, FreePose
 from wrinklecli.editor.offered import Offer, guessed, offers_of, turned
 from wrinklecli.editor.played import Latest, frame_times
 from wrinklecli.editor.shown import Laid, LaidMesh, LaidTool, Stage
@@ -25,7 +26,7 @@ from wrinklecli.errors import WrinkleError
 from wrinklecli.files.watched import Watched
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.numeric.arrays import Floats, Ints
-from wrinklecli.numeric.guard import Progress, guarded, no_progress
+from wrinklecli.numeric.guard import guarded
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory
 from wrinklecli.review.suggest.placed import Chosen
 from wrinklecli.review.suggest.suggest import suggest
@@ -92,13 +93,18 @@ class Session(Edits):
         store: The tools file.
 
     Attributes:
+        asset: Its path.
+        reading: How it is read.
+        pose: What `POSE` shows, which may be named wherever a clip may.
         notes: What was made of the asset's motions, and what happened to the files, a line each, newest last.
     """
 
     def __init__(self, asset: str, reading: "Reading", store: Store) -> None:
         super().__init__(store)
         self.asset = asset
-        self._reading = reading
+        self.reading = reading
+        self.pose = FreePose()
+        self._posed: Clip | None = None
         self._watched_asset = Watched([asset])
         self._stage = self._read_stage()
         self._laid: tuple[object, Laid] | None = None
@@ -154,6 +160,15 @@ class Session(Edits):
     def document(self) -> Document:
         """The asset, with all clips."""
         return self._stage.document
+
+    def take_pose(self, pose: FreePose) -> None:
+        """Let `POSE` be this.
+
+        Raises:
+            AssetError: There is no joint or morph target of a name.
+        """
+        with self._guarded():
+            self.pose, self._posed = pose, pose.clip(self._stage.document)
 
     def frame_times(self, clip: str) -> Floats:
         """(frames,) seconds at which a clip is played: meshes at just these times are cheap."""
@@ -213,7 +228,7 @@ class Session(Edits):
     def offers(self) -> list[Offer]:
         """What `suggest` finds for the asset. It may take seconds, beside what is shown meanwhile."""
         if self._offers is None:
-            reading = self._reading
+            reading = self.reading
             found = suggest(
                 self.asset,
                 anims=reading.anims,
@@ -253,6 +268,7 @@ class Session(Edits):
                 stage = self._read_stage()  # beside what is shown meanwhile
                 with self._lock:
                     self._stage, self._laid, self._settled, self._offers = stage, None, None, None
+                    self.pose, self._posed = FreePose(), None
                 self.notes.append(f"{self.asset}: was exported again")
             if tools:
                 self.merge()
@@ -308,10 +324,15 @@ class Session(Edits):
             return None if found is None else control_curve(found, self._stage.played, self._clip(clip), time)
 
     def heights(self, tool: str, clip: str) -> tuple[Floats, Floats] | None:
-        """(frames,) seconds and (frames,) a tool's greatest height then, scene units; None where it does not fit."""
+        """(frames,) seconds and (frames,) a tool's greatest height then, scene units.
+
+        None where it does not fit, and for a clip of one moment.
+        """
         with self._guarded():
             found, at = self._quick().tools.get(tool), self._clip(clip)
-            return None if found is None or at is None else heights_over(found, self._stage.played, at)
+            if found is None or at is None or at.end <= at.start:
+                return None
+            return heights_over(found, self._stage.played, at)
 
     def warnings(self) -> dict[str, list[str]]:
         """What `check` warns of, by tool; of meshes by an empty name. It settles, and may take seconds at first."""
@@ -322,28 +343,6 @@ class Session(Edits):
             return warnings_of(laid, self._stage.played, self.clips, self._settings_of(self._base.file))
 
     # Within.
-
-    def bake(self, progress: Progress = no_progress) -> str:
-        """Bake the saved file, beside it, as `wrinkle bake` does; it may run beside what is shown meanwhile.
-
-        Returns:
-            What was made, in a line.
-
-        Raises:
-            WrinkleError: As `wrinkle bake`.
-        """
-        from wrinklecli.baking.pipeline import bake
-
-        reading, asset = self._reading, os.path.splitext(os.path.basename(self.asset))[0]
-        out = os.path.join(os.path.dirname(self.path), f"{asset}_wrinkled.glb")
-        report = bake(
-            self.asset,
-            self.path,
-            out,
-            BakeOptions(anims=reading.anims, allow_external=reading.allow_external, max_memory=reading.max_memory),
-            progress=progress,
-        )
-        return "\n".join((f"{out}: {report.summary}", *report.warnings))
 
     @contextmanager
     def _guarded(self) -> Iterator[None]:
@@ -356,7 +355,7 @@ class Session(Edits):
         return found or self._measured.put(mesh.ground, Chosen(self._stage.document, mesh.ground, self.clips))
 
     def _read_stage(self) -> Stage:
-        reading = self._reading
+        reading = self.reading
         with guarded(self.asset):
             memory = Memory(reading.max_memory)
             document = read_document(self.asset, allow_external=reading.allow_external, memory=memory)
@@ -364,7 +363,9 @@ class Session(Edits):
             joined = moved(document, deforming_nodes(document), motions)
         self.notes += [each for each in (*joined.notes, *joined.warnings) if each not in self.notes]
         self._watched_asset = Watched([self.asset, *joined.document.files])
-        return Stage(joined.document, joined.clips, frozenset(joined.range))
+        joints = {joint for skin in joined.document.items("skins") for joint in skin.get("joints", [])}
+        document = with_free_nodes(joined.document, joints)  # for the free pose
+        return Stage(document, joined.clips, frozenset(joined.range))
 
     def _shown_settings(self, step: Step, draft: Draft | None = None) -> ToolsFile:
         """The tools of a step that are shown, or with those of a draft of it."""
@@ -391,6 +392,8 @@ class Session(Edits):
         return self._laid[1]
 
     def _clip(self, name: str | None) -> Clip | None:
+        if name == POSE:
+            return self._posed
         return None if name is None else clip_named(self.clips, name, where=self.asset)
 
 
