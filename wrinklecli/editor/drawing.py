@@ -84,7 +84,7 @@ class Mark:
         spots: The places of it.
         segments: (segments, 2) lines between spots: the border of the patch and the line along it.
         anchors: (anchors,) spots, from origin to target.
-        edges: (edges,) spots by which the hand takes hold of the patch's width.
+        edges: (edges,) spots by which the hand takes hold of the patch's width: as far aside as they are on it.
     """
 
     name: str
@@ -163,18 +163,22 @@ def mark_of(tool: LaidTool, mesh: LaidMesh, body: int, colour: tuple[float, floa
     ]
     for anchor in patch.anchors:
         sought.append(np.column_stack([np.atleast_1d(each) for each in patch.coordinates(anchor.position)]))
+    # From the middle to either side: a wide patch may end where the surface faces away.
+    sought += [np.column_stack([0.5 * ones, side * ends]) for side in (1.0, -1.0)]
     located = [_located(line, places) for line in sought]
     found, barycentrics = (np.concatenate(each) for each in zip(*located, strict=True))
     lines = np.arange(_LINES * _SIDE).reshape(_LINES, _SIDE)
     segments = np.stack([lines[:, :-1].ravel(), lines[:, 1:].ravel()], axis=1)
-    edges = lines[:2, _SIDE // 2]
+    sides = np.arange(len(found) - 2 * _SIDE, len(found)).reshape(2, _SIDE)
+    reached = np.cumprod(found[sides] >= 0, axis=1).sum(axis=1)
+    edges = [int(side[count - 1]) for side, count in zip(sides, reached, strict=True) if count > 1]
     return Mark(
         name=patch.tool.name,
         colour=colour,
         spots=Spots(body, faces[np.maximum(found, 0)], barycentrics),
         segments=segments[(found[segments] >= 0).all(axis=1)],
-        anchors=np.arange(lines.size, len(found)),
-        edges=edges[found[edges] >= 0],
+        anchors=np.arange(lines.size, int(sides[0, 0])),
+        edges=np.array(edges, np.intp),
     )
 
 
