@@ -315,9 +315,11 @@ class Page:
 
     def _rename(self) -> None:
         if self.chosen is not None and self._name.value not in ("", self.chosen):
-            old, new = self.chosen, self._name.value
-            self.chosen = new
-            self._edit(lambda: self._session.rename(old, new))
+            self.settle_slide()
+            new = str(self._name.value)
+            self._session.rename(self.chosen, new)
+            self.choose(new, look=False)
+            self.say("")
 
     def _mirror(self) -> None:
         if self.chosen is not None:
