@@ -41,8 +41,10 @@ class Response:
         self._factors = linear.splu(
             stiffness.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
         )
+        # Of vertices that once touched: where what a force on each does to all stands, a row each.
         self._known = np.full(stiffness.shape[0], -1, np.intp)
-        self._columns = np.zeros((stiffness.shape[0], 0))
+        self._rows = np.zeros((0, stiffness.shape[0]))
+        self._count = 0
 
     def of(self, forces: Floats, contacts: Any = None) -> Floats:
         """(3 · free, forces) what moves under as many, if contacts, (3 · free, 3 · free) sparse, resist too."""
@@ -53,11 +55,11 @@ class Response:
         if contacts is None:
             return np.asarray(alone.reshape(-1, several))
         touched = np.flatnonzero(np.diff(contacts.indptr).reshape(-1, 3).any(axis=1))
-        columns = self._of_each(touched)
+        numbers = self._of_each(touched)
         coordinates = (3 * touched[:, None] + np.arange(3)).reshape(-1)
         resisting = contacts[coordinates][:, coordinates].toarray()
         # (G⁻¹ + H) d = G⁻¹ (G f) at the vertices that touch: G is the same for each coordinate, and H mixes them.
-        inverse = np.linalg.inv(columns[touched])
+        inverse = np.linalg.inv(self._rows[numbers[:, None], touched])
         inverse = 0.5 * (inverse + inverse.T)
         system = resisting.reshape(len(touched), 3, len(touched), 3).copy()
         for k in range(3):
@@ -65,17 +67,23 @@ class Response:
         factors = cho_factor(system.reshape(resisting.shape), overwrite_a=True, check_finite=False)
         pulled = (inverse @ alone[touched]).reshape(-1, several)
         held = (resisting @ cho_solve(factors, pulled, check_finite=False)).reshape(-1, 3 * several)
-        return np.asarray((alone - columns @ held).reshape(-1, several))
+        return np.asarray((alone - self._rows[numbers].T @ held).reshape(-1, several))
 
-    def _of_each(self, vertices: Ints) -> Floats:
-        """(free, vertices) what a force of 1 on each of some does to all."""
+    def _of_each(self, vertices: Ints) -> Ints:
+        """(vertices,) the rows that tell what a force of 1 on each of some does to all."""
         fresh = vertices[self._known[vertices] < 0]
         if len(fresh):
             units = np.zeros((len(self._known), len(fresh)))
             units[fresh, np.arange(len(fresh))] = 1.0
-            self._known[fresh] = self._columns.shape[1] + np.arange(len(fresh))
-            self._columns = np.concatenate([self._columns, self._factors.solve(units)], axis=1)
-        found: Floats = self._columns[:, self._known[vertices]]
+            count = self._count + len(fresh)
+            if count > len(self._rows):
+                grown = np.zeros((max(count, 2 * len(self._rows)), len(self._known)))
+                grown[: self._count] = self._rows[: self._count]
+                self._rows = grown
+            self._rows[self._count : count] = self._factors.solve(units).T
+            self._known[fresh] = np.arange(self._count, count)
+            self._count = count
+        found: Ints = self._known[vertices]
         return found
 
 
