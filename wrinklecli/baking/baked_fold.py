@@ -9,14 +9,12 @@ from wrinklecli.baking.baked_body import BakedFold
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import node_matrices
 from wrinklecli.character.rig import Rig
-from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.arrays import Floats, interpolated
 
 
 def fold_weights(fold: BakedFold, rig: Rig, joints: dict[str, int], clip: Clip, times: Floats) -> Floats:
     """(frames, targets) weights in a clip at (frames,) seconds; `joints` are nodes by name."""
-    angles = fold_angles(fold, rig, joints, clip, times)
-    columns = [np.interp(angles, fold.angles, column) for column in fold.table.T]
-    return np.stack(columns, axis=1)
+    return interpolated(fold_angles(fold, rig, joints, clip, times), fold.angles, fold.table)
 
 
 def fold_angles(fold: BakedFold, rig: Rig, joints: dict[str, int], clip: Clip, times: Floats) -> Floats:

@@ -15,7 +15,7 @@ from wrinklecli.character.pose import pose_at
 from wrinklecli.method.activity import further_activities, lengths_over_time
 from wrinklecli.method.curve import weights_of
 from wrinklecli.method.shapes import Sample, make_shapes
-from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
+from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, interpolated
 from wrinklecli.numeric.guard import Progress, one_thread
 from wrinklecli.numeric.piecewise import key_points
 from wrinklecli.tools.records import identifier
@@ -220,7 +220,7 @@ def _with_weights(
     fresh = np.setdiff1d(keys, motion.times)
     joined = _with_times(plan, target_sets, motion, fresh)
     at = np.searchsorted(times, keys)
-    of_sets = [np.stack([np.interp(joined.times, keys, column) for column in each[at].T], axis=1) for each in weights]
+    of_sets = [interpolated(joined.times, keys, each[at]) for each in weights]
     every = np.union1d(joined.keys, np.searchsorted(joined.times, keys))
     return replace(joined, keys=every, weights=(*joined.weights, *of_sets))
 
@@ -231,7 +231,7 @@ def _keys(plan: MeshPlan, sets: Sequence[CreaseSet], times: Floats, weights: Seq
     together = np.concatenate(weights, axis=1) * sizes
 
     def moves(at: Floats) -> Floats:
-        return np.stack([np.interp(at, times, column) for column in together.T], axis=1)
+        return interpolated(at, times, together)
 
     bound = _KEYS_SHARE * plan.max_error
     points, keys = key_points(times, moves, tolerance=np.inf, thinning=bound, gap=KEY_GAP, step=KEY_STEP)

@@ -22,7 +22,7 @@ from wrinklecli.method.activity import Activity, further_activities
 from wrinklecli.method.carry import CarriedPatch, displacements
 from wrinklecli.method.refine import Refinement
 from wrinklecli.method.shapes import displaced_normals, turn_to
-from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, runs, unit
+from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, interpolated, runs, unit
 from wrinklecli.numeric.guard import Progress
 
 # Frames of a clip at which whole members are compared, besides its tallest and most folded.
@@ -258,8 +258,7 @@ def _crease_weights(target_sets: Sequence[AnySet], motion: Motion, times: Floats
     sampled = [
         weights for each, weights in zip(target_sets, motion.weights, strict=True) if isinstance(each, CreaseSet)
     ]
-    columns = [np.interp(times, motion.times, column) for weights in sampled for column in weights.T]
-    return np.stack(columns, axis=1) if columns else np.zeros((len(times), 0))
+    return interpolated(times, motion.times, np.concatenate([np.zeros((len(motion.times), 0)), *sampled], axis=1))
 
 
 def _vertex_errors(

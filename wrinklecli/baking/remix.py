@@ -13,7 +13,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.method.activity import further_activities
 from wrinklecli.method.curve import weight_path
 from wrinklecli.method.shapes import Shape
-from wrinklecli.numeric.arrays import Bools, Floats
+from wrinklecli.numeric.arrays import Bools, Floats, interpolated
 
 # Share of the tolerance below which a weight may be left out for its target not to count.
 _LEAST_SHARE = 0.1
@@ -213,8 +213,7 @@ def weights_at(plan: MeshPlan, target_set: AnySet, clip: Clip, weights: Floats, 
     """(fresh, shapes) weights of a tool at more times: its curve's, or between those sampled where it has none."""
     if isinstance(target_set, TargetSet) and target_set.from_skin:
         return skin_weights(plan, target_set.carried, clip, fresh)
-    columns = [np.interp(fresh, times, column) for column in weights.T]
-    return np.stack(columns, axis=1) if columns else np.zeros((len(fresh), 0))
+    return interpolated(fresh, times, weights)
 
 
 def _remixed(target_set: AnySet, shapes: Sequence[Shape | None], remix: Remix) -> AnySet:

@@ -29,7 +29,7 @@ from wrinklecli.gltf.images import files_of
 from wrinklecli.gltf.shape import Json
 from wrinklecli.gltf.writer import write
 from wrinklecli.method.lookup import TABLE_ERROR
-from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.arrays import Floats, interpolated
 from wrinklecli.numeric.guard import guarded
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory
 from wrinklecli.numeric.piecewise import Signal, key_times
@@ -337,7 +337,7 @@ def _weights(tool: BakedTool, distances: Floats, rest_lengths: Floats) -> Floats
     distances = np.where(hidden, rest_lengths, distances)
     if tool.curve is None:
         shortenings = 1.0 - distances / rest_lengths
-        weights = np.stack([np.interp(shortenings, tool.rows, column) for column in tool.table.T], axis=1)
+        weights = interpolated(shortenings, tool.rows, tool.table)
     else:
         weights = tool.curve.weights(distances, rest_lengths)
     made: Floats = np.where(hidden[:, None], 0.0, weights)

@@ -16,7 +16,7 @@ from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import TRIANGLE_FAN, TRIANGLE_STRIP, TRIANGLES, Document
 from wrinklecli.gltf.draco import EXTENSION
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, distinct
+from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, distinct, pieces_of
 
 # Vertices of one point differ by this at most: in skin weights and, as a share of the bounding box's diagonal, in
 # morph deltas; after Draco, which rounds each primitive on its own, in positions too.
@@ -309,16 +309,13 @@ def _places(document: Document, primitives: list[Json], positions: Floats) -> Fl
     if not any(document.is_draco(primitive["attributes"]["POSITION"]) for primitive in primitives):
         return positions
     # Imported here, as it takes longer than most bakes' welding and few files need it.
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
     firsts, which = distinct(positions)
     places = positions[firsts]
     tolerance = _WELD_TOLERANCE * float(np.linalg.norm(np.ptp(positions, axis=0)))
     near = cKDTree(places).query_pairs(tolerance, output_type="ndarray")
-    links = coo_array((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(len(places), len(places)))
-    _, groups = connected_components(links, directed=False)
+    groups = pieces_of(near, len(places))
     _, firsts = np.unique(groups, return_index=True)
     return places[firsts[groups[which]]]
 

@@ -13,7 +13,7 @@ import numpy as np
 from wrinklecli.character.clip import Channel, Clip, linear_keys, sample
 from wrinklecli.character.pose import morph_weights
 from wrinklecli.character.rig import Rig
-from wrinklecli.numeric.arrays import Floats, distinct_values
+from wrinklecli.numeric.arrays import Floats, distinct_values, interpolated
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ def widen(channel: Channel | None, rig: Rig, clip: Clip, times: Floats, weights:
         return _widen_spline(channel, times, weights)
     union = distinct_values(np.concatenate([times, linear_keys(channel)]))
     old = morph_weights(rig, clip, union)
-    return Track(union, np.concatenate([old, _interpolated(union, times, weights)], axis=1), "LINEAR")
+    return Track(union, np.concatenate([old, interpolated(union, times, weights)], axis=1), "LINEAR")
 
 
 def pad(channel: Channel, added: Floats) -> Track:
@@ -65,18 +65,12 @@ def pad(channel: Channel, added: Floats) -> Track:
     return Track(channel.times, np.concatenate([values, constant], axis=-1), channel.interpolation)
 
 
-def _interpolated(at: Floats, times: Floats, weights: Floats) -> Floats:
-    """(keys, targets) of weights linear between times."""
-    columns = [np.interp(at, times, column) for column in weights.T]
-    return np.stack(columns, axis=1) if columns else np.zeros((len(at), 0))
-
-
 def _widen_spline(channel: Channel, times: Floats, weights: Floats) -> Track:
     """As `widen`, of a CUBICSPLINE channel."""
     union = distinct_values(np.concatenate([times, channel.times]))
     values = sample(channel, union)
     into, out = _spline_slopes(channel, union)
-    fresh = _interpolated(union, times, weights)
+    fresh = interpolated(union, times, weights)
     slopes = np.diff(fresh, axis=0) / np.diff(union)[:, None] if len(union) > 1 else np.zeros((0, fresh.shape[1]))
     edge = np.zeros((1, fresh.shape[1]))
     # With the secants of both sides as tangents a Hermite piece is its own straight line.

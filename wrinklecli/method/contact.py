@@ -230,13 +230,7 @@ class Tissue:
 
         if not ipctk.has_intersections(self.mesh, np.asfortranarray(positions)):
             return None
-        edges, triangles = self.crossings.at(positions)
-        ends, corners = self.crossings.edges[edges], self.crossings.triangles[triangles]
-        inner = self.free & self.own
-        counts = inner[ends].any(axis=1) | inner[corners].any(axis=1)
-        marked = np.zeros(len(positions), bool)
-        marked[ends[counts]] = True
-        marked[corners[counts]] = True
+        marked = self.crossings.marked(positions, self.free & self.own)
         return marked if marked.any() else None
 
     def _near(self, positions: Floats, near: float, kept: float) -> Any:

@@ -22,7 +22,7 @@ from wrinklecli.method.hinge import Hinge, hinge_of
 from wrinklecli.method.patch import Patch
 from wrinklecli.method.refine import Refinement
 from wrinklecli.method.rest import Rest
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, pieces_of
 from wrinklecli.numeric.crossings import Crossings
 from wrinklecli.tools.records import Contact
 
@@ -117,13 +117,7 @@ class Fold:
 
         Other meshes may cross each other.
         """
-        edges, triangles = self.crossings.at(positions)
-        ends, corners = self.crossings.edges[edges], self.triangles[triangles]
-        counts = self.own[ends[:, 0]] | self.own[corners[:, 0]]
-        marked = np.zeros(len(positions), bool)
-        marked[ends[counts]] = True
-        marked[corners[counts]] = True
-        return marked
+        return self.crossings.marked(positions, self.own)
 
 
 def find_folds(
@@ -229,17 +223,12 @@ def _round(pivot: Floats, reach: float, fine: Refinement, seeds: Ints, *, alone:
         (vertices,) rising, (triangles, 3) of these, and (vertices,) whether they hang together with some of (seeds,),
         or `alone` those that do.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     near = np.sum((fine.rest_positions - pivot) ** 2, axis=1) <= reach**2
     near[seeds] = True
     triangles = fine.triangles[near[fine.triangles].all(axis=1)]
     vertices, local = np.unique(triangles, return_inverse=True)
     local = local.reshape(-1, 3)
-    ends = local[:, [0, 1, 1, 2]].reshape(-1, 2)
-    links = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(len(vertices), len(vertices)))
-    _, pieces = connected_components(links, directed=False)
+    pieces = pieces_of(local[:, [0, 1, 1, 2]].reshape(-1, 2), len(vertices))
     wanted = distinct_values(pieces[np.isin(vertices, seeds)])
     own = np.isin(pieces, wanted)
     if alone:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, dot
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, dot, pieces_of
 
 
 @dataclass(frozen=True)
@@ -24,14 +24,9 @@ class Pieces:
     @classmethod
     def of(cls, triangles: Ints, free: Bools) -> "Pieces":
         """Find the pieces of (triangles, 3), of (vertices,) those that are free, that hang together."""
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
-
         moving = triangles[free[triangles].any(axis=1)]
         ends = moving[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-        ends = ends[free[ends].all(axis=1)]
-        links = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(len(free), len(free)))
-        _, labels = connected_components(links, directed=False)
+        labels = pieces_of(ends[free[ends].all(axis=1)], len(free))
         # A triangle's free vertices are all of one piece.
         piece = np.where(free[moving], labels[moving], -1).max(axis=1)
         return cls(tuple(moving[piece == each] for each in np.unique(piece)))

@@ -225,3 +225,20 @@ class Places:
         places, which = self.order[runs(first, last - first)], np.repeat(np.arange(len(values)), last - first)
         rising = np.argsort(places)
         return places[rising], which[rising]
+
+
+def interpolated(at: Floats, points: Floats, columns: Floats) -> Floats:
+    """(places, columns) straight between (points, columns) of rising (points,), at (places,); held beyond the ends."""
+    found = [np.interp(at, points, column) for column in columns.T]
+    return np.stack(found, axis=1) if found else np.zeros((len(at), 0))
+
+
+def pieces_of(links: Ints, count: int) -> Ints:
+    """(count,) the same number for those that hang together by (links, 2), numbered in the order of their first."""
+    # Imported here, as it takes longer than many a bake.
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_array((np.ones(len(links)), (links[:, 0], links[:, 1])), shape=(count, count))
+    _, pieces = connected_components(graph, directed=False)
+    return np.asarray(pieces, np.intp)

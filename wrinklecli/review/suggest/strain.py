@@ -17,7 +17,7 @@ from wrinklecli.character.pose import LEAST_SCALE, joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
 from wrinklecli.method.rest import Rest
-from wrinklecli.numeric.arrays import Floats, Ints, face_normals, unit
+from wrinklecli.numeric.arrays import Floats, Ints, face_normals, pieces_of, unit
 from wrinklecli.numeric.nearest import balls
 from wrinklecli.review.suggest.strained import StrainedPart, StrainedParts
 
@@ -90,11 +90,7 @@ def read_gauge(surface: Surface, rest: Rest, rig: Rig) -> Gauge:
 
 def _pieces(triangles: Ints, areas: Floats, count: int) -> Ints:
     """(triangles,) the same number for those that hang together by vertices; -1 for small ones, such as hair."""
-    from scipy.sparse.csgraph import connected_components
-
-    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]]])
-    _, labels = connected_components(csr_array((np.ones(len(edges)), tuple(edges.T)), shape=(count, count)), False)
-    pieces = labels[triangles[:, 0]].astype(np.intp)
+    pieces = pieces_of(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]]]), count)[triangles[:, 0]]
     sizes = np.bincount(pieces, areas, count)
     return np.where(sizes[pieces] < _SMALL_PIECE * areas.sum(), -1, pieces)
 
