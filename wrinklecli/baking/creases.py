@@ -6,17 +6,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from wrinklecli.baking.job import Mode
 from wrinklecli.baking.plan import MeshPlan
-from wrinklecli.baking.remix import weights_at
-from wrinklecli.baking.sample import Motion, takes_of
+from wrinklecli.baking.remix import with_times
+from wrinklecli.baking.sample import Motion, sample_clips, takes_of
 from wrinklecli.baking.targets import AnySet, CreaseSet, TargetSet, named_targets, of_tools
-from wrinklecli.character.clip import KEY_GAP, KEY_STEP, clip_grid, sample
+from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip, clip_grid, sample
 from wrinklecli.character.pose import pose_at
 from wrinklecli.method.activity import further_activities, lengths_over_time
 from wrinklecli.method.curve import weights_of
 from wrinklecli.method.shapes import Sample, make_shapes
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, interpolated
 from wrinklecli.numeric.guard import Progress, one_thread
+from wrinklecli.numeric.memory import Memory
 from wrinklecli.numeric.piecewise import key_points
 from wrinklecli.tools.records import identifier
 
@@ -35,7 +37,18 @@ _KEYS_SHARE = 0.25
 _STRIDE = np.radians(4.0)
 
 
-def add_creases(
+def sample_with_creases(
+    plan: MeshPlan, clips: Sequence[Clip], *, fps: float, mode: Mode, memory: Memory, progress: Progress
+) -> tuple[list[AnySet], list[Motion]]:
+    """As `sample_clips`, with the folds whose contact is resolved behind the tools.
+
+    Frames are marched at their own times, tracks at as many as they need.
+    """
+    target_sets, motions = sample_clips(plan, clips, fps=fps, mode=mode, memory=memory, progress=progress)
+    return _add_creases(plan, target_sets, motions, fps=fps, marched=mode == "morph", progress=progress)
+
+
+def _add_creases(
     plan: MeshPlan,
     target_sets: Sequence[TargetSet],
     motions: Sequence[Motion],
@@ -150,7 +163,7 @@ def _crease_set(
         plan.fine,
         crease.vertices,
         crease.shapes,
-        tallest=plan.scale * np.sqrt(np.sum(crease.shapes**2, axis=2)).max(axis=1),
+        tallest=plan.scale * crease.sizes,
         samples=_samples(plan, crease, of_tools(target_sets)) if plan.has_normals else [],
     )
     name = _identifier(plan, crease.fold, clip)
@@ -227,7 +240,7 @@ def _with_weights(
 
 def _keys(plan: MeshPlan, sets: Sequence[CreaseSet], times: Floats, weights: Sequence[Floats]) -> Ints:
     """(keys,) the times that straight lines need to give (times, shapes) weights of sets."""
-    sizes = np.concatenate([plan.scale * np.sqrt(np.sum(each.crease.shapes**2, axis=2)).max(axis=1) for each in sets])
+    sizes = np.concatenate([plan.scale * each.crease.sizes for each in sets])
     together = np.concatenate(weights, axis=1) * sizes
 
     def moves(at: Floats) -> Floats:
@@ -243,13 +256,8 @@ def _with_times(plan: MeshPlan, target_sets: Sequence[AnySet], motion: Motion, f
     if not len(fresh):
         return motion
     clip = motion.clip
-    places = np.searchsorted(motion.times, fresh)
-    times = np.insert(motion.times, places, fresh)
-    weights = []
-    for number, old in enumerate(motion.weights):
-        more = weights_at(plan, target_sets[number], clip, old, motion.times, fresh)
-        weights.append(np.insert(old, places, more, axis=0))
+    times, weights = with_times(plan, target_sets, clip, motion.times, motion.weights, fresh)
     patches = [each.patch for each in plan.carried_patches]
     seen = further_activities(patches, plan.rig, plan.rest, clip, times, known=motion.seen, known_at=motion.times)
     keys = np.searchsorted(times, motion.times[motion.keys])
-    return Motion(clip, times, keys, tuple(seen), tuple(weights))
+    return Motion(clip, times, keys, tuple(seen), weights)

@@ -7,18 +7,19 @@ from functools import partial
 from typing import Any
 
 from wrinklecli.baking.budget import BUDGETS, fit_budget, storage
-from wrinklecli.baking.creases import add_creases
+from wrinklecli.baking.creases import sample_with_creases
 from wrinklecli.baking.estimate import refuse_too_much
 from wrinklecli.baking.frame_files import export_frames
 from wrinklecli.baking.frames import Frames, encode_frames
-from wrinklecli.baking.job import BakeOptions, Job, ToolsPaths, read_job, tools_paths
+from wrinklecli.baking.job import BakeOptions, Job, Mode, ToolsPaths, read_job, tools_paths
 from wrinklecli.baking.morphs import encode_morphs, own_target_bytes
 from wrinklecli.baking.original import seal
 from wrinklecli.baking.plan import MeshPlan, plan_meshes
 from wrinklecli.baking.proof import prove
 from wrinklecli.baking.report import BakedMesh, Report, make_report
-from wrinklecli.baking.sample import sample_clips
+from wrinklecli.baking.sample import Motion
 from wrinklecli.baking.split import split_meshes, weighed
+from wrinklecli.baking.targets import AnySet
 from wrinklecli.baking.timings import StageClock, make_timings
 from wrinklecli.errors import BakeError, RefusedError
 from wrinklecli.files.outputs import Outputs, part_of
@@ -118,20 +119,16 @@ def _bake(
 def _pose_frames(job: Job, plan: MeshPlan, clock: StageClock, progress: Progress) -> BakedMesh:
     """Sample a mesh's clips for geometry of its own in each frame."""
     with clock.stage("sample"):
-        target_sets, motions = sample_clips(
-            plan,
-            job.clips,
-            fps=job.settings.sampling.fps,
-            mode="frames",
-            memory=job.document.memory,
-            progress=progress,
-        )
-        every_set, motions = add_creases(
-            plan, target_sets, motions, fps=job.settings.sampling.fps, marched=False, progress=progress
-        )
+        every_set, motions = _sample(job, plan, "frames", progress)
     if not motions:
         raise BakeError("has no clip: there is no frame to write", where=job.document.path)
     return BakedMesh(plan, tuple(every_set), tuple(motions))
+
+
+def _sample(job: Job, plan: MeshPlan, mode: Mode, progress: Progress) -> tuple[list[AnySet], list[Motion]]:
+    """Run the tools of a mesh over all clips."""
+    fps, memory = job.settings.sampling.fps, job.document.memory
+    return sample_with_creases(plan, job.clips, fps=fps, mode=mode, memory=memory, progress=progress)
 
 
 def _add_morph_targets(
@@ -140,17 +137,7 @@ def _add_morph_targets(
     """Sample a mesh's clips, put targets that the engine plays and their tracks into the document, and prove them."""
     options = job.options
     with clock.stage("sample"):
-        target_sets, motions = sample_clips(
-            plan,
-            job.clips,
-            fps=job.settings.sampling.fps,
-            mode="morph",
-            memory=job.document.memory,
-            progress=progress,
-        )
-        every_set, motions = add_creases(
-            plan, target_sets, motions, fps=job.settings.sampling.fps, marched=True, progress=progress
-        )
+        every_set, motions = _sample(job, plan, "morph", progress)
     budget = None
     if options.engine is not None:
         with clock.stage("budget"):

@@ -154,14 +154,8 @@ def keyed_at_turns(plan: MeshPlan, target_sets: Sequence[AnySet], motion: Motion
             turns = _turns(plan, target_set, clip, times[keys], target_set.shape_weights(weights[number])[keys])
             if not len(turns):
                 break
-            fresh = np.setdiff1d(turns, times)
-            places = np.searchsorted(times, fresh)
-            weights = tuple(
-                np.insert(old, places, weights_at(plan, each, clip, old, times, fresh), axis=0) if len(fresh) else old
-                for each, old in zip(target_sets, weights, strict=True)
-            )
-            keyed = np.union1d(times[keys], turns)
-            times = np.insert(times, places, fresh)
+            fresh, keyed = np.setdiff1d(turns, times), np.union1d(times[keys], turns)
+            times, weights = with_times(plan, target_sets, clip, times, weights, fresh)
             keys = np.searchsorted(times, keyed)
     patches = [target_set.carried.patch for target_set in of_tools(target_sets)]
     seen = further_activities(patches, plan.rig, plan.rest, clip, times, known=motion.seen, known_at=motion.times)
@@ -209,7 +203,28 @@ def _turns(plan: MeshPlan, target_set: TargetSet, clip: Clip, keys: Floats, weig
         near, far = np.where(inside & below, middle, near), np.where(inside & ~below, middle, far)
 
 
-def weights_at(plan: MeshPlan, target_set: AnySet, clip: Clip, weights: Floats, times: Floats, fresh: Floats) -> Floats:
+def with_times(
+    plan: MeshPlan,
+    target_sets: Sequence[AnySet],
+    clip: Clip,
+    times: Floats,
+    weights: Sequence[Floats],
+    fresh: Floats,
+) -> tuple[Floats, tuple[Floats, ...]]:
+    """(more times,) with (fresh,) ones, rising, among them, and for each set its (more times, shapes) weights there."""
+    if not len(fresh):
+        return times, tuple(weights)
+    places = np.searchsorted(times, fresh)
+    more = (
+        np.insert(old, places, _weights_at(plan, each, clip, old, times, fresh), axis=0)
+        for each, old in zip(target_sets, weights, strict=True)
+    )
+    return np.insert(times, places, fresh), tuple(more)
+
+
+def _weights_at(
+    plan: MeshPlan, target_set: AnySet, clip: Clip, weights: Floats, times: Floats, fresh: Floats
+) -> Floats:
     """(fresh, shapes) weights of a tool at more times: its curve's, or between those sampled where it has none."""
     if isinstance(target_set, TargetSet) and target_set.from_skin:
         return skin_weights(plan, target_set.carried, clip, fresh)

@@ -85,6 +85,11 @@ class Crease:
         """(free,) fine welded vertices that may move, rising."""
         return self.fold.vertices[free_rows(self.tissue)]
 
+    @property
+    def sizes(self) -> Floats:
+        """(shapes,) how far each moves a vertex at most, bind units."""
+        return np.asarray(np.sqrt(np.sum(self.shapes**2, axis=2)).max(axis=1))
+
     def follow(self, clip: Clip | None, times: Floats) -> "Followed":
         """March a clip.
 

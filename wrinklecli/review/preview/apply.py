@@ -7,12 +7,11 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from wrinklecli.baking.creases import add_creases
+from wrinklecli.baking.creases import sample_with_creases
 from wrinklecli.baking.estimate import refuse_too_much
 from wrinklecli.baking.job import BakeOptions, Job, read_job
 from wrinklecli.baking.morphs import encode_morphs
 from wrinklecli.baking.plan import MeshPlan, plan_meshes
-from wrinklecli.baking.sample import sample_clips
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edit import EditedDocument
@@ -133,7 +132,6 @@ def apply_tools(planned: PlannedTools, clips: Sequence[str], progress: Progress 
     fps = job.settings.sampling.fps
     for plan in planned.plans:
         refuse_too_much(job, plan, chosen, job.document.path)
-        target_sets, motions = sample_clips(plan, chosen, fps=fps, mode="morph", memory=memory, progress=progress)
-        every_set, motions = add_creases(plan, target_sets, motions, fps=fps, marched=True, progress=progress)
+        every_set, motions = sample_with_creases(plan, chosen, fps=fps, mode="morph", memory=memory, progress=progress)
         encode_morphs(edited, plan, every_set, motions)
     return edited.document()
