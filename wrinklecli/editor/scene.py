@@ -181,12 +181,13 @@ class View:
         radius = float(np.clip(_DOT * length, _LEAST_DOT * self._size, _MOST_DOT * self._size))
         for kind, spots in (("anchor", mark.anchors), ("edge", mark.edges)):
             for number, spot in enumerate(spots):
-                if (kind, number) in self._dots:
-                    self._dots[kind, number].position = places[spot]
-                    continue
                 # The target is white inside, as a ring is.
                 white = kind == "edge" or (number == len(spots) - 1)
                 colour = (255, 255, 255) if white else _bytes_of(mark.colour)
+                known = self._dots.get((kind, number))
+                if known is not None:
+                    known.position, known.color = places[spot], colour
+                    continue
                 dot = self._scene.add_icosphere(
                     f"/{self._name}/{kind}{number}",
                     radius * (0.7 if kind == "edge" else 1.0),
