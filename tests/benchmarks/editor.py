@@ -25,8 +25,8 @@ import viser  # noqa: E402
 from websockets.sync.client import connect  # noqa: E402
 
 from kit.limb import limb  # noqa: E402
-from wrinklecli.editor.page import Page  # noqa: E402
-from wrinklecli.editor.served import Place  # noqa: E402
+from wrinklecli.editor.page.page import Page  # noqa: E402
+from wrinklecli.editor.page.served import Place  # noqa: E402
 from wrinklecli.editor.session import Session  # noqa: E402
 from wrinklecli.numeric.guard import guarded  # noqa: E402
 

@@ -15,5 +15,13 @@ def test_a_change_counts_once_it_has_stayed(tmp_path: Path) -> None:
     assert not watched.changed()
     assert watched.changed()
     assert not watched.changed()
+    # What has changed since is not lost where more is watched.
+    path.write_text("abcd")
+    (tmp_path / "limb.bin").write_text("a")
+    more = watched.instead([tmp_path / "limb.bin", path])
+    assert more.changed()
+    assert not more.changed()
+    watched.changed()
+    assert watched.changed()
     path.unlink()
     assert [watched.changed() for _ in range(3)] == [False, True, False]

@@ -13,8 +13,8 @@ import wrinklecli
 from kit.browser import Page as Tab
 from kit.browser import browsing, until
 from kit.places import ROOT
-from wrinklecli.editor.page import Page
-from wrinklecli.editor.served import Place
+from wrinklecli.editor.page.page import Page
+from wrinklecli.editor.page.served import Place
 from wrinklecli.editor.session import Session
 from wrinklecli.tools.read import load_tools
 

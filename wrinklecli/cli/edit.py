@@ -73,8 +73,8 @@ def edit(
         from wrinklecli.editor.session import Session
 
         try:
-            from wrinklecli.editor.page import Page
-            from wrinklecli.editor.served import Place, is_own
+            from wrinklecli.editor.page.page import Page
+            from wrinklecli.editor.page.served import Place, is_own
         except ImportError as error:
             raise WrinkleError(f"needs viser ({error}): pip install 'wrinklecli[edit]'", where="edit") from None
     ended = threading.Event()

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from wrinklecli.baking.job import BakeOptions
 from wrinklecli.baking.pipeline import bake
 from wrinklecli.character.clip import Clip, read_clips
-from wrinklecli.editor.session import Session, ShownMesh
-from wrinklecli.editor.shown import LaidMesh, Stage
+from wrinklecli.editor.laid import LaidMesh, ShownMesh
+from wrinklecli.editor.session import Session
+from wrinklecli.editor.stage import Stage
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.memory import Memory

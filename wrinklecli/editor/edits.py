@@ -15,6 +15,7 @@ import numpy as np
 
 from wrinklecli.editor.store import Store, names_of, read_file
 from wrinklecli.errors import ConfigError, WrinkleError, nearest
+from wrinklecli.numeric.arrays import Floats
 from wrinklecli.tools.mirror import exchange_sides
 from wrinklecli.tools.read import parse_tools
 from wrinklecli.tools.records import ToolsFile, WrinkleTool, identifier, in_axes
@@ -126,14 +127,15 @@ class Edits:
         """
         with self._guarded():
             file, number = self._base.file, self._number(tool)
-            own, inherited = file.tools[number], file.beside.get("defaults") or {}
-            if len(steps) > 1 and steps[0] not in own and steps[0] in inherited:
+            own, inherited = file.tools[number], file.defaults
+            key = str(steps[0])
+            if len(steps) > 1 and key not in own and key in inherited:
                 # A tool's own mapping stands in place of what it inherits.
-                steps, value = steps[:1], with_part(inherited[steps[0]], steps[1:], value)
+                steps, value = (key,), with_part(inherited[key], steps[1:], value)
             if draft:
                 self._draft = self._drafted(number, with_part(own, steps, value))
             else:
-                self._become(file.with_value(number, steps, value), f"{tool}: {steps[0]}")
+                self._become(file.with_value(number, steps, value), f"{tool}: {key}")
 
     def unset(self, tool: str, steps: Steps) -> None:
         """Take a key away from a tool: what the file's defaults or the schema say holds then."""
@@ -144,9 +146,7 @@ class Edits:
         """Move one of a tool's points to a place at rest, world space: 0 is the origin, the last is the target."""
         with self._guarded():
             own = self._base.file.tools[self._number(tool)]
-            points = own["path"] if "path" in own else [own["origin"], own["target"]]
-            places = np.array([each for each in points if isinstance(each, list)], float).reshape(-1, 3)
-            span = float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
+            span = float(np.linalg.norm(np.diff(_places(own), axis=0), axis=1).sum())
             steps = ("path", number) if "path" in own else (("origin", "target")[number],)
             self.set_value(tool, steps, self._written_place(place, span), draft=draft)
 
@@ -179,15 +179,14 @@ class Edits:
         """
         with self._guarded():
             file, number = self._base.file, self._number(tool)
-            inherited = (file.beside.get("defaults") or {}).get("mirror")
+            inherited = file.defaults.get("mirror")
             if axis is None and inherited in (None, "none"):
                 self.unset(tool, ("mirror",))
                 return tool
             name = tool
             if axis is not None and exchange_sides(tool) == tool:
-                points = file.tools[number].get("path") or [file.tools[number]["origin"], file.tools[number]["target"]]
-                sides = [point["xyz".index(axis)] for point in points if isinstance(point, list)]
-                name = f"{tool}.{'L' if sum(sides) > 0 else 'R'}"
+                side = float(_places(file.tools[number])[:, "xyz".index(axis)].sum())
+                name = f"{tool}.{'L' if side > 0 else 'R'}"
                 file = file.with_value(number, ("name",), name)
             self._become(file.with_value(number, ("mirror",), axis or "none"), f"{name}: mirror")
             return name
@@ -370,5 +369,11 @@ class Edits:
     def _written_place(self, place: Sequence[float], span: float) -> list[float]:
         """A Y-up place in the file's axes, with as many digits as matter: a thousandth of the segment, or less."""
         digits = max(3 - int(np.floor(np.log10(span))), 0) if span > 0 else 6
-        turned = in_axes([float(x) for x in place], self._base.file.beside.get("up", "y"))
+        turned = in_axes([float(x) for x in place], self._base.file.up)
         return [round(each, digits) + 0.0 for each in turned]
+
+
+def _places(tool: Mapping[str, Any]) -> Floats:
+    """(points, 3) a tool's points, in the axes of its file, without those that are markers."""
+    points = tool["path"] if "path" in tool else [tool["origin"], tool["target"]]
+    return np.array([each for each in points if isinstance(each, list)], float).reshape(-1, 3)

@@ -44,7 +44,7 @@ def guessed(tool: WrinkleTool) -> dict[str, Any]:
 def offers_of(found: Suggestions) -> list[Offer]:
     """The tools of a file that `suggest` would write, each by itself."""
     file = ToolsText(found.text)
-    defaults = {"rest_length": (file.beside.get("defaults") or {}).get("rest_length", "auto")} if found.text else {}
+    defaults = {"rest_length": file.defaults.get("rest_length", "auto")} if found.text else {}
     return [
         Offer(
             name=each.tool.name,

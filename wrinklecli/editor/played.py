@@ -6,7 +6,7 @@ times, where somebody scrubs, are computed as they come.
 
 import threading
 from collections import OrderedDict
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -48,13 +48,17 @@ class Latest:
                 self._values.move_to_end(key)
             return self._values.get(key)
 
-    def put(self, key: Hashable, value: Kept) -> Kept:
-        """Keep a value, and give it back."""
+    def of(self, key: Hashable, make: Callable[[], Kept]) -> Kept:
+        """What was made from a key, be it now; two threads that ask at once may both make it."""
+        found: Kept | None = self.get(key)
+        if found is not None:
+            return found
+        made = make()
         with self._lock:
-            self._values[key] = value
+            self._values[key] = made
             while len(self._values) > self.count:
                 self._values.popitem(last=False)
-        return value
+        return made
 
 
 def frame_times(clip: Clip) -> Floats:
@@ -79,8 +83,7 @@ class Played:
 
     def times(self, clip: Clip) -> Floats:
         """(frames,) seconds, as `frame_times`."""
-        found: Floats | None = self._times.get(clip.name)
-        return self._times.put(clip.name, frame_times(clip)) if found is None else found
+        return self._times.of(clip.name, lambda: frame_times(clip))
 
     def pose(self, ground: Ground, clip: Clip | None, time: float) -> tuple[Floats, Floats]:
         """(1, acting joints, 4, 4) matrices from bind to world space, and (1, morph targets) weights.
@@ -92,21 +95,19 @@ class Played:
         times = np.array([time])
         if clip is None or frame is None or 128 * len(acting) * len(self.times(clip)) > _MOST_BYTES:
             return joint_matrices(ground.rig, clip, times, acting), morph_weights(ground.rig, clip, times)
-        found: _Poses | None = self._poses.get((ground, clip.name))
-        if found is None:
-            every = self.times(clip)
-            poses = _Poses(joint_matrices(ground.rig, clip, every, acting), morph_weights(ground.rig, clip, every))
-            found = self._poses.put((ground, clip.name), poses)
+        every = self.times(clip)
+        found = self._poses.of(
+            (ground, clip.name),
+            lambda: _Poses(joint_matrices(ground.rig, clip, every, acting), morph_weights(ground.rig, clip, every)),
+        )
         return found.matrices[frame : frame + 1], found.weights[frame : frame + 1]
 
     def activity(self, ground: Ground, patch: Patch, clip: Clip) -> Activity:
         """What a clip makes of a tool, at the times at which it is played."""
-        key = (patch.tool, ground, clip.name)
-        found: Activity | None = self._seen.get(key)
-        if found is None:
-            seen = activities([patch], ground.rig, ground.rest, clip, self.times(clip))[0]
-            found = self._seen.put(key, seen)
-        return found
+        return self._seen.of(
+            (patch.tool, ground, clip.name),
+            lambda: activities([patch], ground.rig, ground.rest, clip, self.times(clip))[0],
+        )
 
     def at(self, ground: Ground, patch: Patch, clip: Clip | None, time: float) -> tuple[Floats, float]:
         """(1, groups, modes) amplitudes of a tool at a time, without strength, and its anchors' distance."""

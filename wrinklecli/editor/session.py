@@ -12,22 +12,21 @@ from typing import Any
 import numpy as np
 
 from wrinklecli.character.clip import Clip, clip_named
-from wrinklecli.character.joined import with_free_nodes
-from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.scene import deforming_nodes
 from wrinklecli.editor.edits import Draft, Edits, Step
 from wrinklecli.editor.freely import POSE, FreePose
+from wrinklecli.editor.laid import Laid, LaidMesh, LaidTool, ShownMesh
 from wrinklecli.editor.offered import Offer, guessed, offers_of, turned
 from wrinklecli.editor.played import Latest, frame_times
-from wrinklecli.editor.shown import Laid, LaidMesh, LaidTool, Stage
+from wrinklecli.editor.stage import Reading, Stage
 from wrinklecli.editor.store import Store
 from wrinklecli.editor.told import control_curve, heights_over, warnings_of
 from wrinklecli.errors import WrinkleError
 from wrinklecli.files.watched import Watched
-from wrinklecli.gltf.document import Document, read_document
-from wrinklecli.numeric.arrays import Floats, Ints
+from wrinklecli.gltf.document import Document
+from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.guard import guarded
-from wrinklecli.numeric.memory import MAX_MEMORY, Memory
+from wrinklecli.numeric.memory import MAX_MEMORY
 from wrinklecli.review.suggest.placed import Chosen
 from wrinklecli.review.suggest.suggest import suggest
 from wrinklecli.tools.mirror import exchange_sides
@@ -58,30 +57,6 @@ class EditedTool:
     problem: str | None
 
 
-@dataclass(frozen=True, slots=True)
-class ShownMesh:
-    """A node's mesh at a moment.
-
-    Attributes:
-        node: Name of the node.
-        laid: What of it does not change with time; another object whenever faces do.
-        positions: (vertices, 3) world space, scene units.
-    """
-
-    node: str
-    laid: LaidMesh
-    positions: Floats
-
-    @property
-    def faces(self) -> Ints:
-        """(triangles, 3) vertices; the same array as long as `laid` is the same object."""
-        return self.laid.faces
-
-    def normals(self) -> Floats:
-        """(vertices, 3) unit, area-weighted."""
-        return self.laid.normals(self.positions)
-
-
 class Session(Edits):
     """An asset and its tools, being edited. Made by `Session.open`.
 
@@ -99,13 +74,13 @@ class Session(Edits):
         notes: What was made of the asset's motions, and what happened to the files, a line each, newest last.
     """
 
-    def __init__(self, asset: str, reading: "Reading", store: Store) -> None:
+    def __init__(self, asset: str, reading: Reading, store: Store) -> None:
         super().__init__(store)
         self.asset = asset
         self.reading = reading
         self.pose = FreePose()
         self._posed: Clip | None = None
-        self._watched_asset = Watched([asset])
+        self._watched_asset = Watched([asset, *reading.anims])
         self._stage = self._read_stage()
         self._laid: tuple[object, Laid] | None = None
         self._settled: tuple[object, Laid] | None = None
@@ -178,13 +153,12 @@ class Session(Edits):
         """The tools of the file, in its order, disabled ones too; a mirrored one is its source's partner."""
         with self._guarded():
             file, solo, problems = self._base.file, self._base.solo, self._quick().problems
-            defaults = file.beside.get("defaults") or {}
             schema = {key: each["default"] for key, each in TOOL_KEYS.items() if "default" in each}
             found = []
             for number, own in enumerate(file.tools):
                 if self._draft is not None and self._draft.number == number:
                     own = self._draft.values
-                values = schema | defaults | dict(own)
+                values = schema | dict(file.defaults) | dict(own)
                 name, mirrored = str(own.get("name", "")), values.get("mirror") not in (None, "none")
                 partner = exchange_sides(name) if mirrored else None
                 problem = problems.get(name) or (problems.get(partner) if partner else None)
@@ -207,8 +181,8 @@ class Session(Edits):
         """
         with self._guarded():
             file = self._base.file
-            axis, up = (file.beside.get("defaults") or {}).get("mirror"), file.beside.get("up", "y")
-            sides = dict(zip("xyz", in_axes((np.add(origin, target) / 2.0).tolist(), up), strict=True))
+            axis = file.defaults.get("mirror")
+            sides = dict(zip("xyz", in_axes((np.add(origin, target) / 2.0).tolist(), file.up), strict=True))
             name = self._new_name("wrinkle" + ("" if axis not in sides else ".L" if sides[axis] > 0 else ".R"))
             span = float(np.linalg.norm(np.subtract(target, origin)))
             deforming = deforming_nodes(self._stage.document)
@@ -245,8 +219,8 @@ class Session(Edits):
         with self._guarded():
             file = self._base.file
             name = offer.name if identifier(offer.name) not in self._taken_names() else self._new_name(offer.name)
-            values = turned(offer.values, file.beside.get("up", "y")) | {"name": name}
-            if (file.beside.get("defaults") or {}).get("mirror") not in (None, "none"):
+            values = turned(offer.values, file.up) | {"name": name}
+            if file.defaults.get("mirror") not in (None, "none"):
                 values.setdefault("mirror", "none")
             self._become(file.with_tool(values), f"{name} is accepted")
             return name
@@ -351,21 +325,14 @@ class Session(Edits):
 
     def _chosen_on(self, mesh: LaidMesh) -> Chosen:
         """A mesh, measured for first guesses."""
-        found: Chosen | None = self._measured.get(mesh.ground)
-        return found or self._measured.put(mesh.ground, Chosen(self._stage.document, mesh.ground, self.clips))
+        return self._measured.of(mesh.ground, lambda: Chosen(self._stage.document, mesh.ground, self.clips))
 
     def _read_stage(self) -> Stage:
-        reading = self.reading
         with guarded(self.asset):
-            memory = Memory(reading.max_memory)
-            document = read_document(self.asset, allow_external=reading.allow_external, memory=memory)
-            motions = Motions(reading.anims, reading.range_of_motion or None)
-            joined = moved(document, deforming_nodes(document), motions)
-        self.notes += [each for each in (*joined.notes, *joined.warnings) if each not in self.notes]
-        self._watched_asset = Watched([self.asset, *joined.document.files])
-        joints = {joint for skin in joined.document.items("skins") for joint in skin.get("joints", [])}
-        document = with_free_nodes(joined.document, joints)  # for the free pose
-        return Stage(document, joined.clips, frozenset(joined.range))
+            stage = Stage.read(self.asset, self.reading)
+        self.notes += [each for each in stage.notes if each not in self.notes]
+        self._watched_asset = self._watched_asset.instead([self.asset, *stage.document.files, *self.reading.anims])
+        return stage
 
     def _shown_settings(self, step: Step, draft: Draft | None = None) -> ToolsFile:
         """The tools of a step that are shown, or with those of a draft of it."""
@@ -395,13 +362,3 @@ class Session(Edits):
         if name == POSE:
             return self._posed
         return None if name is None else clip_named(self.clips, name, where=self.asset)
-
-
-@dataclass(frozen=True, slots=True)
-class Reading:
-    """How an asset is read, as of `Session.open`."""
-
-    anims: tuple[str, ...]
-    range_of_motion: bool
-    allow_external: bool
-    max_memory: int

@@ -7,8 +7,8 @@ import numpy as np
 from wrinklecli.baking.sample import ClipActivity, moving_clips
 from wrinklecli.baking.warnings import mesh_warnings, tool_warnings
 from wrinklecli.character.clip import Clip
+from wrinklecli.editor.laid import Laid, LaidTool
 from wrinklecli.editor.played import Played
-from wrinklecli.editor.shown import Laid, LaidTool
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.tools.records import ToolsFile
 

@@ -15,6 +15,13 @@ class Watched:
         self._paths = tuple(dict.fromkeys(os.fspath(path) for path in paths))
         self._known = self._last = self._look()
 
+    def instead(self, paths: Iterable[str | os.PathLike[str]]) -> "Watched":
+        """Other files from now on, as a reader knows only afterwards which they are; those of both count as before."""
+        found = Watched(paths)
+        known = dict(zip(self._paths, self._known, strict=True))
+        found._known = tuple(known.get(path, now) for path, now in zip(found._paths, found._known, strict=True))
+        return found
+
     def changed(self) -> bool:
         """Whether there is something new since the last time that this was so: the same at two looks.
 

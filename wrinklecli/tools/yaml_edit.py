@@ -102,6 +102,16 @@ class ToolsText:
         value = root.value if root is not None and isinstance(root.value, dict) else {}
         return {key: each for key, each in value.items() if key != "tools"}
 
+    @property
+    def defaults(self) -> Mapping[str, Any]:
+        """What holds for tools that say nothing else, by key."""
+        return self.beside.get("defaults") or {}
+
+    @property
+    def up(self) -> str:
+        """The axis that points up where the file says places."""
+        return str(self.beside.get("up", "y"))
+
     def item(self, number: int) -> str:
         """The text of one of the tools, from behind its dash."""
         part = self._item(number)

@@ -1,6 +1,7 @@
 """What the page shows in 3D: the session's meshes at the player's moment, tools on them, and where cameras stand."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -8,12 +9,13 @@ import viser
 
 from wrinklecli.character.scene import read_scene
 from wrinklecli.editor.baked import Baked
-from wrinklecli.editor.desk import on_set
-from wrinklecli.editor.drawing import Body, Mark, body_of, mark_of, picked
-from wrinklecli.editor.player import Player
-from wrinklecli.editor.scene import LOOKS, Drag, Look, View
-from wrinklecli.editor.session import Session, ShownMesh
-from wrinklecli.editor.work import Work
+from wrinklecli.editor.laid import ShownMesh
+from wrinklecli.editor.page.desk import add_group, on_set
+from wrinklecli.editor.page.drawing import Body, Mark, body_of, mark_of, picked
+from wrinklecli.editor.page.player import Player
+from wrinklecli.editor.page.scene import LOOKS, Drag, Look, View
+from wrinklecli.editor.page.work import Work
+from wrinklecli.editor.session import Session
 from wrinklecli.gltf.document import Document
 from wrinklecli.method.patch import Patch
 from wrinklecli.numeric.arrays import Floats
@@ -83,19 +85,9 @@ class Picture:
         tip = "Show what Bake has written, in place of what is edited; its clips, as it plays them."
         self._as_baked: Any = gui.add_checkbox("baked file", initial_value=False, hint=tip, visible=False)
         self._beside: Any = gui.add_checkbox("rest beside", initial_value=False, hint="Show it at rest, too.")
-        sides: Any = gui.add_button_group("look from", tuple(_SIDES))
-
-        async def look(event: Any) -> None:
-            side = event.target.value
-            self._work.put("look", lambda: self.look_at_all(side))
-
-        async def look_otherwise(event: Any) -> None:
-            if event.client is not None:
-                self._work.put("dress", self._dress)
-
-        sides.on_click(look)
+        add_group(gui, self._work, "look from", {side: partial(self.look_at_all, side) for side in _SIDES})
         for each in (self._look, self._wire, self._beside):
-            each.on_update(look_otherwise)
+            on_set(each, self._work, "dress", self._dress)
         on_set(self._as_baked, self._work, "as baked", show)
 
     def show(self, player: Player, chosen: str | None) -> None:

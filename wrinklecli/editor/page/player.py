@@ -10,7 +10,8 @@ from viser import uplot
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.editor.freely import POSE
-from wrinklecli.editor.work import Work
+from wrinklecli.editor.page.desk import on, on_set
+from wrinklecli.editor.page.work import Work
 from wrinklecli.numeric.arrays import Floats
 
 REST = "as stored"
@@ -50,24 +51,10 @@ class Player:
         self._speed: Any = None
         self._reach()
         command = gui.add_command("Play or pause", hotkey="space")
-
-        @self._button.on_click
-        async def _(_event: object) -> None:
-            work.put("play", self.toggle)
-
-        @command.on_trigger
-        async def _(_event: object) -> None:
-            work.put("play", self.toggle)
-
-        @self._clip.on_update
-        async def _(event: Any) -> None:
-            if event.client is not None:
-                work.put("clip", self._chosen)
-
-        @self._time.on_update
-        async def _(event: Any) -> None:
-            if event.client is not None:
-                work.put("time", self._scrubbed)
+        on(self._button.on_click, work, self.toggle)
+        on(command.on_trigger, work, self.toggle)
+        on_set(self._clip, work, "clip", self._chosen)
+        on_set(self._time, work, "time", self._scrubbed)
 
     def add_speed(self, gui: viser.GuiApi) -> None:
         """Add how fast it plays, to where the program is in the page."""

@@ -6,7 +6,7 @@ from typing import Any
 
 import viser
 
-from wrinklecli.editor.keys import GROUPS, NONE, KeyControl, as_written, key_controls, percent_of
+from wrinklecli.editor.page.keys import GROUPS, NONE, KeyControl, as_written, key_controls, percent_of
 from wrinklecli.tools.schema import TOOL_KEYS
 
 Steps = tuple[str | int, ...]

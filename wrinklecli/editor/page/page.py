@@ -11,17 +11,17 @@ from typing import Any
 import viser
 
 from wrinklecli.editor.baked import Baked
-from wrinklecli.editor.controls import Steps, ToolControls
-from wrinklecli.editor.desk import ASKS, BAD, GOOD, add_group, on, on_set
-from wrinklecli.editor.hand import Hand
-from wrinklecli.editor.keeping import Keeping
-from wrinklecli.editor.picture import Picture
-from wrinklecli.editor.player import Charts, Player
-from wrinklecli.editor.poser import Poser
-from wrinklecli.editor.proposals import Proposals
-from wrinklecli.editor.served import Place, serve
+from wrinklecli.editor.page.controls import Steps, ToolControls
+from wrinklecli.editor.page.desk import ASKS, BAD, GOOD, add_group, on, on_set
+from wrinklecli.editor.page.hand import Hand
+from wrinklecli.editor.page.keeping import Keeping
+from wrinklecli.editor.page.picture import Picture
+from wrinklecli.editor.page.player import Charts, Player
+from wrinklecli.editor.page.poser import Poser
+from wrinklecli.editor.page.proposals import Proposals
+from wrinklecli.editor.page.served import Place, serve
+from wrinklecli.editor.page.work import Work
 from wrinklecli.editor.session import EditedTool, Session
-from wrinklecli.editor.work import Work
 from wrinklecli.errors import WrinkleError
 
 _SLIDES = 0.35  # seconds without a further change after which a slider has been let go
@@ -326,13 +326,16 @@ class Page:
             self.settle_slide()
             self.choose(self._session.mirror(self.chosen, "x" if self._twin.value else None), look=False)
 
+    def _chosen_tool(self) -> EditedTool | None:
+        return next((tool for tool in self._session.tools() if tool.name == self.chosen), None)
+
     def _solo(self) -> None:
-        chosen = next((tool for tool in self._session.tools() if tool.name == self.chosen), None)
+        chosen = self._chosen_tool()
         if chosen is not None:
             self._edit(lambda: self._session.solo(() if chosen.solo else (chosen.name,)))
 
     def _switch(self) -> None:
-        chosen = next((tool for tool in self._session.tools() if tool.name == self.chosen), None)
+        chosen = self._chosen_tool()
         if chosen is not None:
             self._edit(lambda: self._session.enable(chosen.name, enabled=not chosen.enabled))
 

@@ -6,7 +6,7 @@ from typing import Any, Protocol
 import viser
 
 from wrinklecli.editor.baked import Baked
-from wrinklecli.editor.work import Work
+from wrinklecli.editor.page.work import Work
 
 GOOD, BAD, ASKS = "#1c7a3f", "#c92a2a", "#1f6fd6"
 """Colours of what the page says: it is done, it failed, something is to be done."""

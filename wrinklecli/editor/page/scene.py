@@ -7,8 +7,8 @@ from typing import Literal
 import numpy as np
 import viser
 
-from wrinklecli.editor.drawing import Body, DrawnMesh, Mark
-from wrinklecli.editor.painted import PaintedMesh
+from wrinklecli.editor.page.drawing import Body, DrawnMesh, Mark
+from wrinklecli.editor.page.painted import PaintedMesh
 from wrinklecli.gltf.pixels import srgb
 from wrinklecli.numeric.arrays import Floats, vertex_normals
 

@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 import viser
 
-from wrinklecli.editor.desk import ASKS, Desk, on
-from wrinklecli.editor.keys import as_written, key_controls
-from wrinklecli.editor.picture import Picture
+from wrinklecli.editor.page.desk import ASKS, Desk, on
+from wrinklecli.editor.page.keys import as_written, key_controls
+from wrinklecli.editor.page.picture import Picture
+from wrinklecli.editor.page.work import Work
 from wrinklecli.editor.session import Session
-from wrinklecli.editor.work import Work
 from wrinklecli.numeric.arrays import Floats
 
 _WIDTH = next(control for control in key_controls() if control.key == "width")

@@ -8,12 +8,11 @@ import struct
 
 import numpy as np
 
-from wrinklecli.gltf.document import TRIANGLES
+from wrinklecli.gltf.document import BIN_CHUNK, COMPONENT_TYPES, GLB_MAGIC, JSON_CHUNK, SIZE_TYPES, TRIANGLES
 from wrinklecli.gltf.pixels import png_of
 from wrinklecli.numeric.arrays import Array, Floats, Ints
 from wrinklecli.review.preview.materials import Texture
 
-_FLOAT, _UINT, _UBYTE = 5126, 5125, 5121
 _WRAPS = {"clamp": 33071, "mirror": 33648, "repeat": 10497}
 _ROUGH = 0.9
 
@@ -28,12 +27,12 @@ class PaintedMesh:
     """
 
     def __init__(self, triangles: Ints, coordinates: Floats, texture: Texture | None) -> None:
-        self._fixed: list[tuple[str, Array]] = [("SCALAR", triangles.astype(np.uint32).ravel())]
+        self._fixed: list[Array] = [triangles.astype(np.uint32).reshape(-1, 1)]
         self._image = b""
         self._material: dict[str, object] = {"metallicFactor": 0.0, "roughnessFactor": _ROUGH}
         self._sampler = {}
         if texture is not None:
-            self._fixed.append(("VEC2", coordinates.astype(np.float32)))
+            self._fixed.append(coordinates.astype(np.float32))
             self._image = png_of(texture.pixels)
             self._material["baseColorTexture"] = {"index": 0}
             self._sampler = {key: _WRAPS[wrap] for key, wrap in zip(("wrapS", "wrapT"), texture.wraps, strict=True)}
@@ -42,28 +41,22 @@ class PaintedMesh:
         """The .glb with (vertices, 3) positions, unit normals and linear colours."""
         shades = np.full((len(colours), 4), 255, np.uint8)
         shades[:, :3] = np.round(255 * np.clip(colours, 0.0, 1.0))
-        moving: list[tuple[str, Array]] = [
-            ("VEC3", positions.astype(np.float32)),
-            ("VEC3", normals.astype(np.float32)),
-            ("VEC4", shades),
-        ]
-        arrays = [*self._fixed, *moving]
+        arrays = [*self._fixed, positions.astype(np.float32), normals.astype(np.float32), shades]
         # Without normals it would be drawn flat.
         attributes = {name: len(self._fixed) + k for k, name in enumerate(("POSITION", "NORMAL", "COLOR_0"))}
         if self._image:
             attributes["TEXCOORD_0"] = 1
         accessors, views, parts, start = [], [], [], 0
-        for number, (kind, array) in enumerate(arrays):
-            component = {"f": _FLOAT, "u": _UINT if array.itemsize == 4 else _UBYTE}[array.dtype.kind]
+        for number, array in enumerate(arrays):
             accessor: dict[str, object] = {
                 "bufferView": number,
-                "componentType": component,
+                "componentType": COMPONENT_TYPES[array.dtype],
                 "count": len(array),
-                "type": kind,
+                "type": SIZE_TYPES[array.shape[1]],
             }
-            if kind == "VEC3":
+            if array.shape[1] == 3:
                 accessor |= {"min": array.min(axis=0).tolist(), "max": array.max(axis=0).tolist()}
-            if component == _UBYTE:
+            if array is shades:
                 accessor["normalized"] = True
             accessors.append(accessor)
             views.append({"buffer": 0, "byteOffset": start, "byteLength": array.nbytes})
@@ -95,6 +88,6 @@ class PaintedMesh:
 def _container(gltf: dict[str, object], data: bytes) -> bytes:
     """JSON and a buffer in one file."""
     text = json.dumps(gltf, separators=(",", ":")).encode()
-    chunks = ((b"JSON", text + b" " * (-len(text) % 4)), (b"BIN\0", data + b"\0" * (-len(data) % 4)))
+    chunks = ((JSON_CHUNK, text + b" " * (-len(text) % 4)), (BIN_CHUNK, data + b"\0" * (-len(data) % 4)))
     body = b"".join(struct.pack("<I", len(chunk)) + kind + chunk for kind, chunk in chunks)
-    return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body
+    return struct.pack("<4sII", GLB_MAGIC, 2, 12 + len(body)) + body

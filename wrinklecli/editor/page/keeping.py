@@ -6,9 +6,9 @@ from typing import Any
 import viser
 
 from wrinklecli.editor.baked import Baked, bake_saved
-from wrinklecli.editor.desk import ASKS, Desk, add_group, on
+from wrinklecli.editor.page.desk import ASKS, Desk, add_group, on
+from wrinklecli.editor.page.work import Work
 from wrinklecli.editor.session import Session
-from wrinklecli.editor.work import Work
 from wrinklecli.errors import ConfigError
 
 _BAR = 0.2  # seconds between two steps of a bake's progress that are shown

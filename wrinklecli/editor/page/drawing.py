@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrinklecli.editor.shown import LaidMesh, LaidTool
+from wrinklecli.editor.laid import LaidMesh, LaidTool
 from wrinklecli.numeric.arrays import Floats, Ints, among, distinct, distinct_values, face_normals, unit
 from wrinklecli.numeric.nearest import distances_along
 from wrinklecli.review.preview.materials import Paint

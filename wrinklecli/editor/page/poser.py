@@ -6,11 +6,11 @@ from typing import Any
 import viser
 
 from wrinklecli.character.posing import posable
-from wrinklecli.editor.desk import add_group, on_set
 from wrinklecli.editor.freely import POSE, FreePose
-from wrinklecli.editor.player import Player
+from wrinklecli.editor.page.desk import add_group, on_set
+from wrinklecli.editor.page.player import Player
+from wrinklecli.editor.page.work import Work
 from wrinklecli.editor.session import Session
-from wrinklecli.editor.work import Work
 from wrinklecli.gltf.document import Document
 
 _AXES = ("x", "y", "z")

@@ -11,8 +11,8 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from kit.limb import limb
-from wrinklecli.editor.page import Page
-from wrinklecli.editor.served import Place
+from wrinklecli.editor.page.page import Page
+from wrinklecli.editor.page.served import Place
 from wrinklecli.editor.session import Session
 from wrinklecli.errors import WrinkleError
 

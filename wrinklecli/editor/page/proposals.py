@@ -4,10 +4,10 @@ from typing import Any
 
 import viser
 
-from wrinklecli.editor.desk import ASKS, Desk, on
 from wrinklecli.editor.offered import Offer
+from wrinklecli.editor.page.desk import ASKS, Desk, on
+from wrinklecli.editor.page.work import Work
 from wrinklecli.editor.session import Session
-from wrinklecli.editor.work import Work
 
 
 class Proposals:

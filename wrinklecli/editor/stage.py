@@ -1,4 +1,4 @@
-"""What an editor shows: an asset's meshes with their wrinkles at a moment, each tool attached and refined by itself.
+"""An asset on which tools are laid: each attached and refined by itself, or with those that it lies together with.
 
 The functions of a bake attach, refine and carry the tools. Those that lie together are planned together; what others
 have is kept, so an edit takes the time of the tools that it touches. In a hurry these are carried anew on the triangles
@@ -7,23 +7,26 @@ that are there, and refined later.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from wrinklecli.baking.job import check_clip_names, tools_by_node, why_left_out
-from wrinklecli.baking.plan import Ground, MeshPlan, plan_on, read_ground
+from wrinklecli.baking.plan import Ground, plan_on, read_ground
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.contacts import Neighbours
-from wrinklecli.character.scene import scene_nodes
-from wrinklecli.character.skin import Skin, pose, prepare
+from wrinklecli.character.joined import with_free_nodes
+from wrinklecli.character.moved import Motions, moved
+from wrinklecli.character.scene import deforming_nodes, scene_nodes
+from wrinklecli.character.skin import Skin, prepare
+from wrinklecli.editor.laid import Cluster, Laid, LaidMesh, LaidTool
 from wrinklecli.editor.played import Latest, Played
 from wrinklecli.errors import WrinkleError
-from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.method.attach import attach_tools
-from wrinklecli.method.carry import CarriedPatch, carry, displacements
+from wrinklecli.method.carry import carry
 from wrinklecli.method.patch import Patch
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, children, distinct_values, flags_of, vertex_normals
+from wrinklecli.numeric.arrays import Bools, Ints, distinct_values, flags_of
+from wrinklecli.numeric.memory import MAX_MEMORY, Memory
 from wrinklecli.tools.records import Length, ToolsFile, WrinkleTool
 
 # Of a bake, as long as no option says otherwise.
@@ -36,173 +39,21 @@ _RINGS = 4
 _PATCHES, _PLANS, _MESHES = 256, 24, 8
 
 
-@dataclass(frozen=True, eq=False)
-class Cluster:
-    """Tools that lie together on a mesh, planned together.
-
-    Attributes:
-        plan: Of these tools alone.
-        parents: (triangles,) of the coarse mesh, rising, that they move or refine.
-        triangles: (triangles,) of the refined mesh, rising, in place of these.
-        skin: The new vertices, ready to be posed.
-    """
-
-    plan: MeshPlan
-    parents: Ints
-    triangles: Ints
-    skin: Skin
-
-    @classmethod
-    def of(cls, plan: MeshPlan, skin: Skin | None = None) -> "Cluster":
-        """What of a refined mesh differs from the coarse one; `skin` where it is known."""
-        fine, old = plan.fine, len(plan.fine.surface.positions)
-        moved = np.zeros(len(fine.positions), bool)
-        moved[old:] = True
-        for carried in plan.carried_patches:
-            moved[carried.vertices] = True
-        parents = distinct_values(fine.subdivision.parents[any_of(moved, fine.triangles)])
-        if skin is None:
-            weights = fine.weights[:, distinct_values(fine.surface.joints)]
-            skin = prepare(weights, fine.positions[old:], fine.morph_deltas[:, old:])
-        return cls(plan, parents, children(fine.subdivision.parents, parents), skin)
-
-    @property
-    def old_count(self) -> int:
-        """Vertices of the coarse mesh, which the refined one begins with."""
-        return len(self.plan.fine.surface.positions)
-
-    def apart_from(self, taken: Bools) -> "Cluster":
-        """It without what is at (triangles,) of the coarse mesh that others show already; in a hurry some may."""
-        if not taken[self.parents].any():
-            return self
-        parents = self.parents[~taken[self.parents]]
-        return replace(self, parents=parents, triangles=children(self.plan.fine.subdivision.parents, parents))
-
-
-@dataclass(frozen=True, eq=False)
-class LaidMesh:
-    """A node's mesh with all tools on it: the same object as long as all is the same but the pose.
-
-    Its vertices are those of the coarse mesh, welded, then the new ones of each cluster.
-
-    Attributes:
-        ground: The mesh at rest.
-        skin: Its vertices, ready to be posed.
-        clusters: Its tools.
-        played: Where poses and heights come from.
-    """
-
-    ground: Ground
-    skin: Skin
-    clusters: tuple[Cluster, ...]
-    played: Played
-
-    @property
-    def node(self) -> str:
-        """The name of the node."""
-        return self.ground.rig.names[self.ground.rig.node]
-
-    @cached_property
-    def kept(self) -> Ints:
-        """(triangles,) of the coarse mesh that are shown as they are, rising."""
-        kept = np.ones(len(self.ground.surface.triangles), bool)
-        for cluster in self.clusters:
-            kept[cluster.parents] = False
-        return np.flatnonzero(kept)
-
-    @cached_property
-    def faces(self) -> Ints:
-        """(triangles, 3) vertices: of the coarse mesh's triangles that are kept, then of those of each cluster."""
-        parts = [self.ground.surface.triangles[self.kept]]
-        for cluster, shift in zip(self.clusters, self.shifts, strict=True):
-            faces = cluster.plan.fine.triangles[cluster.triangles]
-            parts.append(np.where(faces < cluster.old_count, faces, faces + shift))
-        return np.concatenate(parts)
-
-    @cached_property
-    def parents(self) -> Ints:
-        """(triangles,) the triangle of the coarse mesh that each of `faces` is, or is a part of."""
-        split = [each.plan.fine.subdivision.parents[each.triangles] for each in self.clusters]
-        return np.concatenate([self.kept, *split])
-
-    @cached_property
-    def rest_positions(self) -> Floats:
-        """(vertices, 3) at rest, without wrinkles."""
-        new = [each.plan.fine.rest_positions[each.old_count :] for each in self.clusters]
-        return np.concatenate([self.ground.rest.positions, *new])
-
-    @cached_property
-    def shifts(self) -> list[int]:
-        """What is added to the numbers of each cluster's new vertices."""
-        counts = [each.skin.weights.shape[1] for each in self.clusters]
-        shifts: list[int] = np.cumsum([0, *counts])[:-1].tolist()
-        return shifts
-
-    def posed(self, clip: Clip | None, time: float, *, wrinkled: bool = True) -> Floats:
-        """(vertices, 3) at a time of a clip, seconds, world space; in the stored pose where there is no clip.
-
-        Args:
-            clip: The animation.
-            time: Seconds.
-            wrinkled: With wrinkles.
-        """
-        rig, old = self.ground.rig, len(self.ground.surface.positions)
-        matrices, weights = self.played.pose(self.ground, clip, time)
-        skins = (self.skin, *(each.skin for each in self.clusters))
-        ends = np.cumsum([0, *(each.weights.shape[1] for each in skins)])
-        offsets = np.zeros((1, 3, int(ends[-1])))
-        for cluster, shift in zip(self.clusters, self.shifts, strict=True):
-            plan = cluster.plan
-            for carried in plan.carried_patches if wrinkled else ():
-                amplitudes, _ = self.played.at(self.ground, carried.patch, clip, time)
-                moved = displacements(carried, plan.fine, rig, plan.rest, clip, np.array([time]), amplitudes)[0]
-                offsets[0][:, np.where(carried.vertices < old, carried.vertices, carried.vertices + shift)] += moved.T
-        parts = [
-            pose(skin, matrices, weights, offsets[:, :, start:end])[0][0]
-            for skin, start, end in zip(skins, ends[:-1], ends[1:], strict=True)
-        ]
-        return np.concatenate(parts, axis=1).T
-
-    def normals(self, positions: Floats) -> Floats:
-        """(vertices, 3) unit normals of (vertices, 3) positions."""
-        return vertex_normals(positions, self.faces)
-
-
 @dataclass(frozen=True, slots=True)
-class LaidTool:
-    """A tool on its mesh.
+class Reading:
+    """How an asset is read.
 
     Attributes:
-        ground: The mesh.
-        plan: Of the tool and those that lie with it.
-        carried: The tool, on the refined surface.
+        anims: Files with more clips.
+        range_of_motion: Whether it is moved through that too, though it has clips.
+        allow_external: Whether buffers and images outside the asset's folder are read.
+        max_memory: Bytes that reading may take.
     """
 
-    ground: Ground
-    plan: MeshPlan
-    carried: CarriedPatch
-
-    @property
-    def patch(self) -> Patch:
-        """It, attached."""
-        return self.carried.patch
-
-
-@dataclass(frozen=True, slots=True)
-class Laid:
-    """What tools make of an asset.
-
-    Attributes:
-        meshes: Of all nodes of the scene.
-        tools: Those that fit, by name.
-        problems: What is wrong with the others, a line each, by name.
-        hurried: Whether tools are on triangles that were not refined for them.
-    """
-
-    meshes: tuple[LaidMesh, ...]
-    tools: dict[str, LaidTool]
-    problems: dict[str, str]
-    hurried: bool
+    anims: tuple[str, ...] = ()
+    range_of_motion: bool = False
+    allow_external: bool = False
+    max_memory: int = MAX_MEMORY
 
 
 class Stage:
@@ -212,10 +63,17 @@ class Stage:
         document: With all clips.
         clips: Of it.
         made: Names of those that are a range of motion.
+        notes: What was made of its motions, a line each.
     """
 
-    def __init__(self, document: Document, clips: Sequence[Clip], made: frozenset[str] = frozenset()) -> None:
-        self.document, self.clips, self.made = document, tuple(clips), made
+    def __init__(
+        self,
+        document: Document,
+        clips: Sequence[Clip],
+        made: frozenset[str] = frozenset(),
+        notes: Sequence[str] = (),
+    ) -> None:
+        self.document, self.clips, self.made, self.notes = document, tuple(clips), made, tuple(notes)
         self.played = Played()
         self._neighbours = Neighbours(document)
         self._nodes = [node for node in scene_nodes(document) if "mesh" in document.items("nodes")[node]]
@@ -225,6 +83,21 @@ class Stage:
             Latest(_PLANS),
             Latest(len(self._nodes) + _MESHES),
         )
+
+    @classmethod
+    def read(cls, asset: str, reading: Reading) -> "Stage":
+        """An asset with its clips, those of other files and of its range of motion; joints without keys move freely.
+
+        Raises:
+            WrinkleError: It is at fault.
+        """
+        memory = Memory(reading.max_memory)
+        document = read_document(asset, allow_external=reading.allow_external, memory=memory)
+        motions = Motions(reading.anims, reading.range_of_motion or None)
+        joined = moved(document, deforming_nodes(document), motions)
+        joints = {joint for skin in joined.document.items("skins") for joint in skin.get("joints", [])}
+        document = with_free_nodes(joined.document, joints)  # for the free pose
+        return cls(document, joined.clips, frozenset(joined.range), (*joined.notes, *joined.warnings))
 
     def laid(self, settings: ToolsFile, before: Laid | None = None) -> Laid:
         """Lay the tools of a file; those that do not fit are named, with what a bake would say.
@@ -264,7 +137,7 @@ class Stage:
             groups = _groups_of(ground, patches)
             clusters: list[Cluster] = []
             if before is not None:
-                known = [self._known(ground, group, settings) is not None for group in groups]
+                known = [self._clusters.get(_key(ground, group, settings)) is not None for group in groups]
                 waiting = [patch for group, there in zip(groups, known, strict=True) if not there for patch in group]
                 groups = [group for group, there in zip(groups, known, strict=True) if there]
                 clusters += self._carried_again(ground, waiting, before, settings, problems)
@@ -282,23 +155,15 @@ class Stage:
         key = (node, settings.rest, bound_to)
         if settings.rest == "bind" and not tools:
             settings = replace(settings, rest="stored")
-        found: Ground | None = self._grounds.get(key)
-        return found or self._grounds.put(
-            key, read_ground(self.document, node, tools, settings, self.clips, neighbours=self._neighbours)
+        return self._grounds.of(
+            key, lambda: read_ground(self.document, node, tools, settings, self.clips, neighbours=self._neighbours)
         )
 
     def _patch(self, tool: WrinkleTool, ground: Ground, settings: ToolsFile) -> Patch:
-        key = (_bare(tool), ground, settings.up)
-        found: Patch | None = self._patches.get(key)
-        if found is None:
-            (found,) = attach_tools([tool], ground.surface, ground.rest, ground.rig, up=settings.up)
-            self._patches.put(key, found)
-        return found
-
-    def _known(self, ground: Ground, patches: Sequence[Patch], settings: ToolsFile) -> Cluster | None:
-        """Patches that were planned together before."""
-        found: Cluster | None = self._clusters.get(_key(ground, patches, settings))
-        return found
+        return self._patches.of(
+            (_bare(tool), ground, settings.up),
+            lambda: attach_tools([tool], ground.surface, ground.rest, ground.rig, up=settings.up)[0],
+        )
 
     def _planned(
         self, ground: Ground, patches: Sequence[Patch], settings: ToolsFile, problems: dict[str, str]
@@ -320,11 +185,9 @@ class Stage:
                 problems |= dict.fromkeys((each.tool.name for each in patches), error.lines[0])
 
     def _cluster(self, ground: Ground, patches: Sequence[Patch], settings: ToolsFile) -> Cluster:
-        found = self._known(ground, patches, settings)
-        if found is None:
-            plan = plan_on(ground, patches, settings, _MAX_ERROR)
-            found = self._clusters.put(_key(ground, patches, settings), Cluster.of(plan))
-        return found
+        return self._clusters.of(
+            _key(ground, patches, settings), lambda: Cluster.of(plan_on(ground, patches, settings, _MAX_ERROR))
+        )
 
     def _carried_again(
         self, ground: Ground, patches: Sequence[Patch], before: Laid, settings: ToolsFile, problems: dict[str, str]
@@ -349,25 +212,24 @@ class Stage:
             yield from self._planned(ground, [patch], coarse, problems)
 
     def _mesh(self, ground: Ground, clusters: tuple[Cluster, ...]) -> LaidMesh:
-        key = (ground, clusters)
-        found: LaidMesh | None = self._meshes.get(key)
-        if found is None:
+        def made() -> LaidMesh:
             taken, apart = np.zeros(len(ground.surface.triangles), bool), []
             for cluster in clusters:
                 apart.append(cluster.apart_from(taken))
                 taken[cluster.parents] = True
-            found = self._meshes.put(key, LaidMesh(ground, self._skin(ground), tuple(apart), self.played))
-        return found
+            return LaidMesh(ground, self._skin(ground), tuple(apart), self.played)
+
+        return self._meshes.of((ground, clusters), made)
 
     def _skin(self, ground: Ground) -> Skin:
         """The vertices of a coarse mesh, ready to be posed."""
-        found: Skin | None = self._skins.get(ground.rig.node)
-        if found is None:
+
+        def made() -> Skin:
             surface, acting = ground.surface, distinct_values(ground.surface.joints)
             weights = surface.dense_weights(np.arange(len(surface.positions)), len(ground.rig.joints))
-            found = prepare(weights[:, acting], surface.positions, surface.morph_deltas)
-            self._skins.put(ground.rig.node, found)
-        return found
+            return prepare(weights[:, acting], surface.positions, surface.morph_deltas)
+
+        return self._skins.of(ground.rig.node, made)
 
 
 def _key(ground: Ground, patches: Sequence[Patch], settings: ToolsFile) -> tuple[object, ...]:
