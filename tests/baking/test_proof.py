@@ -1,7 +1,7 @@
 """The proof of the bake: wrong files are refused, and the residuals are the true ones."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,20 +9,26 @@ import numpy as np
 import pytest
 
 import wrinklecli
-from kit.bakes import bake_once
-from kit.limb import write_tools
+from kit.bakes import bake_once, folding_limb
+from kit.limb import tool, write_tools
 from kit.player import Floats, Gltf, Json
 from kit.samples import BROW, PALM, edited, sample, sharp_keys
 from wrinklecli.baking import morphs as encode
 from wrinklecli.baking import plan as plan_module
 from wrinklecli.baking import sample as sample_module
-from wrinklecli.baking.targets import Target
+from wrinklecli.baking.creases import sample_with_creases
+from wrinklecli.baking.job import BakeOptions, read_job
+from wrinklecli.baking.plan import plan_meshes
+from wrinklecli.baking.proof import Residual, prove
+from wrinklecli.baking.targets import AnySet, Target, of_folds
 from wrinklecli.character import weight_track
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.pose import blend, joint_matrices, morph_weights, transform
 from wrinklecli.errors import RefusedError
 from wrinklecli.gltf.document import read_document
+from wrinklecli.gltf.edit import EditedDocument
 from wrinklecli.method.carry import displacements
+from wrinklecli.numeric.guard import no_progress
 from wrinklecli.tools.read import load_tools
 from wrinklecli.tools.records import Length
 
@@ -234,3 +240,34 @@ def test_the_tallest_wrinkle_bounds_what_is_displaced(tmp_path: Path) -> None:
     file = Gltf(tmp_path / "out.glb")
     deltas = np.linalg.norm(file.deltas("wrist"), axis=2)
     assert 0.9 * tallest < deltas.max() < 1.001 * tallest
+
+
+@pytest.mark.slow
+def test_targets_of_contact_are_proven_as_those_of_tools(tmp_path: Path) -> None:
+    """One fold, solved once and written four times: rightly, with wrong shapes, and with wrong weights."""
+    pytest.importorskip("ipctk", reason="needs the extra `contact`")
+    crease = tool(bumps=3, max_height="10%", contact="resolve")
+    job = read_job(folding_limb(), write_tools(tmp_path / "tools.yaml", crease), BakeOptions(max_levels=1))
+    (plan,) = plan_meshes(job, influences=None)
+    sets, motions = sample_with_creases(
+        plan, job.clips, fps=30.0, mode="morph", memory=job.document.memory, progress=no_progress
+    )
+    (motion,), (fold,) = motions, of_folds(sets)
+
+    def residual(written: Sequence[AnySet] = sets, change: Callable[[Floats], Floats] = lambda each: each) -> Residual:
+        edited = EditedDocument(job.document)
+        changed = dataclasses.replace(motion, weights=(*motion.weights[:-1], change(motion.weights[-1])))
+        encode.encode_morphs(edited, plan, written, [changed])
+        return prove(edited, plan, sets, motions, details=True, progress=no_progress)[motion.clip.name]
+
+    found = residual()
+    assert 0.0 < found.weights < plan.max_error / 2
+    assert found.position < plan.max_error
+    damaged = [each and bend_shape(each) for each in fold.targets]
+    with pytest.raises(RefusedError):
+        residual([*sets[:-1], dataclasses.replace(fold, targets=tuple(damaged))])
+    with pytest.raises(RefusedError):
+        residual(change=lambda each: 1.1 * each)
+    # A track that is late is wrong between the frames at which whole shapes are compared, too.
+    with pytest.raises(RefusedError):
+        residual(change=lambda each: np.vstack([each[:1], each[:-1]]))

@@ -229,13 +229,11 @@ def _with_weights(
     """A motion with (frames, shapes) weights of a fold's sets at (frames,) times, and keys where they bend."""
     if not marched:
         return replace(motion, weights=(*motion.weights, *weights))
-    keys = times[_keys(plan, sets, times, weights)]
-    fresh = np.setdiff1d(keys, motion.times)
-    joined = _with_times(plan, target_sets, motion, fresh)
-    at = np.searchsorted(times, keys)
-    of_sets = [interpolated(joined.times, keys, each[at]) for each in weights]
-    every = np.union1d(joined.keys, np.searchsorted(joined.times, keys))
-    return replace(joined, keys=every, weights=(*joined.weights, *of_sets))
+    # All of them, not the keys alone: the proof is to see what is between keys.
+    joined = _with_times(plan, target_sets, motion, np.setdiff1d(times, motion.times))
+    of_sets = [interpolated(joined.times, times, each) for each in weights]
+    keys = np.searchsorted(joined.times, times[_keys(plan, sets, times, weights)])
+    return replace(joined, keys=np.union1d(joined.keys, keys), weights=(*joined.weights, *of_sets))
 
 
 def _keys(plan: MeshPlan, sets: Sequence[CreaseSet], times: Floats, weights: Sequence[Floats]) -> Ints:

@@ -45,8 +45,8 @@ class Residual:
     Attributes:
         position: Largest distance of a vertex, scene units.
         time: When that is, seconds.
-        weights: Largest error of a tool's height, at all frames sampled and between them, scene units; not where two
-            are too close for another one (see `KEY_GAP`).
+        weights: Largest error of a tool's height, or of what a shape of contact moves, at all frames sampled and
+            between them, scene units; not where two are too close for another one (see `KEY_GAP`).
         normal: 99th percentile of the angle between the file's and the true normals, degrees; None where
             the mesh has none.
     """
@@ -250,7 +250,9 @@ def measure_residual(
     normal = None
     if normal_frames and proof.normals is not None:
         normal = float(np.percentile(angles, 99)) if len(angles) else 0.0
-    return Residual(position, time, _height_error(proof, written, motion.clip, times, target_sets, seen), normal)
+    weights = _height_error(proof, written, motion.clip, times, target_sets, seen)
+    weights = max(weights, _crease_error(proof, plan, written, times, target_sets, creased))
+    return Residual(position, time, weights, normal)
 
 
 def _crease_weights(target_sets: Sequence[AnySet], motion: Motion, times: Floats) -> Floats:
@@ -341,6 +343,24 @@ def _height_error(
         for column, number in zip(got.T, shown, strict=True):
             error = column * greatest[number] - patch.clip_strength(clip) * wanted[:, number]
             worst = max(worst, float(np.abs(error).max(initial=0.0)) * abs(patch.shape_strength))
+    return worst
+
+
+def _crease_error(
+    proof: Proof, plan: MeshPlan, written: Clip, times: Floats, target_sets: Sequence[AnySet], creased: Floats
+) -> float:
+    """Largest error of what the played weights of a fold's shape move, of (times, shapes) of all folds, scene units."""
+    played = morph_weights(proof.rig, written, times)
+    after = len(proof.rig.morph_names) - len(targets_of(of_folds(target_sets)))
+    first, worst = 0, 0.0
+    for found in of_folds(target_sets):
+        columns, shapes = found.columns, len(found.crease.shapes)
+        # An engine's budget may have asked for other shapes.
+        unmix = np.eye(shapes) if found.remix is None else found.remix.unmix
+        made = played[:, after : after + len(columns)] @ unmix[columns]
+        errors = np.abs(made - creased[:, first : first + shapes]) * (plan.scale * found.crease.sizes)
+        worst = max(worst, float(errors.max(initial=0.0)))
+        after, first = after + len(columns), first + shapes
     return worst
 
 
