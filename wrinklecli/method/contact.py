@@ -308,6 +308,9 @@ def _newton(tissue: Tissue, positions: Floats, posed: Posed, near: Any) -> State
             break
         positions, near, energy = trial, trial_near, trial_energy
     if settled:
+        if not len(near):
+            # To the bit: where nothing touches any more, contact moves nothing.
+            return State(posed.positions, posed)
         positions = np.where(held[:, None], posed.positions, positions)
     return State(positions, posed, settled)
 
