@@ -10,9 +10,12 @@ const dot = (a, b) => a.reduce((sum, x, i) => sum + x * b[i], 0);
  * The weights of a fold's morph targets, in the order of `foldExtras.targets`, where touching skin is kept apart.
  *
  * foldExtras     one of `extras.wrinkle.folds`
- * jointMatrixOf  as of `wrinkleWeights`
+ * jointMatrixOf, morphWeightOf  as of `wrinkleWeights`
  */
-export function foldWeights({ joint, parent, rest: [x, y, z, w], axis, angles, weights, targets }, jointMatrixOf) {
+export function foldWeights(foldExtras, jointMatrixOf, morphWeightOf = () => 0) {
+  const { joint, parent, rest: [x, y, z, w], axis, angles, weights, targets, own: alone = [] } = foldExtras;
+  // A clip that was baked may have targets of its own, which stand for all.
+  if (alone.some(morphWeightOf)) return targets.map(() => 0);
   const own = turn([...jointMatrixOf(joint)]);
   const above = parent === undefined ? [[1, 0, 0], [0, 1, 0], [0, 0, 1]] : turn([...jointMatrixOf(parent)]);
   const stored = [

@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kit.bakes import bake_config, bake_once
+from kit.bakes import bake_config, bake_once, place
 from kit.clients import assert_valid, drive
 from kit.command import Wrinkle
+from kit.limb import limb_asset, tool
 from kit.player import Gltf, Json, differences, wrinkle_columns
 from kit.samples import BENT, BROW, Editor, bystanders, config, edited, sample, skeleton_only
 from wrinklecli.baking.track import Tracked, track
@@ -327,6 +328,23 @@ def test_a_curve_that_is_not_ours(wrong: Json, tmp_path: Path) -> None:
     node["extras"]["wrinkle"]["tools"][0]["curve"] |= wrong
     with pytest.raises(AssetError, match="wrinkle"):
         track(editor.save(tmp_path / "body.glb"), [sample("head")], tmp_path / "out")
+
+
+def test_targets_that_no_extras_drive_rest_in_other_clips_and_stay_in_their_own(tmp_path: Path) -> None:
+    asset = place(limb_asset(rings=12, sides=8))
+    body = bake_once(asset, tool(), tool(name="paper", attachment="patch"), max_levels=0)
+    undriven = body.json["nodes"][0]["extras"]["wrinkle"]["undriven"]
+    names = body.mesh("limb")["extras"]["targetNames"]
+    columns = [names.index(name) for name in undriven]
+    for source, wanted in ((asset, 0.0), (body.path, 1.0)):
+        made, report = run(body, source, tmp_path)
+        assert not report.warnings
+        times, _ = made.keys("fold", "limb")
+        assert made.mesh("limb")["extras"]["targetNames"] == names
+        weights, baked = (file.weights("limb", "fold", times) for file in (made, body))
+        assert baked[:, columns].any()
+        assert np.allclose(weights[:, columns], wanted * baked[:, columns], atol=1e-6)
+        assert np.abs(weights - baked)[:, [k for k in range(len(names)) if k not in columns]].max() < CLOSE
 
 
 def test_a_mesh_with_other_targets_of_the_same_name(tmp_path: Path) -> None:

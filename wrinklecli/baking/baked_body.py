@@ -88,6 +88,7 @@ class BakedFold:
         rest: (3, 3) the joint's stored turn against the parent.
         axis: (3,) that it turns about, in the parent's space.
         targets: Names of its morph targets.
+        own: Names of those that act in a clip alone, in place of these.
         angles: (rows,) radians, rising.
         table: (rows, targets) weights.
     """
@@ -97,6 +98,7 @@ class BakedFold:
     rest: Floats
     axis: Floats
     targets: tuple[str, ...]
+    own: tuple[str, ...]
     angles: Floats
     table: Floats
 
@@ -133,6 +135,7 @@ class BakedBody:
         parts: The node itself, whose mesh has all of the asset's own morph targets, and the others.
         tools: Those that the extras can drive.
         folds: Those whose contact is resolved.
+        undriven: Names of further morph targets of wrinkles, which no extras can drive.
         ambiguous: Whether a scene or another node has the node's name too.
         draft: Whether it is of a bake that was one.
     """
@@ -140,6 +143,7 @@ class BakedBody:
     parts: tuple[BakedPart, ...]
     tools: tuple[BakedTool, ...]
     folds: tuple[BakedFold, ...]
+    undriven: frozenset[str]
     ambiguous: bool
     draft: bool
 
@@ -165,9 +169,14 @@ class BakedBody:
         return tuple(name for targets in of_each for name in targets)
 
     @property
-    def own(self) -> tuple[str, ...]:
-        """Names of the morph targets that are not driven, all of which the node itself has."""
+    def kept(self) -> tuple[str, ...]:
+        """Names of the node's own morph targets that are not driven."""
         return tuple(name for name in self.targets if name not in self.driven)
+
+    @property
+    def original(self) -> tuple[str, ...]:
+        """Names of those that the asset had before it was baked, all of which are the node's own."""
+        return tuple(name for name in self.kept if name not in self.undriven)
 
 
 def read_bodies(document: Document) -> list[BakedBody]:
@@ -188,6 +197,7 @@ def read_bodies(document: Document) -> list[BakedBody]:
             parts = tuple(_read_part(document, each) for each in (index, *part_nodes(document, index)))
             tools = tuple(_read_tool(tool) for tool in extras["wrinkle"]["tools"] if tool["targets"])
             folds = tuple(_read_fold(fold) for fold in extras["wrinkle"].get("folds", ()) if fold["targets"])
+            undriven = frozenset(str(name) for name in extras["wrinkle"].get("undriven", ()))
         except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise AssetError("is not what `wrinkle bake` writes", where=where) from error
         driven = [*(tool.targets for tool in tools), *(fold.targets for fold in folds)]
@@ -200,6 +210,7 @@ def read_bodies(document: Document) -> list[BakedBody]:
                 parts=parts,
                 tools=tools,
                 folds=folds,
+                undriven=undriven,
                 ambiguous=any(count_named(document, part.node) > 1 for part in parts),
                 draft=extras["wrinkle"].get("draft") is True,
             )
@@ -319,6 +330,7 @@ def _read_fold(data: Json) -> BakedFold:
         rest=turn,
         axis=axis,
         targets=targets,
+        own=tuple(str(name) for name in data.get("own", ())),
         angles=angles,
         table=np.array(data["weights"], np.float64).reshape(len(angles), len(targets)),
     )

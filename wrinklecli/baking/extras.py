@@ -40,7 +40,8 @@ def encode_extras(
     `CurveTable`. Where there is a `lag`, the distance is that which a damped
     spring follows: with d = max(`taut` - distance / rest_length, 0), x'' = ω² (d - x) - 2 ζ ω x', ω = 2π `frequency`
     and ζ = `damping`, it is (`taut` - max(x, 0)) · rest_length. A fold's targets, of `folds`, have the `weights` at the
-    joint's angle, straight between the rows of `angles`: the joint's turn against its parent, both by their matrices
+    joint's angle, straight between the rows of `angles`, but 0 where any of `own` is not: these are targets of one
+    clip alone, which solves the fold itself. The angle: the joint's turn against its parent, both by their matrices
     with scale taken out, from that of `rest` (x, y, z, w) is a matrix D, and with
     s = (D₃₂ - D₂₃, D₁₃ - D₃₁, D₂₁ - D₁₂) the angle is 2 atan2(`axis` · s, 1 + trace D). `vertices` counts those of
     each primitive before refinement; new ones follow them. `undriven` are targets of tools that anchors alone do not
@@ -61,7 +62,7 @@ def encode_extras(
             ]
         )
     ]
-    folds = [_fold_json(each, plan) for each in of_folds(target_sets) if each.clip is None]
+    folds = [_fold_json(each, target_sets, plan) for each in of_folds(target_sets) if each.clip is None]
     node["extras"]["wrinkle"] = {
         "method": METHOD,
         **({"draft": True} if draft else {}),
@@ -103,18 +104,21 @@ def _driven_json(patch: Patch) -> Json:
     return {}
 
 
-def _fold_json(found: CreaseSet, plan: MeshPlan) -> Json:
+def _fold_json(found: CreaseSet, target_sets: Sequence[AnySet], plan: MeshPlan) -> Json:
     """Where contact moves a fold's targets: its joint, and weights by the angle of that."""
     crease, rig = found.crease, plan.rig
     hinge = crease.fold.hinge
     parent = int(rig.parents[hinge.node])
     weights = found.written(found.shape_weights(crease.table))
+    of_clips = [each for each in of_folds(target_sets) if each.clip is not None and each.crease.fold is crease.fold]
+    own = [target.name for target in targets_of(of_clips)]
     return {
         "joint": rig.names[hinge.node],
         **({"parent": rig.names[parent]} if parent >= 0 else {}),
         "rest": [_digits(each) for each in hinge.rest],
         "axis": [_digits(each) for each in hinge.axis],
         "targets": [target.name for target in targets_of([found])],
+        **({"own": own} if own else {}),
         "angles": [_digits(each) for each in crease.angles],
         "weights": [[_digits(value, _TABLE_DIGITS) for value in row] for row in weights],
     }

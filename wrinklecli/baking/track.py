@@ -210,10 +210,10 @@ def track_body(
     tolerance: float,
 ) -> tuple[list[str], list[str]]:
     """Add one body's tracks; the names of the clips that move its anchors, and of those that do not."""
-    node = node_for_tracks(edited, body.parts[0], body.own)
+    node = node_for_tracks(edited, body.parts[0], body.original)
     others = [(part, node_for_tracks(edited, part, part.targets)) for part in body.parts[1:] if part.targets]
     driven = _driven_tools(edited, node, body, tools)
-    every = [*body.own, *body.driven]
+    every = [*body.kept, *body.driven]
     moved, still = [], []
     for source in clips:
         clip = _with_own_weights(source, node, body)
@@ -245,14 +245,21 @@ def _track_of(part: BakedPart, made: Track, names: Sequence[str]) -> Track:
 
 
 def _with_own_weights(clip: Clip, node: int, body: BakedBody) -> Clip:
-    """The clip with a weights channel over the targets alone that are not driven; without one where there are none."""
+    """The clip with a weights channel over the targets alone that are not driven; without one where there are none.
+
+    In a file whose mesh has the asset's own alone, others of the body are as stored.
+    """
     channel = clip.channel(node, "weights")
     if channel is None:
         return clip
-    own = [body.targets.index(name) for name in body.own]
-    kept = () if not own else (channel,)
-    if own and channel.values.shape[-1] == len(body.targets):
-        kept = (replace(channel, values=channel.values[..., own]),)
+    values = np.zeros((*channel.values.shape[:-1], len(body.kept)))
+    points = values if values.ndim == 2 else values[:, 1]  # of a cubic, between its tangents
+    points[:] = body.stored(body.kept)
+    there = body.targets if channel.values.shape[-1] == len(body.targets) else body.original
+    for column, name in enumerate(body.kept):
+        if name in there:
+            values[..., column] = channel.values[..., there.index(name)]
+    kept = (replace(channel, values=values),) if body.kept else ()
     return replace(clip, channels=tuple(c for c in clip.channels if c is not channel) + kept)
 
 
@@ -291,10 +298,17 @@ class _DrivenTools:
             for tool, columns, of_tool in zip(self.tools, of_tools, lengths, strict=True):
                 found[:, columns] = tool.strengths.get(clip.name, 1.0) * _weights(tool, *of_tool(times))
             for fold, columns in zip(self.folds, of_folds, strict=True):
-                found[:, columns] = fold_weights(fold, self.rig, self.joints, clip, times)
+                if not self._has_own(fold, clip):
+                    found[:, columns] = fold_weights(fold, self.rig, self.joints, clip, times)
             return found
 
         return weights
+
+    def _has_own(self, fold: BakedFold, clip: Clip) -> bool:
+        """Whether a clip moves targets of a fold that are its alone, as the bake of this clip does."""
+        channel = clip.channel(self.rig.node, "weights")
+        columns = [number for number, name in enumerate(self.rig.morph_names) if name in fold.own]
+        return channel is not None and bool(channel.points[:, columns].any())
 
     def key_times(self, clip: Clip, *, fps: float, tolerance: float) -> Floats:
         """(keys,) seconds between which straight lines are right to a share of the greatest weight."""
@@ -322,8 +336,8 @@ def _driven_tools(edited: EditedDocument, node: int, body: BakedBody, tools: Seq
         whole,
         joints=np.array(list(joints.values()), np.intp),
         inverse_binds=np.tile(np.eye(4), (len(joints), 1, 1)),
-        morph_names=body.own,
-        morph_weights=whole.morph_weights[[body.targets.index(name) for name in body.own]],
+        morph_names=body.kept,
+        morph_weights=whole.morph_weights[[body.targets.index(name) for name in body.kept]],
     )
     stored = body.stored(body.driven)
     targets = [*(tool.targets for tool in tools), *(fold.targets for fold in folds)]
