@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 import wrinklecli
+from kit.bakes import bake_fold, folding_limb, report_of
 from kit.limb import RADIUS, limb, tool, write_tools
+from kit.player import Gltf
 from wrinklecli.baking.baked_body import read_bodies
 from wrinklecli.baking.baked_fold import fold_angles, fold_weights
 from wrinklecli.baking.job import BakeOptions
@@ -39,12 +41,9 @@ class Baked:
 
 
 @pytest.fixture(scope="module")
-def folded(tmp_path_factory: pytest.TempPathFactory) -> Baked:
-    pytest.importorskip("ipctk", reason="needs the extra `contact`")
-    folder = tmp_path_factory.mktemp("fold")
-    asset = limb(folder / "limb.glb", angle=75.0, rings=16, sides=10)
-    tools = write_tools(folder / "tools.yaml", tool(**TOOL, contact="resolve"), **TOP)
-    return Baked(asset, tools, folder / "out.glb", wrinklecli.bake(asset, tools, folder / "out.glb"))
+def folded() -> Baked:
+    file = bake_fold()
+    return Baked(folding_limb(), file.path.with_name("tools.yaml"), file.path, report_of(file))
 
 
 def test_nothing_crosses_in_a_resolved_fold_at_and_between_keys(folded: Baked) -> None:
@@ -150,6 +149,44 @@ def test_a_clip_that_still_crosses_gets_targets_of_its_own(folded: Baked, tmp_pa
         == [f"wrinkle_crease_contact__in_fold_{k + 1}" for k in range(len(own["targets"]))]
     )
     assert extras["folds"][0]["targets"] == shared["targets"]
+    assert extras["folds"][0]["own"] == own["targets"]
+    assert_tracked_as_it_is(folded.asset, out, own["targets"], shared["targets"], tmp_path / "tracks")
+
+
+def assert_tracked_as_it_is(asset: Path, baked: Path, own: list[str], shared: list[str], folder: Path) -> None:
+    """Clips of other files move a fold's shared targets; the baked file's own clip keeps what it alone has."""
+    for source in (asset, baked):
+        (tracked,) = track(baked, [source], folder)
+        assert not tracked.warnings
+        file = Gltf(Path(tracked.path))
+        names = file.mesh("limb")["extras"]["targetNames"]
+        weights = file.weights("limb", "fold", file.keys("fold", "limb")[0])
+        moving = {name: bool(weights[:, k].any()) for k, name in enumerate(names)}
+        assert {moving[name] for name in own} == {source == baked}
+        assert source == asset or not any(moving[name] for name in shared)
+
+
+def test_nothing_moves_at_rest_nor_beyond_the_fold_nor_where_nothing_touches(folded: Baked) -> None:
+    """Of both files, as a player has them: to the bit where shapes of contact have no weight."""
+    with_it, without = bake_fold(), bake_fold(contact="off")
+    keys, _ = with_it.keys("fold", "limb")
+    times = np.union1d(keys, (keys[1:] + keys[:-1]) / 2)
+    names = with_it.mesh("limb")["extras"]["targetNames"]
+    (fold,) = folded.report.data["folds"]
+    columns = [names.index(name) for name in fold["targets"]]
+    weights = with_it.weights("limb", "fold", times)[:, columns]
+    gaps = np.abs(with_it.pose("limb", "fold", times) - without.pose("limb", "fold", times)).max(axis=2)
+    deltas = with_it.deltas("limb")
+    assert np.array_equal(deltas[: columns[0]], without.deltas("limb"))
+    touching = weights.any(axis=1)
+    assert not gaps[~touching].any()
+    # The limb folds until 1 s, and back: half-way to either side it touches nothing.
+    assert touching.any()
+    assert times[touching].min() > 0.5
+    assert times[touching].max() < 1.5
+    still = ~deltas[columns].any(axis=(0, 2))
+    assert still.mean() > 0.2
+    assert not gaps[:, still].any()
 
 
 def test_what_asks_for_no_contact_is_baked_as_ever(folded: Baked, tmp_path: Path) -> None:
@@ -163,10 +200,10 @@ def test_what_asks_for_no_contact_is_baked_as_ever(folded: Baked, tmp_path: Path
     assert "folds" not in extras
 
 
-def test_without_the_library_one_line_says_so(folded: Baked, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_library_one_line_says_so(folded: Baked, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setitem(sys.modules, "ipctk", None)
     with pytest.raises(BakeError, match=r"contact needs ipctk, which is not installed: pip install") as caught:
-        wrinklecli.bake(folded.asset, folded.tools, folded.out.with_name("other.glb"))
+        wrinklecli.bake(folded.asset, folded.tools, tmp_path / "other.glb")
     assert len(caught.value.lines) == 1
 
 

@@ -11,13 +11,16 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import pytest
 import yaml
 
 import wrinklecli
 from kit.asset import Asset, Json
+from kit.limb import limb_asset, tool
 from kit.places import FOLDER, ROOT, SHARED
 from kit.player import Gltf
 from kit.samples import sample
+from wrinklecli.baking.report import Report
 
 
 @cache
@@ -34,7 +37,8 @@ def baked(asset: Path, text: str, options: str) -> Path:
     if not folder.exists():
         fresh = Path(tempfile.mkdtemp(dir=FOLDER))
         (fresh / "tools.yaml").write_text(text)
-        wrinklecli.bake(asset, fresh / "tools.yaml", fresh / "out.glb", **json.loads(options))
+        report = wrinklecli.bake(asset, fresh / "tools.yaml", fresh / "out.glb", **json.loads(options))
+        (fresh / "report.json").write_text(json.dumps(report.data))
         try:
             fresh.rename(folder)
         except OSError:  # another worker has made the same meanwhile
@@ -59,6 +63,24 @@ def bake_config(asset: str, config: str, **options: Any) -> Gltf:
     """Bake a sample with one of the bundled tools files."""
     text = (ROOT / "configs" / f"{config}.yaml").read_text()
     return _read(baked(sample(asset), text, json.dumps(options, sort_keys=True)))
+
+
+def report_of(file: Gltf) -> Report:
+    """What a bake that is kept here said of itself."""
+    return Report(json.loads(file.path.with_name("report.json").read_text()))
+
+
+@cache
+def folding_limb() -> Path:
+    """A limb that folds so far that it goes through itself."""
+    return place(limb_asset(angle=75.0, rings=16, sides=10))
+
+
+def bake_fold(contact: str = "resolve", **options: Any) -> Gltf:
+    """That limb with wrinkles in its fold, whose contact is resolved or not."""
+    pytest.importorskip("ipctk", reason="needs the extra `contact`")
+    crease = tool(bumps=3, max_height="10%", contact=contact)
+    return bake_once(folding_limb(), crease, top={"refinement": {"max_levels": 1}}, **options)
 
 
 def place(asset: Asset, ending: str = ".glb") -> Path:

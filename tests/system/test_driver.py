@@ -5,11 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kit.bakes import bake_config, bake_once
+from kit.bakes import bake_config, bake_fold, bake_once, folding_limb
 from kit.clients import clip_tracks, drive, gltfpack, optimize
 from kit.places import ROOT
 from kit.player import Gltf, Json
 from kit.samples import BENT, BROW, Editor, config, edited
+from wrinklecli.baking.track import track
 from wrinklecli.character.clip import KEY_GAP
 
 # The table's own straight lines, and what eight digits and float32 add where a height starts.
@@ -87,6 +88,20 @@ def test_tissue_lags_at_any_frame_rate_as_if_it_were_baked(name: str, clip: str)
                 share = heights[column] / heights[columns].max()
                 error = share * np.abs(driven[names[column]][len(times) :, 0] - wanted[:, column])
                 assert error[told].max() < 0.02, (fps, names[column], times[told][error[told].argmax()])
+
+
+def test_a_fold_that_touches_is_driven_as_it_is_tracked(tmp_path: Path) -> None:
+    body = bake_fold()
+    (made,) = track(body.path, [folding_limb()], tmp_path)
+    tracked = Gltf(Path(made.path))
+    times, values = tracked.keys("fold", "limb")
+    names = tracked.mesh("limb")["extras"]["targetNames"]
+    driven = drive(body.path, node="limb", clip="fold", times=times.tolist(), driver=True)
+    (fold,) = body.json["nodes"][body.node("limb")]["extras"]["wrinkle"]["folds"]
+    for name in fold["targets"]:
+        wanted = values[:, [names.index(name)]]
+        assert wanted.any()
+        assert np.abs(driven[name] - wanted).max() < TABLE
 
 
 def joint_of_the_bodys_name(editor: Editor) -> None:

@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kit.bakes import bake_config, bake_once, place
-from kit.clients import compare_with_three
+from kit.bakes import bake_config, bake_fold, bake_once, place
+from kit.clients import assert_valid, compare_with_three, pose
 from kit.engines import babylon_pose, through_assimp, vtk_pose
 from kit.limb import RADIUS, blendshape_limb, limb_asset, tool
 from kit.player import Floats, Gltf
+from wrinklecli.numeric.crossings import Crossings
 
 TIMES = (0.0, 0.35, 0.5, 0.9, 1.3)
 
@@ -30,6 +31,7 @@ CASES: dict[str, tuple[str, str, Callable[[str], Gltf]]] = {
         "fold",
         lambda stored: bake_once(place(blendshape_limb(3)), tool(bumps=6), accessors=stored),
     ),
+    "contact": ("limb", "fold", lambda stored: bake_fold(accessors=stored)),
     "face": ("head", "raise_brows", lambda stored: bake_config("head", "head", accessors=stored)),
 }
 
@@ -48,7 +50,7 @@ def played(file: Gltf, node: str, clip: str) -> Floats:
 
 
 @pytest.mark.quick(3)
-@bakes(("blendshapes", "idle_part", "skin", "face"), ("sparse", "dense"))
+@bakes(("blendshapes", "idle_part", "skin", "contact", "face"), ("sparse", "dense"))
 def test_babylon_plays_the_bake(case: str, stored: str) -> None:
     """Not based ones: it writes the first accessor's numbers into the zeros that all others stand on."""
     node, clip, bake = CASES[case]
@@ -58,7 +60,7 @@ def test_babylon_plays_the_bake(case: str, stored: str) -> None:
 
 
 @pytest.mark.quick(2)
-@bakes(("idle_part", "blendshapes", "skin", "face"), ("based", "dense"))
+@bakes(("idle_part", "blendshapes", "skin", "contact", "face"), ("based", "dense"))
 def test_three_plays_the_bake(case: str, stored: str) -> None:
     """Sparse ones are played in many other tests."""
     node, clip, bake = CASES[case]
@@ -66,7 +68,7 @@ def test_three_plays_the_bake(case: str, stored: str) -> None:
 
 
 @pytest.mark.quick(2)
-@bakes(("blendshapes", "skin", "face"), ("based", "dense"))
+@bakes(("blendshapes", "skin", "contact", "face"), ("based", "dense"))
 def test_vtk_plays_the_bake(case: str, stored: str) -> None:
     """Four targets at most: a vertex that others move is left out. Of several primitives VTK bends only the first."""
     node, clip, bake = CASES[case]
@@ -79,7 +81,7 @@ def test_vtk_plays_the_bake(case: str, stored: str) -> None:
 
 
 @pytest.mark.quick(3)
-@bakes(("idle_part", "blendshapes", "skin", "face"), ("sparse", "based", "dense"))
+@bakes(("idle_part", "blendshapes", "skin", "contact", "face"), ("sparse", "based", "dense"))
 def test_assimp_reads_and_writes_the_bake(case: str, stored: str, tmp_path: Path) -> None:
     node, _, bake = CASES[case]
     file = bake(stored)
@@ -88,3 +90,23 @@ def test_assimp_reads_and_writes_the_bake(case: str, stored: str, tmp_path: Path
     # What it holds are moved vertices; of normals it writes none.
     step = 4e-7 * np.abs(file.attribute(node, "POSITION")).max()
     assert np.abs(made.deltas(node) - file.deltas(node)).max() < step
+
+
+def test_nothing_crosses_where_three_plays_contact() -> None:
+    """At keys and between them, by its own positions; without contact the limb goes through itself there."""
+    file, without = bake_fold(), bake_fold(contact="off")
+    assert_valid(file.path)
+    keys, _ = file.keys("fold", "limb")
+    times = np.union1d(keys, (keys[1:] + keys[:-1]) / 2)
+    compare_with_three(file.path, "limb", "fold", times.tolist(), file.pose("limb", "fold", times))
+    assert crossings_in_three(file, times) == 0
+    assert crossings_in_three(without, times) > 0
+
+
+def crossings_in_three(file: Gltf, times: Floats) -> int:
+    """Edges that pass through triangles at all of (times,) of the fold, seams welded."""
+    rest = file.attribute("limb", "POSITION")
+    _, first, weld = np.unique(rest, axis=0, return_index=True, return_inverse=True)
+    crossings = Crossings.of(rest[first], weld[file.triangles("limb")])
+    posed = pose(file.path, node="limb", clip="fold", times=times.tolist(), vertices=first.tolist())
+    return sum(len(crossings.at(places)[0]) for places in posed)
