@@ -263,7 +263,7 @@ def test_targets_of_contact_are_proven_as_those_of_tools(tmp_path: Path) -> None
     found = residual()
     assert 0.0 < found.weights < plan.max_error / 2
     assert found.position < plan.max_error
-    damaged = [each and bend_shape(each) for each in fold.targets]
+    damaged = [each and stray_vertex(each) for each in fold.targets]
     with pytest.raises(RefusedError):
         residual([*sets[:-1], dataclasses.replace(fold, targets=tuple(damaged))])
     with pytest.raises(RefusedError):
