@@ -1,0 +1,76 @@
+"""Tasks of several jobs: each job comes back once, whatever its worker leaves undone or dies of."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from wrinklecli.batch import cluster
+from wrinklecli.batch.cluster import Task
+from wrinklecli.batch.jobs import BatchJob, Outcome
+from wrinklecli.batch.worker import Settings
+
+distributed = pytest.importorskip("distributed")
+
+SETTINGS = Settings("cache", "program")
+JOBS = [BatchJob(str(number), f"{number}.glb", (), f"out/{number}.glb") for number in range(50)]
+POISON = JOBS[21]
+
+
+class Future:
+    """What came of a task, as Dask's future of it."""
+
+    def __init__(self, key: str, function: Callable[[], Any]) -> None:
+        self.key, self.status, self._made = key, "finished", None
+        try:
+            self._made = function()
+        except distributed.KilledWorker as error:
+            self.status, self._made = "error", error
+
+    def result(self) -> Any:
+        return self._made
+
+    exception = result
+
+    def add_done_callback(self, done: Callable[["Future"], object]) -> None:
+        done(self)
+
+
+class Client:
+    """A client whose workers do a task when it is sent."""
+
+    status = "running"
+
+    def __init__(self) -> None:
+        self.tasks: list[Task] = []
+
+    def nthreads(self) -> dict[str, int]:
+        return {"tcp://a": 1}
+
+    def submit(self, function: Callable[..., Any], task: Task, settings: Settings, *, pure: bool) -> Future:
+        assert not pure
+        self.tasks.append(task)
+        return Future(str(len(self.tasks)), lambda: function(task, settings))
+
+
+def test_every_job_comes_back_once_and_one_that_kills_fails_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = iter(range(1000))
+
+    def work(job: BatchJob, _: Settings) -> Outcome:
+        if job is POISON:
+            raise distributed.KilledWorker("key", None, 3)
+        return Outcome(job, "built")
+
+    monkeypatch.setattr(cluster, "work", work)
+    monkeypatch.setattr(cluster.time, "monotonic", lambda: next(now) * cluster._ROUND / 3)
+    monkeypatch.setattr(distributed, "get_worker", lambda: Client)
+    monkeypatch.setattr(Client, "address", "tcp://a", raising=False)
+    client = Client()
+    outcomes = list(cluster._Sent(client, SETTINGS).outcomes(JOBS))
+    assert sorted(each.job.where for each in outcomes) == sorted(each.where for each in JOBS)
+    assert [each.job for each in outcomes if not each.done] == [POISON]
+    assert "every worker died that had it (4 did)" in next(each.lines[0] for each in outcomes if not each.done)
+    # Of a task of many, some are done in time; none is a task of more than its share of what waits.
+    assert len(client.tasks[0]) == len(JOBS) // 4 + 1
+    assert len(JOBS) / 4 < len(client.tasks) < len(JOBS)
+    assert sum(POISON in task for task in client.tasks) == 2

@@ -1,0 +1,231 @@
+"""Jobs by workers of Dask, on this machine or a cluster.
+
+Source: distributed.readthedocs.io. Differs from its own way: a task is several jobs, of which its worker does as many
+as take half a second, since each task costs all processes together as much as a small bake's tenth; the rest comes
+back. A scheduler never holds a hundred thousand, and one that is lost is found out at once.
+"""
+
+import gc
+import importlib.util
+import logging
+import math
+import queue
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
+
+from wrinklecli.batch.jobs import BatchJob, Outcome
+from wrinklecli.batch.worker import Settings, work
+from wrinklecli.errors import WrinkleError, counted
+
+# Tasks that a scheduler knows at a time: more than a cluster has workers, little memory.
+_WINDOW = 1_000
+# Jobs of a task at the most, and seconds after which its worker begins no other one.
+_MOST, _ROUND = 16, 0.5
+# Tasks for each thread that the jobs which wait are divided into, so that all threads end at about the same time.
+_TASKS = 4
+_CONNECT = 10.0  # seconds for a scheduler to answer
+_PULSE = 0.5  # seconds between looks whether it is still there
+_RECOUNT = 5.0  # seconds between looks how many threads its workers have, which come and go
+_BEFORE_COLLECTION = 100_000  # of objects, as for the command line
+# What Dask's processes do beside their work: they look at themselves, for its dashboard, which takes a tenth of a
+# worker's time; and give memory back at once, which takes a twentieth. A bake bounds its memory itself.
+_UNWATCHED = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.system-monitor.interval": "10s",
+}
+_OF_WORKERS = {"distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None}
+
+Task: TypeAlias = tuple[BatchJob, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Workers:
+    """Who bakes.
+
+    Attributes:
+        count: Worker processes on this machine; one is this process.
+        scheduler: Address of a Dask scheduler in their place.
+        dashboard: Serve Dask's dashboard.
+    """
+
+    count: int = 1
+    scheduler: str | None = None
+    dashboard: bool = False
+
+
+def refuse_without_dask(workers: Workers) -> None:
+    """Check that Dask is there, and what its dashboard needs.
+
+    Raises:
+        WrinkleError: It is not.
+    """
+    if importlib.util.find_spec("distributed") is None:
+        raise WrinkleError("more workers than one need dask.distributed: pip install 'wrinklecli[batch]'")
+    if workers.dashboard and importlib.util.find_spec("bokeh") is None:
+        raise WrinkleError("Dask's dashboard needs bokeh: pip install bokeh")
+
+
+def by_dask(
+    jobs: Sequence[BatchJob], settings: Settings, workers: Workers, tell: Callable[[str], object]
+) -> Iterator[Outcome]:
+    """Have jobs done by workers of Dask; see `scheduler.outcomes`."""
+    with _client(settings, workers) as client:
+        if workers.dashboard:
+            tell(f"dashboard: {client.dashboard_link}")
+        if not client.nthreads():
+            tell("the scheduler has no workers yet")
+        yield from _Sent(client, settings).outcomes(jobs)
+
+
+def on_worker(task: Task, settings: Settings) -> list[Outcome]:
+    """Do jobs in a worker of Dask: the first, and those after it that begin soon enough; what comes of each."""
+    from distributed import get_worker
+
+    gc.set_threshold(_BEFORE_COLLECTION)
+    end = time.monotonic() + _ROUND
+    done: list[Outcome] = []
+    for job in task:
+        if done and time.monotonic() > end:
+            break
+        done.append(replace(work(job, settings), worker=get_worker().address))
+    return done
+
+
+@contextmanager
+def _client(settings: Settings, workers: Workers) -> Iterator[Any]:
+    """A client of a scheduler that is there, or of one made for the time of the block."""
+    import dask
+    import distributed
+
+    untyped: Any = distributed
+
+    for name in ("distributed", "tornado", "asyncio", "bokeh"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    cluster: Any = None
+    try:
+        if workers.scheduler is None:
+            watched = {} if workers.dashboard else _UNWATCHED
+            failures = {"distributed.scheduler.allowed-failures": settings.retries}
+            dask.config.set(_OF_WORKERS | watched | failures)
+            # Memory is held by each bake itself; BLAS has one thread by Dask's own choice.
+            cluster = untyped.LocalCluster(
+                n_workers=workers.count,
+                threads_per_worker=1,
+                memory_limit=0,
+                dashboard_address=":8787" if workers.dashboard else None,
+                silence_logs=logging.CRITICAL,
+            )
+        client = untyped.Client(cluster or workers.scheduler, timeout=_CONNECT, set_as_default=False)
+    except (OSError, ValueError, RuntimeError) as error:
+        if cluster is not None:
+            cluster.close()
+        where = workers.scheduler or "Dask"
+        raise WrinkleError(f"no scheduler answers: {str(error).splitlines()[0]}", where=where) from error
+    try:
+        yield client
+    finally:
+        with suppress(Exception):
+            client.close(timeout=2)
+        if cluster is not None:
+            with suppress(Exception):
+                cluster.close(timeout=5)
+
+
+class _Sent:
+    """Jobs that are with a scheduler, and those that wait."""
+
+    def __init__(self, client: Any, settings: Settings) -> None:
+        self._client = client
+        self._settings = settings
+        self._finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._waiting: deque[BatchJob] = deque()
+        self._tasks: dict[str, tuple[Task, Any]] = {}
+        self._threads, self._counted = 0, -math.inf
+
+    def outcomes(self, jobs: Sequence[BatchJob]) -> Iterator[Outcome]:
+        self._waiting.extend(jobs)
+        while self._waiting or self._tasks:
+            self._send_some()
+            future = self._next()
+            task, _ = self._tasks[future.key]
+            try:
+                done = self._done(task, future)
+            except (OSError, CancelledError) as error:
+                # Done, and the scheduler was gone before it could pass on what came of it.
+                raise self._lost() from error
+            del self._tasks[future.key]
+            self._waiting.extendleft(reversed(task[len(done) :]))
+            self._send_some()
+            yield from done
+
+    def _send_some(self) -> None:
+        """Send what waits, as far as the window allows; raises as `_next`."""
+        self._check()
+        while self._waiting and len(self._tasks) < _WINDOW:
+            size = min(_MOST, math.ceil(len(self._waiting) / (_TASKS * self._count_threads())))
+            self._send(tuple(self._waiting.popleft() for _ in range(size)))
+
+    def _send(self, task: Task) -> None:
+        future = self._client.submit(on_worker, task, self._settings, pure=False)
+        self._tasks[future.key] = task, future
+        future.add_done_callback(self._finished.put)
+
+    def _count_threads(self) -> int:
+        """How many threads the scheduler's workers have; at least one, which may come."""
+        if time.monotonic() > self._counted + _RECOUNT:
+            with suppress(OSError):  # the scheduler is lost: the next look finds that out
+                self._threads = sum(self._client.nthreads().values())
+            self._counted = time.monotonic()
+        return max(self._threads, 1)
+
+    def _next(self) -> Any:
+        """The next task that is done.
+
+        Raises:
+            WrinkleError: The scheduler is lost.
+        """
+        while True:
+            with suppress(queue.Empty):
+                future = self._finished.get(timeout=_PULSE)
+                if future.status in ("finished", "error"):
+                    return future
+            self._check()
+
+    def _check(self) -> None:
+        """Raise if the scheduler is lost."""
+        lost = any(future.status == "cancelled" for _, future in self._tasks.values())
+        if lost or self._client.status != "running":
+            raise self._lost()
+
+    def _lost(self) -> WrinkleError:
+        count = sum(len(task) for task, _ in self._tasks.values())
+        return WrinkleError(
+            f"the scheduler is lost, with {counted(count, 'job')} in flight; what is done is kept:"
+            " run the same command again"
+        )
+
+    def _done(self, task: Task, future: Any) -> list[Outcome]:
+        """What came of the jobs of a task that were done."""
+        from distributed import KilledWorker
+
+        if future.status == "finished":
+            done: list[Outcome] = future.result()
+            return done
+        if len(task) > 1:  # one of them is at fault: each goes alone, and what was done is in the cache
+            for job in task:
+                self._send((job,))
+            return []
+        (job,) = task
+        error = future.exception()
+        if isinstance(error, KilledWorker):
+            died = error.allowed_failures + 1
+            line = f"{job.asset}: every worker died that had it ({died} did): too little memory?"
+        else:
+            line = f"{job.asset}: the worker cannot do it: {type(error).__name__}: {error}"
+        return [Outcome(job, "failed", lines=(line,))]
