@@ -10,7 +10,7 @@ from wrinklecli.baking.job import Mode
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.remix import with_times
 from wrinklecli.baking.sample import Motion, sample_clips, takes_of
-from wrinklecli.baking.targets import AnySet, CreaseSet, TargetSet, named_targets, of_tools
+from wrinklecli.baking.targets import AnySet, CreaseSet, Lift, TargetSet, named_targets, of_tools
 from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip, clip_grid, sample
 from wrinklecli.character.pose import pose_at
 from wrinklecli.method.activity import further_activities, lengths_over_time
@@ -26,9 +26,8 @@ if TYPE_CHECKING:
     from wrinklecli.method.crease import Crease, Followed
     from wrinklecli.method.fold import Fold
 
-MOST_SHAPES = 8
-"""Morph targets of a fold at most, whatever their error."""
-
+# Shapes of a fold at most, whatever their error: with the one that lifts their weights eight morph targets.
+_MOST_SHAPES = 7
 # Greatest error of a vertex, of the greatest move. It is hidden in the fold: where something touches, shapes are right.
 _SHAPE_ERROR = 0.35
 # Share of the error bound for keys of contact that are left out.
@@ -80,7 +79,7 @@ def _add_creases(
     made: list[AnySet] = list(target_sets)
     with one_thread():
         for number, fold in enumerate(plan.folds, start=1):
-            crease = resolve(fold, share=_SHAPE_ERROR, most=MOST_SHAPES)
+            crease = resolve(fold, share=_SHAPE_ERROR, most=_MOST_SHAPES)
             progress("contact", number, len(plan.folds))
             if crease is not None:
                 found, motions = _followed(plan, crease, made, motions, fps=fps, marched=marched)
@@ -146,7 +145,7 @@ def _march(plan: MeshPlan, crease: "Crease", motion: Motion, times: Floats | Non
     followed = crease.follow(motion.clip, times)
     settings = [plan.carried_patches[number].patch.tool.contact for number in crease.fold.tools]
     if followed.crossing and any(each is not None and each.per_clip for each in settings):
-        own, followed = crease.for_clip(motion.clip, times, share=_SHAPE_ERROR, most=MOST_SHAPES)
+        own, followed = crease.for_clip(motion.clip, times, share=_SHAPE_ERROR, most=_MOST_SHAPES)
         return _Marched(times, followed, own)
     return _Marched(times, followed)
 
@@ -159,18 +158,22 @@ def _crease_set(
     clip: str | None = None,
 ) -> CreaseSet:
     """The targets of a fold for all clips, or for one."""
+    from wrinklecli.method.crease import MOST_WEIGHT
+
+    lift = Lift(len(crease.shapes), MOST_WEIGHT)
+    moved = np.tensordot(lift.unmix, crease.shapes, axes=1)
     shapes = make_shapes(
         plan.fine,
         crease.vertices,
-        crease.shapes,
-        tallest=plan.scale * crease.sizes,
-        samples=_samples(plan, crease, of_tools(target_sets)) if plan.has_normals else [],
+        moved,
+        tallest=plan.scale * np.sqrt(np.sum(moved**2, axis=2)).max(axis=1),
+        samples=_samples(plan, crease, lift, of_tools(target_sets)) if plan.has_normals else [],
     )
     name = _identifier(plan, crease.fold, clip)
-    return CreaseSet(crease, name, named_targets(name, shapes), found, clip)
+    return CreaseSet(crease, name, lift, named_targets(name, shapes), found, clip)
 
 
-def _samples(plan: MeshPlan, crease: "Crease", tools: Sequence[TargetSet]) -> list[Sample]:
+def _samples(plan: MeshPlan, crease: "Crease", lift: Lift, tools: Sequence[TargetSet]) -> list[Sample]:
     """Where the normals of a fold are to be right: on the wrinkles of tools that stay on the skin."""
     samples = []
     for weights, clip, time in crease.samples:
@@ -186,7 +189,7 @@ def _samples(plan: MeshPlan, crease: "Crease", tools: Sequence[TargetSet]) -> li
                     for target, weight in zip(each.targets, acting, strict=True)
                     if target is not None and weight
                 ]
-        samples.append(Sample(weights, pose_at(plan.rig, clip, time), beneath=beneath))
+        samples.append(Sample(lift.weights(weights[None])[0], pose_at(plan.rig, clip, time), beneath=beneath))
     return samples
 
 

@@ -355,9 +355,7 @@ def _crease_error(
     first, worst = 0, 0.0
     for found in of_folds(target_sets):
         columns, shapes = found.columns, len(found.crease.shapes)
-        # An engine's budget may have asked for other shapes.
-        unmix = np.eye(shapes) if found.remix is None else found.remix.unmix
-        made = played[:, after : after + len(columns)] @ unmix[columns]
+        made = played[:, after : after + len(columns)] @ found.lift.unmix[columns]
         errors = np.abs(made - creased[:, first : first + shapes]) * (plan.scale * found.crease.sizes)
         worst = max(worst, float(errors.max(initial=0.0)))
         after, first = after + len(columns), first + shapes

@@ -22,13 +22,15 @@ _IN_TURN = 2
 
 
 def with_unit_weights(target_set: AnySet, sampled: Sequence[Floats]) -> AnySet:
-    """The same motion with weights from 0 to 1: shapes are scaled, and split where weights are negative.
+    """The same motion with weights from 0 to 1, as those of folds are: scaled, and split where they are negative.
 
     Args:
-        target_set: The tool or fold, on its own shapes.
+        target_set: The tool, on its curve's shapes, or a fold.
         sampled: For each clip its (frames, shapes) weights, which tell the range where there is no curve.
     """
-    if isinstance(target_set, TargetSet) and target_set.from_skin:
+    if not isinstance(target_set, TargetSet):
+        return target_set
+    if target_set.from_skin:
         path = _path(target_set)
     else:
         path = np.concatenate([np.zeros((0, len(target_set.targets))), *sampled])
@@ -231,7 +233,7 @@ def _weights_at(
     return interpolated(fresh, times, weights)
 
 
-def _remixed(target_set: AnySet, shapes: Sequence[Shape | None], remix: Remix) -> AnySet:
+def _remixed(target_set: TargetSet, shapes: Sequence[Shape | None], remix: Remix) -> TargetSet:
     """A tool on other shapes than its own, which are those of its curve."""
     return replace(target_set, targets=named_targets(target_set.identifier, shapes), remix=remix)
 

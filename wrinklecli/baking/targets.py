@@ -54,6 +54,38 @@ class Remix:
 
 
 @dataclass(frozen=True, slots=True)
+class Lift:
+    """One shape more than a fold's, the others taken back: with it, weights from 0 to 1 do what any others do.
+
+    Blender takes no weight below 0 nor above 1, and other players not all.
+
+    Attributes:
+        count: Of the fold's shapes.
+        greatest: Weight of theirs, to either side of 0.
+    """
+
+    count: int
+    greatest: float
+
+    def weights(self, sampled: Floats) -> Floats:
+        """(frames, count + 1) weights from (frames, count) of the fold's shapes."""
+        below = np.minimum(sampled.min(axis=1, initial=0.0), 0.0)[:, None]
+        weights: Floats = np.concatenate([sampled - below, -below], axis=1) / self._full
+        return weights
+
+    @property
+    def unmix(self) -> Floats:
+        """(count + 1, count) what the new shapes are made of."""
+        shares = np.concatenate([np.eye(self.count), -np.ones((1, self.count))])
+        return np.asarray(self._full[:, None] * shares)
+
+    @property
+    def _full(self) -> Floats:
+        """(count + 1,) what weights of 1 stand for."""
+        return self.greatest * np.append(np.full(self.count, 2.0), 1.0)
+
+
+@dataclass(frozen=True, slots=True)
 class TargetSet:
     """One tool's morph targets.
 
@@ -100,18 +132,18 @@ class CreaseSet:
     Attributes:
         crease: What contact does.
         identifier: What the targets are named by.
+        lift: What makes their shapes of the crease's.
         targets: One for each shape; None for a shape that moves no vertex.
         clips: How the shapes follow the clips that they act in.
         clip: The one clip that they act in; None for all.
-        remix: Where the shapes are others than those of the crease, as an engine asked for.
     """
 
     crease: "Crease"
     identifier: str
+    lift: Lift
     targets: tuple[Target | None, ...]
     clips: "tuple[Followed, ...]"
     clip: str | None = None
-    remix: Remix | None = None
 
     @property
     def from_skin(self) -> bool:
@@ -125,7 +157,7 @@ class CreaseSet:
 
     def shape_weights(self, sampled: Floats) -> Floats:
         """(frames, shapes) weights of the shapes from those of the crease's."""
-        return sampled if self.remix is None else self.remix.weights(sampled)
+        return self.lift.weights(sampled)
 
     def written(self, weights: Floats) -> Floats:
         """The columns of (frames, shapes) weights that have a target."""

@@ -42,6 +42,9 @@ _LOOKS = 8
 _APPROACH = 33
 # How often shapes and weights are fitted again where they leave crossings, and by how much these then count more.
 _TRIES, _MORE = 8, 3.0
+MOST_WEIGHT = 1.5
+"""Greatest weight of a shape in any clip; in the sweeps it is 1."""
+
 # Share of poses with crossings above which more shapes are needed at once.
 _HOPELESS = 0.2
 # Volume that shapes may take away, of a limb's as long as it is thick.
@@ -295,7 +298,7 @@ def fitted(tissue: Tissue, found: Found, shapes: Floats) -> tuple[Floats, bool]:
     """(shapes,) weights that make what was found of (shapes, free, 3), and whether they leave crossings."""
     shares = found.shares
     for _ in range(_TRIES):
-        (weights,) = project(found.moved[None], shares[None], shapes)
+        (weights,) = np.clip(project(found.moved[None], shares[None], shapes), -MOST_WEIGHT, MOST_WEIGHT)
         marked = still_crossing(tissue, found, np.tensordot(weights, shapes, axes=1))
         if marked is None:
             return weights, False
