@@ -16,6 +16,7 @@ from typing import Any
 from kit.clients import give_up
 
 _PATIENCE = 60.0  # seconds; drawn without a GPU, a page takes its time
+_STEADY = 0.15  # seconds in which what moves has moved
 _NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 _OPTIONS = (
     "--headless",
@@ -112,11 +113,15 @@ class Page:
         self.press("Enter", code=13)
 
     def _middle(self, element: str) -> list[float]:
-        """Where the middle of an element is, once it is there."""
+        """Where the middle of an element is, once it is there and moves no more."""
         place = "(each => { each.scrollIntoView({block: 'nearest'}); const box = each.getBoundingClientRect();"
         place += f" return [box.x + box.width / 2, box.y + box.height / 2]; }})({element})"
         self.wait(f"!!({element})")
-        found: list[float] = self.value(place)
+        found, before = self.value(place), None
+        while found != before:  # panels grow and lists open for a while
+            time.sleep(_STEADY)
+            found, before = self.value(place), found
+        assert isinstance(found, list)
         return found
 
     def screenshot(self, path: Path) -> None:
