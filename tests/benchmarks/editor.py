@@ -69,17 +69,18 @@ def measure(name: str, asset: Path, tools: Path, folder: Path) -> None:
     with guarded(str(asset)):
         frame = milliseconds(lambda number: page.player.go(clip, float(times[number * 3 % len(times)])))
         width = milliseconds(
-            lambda n: page.slide(lambda draft: session.set_value(tool, ("width",), f"{80 + n}%", draft=draft))
+            lambda n: page.slide("width", lambda draft: session.set_value(tool, ("width",), f"{80 + n}%", draft=draft))
         )
-        page.settle_slide()
+        page.settle()
         end = milliseconds(
             lambda n: page.slide(
+                "end",
                 lambda draft: session.move_point(
                     tool, 0, (place.position + n * 1e-3 * session.laid()[tool].patch.along).tolist(), draft=draft
-                )
+                ),
             )
         )
-        page.settle_slide()
+        page.settle()
         start = time.thread_time()
         session.settle()
         refined = 1000 * (time.thread_time() - start)

@@ -17,6 +17,7 @@ from wrinklecli.editor.session import Session
 from wrinklecli.errors import WrinkleError
 
 TABS = 100
+TOOL = "tools: [{name: a, origin: [-0.4, 0.25, 0], target: [0.4, 0.25, 0], width: 0.3}]\n"
 EVIL = [
     b"",
     b"\xff" * 40,
@@ -68,6 +69,25 @@ def test_other_pages_are_not_let_in(page: Page) -> None:
         tab(page, origin="http://evil.example")
     with tab(page, origin=f"http://127.0.0.1:{page.port}") as own:
         assert own.recv(timeout=10)
+
+
+def test_what_slides_is_not_lost_to_what_slides_next(tmp_path: Path) -> None:
+    (tmp_path / "limb.yaml").write_text("version: 1\n" + TOOL)
+    session = Session.open(limb(tmp_path / "limb.glb", rings=8, sides=6))
+    page = Page(session, Place())
+    try:
+        page.rest()  # so that nothing becomes an edit by itself
+        page.choose("a", look=True)
+        for key, value in (("bumps", 3), ("bumps", 4), ("gap", 1)):
+            page.slide(key, lambda draft, at=key, to=value: session.set_value("a", (at,), to, draft=draft))
+        assert ("bumps: 4" in session.text, "gap: 1" in session.text) == (True, False)
+        page.settle()
+        assert "gap: 1" in session.text
+        assert session.undo()
+        assert session.undo()
+        assert not session.undo()
+    finally:
+        page.close()
 
 
 def test_a_taken_port_is_said_in_a_line(page: Page, tmp_path: Path) -> None:

@@ -6,12 +6,13 @@ from typing import Any
 
 import viser
 
+from wrinklecli.editor.page.desk import Line, Way
 from wrinklecli.editor.page.keys import GROUPS, NONE, KeyControl, as_written, key_controls, percent_of
 from wrinklecli.tools.schema import TOOL_KEYS
 
 Steps = tuple[str | int, ...]
-Change = Callable[[Steps, Any, bool], None]
-"""Called with the steps to a value within a tool, the value as a file has it, and whether it slides: more follow."""
+Change = Callable[[Steps, Any, Way], None]
+"""Called with the steps to a value within a tool, the value as a file has it, and how it was set."""
 
 _LENGTH, _MAPPING, _OWN = "a length", "by hand", "as below"
 _CLIPS = "Clips"
@@ -45,12 +46,12 @@ class ToolControls:
                 for clip in clips:
                     self._add_strength(clip)
         self._own: Any = gui.add_dropdown(
-            "own keys", ("–",), hint="A key that is taken away holds what the file's defaults say."
+            "reset a key", ("–",), hint="Takes it away from the tool: what the file's defaults say holds then."
         )
 
         def reset() -> None:
             if self._own.value != "–":
-                unset(self._own.value.removeprefix("reset "))
+                unset(self._own.value)
 
         self._on(self._own, reset)
 
@@ -65,7 +66,7 @@ class ToolControls:
         self._values, self._distance = values, distance
         for show in self._shows:
             show()
-        self._own.options = ("–", *(f"reset {key}" for key in own if key in self._inputs))
+        self._own.options = ("–", *(key for key in own if key in self._inputs))
         self._own.value = "–"
 
     def _add(self, control: KeyControl) -> None:
@@ -80,7 +81,16 @@ class ToolControls:
             made = self._plain(control, control.title)
             self._inputs[control.key] = made
             self._on(made, lambda: self._set(control, (control.key,), made.value))
-            self._shows.append(lambda: self._put(made, self._shown(control, self._values.get(control.key))))
+            line = Line(made)
+
+            def show() -> None:
+                shown = self._shown(control, self._values.get(control.key))
+                if _way(control) == "typed":
+                    line.show(self._values["name"], shown)
+                else:
+                    made.value = shown
+
+            self._shows.append(show)
 
     def _plain(self, control: KeyControl, title: str) -> Any:
         """The widget of a single value."""
@@ -120,12 +130,12 @@ class ToolControls:
             if text is not None:
                 text.visible = word == _MAPPING
             if choice is not None:
-                self._put(choice, word or _LENGTH)
+                choice.value = word or _LENGTH
             if word is None:
                 percent = percent_of(value, self._distance)
                 slider.max = max(control.high, percent)
                 slider.min = min(control.low, percent)
-                self._put(slider, percent)
+                slider.value = percent
 
         def chosen() -> None:
             if choice.value == _MAPPING:
@@ -134,7 +144,7 @@ class ToolControls:
             value = choice.value
             if value == _LENGTH:
                 before, value = None, slider.value if isinstance(before, Mapping) else max(slider.value, 25.0)
-            self._change((key,), as_written(control, value, before, self._distance), False)
+            self._change((key,), as_written(control, value, before, self._distance), "at once")
 
         if choice is not None:
             self._on(choice, chosen)
@@ -151,10 +161,13 @@ class ToolControls:
                 value = json.loads(made.value)
             except ValueError:
                 value = made.value
-            self._change((key,), value, False)
+            self._change((key,), value, "typed")
 
         self._on(made, written)
-        self._shows.append(lambda: self._put(made, json.dumps(self._values.get(key), ensure_ascii=False)))
+        line = Line(made)
+        self._shows.append(
+            lambda: line.show(self._values["name"], json.dumps(self._values.get(key), ensure_ascii=False))
+        )
         self._inputs.setdefault(key, made)
         return made
 
@@ -170,30 +183,30 @@ class ToolControls:
         def show() -> None:
             value: Any = self._values.get(key) or ([] if is_list else None)
             if choice is not None:
-                self._put(choice, NONE if not isinstance(value, Mapping) else _OWN)
+                choice.value = _OWN if isinstance(value, Mapping) else NONE
             for number, (part, each) in enumerate(zip(control.parts, made, strict=True)):
                 if is_list:
                     each.visible = number <= len(value)
-                    self._put(each, value[number] if number < len(value) else 0.0)
+                    each.value = value[number] if number < len(value) else 0.0
                 else:
                     each.visible = isinstance(value, Mapping)
-                    self._put(each, (value or {}).get(part.key, part.default) if each.visible else part.default)
+                    each.value = (value or {}).get(part.key, part.default) if each.visible else part.default
 
-        def changed(*, slides: bool = True) -> None:
+        def changed(way: Way = "slides") -> None:
             numbers = [round(float(each.value), 3) for each in made]
             if is_list:
                 count = next((k for k, number in enumerate(numbers) if number == 0), len(numbers))
-                self._change((key,), numbers[:count], slides)
+                self._change((key,), numbers[:count], way)
             else:
                 self._change(
-                    (key,), {part.key: number for part, number in zip(control.parts, numbers, strict=True)}, slides
+                    (key,), {part.key: number for part, number in zip(control.parts, numbers, strict=True)}, way
                 )
 
         for each in made:
             self._on(each, changed)
         if choice is not None:
             self._on(
-                choice, lambda: changed(slides=False) if choice.value == _OWN else self._change((key,), NONE, False)
+                choice, lambda: changed("at once") if choice.value == _OWN else self._change((key,), NONE, "at once")
             )
         self._shows.append(show)
 
@@ -205,14 +218,14 @@ class ToolControls:
         def show() -> None:
             found = float((self._values.get("clips") or {}).get(clip, self._values.get("strength", 1.0)))
             made.min, made.max = min(-2.0, found), max(2.0, found)
-            self._put(made, found)
+            made.value = found
 
-        self._on(made, lambda: self._change(("clips", clip), round(made.value, 3), True))
+        self._on(made, lambda: self._change(("clips", clip), round(made.value, 3), "slides"))
         self._shows.append(show)
 
     def _set(self, control: KeyControl, steps: Steps, value: Any) -> None:
         written = as_written(control, value, self._values.get(control.key), self._distance)
-        self._change(steps, written, control.slides)
+        self._change(steps, written, _way(control))
 
     def _shown(self, control: KeyControl, value: Any) -> Any:
         """A value of a file as a widget has it."""
@@ -222,10 +235,6 @@ class ToolControls:
             return float(str(value).strip().removesuffix("%"))
         return value
 
-    def _put(self, made: Any, value: Any) -> None:
-        """Let a widget show a value, without telling anybody."""
-        made.value = value
-
     def _on(self, made: Any, changed: Callable[[], None]) -> None:
         async def told(event: Any) -> None:
             # What the program itself shows is no wish of anybody's.
@@ -233,3 +242,8 @@ class ToolControls:
                 changed()
 
         made.on_update(told)
+
+
+def _way(control: KeyControl) -> Way:
+    """How its widget sets the key."""
+    return "slides" if control.slides else "at once" if control.kind in ("choice", "flag") else "typed"

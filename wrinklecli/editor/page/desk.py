@@ -1,7 +1,7 @@
 """What the parts of the page share: how they tell it what was done, and how their widgets ask for work."""
 
-from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from collections.abc import Callable, Hashable, Mapping
+from typing import Any, Literal, Protocol, TypeAlias
 
 import viser
 
@@ -10,6 +10,9 @@ from wrinklecli.editor.page.work import Work
 
 GOOD, BAD, ASKS = "#1c7a3f", "#c92a2a", "#1f6fd6"
 """Colours of what the page says: it is done, it failed, something is to be done."""
+
+Way: TypeAlias = Literal["at once", "slides", "typed"]
+"""How a widget sets a value: where it slides or is typed more follows, of which only the last is an edit."""
 
 
 class Desk(Protocol):
@@ -31,11 +34,29 @@ class Desk(Protocol):
     def compare(self, baked: Baked) -> None:
         """Offer to show what was baked in place of what is edited."""
 
-    def slide(self, edit: Callable[[bool], None]) -> None:
+    def slide(self, of: Hashable, edit: Callable[[bool], None]) -> None:
         """Show a draft of an edit."""
 
-    def settle_slide(self) -> None:
-        """Make the last draft an edit."""
+    def settle(self) -> None:
+        """Make an edit of what slides or is typed."""
+
+
+class Line:
+    """A line of text that somebody types: what the program shows is put there only where that is something new.
+
+    Args:
+        widget: Of the page.
+    """
+
+    def __init__(self, widget: Any) -> None:
+        self.widget = widget
+        self._shown: tuple[str, object] = ("", None)
+
+    def show(self, of: str, value: object) -> None:
+        """Show the value of something that has a name."""
+        if self._shown != (of, value):
+            self._shown = of, value
+            self.widget.value = value
 
 
 def add_group(gui: viser.GuiApi, work: Work, title: str, actions: Mapping[str, Callable[[], None]]) -> None:

@@ -52,6 +52,7 @@ class Hand:
 
     def _end_new(self) -> None:
         self._ends = None
+        self._picture.point_out(None)
         self._new.label, self._new.color = "New tool", None
 
     async def _clicked(self, event: viser.SceneClickEvent) -> None:
@@ -62,18 +63,18 @@ class Hand:
         hit = self._picture.hit(origin, direction)
         if hit is None:
             return
-        mesh, place = hit
         if self._ends is None:
-            self._desk.choose(self._picture.tool_at(mesh, place) or self._desk.chosen, look=False)
+            self._desk.choose(self._picture.tool_at(hit.mesh, hit.place) or self._desk.chosen, look=False)
             return
-        self._ends.append(place)
+        self._ends.append(hit.place)
         if len(self._ends) == 1:
+            self._picture.point_out(hit)
             self._desk.say("Now click where it ends.", ASKS)
             return
         first, last = (end.tolist() for end in self._ends)
         self._end_new()
-        self._desk.settle_slide()
-        name = self._session.add_tool(first, last, mesh.node)
+        self._desk.settle()
+        name = self._session.add_tool(first, last, hit.mesh.node)
         self._desk.choose(name, look=False)
         self._desk.say(f"{name} is new: drag its ends, and the dots at its sides for the width")
 
@@ -84,19 +85,24 @@ class Hand:
             return
         self._work.put((kind, number), lambda: self._move(name, kind, number, origin, direction))
         if phase == "end":
-            self._work.put("let go", self._desk.settle_slide)
+            self._work.put("let go", self._desk.settle)
 
     def _move(self, name: str, kind: str, number: int, origin: Floats, direction: Floats) -> None:
         hit, laid = self._picture.hit(origin, direction), self._session.laid().get(name)
         if hit is None or laid is None:
             return
-        place, patch = hit[1], laid.carried.patch
+        place, patch = hit.place, laid.patch
         if kind == "anchor":
-            self._desk.slide(lambda draft: self._session.move_point(name, number, place.tolist(), draft=draft))
+            self._desk.slide(
+                (name, kind, number),
+                lambda draft: self._session.move_point(name, number, place.tolist(), draft=draft),
+            )
         else:
             percent = max(
                 round(200.0 * abs(float(patch.coordinates(place)[1])) * patch.half_width / patch.span, 1), 1.0
             )
             before = next(tool.values.get("width") for tool in self._session.tools() if tool.name == name)
             width = as_written(_WIDTH, percent, before, patch.span)
-            self._desk.slide(lambda draft: self._session.set_value(name, ("width",), width, draft=draft))
+            self._desk.slide(
+                (name, "width"), lambda draft: self._session.set_value(name, ("width",), width, draft=draft)
+            )

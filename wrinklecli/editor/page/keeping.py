@@ -46,14 +46,14 @@ class Keeping:
         self._step(forward=True)
 
     def _step(self, *, forward: bool) -> None:
-        self._desk.settle_slide()
+        self._desk.settle()
         what = self._session.redoable if forward else self._session.undoable
         (self._session.redo if forward else self._session.undo)()
         self._desk.refresh()
         self._desk.say(f"{'again' if forward else 'undone'}: {what}" if what else "nothing more")
 
     def _save(self, *, overwrite: bool = False) -> None:
-        self._desk.settle_slide()
+        self._desk.settle()
         try:
             self._session.save(overwrite=overwrite)
             self._over.visible = False

@@ -5,16 +5,17 @@ import html
 import logging
 import os
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from typing import Any
 
 import viser
 
 from wrinklecli.editor.baked import Baked
 from wrinklecli.editor.page.controls import Steps, ToolControls
-from wrinklecli.editor.page.desk import ASKS, BAD, GOOD, add_group, on, on_set
+from wrinklecli.editor.page.desk import ASKS, BAD, GOOD, Line, Way, add_group, on, on_set
 from wrinklecli.editor.page.hand import Hand
 from wrinklecli.editor.page.keeping import Keeping
+from wrinklecli.editor.page.keyboard import KEYBOARD
 from wrinklecli.editor.page.picture import Picture
 from wrinklecli.editor.page.player import Charts, Player
 from wrinklecli.editor.page.poser import Poser
@@ -22,13 +23,18 @@ from wrinklecli.editor.page.proposals import Proposals
 from wrinklecli.editor.page.served import Place, serve
 from wrinklecli.editor.page.work import Work
 from wrinklecli.editor.session import EditedTool, Session
-from wrinklecli.errors import WrinkleError
+from wrinklecli.errors import WrinkleError, counted
 
 _SLIDES = 0.35  # seconds without a further change after which a slider has been let go
+_TYPES = 0.8  # seconds without a further key after which a line has been typed
 _WIDE = 380  # pixels of the panel
 _CHARTS = 0.15  # seconds without a further change after which charts are drawn anew
 _WARNS = 1.0  # seconds after an edit, before what `check` would warn of is looked for
 _WARNING = "#b35c00"
+_HINT = (
+    "None yet. New tool takes two clicks on the mesh, across the wrinkles to be; Find places looks for folds. "
+    "Drag turns the view, with the right button it moves, the wheel comes closer."
+)
 
 
 class Page:
@@ -58,7 +64,8 @@ class Page:
         self._picture = Picture(self.server, self._work, session, self._hand.drag)
         self._hand.listen(self.server, self._picture)
         self.chosen: str | None = None
-        self._sliding: Callable[[], None] | None = None  # makes the draft that is shown an edit
+        # What slides or is typed, and what makes an edit of it.
+        self._waiting: tuple[Hashable, Callable[[], None]] | None = None
         self._buttons: dict[str, Any] = {}
         self._warnings: dict[str, list[str]] = {}
         self._build(heat=heat)
@@ -79,7 +86,7 @@ class Page:
         """End what is being done, and serve no more."""
         self.rest()
         with contextlib.suppress(WrinkleError):
-            self.settle_slide()
+            self.settle()
         self.server.stop()
 
     def rest(self) -> None:
@@ -95,6 +102,7 @@ class Page:
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(31, 111, 214))
         gui.main_panel.dock_right()
         gui.main_panel.set_width(_WIDE)
+        gui.add_html(KEYBOARD)
         self._head = gui.add_html("")
         self._said = gui.add_html("")
         self._keeping = Keeping(gui, self._work, self._slow, self._session, self)
@@ -109,6 +117,8 @@ class Page:
         play.float(x=15, y=-15, width=420)
         self._hand.add_button(gui)
         self._list = gui.add_folder("Tools")
+        with self._list:
+            self._hint = gui.add_html(_line(_HINT, "#666"))
         Proposals(gui, self._work, self._slow, self._session, self)
         self._panel: Any = gui.add_folder("Tool", visible=False)
         with self._panel:
@@ -117,6 +127,7 @@ class Page:
     def _add_tool_panel(self, gui: viser.GuiApi) -> None:
         self._problem = gui.add_html("")
         self._name: Any = gui.add_text("name", "")
+        self._name_line = Line(self._name)
         on_set(self._name, self._work, "name", self._rename)
         tip = "Also make the tool of the other side: x negated, left and right exchanged in its name."
         self._twin: Any = gui.add_checkbox("both sides", initial_value=False, hint=tip)
@@ -129,9 +140,9 @@ class Page:
             "Delete": self._delete,
         }
         add_group(gui, self._work, "tool", actions)
-        self._charts = Charts(gui)
         clips = [clip.name for clip in self._session.clips if clip.name not in self._session.made]
         self._controls = ToolControls(gui, self._changed, self._unset, clips)
+        self._charts = Charts(gui)
 
     # What is said.
 
@@ -166,14 +177,15 @@ class Page:
         name = html.escape(os.path.basename(self._session.path))
         self._head.content = (
             f'<div style="padding:4px 12px;overflow-wrap:anywhere"><b>{name}</b>'
-            f'<span style="opacity:.6"> · {len(tools)} tools · {state}</span></div>'
+            f'<span style="opacity:.6"> · {counted(len(tools), "tool")} · {state}</span></div>'
         )
         self._list_tools(tools)
         self._panel.visible = self.chosen is not None
         for tool in tools:
             if tool.name == self.chosen:
                 self._panel.label = tool.name
-                self._name.value, self._twin.value = tool.name, tool.partner is not None
+                self._name_line.show(tool.name, tool.name)
+                self._twin.value = tool.partner is not None
                 self._problem.content = self._told_of(tool)
                 laid = self._session.laid().get(tool.name)
                 span = 1.0 if laid is None else laid.carried.patch.span
@@ -184,7 +196,7 @@ class Page:
         self._poser.refresh()
         self._show()
         # While something slides, the mesh comes first.
-        self._work.put_later("chart", 0.0 if self._sliding is None else _CHARTS, self._chart)
+        self._work.put_later("chart", 0.0 if self._waiting is None else _CHARTS, self._chart)
         self._keeping.tell()
         if not self._session.settled:
             self._slow.put("settle", self._refine)
@@ -214,6 +226,7 @@ class Page:
 
     def _list_tools(self, tools: Sequence[EditedTool]) -> None:
         """A button for each tool."""
+        self._hint.visible = not tools
         for name in [name for name in self._buttons if name not in {tool.name for tool in tools}]:
             self._buttons.pop(name).remove()
         for order, tool in enumerate(tools):
@@ -261,7 +274,7 @@ class Page:
 
     def choose(self, name: str | None, *, look: bool) -> None:
         """Show a tool, and let the cameras look at it."""
-        self.settle_slide()
+        self.settle()
         self.chosen = name
         self.refresh()
         if look and name is not None:
@@ -273,7 +286,7 @@ class Page:
 
     # What people do: editing.
 
-    def _changed(self, steps: Steps, value: Any, slides: bool) -> None:
+    def _changed(self, steps: Steps, value: Any, way: Way) -> None:
         """Set a key of the chosen tool; called by widgets."""
         name = self.chosen
         if name is None:
@@ -282,28 +295,41 @@ class Page:
         def edit(draft: bool) -> None:
             self._session.set_value(name, steps, value, draft=draft)
 
-        if slides:
-            self._work.put(("set", steps), lambda: self.slide(edit))
-        else:
-            self._work.put(("set", steps), lambda: self._edit(lambda: edit(False)))
+        actions: dict[Way, Callable[[], None]] = {
+            "slides": lambda: self.slide((name, *steps), edit),
+            "typed": lambda: self._wait((name, *steps), _TYPES, lambda: edit(False)),
+            "at once": lambda: self._edit(lambda: edit(False)),
+        }
+        self._work.put(("set", steps), actions[way])
 
-    def slide(self, edit: Callable[[bool], None]) -> None:
-        """Show a draft of an edit, which becomes one as soon as nothing follows; called with whether it is a draft."""
-        self._sliding = lambda: edit(False)
+    def slide(self, of: Hashable, edit: Callable[[bool], None]) -> None:
+        """Show a draft of an edit, which becomes one as soon as nothing follows.
+
+        Args:
+            of: What is edited; a draft of anything else becomes an edit before.
+            edit: Called with whether it is a draft.
+        """
+        self._wait(of, _SLIDES, lambda: edit(False))
         edit(True)
         self.refresh()
-        self._work.put_later("slid", _SLIDES, self.settle_slide)
 
-    def settle_slide(self) -> None:
-        """Make the last draft an edit."""
-        self._work.drop("slid")
-        full, self._sliding = self._sliding, None
-        if full is not None:
-            full()
+    def _wait(self, of: Hashable, seconds: float, edit: Callable[[], None]) -> None:
+        """Make an edit as soon as nothing follows that is of the same."""
+        if self._waiting is not None and self._waiting[0] != of:
+            self.settle()
+        self._waiting = of, edit
+        self._work.put_later("waits", seconds, self.settle)
+
+    def settle(self) -> None:
+        """Make an edit of what slides or is typed."""
+        self._work.drop("waits")
+        waiting, self._waiting = self._waiting, None
+        if waiting is not None:
+            waiting[1]()
             self.refresh()
 
     def _edit(self, action: Callable[[], object]) -> None:
-        self.settle_slide()
+        self.settle()
         action()
         self.say("")
         self.refresh()
@@ -314,16 +340,19 @@ class Page:
             self._work.put(("unset", key), lambda: self._edit(lambda: self._session.unset(name, (key,))))
 
     def _rename(self) -> None:
-        if self.chosen is not None and self._name.value not in ("", self.chosen):
-            self.settle_slide()
-            new = str(self._name.value)
-            self._session.rename(self.chosen, new)
-            self.choose(new, look=False)
-            self.say("")
+        old, new = self.chosen, str(self._name.value)
+
+        def rename() -> None:
+            if old is not None and new not in ("", old):
+                self._session.rename(old, new)
+                self.chosen = new
+                self.say("")
+
+        self._wait("name", _TYPES, rename)
 
     def _mirror(self) -> None:
         if self.chosen is not None:
-            self.settle_slide()
+            self.settle()
             self.choose(self._session.mirror(self.chosen, "x" if self._twin.value else None), look=False)
 
     def _chosen_tool(self) -> EditedTool | None:
@@ -341,7 +370,7 @@ class Page:
 
     def _copy(self) -> None:
         if self.chosen is not None:
-            self.settle_slide()
+            self.settle()
             self.choose(self._session.copy(self.chosen), look=False)
 
     def _delete(self) -> None:

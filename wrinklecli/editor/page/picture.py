@@ -1,6 +1,7 @@
 """What the page shows in 3D: the session's meshes at the player's moment, tools on them, and where cameras stand."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -11,29 +12,46 @@ from wrinklecli.character.scene import read_scene
 from wrinklecli.editor.baked import Baked
 from wrinklecli.editor.laid import ShownMesh
 from wrinklecli.editor.page.desk import add_group, on_set
-from wrinklecli.editor.page.drawing import Body, Mark, body_of, mark_of, picked
+from wrinklecli.editor.page.drawing import Body, Mark, Spots, body_of, mark_of, picked
 from wrinklecli.editor.page.player import Player
 from wrinklecli.editor.page.scene import LOOKS, Drag, Look, View
+from wrinklecli.editor.page.sight import FOV, SIDES, close, whole
 from wrinklecli.editor.page.work import Work
 from wrinklecli.editor.session import Session
 from wrinklecli.gltf.document import Document
 from wrinklecli.method.patch import Patch
 from wrinklecli.numeric.arrays import Floats
+from wrinklecli.review.preview.camera import Camera
 from wrinklecli.review.preview.heat import point_colours
 from wrinklecli.review.preview.materials import Paint, read_paints
 from wrinklecli.review.preview.shown import INKS
 
 _SETTLES = 0.08  # seconds in which a browser reads a coloured mesh
 _ASIDE = 1.15  # widths of the asset between it and its rest pose beside it
-_ALL, _CLOSE = 1.15, 3.2  # distance of a camera: diagonals of the asset, reaches of a tool
-# Where cameras stand for each side, the asset facing +z.
-_SIDES = {
-    "front": (0.3, 0.2, 1.0),
-    "left": (1.0, 0.2, 0.3),
-    "back": (0.3, 0.2, -1.0),
-    "right": (-1.0, 0.2, 0.3),
-}
+# Lights, from where and how strong: one aslant on either face, so that folds stand out wherever one looks from, and one
+# from below. They are further away than any asset is large.
+_LIGHTS = {(0.7, 1.0, 1.0): 2.0, (-0.7, 0.8, -1.0): 1.8, (-0.6, -1.0, 0.6): 0.5}
+_FAR = 1e6  # scene units
+_SKY, _GROUND, _AMBIENT = (255, 255, 255), (150, 152, 158), 0.9
+_UP = np.array([0.0, 1.0, 0.0])
+# What a camera may see, over its distance: as near as one may come, and all around.
+_NEARER, _FURTHER = 100.0, 100.0
 _BACKGROUND = ((236, 239, 243), (203, 208, 215))  # sRGB above and below
+
+
+@dataclass(frozen=True, slots=True)
+class Hit:
+    """Where the pointer meets a mesh.
+
+    Attributes:
+        mesh: The mesh.
+        place: (3,) at rest.
+        spot: The one spot, of the triangles that are shown.
+    """
+
+    mesh: ShownMesh
+    place: Floats
+    spot: Spots
 
 
 class Picture:
@@ -50,6 +68,7 @@ class Picture:
         self._server, self._work, self._session = server, work, session
         server.scene.set_up_direction("+y")
         server.scene.set_background_image(_background())
+        _add_lights(server.scene)
         self._view = View(server, "asset", drag)
         self._rest_view = View(server, "rest", lambda *_: None)
         self._bodies: tuple[Body, ...] = ()
@@ -85,7 +104,7 @@ class Picture:
         tip = "Show what Bake has written, in place of what is edited; its clips, as it plays them."
         self._as_baked: Any = gui.add_checkbox("baked file", initial_value=False, hint=tip, visible=False)
         self._beside: Any = gui.add_checkbox("rest beside", initial_value=False, hint="Show it at rest, too.")
-        add_group(gui, self._work, "look from", {side: partial(self.look_at_all, side) for side in _SIDES})
+        add_group(gui, self._work, "look from", {side: partial(self.look_at_all, side) for side in SIDES})
         for each in (self._look, self._wire, self._beside):
             on_set(each, self._work, "dress", self._dress)
         on_set(self._as_baked, self._work, "as baked", show)
@@ -175,42 +194,46 @@ class Picture:
 
     def look_at_all(self, side: str = "front") -> None:
         """Let the cameras see the whole asset from a side, a little from above."""
-        every = self._everything()
-        low, high = every.min(axis=0), every.max(axis=0)
-        size = float(np.linalg.norm(high - low)) or 1.0
-        self._point_cameras((low + high) / 2, np.array(_SIDES[side]), _ALL * size)
+        self._point_cameras(whole(self._everything(), side))
 
     def look_at_tool(self, name: str) -> None:
         """Let the cameras face a tool; they stay where it does not fit."""
-        found = self._view.middle_of(name, self._points)
-        if found is not None:
-            middle, facing, reach = found
-            self._point_cameras(middle, facing + np.array([0.0, 0.2, 0.0]), _CLOSE * reach)
+        _, mark = self._marks.get(name, (None, None))
+        if mark is not None:
+            body = mark.spots.body
+            mesh = self.shown[body]
+            self._point_cameras(close(mark, self._bodies[body], mesh.positions, mesh.laid.ground.surface.triangles))
 
-    def _point_cameras(self, middle: Floats, direction: Floats, distance: float) -> None:
-        position = middle + distance * direction / (np.linalg.norm(direction) or 1.0)
+    def _point_cameras(self, wanted: Camera) -> None:
+        position, distance = wanted.eye, float(np.linalg.norm(wanted.eye - wanted.centre)) or 1.0
         start = self._server.initial_camera
-        start.look_at, start.position, start.up = middle, position, np.array([0.0, 1.0, 0.0])
-        start.near = distance / 100
+        start.look_at, start.position, start.up, start.fov = wanted.centre, position, _UP, FOV
+        start.near, start.far = distance / _NEARER, distance * _FURTHER
         for client in self._server.get_clients().values():
             with client.atomic():
-                client.camera.up_direction = (0.0, 1.0, 0.0)
-                client.camera.near = distance / 100
+                client.camera.up_direction = _UP
+                client.camera.fov = FOV
+                client.camera.near, client.camera.far = start.near, start.far
                 # In this order: to move a camera moves what it looks at.
                 client.camera.position = position
-                client.camera.look_at = middle
+                client.camera.look_at = wanted.centre
 
     # What is under the pointer.
 
-    def hit(self, origin: Floats, direction: Floats) -> tuple[ShownMesh, Floats] | None:
-        """The mesh that a ray from (3,) in (3,) meets first, and (3,) where that is at rest; None where it misses."""
+    def hit(self, origin: Floats, direction: Floats) -> Hit | None:
+        """What a ray from (3,) in (3,) meets first; None where it misses."""
         best, found = np.inf, None
-        for mesh in self.shown:
+        for number, mesh in enumerate(self.shown):
             hit = picked(origin, direction, mesh.positions, mesh.faces)
             if hit is not None and hit[0] < best:
-                best = hit[0]
-                found = mesh, hit[2] @ mesh.laid.rest_positions[mesh.faces[hit[1]]]
+                best, triangle, barycentrics = hit
+                place = barycentrics @ mesh.laid.rest_positions[mesh.faces[triangle]]
+                found = Hit(mesh, place, Spots(number, np.array([triangle]), barycentrics[None]))
         return found
+
+    def point_out(self, hit: Hit | None) -> None:
+        """Show a dot on what was hit, or none."""
+        self._view.point_out(None if hit is None else hit.spot, self._points)
 
     def tool_at(self, mesh: ShownMesh, place: Floats) -> str | None:
         """The tool of the file whose patch, or whose partner's, is at a (3,) place at rest."""
@@ -243,3 +266,14 @@ def _background() -> Any:
     above, below = (np.array(colour, float) for colour in _BACKGROUND)
     shares = np.linspace(0.0, 1.0, 64)[:, None, None]
     return np.round((1 - shares) * above + shares * below).astype(np.uint8).repeat(2, axis=1)
+
+
+def _add_lights(scene: viser.SceneApi) -> None:
+    """Light it without shadows: those of hundreds of small folds cost more than all else, and hide what they show."""
+    scene.configure_default_lights(enabled=False)
+    scene.configure_environment_map(None)
+    scene.add_light_hemisphere("/lights/sky", sky_color=_SKY, ground_color=_GROUND, intensity=_AMBIENT)
+    for number, (place, strength) in enumerate(_LIGHTS.items()):
+        scene.add_light_point(
+            f"/lights/{number}", intensity=strength, decay=0.0, position=tuple(_FAR * np.array(place, float))
+        )

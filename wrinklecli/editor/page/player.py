@@ -18,6 +18,7 @@ REST = "as stored"
 _FPS = 30.0  # asked for; what a machine can
 _SPEEDS, _SPEED_STEP = (0.1, 2.0), 0.05  # times as fast
 _TIME_STEP = 0.001  # seconds
+_TALL = 110  # pixels of a chart
 
 
 class Player:
@@ -142,7 +143,7 @@ class Charts:
             title="control curve, scene units",
             scales={"x": uplot.Scale(time=False)},
             legend=uplot.Legend(show=False),
-            height=130,
+            height=_TALL,
         )
         self._heights: Any = gui.add_uplot(
             (np.array([0.0, 1.0]), nothing, nothing),
@@ -154,7 +155,7 @@ class Charts:
             title="height over the clip",
             scales={"x": uplot.Scale(time=False)},
             legend=uplot.Legend(show=False),
-            height=130,
+            height=_TALL,
         )
         self._over: tuple[Floats, Floats] | None = None
 

@@ -52,7 +52,7 @@ class Proposals:
 
     def _listen(self, button: Any, offer: Offer) -> None:
         def accept() -> None:
-            self._desk.settle_slide()
+            self._desk.settle()
             name = self._session.accept(offer)
             button.remove()
             self._offered.remove(button)

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 import viser
 
-from wrinklecli.editor.page.drawing import Body, DrawnMesh, Mark
+from wrinklecli.editor.page.drawing import Body, DrawnMesh, Mark, Spots
 from wrinklecli.editor.page.painted import PaintedMesh
 from wrinklecli.gltf.pixels import srgb
 from wrinklecli.numeric.arrays import Floats, vertex_normals
@@ -17,7 +17,7 @@ LOOKS: tuple[Look, ...] = ("textures", "clay", "heat")
 
 _CLAY = (203, 198, 190)
 _WIRE = (40, 44, 52)
-_FLOOR = (222, 224, 228)
+_POINTED = (255, 140, 0)
 # Lines are this share of the bodies' size above the surface, so as not to flicker with it.
 _LIFT = 6e-4
 # Radius of an anchor's dot: a share of the tool's length, and of the bodies' size at most and at least.
@@ -55,8 +55,6 @@ class View:
 
     def __init__(self, server: viser.ViserServer, name: str, drag: Drag) -> None:
         self._scene, self._name, self._drag = server.scene, name, drag
-        # Shadows of hundreds of small folds cost more than all else, and hide what they should show.
-        self._scene.configure_default_lights(cast_shadow=False)
         self._root = self._scene.add_frame(f"/{name}", show_axes=False)
         self._bodies: tuple[Body, ...] = ()
         self._plain: dict[tuple[int, int], viser.MeshHandle] = {}
@@ -64,6 +62,7 @@ class View:
         self._wires: dict[int, viser.MeshHandle] = {}
         self._lines: dict[str, viser.LineSegmentsHandle] = {}
         self._dots: dict[tuple[str, int], viser.IcosphereHandle] = {}
+        self._pointed: tuple[Spots, viser.IcosphereHandle] | None = None
         self._marks: tuple[Mark, ...] = ()
         self._chosen: str | None = None
         self._size = 1.0
@@ -160,20 +159,18 @@ class View:
             if mark.name == chosen:
                 self._add_dots(mark, places)
 
-    def middle_of(self, name: str, points: Sequence[Floats]) -> tuple[Floats, Floats, float] | None:
-        """Where a tool is, the bodies' (points, 3) being there.
-
-        Returns:
-            (3,) its middle, (3,) the direction that its surface faces, and how far its dots are from there.
-        """
-        for mark in self._marks:
-            if mark.name == name:
-                body, places = self._bodies[mark.spots.body], points[mark.spots.body]
-                every = mark.spots.on(body, places)
-                middle = (every.min(axis=0) + every.max(axis=0)) / 2
-                facing = mark.spots.normals(body, places).mean(axis=0)
-                return middle, facing, float(np.sqrt(np.max(np.sum((every - middle) ** 2, axis=1))))
-        return None
+    def point_out(self, spot: Spots | None, points: Sequence[Floats]) -> None:
+        """Show a dot on a spot, which moves with it; none for None."""
+        if self._pointed is not None:
+            self._pointed[1].remove()
+            self._pointed = None
+        if spot is not None:
+            (place,) = spot.on(self._bodies[spot.body], points[spot.body])
+            radius = _MOST_DOT * self._size
+            dot = self._scene.add_icosphere(
+                f"/{self._name}/pointed", radius, _POINTED, subdivisions=2, position=place, cast_shadow=False
+            )
+            self._pointed = spot, dot
 
     def _add_dots(self, mark: Mark, places: Floats) -> None:
         ends = places[mark.anchors]
@@ -215,7 +212,12 @@ class View:
                     if dot is not None and mark.name == self._chosen:
                         dot.position = places[spot]
 
+        if self._pointed is not None:
+            spot, dot = self._pointed
+            (dot.position,) = spot.on(self._bodies[spot.body], points[spot.body])
+
     def _clear_bodies(self) -> None:
+        self.point_out(None, ())
         for handle in (*self._plain.values(), *self._wires.values()):
             handle.remove()
         for painted in self._painted.values():

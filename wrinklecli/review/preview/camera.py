@@ -81,6 +81,12 @@ class Camera:
         )
         return cls(middle + aim @ axes, axes, margin * reach, tangent)
 
+    @property
+    def eye(self) -> Floats:
+        """(3,) where it stands; rays that are not parallel go there."""
+        found: Floats = self.centre + self.axes[2] * self.reach / self.tangent
+        return found
+
     def project(self, points: Floats, size: tuple[int, int]) -> Floats:
         """(…, 2) pixels, from the left and the top, of (…, 3) world positions in front of the eye."""
         return project(self.local(points), size, self.tangent)

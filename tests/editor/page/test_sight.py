@@ -1,0 +1,27 @@
+"""Cameras of the page stand where there is something to see."""
+
+from pathlib import Path
+
+import numpy as np
+
+from kit.limb import limb
+from wrinklecli.editor.page.drawing import Body, mark_of
+from wrinklecli.editor.page.sight import SIDES, close, whole
+from wrinklecli.editor.session import Session
+
+TOOL = "tools: [{name: a, origin: [-0.4, 0.25, 0], target: [0.4, 0.25, 0], width: 0.3}]\n"
+
+
+def test_a_tool_is_seen_from_its_side_and_all_of_the_asset_from_any(tmp_path: Path) -> None:
+    (tmp_path / "limb.yaml").write_text("version: 1\n" + TOOL)
+    session = Session.open(limb(tmp_path / "limb.glb", rings=20, sides=12))
+    (mesh,) = session.meshes(None, 0.0)
+    mark = mark_of(session.laid()["a"], mesh.laid, 0, (1.0, 0.0, 0.0))
+    body = Body(mesh.faces, ())
+    camera = close(mark, body, mesh.positions, mesh.laid.ground.surface.triangles)
+    assert camera.axes[2, 1] > 0.4
+    spots = mark.spots.on(body, mesh.positions)
+    assert np.abs(camera.local(spots)[:, :2]).max() < 1
+    for side in SIDES:
+        every = whole(mesh.positions, side).local(mesh.positions)
+        assert np.abs(every[:, 1]).max() < 1
