@@ -217,7 +217,7 @@ def test_extras_are_json_that_a_player_reads(folded: Baked) -> None:
 
 def test_weights_of_contact_are_those_that_every_player_takes(folded: Baked) -> None:
     """Blender takes none below 0 nor above 1."""
-    file = bake_fold()
+    file = Gltf(folded.out)
     names = file.mesh("limb")["extras"]["targetNames"]
     (fold,) = file.json["nodes"][file.node("limb")]["extras"]["wrinkle"]["folds"]
     _, values = file.keys("fold", "limb")

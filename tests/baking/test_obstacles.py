@@ -2,10 +2,13 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import wrinklecli
-from kit.limb import sleeved_limb, tool, write_tools
+from kit.limb import nose, sleeved_limb, tool, write_tools
+from kit.player import Gltf
+from wrinklecli.baking.track import track
 from wrinklecli.errors import BakeError
 from wrinklecli.review.crossings import find_crossings
 
@@ -20,9 +23,7 @@ def baked(folder: Path, *, joined: bool = False, **contact: object) -> tuple[int
     entry = tool(node="limb", bumps=2, max_height="10%", contact=contact)
     tools = write_tools(folder / "tools.yaml", entry, refinement={"max_levels": 0})
     wrinklecli.bake(asset.write(folder / "limb.glb"), tools, folder / "out.glb")
-    (clip,) = find_crossings(folder / "out.glb").data["clips"]
-    before, after = clip["totals"]
-    return before, after
+    return counts(folder / "out.glb")
 
 
 @pytest.mark.slow
@@ -40,6 +41,41 @@ def test_a_mesh_that_is_ignored_is_gone_through(node: str, joined: bool, tmp_pat
     before, after = baked(tmp_path, joined=joined, ignore=[node])
     assert before == 0
     assert after > 10
+
+
+@pytest.mark.quick(1)
+@pytest.mark.parametrize(
+    "rest_length", ["100%", {"keys": {"sneer": [[0.0, "100%"], [1.0, "112%"], [2.0, "100%"]]}}], ids=["morph", "keyed"]
+)
+def test_a_nose_wrinkles_beneath_glasses_though_no_joint_bends_it(rest_length: object, tmp_path: Path) -> None:
+    pytest.importorskip("ipctk", reason="needs the extra `contact`")
+    asset, crossings = nose().write(tmp_path / "nose.glb"), {}
+    bridge = tool(name="bridge", node="skin", origin=[-0.5, 0, 0], target=[0.5, 0, 0], width=0.8, bumps=4)
+    for contact in ("off", "resolve"):
+        entry = bridge | {"contact": contact, "rest_length": rest_length, "variation": 0}
+        tools = write_tools(tmp_path / "tools.yaml", entry, refinement={"max_levels": 1})
+        report = wrinklecli.bake(asset, tools, tmp_path / f"{contact}.glb")
+        crossings[contact] = counts(tmp_path / f"{contact}.glb")
+    assert crossings == {"off": (0, crossings["off"][1]), "resolve": (0, 0)}
+    assert crossings["off"][1] > 100
+    (fold,) = report.data["folds"]
+    assert fold["joint"] is fold["degrees"] is None
+    # The tool's shortening tells the weights, also in clips that were never baked.
+    (made,) = track(tmp_path / "resolve.glb", [asset], tmp_path / "tracked")
+    baked, tracked = Gltf(tmp_path / "resolve.glb"), Gltf(Path(made.path))
+    columns = [baked.mesh("skin")["extras"]["targetNames"].index(name) for name in fold["targets"]]
+    times = np.linspace(0.0, 2.0, 41)
+    weights, wanted = (file.weights("skin", "sneer", times)[:, columns] for file in (tracked, baked))
+    assert wanted.any()
+    if rest_length == "100%":  # keys are those of the baked clip
+        assert np.abs(weights - wanted).max() < 0.15
+
+
+def counts(path: Path) -> tuple[int, int]:
+    """How often anything crosses, before wrinkles and after."""
+    (clip,) = find_crossings(path).data["clips"]
+    before, after = clip["totals"]
+    return before, after
 
 
 def test_only_nodes_with_a_mesh_are_ignored(tmp_path: Path) -> None:

@@ -366,3 +366,48 @@ def cuffed_limb(**options: Any) -> Asset:
     normals[:, 0] += 0.3
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     return asset
+
+
+def nose(*, gap: float = 0.05) -> Asset:
+    """A patch of skin whose one morph target brings two places together, and a bar across, `gap` above it: glasses.
+
+    Node 0 is the skin, in the plane z = 0; in the clip `sneer` its target `squeeze` rises to 1, and falls again. The
+    skin hangs on one joint, as a nose does on a head.
+    """
+    asset = Asset()
+    count = 17
+    x, y = (each.ravel() for each in np.meshgrid(np.linspace(-1, 1, count), np.linspace(-1, 1, count)))
+    positions = np.stack([x, y, 0.0 * x], axis=1)
+    near = np.exp(-4.0 * (x**2 + y**2))
+    corners = np.add.outer(count * np.arange(count - 1), np.arange(count - 1))
+    faces = np.add.outer(corners, [0, 1, count + 1, 0, count + 1, count]).reshape(-1)
+    target = {"POSITION": asset.accessor(np.stack([-0.5 * x * near, 0 * x, 0 * x], axis=1), bounds=True)}
+    asset.append("meshes", {"primitives": [{**_skinned(asset, positions, faces), "targets": [target]}]})
+    asset.gltf["meshes"][0]["extras"] = {"targetNames": ["squeeze"]}
+    box = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (0, 1)])
+    bar = np.float64(box) * [0.12, 0.9, 0.1] + [0.0, 0.0, gap]
+    sides = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+    asset.append("meshes", {"primitives": [_skinned(asset, bar, sides[:, [0, 1, 2, 0, 2, 3]].reshape(-1))]})
+    asset.append("nodes", {"name": "skin", "mesh": 0, "skin": 0})
+    asset.append("nodes", {"name": "glasses", "mesh": 1, "skin": 0})
+    joint = asset.append("nodes", {"name": "head"})
+    asset.append("skins", {"joints": [joint]})
+    asset.append("scenes", {"nodes": [0, 1, 2]})
+    asset.gltf["scene"] = 0
+    animation: Json = {"name": "sneer"}
+    asset.channel(animation, 0, "weights", [0.0, 1.0, 2.0], np.array([[0.0], [1.0], [0.0]]))
+    asset.append("animations", animation)
+    return asset
+
+
+def _skinned(asset: Asset, positions: Array, faces: Array) -> Json:
+    """A primitive whose vertices all hang on joint 0."""
+    first = np.tile([1, 0, 0, 0], (len(positions), 1))
+    return {
+        "attributes": {
+            "POSITION": asset.accessor(positions, bounds=True, target=ARRAY_BUFFER),
+            "JOINTS_0": asset.accessor(0 * first, "u1", target=ARRAY_BUFFER),
+            "WEIGHTS_0": asset.accessor(np.float64(first), target=ARRAY_BUFFER),
+        },
+        "indices": asset.accessor(faces, "u2", target=ELEMENT_ARRAY_BUFFER),
+    }

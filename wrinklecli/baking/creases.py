@@ -11,7 +11,7 @@ from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.remix import with_times
 from wrinklecli.baking.sample import Motion, sample_clips, takes_of
 from wrinklecli.baking.targets import AnySet, CreaseSet, Lift, TargetSet, named_targets, of_tools
-from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip, clip_grid, sample
+from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip, clip_grid
 from wrinklecli.character.pose import pose_at
 from wrinklecli.method.activity import further_activities, lengths_over_time
 from wrinklecli.method.curve import weights_of
@@ -32,8 +32,6 @@ _MOST_SHAPES = 7
 _SHAPE_ERROR = 0.35
 # Share of the error bound for keys of contact that are left out.
 _KEYS_SHARE = 0.25
-# Radians that a joint turns between two frames of a march, at most.
-_STRIDE = np.radians(4.0)
 
 
 def sample_with_creases(
@@ -204,14 +202,12 @@ def _identifier(plan: MeshPlan, fold: "Fold", clip: str | None = None) -> str:
 
 
 def _march_times(crease: "Crease", motion: Motion, fps: float) -> Floats:
-    """(frames,) seconds of a clip's grid, with more where the joint turns fast."""
-    rig, hinge = crease.fold.rig, crease.fold.hinge
-    grid = clip_grid(motion.clip, rig, fps=fps)
-    channel = motion.clip.channel(hinge.node, "rotation")
-    if channel is None or len(grid) < 2:
+    """(frames,) seconds of a clip's grid, with more where it folds fast."""
+    fold = crease.fold
+    grid = clip_grid(motion.clip, fold.rig, fps=fps)
+    if len(grid) < 2:
         return grid
-    angles = hinge.angles(sample(channel, grid))
-    parts = np.ceil(np.abs(np.diff(angles)) / _STRIDE).astype(int)
+    parts = np.ceil(np.abs(np.diff(fold.hinge.strides(motion.clip, grid)))).astype(int)
     # No two times may be as close as no player tells apart.
     parts = np.clip(parts, 1, np.maximum((np.diff(grid) / (2.0 * KEY_GAP)).astype(int), 1))
     steps = zip(grid[:-1], grid[1:], parts, strict=True)

@@ -10,6 +10,7 @@ from wrinklecli.gltf.edit import EditedDocument
 from wrinklecli.gltf.shape import Json
 from wrinklecli.method.anchor import Anchor
 from wrinklecli.method.curve import TAUT
+from wrinklecli.method.hinge import Hinge
 from wrinklecli.method.lookup import tabulate_curve, tabulate_weights
 from wrinklecli.method.patch import Patch
 from wrinklecli.tools.records import RestLengthKeys, RestLengthMorph
@@ -45,7 +46,8 @@ def encode_extras(
     with scale taken out, from that of `rest` (x, y, z, w) is a matrix D, and with
     s = (D₃₂ - D₂₃, D₁₃ - D₃₁, D₂₁ - D₁₂) the angle is 2 atan2(`axis` · s, 1 + trace D). `vertices` counts those of
     each primitive before refinement; new ones follow them. `undriven` are targets of tools that anchors alone do not
-    drive, and those that contact has for one clip alone. `draft` is there if it was one: not proven, and less refined.
+    drive, and those that contact has for one clip alone; where no joint bends a fold, its targets follow a tool as
+    another tool's would, under that name and `contact`. `draft` is there if it was one: not proven, and less refined.
     `parts` is there where the mesh was split: the names of the nodes with the rest of it, of whose morph targets those
     of one name must have the same weight.
     """
@@ -62,25 +64,26 @@ def encode_extras(
             ]
         )
     ]
-    folds = [_fold_json(each, target_sets, plan) for each in of_folds(target_sets) if each.clip is None]
+    shared = [each for each in of_folds(target_sets) if each.clip is None]
+    hinged = [(each, each.crease.fold.hinge) for each in shared]
+    folds = [_fold_json(each, hinge, target_sets, plan) for each, hinge in hinged if isinstance(hinge, Hinge)]
+    risen = [_rise_json(each, plan) for each, hinge in hinged if not isinstance(hinge, Hinge)]
     node["extras"]["wrinkle"] = {
         "method": METHOD,
         **({"draft": True} if draft else {}),
         "tools": [
-            {
-                "name": patch.tool.name,
-                **_anchors_json(patch, plan),
-                "rest_length": _digits(patch.rest_length),
-                **_driven_json(patch),
-                **_lag_json(patch),
-                **_strengths_json(patch),
-                "targets": [target.name for target in targets_of([target_set])],
-                **(_table_json(target_set) if _is_constant(patch) else _curve_json(target_set)),
-            }
+            _tool_json(
+                patch,
+                plan,
+                patch.tool.name,
+                [target.name for target in targets_of([target_set])],
+                _table_json(target_set) if _is_constant(patch) else _curve_json(target_set),
+            )
             for target_set in of_tools(target_sets)
             if target_set.from_skin
             for patch in (target_set.carried.patch,)
-        ],
+        ]
+        + risen,
         **({"folds": folds} if folds else {}),
         **({"undriven": undriven} if undriven else {}),
     }
@@ -104,12 +107,41 @@ def _driven_json(patch: Patch) -> Json:
     return {}
 
 
-def _fold_json(found: CreaseSet, target_sets: Sequence[AnySet], plan: MeshPlan) -> Json:
+def _tool_json(patch: Patch, plan: MeshPlan, name: str, targets: Sequence[str], table: Json) -> Json:
+    """Some targets that follow a tool's segment, by a table."""
+    return {
+        "name": name,
+        **_anchors_json(patch, plan),
+        "rest_length": _digits(patch.rest_length),
+        **_driven_json(patch),
+        **_lag_json(patch),
+        **_strengths_json(patch),
+        "targets": list(targets),
+        **table,
+    }
+
+
+def _rise_json(found: CreaseSet, plan: MeshPlan) -> Json:
+    """A fold that no joint makes: its targets follow a tool's shortening, as those of the tool do."""
+    # The tool as it was baked: for its sweep the fold has one whose rest length has other keys.
+    patch = plan.carried_patches[found.crease.fold.tools[0]].patch
+    table = _rows_json("shortenings", found)
+    return _tool_json(patch, plan, f"{patch.tool.name} contact", [each.name for each in targets_of([found])], table)
+
+
+def _rows_json(name: str, found: CreaseSet) -> Json:
+    """Weights of contact, straight between rows of a name."""
+    weights = found.written(found.shape_weights(found.crease.table))
+    return {
+        name: [_digits(each) for each in found.crease.rows],
+        "weights": [[_digits(value, _TABLE_DIGITS) for value in row] for row in weights],
+    }
+
+
+def _fold_json(found: CreaseSet, hinge: Hinge, target_sets: Sequence[AnySet], plan: MeshPlan) -> Json:
     """Where contact moves a fold's targets: its joint, and weights by the angle of that."""
     crease, rig = found.crease, plan.rig
-    hinge = crease.fold.hinge
     parent = int(rig.parents[hinge.node])
-    weights = found.written(found.shape_weights(crease.table))
     of_clips = [each for each in of_folds(target_sets) if each.clip is not None and each.crease.fold is crease.fold]
     own = [target.name for target in targets_of(of_clips)]
     return {
@@ -119,8 +151,7 @@ def _fold_json(found: CreaseSet, target_sets: Sequence[AnySet], plan: MeshPlan) 
         "axis": [_digits(each) for each in hinge.axis],
         "targets": [target.name for target in targets_of([found])],
         **({"own": own} if own else {}),
-        "angles": [_digits(each) for each in crease.angles],
-        "weights": [[_digits(value, _TABLE_DIGITS) for value in row] for row in weights],
+        **_rows_json("angles", found),
     }
 
 

@@ -53,7 +53,7 @@ class MeshPlan:
         scale: World over bind units, at rest.
         has_normals: Whether the mesh has NORMALs, so that shapes need them too.
         folds: Where contact is resolved.
-        unhinged: Numbers of the tools whose contact is to be resolved, but between whose ends no joint bends.
+        unhinged: Numbers of the tools whose contact is to be resolved, but whose ends nothing brings together.
     """
 
     rig: Rig

@@ -18,6 +18,7 @@ from wrinklecli.character.clip import KEY_GAP, Clip
 from wrinklecli.errors import counted
 from wrinklecli.gltf.shape import Json
 from wrinklecli.method.activity import Activity
+from wrinklecli.method.hinge import Hinge
 from wrinklecli.method.patch import Patch
 from wrinklecli.numeric.arrays import Floats
 
@@ -236,8 +237,10 @@ def _describe_fold(plan: MeshPlan, found: CreaseSet) -> Json:
     return {
         "tools": [plan.carried_patches[number].patch.tool.name for number in crease.fold.tools],
         "clip": found.clip,
-        "joint": plan.rig.names[hinge.node],
-        "degrees": [round(float(np.degrees(end)), 1) for end in (hinge.least, hinge.most)],
+        "joint": plan.rig.names[hinge.node] if isinstance(hinge, Hinge) else None,
+        "degrees": [round(float(np.degrees(end)), 1) for end in (hinge.least, hinge.most)]
+        if isinstance(hinge, Hinge)
+        else None,
         "moved_vertices": len(crease.vertices),
         "largest_move": _round(crease.largest),
         "volume_lost": _round(crease.squeezed),

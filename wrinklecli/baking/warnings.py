@@ -50,7 +50,8 @@ def mesh_warnings(plan: MeshPlan, settings: ToolsFile, clips: Sequence[Clip], *,
     where = rig.names[rig.node]
     warnings = _twin_warnings(plan, clips) + _departure_warnings(plan)
     warnings += [
-        f"{plan.carried_patches[number].patch.tool.name}: no joint bends between its ends: contact is left as it is"
+        f"{plan.carried_patches[number].patch.tool.name}: no joint nor morph target brings its ends together:"
+        " contact is left as it is"
         for number in plan.unhinged
     ]
     if plan.fine.subdivision.limited:

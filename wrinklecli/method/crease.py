@@ -27,15 +27,10 @@ from wrinklecli.method.folding import (
 )
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
 
-# Radians between two poses of a sweep, at most: further apart, what closes fast needs several times the steps.
-_STRIDE = np.radians(4.0)
-# The same where the axis leans: what is between these poses the others tell.
-_LEANING_STRIDE = np.radians(8.0)
+# Strides between two poses of a sweep that leans: what is between these the others tell.
+_LEANING_STRIDES = 2.0
 # Solver's units that contact moves anything by at most: beyond, a limb is pressed by a quarter of its radius.
 _DEEPEST = 18.0
-# How far the axis leans: a clip's joint seldom turns about one axis alone.
-_LEAN = float(np.tan(np.radians(10.0)))
-_LEANING = np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
 # Poses of a sweep that are looked at for crossings: those that fold most, and some on the way there.
 _LOOKS = 8
 # Poses from rest to the beginning of a clip that is folded there.
@@ -59,7 +54,7 @@ class Crease:
         fold: The surface round the joint.
         tissue: What may touch.
         shapes: (shapes, free, 3) bind space, at weight 1, of the vertices that may move.
-        angles: (rows,) radians of the joint about its axis, rising,
+        rows: (rows,) radians of the joint about its axis, or shortenings of the tool that rises, rising,
         table: and (rows, shapes) weights there.
         samples: Weights, and the motions and times in which normals are to be right with them.
         error: How far the shapes are from what was found in the sweeps, at most, scene units.
@@ -73,7 +68,7 @@ class Crease:
     fold: Fold
     tissue: Tissue
     shapes: Floats
-    angles: Floats
+    rows: Floats
     table: Floats
     samples: tuple[tuple[Floats, Clip, float], ...]
     error: float
@@ -137,7 +132,7 @@ class Crease:
         error = scale * max(_missed(each, row, shapes) for each, row in zip(solved, made, strict=True))
         unsettled = sum(not each.state.converged for each in solved)
         samples = tuple((made[k], clip, float(times[touching[k]])) for k in _chosen(made))
-        own = replace(self, shapes=shapes, table=np.zeros((len(self.angles), len(shapes))), samples=samples)
+        own = replace(self, shapes=shapes, table=np.zeros((len(self.rows), len(shapes))), samples=samples)
         return own, Followed(weights, error, unsettled, crossing)
 
     def _marched(self, clip: Clip | None, times: Floats) -> Iterator[Found]:
@@ -177,22 +172,21 @@ def resolve(fold: Fold, *, share: float, most: int) -> Crease | None:
             leave crossings.
         most: Shapes at most, whatever they leave.
     """
-    ends = [end for end in (fold.hinge.least, fold.hinge.most) if end]
-    apart = _apart(fold, ends)
+    apart = _apart(fold)
     if apart is None:
         return None
     tissue = _tissue(fold, apart)
-    solved = list(_swept(fold, tissue, ends))
+    solved = list(_swept(fold, tissue))
     if not solved:
         return None
     weights, shapes, crossing = fewest(tissue, [each.found for each in solved], share=share, most=most)
     scale = fold.radius / UNITS
-    angles, table = _by_angle(solved, weights)
+    rows, table = _tabulated(fold, solved, weights)
     return Crease(
         fold=fold,
         tissue=tissue,
         shapes=shapes,
-        angles=angles,
+        rows=rows,
         table=table,
         samples=tuple((weights[k], solved[k].clip, solved[k].time) for k in _chosen(weights)),
         error=scale * max(_missed(each.found, row, shapes) for each, row in zip(solved, weights, strict=True)),
@@ -214,42 +208,45 @@ class _Solved:
     Attributes:
         clip: The sweep,
         time: and when.
-        angle: Of the joint, radians.
-        leaning: Whether its axis leans.
+        folded: How far the joint is turned, radians, or which share of a rise it is.
+        leaning: Whether the axis leans.
         found: What contact does.
     """
 
     clip: Clip
     time: float
-    angle: float
+    folded: float
     leaning: bool
     found: Found
 
 
-def _swept(fold: Fold, tissue: Tissue, ends: Sequence[float]) -> Iterator[_Solved]:
-    """Turn the joint through its range, and with its axis leaning to each side."""
-    for lean in _LEANING:
-        for end in ends:
-            angles = _angles(end, _LEANING_STRIDE if lean.any() else _STRIDE)
-            clip = fold.hinge.turn(angles, tilt=_LEAN * lean)
-            times = np.linspace(0.0, 1.0, len(angles))
-            for angle, time, found in zip(angles, times, found_in(fold, tissue, clip, times), strict=True):
+def _swept(fold: Fold, tissue: Tissue) -> Iterator[_Solved]:
+    """Fold it as far as it goes, and with the axis leaning to each side."""
+    for lean in fold.hinge.leanings:
+        for end in fold.hinge.ends:
+            way = _way(end, fold.hinge.stride * (_LEANING_STRIDES if lean.any() else 1.0))
+            clip = fold.hinge.turn(way, tilt=lean)
+            times = np.linspace(0.0, 1.0, len(way))
+            for folded, time, found in zip(way, times, found_in(fold, tissue, clip, times), strict=True):
                 if found.touches:
-                    yield _Solved(clip, float(time), float(angle), bool(lean.any()), found)
+                    yield _Solved(clip, float(time), float(folded), bool(lean.any()), found)
                     if _length(found, found.moved) > _DEEPEST:
                         break
 
 
-def _by_angle(solved: Sequence[_Solved], weights: Floats) -> tuple[Floats, Floats]:
-    """(rows,) angles of the joint's own motion, rising, and (rows, shapes) weights: 0 at rest and before a touch."""
-    central = [(each.angle, number) for number, each in enumerate(solved) if not each.leaning]
+def _tabulated(fold: Fold, solved: Sequence[_Solved], weights: Floats) -> tuple[Floats, Floats]:
+    """(rows,) of the fold's own motion, rising, and (rows, shapes) weights: 0 at rest and before a touch."""
+    central = [(each.folded, number) for number, each in enumerate(solved) if not each.leaning]
     ahead = {0.0}
     for sign in (1.0, -1.0):
-        nearest = min((sign * angle for angle, _ in central if sign * angle > 0), default=0.0)
-        ahead.add(sign * max(nearest - _STRIDE, 0.0))
-    rows = sorted([*central, *((angle, len(solved)) for angle in ahead)])
+        nearest = min((sign * folded for folded, _ in central if sign * folded > 0), default=0.0)
+        ahead.add(sign * max(nearest - fold.hinge.stride, 0.0))
+    every = sorted([*central, *((folded, len(solved)) for folded in ahead)])
     padded = np.concatenate([weights, np.zeros((1, weights.shape[1]))])
-    return np.array([angle for angle, _ in rows]), padded[[number for _, number in rows]]
+    rows = fold.hinge.rows(np.array([folded for folded, _ in every]))
+    # A morph target may take the ends past where they are nearest.
+    rising = np.flatnonzero(np.diff(np.maximum.accumulate(rows), prepend=-np.inf) > 0)
+    return rows[rising], padded[[number for _, number in every]][rising]
 
 
 def fewest(tissue: Tissue, solved: Sequence[Found], *, share: float, most: int) -> tuple[Floats, Floats, int]:
@@ -322,20 +319,20 @@ def _chosen(weights: Floats) -> list[int]:
     return sorted({*even, *np.argmax(np.abs(weights), axis=0).tolist()})
 
 
-def _angles(end: float, stride: float) -> Floats:
-    """(poses,) radians from 0 to an end."""
+def _way(end: float, stride: float) -> Floats:
+    """(poses,) from 0 to an end, evenly spaced."""
     return np.linspace(0.0, end, int(np.ceil(abs(end) / stride)) + 1)
 
 
-def _apart(fold: Fold, ends: Sequence[float]) -> Floats | None:
+def _apart(fold: Fold) -> Floats | None:
     """(vertices,) how far each is at rest from any that crosses in a sweep and not at rest, solver's units."""
     from scipy.spatial import cKDTree
 
     still = fold.crossing(fold.rest_positions)
     marked = np.zeros(len(fold.own), bool)
-    for lean in _LEANING:
-        for end in ends:
-            clip = fold.hinge.turn(_angles(end, _STRIDE), tilt=_LEAN * lean)
+    for lean in fold.hinge.leanings:
+        for end in fold.hinge.ends:
+            clip = fold.hinge.turn(_way(end, fold.hinge.stride), tilt=lean)
             looks = np.linspace(0.0, 1.0, _LOOKS)[1:] if not lean.any() else np.ones(1)
             for positions in fold.posed(clip, looks)[0]:
                 marked |= fold.crossing(positions)

@@ -22,6 +22,7 @@ from wrinklecli.method.hinge import Hinge, hinge_of
 from wrinklecli.method.patch import Patch
 from wrinklecli.method.refine import Refinement
 from wrinklecli.method.rest import Rest
+from wrinklecli.method.rise import Rise, rise_of
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, pieces_of
 from wrinklecli.numeric.crossings import Crossings
 from wrinklecli.tools.records import Contact
@@ -40,7 +41,7 @@ class Fold:
 
     Attributes:
         tools: Numbers of the tools whose contact is resolved here.
-        hinge: The joint.
+        hinge: The joint; or, where none bends, what raises the tools' wrinkles.
         vertices: (vertices,) fine welded vertices, rising.
         triangles: (triangles, 3) into these, and into those of other meshes, which follow them.
         own: (vertices,) which may leave their pose: not other meshes, nor what does not hang together with the tools.
@@ -55,7 +56,7 @@ class Fold:
     """
 
     tools: tuple[int, ...]
-    hinge: Hinge
+    hinge: Hinge | Rise
     vertices: Ints
     triangles: Ints
     own: Bools
@@ -129,7 +130,7 @@ def find_folds(
     parts: Sequence[Part | None],
     obstacles: Callable[[Collection[str]], Sequence[Obstacle]] | None = None,
 ) -> tuple[list[Fold], list[int]]:
-    """The folds of some tools, of which those over one joint share one; and the tools that have no joint.
+    """The folds of some tools, of which those over one joint share one; and the tools that nothing shortens.
 
     Args:
         carried_patches: All tools on the mesh.
@@ -141,17 +142,23 @@ def find_folds(
         obstacles: Gives the other meshes but those of nodes of some names; none where left out.
     """
     by_node: dict[int, list[int]] = {}
+    by_rise: dict[bytes, dict[int, Rise]] = {}
     without = []
     for number in chosen:
-        node = bent_node(carried_patches[number].patch, rig)
-        if node is None:
-            without.append(number)
-        else:
+        patch = carried_patches[number].patch
+        node = bent_node(patch, rig)
+        rise = rise_of(patch, rig, rest) if node is None else None
+        if node is not None:
             by_node.setdefault(node, []).append(number)
+        elif rise is not None:
+            by_rise.setdefault(rise.motion.motion, {})[number] = rise
+        else:
+            without.append(number)
+    found = [_round_joint(each, node, carried_patches, fine, rest, rig, parts[node]) for node, each in by_node.items()]
+    found += [_round_tools([*each], [*each.values()], carried_patches, fine, rest, rig) for each in by_rise.values()]
     folds = []
-    for node, tools in by_node.items():
-        fold = _fold(tuple(tools), node, carried_patches, fine, rest, rig, parts[node])
-        settings = [carried_patches[number].patch.tool.contact or Contact() for number in tools]
+    for fold in found:
+        settings = [carried_patches[number].patch.tool.contact or Contact() for number in fold.tools]
         ignored = {name for each in settings for name in each.ignore}
         folds.append(_beside(fold, obstacles(ignored) if obstacles else ()))
     return folds, without
@@ -159,8 +166,7 @@ def find_folds(
 
 def _beside(fold: Fold, obstacles: Sequence[Obstacle]) -> Fold:
     """A fold with what of other meshes comes near it in its joint's motion, by boxes."""
-    ends = np.array([fold.hinge.least, fold.hinge.most])
-    looks = [fold.hinge.turn(np.linspace(0.0, end, _LOOKS)) for end in ends[ends != 0]]
+    looks = [fold.hinge.turn(np.linspace(0.0, end, _LOOKS)) for end in fold.hinge.ends]
     moments = [(look, np.array([time])) for look in looks for time in np.linspace(0.0, 1.0, _LOOKS)]
     boxes = [(places.min(axis=0), places.max(axis=0)) for places in (fold.posed(*each)[0][0] for each in moments)]
     triangles, others, count = [fold.triangles], list[Obstacle](), len(fold.vertices)
@@ -177,25 +183,57 @@ def _beside(fold: Fold, obstacles: Sequence[Obstacle]) -> Fold:
     return replace(fold, others=tuple(others), triangles=np.concatenate(triangles), own=own)
 
 
-def _fold(
-    tools: tuple[int, ...],
+def _round_joint(
+    tools: Sequence[int],
     node: int,
-    carried_patches: Sequence[CarriedPatch],
+    carried: Sequence[CarriedPatch],
     fine: Refinement,
     rest: Rest,
     rig: Rig,
     part: Part | None,
 ) -> Fold:
-    patches = [carried_patches[number].patch for number in tools]
+    """The fold of tools over one joint."""
+    patches = [carried[number].patch for number in tools]
     pivot = node_matrices(rig, rest.clip, rest.time, [node])[0, 0, :3, 3]
     radius = max(_limb_radius(patch, pivot) for patch in patches)
     reach = max(_REACH_RADII * radius, _REACH_SPANS * max(patch.span for patch in patches))
-    seeds = np.concatenate([carried_patches[number].vertices for number in tools])
-    alone = any(rig.names[rig.node] in patch.tool.contact.ignore for patch in patches if patch.tool.contact)
+    hinge = hinge_of(node, patches, pivot, rig, rest, part)
+    return _fold(tools, hinge, pivot, radius, reach, carried, fine, rest, rig)
+
+
+def _round_tools(
+    tools: Sequence[int], rises: Sequence[Rise], carried: Sequence[CarriedPatch], fine: Refinement, rest: Rest, rig: Rig
+) -> Fold:
+    """The fold of tools that rise together; as thick as the longest of them is long."""
+    patches = [each.patch for each in rises]
+    grown = list(carried)
+    for number, patch in zip(tools, patches, strict=True):
+        grown[number] = replace(carried[number], patch=patch)
+    middles = np.array([np.mean([anchor.position for anchor in patch.anchors], axis=0) for patch in patches])
+    pivot = middles.mean(axis=0)
+    radius = max(patch.span for patch in patches)
+    reach = _REACH_RADII * radius + float(np.sqrt(np.sum((middles - pivot) ** 2, axis=1)).max())
+    return _fold(tools, rises[0], pivot, radius, reach, grown, fine, rest, rig)
+
+
+def _fold(
+    tools: Sequence[int],
+    hinge: Hinge | Rise,
+    pivot: Floats,
+    radius: float,
+    reach: float,
+    carried: Sequence[CarriedPatch],
+    fine: Refinement,
+    rest: Rest,
+    rig: Rig,
+) -> Fold:
+    seeds = np.concatenate([carried[number].vertices for number in tools])
+    contacts = [carried[number].patch.tool.contact for number in tools]
+    alone = any(rig.names[rig.node] in contact.ignore for contact in contacts if contact)
     vertices, triangles, own = _round(pivot, reach, fine, seeds, alone=alone)
     return Fold(
-        tools=tools,
-        hinge=hinge_of(node, patches, pivot, rig, rest, part),
+        tools=tuple(tools),
+        hinge=hinge,
         vertices=vertices,
         triangles=triangles,
         own=own,
@@ -204,7 +242,7 @@ def _fold(
         rig=rig,
         rest=rest,
         fine=fine,
-        carried=tuple(carried_patches),
+        carried=tuple(carried),
         weights=fine.dense_weights(vertices, len(rig.joints)),
     )
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wrinklecli.character.bones import Part
-from wrinklecli.character.clip import Clip
+from wrinklecli.character.clip import Clip, sample
 from wrinklecli.character.motion import motion_clip, quaternion_product, turning
 from wrinklecli.character.pose import node_matrices
 from wrinklecli.character.rig import Rig
@@ -41,6 +41,10 @@ _ON = np.radians(30.0)
 _LOOKS = 61
 # The one that tells which way they come together.
 _FIRST = 5
+# Radians between two poses of a sweep, at most: further apart, what closes fast needs several times the steps.
+_STRIDE = np.radians(4.0)
+# How far the axis leans, to no side and to four: a clip's joint seldom turns about one axis alone.
+_LEANINGS = np.tan(np.radians(10.0)) * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +64,30 @@ class Hinge:
     rest: Floats
     least: float
     most: float
+
+    @property
+    def ends(self) -> tuple[float, ...]:
+        """Radians that it turns to, one way or both."""
+        return tuple(end for end in (self.least, self.most) if end)
+
+    @property
+    def leanings(self) -> Floats:
+        """(leanings, 2) tilts of the axis with which it is looked at, the first none."""
+        return np.asarray(_LEANINGS)
+
+    @property
+    def stride(self) -> float:
+        """Radians between two poses, at most."""
+        return float(_STRIDE)
+
+    def rows(self, angles: Floats) -> Floats:
+        """(rows,) what weights at (rows,) radians are looked up by: these."""
+        return angles
+
+    def strides(self, clip: Clip, times: Floats) -> Floats:
+        """(frames,) how far it is at (frames,) seconds of a clip, in strides."""
+        channel = clip.channel(self.node, "rotation")
+        return np.zeros(len(times)) if channel is None else self.angles(sample(channel, times)) / _STRIDE
 
     def turn(self, angles: Floats, *, tilt: Floats | None = None) -> Clip:
         """A clip of a second through (keys,) evenly spaced radians, each less than 180° from the one before.

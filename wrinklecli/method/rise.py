@@ -1,0 +1,105 @@
+"""Rises: what raises a tool's wrinkles where no joint bends: a morph target, or a rest length that is keyed by hand.
+
+A fold of theirs has a rise in place of a hinge, from rest to the tallest wrinkles, as of a nose beneath glasses.
+Weights of contact are then looked up by the tool's own shortening. Not in the paper.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip, sample
+from wrinklecli.character.motion import motion_clip
+from wrinklecli.character.rig import Rig
+from wrinklecli.method.activity import lengths_over_time
+from wrinklecli.method.bending import MOMENTS, own_motions
+from wrinklecli.method.patch import Patch
+from wrinklecli.method.rest import Rest
+from wrinklecli.numeric.arrays import Floats
+from wrinklecli.tools.records import Length, RestLengthKeys
+
+# The clip of no file in which a rest length grows that others key.
+_GROWING = "\0"
+# Shares of a rise between two poses, at most.
+_STRIDE = 1.0 / 16
+# Seconds of a rise. Heights start like a square root: what raises them goes as the square of the time.
+_TIMES = np.linspace(0.0, 1.0, 17)
+
+
+@dataclass(frozen=True, slots=True)
+class Rise:
+    """A tool's way from rest to its tallest wrinkles.
+
+    Attributes:
+        patch: The tool.
+        motion: A clip of a second that raises it.
+        rig: Of its mesh.
+        rest: Its rest pose.
+    """
+
+    patch: Patch
+    motion: Clip
+    rig: Rig
+    rest: Rest
+
+    @property
+    def ends(self) -> tuple[float, ...]:
+        """Shares of the rise that it goes to."""
+        return (1.0,)
+
+    @property
+    def leanings(self) -> Floats:
+        """(leanings, 2): it goes one way alone."""
+        return np.zeros((1, 2))
+
+    @property
+    def stride(self) -> float:
+        """Shares between two poses, at most."""
+        return _STRIDE
+
+    def turn(self, _shares: Floats, *, tilt: Floats | None = None) -> Clip:
+        """The rise as a clip of a second, through (keys,) evenly spaced shares from 0 to 1."""
+        assert tilt is None or not tilt.any()
+        return self.motion
+
+    def rows(self, shares: Floats) -> Floats:
+        """(rows,) the shortenings by which weights at (rows,) shares are looked up."""
+        return self._shortenings(self.motion, shares)
+
+    def strides(self, clip: Clip, times: Floats) -> Floats:
+        """(frames,) how far it is at (frames,) seconds of a clip, in strides."""
+        least, most = self.rows(_TIMES[[0, -1]])
+        return np.asarray(self._shortenings(clip, times) / (_STRIDE * max(most - least, np.finfo(np.float64).tiny)))
+
+    def _shortenings(self, clip: Clip, times: Floats) -> Floats:
+        distances, lengths = lengths_over_time(self.patch, self.rig, self.rest, clip, times)
+        return np.asarray(np.where(np.isinf(distances), 0.0, 1.0 - distances / lengths))
+
+
+def rise_of(patch: Patch, rig: Rig, rest: Rest) -> Rise | None:
+    """How a tool rises that no joint bends; None where nothing shortens it."""
+    wanted = patch.tool.rest_length
+    if isinstance(wanted, RestLengthKeys):
+        return Rise(_growing(patch, wanted.keys), motion_clip(_GROWING, []), rig, rest)
+    times = np.linspace(0.0, 1.0, MOMENTS)
+    found, tallest = None, 0.0
+    for motion in own_motions(patch, rig):
+        amplitudes, _ = patch.curve.follow(*lengths_over_time(patch, rig, rest, motion, times))
+        height = float(patch.curve.heights(amplitudes).max())
+        # The first of several that are alike.
+        if height > tallest:
+            found, tallest = motion, height
+    if found is None:
+        return None
+    (channel,) = found.channels
+    evenly = replace(channel, times=_TIMES, values=sample(channel, _TIMES**2))
+    return Rise(patch, motion_clip(found.name, [evenly]), rig, rest)
+
+
+def _growing(patch: Patch, keys: Mapping[str, tuple[tuple[float, Length], ...]]) -> Patch:
+    """A tool whose rest length grows in a clip of its own too, from that at rest to the greatest of its keys."""
+    longest = max((length.resolve(patch.span) for each in keys.values() for _, length in each), default=patch.span)
+    lengths = patch.rest_length + _TIMES**2 * (max(longest, patch.rest_length) - patch.rest_length)
+    growing = tuple((float(time), Length(float(length))) for time, length in zip(_TIMES, lengths, strict=True))
+    return replace(patch, tool=replace(patch.tool, rest_length=RestLengthKeys({**keys, _GROWING: growing})))
