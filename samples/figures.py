@@ -1,4 +1,4 @@
-"""Draws the figures of wrinklecli/README.md from the program itself: `python samples/figures.py [DIR]`.
+"""Draws the figures of wrinklecli/README.md from the program itself: `python samples/figures.py [DIR [NAME…]]`.
 
 Every curve, triangle and number in them comes from the code that bakes, run on the samples. Needs the extra `plot`.
 """
@@ -7,6 +7,7 @@ import json
 import sys
 import tempfile
 import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib
@@ -303,14 +304,14 @@ FIGURES = {
 }
 
 
-def main(folder: Path) -> None:
-    """Write all figures as SVG."""
+def main(folder: Path, names: Sequence[str]) -> None:
+    """Write figures of some names as SVG."""
     with plt.rc_context(STYLE):
-        for name, draw in FIGURES.items():
-            draw()
+        for name in names:
+            FIGURES[name]()
             plt.savefig(folder / f"method_{name}.svg", bbox_inches="tight", metadata={"Date": None})
             plt.close()
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else HERE / "pictures")
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else HERE / "pictures", sys.argv[2:] or list(FIGURES))
