@@ -1,5 +1,6 @@
 """Outputs of earlier bakes by the keys of their jobs, in a folder or a store that many drivers and workers share.
 
+    CACHEDIR.TAG            says to backups what this is
     keys/ab/<key>.json      what a job has made: its files by digest, and what was said of them
     files/ab/<digest>       their contents
     outs/ab/<path>.json     what the output at a path was made from, to say what has changed since
@@ -11,6 +12,7 @@ import hashlib
 import json
 import os
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +21,8 @@ from wrinklecli.batch.keys import Parts
 from wrinklecli.errors import WrinkleError
 
 _VERSION = 1
+# As bford.info/cachedir has it.
+_TAG = b"Signature: 8a477f597d28d172789f06886806bc55\n# A cache of wrinkle batch: it may be deleted at any time.\n"
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +59,14 @@ class Cache:
     def __init__(self, place: str) -> None:
         self._place = place
 
+    def open(self) -> None:
+        """Make sure that it can be written; raises as `keep`."""
+        tag = stores.join(self._place, "CACHEDIR.TAG")
+        with suppress(OSError):
+            if stores.read(tag) == _TAG:
+                return
+        self._put(tag, _TAG)
+
     def find(self, key: str) -> Record | None:
         """What the job of a key has made."""
         found = self._read("keys", key)
@@ -89,9 +101,9 @@ class Cache:
         for root, path, now in files:
             data = stores.read(now)
             digest = hashlib.sha256(data).hexdigest()
-            self._put("files", digest, data)
+            self._put(self._path("files", digest), data)
             kept.append([root, path, digest])
-        self._put("keys", key, json.dumps({"cache": _VERSION, "files": kept, "said": said}).encode())
+        self._put(self._path("keys", key), json.dumps({"cache": _VERSION, "files": kept, "said": said}).encode())
 
     def made_from(self, out: str) -> Parts | None:
         """What the output at a path was made from when this cache saw it last."""
@@ -100,7 +112,7 @@ class Cache:
 
     def note(self, out: str, parts: Parts) -> None:
         """Say what the output at a path is made from; raises as `keep`."""
-        self._put("outs", _name_of(out), json.dumps({"out": out, "parts": parts}).encode())
+        self._put(self._path("outs", _name_of(out)), json.dumps({"out": out, "parts": parts}).encode())
 
     def _path(self, kind: str, name: str) -> str:
         ending = "" if kind == "files" else ".json"
@@ -113,8 +125,7 @@ class Cache:
             return None
         return found if isinstance(found, dict) else None
 
-    def _put(self, kind: str, name: str, data: bytes) -> None:
-        path = self._path(kind, name)
+    def _put(self, path: str, data: bytes) -> None:
         try:
             stores.put(path, data)
         except OSError as error:

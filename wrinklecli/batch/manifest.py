@@ -154,11 +154,15 @@ def matches_of(pattern: str, folder: str) -> list[str]:
     """The files that a path stands for: it, unless it is a pattern.
 
     Raises:
-        ConfigError: No file is like that.
+        ConfigError: No file is like that, or nobody may know.
+        StoreError: Its store does not answer.
     """
     if not stores.is_pattern(pattern) or (not stores.is_url(pattern) and os.path.exists(stores.join(folder, pattern))):
         return [pattern]
-    found = stores.matches(pattern, folder)
+    try:
+        found = stores.matches(pattern, folder)
+    except OSError as error:
+        raise ConfigError(f"found {printable(pattern)!r}, which cannot be listed: {error.strerror}") from error
     if not found:
         raise ConfigError(f"found {printable(pattern)!r}, which no file is like")
     return found

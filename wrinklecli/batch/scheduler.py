@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 from wrinklecli.batch import stores
+from wrinklecli.batch.cache import Cache
 from wrinklecli.batch.cluster import Workers, by_dask, refuse_without_dask
 from wrinklecli.batch.jobs import BatchJob, Outcome
 from wrinklecli.batch.worker import OpenOutputs, Settings, hit, look, work
@@ -40,9 +41,10 @@ def outcomes(
         tell: Called with what people may want to know, a line.
 
     Raises:
-        WrinkleError: Dask is missing, or its scheduler does not answer any more.
+        WrinkleError: The cache cannot be written; Dask is missing, or its scheduler does not answer any more.
     """
     if workers.scheduler is None and workers.count == 1:
+        Cache(settings.cache).open()
         for job in jobs:
             yield work(job, settings, open_outputs=open_outputs)
         return
@@ -50,6 +52,7 @@ def outcomes(
     if workers.scheduler is not None:
         jobs = [_absolute(job) for job in jobs]
         settings = replace(settings, cache=_seen_from_anywhere(settings.cache))
+    Cache(settings.cache).open()
     rest: list[BatchJob] = []
     end = time.monotonic() + _LOOK_HERE
     for job in jobs:

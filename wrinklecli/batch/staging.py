@@ -2,7 +2,6 @@
 
 import os
 import posixpath
-import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,6 +11,7 @@ from wrinklecli.batch import stores
 from wrinklecli.batch.jobs import BatchJob
 from wrinklecli.batch.keys import references
 from wrinklecli.errors import AssetError, BakeError, WrinkleError
+from wrinklecli.files.workplace import Workplace
 from wrinklecli.gltf.uris import path_of
 
 ROOTS = ("report", "timings", "frames_dir", "tracked", "out")
@@ -54,11 +54,22 @@ def staged(job: BatchJob) -> Iterator[Staged]:
     if not any(stores.is_url(path) for path in (*paths, *others) if path):
         yield Staged(job, None, {}, _roots(job, job))
         return
-    folder = tempfile.mkdtemp(prefix="wrinkle-batch-")
+    workplace = Workplace(tempfile.gettempdir())
     try:
-        yield _Stage(folder).staged(job)
+        yield _Stage(_made(workplace)).staged(job)
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        workplace.remove()
+
+
+def _made(workplace: Workplace) -> str:
+    """A folder in a workplace, which a later run takes away if this one is killed."""
+    try:
+        workplace.make()
+        folder = workplace.next_path()
+        os.mkdir(folder)
+    except OSError as error:
+        raise BakeError(f"cannot be written: {error.strerror}", where=tempfile.gettempdir()) from error
+    return folder
 
 
 class _Stage:

@@ -1,5 +1,6 @@
 """Files by path or by URL (fsspec): read, listed, and written whole or not at all."""
 
+import errno
 import glob
 import os
 import posixpath
@@ -15,6 +16,9 @@ _URL = re.compile(r"([a-z][a-z0-9+.-]+)://")
 # Stores where a file is there only when all of it is; elsewhere it is written under another name and renamed.
 _WHOLE = {"s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl", "oss", "oci", "r2", "memory"}
 _PATTERN = re.compile(r"[*?\[]")
+# Numbers of errors that libraries of stores raise without one; and those that mean that it may work another time.
+_NUMBERS = {FileNotFoundError: errno.ENOENT, PermissionError: errno.EACCES}
+_PASSING = {errno.EBUSY, errno.EAGAIN, getattr(errno, "EREMOTEIO", errno.EIO)}
 
 
 class StoreError(WrinkleError):
@@ -44,7 +48,7 @@ def join(folder: str, path: str) -> str:
 
 
 def matches(pattern: str, folder: str) -> list[str]:
-    """The files that a pattern stands for, sorted, as seen from a folder."""
+    """The files that a pattern stands for, sorted, as seen from a folder; raises as `opened`."""
     whole = join(folder, pattern)
     if not is_url(whole):
         return sorted(glob.glob(pattern, root_dir=folder or None, recursive=True))
@@ -142,10 +146,22 @@ def _system(url: str) -> tuple[Any, str]:
 
 @contextmanager
 def _answering(url: str) -> Iterator[None]:
-    """Turn what libraries of stores raise, each of its own kinds, into an error of ours; `OSError` stays."""
+    """Turn what libraries raise, each of its own kinds, into an `OSError` that has its reason, or a `StoreError`."""
     try:
         yield
-    except (OSError, WrinkleError, MemoryError):
+    except (WrinkleError, MemoryError):
         raise
+    except OSError as error:
+        own = type(error).__module__ != "builtins"  # as of aiohttp, whose connections break
+        if own or isinstance(error, ConnectionError | TimeoutError) or error.errno in _PASSING:
+            raise _unanswered(url, error) from error
+        number = error.errno or _NUMBERS.get(type(error), errno.EIO)
+        said = next(iter((error.strerror or str(error)).splitlines()), "")
+        path_alone = said in url or " " not in said  # which is how some say that there is no such file
+        raise OSError(number, os.strerror(number) if path_alone else said) from error
     except Exception as error:
-        raise StoreError(f"the store does not answer: {type(error).__name__}: {error}", where=url) from error
+        raise _unanswered(url, error) from error
+
+
+def _unanswered(url: str, error: Exception) -> StoreError:
+    return StoreError(f"the store does not answer: {type(error).__name__}: {error}", where=url)

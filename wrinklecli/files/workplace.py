@@ -6,6 +6,7 @@ may be unknown to other machines, so their folders are left alone for a week.
 
 import os
 import re
+import shutil
 import stat
 import time
 from contextlib import suppress
@@ -60,7 +61,7 @@ class Workplace:
         return os.path.isdir(self._path)
 
     def next_path(self) -> str:
-        """A path in it that was not given before."""
+        """A path in it that was not given before, for a file or a folder."""
         self._count += 1
         return os.path.join(self._path, str(self._count))
 
@@ -103,8 +104,15 @@ def _remove(path: str) -> None:
         for name in os.listdir(path):
             if name.isdecimal():
                 with suppress(OSError):
-                    os.unlink(os.path.join(path, name))
+                    _remove_one(os.path.join(path, name))
         os.rmdir(path)
+
+
+def _remove_one(path: str) -> None:
+    if stat.S_ISDIR(os.lstat(path).st_mode):
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        os.unlink(path)
 
 
 @cache
