@@ -1,12 +1,12 @@
 """How fast the page of `wrinkle edit` answers: what of an edit or a moment takes place before a tab is told.
 
-    python tests/benchmarks/editor.py                     the samples' trousers and head, and a limb of 27,000 triangles
-    python tests/benchmarks/editor.py ASSET TOOLS         another asset
+    python tests/benchmarks/editor.py                     the samples, and a limb of 27,000 triangles
+    python tests/benchmarks/editor.py ASSET [TOOLS]       another asset; without tools the first that is suggested
 
 For each: triangles, vertices shown, frames a second of the first clip as it plays, and milliseconds of an edit of the
-first tool while it is dragged (its width, one of its ends) and until it is refined again. Medians of the processor
-time of the thread that does it, so that other programs on the machine count little; one tab takes all that is sent
-and draws nothing.
+first tool while it is dragged (its width, one of its ends, its bumps) and until it is refined again. Medians by the
+clock, and of the processor time of the thread that does it, which counts other programs on the machine little; one tab
+takes all that is sent and draws nothing. `run.py --only edits` holds the same against how long a hand waits.
 """
 
 import statistics
@@ -15,6 +15,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -39,72 +40,110 @@ tools:
 """
 
 
-def milliseconds(action: Callable[[int], object]) -> float:
-    """The median of an action, called with how often it has been done."""
-    found = []
-    for number in range(_TIMES):
-        start = time.thread_time()
-        action(number)
-        found.append(1000 * (time.thread_time() - start))
-    return statistics.median(found)
+@dataclass(frozen=True)
+class Felt:
+    """How long a hand waits.
+
+    Attributes:
+        name: Of the asset.
+        triangles: Of it.
+        vertices: That are shown.
+        clock: Medians by the clock, seconds: `frame`, `width`, `end` and `bumps`; `refined` but once.
+        processor: The same of processor time.
+    """
+
+    name: str
+    triangles: int
+    vertices: int
+    clock: dict[str, float]
+    processor: dict[str, float]
+
+    def __str__(self) -> str:
+        """A line."""
+        found = [
+            f"{what} {1000 * self.clock[what]:.0f}/{1000 * self.processor[what]:.0f}"
+            for what in ("frame", "width", "end", "bumps", "refined")
+        ]
+        return f"{self.name:16}{self.triangles:8,} triangles{self.vertices:8,} vertices   ms: {', '.join(found)}"
 
 
-def measure(name: str, asset: Path, tools: Path, folder: Path) -> None:
-    """Print a row."""
-    copied = folder / tools.name
-    copied.write_text(tools.read_text())
-    session = Session.open(asset, copied)
+def felt(asset: Path, tools: Path) -> Felt:
+    """Measure an asset; the tools file is written to."""
+    session = Session.open(asset, tools)
+    if not session.tools():
+        session.accept(session.offers()[0])
     page = Page(session, Place())
     tab = connect(f"ws://127.0.0.1:{page.port}", subprotocols=[f"viser-v{viser.__version__}"], max_size=None)
     threading.Thread(target=lambda: [None for _ in tab], daemon=True).start()
-    tool = session.tools()[0].name
-    clip = session.clips[0].name
+    tool, clip = session.tools()[0].name, session.clips[0].name
     times = session.frame_times(clip)
     page.choose(tool, look=False)
     session.settle()
     (place, *_) = session.laid()[tool].patch.anchors
     shown = session.meshes(clip, float(times[0]))
+
+    def moved(number: int, *, draft: bool) -> None:
+        along = number * 1e-3 * session.laid()[tool].patch.along
+        session.move_point(tool, 0, (place.position + along).tolist(), draft=draft)
+
+    jobs: dict[str, Callable[[int], object]] = {
+        "frame": lambda n: page.player.go(clip, float(times[n * 3 % len(times)])),
+        "width": lambda n: page.slide(
+            "width", lambda draft: session.set_value(tool, ("width",), f"{80 + n}%", draft=draft)
+        ),
+        "end": lambda n: page.slide("end", lambda draft: moved(n, draft=draft)),
+        "bumps": lambda n: page.slide(
+            "bumps", lambda draft: session.set_value(tool, ("bumps",), 2 + n % 3, draft=draft)
+        ),
+    }
     # On this thread from here on, and nothing beside it.
     page.rest()
+    clock, processor = {}, {}
     with guarded(str(asset)):
-        frame = milliseconds(lambda number: page.player.go(clip, float(times[number * 3 % len(times)])))
-        width = milliseconds(
-            lambda n: page.slide("width", lambda draft: session.set_value(tool, ("width",), f"{80 + n}%", draft=draft))
-        )
-        page.settle()
-        end = milliseconds(
-            lambda n: page.slide(
-                "end",
-                lambda draft: session.move_point(
-                    tool, 0, (place.position + n * 1e-3 * session.laid()[tool].patch.along).tolist(), draft=draft
-                ),
-            )
-        )
-        page.settle()
-        start = time.thread_time()
-        session.settle()
-        refined = 1000 * (time.thread_time() - start)
-    triangles = sum(len(mesh.laid.ground.surface.triangles) for mesh in shown)
-    points = sum(len(mesh.positions) for mesh in shown)
-    print(
-        f"{name:24}{triangles:10,} triangles{points:10,} vertices{1000 / frame:7.0f} frames/s"
-        f"   width {width:.0f} ms, end {end:.0f} ms, refined {refined:.0f} ms"
-    )
+        for what, job in jobs.items():
+            clock[what], processor[what] = _medians(job, _TIMES)
+            page.settle()
+        clock["refined"], processor["refined"] = _medians(lambda _: session.settle(), 1)
     tab.close()
     page.close()
+    triangles = sum(len(mesh.laid.ground.surface.triangles) for mesh in shown)
+    return Felt(asset.stem, triangles, sum(len(mesh.positions) for mesh in shown), clock, processor)
+
+
+def _medians(job: Callable[[int], object], times: int) -> tuple[float, float]:
+    """Median seconds of a job by the clock and of the processor, called with how often it has been done."""
+    every: list[tuple[float, float]] = []
+    for number in range(times):
+        start = time.perf_counter(), time.thread_time()
+        job(number)
+        every.append((time.perf_counter() - start[0], time.thread_time() - start[1]))
+    clock, processor = zip(*every, strict=True)
+    return statistics.median(clock), statistics.median(processor)
+
+
+def cases(folder: Path) -> list[tuple[Path, Path]]:
+    """The samples and a limb of 27,000 triangles, each with a tools file in a folder."""
+    found = []
+    for sample in ("trousers", "head", "wrist"):
+        tools = folder / f"{sample}.yaml"
+        tools.write_text((ROOT / "configs" / tools.name).read_text())
+        found.append((ROOT / "samples" / f"{sample}.glb", tools))
+    tools = folder / "limb.yaml"
+    tools.write_text(_LIMB_TOOLS)
+    return [*found, (limb(folder / "limb.glb", rings=225, sides=60), tools)]
 
 
 def main(arguments: list[str]) -> None:
-    """Print a row for each asset."""
+    """Print a line for each asset."""
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
+        folder, chosen = Path(name), []
         if arguments:
-            measure(Path(arguments[0]).name, Path(arguments[0]), Path(arguments[1]), folder)
-            return
-        for sample in ("trousers", "head"):
-            measure(sample, ROOT / "samples" / f"{sample}.glb", ROOT / "configs" / f"{sample}.yaml", folder)
-        (folder / "limb_tools.yaml").write_text(_LIMB_TOOLS)
-        measure("limb", limb(folder / "limb.glb", rings=225, sides=60), folder / "limb_tools.yaml", folder)
+            tools = folder / "tools.yaml"
+            if len(arguments) > 1:
+                tools.write_text(Path(arguments[1]).read_text())
+            chosen = [(Path(arguments[0]), tools)]
+        for asset, tools in chosen or cases(folder):
+            print(felt(asset, tools))
 
 
 if __name__ == "__main__":

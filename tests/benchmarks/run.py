@@ -16,11 +16,9 @@ The paper's figures: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, C
 import argparse
 import csv
 import importlib.util
-import itertools
 import json
 import os
 import platform
-import shutil
 import statistics
 import subprocess
 import sys
@@ -56,7 +54,6 @@ from wrinklecli.character.clip import Clip, read_clips  # noqa: E402
 from wrinklecli.character.pose import joint_matrices, morph_weights  # noqa: E402
 from wrinklecli.character.skin import pose, prepare  # noqa: E402
 from wrinklecli.character.surface import read_triangles  # noqa: E402
-from wrinklecli.editor.session import Session  # noqa: E402
 from wrinklecli.gltf.document import read_document  # noqa: E402
 from wrinklecli.method.activity import activities  # noqa: E402
 from wrinklecli.method.curve import weights_of  # noqa: E402
@@ -437,53 +434,23 @@ def start(places: Places) -> Iterator[Row]:
 
 
 def edits(places: Places) -> Iterator[Row]:
-    """What a hand feels in `wrinkle edit`: a value that is dragged and let go, and a frame of a playing clip."""
-    character = limb_asset(rings=121, sides=112, joints=40).write(places.folder / "character.glb")
-    creases = [limb_tool(name=f"at {x}", origin=[x, 0.25, 0.0], target=[x + 0.4, 0.25, 0.0]) for x in (-0.6, 0.0, 0.5)]
-    assets = {"character": (character, write_tools(places.folder / "creases.yaml", *creases))}
-    for sample in ("trousers", "head"):
-        tools = places.folder / f"{sample}.yaml"
-        shutil.copy(ROOT / "configs" / tools.name, tools)
-        assets[sample] = (ROOT / "samples" / f"{sample}.glb", tools)
+    """What a hand feels in `wrinkle edit`: what is dragged and let go, and a frame of a playing clip."""
+    from editor import cases, felt
+
+    assets = cases(places.folder)
     if found(asset := places.assets / "trousers.glb"):
-        assets["their trousers"] = (asset, places.folder / "none.yaml")
-    for name, (asset, tools) in assets.items():
-        yield from edited(name, Session.open(asset, tools))
-
-
-def edited(name: str, session: Session) -> Iterator[Row]:
-    """The rows of an asset: over as long as eye and hand allow."""
-    clip = session.clips[0].name
-    times = iter(np.tile(session.frame_times(clip), 1000).tolist())
-    (mesh, *_) = session.meshes(clip, next(times))
-    if not session.tools():
-        session.accept(session.offers()[0])
-    tool, bumps = session.tools()[0].name, itertools.cycle((4, 5))
-
-    def shown() -> None:
-        for each in session.meshes(clip, next(times), wait=False):
-            assert len(each.faces)
-
-    def drag() -> None:
-        session.set_value(tool, ("bumps",), next(bumps), draft=True)
-        shown()
-
-    def let_go() -> None:
-        # Another number each time, so that nothing is known of it.
-        session.set_value(tool, ("compressible",), f"{next(shares)}%")
-        session.settle()
-        shown()
-
-    session.settle()
-    shares = itertools.count(1)
-    played, dragged, settled = timed(shown, drag, let_go)
-    what = f"{name} of {len(mesh.faces):,} triangles"
-    key = name.replace(" ", "_")
-    yield Row(f"edit_frame_{key}", f"a frame of {what}", "50 ms", played / 0.05, 1.0, False, f"{1000 * played:.0f} ms")
-    yield Row(f"edit_drag_{key}", f"a drag on {what}", "100 ms", dragged / 0.1, 1.0, False, f"{1000 * dragged:.0f} ms")
-    yield Row(
-        f"edit_full_{key}", f"letting go of it, {what}", "2 s", settled / 2.0, 1.0, False, f"{1000 * settled:.0f} ms"
-    )
+        assets.append((asset, places.folder / "theirs.yaml"))
+    for asset, tools in assets:
+        each = felt(asset, tools)
+        what = f"{tools.stem} of {each.triangles:,} triangles"
+        dragged = max(each.clock[job] for job in ("width", "end", "bumps"))
+        for name, said, seconds, reach in (
+            ("frame", f"a frame of {what}", each.clock["frame"], 0.05),
+            ("drag", f"a drag on {what}", dragged, 0.1),
+            ("full", f"letting go of it, {what}", each.clock["refined"], 2.0),
+        ):
+            over, shown = f"{reach:g} s", f"{1000 * seconds:.0f} ms"
+            yield Row(f"edit_{name}_{tools.stem}", said, over, seconds / reach, 1.0, False, shown)
 
 
 def batches(places: Places) -> Iterator[Row]:

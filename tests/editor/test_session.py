@@ -129,6 +129,8 @@ def test_a_draft_of_one_side_leaves_the_other_as_it_is(tmp_path: Path) -> None:
     assert set(session.laid()) == {"crease.L", "across", "crease.R"}
     session.mirror("across", "z")
     session.set_value("across.L", ("bumps",), 3, draft=True)
+    assert [session.laid()[name].patch.tool.bumps for name in ("across.L", "across.R", "crease.R")] == [3, 2, 2]
+    session.set_value("across.L", ("bumps",), 3)
     assert [session.laid()[name].patch.tool.bumps for name in ("across.L", "across.R", "crease.R")] == [3, 3, 2]
     session.solo(["across.L"])
     assert set(session.laid()) == {"across.L", "across.R"}

@@ -1,5 +1,6 @@
 """The tools file: its contract, its messages, and that nothing else ever comes out of it."""
 
+import json
 import os
 import re
 import subprocess
@@ -38,7 +39,7 @@ from wrinklecli.errors import ConfigError
 from wrinklecli.tools import schema
 from wrinklecli.tools import yaml_tree as yamltree
 from wrinklecli.tools.materials import MATERIALS
-from wrinklecli.tools.read import load_tools, parse_tools
+from wrinklecli.tools.read import load_tools, parse_tools, read_values
 from wrinklecli.tools.records import (
     Contact,
     Length,
@@ -101,6 +102,18 @@ def test_every_key_arrives():
             ),
         ),
     )
+
+
+def test_values_are_read_as_the_text_that_says_them():
+    values = yaml.safe_load(EVERYTHING)
+    assert read_values(values) == parse_tools(json.dumps(values))
+    values["tools"][0] |= {"bumps": 99, "widht": [1, "x"], "attachment": None}
+    said = []
+    for reading in (lambda: read_values(values), lambda: parse_tools(json.dumps(values))):
+        with pytest.raises(ConfigError) as caught:
+            reading()
+        said.append(caught.value.lines)
+    assert said[0] == said[1]
 
 
 def test_the_defaults_of_the_contract():

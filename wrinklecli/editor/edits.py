@@ -3,7 +3,6 @@
 Undoing gives the same bytes, as the text is the state. Methods may be called from several threads.
 """
 
-import json
 import os
 import threading
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,8 +16,8 @@ from wrinklecli.editor.store import Store, names_of, read_file
 from wrinklecli.errors import ConfigError, WrinkleError, nearest
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.tools.mirror import exchange_sides
-from wrinklecli.tools.read import parse_tools
-from wrinklecli.tools.records import ToolsFile, WrinkleTool, identifier, in_axes
+from wrinklecli.tools.read import read_values
+from wrinklecli.tools.records import ToolsFile, identifier, in_axes
 from wrinklecli.tools.yaml_edit import Steps, ToolsText, with_part
 
 # Steps that can be undone, and that can be after the file has changed on disk, to either side: each is merged with it.
@@ -299,7 +298,7 @@ class Edits:
         return self._read[1]
 
     def _drafted(self, number: int, values: Mapping[str, Any]) -> Draft:
-        """A tool with other values, read by itself: a file of many takes longer than a frame.
+        """A tool with other values, read by itself, as a file of many takes longer than a frame. Its partner stays.
 
         Raises:
             ConfigError: They are not valid.
@@ -307,13 +306,8 @@ class Edits:
         file = self._base.file
         name = str(file.tools[number].get("name"))
         beside = {key: each for key, each in file.beside.items() if key in ("version", "up", "defaults")}
-        alone = parse_tools(json.dumps({**beside, "tools": [values]}), name=self.path).tools
-        tools: list[WrinkleTool] = []
-        for tool in self._settings_of(file).tools:
-            if tool.name != name and not (tool.mirrored and tool.name == exchange_sides(name)):
-                tools.append(tool)
-            elif alone:
-                tools, alone = [*tools, *alone], ()
+        drafted = {tool.name: tool for tool in read_values({**beside, "tools": [values]}, name=self.path).tools}
+        tools = [drafted.get(name, tool) if tool.name == name else tool for tool in self._settings_of(file).tools]
         return Draft(number, values, replace(self._settings_of(file), tools=tuple(tools)))
 
     def _become(self, file: ToolsText, done: str) -> None:

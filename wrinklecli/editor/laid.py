@@ -35,15 +35,17 @@ class Cluster:
     skin: Skin
 
     @classmethod
-    def of(cls, plan: MeshPlan, skin: Skin | None = None) -> "Cluster":
-        """What of a refined mesh differs from the coarse one; `skin` where it is known."""
+    def of(cls, plan: MeshPlan, before: "Cluster | None" = None) -> "Cluster":
+        """What of a refined mesh differs from the coarse one; and what did before, so that faces seldom change."""
         fine, old = plan.fine, len(plan.fine.surface.positions)
         moved = np.zeros(len(fine.positions), bool)
         moved[old:] = True
         for carried in plan.carried_patches:
             moved[carried.vertices] = True
         parents = distinct_values(fine.subdivision.parents[any_of(moved, fine.triangles)])
-        if skin is None:
+        if before is not None:
+            parents, skin = distinct_values(np.concatenate([before.parents, parents])), before.skin
+        else:
             weights = fine.weights[:, distinct_values(fine.surface.joints)]
             skin = prepare(weights, fine.positions[old:], fine.morph_deltas[:, old:])
         return cls(plan, parents, children(fine.subdivision.parents, parents), skin)

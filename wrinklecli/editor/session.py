@@ -349,7 +349,9 @@ class Session(Edits):
         if self._settled is not None and self._settled[0] is of:
             return self._settled[1]
         if self._laid is None or self._laid[0] is not of:
-            before = self._settled or self._laid
+            # What is dragged is carried on from where it was a moment ago.
+            drags = self._laid is not None and self._laid[1].hurried
+            before = self._laid if drags else self._settled or self._laid
             self._laid = (
                 of,
                 self._stage.laid(self._shown_settings(self._base, self._draft), None if before is None else before[1]),

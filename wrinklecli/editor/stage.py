@@ -206,7 +206,7 @@ class Stage:
                     except WrinkleError as error:
                         problems[carried.patch.tool.name] = error.lines[0]
                 if again:
-                    yield Cluster.of(replace(cluster.plan, carried_patches=tuple(again)), cluster.skin)
+                    yield Cluster.of(replace(cluster.plan, carried_patches=tuple(again)), cluster)
         coarse = replace(settings, refinement=replace(settings.refinement, max_levels=0))
         for patch in waiting.values():
             yield from self._planned(ground, [patch], coarse, problems)

@@ -176,14 +176,15 @@ def _members(patch: Patch, surface: Surface, rest: Rest) -> Ints:
 
 
 def _pieces(triangle_edges: Ints) -> Ints:
-    """(triangles,) the same number for triangles that hang together by edges, (triangles, 3)."""
+    """(triangles,) the same number for triangles that hang together by edges, (triangles, 3), counted from 0."""
     # In place of scipy's connected components, whose import takes longer than this does for most meshes.
     pieces = np.arange(len(triangle_edges))
-    least = np.zeros(int(triangle_edges.max(initial=0)) + 1, np.intp)
+    edges = triangle_edges.ravel()
+    order = np.argsort(edges, kind="stable")
+    owners, firsts = order // 3, np.flatnonzero(np.diff(edges[order], prepend=-1))
     while True:
-        least[triangle_edges] = len(pieces)
-        np.minimum.at(least, triangle_edges, pieces[:, None])
-        lower = least[triangle_edges].min(axis=1, initial=len(pieces))
+        a, b, c = np.minimum.reduceat(pieces[owners], firsts)[triangle_edges].T
+        lower = np.minimum(np.minimum(a, b), c)
         # A triangle takes the number that the triangle of its number has got: rounds grow like a logarithm.
         lower = lower[lower]
         if np.array_equal(lower, pieces):

@@ -1,19 +1,23 @@
 """The guard around a command: numbers out of range and lack of memory become errors, and BLAS runs one thread."""
 
 import os
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from traceback import extract_tb
 from typing import TypeAlias
 
 import numpy as np
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 import wrinklecli
 from wrinklecli.errors import AssetError, BakeError
 
 # Called with a stage's name, steps done and steps in all.
 Progress: TypeAlias = Callable[[str, int, int], None]
+
+# The libraries of BLAS, as they were found when so many modules had been imported.
+_known: tuple[int, ThreadpoolController] | None = None
 
 
 def no_progress(_stage: str, _done: int, _total: int) -> None:
@@ -22,7 +26,12 @@ def no_progress(_stage: str, _done: int, _total: int) -> None:
 
 def one_thread() -> AbstractContextManager[object]:
     """BLAS runs one thread meanwhile, that of libraries too that were imported since `guarded` looked for them."""
-    limits: AbstractContextManager[object] = threadpool_limits(limits=1, user_api="blas")
+    global _known
+    # To look for libraries takes milliseconds, which an edit has few of; none comes without a module.
+    count = len(sys.modules)
+    if _known is None or _known[0] != count:
+        _known = count, ThreadpoolController()
+    limits: AbstractContextManager[object] = _known[1].limit(limits=1, user_api="blas")
     return limits
 
 

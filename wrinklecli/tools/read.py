@@ -35,7 +35,7 @@ from wrinklecli.tools.records import (
     parse_length,
 )
 from wrinklecli.tools.schema import OWN_KEYS, TOOL_KEYS, TOOLS_SCHEMA
-from wrinklecli.tools.yaml_tree import MAX_BYTES, Node, Problem, path_to, printable, read_tree
+from wrinklecli.tools.yaml_tree import MAX_BYTES, Node, Problem, path_to, printable, read_tree, tree_of
 
 Keys: TypeAlias = tuple[str, ...]
 
@@ -260,8 +260,16 @@ def parse_tools(text: str, *, name: str = "<tools>") -> ToolsFile:
     Raises:
         ConfigError: All problems of the text, a line each, in the order of its lines.
     """
+    return _parsed(*read_tree(text), name)
+
+
+def read_values(values: Mapping[str, Any], *, name: str = "<tools>") -> ToolsFile:
+    """As `parse_tools`, of what the YAML would say, as plain Python values, without the time that YAML takes."""
+    return _parsed(tree_of(values), [], name)
+
+
+def _parsed(root: Node | None, problems: list[Problem], name: str) -> ToolsFile:
     shown_name = printable(name, len(name))
-    root, problems = read_tree(text)
     header: dict[str, Any] = {}
     tools: list[_Tool] = []
     if root is not None:
@@ -269,7 +277,7 @@ def parse_tools(text: str, *, name: str = "<tools>") -> ToolsFile:
         header, odd = _read(root, (), {*wrong, ("defaults",), ("tools",)})
         defaults, odd_defaults = _read(root, ("defaults",), wrong) if "defaults" in root.children else ({}, [])
         tools, odd_tools = _tools(root, defaults, wrong)
-        problems += [*refused, *odd, *odd_defaults, *odd_tools]
+        problems = [*problems, *refused, *odd, *odd_defaults, *odd_tools]
     if problems:
         raise ConfigError.of_all(
             ConfigError(problem.message, where=f"{shown_name}:{problem.line}: {problem.path}".rstrip(": "))

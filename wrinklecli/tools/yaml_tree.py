@@ -3,6 +3,7 @@
 Source: YAML 1.1 as PyYAML's SafeLoader reads it. Differs: see `_Composer`.
 """
 
+import json
 import math
 import re
 from collections.abc import Collection, Mapping
@@ -208,6 +209,19 @@ class _TreeBuilder:
         else:
             return
         raise _TooMuchError(problem=problem, problem_mark=node.start_mark)
+
+
+def tree_of(value: Any) -> Node:
+    """The tree of plain Python values, as if they stood in one line of YAML."""
+    children: dict[str | int, Node] = {}
+    if isinstance(value, Mapping):
+        children = {str(key): tree_of(each) for key, each in value.items()}
+        return Node({key: child.value for key, child in children.items()}, 1, "a mapping", children)
+    if isinstance(value, list | tuple):
+        children = {number: tree_of(each) for number, each in enumerate(value)}
+        return Node([child.value for child in children.values()], 1, f"a list of {len(children)}", children)
+    shown = f"'{printable(value)}'" if isinstance(value, str) else json.dumps(value)
+    return Node(value, 1, shown, {})
 
 
 def read_tree(text: str) -> tuple[Node | None, list[Problem]]:

@@ -28,7 +28,7 @@ from wrinklecli.errors import WrinkleError, counted
 _SLIDES = 0.35  # seconds without a further change after which a slider has been let go
 _TYPES = 0.8  # seconds without a further key after which a line has been typed
 _WIDE = 380  # pixels of the panel
-_CHARTS = 0.15  # seconds without a further change after which charts are drawn anew
+_FOLLOWS = 0.15  # seconds without a further change after which all but the mesh shows what slides
 _WARNS = 1.0  # seconds after an edit, before what `check` would warn of is looked for
 _WARNING = "#b35c00"
 _HINT = (
@@ -195,8 +195,7 @@ class Page:
         self.player.take(self._session.clips)
         self._poser.refresh()
         self._show()
-        # While something slides, the mesh comes first.
-        self._work.put_later("chart", 0.0 if self._waiting is None else _CHARTS, self._chart)
+        self._work.put_later("chart", 0.0, self._chart)
         self._keeping.tell()
         if not self._session.settled:
             self._slow.put("settle", self._refine)
@@ -311,7 +310,9 @@ class Page:
         """
         self._wait(of, _SLIDES, lambda: edit(False))
         edit(True)
-        self.refresh()
+        # The mesh comes first.
+        self._show()
+        self._work.put_later("follow", _FOLLOWS, self.refresh)
 
     def _wait(self, of: Hashable, seconds: float, edit: Callable[[], None]) -> None:
         """Make an edit as soon as nothing follows that is of the same."""

@@ -133,9 +133,8 @@ class View:
 
     def mark(self, marks: Sequence[Mark], chosen: str | None, points: Sequence[Floats]) -> None:
         """Draw these tools from now on, with dots to drag on the chosen one."""
-        for line in self._lines.values():
-            line.remove()
-        self._lines.clear()
+        for name in [name for name in self._lines if name not in {mark.name for mark in marks}]:
+            self._lines.pop(name).remove()
         wanted = {
             (kind, number)
             for mark in marks
@@ -149,13 +148,15 @@ class View:
         for mark in marks:
             colour = _bytes_of(mark.colour)
             places = mark.spots.on(self._bodies[mark.spots.body], points[mark.spots.body], _LIFT * self._size)
-            self._lines[mark.name] = self._scene.add_line_segments(
-                f"/{self._name}/tool {len(self._lines)}",
-                places[mark.segments].astype(np.float32),
-                colour,
-                thickness=_CHOSEN_LINE if mark.name == chosen else _LINE,
-                thickness_units="screen",
-            )
+            ends, thickness = places[mark.segments].astype(np.float32), _CHOSEN_LINE if mark.name == chosen else _LINE
+            line = self._lines.get(mark.name)
+            if line is None:
+                line = self._lines[mark.name] = self._scene.add_line_segments(
+                    f"/{self._name}/tool {mark.name}", ends, colour, thickness=thickness, thickness_units="screen"
+                )
+            else:
+                line.points, line.thickness = ends, thickness
+                line.colors = np.broadcast_to(np.array(colour, np.uint8), ends.shape)
             if mark.name == chosen:
                 self._add_dots(mark, places)
 
