@@ -10,7 +10,7 @@ import pytest
 
 import wrinklecli
 from kit.bakes import bake_fold, folding_limb, report_of
-from kit.limb import RADIUS, limb, tool, write_tools
+from kit.limb import RADIUS, limb, tool, waving_limb, write_tools
 from kit.player import Gltf
 from wrinklecli.baking.baked_body import read_bodies
 from wrinklecli.baking.baked_fold import fold_angles, fold_weights
@@ -224,3 +224,17 @@ def test_weights_of_contact_are_those_that_every_player_takes(folded: Baked) -> 
     for weights in (values[:, [names.index(name) for name in fold["targets"]]], np.array(fold["weights"])):
         assert weights.min() == 0.0
         assert 0.05 < weights.max() <= 1.0
+
+
+@pytest.mark.slow
+def test_clips_that_fold_about_other_axes_hardly_cross(tmp_path: Path) -> None:
+    """Targets are made for the joint's own motion, and four that lean by 10°: what lies between is theirs too."""
+    asset = waving_limb(20, rings=16, sides=10).write(tmp_path / "limb.glb")
+    totals = {}
+    for contact in ("resolve", "off"):
+        tools = write_tools(tmp_path / "tools.yaml", tool(**TOOL, contact=contact), sampling={"fps": 15}, **TOP)
+        wrinklecli.bake(asset, tools, tmp_path / "out.glb")
+        clips = find_crossings(tmp_path / "out.glb").data["clips"]
+        totals[contact] = [clip["totals"][1] for clip in clips]
+    assert sum(totals["off"]) > 500
+    assert sum(totals["resolve"]) <= 0.05 * sum(totals["off"]), totals

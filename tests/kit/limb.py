@@ -368,6 +368,21 @@ def cuffed_limb(**options: Any) -> Asset:
     return asset
 
 
+def waving_limb(clips: int, *, aside: float = 10.0, **options: Any) -> Asset:
+    """A limb whose joint folds it to other angles in each clip, about an axis that leans by up to `aside`°."""
+    asset = limb_asset(clip=None, **options)
+    numbers = np.random.default_rng(17)
+    for clip in range(clips):
+        lean, way = np.radians(aside) * np.sqrt(numbers.uniform()), numbers.uniform(0.0, 2.0 * np.pi)
+        axis = np.array([np.sin(lean) * np.cos(way), np.sin(lean) * np.sin(way), np.cos(lean)])
+        halves = np.radians([0.0, *numbers.uniform(40.0, 85.0, 3), 0.0]) / 2.0
+        turns = np.concatenate([np.sin(halves)[:, None] * axis, np.cos(halves)[:, None]], axis=1)
+        animation: Json = {"name": f"wave_{clip}"}
+        asset.channel(animation, 2, "rotation", np.linspace(0.0, 2.0, len(turns)), turns)
+        asset.append("animations", animation)
+    return asset
+
+
 def nose(*, gap: float = 0.05) -> Asset:
     """A patch of skin whose one morph target brings two places together, and a bar across, `gap` above it: glasses.
 
