@@ -58,3 +58,13 @@ def test_the_command_prints_tables_json_and_what_it_cannot_do(
     assert wrinkle("check", "limb.glb", "--crossings", "--plot", "a.svg").code == 2
     assert wrinkle("check", "limb.glb").code == 2
     assert wrinkle("check", "limb.glb", "--crossings", "--clip", "none").code == 1
+
+
+def test_frames_that_are_hidden_cost_nothing(tmp_path: Path) -> None:
+    """A file of frames hides all meshes but one, each in a point: boxes that all meet, and hold nothing that crosses."""
+    asset = limb(tmp_path / "limb.glb", angle=140.0, rings=12, sides=8)
+    tools = write_tools(tmp_path / "tools.yaml", tool(), refinement={"max_levels": 0})
+    wrinklecli.bake(asset, tools, tmp_path / "frames.glb", mode="frames")
+    wrinklecli.bake(asset, tools, tmp_path / "morphs.glb")
+    shown, morphed = (find_crossings(tmp_path / name).data["clips"][0] for name in ("frames.glb", "morphs.glb"))
+    assert shown["counts"][0][6] == morphed["counts"][1][6] > 0

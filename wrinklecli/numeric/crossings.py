@@ -124,6 +124,9 @@ def _tree(corners: Floats, depth: int) -> list[tuple[Floats, Floats]]:
     """For each level of a binary tree (3, boxes) least and greatest coordinates; the last has (things, n, 3) boxed."""
     low, high = np.full((3, 2**depth), np.inf), np.full((3, 2**depth), -np.inf)
     low[:, : len(corners)], high[:, : len(corners)] = corners.min(axis=1).T, corners.max(axis=1).T
+    # What a scale of 0 hides lies in one point, crosses nothing, and would meet all else that is hidden.
+    hidden = (low == high).all(axis=0)
+    low[:, hidden], high[:, hidden] = np.inf, -np.inf
     levels = [(low, high)]
     for _ in range(depth):
         low, high = np.minimum(low[:, ::2], low[:, 1::2]), np.maximum(high[:, ::2], high[:, 1::2])
