@@ -11,7 +11,7 @@ from kit.limb import RADIUS, limb_asset, tool
 from kit.prepared import posed_surface, prepare
 from wrinklecli.character.clip import Clip
 from wrinklecli.method.activity import Activity, activities, activity, further_activities, lengths_over_time
-from wrinklecli.method.curve import weights_of
+from wrinklecli.method.weights import weights_of
 from wrinklecli.numeric.arrays import Floats
 
 

@@ -12,8 +12,10 @@ from hypothesis import strategies as st
 from numpy.polynomial import legendre
 from scipy.integrate import quad
 
-from wrinklecli.method.curve import TAUT, ControlCurve, fitting_compressible, plan_curve
-from wrinklecli.method.profile import PolylineProfile, SmoothProfile, polyline_heights
+from wrinklecli.method.curve import TAUT, ControlCurve, plan_curve
+from wrinklecli.method.polyline import PolylineProfile, polyline_heights
+from wrinklecli.method.profile import SmoothProfile
+from wrinklecli.method.weights import fitting_compressible
 from wrinklecli.numeric.arrays import Floats
 
 NODES, WEIGHTS = legendre.leggauss(24)
@@ -78,7 +80,7 @@ def ends_of(curve: ControlCurve, distances: Floats, rest: Floats) -> Floats:
 def absorb(curve: ControlCurve, shortenings: Floats, rest: Floats) -> tuple[Floats, Floats]:
     """(frames, bumps) shortening of each bump, and (frames,) what none could take."""
     absorbed = curve.absorb(shortenings, rest)
-    shares = np.zeros((len(shortenings), curve.bumps))
+    shares = np.zeros((len(shortenings), curve.bumps.count))
     for number, group in enumerate(curve.groups):
         full = np.where(number < absorbed.rising, absorbed.capacities, 0.0)
         shares[:, group] = np.where(number == absorbed.rising, absorbed.shares, full)[:, None]
@@ -99,7 +101,7 @@ def knots_of(
     per_bump = polyline_heights(curve.details, shares, intervals)
     per_interval = 2 ** len(curve.details)
     # Whole numbers of the finest step, so that bumps without a gap share their end knot exactly.
-    starts = np.arange(curve.bumps) * (2 + curve.gap) * per_interval
+    starts = np.arange(curve.bumps.count) * (2 + curve.bumps.gap) * per_interval
     steps = starts[:, None] + np.arange(2 * per_interval + 1)
     knots, places = np.unique(steps, return_inverse=True)
     heights = np.zeros((len(per_bump), len(knots)))
@@ -118,7 +120,7 @@ def exact_heights(curve: ControlCurve, shortenings: Floats, rest: Floats) -> Flo
         return curve.heights(amplitudes_of(curve, shares, rest, unabsorbed))
     us, heights = knots_of(curve, shares, rest, unabsorbed)
     tol = 1e-9
-    inside = [(us >= start - tol) & (us <= start + 2 / curve.interval_count + tol) for start in curve.bump_starts]
+    inside = [(us >= start - tol) & (us <= start + 2 / curve.interval_count + tol) for start in curve.bumps.starts]
     return np.stack([heights[:, mask].max(axis=1) for mask in inside], axis=1)
 
 
@@ -290,7 +292,7 @@ def test_heights_are_monotone_and_continuous_in_the_shortening(curve):
 def test_gaps_and_ends_stay_flat(curve):
     us = np.linspace(-0.1, 1.1, 1201)
     shapes = curve.shapes(us)
-    starts = curve.bump_starts[:, None]
+    starts = curve.bumps.starts[:, None]
     within = (us > starts) & (us < starts + 2 / curve.interval_count)
     for group, shape in zip(curve.groups, shapes, strict=True):
         assert not shape[:, ~within[list(group)].any(axis=0)].any()
@@ -301,12 +303,12 @@ def test_gaps_and_ends_stay_flat(curve):
 @given(curves(("smooth", "skin", "cloth")))
 def test_the_smooth_profile_is_flat_at_bump_ends_and_never_negative(curve):
     taus = np.concatenate([np.linspace(0, 1, 401), [1e-7, 1 - 1e-7]])
-    us = curve.bump_starts[:, None] + 2 / curve.interval_count * taus
+    us = curve.bumps.starts[:, None] + 2 / curve.interval_count * taus
     shapes = curve.shapes(us.reshape(-1))
     assert shapes.min() >= 0
     assert shapes.max() <= curve.profile.peak * (1 + 1e-12)
     assert shapes.max() >= curve.profile.peak * (1 - 0.01)
-    near_ends = shapes.reshape(len(curve.groups), curve.bumps, -1)[..., -2:]
+    near_ends = shapes.reshape(len(curve.groups), curve.bumps.count, -1)[..., -2:]
     # Height over the distance from the end, 1e-7: the slope there, which is 1e-7 g''(0) /2 at most.
     assert near_ends.max() / 1e-7 < 1e-3
 
@@ -347,8 +349,8 @@ def test_amplitudes_stay_below_the_greatest(curve):
 @given(curves(), st.sampled_from([1e-3, 1000.0]))
 def test_everything_scales_with_the_scene(curve, scale):
     bigger = plan(
-        bumps=curve.bumps,
-        gap=curve.gap,
+        bumps=curve.bumps.count,
+        gap=curve.bumps.gap,
         strategy=curve.strategy,
         details=curve.details,
         profile=curve.profile.kind if isinstance(curve.profile, SmoothProfile) else "polyline",
@@ -415,7 +417,7 @@ def test_five_bumps_make_one_three_or_five_groups(strategy, groups):
     assert curve.interval_count == 14
     assert curve.greatest_amplitudes.shape == (len(groups), 1)
     np.testing.assert_allclose(curve.greatest_amplitudes, 0.02)
-    np.testing.assert_allclose(curve.bump_starts, np.array([0, 3, 6, 9, 12]) / 14)
+    np.testing.assert_allclose(curve.bumps.starts, np.array([0, 3, 6, 9, 12]) / 14)
 
 
 @pytest.mark.parametrize("profile", ["smooth", "polyline"])

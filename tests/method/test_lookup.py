@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from wrinklecli.method.curve import ControlCurve, Strategy, plan_curve, weights_of
+from wrinklecli.method.bumps import Strategy
+from wrinklecli.method.curve import ControlCurve, plan_curve
 from wrinklecli.method.lookup import TABLE_ERROR, tabulate_curve, tabulate_weights
 from wrinklecli.method.profile import Profile
+from wrinklecli.method.weights import weights_of
 
 Floats = NDArray[np.float64]
 

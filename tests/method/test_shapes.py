@@ -12,8 +12,8 @@ from kit.carried import carry_patch, moved, placed, scattered
 from kit.limb import limb_asset, tool
 from kit.prepared import prepare
 from wrinklecli.method.activity import activity
-from wrinklecli.method.curve import weights_of
 from wrinklecli.method.shapes import displaced_normals, shapes_of, turn_to
+from wrinklecli.method.weights import weights_of
 
 Floats = NDArray[np.float64]
 

@@ -13,8 +13,9 @@ from scipy.signal import find_peaks
 from kit.carried import carry_patch
 from kit.limb import limb_asset, tool
 from kit.prepared import prepare
-from wrinklecli.method.curve import TAUT, group_starts, plan_curve
+from wrinklecli.method.curve import TAUT, plan_curve
 from wrinklecli.method.variation import Variation, attenuation, drawn, plan_variation
+from wrinklecli.method.weights import group_starts
 from wrinklecli.numeric.arrays import Floats
 
 NODES, WEIGHTS = legendre.leggauss(200)
@@ -51,7 +52,7 @@ def cases(draw, *, branching: bool = True) -> Case:
 
 def lattice(variation: Variation) -> tuple[Floats, Floats]:
     """(us, lines) u and v all over a patch, its ends and middle among them."""
-    us = np.union1d(np.linspace(0.0, 1.0, 301), [*variation.starts, *variation.ends])
+    us = np.union1d(np.linspace(0.0, 1.0, 301), [*variation.bumps.starts, *variation.bumps.ends])
     return np.meshgrid(us, np.linspace(-1.0, 1.0, 41), indexing="ij")
 
 
@@ -65,7 +66,7 @@ def test_no_two_crests_cross_and_borders_stay(case: Case) -> None:
     middle = v == 0
     assert (places[middle] == u[middle]).all()
     assert not turned[middle].any()
-    edges = zip(case.variation.starts, case.variation.ends, strict=True)
+    edges = zip(case.variation.bumps.starts, case.variation.bumps.ends, strict=True)
     on_bumps = np.any([(u > start) & (u < end) for start, end in edges], axis=0)
     assert (factors[on_bumps & middle] == 1).all()
     assert (factors >= 0).all()
@@ -78,10 +79,10 @@ def test_no_two_crests_cross_and_borders_stay(case: Case) -> None:
 def test_wandering_is_bounded(case: Case) -> None:
     variation = case.variation
     starts, ends = variation.furrows(np.linspace(-1.0, 1.0, 129))
-    assert np.abs(starts - variation.starts[:, None]).max() <= 0.45 * case.amount / len(starts) * (1 + 1e-12)
-    assert (ends - starts >= 0.39 * (variation.ends - variation.starts)[:, None]).all()
-    assert variation.widths.mean() == pytest.approx(1.0)
-    assert np.ptp(variation.widths) <= 0.71 * case.amount * variation.widths.max()
+    assert np.abs(starts - variation.bumps.starts[:, None]).max() <= 0.45 * case.amount / len(starts) * (1 + 1e-12)
+    assert (ends - starts >= 0.39 * (variation.bumps.ends - variation.bumps.starts)[:, None]).all()
+    assert variation.bumps.widths.mean() == pytest.approx(1.0)
+    assert np.ptp(variation.bumps.widths) <= 0.71 * case.amount * variation.bumps.widths.max()
 
 
 @given(
@@ -94,21 +95,21 @@ def test_the_line_from_end_to_end_keeps_its_length(case: Case, strategy: Any, pr
     """Of the curve as it is drawn: a polynomial through it on each half of a bump."""
     variation = case.variation
     curve = plan_curve(
-        bumps=len(variation.widths),
+        bumps=len(variation.bumps.widths),
         gap=case.gap,
         strategy=strategy,
         details=(),
         profile=profile,
-        max_height=0.3 / len(variation.widths),
+        max_height=0.3 / len(variation.bumps.widths),
         rest_length=1.0,
-        widths=variation.widths,
+        widths=variation.bumps.widths,
         peaks=variation.peaks,
     )
     (amplitudes,), (unabsorbed,) = curve.follow(np.array([1.0 - shortening]), np.ones(1))
     chord = 1.0 - shortening
-    length = chord * (1.0 - np.sum(variation.ends - variation.starts))
-    middles = (variation.starts + variation.ends) / 2
-    for low, high in [*zip(variation.starts, middles, strict=True), *zip(middles, variation.ends, strict=True)]:
+    length = chord * (1.0 - np.sum(variation.bumps.ends - variation.bumps.starts))
+    middles = (variation.bumps.starts + variation.bumps.ends) / 2
+    for low, high in [*zip(variation.bumps.starts, middles, strict=True), *zip(middles, variation.bumps.ends, strict=True)]:
         us = np.clip((low + high + (high - low) * POINTS) / 2, low, high)
         heights = np.einsum("gm,gmu->u", amplitudes, curve.shapes(us))
         length += np.sum(WEIGHTS * np.hypot((high - low) * chord / 2, SLOPES @ heights))
@@ -124,14 +125,14 @@ def test_the_line_from_end_to_end_keeps_its_length(case: Case, strategy: Any, pr
 def test_polylines_keep_their_length_too(case: Case, strategy: Any, details: tuple[float, ...]) -> None:
     """To rounding where one mode says all, with details as far as their few modes do."""
     curve = plan_curve(
-        bumps=len(case.variation.widths),
+        bumps=len(case.variation.bumps.widths),
         gap=case.gap,
         strategy=strategy,
         details=details,
         profile="polyline",
-        max_height=0.3 / len(case.variation.widths),
+        max_height=0.3 / len(case.variation.bumps.widths),
         rest_length=1.0,
-        widths=case.variation.widths,
+        widths=case.variation.bumps.widths,
     )
     shortenings = np.linspace(0.0, 1.0, 41)
     amplitudes, unabsorbed = curve.follow(1.0 - shortenings, np.ones(41))
@@ -163,7 +164,7 @@ def test_a_seed_has_the_mirror_image_on_the_other_side() -> None:
     assert other.joined is not None
     assert (one.joined == other.joined).all()
     other = plan_variation("8", 0.8, 0.5, **options)
-    assert not np.array_equal(other.widths, left.widths)
+    assert not np.array_equal(other.bumps.widths, left.bumps.widths)
 
 
 @pytest.mark.parametrize(
@@ -183,7 +184,7 @@ def test_the_crests_of_bumps_that_merge_come_together_and_are_one_from_there_on(
         profile=profile,
         max_height=0.1,
         rest_length=1.0,
-        widths=drawn_so.widths,
+        widths=drawn_so.bumps.widths,
         peaks=drawn_so.peaks,
     )
     places = drawn_so.places(u.reshape(-1), v.reshape(-1))[0]

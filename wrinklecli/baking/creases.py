@@ -14,8 +14,8 @@ from wrinklecli.baking.targets import AnySet, CreaseSet, Lift, TargetSet, named_
 from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip, clip_grid
 from wrinklecli.character.pose import pose_at
 from wrinklecli.method.activity import further_activities, lengths_over_time
-from wrinklecli.method.curve import weights_of
 from wrinklecli.method.shapes import Sample, make_shapes
+from wrinklecli.method.weights import weights_of
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, interpolated
 from wrinklecli.numeric.guard import Progress, one_thread
 from wrinklecli.numeric.memory import Memory

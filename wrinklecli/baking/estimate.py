@@ -12,7 +12,6 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.errors import BakeError, counted
 from wrinklecli.gltf.writer import GLB_LIMIT
 from wrinklecli.method.carry import CarriedPatch
-from wrinklecli.method.curve import bump_ends
 from wrinklecli.method.posed import refuse_large_series
 from wrinklecli.numeric.arrays import Ints
 from wrinklecli.numeric.memory import Memory, shown_bytes
@@ -140,7 +139,7 @@ def _moved(carried: CarriedPatch) -> Ints:
     """(targets,) how many welded vertices each target of a tool moves: those under its bumps."""
     curve = carried.patch.curve
     us = np.sort(carried.us)
-    low, high = (np.searchsorted(us, ends) for ends in bump_ends(curve.widths, curve.gap))
+    low, high = (np.searchsorted(us, ends) for ends in (curve.bumps.starts, curve.bumps.ends))
     of_groups = [int((high - low)[list(bumps)].sum()) for bumps in curve.groups]
     return np.repeat(of_groups, curve.greatest_amplitudes.shape[1])
 

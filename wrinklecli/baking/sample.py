@@ -25,10 +25,10 @@ from wrinklecli.method.activity import (
 from wrinklecli.method.anchor import anchor_poses
 from wrinklecli.method.bending import tallest_poses
 from wrinklecli.method.carry import CarriedPatch, displacements
-from wrinklecli.method.curve import weights_of
 from wrinklecli.method.lag import LaggingTissue
 from wrinklecli.method.posed import compress
 from wrinklecli.method.shapes import Sample, Shape, make_shapes, shapes_of
+from wrinklecli.method.weights import weights_of
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
 from wrinklecli.numeric.guard import Progress
 from wrinklecli.numeric.memory import Memory

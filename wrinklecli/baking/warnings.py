@@ -12,10 +12,10 @@ from wrinklecli.baking.targets import CreaseSet
 from wrinklecli.character.clip import Clip
 from wrinklecli.errors import counted
 from wrinklecli.method.carry import CarriedPatch
-from wrinklecli.method.curve import fitting_compressible
 from wrinklecli.method.patch import Patch
 from wrinklecli.method.path import Curve
 from wrinklecli.method.rest import Rest
+from wrinklecli.method.weights import fitting_compressible
 from wrinklecli.tools.records import ToolsFile, in_axes
 
 # A shortening below this part of the rest length is as good as none.

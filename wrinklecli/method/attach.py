@@ -14,7 +14,8 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
 from wrinklecli.errors import BakeError, WrinkleError, listed, nearest
 from wrinklecli.method.anchor import anchor_at
-from wrinklecli.method.curve import ControlCurve, count_intervals, plan_curve
+from wrinklecli.method.bumps import count_intervals
+from wrinklecli.method.curve import ControlCurve, plan_curve
 from wrinklecli.method.demand import demand_of
 from wrinklecli.method.patch import Patch
 from wrinklecli.method.path import path_through
@@ -109,7 +110,7 @@ def _variation(tool: WrinkleTool, aspect: float) -> Variation | None:
 def _curve(tool: WrinkleTool, span: float, variation: Variation | None) -> ControlCurve:
     """Plan a tool's control curve, from the distance of its anchors at rest, scene units."""
     rest_length, greatest = _rest_lengths(tool, span)
-    varied = {} if variation is None else {"widths": variation.widths, "peaks": variation.peaks}
+    varied = {} if variation is None else {"widths": variation.bumps.widths, "peaks": variation.peaks}
     return plan_curve(
         bumps=tool.bumps,
         gap=tool.gap,
@@ -146,7 +147,10 @@ def _max_height(tool: WrinkleTool, span: float, rest_length: float, variation: V
         return tool.max_height.resolve(span)
     width = 2.0 * rest_length / count_intervals(tool.bumps, tool.gap)
     # Each may be as high as a part of its own width.
-    highest = 1.0 if variation is None else float((variation.widths * variation.peaks).max() / variation.peaks.max())
+    highest = 1.0
+    if variation is not None:
+        peaks = variation.peaks
+        highest = float((variation.bumps.widths * peaks).max() / peaks.max())
     return bump_height(tool.material) * width * highest
 
 

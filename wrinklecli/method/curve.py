@@ -16,37 +16,21 @@ highest knot for lower ones.
 """
 
 import dataclasses
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
-from typing import Literal
+from typing import TypeAlias
 
 import numpy as np
 
-from wrinklecli.method.profile import (
-    PolylineProfile,
-    Profile,
-    SmoothProfile,
-    plan_polyline,
-    plan_smooth,
-    reachable_heights,
-    warped,
-)
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
+from wrinklecli.method.bumps import Bumps, Strategy, count_intervals, group_bumps
+from wrinklecli.method.polyline import PolylineProfile, plan_polyline, reachable_heights
+from wrinklecli.method.profile import Profile, SmoothProfile, plan_smooth
+from wrinklecli.numeric.arrays import Bools, Floats, Ints
 
-Strategy = Literal["everywhere", "origin", "both_ends"]
+BumpProfile: TypeAlias = SmoothProfile | PolylineProfile
 
 TAUT = 1 - 1e-5
 """Part of the rest length below which wrinkles start: rounding noise of 1e-7 alone would raise 6e-5 l."""
-
-# Rows of `weight_path` for each group of bumps, and after the last is full, when only details of a polyline still move.
-_PATH_ROWS = 65
-_FULL_ROWS = 8
-# Where a group of bumps starts is found to the last bits of a float by taking one of so many parts, so often. (Halves
-# take three times as long: a curve answers for a hundred lengths nearly as fast as for one.)
-_PARTS = 64
-_ROUNDS = 9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,16 +61,14 @@ class ControlCurve:
     profile is asked of a bump of width 1, and amplitudes are its.
 
     Attributes:
-        widths: (bumps,) of each bump over their mean, on the segment.
+        bumps: Where they lie on the segment.
         peaks: (bumps,) greatest height of a bump over that on the segment, beside which it may be higher.
-        gap: Flat intervals between neighbouring bumps.
         strategy: In which order bumps rise.
         details: Share of a bump's shortening that goes to each finer level; their sum is below 1.
         max_height: Greatest height of a bump's highest point, details included, scene units; inf for none.
         compressible: c, the share of every shortening that the tissue takes itself, from 0 to below 1.
         rest_length: The tool's rest length, scene units.
         greatest_rest_length: The greatest that keyed rest lengths reach, scene units.
-        interval_count: n, see `count_intervals`.
         groups: Bump indices of each group, in rising order.
         profile: The shape of one bump, precomputed.
         demand: (2, rows) roots of shares of the rest length, rising: by how much the ends are closer, and what the line
@@ -97,46 +79,38 @@ class ControlCurve:
             0.3 % of the greatest of all.
     """
 
-    widths: Floats
+    bumps: Bumps
     peaks: Floats
-    gap: int
     strategy: Strategy
     details: tuple[float, ...]
     max_height: float
     compressible: float
     rest_length: float
     greatest_rest_length: float
-    interval_count: int
     groups: tuple[tuple[int, ...], ...]
-    profile: SmoothProfile | PolylineProfile
+    profile: BumpProfile
     greatest_amplitudes: Floats
     demand: Floats | None = None
 
     @property
-    def bumps(self) -> int:
-        """Number of bumps B."""
-        return len(self.widths)
-
-    @cached_property
-    def bump_starts(self) -> Floats:
-        """(bumps,) u where each bump starts; it spans 2/n times its width."""
-        return bump_ends(self.widths, self.gap)[0]
+    def interval_count(self) -> int:
+        """n, the control intervals of the segment."""
+        return self.bumps.interval_count
 
     @cached_property
     def turned(self) -> Bools:
         """(bumps,) those that are the mirror image of the profile: behind the middle, so that all lean towards it."""
-        starts, ends = bump_ends(self.widths, self.gap)
-        return (self.profile.leans) & (starts + ends > 1.0 + 1e-9)
+        return self.profile.leans & (self.bumps.starts + self.bumps.ends > 1.0 + 1e-9)
 
     @cached_property
     def limit(self) -> float:
         """Greatest height of a bump of width 1 on the segment, scene units: the highest then has `max_height`."""
-        return self.max_height / float((self.widths * self.peaks).max())
+        return self.max_height / float((self.bumps.widths * self.peaks).max())
 
     @cached_property
     def sizes(self) -> Floats:
         """(groups,) sum of the widths of each group's bumps."""
-        return np.array([self.widths[list(group)].sum() for group in self.groups])
+        return np.array([self.bumps.widths[list(group)].sum() for group in self.groups])
 
     @property
     def greatest_height(self) -> float:
@@ -231,12 +205,11 @@ class ControlCurve:
         Returns:
             (groups, modes, points), 0 outside the group's bumps.
         """
-        taus = (us - self.bump_starts[:, None]) * (self.interval_count / 2) / self.widths[:, None]
+        widths = self.bumps.widths[:, None]
+        taus = (us - self.bumps.starts[:, None]) * (self.interval_count / 2) / widths
         inside = (taus > 0) & (taus < 1)
         taus = np.clip(taus, 0.0, 1.0)
-        of_bumps = self.profile.shapes(np.where(self.turned[:, None], 1.0 - taus, taus)) * (
-            inside * self.widths[:, None]
-        )
+        of_bumps = self.profile.shapes(np.where(self.turned[:, None], 1.0 - taus, taus)) * (inside * widths)
         return np.stack([of_bumps[:, group].sum(axis=1) for group in self.groups])
 
     def rises(self, us: Floats, amplitudes: Floats) -> Floats:
@@ -249,41 +222,28 @@ class ControlCurve:
         Returns:
             (points, frames), scene units; 0 outside all bumps.
         """
-        # Bumps lie side by side: a point is in one at the most.
-        starts = self.bump_starts
-        bumps = np.searchsorted(starts[1:], us, side="right")
-        taus = (us - starts[bumps]) * (self.interval_count / 2) / self.widths[bumps]
+        bumps, taus = self.bumps.locate(us)
         inside = (taus > 0) & (taus < 1)
-        taus = np.where(self.turned[bumps], 1.0 - taus, taus)
-        at = np.flatnonzero(inside)
-        frames = np.broadcast_to(np.arange(us.shape[1]), us.shape).reshape(-1)[at]
-        acting = amplitudes[frames, self.groups_of_bumps[bumps.reshape(-1)[at]]]
+        bumps, taus = bumps[inside], taus[inside]
+        acting = amplitudes[np.nonzero(inside)[1], self.groups_of_bumps[bumps]]
+        shapes = self.profile.shapes(np.where(self.turned[bumps], 1.0 - taus, taus))
         heights = np.zeros(us.shape)
-        of_width = np.sum(acting.T * self.profile.shapes(taus.reshape(-1)[at]), axis=0)
-        heights[inside] = of_width * self.widths[bumps.reshape(-1)[at]]
+        heights[inside] = np.sum(acting.T * shapes, axis=0) * self.bumps.widths[bumps]
         return heights
 
-    @property
-    def sharp(self) -> bool:
-        """Whether bumps turn more sharply here than there: neither those of `smooth` nor of `polyline` do."""
-        return isinstance(self.profile, SmoothProfile) and self.profile.kind != "smooth"
-
     def stretched(self, us: Floats) -> Floats:
-        """(…,) us, (…,) along a sharp curve, with each bump warped towards where its profile is the smooth one."""
-        assert isinstance(self.profile, SmoothProfile)
-        starts, ends = bump_ends(self.widths, self.gap)
-        bumps = np.searchsorted(starts[1:], us, side="right")
-        widths, turned = (ends - starts)[bumps], self.turned[bumps]
-        taus = (us - starts[bumps]) / widths
-        inside = (taus > 0) & (taus < 1)
-        places, _ = warped(self.profile.kind, np.where(turned, 1.0 - taus, taus).clip(0.0, 1.0))
-        return np.where(inside, starts[bumps] + widths * np.where(turned, 1.0 - places, places), us)
+        """(…,) us, (…,) along the curve, with each bump warped towards where its profile is the smooth one."""
+        bumps, taus = self.bumps.locate(us)
+        inside, turned = (taus > 0) & (taus < 1), self.turned[bumps]
+        taus = taus.clip(0.0, 1.0)
+        places = self.profile.warped(np.where(turned, 1.0 - taus, taus))
+        starts, ends = self.bumps.starts[bumps], self.bumps.ends[bumps]
+        return np.where(inside, starts + (ends - starts) * np.where(turned, 1.0 - places, places), us)
 
     def phases(self, us: Floats) -> Floats:
         """(…,) where (…,) us are among the bumps: k + 1/2 on the crest of bump k, k and k + 1 at its feet."""
-        starts, ends = bump_ends(self.widths, self.gap)
-        bumps = np.searchsorted(starts[1:], us, side="right")
-        taus = np.clip((us - starts[bumps]) / (ends - starts)[bumps], 0.0, 1.0)
+        bumps, taus = self.bumps.locate(us)
+        taus = taus.clip(0.0, 1.0)
         crests = np.where(self.turned, 1.0 - self.profile.crest, self.profile.crest)[bumps]
         over = taus > crests
         phases: Floats = bumps + 0.5 * (over + (taus - over * crests) / np.where(over, 1.0 - crests, crests))
@@ -295,7 +255,7 @@ class ControlCurve:
         Args:
             amplitudes: (frames, groups, modes), scene units.
         """
-        return self.profile.highest(amplitudes)[:, self.groups_of_bumps] * (self.widths * self.peaks)
+        return self.profile.highest(amplitudes)[:, self.groups_of_bumps] * (self.bumps.widths * self.peaks)
 
     def lengths(self, amplitudes: Floats, distances: Floats) -> Floats:
         """(frames,) arc length of the control curve, scene units: l − unabsorbed, if all is right, where d > 0.
@@ -305,7 +265,7 @@ class ControlCurve:
             distances: (frames,) of the curve's ends, l − d, scene units: l' where the tissue takes nothing.
         """
         intervals = (distances / self.interval_count)[:, None]
-        excess = self.profile.excess(amplitudes, intervals)[:, self.groups_of_bumps] * self.widths
+        excess = self.profile.excess(amplitudes, intervals)[:, self.groups_of_bumps] * self.bumps.widths
         return np.asarray(distances + excess.sum(axis=1), np.float64)
 
     def intervals(self, rest_lengths: Floats, shortenings: Floats) -> Floats:
@@ -315,29 +275,10 @@ class ControlCurve:
     @cached_property
     def groups_of_bumps(self) -> Ints:
         """(bumps,) index of the group of each bump."""
-        indices = np.zeros(self.bumps, np.intp)
+        indices = np.zeros(self.bumps.count, np.intp)
         for index, group in enumerate(self.groups):
             indices[list(group)] = index
         return indices
-
-
-def count_intervals(bumps: int, gap: int) -> int:
-    """n, the control intervals of a segment: two for each bump, and `gap` flat ones between neighbours."""
-    return 2 * bumps + gap * (bumps - 1)
-
-
-def bump_ends(widths: Floats, gap: int) -> tuple[Floats, Floats]:
-    """(bumps,) u where each bump starts, and where it ends.
-
-    Args:
-        widths: (bumps,) of each bump over their mean.
-        gap: Flat intervals between neighbouring bumps.
-    """
-    intervals = count_intervals(len(widths), gap)
-    before = np.append(0.0, np.cumsum(widths))
-    before[-1] = len(widths)  # the last bump ends where the segment does
-    flat = np.arange(len(widths)) * gap
-    return (2.0 * before[:-1] + flat) / intervals, (2.0 * before[1:] + flat) / intervals
 
 
 def plan_curve(
@@ -372,28 +313,25 @@ def plan_curve(
     ruled = np.ones(bumps)
     widths, peaks = ruled if widths is None else widths, ruled if peaks is None else peaks
     limit = max_height / float((widths * peaks).max())
-    interval_count = count_intervals(bumps, gap)
     groups = group_bumps(bumps, strategy)
     greatest = max(rest_length, greatest_rest_length or 0.0)
-    shape: SmoothProfile | PolylineProfile
+    shape: BumpProfile
     if profile != "polyline":
         shape = plan_smooth(details, profile)
     else:
         reached = (1.0 - compressible) * TAUT * greatest
         sharing = float(widths[list(groups[0])].sum())
-        samples = reachable_heights(details, limit, TAUT * greatest, reached, interval_count, sharing)
+        samples = reachable_heights(details, limit, TAUT * greatest, reached, count_intervals(bumps, gap), sharing)
         shape = plan_polyline(details, samples)
     curve = ControlCurve(
-        widths=widths,
+        bumps=Bumps(widths, gap),
         peaks=peaks,
-        gap=gap,
         strategy=strategy,
         details=details,
         max_height=max_height,
         compressible=compressible,
         rest_length=rest_length,
         greatest_rest_length=greatest,
-        interval_count=interval_count,
         groups=groups,
         profile=shape,
         greatest_amplitudes=np.zeros((len(groups), 1)),
@@ -410,78 +348,5 @@ def _greatest_amplitudes(curve: ControlCurve) -> Floats:
     shares = np.where(numbers < absorbed.rising, absorbed.capacities, 0.0)
     shares = np.where(numbers == absorbed.rising, absorbed.shares, shares)
     # The ends meet but for the rounding of the bumps' sum.
-    taken = (shares[curve.groups_of_bumps] * curve.widths).sum() + absorbed.unabsorbed
-    bounds = curve.profile.amplitudes(shares, curve.intervals(lengths, taken), curve.limit)
-    if isinstance(curve.profile, SmoothProfile):
-        return bounds
-    # A mode may turn round on its way, so its end is no bound; its samples are.
-    return np.where(shares[:, None] > 0, np.maximum(curve.profile.sampled_amplitudes, np.abs(bounds)), 0.0)
-
-
-def group_bumps(bumps: int, strategy: Strategy) -> tuple[tuple[int, ...], ...]:
-    """Bumps that always rise together, in rising order."""
-    if strategy == "everywhere":
-        return (tuple(range(bumps)),)
-    if strategy == "origin":
-        return tuple((bump,) for bump in range(bumps))
-    pairs = tuple((bump, bumps - 1 - bump) for bump in range(bumps // 2))
-    return pairs if bumps % 2 == 0 else (*pairs, (bumps // 2,))
-
-
-def weight_path(curve: ControlCurve) -> Floats:
-    """(rows, groups, modes) weights as the nominal rest length shortens to nothing, in small steps of the heights."""
-    starts = group_starts(curve, curve.rest_length)
-    steps = np.linspace(0.0, 1.0, _PATH_ROWS) ** 2  # heights start like a square root
-    rising = [low + (high - low) * steps for low, high in pairwise(starts)]
-    rows = distinct_values(np.concatenate([[0.0], *rising, np.linspace(starts[-1], 1.0, _FULL_ROWS)]))
-    return weights_at(curve, rows)
-
-
-def weights_at(curve: ControlCurve, shortenings: Floats) -> Floats:
-    """(rows, groups, modes) weights at (rows,) shortenings over the nominal rest length, 1 - distance / rest length."""
-    lengths = np.full(len(shortenings), curve.rest_length)
-    amplitudes, _ = curve.follow((1.0 - shortenings) * lengths, lengths)
-    return weights_of(curve, amplitudes)
-
-
-def group_starts(curve: ControlCurve, rest_length: float) -> Floats:
-    """(groups + 1,) the shortening over the rest length at which each group starts, then at which the last is full."""
-    groups = np.arange(len(curve.groups))
-    low, high = np.full(len(groups), 1.0 - TAUT), np.ones(len(groups))
-    for _ in range(_ROUNDS):
-        tried = np.linspace(low, high, _PARTS + 1)
-        lengths = np.full(tried.size, rest_length)
-        shortenings = curve.shortening((1.0 - tried.reshape(-1)) * lengths, lengths)
-        full = curve.absorb(shortenings, lengths).rising.reshape(tried.shape) > groups
-        full[-1] = True  # the last stands for what is never full
-        first = np.argmax(full[1:], axis=0)
-        low, high = tried[first, groups], tried[first + 1, groups]
-    return np.concatenate([[1.0 - TAUT], high])
-
-
-def fitting_compressible(curve: ControlCurve, lengths: Iterable[tuple[Floats, Floats]]) -> float:
-    """The `compressible`, 0 to 1, with which all bumps are just full at the greatest shortening, whatever it is now.
-
-    Args:
-        curve: The control curve.
-        lengths: Of each clip (frames,) current lengths l' and (frames,) rest lengths l, scene units.
-    """
-    greatest: dict[float, float] = {}  # shortening over the rest length, by rest length: most clips share one
-    for distances, rest_lengths in lengths:
-        most = int(np.argmin(distances / rest_lengths))
-        length, reached = float(rest_lengths[most]), TAUT - float(distances[most] / rest_lengths[most])
-        greatest[length] = max(greatest.get(length, 0.0), reached)
-    incompressible = dataclasses.replace(curve, compressible=0.0)
-    fitting = 0.0
-    for length, reached in greatest.items():
-        if reached > 0:
-            full = float(group_starts(incompressible, length)[-1]) - (1.0 - TAUT)
-            asked_full, asked = curve.asked(np.array([full, reached])).tolist()
-            fitting = max(fitting, 1.0 - asked_full / asked)
-    return fitting
-
-
-def weights_of(curve: ControlCurve, amplitudes: Floats) -> Floats:
-    """(frames, groups, modes) amplitudes as shares of the greatest; 0 for what never rises."""
-    greatest = curve.greatest_amplitudes
-    return amplitudes / np.where(greatest != 0, greatest, 1.0)
+    taken = (shares[curve.groups_of_bumps] * curve.bumps.widths).sum() + absorbed.unabsorbed
+    return curve.profile.bounds(shares, curve.intervals(lengths, taken), curve.limit)

@@ -17,7 +17,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from wrinklecli.method.curve import TAUT, ControlCurve, group_starts, weights_at, weights_of
+from wrinklecli.method.curve import TAUT, ControlCurve
+from wrinklecli.method.weights import group_starts, weights_at, weights_of
 from wrinklecli.numeric.arrays import Floats, distinct_values
 from wrinklecli.numeric.piecewise import key_points
 

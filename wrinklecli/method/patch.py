@@ -104,7 +104,7 @@ class Patch:
         Those along the segment, but longer where the profile turns sharply, in furrows, and shorter on flat crests.
         """
         bent = self.bowed(u, v)
-        if not self.curve.sharp:
+        if not self.curve.profile.sharp:
             return bent
         return self.curve.stretched(bent if self.variation is None else self.variation.places(bent, v)[0].us)
 

@@ -16,9 +16,10 @@ from wrinklecli.character.pose import transform
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
 from wrinklecli.method.patch import Patch
-from wrinklecli.method.prune import joint_distances, prune, pruning_errors
+from wrinklecli.method.prune import joint_distances, prune
 from wrinklecli.method.rest import Rest, carried_normals
 from wrinklecli.method.rounding import hard_edges, rounded
+from wrinklecli.method.storable import Storage, spread_weights
 from wrinklecli.numeric.around import Around
 from wrinklecli.numeric.arrays import (
     Bools,
@@ -34,7 +35,6 @@ from wrinklecli.numeric.arrays import (
 from wrinklecli.numeric.blocks import Boxes
 from wrinklecli.numeric.nearest import balls
 from wrinklecli.numeric.red_green import Level
-from wrinklecli.numeric.sparse import Matrix
 from wrinklecli.numeric.subdivide import Subdivision, subdivide
 from wrinklecli.tools.records import MAX_VERTICES, RefinementSettings, Scheme
 
@@ -183,7 +183,7 @@ def refine(
         max_vertices: How many may be added.
     """
     members = flags_of(np.concatenate([patch.members for patch in patches]), len(surface.triangles))
-    storage = _storage(
+    storage = Storage.of(
         surface, rest, members, rig, patches, contacts=contacts, influences=influences, poses=poses, tolerance=tolerance
     )
     hard = hard_edges(surface, rest.bind_positions, patches)
@@ -193,7 +193,7 @@ def refine(
         surface.triangles,
         len(surface.positions),
         wants=lambda level: _long_edges(level, patches, rest, settings),
-        forbids=lambda level: _unstorable_edges(level, storage),
+        forbids=storage.forbidden,
         shows=lambda level: _showing_edges(level, patches, rest, normals),
         max_levels=settings.max_levels,
         max_vertices=max_vertices,
@@ -260,74 +260,6 @@ def _long_edges(level: Level, patches: Sequence[Patch], rest: Rest, settings: Re
     return wanted
 
 
-@dataclass(frozen=True, slots=True)
-class _Storage:
-    """What a file can store of midpoints' skin weights, and how far that may move them off.
-
-    Attributes:
-        contacts: (coarse vertices,) those that touch another mesh.
-        near: (coarse triangles,) those at a patch.
-        bind_positions: (coarse vertices, 3) bind space at rest.
-        weights: (coarse vertices, acting joints) skin weights near the patches; 0 elsewhere.
-        distances: (acting joints, acting joints) in the skeleton.
-        poses: (poses, acting joints, 4, 4) bind to world space.
-        influences: How many joints a vertex of the file can have.
-        tolerance: Scene units.
-    """
-
-    contacts: Bools
-    near: Bools
-    bind_positions: Floats
-    weights: Floats
-    distances: Floats
-    poses: Floats
-    influences: int
-    tolerance: float
-
-
-def _storage(
-    surface: Surface,
-    rest: Rest,
-    members: Bools,
-    rig: Rig,
-    patches: Sequence[Patch],
-    *,
-    contacts: Bools,
-    influences: int,
-    poses: Floats,
-    tolerance: float,
-) -> _Storage:
-    """Keep of the surface what is at (coarse triangles,) members, and of joints those that act there."""
-    near = np.asarray(np.isin(surface.triangles, surface.triangles[members]).any(axis=1))
-    # Most joints move no vertex of a patch.
-    acting = distinct_values(surface.joints[surface.triangles[near]])
-    return _Storage(
-        contacts=contacts,
-        near=near,
-        bind_positions=rest.bind_positions,
-        weights=_dense_weights(surface, distinct_values(surface.triangles[near]), len(rig.joints), acting),
-        distances=joint_distances(rig, patches, acting),
-        poses=poses[:, acting],
-        influences=influences,
-        tolerance=tolerance,
-    )
-
-
-def _unstorable_edges(level: Level, storage: _Storage) -> Bools:
-    """(edges,) those along another mesh, and those near a patch whose midpoint has too many joints."""
-    touching = np.zeros(max(int(level.edges.max(initial=0)) + 1, len(storage.contacts)), bool)
-    touching[: len(storage.contacts)] = storage.contacts
-    forbidden: Bools = touching[level.edges[:, 0]] & touching[level.edges[:, 1]]
-    edges = distinct_values(level.triangle_edges[storage.near[level.parents]])
-    weights = _midpoints(level.linear, level.edges[edges], storage.weights)
-    many = (weights > 0).sum(axis=1) > storage.influences
-    edges, weights = edges[many], weights[many]
-    positions = _midpoints(level.linear, level.edges[edges], storage.bind_positions)
-    errors = pruning_errors(weights, positions, storage.distances, storage.influences, storage.poses)
-    forbidden[edges] |= errors > storage.tolerance
-    return forbidden
-
-
 def _showing_edges(level: Level, patches: Sequence[Patch], rest: Rest, normals: Floats) -> Bools:
     """(edges,) those along which a patch leaves some of its height, from (coarse vertices, 3) normals at rest."""
     shown = np.zeros(len(level.edges), bool)
@@ -339,7 +271,7 @@ def _showing_edges(level: Level, patches: Sequence[Patch], rest: Rest, normals: 
             continue
         vertices, ends = np.unique(level.edges[edges], return_inverse=True)
         u, v = patch.coordinates(_rest_positions(level, vertices, rest))
-        cosines = patch.cosines(u, unit(_rows(level.linear, vertices, normals)))
+        cosines = patch.cosines(u, unit(level.of_vertices(vertices, normals)))
         u, v, cosines = (each[ends.reshape(-1, 2)] for each in (u, v, cosines))
         within = (u.max(axis=1) > 0) & (u.min(axis=1) < 1)
         nearest = np.where(v[:, 0] * v[:, 1] > 0, np.abs(v).min(axis=1), 0.0)
@@ -356,30 +288,9 @@ def _greatest_step(patch: Patch, settings: RefinementSettings) -> float:
 
 def _rest_positions(level: Level, vertices: Ints, rest: Rest) -> Floats:
     """(vertices, 3) world positions at rest of some vertices of a level, on the coarse surface."""
-    blended = _rows(level.linear, vertices, rest.blended.reshape(-1, 12)).reshape(1, -1, 3, 4)
-    positions: Floats = transform(blended, _rows(level.linear, vertices, rest.bind_positions))[0]
+    blended = level.of_vertices(vertices, rest.blended.reshape(-1, 12)).reshape(1, -1, 3, 4)
+    positions: Floats = transform(blended, level.of_vertices(vertices, rest.bind_positions))[0]
     return positions
-
-
-def _rows(matrix: Matrix | None, vertices: Ints, coarse: Floats) -> Floats:
-    """Some rows of a level's matrix (None: identity) times (coarse vertices, …) values."""
-    return coarse[vertices] if matrix is None else matrix.of_rows(vertices, coarse)
-
-
-def _midpoints(matrix: Matrix | None, edges: Ints, coarse: Floats) -> Floats:
-    """(edges, …) what (coarse vertices, …) values are halfway between the ends of edges of a level."""
-    vertices, ends = np.unique(edges, return_inverse=True)
-    a, b = _rows(matrix, vertices, coarse)[ends.reshape(-1, 2).T]
-    middles: Floats = (a + b) / 2.0
-    return middles
-
-
-def _dense_weights(surface: Surface, vertices: Ints, joint_count: int, chosen: Ints | slice = slice(None)) -> Floats:
-    """(all vertices, chosen joints) skin weights of some vertices; 0 elsewhere, which takes hardly any memory."""
-    some = surface.dense_weights(vertices, joint_count)[:, chosen]
-    dense = np.zeros((len(surface.positions), some.shape[1]))
-    dense[vertices] = some
-    return dense
 
 
 def _new_weights(surface: Surface, subdivision: Subdivision, joint_count: int) -> Floats:
@@ -388,7 +299,7 @@ def _new_weights(surface: Surface, subdivision: Subdivision, joint_count: int) -
     if subdivision.linear is None:
         return np.zeros((0, joint_count))
     split = distinct_values(subdivision.linear.columns[subdivision.linear.starts[old] :])
-    dense = _dense_weights(surface, split, joint_count)
+    dense = spread_weights(surface, split, joint_count)
     return subdivision.linear.of_rows(np.arange(old, subdivision.vertex_count), dense)
 
 

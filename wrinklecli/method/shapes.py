@@ -13,9 +13,9 @@ import numpy as np
 
 from wrinklecli.character.pose import Pose, blend, transform
 from wrinklecli.method.carry import LEAST_SHARE, CarriedPatch
-from wrinklecli.method.curve import weight_path
 from wrinklecli.method.refine import Refinement
 from wrinklecli.method.rest import Rest, carried_normals
+from wrinklecli.method.weights import weight_path
 from wrinklecli.numeric.arrays import (
     Floats,
     Ints,

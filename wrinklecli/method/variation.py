@@ -23,7 +23,7 @@ from typing import Literal
 
 import numpy as np
 
-from wrinklecli.method.curve import Strategy, bump_ends, group_bumps
+from wrinklecli.method.bumps import Bumps, Strategy, group_bumps
 from wrinklecli.method.places import Places
 from wrinklecli.numeric.arrays import Floats, Ints
 
@@ -110,9 +110,7 @@ class Variation:
 
     Attributes:
         kind: How crests fade towards their ends.
-        widths: (bumps,) over their mean, on the centre line.
-        starts: (bumps,) u where each bump starts there.
-        ends: (bumps,) and where it ends.
+        bumps: Where they lie on the centre line.
         wander: (bumps + 1, waves) of the furrows before, between and behind the bumps; 0 of the first and the last.
         sway: (bumps, waves) of each crest between its furrows, as a share of half the bump's width.
         reaches: (2, bumps) |v| where each crest ends, for v < 0 and for v ≥ 0.
@@ -124,9 +122,7 @@ class Variation:
     """
 
     kind: Attenuation
-    widths: Floats
-    starts: Floats
-    ends: Floats
+    bumps: Bumps
     wander: Floats
     sway: Floats
     reaches: Floats
@@ -139,11 +135,12 @@ class Variation:
     @property
     def peaks(self) -> Floats:
         """(bumps,) the greatest height of each crest over that on the centre line."""
-        heights = np.stack([self._height(bump, _LINES) for bump in range(len(self.starts))])
+        heights = np.stack([self._height(bump, _LINES) for bump in range(self.bumps.count)])
         peaks: Floats = heights.max(axis=1)
+        widths = self.bumps.widths
         for merger in self.mergers:
-            share, pair, width = merger.share(_LINES), slice(merger.left, merger.left + 2), self.widths[merger.wider]
-            apart = (heights[pair] * self.widths[pair, None]).max(axis=0) / width
+            share, pair = merger.share(_LINES), slice(merger.left, merger.left + 2)
+            apart = (heights[pair] * widths[pair, None]).max(axis=0) / widths[merger.wider]
             joined = (1.0 - share) * apart + share * self._joined_height(merger, _LINES)
             peaks[merger.wider] = max(float(peaks[merger.wider]), float(joined.max()))
         return peaks
@@ -187,11 +184,12 @@ class Variation:
             sway, taper = sway + share * (towards - sway), taper * (1.0 - share)
         side = (side + sway) / (1.0 + side * sway)
         side = side * (1.0 + taper) / (1.0 + taper * side * side)
-        placed = self.starts[bumps] + (self.ends - self.starts)[bumps] * (1.0 + side) / 2.0
+        ruled_starts, ruled_ends = self.bumps.starts, self.bumps.ends
+        placed = ruled_starts[bumps] + (ruled_ends - ruled_starts)[bumps] * (1.0 + side) / 2.0
         gaps = np.flatnonzero((us >= end) & (bumps + 1 < len(starts)))
         before, behind = bumps[gaps], bumps[gaps] + 1
         share = (us[gaps] - end[gaps]) / (starts[behind, gaps] - end[gaps])
-        placed[gaps] = self.ends[before] + share * (self.starts[behind] - self.ends[before])
+        placed[gaps] = ruled_ends[before] + share * (ruled_starts[behind] - ruled_ends[before])
         factors = self._height(bumps, lines)
         factors[gaps] = 0.0
         turned = _smoothstep(np.abs(lines) / _TURNED_FROM) * np.where(lines < 0, *self.turns[:, bumps])
@@ -202,7 +200,7 @@ class Variation:
             share = merger.share(lines)
             on = np.flatnonzero((share > 0.0) & (us > starts[left]) & (us < ends[right]))
             before, behind = starts[left, on], ends[right, on]
-            low, high = self.starts[merger.wider], self.ends[merger.wider]
+            low, high = ruled_starts[merger.wider], ruled_ends[merger.wider]
             # The joined crest lies where the furrow between the two was.
             furrow = (ends[left, on] + starts[right, on] - before - behind) / (behind - before)
             side = np.clip((2.0 * us[on] - before - behind) / (behind - before), -1.0, 1.0)
@@ -214,7 +212,7 @@ class Variation:
 
     def _furrows(self, lines: Floats) -> tuple[Floats, Floats]:
         moves = _waving(self.wander, lines)
-        starts, ends = self.starts[:, None] + moves[:-1], self.ends[:, None] + moves[1:]
+        starts, ends = self.bumps.starts[:, None] + moves[:-1], self.bumps.ends[:, None] + moves[1:]
         for merger in self.mergers:
             closed = _CLOSED / 2.0 * merger.together(lines) * (starts[merger.left + 1] - ends[merger.left])
             ends[merger.left] += closed
@@ -265,8 +263,8 @@ def plan_variation(
         mirrored: Whether v counts the other way, as it does on a mirrored patch.
     """
     widths = 1.0 + _WIDTH * amount * _unlike(drawn(seed, "widths", bumps))
-    widths = widths * (bumps / widths.sum())
-    starts, ends = bump_ends(widths, gap)
+    ruled = Bumps(widths * (bumps / widths.sum()), gap)
+    starts, ends = ruled.starts, ruled.ends
     together = {pair for group in group_bumps(bumps, strategy) for pair in pairwise(sorted(group))}
     mergers = _mergers(seed, branch, ends - starts, aspect, together)
     reaches = 1.0 - _SHORTER * amount * (1.0 + drawn(seed, "reaches", 2, bumps)) / 2.0
@@ -277,9 +275,7 @@ def plan_variation(
     low, high = _SWELLINGS
     return Variation(
         kind=kind,
-        widths=widths,
-        starts=starts,
-        ends=ends,
+        bumps=ruled,
         wander=_wandering(drawn(seed, "furrows", bumps + 1, 4), amount, starts, ends, aspect),
         sway=_swaying(drawn(seed, "crests", bumps, 4), amount, ends - starts, aspect),
         reaches=reaches,

@@ -51,6 +51,17 @@ class Level:
     edges: Ints
     triangle_edges: Ints
 
+    def of_vertices(self, vertices: Ints, coarse: Floats) -> Floats:
+        """(vertices, …) what (coarse vertices, …) values are at some vertices, mixed linearly."""
+        return coarse[vertices] if self.linear is None else self.linear.of_rows(vertices, coarse)
+
+    def of_midpoints(self, edges: Ints, coarse: Floats) -> Floats:
+        """(edges, …) what (coarse vertices, …) values are halfway between the ends of some edges."""
+        vertices, ends = np.unique(self.edges[edges], return_inverse=True)
+        a, b = self.of_vertices(vertices, coarse)[ends.reshape(-1, 2).T]
+        middles: Floats = (a + b) / 2.0
+        return middles
+
 
 Criterion: TypeAlias = Callable[[Level], Bools]
 

@@ -19,7 +19,7 @@ from wrinklecli.character.rig import moving_nodes
 from wrinklecli.gltf.shape import Json
 from wrinklecli.method.anchor import Anchor
 from wrinklecli.method.carry import CarriedPatch
-from wrinklecli.method.curve import fitting_compressible
+from wrinklecli.method.weights import fitting_compressible
 from wrinklecli.numeric.arrays import children
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.memory import MAX_MEMORY

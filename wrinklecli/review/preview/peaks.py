@@ -19,7 +19,7 @@ from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.method.activity import activities
-from wrinklecli.method.curve import group_starts
+from wrinklecli.method.weights import group_starts
 from wrinklecli.numeric.arrays import Floats, Ints, determinants, median
 from wrinklecli.review.check import describe_clip, describe_tool
 from wrinklecli.review.preview.moments import Moment

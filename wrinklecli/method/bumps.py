@@ -1,0 +1,81 @@
+"""Where a tool's bumps lie along its segment, and which of them rise together.
+
+Source: C. Larboulette, M.-P. Cani, "Real-Time Dynamic Wrinkles", Computer Graphics International 2004, the
+section on the control curve: a bump has two control intervals. Differs: bumps may be unequal, and have flat intervals
+between them.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from wrinklecli.numeric.arrays import Floats, Ints
+
+Strategy = Literal["everywhere", "origin", "both_ends"]
+
+
+@dataclass(frozen=True, eq=False)
+class Bumps:
+    """A tool's bumps, side by side along its segment.
+
+    Attributes:
+        widths: (bumps,) of each over their mean.
+        gap: Flat intervals between neighbours.
+    """
+
+    widths: Floats
+    gap: int
+
+    @property
+    def count(self) -> int:
+        """How many they are."""
+        return len(self.widths)
+
+    @property
+    def interval_count(self) -> int:
+        """n, see `count_intervals`."""
+        return count_intervals(self.count, self.gap)
+
+    @cached_property
+    def starts(self) -> Floats:
+        """(bumps,) u where each starts; it spans 2/n times its width."""
+        return (2.0 * self._before[:-1] + self._flat) / self.interval_count
+
+    @cached_property
+    def ends(self) -> Floats:
+        """(bumps,) u where each ends."""
+        return (2.0 * self._before[1:] + self._flat) / self.interval_count
+
+    def locate(self, us: Floats) -> tuple[Ints, Floats]:
+        """(…,) the last bump that starts before each of (…,) us, and (…,) how far along it: 0 to 1 on it."""
+        bumps = np.searchsorted(self.starts[1:], us, side="right")
+        return bumps, (us - self.starts[bumps]) * (self.interval_count / 2) / self.widths[bumps]
+
+    @cached_property
+    def _before(self) -> Floats:
+        """(bumps + 1,) widths of the bumps before each, and of all."""
+        before = np.append(0.0, np.cumsum(self.widths))
+        before[-1] = self.count  # the last bump ends where the segment does
+        return before
+
+    @property
+    def _flat(self) -> Ints:
+        """(bumps,) flat intervals before each."""
+        return np.arange(self.count) * self.gap
+
+
+def count_intervals(bumps: int, gap: int) -> int:
+    """n, the control intervals of a segment: two for each bump, and `gap` flat ones between neighbours."""
+    return 2 * bumps + gap * (bumps - 1)
+
+
+def group_bumps(bumps: int, strategy: Strategy) -> tuple[tuple[int, ...], ...]:
+    """Bumps that always rise together, in rising order."""
+    if strategy == "everywhere":
+        return (tuple(range(bumps)),)
+    if strategy == "origin":
+        return tuple((bump,) for bump in range(bumps))
+    pairs = tuple((bump, bumps - 1 - bump) for bump in range(bumps // 2))
+    return pairs if bumps % 2 == 0 else (*pairs, (bumps // 2,))

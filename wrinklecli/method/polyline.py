@@ -1,0 +1,212 @@
+"""The paper's discrete bump, and how high its knots rise: from the shortening that it takes up and its chord.
+
+Details have a closed form: a raised point keeps two lengths' sum, so it lies on an ellipse whose foci are the segment's
+ends. With details knots do not rise in proportion; what they do then is written as a few modes.
+
+Source: C. Larboulette, M.-P. Cani, "Real-Time Dynamic Wrinkles", Computer Graphics International 2004, the
+section on the control curve.
+
+Lengths are in scene units: D of the bump, x of an interval (a bump spans two).
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrinklecli.numeric.arrays import Floats
+
+MODE_ERROR = 1e-4
+"""Largest error of a polyline's knots as rebuilt from its modes, of the tallest knot."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PolylineProfile:
+    """The paper's discrete bump, as a few modes: with details, its knots do not rise in proportion.
+
+    Attributes:
+        details: Shares of the finer levels.
+        modes: (modes, knots) heights of a bump's knots, both ends included, greatest |height| 1.
+        projection: (modes, knots) from knot heights to amplitudes.
+        sampled_amplitudes: (modes,) greatest |amplitude| over what the tool can reach, scene units.
+    """
+
+    details: tuple[float, ...]
+    modes: Floats
+    projection: Floats
+    sampled_amplitudes: Floats
+
+    @property
+    def leans(self) -> bool:
+        """Whether it differs from its mirror image."""
+        return False
+
+    @property
+    def sharp(self) -> bool:
+        """Whether it turns more sharply here than there, but for its knots."""
+        return False
+
+    @property
+    def crest(self) -> float:
+        """τ of its highest point, without details."""
+        return 0.5
+
+    def amplitudes(self, shortenings: Floats, intervals: Floats, max_height: float) -> Floats:
+        """(..., modes) from D and x; scene units."""
+        # The limit holds where x is too long for a full bump, and trims the last bit.
+        if self.details:
+            shortenings = np.minimum(shortenings, self.capacity(intervals, max_height))
+        heights = np.minimum(polyline_heights(self.details, shortenings, intervals), max_height)
+        return np.asarray(np.einsum("...k,mk->...m", heights, self.projection), np.float64)
+
+    def fullest(self, capacities: Floats, intervals: Floats, max_height: float) -> Floats:
+        """(..., modes) of a bump whose highest knot is at `max_height`, from its D and x; scene units."""
+        return self.amplitudes(capacities, intervals, max_height)
+
+    def capacity(self, intervals: Floats, max_height: float) -> Floats:
+        """D of a bump whose highest knot is at `max_height`, from x; scene units."""
+        return polyline_capacity(self.details, intervals, max_height)
+
+    def bounds(self, shortenings: Floats, intervals: Floats, max_height: float) -> Floats:
+        """(..., modes) of |amplitude| on the way to these D and x; scene units."""
+        # A mode may turn round on its way, so its end is no bound; its samples are.
+        reached = np.abs(self.amplitudes(shortenings, intervals, max_height))
+        return np.where(shortenings[..., None] > 0, np.maximum(self.sampled_amplitudes, reached), 0.0)
+
+    def excess(self, amplitudes: Floats, intervals: Floats) -> Floats:
+        """Arc length of a bump less its chord, from (..., modes) amplitudes and x; scene units."""
+        rises = np.diff(self._heights(amplitudes))
+        chords = np.broadcast_to(2 * intervals[..., None] / rises.shape[-1], rises.shape)
+        # √(c² + r²) − c = r²/(√(c² + r²) + c), exact for small r.
+        sums = np.hypot(rises, chords) + chords
+        slopes = np.divide(rises, sums, out=np.zeros_like(rises), where=sums > 0)
+        return np.asarray((rises * slopes).sum(axis=-1), np.float64)
+
+    def highest(self, amplitudes: Floats) -> Floats:
+        """Height of the highest knot, from (..., modes) amplitudes; scene units."""
+        return np.asarray(self._heights(amplitudes).max(axis=-1), np.float64)
+
+    def shapes(self, taus: Floats) -> Floats:
+        """(modes, ...) heights at τ for amplitude 1."""
+        knots = np.linspace(0.0, 1.0, self.modes.shape[1])
+        return np.stack([np.interp(taus, knots, mode) for mode in self.modes])
+
+    def warped(self, taus: Floats) -> Floats:
+        """(…,) τ: nothing is warped."""
+        return taus
+
+    def _heights(self, amplitudes: Floats) -> Floats:
+        return np.asarray(np.einsum("...m,mk->...k", amplitudes, self.modes), np.float64)
+
+
+def plan_polyline(details: tuple[float, ...], samples: Floats) -> PolylineProfile:
+    """Reduce sampled knot heights to the fewest modes that keep within `MODE_ERROR`.
+
+    Args:
+        details: Shares of the finer levels.
+        samples: (samples, knots) heights of a bump's knots, scene units.
+    """
+    vectors = np.linalg.svd(samples, full_matrices=False)[2]
+    limit = MODE_ERROR * samples.max()
+    for count in range(1, len(vectors) + 1):
+        kept = vectors[:count]
+        rebuilt = np.einsum("sm,mk->sk", np.einsum("sk,mk->sm", samples, kept), kept)
+        if np.abs(samples - rebuilt).max() <= limit:
+            break
+    # The sign of a singular vector is arbitrary: make its largest entry (the first within rounding) 1.
+    sizes = np.abs(kept)
+    peaks = np.argmax(sizes > sizes.max(axis=1, keepdims=True) * (1 - 1e-9), axis=1)
+    scales = kept[np.arange(len(kept)), peaks][:, None]
+    projection = kept * scales
+    sampled = np.abs(np.einsum("sk,mk->sm", samples, projection)).max(axis=0)
+    return PolylineProfile(details, kept / scales + 0.0, projection + 0.0, sampled)  # + 0.0: no −0.0
+
+
+def reachable_heights(
+    details: tuple[float, ...], max_height: float, greatest: float, reached: float, interval_count: int, sharing: float
+) -> Floats:
+    """(samples, knots) knot heights of a bump over the (x, D) that a tool can reach, scene units.
+
+    Args:
+        details: Shares of the finer levels.
+        max_height: Of a bump, scene units.
+        greatest: The greatest taut length, scene units.
+        reached: The greatest d, scene units.
+        interval_count: n.
+        sharing: Sum of the widths of the first group's bumps, which share all of d.
+    """
+    distances = (greatest - reached) + reached * np.linspace(0.0, 1.0, 33, endpoint=False)
+    intervals = distances / interval_count
+    # A tool that never rises still needs a shape.
+    limit = max_height if max_height > 0 else math.inf
+    greatest_shares = np.minimum((greatest - distances) / sharing, polyline_capacity(details, intervals, limit))
+    shares = greatest_shares[:, None] * np.linspace(0.0, 1.0, 34)[1:] ** 2
+    heights = polyline_heights(details, shares, intervals[:, None])
+    return heights.reshape(-1, heights.shape[-1])
+
+
+def polyline_heights(details: tuple[float, ...], shortenings: Floats, intervals: Floats) -> Floats:
+    """Knots of the paper's discrete bump.
+
+    Args:
+        details: Shares of the finer levels.
+        shortenings: (...) D, scene units.
+        intervals: (...) x, scene units.
+
+    Returns:
+        (..., 2^(levels + 1) + 1) heights at equal steps from end to end, scene units.
+    """
+    shortenings, steps = np.broadcast_arrays(shortenings[..., None], intervals[..., None])
+    apexes = (1 - math.fsum(details)) * shortenings
+    heights: Floats = np.sqrt(apexes * (steps + apexes / 4)) * np.array([0.0, 1.0, 0.0])
+    for share in details:
+        rises = np.diff(heights)
+        lengths = np.hypot(rises, steps)
+        totals = lengths.sum(axis=-1, keepdims=True)
+        parts = np.divide(lengths, totals, out=np.zeros_like(lengths), where=totals > 0)
+        # Half axes a, b of the ellipse through the new point, the foci at the segment's ends; `added` is e.
+        added = share * shortenings * parts
+        a, b = (lengths + added) / 2, np.sqrt(added * (2 * lengths + added)) / 2
+        spans = np.hypot(b * rises, a * steps)
+        lifts = np.divide(a * b * lengths, spans, out=np.zeros_like(spans), where=spans > 0)
+        finer = np.zeros((*heights.shape[:-1], 2 * heights.shape[-1] - 1))
+        finer[..., ::2] = heights
+        finer[..., 1::2] = (heights[..., :-1] + heights[..., 1:]) / 2 + lifts
+        heights, steps = finer, steps / 2
+    return heights
+
+
+def polyline_capacity(details: tuple[float, ...], intervals: Floats, max_height: float) -> Floats:
+    """D at which a bump's highest knot is at `max_height`, from x; scene units, same shape.
+
+    Regula falsi in the Illinois form on (D, height²), nearly straight for small D and convex for large.
+    """
+    if math.isinf(max_height):
+        return np.full_like(intervals, math.inf)
+    sums = np.hypot(intervals, max_height) + intervals
+    lows = 2 * max_height * np.divide(max_height, sums, out=np.zeros_like(sums), where=sums > 0)
+    if not details or max_height == 0:
+        return lows
+    # A hat of the same length is higher than any curve; the apex alone, with its share of D, is lower.
+    highs = lows / (1 - math.fsum(details))
+
+    def misses(shortenings: Floats) -> Floats:
+        peaks = polyline_heights(details, shortenings, intervals).max(axis=-1) / max_height
+        return np.asarray((peaks - 1) * (peaks + 1), np.float64)
+
+    low_misses, high_misses = np.minimum(misses(lows), 0.0), np.maximum(misses(highs), 0.0)
+    side = np.zeros(lows.shape, np.intp)
+    for _ in range(60):
+        spans = high_misses - low_misses
+        fractions = np.divide(-low_misses, spans, out=np.zeros_like(spans), where=spans > 0)
+        guesses = np.clip(lows + fractions * (highs - lows), lows, highs)
+        found = misses(guesses)
+        above = found > 0
+        # The end that stays for a second time counts half, or it would stay for good.
+        low_misses = np.where(above, np.where(side == 1, low_misses / 2, low_misses), found)
+        high_misses = np.where(above, found, np.where(side == -1, high_misses / 2, high_misses))
+        lows, highs = np.where(above, lows, guesses), np.where(above, guesses, highs)
+        side = np.where(above, 1, -1)
+        if np.abs(found).max(initial=0.0) < 1e-14:
+            break
+    return np.asarray(guesses, np.float64)

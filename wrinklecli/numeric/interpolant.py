@@ -1,0 +1,63 @@
+"""Smooth functions on [0, 1] as polynomials on equal pieces, evaluated quickly for many points."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from wrinklecli.numeric.arrays import Floats
+
+FIT_ERROR = 1e-13
+"""Size of an interpolant's last coefficients, of its largest."""
+
+_PIECES = 1024
+"""Pieces of an interpolant: 56 kB, which a core's cache holds.
+
+Right to 5e-13 of the greatest value; half as many are right to 3e-12.
+"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Interpolant:
+    """A smooth function on [0, 1]: a polynomial of degree 6 on each of many equal pieces.
+
+    One Chebyshev series for all, of 35 to 128 terms, takes three to ten times as long.
+
+    Attributes:
+        coefficients: (7, pieces) from the constant to the sixth power of where in its piece a point is.
+    """
+
+    coefficients: Floats
+
+    def __call__(self, points: Floats) -> Floats:
+        """(…) values at (…) points."""
+        count = self.coefficients.shape[1]
+        scaled = points * count
+        pieces = np.minimum(scaled.astype(np.intp), count - 1)
+        within = scaled - pieces
+        # `pieces` are in range; "clip" spares the check for it, which takes half as long again.
+        value: Floats = self.coefficients[6].take(pieces, mode="clip")
+        for row in self.coefficients[5::-1]:
+            value *= within
+            value += row.take(pieces, mode="clip")
+        return value
+
+
+def interpolate(function: Callable[[Floats], Floats]) -> Interpolant:
+    """An interpolant of a function on [0, 1], by way of a Chebyshev series as long as `FIT_ERROR` asks for."""
+    coefficients = np.zeros(1)
+    for degree in (63, 127, 255, 511):
+        points = chebyshev.chebpts1(degree + 1)
+        # The mean of f T_k over these points, doubled but for k = 0: interpolation in closed form.
+        basis = chebyshev.chebvander(points, degree)
+        coefficients = np.einsum("pk,p->k", basis, function((points + 1) / 2)) * 2 / (degree + 1)
+        coefficients[0] /= 2
+        bound = FIT_ERROR * np.max(np.abs(coefficients))
+        if np.max(np.abs(coefficients[-degree // 8 :])) < bound:
+            break
+    series = chebyshev.chebtrim(coefficients, FIT_ERROR / 10)
+    nodes = (1 - np.cos(np.pi * np.arange(7) / 6)) / 2
+    inverse = np.linalg.inv(np.vander(nodes, increasing=True))
+    places = (np.arange(_PIECES)[:, None] + nodes) / _PIECES
+    return Interpolant(np.ascontiguousarray(inverse @ chebyshev.chebval(2 * places - 1, series).T))
