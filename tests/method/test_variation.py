@@ -107,9 +107,10 @@ def test_the_line_from_end_to_end_keeps_its_length(case: Case, strategy: Any, pr
     )
     (amplitudes,), (unabsorbed,) = curve.follow(np.array([1.0 - shortening]), np.ones(1))
     chord = 1.0 - shortening
-    length = chord * (1.0 - np.sum(variation.bumps.ends - variation.bumps.starts))
-    middles = (variation.bumps.starts + variation.bumps.ends) / 2
-    for low, high in [*zip(variation.bumps.starts, middles, strict=True), *zip(middles, variation.bumps.ends, strict=True)]:
+    starts, ends = variation.bumps.starts, variation.bumps.ends
+    length = chord * (1.0 - np.sum(ends - starts))
+    middles = (starts + ends) / 2
+    for low, high in [*zip(starts, middles, strict=True), *zip(middles, ends, strict=True)]:
         us = np.clip((low + high + (high - low) * POINTS) / 2, low, high)
         heights = np.einsum("gm,gmu->u", amplitudes, curve.shapes(us))
         length += np.sum(WEIGHTS * np.hypot((high - low) * chord / 2, SLOPES @ heights))
