@@ -123,6 +123,14 @@ def test_edges_are_as_short_along_u_as_the_curve_needs(edges_per_interval: int, 
     assert steps.max() > 1 / (6 * 2 ** len(details) * edges_per_interval) / 2.5
 
 
+def test_edges_where_the_sides_of_a_path_s_bend_meet_need_not_be_short() -> None:
+    places = [
+        [x, RADIUS * np.cos(angle), RADIUS * np.sin(angle)] for x, angle in ((-0.2, -0.4), (-0.05, 0), (-0.2, 0.4))
+    ]
+    bent = {"name": "bent", "path": places, "width": 0.5, "bumps": 5}
+    assert prepare(limb_asset(rings=33, sides=24), bent).refined().subdivision.limited == 0
+
+
 @pytest.mark.parametrize("attachment", ["skin", "patch"])
 def test_edges_beside_a_patch_are_split_only_where_it_may_come_to_lie_there(attachment: str) -> None:
     prepared = prepare(limb_asset(rings=24, sides=32), tool(attachment=attachment), refinement={"max_levels": 1})

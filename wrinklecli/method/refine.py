@@ -192,7 +192,7 @@ def refine(
     subdivision = subdivide(
         surface.triangles,
         len(surface.positions),
-        wants=lambda level: _long_edges(level, patches, rest, settings),
+        wants=lambda level: _long_edges(level, patches, rest, normals, settings),
         forbids=storage.forbidden,
         shows=lambda level: _showing_edges(level, patches, rest, normals),
         max_levels=settings.max_levels,
@@ -242,8 +242,11 @@ def refine(
     )
 
 
-def _long_edges(level: Level, patches: Sequence[Patch], rest: Rest, settings: RefinementSettings) -> Bools:
+def _long_edges(
+    level: Level, patches: Sequence[Patch], rest: Rest, normals: Floats, settings: RefinementSettings
+) -> Bools:
     """(edges,) those on a patch that are too long along u for its control curve to show."""
+    last = level.number == settings.max_levels
     wanted = np.zeros(len(level.edges), bool)
     for patch in patches:
         faces = children(level.parents, patch.members)
@@ -253,10 +256,14 @@ def _long_edges(level: Level, patches: Sequence[Patch], rest: Rest, settings: Re
         meets = (u_faces.max(axis=1) > 0) & (u_faces.min(axis=1) < 1)
         meets &= (v_faces.max(axis=1) > -1) & (v_faces.min(axis=1) < 1)
         # At the last level edges are only counted: those that show wrinkles, if not furrows as sharp, will do.
-        u = patch.stretched(u, v) if level.number < settings.max_levels else patch.bowed(u, v)
+        u = patch.bowed(u, v) if last else patch.stretched(u, v)
         edges = distinct_values(level.triangle_edges[faces[meets]])
         ends = np.searchsorted(vertices, level.edges[edges])
-        wanted[edges] |= np.abs(u[ends[:, 1]] - u[ends[:, 0]]) > _greatest_step(patch, settings)
+        steps = np.abs(u[ends[:, 1]] - u[ends[:, 0]])
+        if last and patch.tool.attachment == "skin":
+            # What is left of wrinkles at the border of a patch is as low as it takes not to be missed.
+            steps = steps * _shares_left(level, edges, patch, rest, normals)
+        wanted[edges] |= steps > _greatest_step(patch, settings)
     return wanted
 
 
@@ -265,19 +272,27 @@ def _showing_edges(level: Level, patches: Sequence[Patch], rest: Rest, normals: 
     shown = np.zeros(len(level.edges), bool)
     for patch in patches:
         edges = distinct_values(level.triangle_edges[children(level.parents, patch.members)])
-        if patch.tool.attachment == "patch":
-            # Projected anew each frame, any of them may come to lie on the patch.
-            shown[edges] = True
-            continue
-        vertices, ends = np.unique(level.edges[edges], return_inverse=True)
-        u, v = patch.coordinates(_rest_positions(level, vertices, rest))
-        cosines = patch.cosines(u, unit(level.of_vertices(vertices, normals)))
-        u, v, cosines = (each[ends.reshape(-1, 2)] for each in (u, v, cosines))
-        within = (u.max(axis=1) > 0) & (u.min(axis=1) < 1)
-        nearest = np.where(v[:, 0] * v[:, 1] > 0, np.abs(v).min(axis=1), 0.0)
-        factors = patch.factors(np.full(len(edges), 0.5), nearest, cosines.max(axis=1))
-        shown[edges] |= within & (np.abs(factors) > _LEAST_SHOWN * abs(patch.shape_strength))
+        # Projected anew each frame, any of them may come to lie on the patch.
+        projected = patch.tool.attachment == "patch"
+        shown[edges] |= projected or _shares_left(level, edges, patch, rest, normals) > _LEAST_SHOWN
     return shown
+
+
+def _shares_left(level: Level, edges: Ints, patch: Patch, rest: Rest, normals: Floats) -> Floats:
+    """(edges,) the most that a patch leaves of its height along edges; 0 before and behind it."""
+    vertices, ends = np.unique(level.edges[edges], return_inverse=True)
+    ends = ends.reshape(-1, 2)
+    places = _rest_positions(level, vertices, rest)
+    u, v = patch.coordinates(places)
+    cosines = patch.cosines(u, unit(level.of_vertices(vertices, normals)))
+    u, v, cosines = (each[ends] for each in (u, v, cosines))
+    within = (u.max(axis=1) > 0) & (u.min(axis=1) < 1)
+    # Ends to either side: the path runs between them, unless they are nearest to parts of it that are far apart.
+    lengths = np.linalg.norm(places[ends[:, 1]] - places[ends[:, 0]], axis=1) / patch.half_width
+    between = np.maximum(np.abs(v).sum(axis=1) - lengths, 0.0) / 2.0
+    nearest = np.where(v[:, 0] * v[:, 1] > 0, np.abs(v).min(axis=1), between)
+    factors = patch.factors(np.full(len(edges), 0.5), nearest, cosines.max(axis=1))
+    return np.where(within, np.abs(factors / patch.shape_strength), 0.0)
 
 
 def _greatest_step(patch: Patch, settings: RefinementSettings) -> float:
