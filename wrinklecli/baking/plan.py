@@ -20,6 +20,7 @@ from wrinklecli.errors import AssetError, BakeError, WrinkleError, listed, neare
 from wrinklecli.gltf.document import Document
 from wrinklecli.method.attach import attach_tools
 from wrinklecli.method.carry import CarriedPatch, carry
+from wrinklecli.method.demand import demanding
 from wrinklecli.method.patch import Patch
 from wrinklecli.method.refine import Refinement, refine
 from wrinklecli.method.rest import Rest, rest_pose
@@ -209,7 +210,7 @@ def plan_on(
     carried_patches, problems = [], []
     for patch in patches:
         try:
-            carried_patches.append(carry(patch, fine, contacts))
+            carried_patches.append(demanding(carry(patch, fine, contacts), fine, rest, rig))
         except BakeError as error:
             problems.append(error)
     if problems:
