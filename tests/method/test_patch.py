@@ -207,7 +207,7 @@ def test_rest_lengths(wanted: Any, nominal: float, greatest: float) -> None:
     assert patch.curve.greatest_rest_length == pytest.approx(greatest, abs=2e-7)
 
 
-@pytest.mark.parametrize(("material", "part"), [("none", 0.25), ("skin", 0.13), ("cloth", 0.33), ("leather", 0.18)])
+@pytest.mark.parametrize(("material", "part"), [("none", 0.25), ("skin", 0.13), ("cloth", 0.38), ("leather", 0.38)])
 def test_auto_height_is_the_material_s(material: str, part: float) -> None:
     patch = prepare(limb_asset(rings=9, sides=8), tool(material=material, bumps=2, gap=1, variation=0)).patch
     assert patch.curve.max_height == pytest.approx(0.8 / 5 * 2 * part, abs=1e-7)

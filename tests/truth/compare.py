@@ -27,7 +27,7 @@ LOOKS = {"denim": "cloth", "leather": "leather"}
 VARIANTS: dict[str, Json] = {
     "default": {},
     "path": {"path": True, "compressible": "0%"},
-    "path, any height": {"path": True, "compressible": "0%", "max_height": "none", "edges_per_interval": 4},
+    "path, any height": {"path": True, "compressible": "0%", "max_height": "none"},
 }
 # Of a strip as long as it likes a material cannot tell the bumps: those that the simulation has.
 STRIP_BUMPS = {"denim": 5, "leather": 3}

@@ -48,7 +48,7 @@ class Scene:
         lines: Vertices of the lines across the folds, (lines, vertices), from one side of the fold to the other.
         origin: Where the wrinkles begin, at rest.
         target: Where they end.
-        width: Full width of the tool.
+        width: Full width of the tool: such that it has hardly faded on the lines.
     """
 
     name: str
@@ -118,10 +118,10 @@ def sleeve() -> Scene:
         gravity=(0.0, 0.0, -9.81),
         turn=60.0,
         slide=0.0,
-        lines=_lines_on_tube(cloth, sides, 0.10, 22.0),
+        lines=_lines_on_tube(cloth, sides, 0.105, 22.0),
         origin=(-0.10, 0.062, 0.0),
         target=(0.10, 0.062, 0.0),
-        width=0.20,
+        width=0.30,
     )
 
 
@@ -138,10 +138,10 @@ def trousers() -> Scene:
         gravity=(9.81, 0.0, 0.0),
         turn=80.0,
         slide=0.0,
-        lines=_lines_on_tube(cloth, sides, 0.14, 20.0),
+        lines=_lines_on_tube(cloth, sides, 0.15, 20.0),
         origin=(-0.14, 0.0762, 0.0),
         target=(0.14, 0.0678, 0.0),
-        width=0.26,
+        width=0.39,
     )
 
 

@@ -14,8 +14,9 @@ class Material:
 
     Attributes:
         bump_width: Width of a bump at rest, as a part of the segment; gives the number of bumps.
-        bump_height: Highest point of a bump, as a part of its width at rest: what `max_height: auto` is.
-        compressible: Such that bumps are full where a segment loses about 40 %, as at a joint that is well bent.
+        bump_height: Highest point of a bump, as a part of its width at rest: what `max_height: auto` is. With
+            `compressible` it is such that bumps are full where a segment loses about 40 %, as at a joint well bent.
+        compressible: Share of every shortening that it takes up itself.
         profile: Shape of a bump.
         details: Shares of finer wrinkles.
         variation: How irregular bumps are.
@@ -47,9 +48,9 @@ class Material:
 _PLAIN_BUMPS, _PLAIN_HEIGHT = 4, 0.25
 MATERIALS: Mapping[str, Material] = {
     "skin": Material(bump_width=0.33, bump_height=0.13, compressible=0.87, profile="skin", details=(), variation=0.3),
-    "cloth": Material(bump_width=0.25, bump_height=0.33, compressible=0.25, profile="cloth", details=(), variation=1.0),
+    "cloth": Material(bump_width=0.25, bump_height=0.38, compressible=0.0, profile="cloth", details=(), variation=1.0),
     "leather": Material(
-        bump_width=0.33, bump_height=0.18, compressible=0.85, profile="polyline", details=(), variation=0.4
+        bump_width=0.33, bump_height=0.38, compressible=0.0, profile="smooth", details=(), variation=1.0
     ),
 }
 
