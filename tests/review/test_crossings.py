@@ -61,7 +61,7 @@ def test_the_command_prints_tables_json_and_what_it_cannot_do(
 
 
 def test_frames_that_are_hidden_cost_nothing(tmp_path: Path) -> None:
-    """A file of frames hides all meshes but one, each in a point: boxes that all meet, and hold nothing that crosses."""
+    """A file of frames hides all meshes but one, each in a point: boxes that all meet, with nothing that crosses."""
     asset = limb(tmp_path / "limb.glb", angle=140.0, rings=12, sides=8)
     tools = write_tools(tmp_path / "tools.yaml", tool(), refinement={"max_levels": 0})
     wrinklecli.bake(asset, tools, tmp_path / "frames.glb", mode="frames")

@@ -41,7 +41,7 @@ from wrinklecli.baking.remix import (
     with_unit_weights,
 )
 from wrinklecli.baking.sample import Motion, target_weights
-from wrinklecli.baking.targets import AnySet, TargetSet, targets_of
+from wrinklecli.baking.targets import AnySet, TargetSet, of_folds, targets_of
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import blend, morph_weights, transform
 from wrinklecli.character.surface import dense_influences, read_vertices
@@ -168,8 +168,9 @@ def fit_budget(
         target_sets, motions, found["reduced"] = _reduce(plan, target_sets, motions, budget)
     excess = _excess(plan, target_sets, motions, budget)
     if excess:
+        less = "`contact: off`, fewer bumps" if of_folds(target_sets) else "Fewer bumps"
         raise RefusedError(
-            f"{excess}; --engine {engine} allows {budget.targets or budget.active}. Fewer bumps,"
+            f"{excess}; --engine {engine} allows {budget.targets or budget.active}. {less},"
             " `strategy: everywhere`, fewer tools on this mesh or a larger --max-error would help",
             where=name,
         )
