@@ -8,6 +8,7 @@ import pytest
 import wrinklecli
 from kit.limb import nose, sleeved_limb, tool, write_tools
 from kit.player import Gltf
+from wrinklecli.baking.report import Report
 from wrinklecli.baking.track import track
 from wrinklecli.errors import BakeError
 from wrinklecli.review.crossings import find_crossings
@@ -15,20 +16,34 @@ from wrinklecli.review.crossings import find_crossings
 
 def baked(folder: Path, *, joined: bool = False, **contact: object) -> tuple[int, int]:
     """How often a limb crosses its sleeve, of a mesh of its own or joined with the limb's, before and after a bake."""
+    return reported(folder, joined=joined, angle=32.0, **contact)[0]
+
+
+def reported(folder: Path, *, joined: bool, angle: float, **contact: object) -> tuple[tuple[int, int], Report]:
+    """The same, and what the bake said."""
     pytest.importorskip("ipctk", reason="needs the extra `contact`")
-    asset = sleeved_limb(gap=0.05, rings=12, sides=8, angle=32.0)
+    asset = sleeved_limb(gap=0.05, rings=12, sides=8, angle=angle)
     if joined:
         asset.gltf["meshes"][0]["primitives"] += asset.gltf["meshes"][1]["primitives"]
         asset.gltf["scenes"][0]["nodes"].pop()
     entry = tool(node="limb", bumps=2, max_height="10%", contact=contact)
     tools = write_tools(folder / "tools.yaml", entry, refinement={"max_levels": 0})
-    wrinklecli.bake(asset.write(folder / "limb.glb"), tools, folder / "out.glb")
-    return counts(folder / "out.glb")
+    report = wrinklecli.bake(asset.write(folder / "limb.glb"), tools, folder / "out.glb")
+    return counts(folder / "out.glb"), report
 
 
 @pytest.mark.slow
 def test_wrinkles_stay_beneath_a_sleeve(tmp_path: Path) -> None:
-    assert baked(tmp_path) == (0, 0)
+    crossings, report = reported(tmp_path, joined=False, angle=32.0)
+    assert crossings == (0, 0)
+    assert not any("goes through itself" in line for line in report.warnings)
+
+
+@pytest.mark.slow
+def test_a_sleeve_that_goes_through_itself_is_said(tmp_path: Path) -> None:
+    (before, after), report = reported(tmp_path, joined=False, angle=75.0)
+    assert after <= before > 0
+    assert any("crease: 'sleeve' goes through itself there: contact leaves that" in line for line in report.warnings)
 
 
 @pytest.mark.slow

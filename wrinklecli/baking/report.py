@@ -154,8 +154,10 @@ def make_report(job: Job, baked: Sequence[BakedMesh], *, images: Sequence[str], 
         warnings += mesh_warnings(mesh.plan, job.settings, clips, tracks=tracks)
         for number, target_set in enumerate(of_tools(mesh.target_sets)):
             warnings += tool_warnings(mesh.plan, target_set.carried, mesh.activity(number), up=job.settings.up)
-        for found in of_folds(mesh.target_sets):
-            warnings += fold_warnings(mesh.plan, found)
+        for number, found in enumerate(mesh.target_sets):
+            if isinstance(found, CreaseSet):
+                acting = [(motion.clip, motion.times[motion.weights[number].any(axis=1)]) for motion in mesh.motions]
+                warnings += fold_warnings(mesh.plan, found, acting)
     engine = job.options.engine
     data: Json = {
         "report": VERSION,

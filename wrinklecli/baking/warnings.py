@@ -10,12 +10,13 @@ from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.sample import ClipActivity
 from wrinklecli.baking.targets import CreaseSet
 from wrinklecli.character.clip import Clip
-from wrinklecli.errors import counted
+from wrinklecli.errors import counted, listed
 from wrinklecli.method.carry import CarriedPatch
 from wrinklecli.method.patch import Patch
 from wrinklecli.method.path import Curve
 from wrinklecli.method.rest import Rest
 from wrinklecli.method.weights import fitting_compressible
+from wrinklecli.numeric.arrays import Floats
 from wrinklecli.tools.records import ToolsFile, in_axes
 
 # A shortening below this part of the rest length is as good as none.
@@ -67,8 +68,14 @@ def mesh_warnings(plan: MeshPlan, settings: ToolsFile, clips: Sequence[Clip], *,
     ]
 
 
-def fold_warnings(plan: MeshPlan, found: CreaseSet) -> list[str]:
-    """What a user should know of a fold: where contact is not resolved wholly."""
+def fold_warnings(plan: MeshPlan, found: CreaseSet, acting: Sequence[tuple[Clip, Floats]]) -> list[str]:
+    """What a user should know of a fold: where contact is not resolved wholly.
+
+    Args:
+        plan: Of its mesh.
+        found: The fold's targets.
+        acting: Clips, and (frames,) seconds of each at which these have weights.
+    """
     tools = [plan.carried_patches[number].patch.tool for number in found.crease.fold.tools]
     name = ", ".join(tool.name for tool in tools)
     crossing = sum(each.crossing for each in found.clips if not each.given_up)
@@ -84,6 +91,10 @@ def fold_warnings(plan: MeshPlan, found: CreaseSet) -> list[str]:
         warnings.append(f"{name}: contact is left out of {clips}, in which more would cross than without{hint}")
     if unsettled:
         warnings.append(f"{name}: contact did not settle in {counted(unsettled, 'pose')}: they keep the last state")
+    jammed = {node for clip, times in acting for node in found.crease.fold.jammed(clip, times)}
+    if jammed:
+        nodes = listed(sorted(jammed))
+        warnings.append(f"{name}: {nodes} goes through itself there: contact leaves that, and what has no room beneath")
     return warnings
 
 

@@ -33,6 +33,8 @@ _REACH_RADII, _REACH_SPANS = 2.6, 0.75
 _LEAST_RADIUS = 0.25
 # Poses on the way to either end of a joint's range at which other meshes are looked at.
 _LOOKS = 4
+# Moments of a clip at which they are looked at for passing through themselves, at most.
+_MOMENTS = 8
 
 
 @dataclass(frozen=True)
@@ -119,6 +121,25 @@ class Fold:
         Other meshes may cross each other.
         """
         return self.crossings.marked(positions, self.own)
+
+    def jammed(self, clip: Clip, times: Floats) -> set[str]:
+        """Nodes with other meshes that pass through themselves at some of (frames,) seconds of a clip, not at rest."""
+        if not self.others or not len(times):
+            return set()
+        counts = [len(self.vertices), *(len(each.positions) for each in self.others)]
+        owners = np.repeat(np.arange(len(counts)), counts)
+        chosen = times[distinct_values(np.linspace(0, len(times) - 1, _MOMENTS).astype(int))]
+        found = set[int]()
+        for positions in self.posed(clip, chosen)[0]:
+            found |= self._through_themselves(owners, positions)
+        found -= self._through_themselves(owners, self.rest_positions) | {0}
+        return {rig.names[rig.node] for rig in (self.others[number - 1].rig for number in found)}
+
+    def _through_themselves(self, owners: Ints, positions: Floats) -> set[int]:
+        """Which of (vertices,) owners pass through themselves at (vertices, 3) positions."""
+        edges, triangles = self.crossings.at(positions)
+        pairs = np.stack([owners[self.crossings.edges[edges, 0]], owners[self.crossings.triangles[triangles, 0]]])
+        return set(pairs[0, pairs[0] == pairs[1]].tolist())
 
 
 def find_folds(
