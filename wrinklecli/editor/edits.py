@@ -145,9 +145,8 @@ class Edits:
         """Move one of a tool's points to a place at rest, world space: 0 is the origin, the last is the target."""
         with self._guarded():
             own = self._base.file.tools[self._number(tool)]
-            span = float(np.linalg.norm(np.diff(_places(own), axis=0), axis=1).sum())
             steps = ("path", number) if "path" in own else (("origin", "target")[number],)
-            self.set_value(tool, steps, self._written_place(place, span), draft=draft)
+            self.set_value(tool, steps, self._written_place(place, length_of(own)), draft=draft)
 
     def copy(self, tool: str) -> str:
         """Copy a tool; the copy's name."""
@@ -365,6 +364,11 @@ class Edits:
         digits = max(3 - int(np.floor(np.log10(span))), 0) if span > 0 else 6
         turned = in_axes([float(x) for x in place], self._base.file.up)
         return [round(each, digits) + 0.0 for each in turned]
+
+
+def length_of(tool: Mapping[str, Any]) -> float:
+    """How far it is from point to point of a tool, scene units; markers left out."""
+    return float(np.linalg.norm(np.diff(_places(tool), axis=0), axis=1).sum())
 
 
 def _places(tool: Mapping[str, Any]) -> Floats:

@@ -13,7 +13,7 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip, clip_named
 from wrinklecli.character.scene import deforming_nodes
-from wrinklecli.editor.edits import Draft, Edits, Step
+from wrinklecli.editor.edits import Draft, Edits, Step, length_of
 from wrinklecli.editor.freely import POSE, FreePose
 from wrinklecli.editor.laid import Laid, LaidMesh, LaidTool, ShownMesh
 from wrinklecli.editor.offered import Offer, guessed, offers_of, turned
@@ -46,6 +46,7 @@ class EditedTool:
         solo: Whether it is among those that are shown alone.
         partner: Name of the tool that its `mirror` makes; None for none.
         problem: Why it does not fit the asset; None where it does.
+        length: From point to point as the file has them, scene units; 0 where they are markers.
     """
 
     name: str
@@ -55,6 +56,7 @@ class EditedTool:
     solo: bool
     partner: str | None
     problem: str | None
+    length: float
 
 
 class Session(Edits):
@@ -163,7 +165,8 @@ class Session(Edits):
                 partner = exchange_sides(name) if mirrored else None
                 problem = problems.get(name) or (problems.get(partner) if partner else None)
                 enabled = bool(values.get("enabled"))
-                found.append(EditedTool(name, values, frozenset(own), enabled, name in solo, partner, problem))
+                shown = name in solo
+                found.append(EditedTool(name, values, frozenset(own), enabled, shown, partner, problem, length_of(own)))
             return tuple(found)
 
     # Edits.

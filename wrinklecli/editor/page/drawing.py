@@ -18,6 +18,8 @@ from wrinklecli.review.preview.materials import Paint
 _NORMAL_STEP = 1 / 127
 # Spots on each line, with one in its middle, and lines: the four sides of a patch, and that from origin to target.
 _SIDE, _LINES = 25, 5
+# Of a tool's length.
+_LIFT = 0.015
 # Barycentric coordinates may be below 0 by so much: points between triangles are on one of them.
 _EDGE = 1e-6
 
@@ -84,6 +86,7 @@ class Mark:
         spots: The places of it.
         segments: (segments, 2) lines between spots: the border of the patch and the line along it.
         anchors: (anchors,) spots, from origin to target.
+        lift: How far above the surface it is drawn, so as not to sink into it between its spots, scene units.
         edges: (edges,) spots by which the hand takes hold of the patch's width: as far aside as they are on it.
     """
 
@@ -93,6 +96,7 @@ class Mark:
     segments: Ints
     anchors: Ints
     edges: Ints
+    lift: float
 
 
 def body_of(mesh: LaidMesh, paints: Sequence[Paint]) -> Body:
@@ -179,6 +183,7 @@ def mark_of(tool: LaidTool, mesh: LaidMesh, body: int, colour: tuple[float, floa
         segments=segments[(found[segments] >= 0).all(axis=1)],
         anchors=np.arange(lines.size, int(sides[0, 0])),
         edges=np.array(edges, np.intp),
+        lift=_LIFT * patch.span,
     )
 
 

@@ -15,6 +15,10 @@ _BAR = 0.2  # seconds between two steps of a bake's progress that are shown
 _LOOKS = 1.0  # seconds between two looks whether others have written the files
 
 
+class _EndedError(Exception):
+    """Nobody waits for what is baked; nothing of it is written."""
+
+
 class Keeping:
     """The files of a session.
 
@@ -74,6 +78,8 @@ class Keeping:
         last = [0.0]
 
         def progress(stage: str, done: int, total: int) -> None:
+            if self._slow.ended:
+                raise _EndedError
             # Rarely enough for the page to draw it.
             if time.monotonic() - last[0] > _BAR:
                 last[0] = time.monotonic()
@@ -81,6 +87,8 @@ class Keeping:
 
         try:
             baked = bake_saved(self._session, progress)
+        except _EndedError:
+            return
         finally:
             self._work.put("progress", lambda: self._show_progress("", 0, 1))
         self._work.put(object(), lambda: self._show_baked(baked))

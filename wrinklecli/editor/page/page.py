@@ -12,7 +12,7 @@ import viser
 
 from wrinklecli.editor.baked import Baked
 from wrinklecli.editor.page.controls import Steps, ToolControls
-from wrinklecli.editor.page.desk import ASKS, BAD, GOOD, Line, Way, add_group, on, on_set
+from wrinklecli.editor.page.desk import BAD, GOOD, Line, Way, add_group, on, on_set
 from wrinklecli.editor.page.hand import Hand
 from wrinklecli.editor.page.keeping import Keeping
 from wrinklecli.editor.page.keyboard import KEYBOARD
@@ -27,6 +27,7 @@ from wrinklecli.errors import WrinkleError, counted
 
 _SLIDES = 0.35  # seconds without a further change after which a slider has been let go
 _TYPES = 0.8  # seconds without a further key after which a line has been typed
+_PATIENCE = 2.0  # seconds that the end waits for what can be left
 _WIDE = 380  # pixels of the panel
 _FOLLOWS = 0.15  # seconds without a further change after which all but the mesh shows what slides
 _WARNS = 1.0  # seconds after an edit, before what `check` would warn of is looked for
@@ -71,8 +72,6 @@ class Page:
         self._build(heat=heat)
         self.refresh()
         self._picture.look_at_all()
-        self.say("\n".join(self._picture.warnings), ASKS)
-        self._keeping.tell()
         self._threads = [threading.Thread(target=each.run, daemon=True) for each in (self._work, self._slow)]
         for thread in self._threads:
             thread.start()
@@ -83,17 +82,21 @@ class Page:
         return self.server.get_port()
 
     def close(self) -> None:
-        """End what is being done, and serve no more."""
-        self.rest()
+        """End what is being done, and serve no more; what is being saved is saved, what is being baked is not."""
+        self.rest(_PATIENCE)
         with contextlib.suppress(WrinkleError):
             self.settle()
         self.server.stop()
 
-    def rest(self) -> None:
-        """Do nothing more by itself, and serve what is there."""
+    def rest(self, patience: float | None = None) -> None:
+        """Do nothing more by itself, and serve what is there.
+
+        Args:
+            patience: Seconds to wait for what takes long; as long as it takes where left out.
+        """
         for work, thread in zip((self._work, self._slow), self._threads, strict=True):
             work.end()
-            thread.join()
+            thread.join(patience if work is self._slow else None)
 
     # Widgets.
 
@@ -119,7 +122,7 @@ class Page:
         self._list = gui.add_folder("Tools")
         with self._list:
             self._hint = gui.add_html(_line(_HINT, "#666"))
-        Proposals(gui, self._work, self._slow, self._session, self)
+        self._proposals = Proposals(gui, self._work, self._slow, self._session, self)
         self._panel: Any = gui.add_folder("Tool", visible=False)
         with self._panel:
             self._add_tool_panel(gui)
@@ -188,10 +191,11 @@ class Page:
                 self._twin.value = tool.partner is not None
                 self._problem.content = self._told_of(tool)
                 laid = self._session.laid().get(tool.name)
-                span = 1.0 if laid is None else laid.carried.patch.span
-                self._controls.show(tool.values, sorted(tool.own), span)
+                span = tool.length if laid is None else laid.patch.span
+                self._controls.show(tool.values, sorted(tool.own), span or 1.0)
         self._picture.read()
         self._picture.drop_old()
+        self._proposals.drop_old()
         self.player.take(self._session.clips)
         self._poser.refresh()
         self._show()
@@ -218,10 +222,10 @@ class Page:
 
     def _told_of(self, tool: EditedTool) -> str:
         """What is wrong with a tool, and what `check` would warn of."""
-        partner = [] if tool.partner is None else self._warnings.get(tool.partner, [])
-        lines = [(tool.problem, BAD)] if tool.problem else []
-        lines += [(line, _WARNING) for line in (*self._warnings.get(tool.name, []), *partner)]
-        return "".join(_line(text, colour) for text, colour in lines)
+        if tool.problem:
+            return _line(tool.problem, BAD)
+        names = [tool.name] if tool.partner is None else [tool.name, tool.partner]
+        return "".join(_line(line, _WARNING) for name in names for line in self._warnings.get(name, []))
 
     def _list_tools(self, tools: Sequence[EditedTool]) -> None:
         """A button for each tool."""
@@ -233,7 +237,7 @@ class Page:
                 "" if tool.enabled else "off",
                 "solo" if tool.solo else "",
                 f"and {tool.partner}" if tool.partner else "",
-                "does not fit" if tool.problem else "!" if self._warnings.get(tool.name) else "",
+                "does not fit" if tool.problem else "warnings" if self._warnings.get(tool.name) else "",
             ]
             told = ", ".join(note for note in notes if note)
             label = f"{tool.name} ({told})" if told else tool.name
@@ -243,7 +247,7 @@ class Page:
                 self._listen(button, tool.name)
             button = self._buttons[tool.name]
             button.label, button.order = label, float(order)
-            button.color = "blue" if tool.name == self.chosen else "gray"
+            button.color = "blue" if tool.name == self.chosen else "red" if tool.problem else "gray"
 
     def _listen(self, button: Any, name: str) -> None:
         on(button.on_click, self._work, lambda: self.choose(name, look=True))

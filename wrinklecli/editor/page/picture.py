@@ -84,7 +84,8 @@ class Picture:
         if self._session.document is self._document:
             return
         self._document = self._session.document
-        self._paints, self.warnings = _paints_of(self._document)
+        self._paints, unread = _paints_of(self._document)
+        self._session.notes += unread
         self.shown = []  # so that all is drawn anew
 
     def compare(self, baked: Baked) -> None:

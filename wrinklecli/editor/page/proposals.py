@@ -8,6 +8,7 @@ from wrinklecli.editor.offered import Offer
 from wrinklecli.editor.page.desk import ASKS, Desk, on
 from wrinklecli.editor.page.work import Work
 from wrinklecli.editor.session import Session
+from wrinklecli.gltf.document import Document
 
 
 class Proposals:
@@ -25,6 +26,7 @@ class Proposals:
         self._gui, self._work, self._slow, self._session, self._desk = gui, work, slow, session, desk
         self._folder: Any = gui.add_folder("Suggested")
         self._offered: list[Any] = []
+        self._document: Document | None = None  # that they are for
         with self._folder:
             tip = "Looks for the places that clips compress most, as wrinkle suggest does."
             self._find = gui.add_button("Find places", icon=viser.Icon.SEARCH, color="gray", hint=tip)
@@ -38,11 +40,18 @@ class Proposals:
         offers = self._session.offers()
         self._work.put("offers", lambda: self._show(offers))
 
+    def drop_old(self) -> None:
+        """Offer nothing that was found in what the asset was before."""
+        if self._document is not self._session.document:
+            for old in self._offered:
+                old.remove()
+            self._offered.clear()
+
     def _show(self, offers: list[Offer]) -> None:
         """A button for each offer."""
-        for old in self._offered:
-            old.remove()
-        self._offered.clear()
+        self._document = None
+        self.drop_old()
+        self._document = self._session.document
         for offer in offers:
             with self._folder:
                 button: Any = self._gui.add_button(f"+ {offer.name}", color="gray", hint=offer.why)

@@ -18,10 +18,8 @@ LOOKS: tuple[Look, ...] = ("textures", "clay", "heat")
 _CLAY = (203, 198, 190)
 _WIRE = (40, 44, 52)
 _POINTED = (255, 140, 0)
-# Lines are this share of the bodies' size above the surface, so as not to flicker with it.
-_LIFT = 6e-4
 # Radius of an anchor's dot: a share of the tool's length, and of the bodies' size at most and at least.
-_DOT, _MOST_DOT, _LEAST_DOT = 0.07, 0.012, 0.002
+_DOT, _MOST_DOT, _LEAST_DOT = 0.05, 0.009, 0.002
 _LINE, _CHOSEN_LINE = 1.5, 3.0  # pixels
 
 Drag = Callable[[str, int, Floats, Floats, str], None]
@@ -147,7 +145,7 @@ class View:
         self._marks, self._chosen = tuple(marks), chosen
         for mark in marks:
             colour = _bytes_of(mark.colour)
-            places = mark.spots.on(self._bodies[mark.spots.body], points[mark.spots.body], _LIFT * self._size)
+            places = mark.spots.on(self._bodies[mark.spots.body], points[mark.spots.body], mark.lift)
             ends, thickness = places[mark.segments].astype(np.float32), _CHOSEN_LINE if mark.name == chosen else _LINE
             line = self._lines.get(mark.name)
             if line is None:
@@ -156,7 +154,7 @@ class View:
                 )
             else:
                 line.points, line.thickness = ends, thickness
-                line.colors = np.broadcast_to(np.array(colour, np.uint8), ends.shape)
+                line.colors = np.array(colour, np.uint8)
             if mark.name == chosen:
                 self._add_dots(mark, places)
 
@@ -205,7 +203,7 @@ class View:
 
     def _move_marks(self, points: Sequence[Floats]) -> None:
         for mark in self._marks:
-            places = mark.spots.on(self._bodies[mark.spots.body], points[mark.spots.body], _LIFT * self._size)
+            places = mark.spots.on(self._bodies[mark.spots.body], points[mark.spots.body], mark.lift)
             self._lines[mark.name].points = places[mark.segments].astype(np.float32)
             for kind, spots in (("anchor", mark.anchors), ("edge", mark.edges)):
                 for number, spot in enumerate(spots):

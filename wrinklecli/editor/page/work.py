@@ -45,6 +45,11 @@ class Work:
             self._asked.pop(key, None)
             self._due.pop(key, None)
 
+    @property
+    def ended(self) -> bool:
+        """Whether there is to be nothing more."""
+        return self._ended
+
     def end(self) -> None:
         """Let `run` return once what it is at is done."""
         with self._changed:
