@@ -158,8 +158,12 @@ def test_what_is_missing_or_misused_is_one_line(chars: Wrinkle, monkeypatch: pyt
     assert chars("batch", "jobs.txt").code == 2
     assert chars(*PATTERN, "-j", "2", "--scheduler", "tcp://h:1").code == 2
     assert chars("batch", "m.yaml").lines == ["m.yaml: cannot be read: No such file or directory"]
-    assert chars(*PATTERN, "--report", "chars/c0.glb").lines == [
-        "chars/c0.glb: is a file of the batch too and would be overwritten"
+    Path("link.jsonl").symlink_to("chars/c0.glb")
+    for report in ("chars/c0.glb", "link.jsonl"):
+        ran = chars(*PATTERN, "--report", report)
+        assert ran.lines == [f"{report}: is a file of the batch too and would be overwritten"]
+    assert chars(*PATTERN, "--report", "none/r.jsonl").lines == [
+        "none/r.jsonl: cannot be written: No such file or directory"
     ]
     monkeypatch.setattr("importlib.util.find_spec", lambda _name: None)
     assert chars(*PATTERN, "-j", "2").lines == [

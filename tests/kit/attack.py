@@ -25,14 +25,24 @@ _LINKS = ("link", "hard link", "link to itself", "link to nothing", "link to ASS
 _DEVICES = ("/dev/null", "/dev/full", "/dev/zero")
 _PLACES = (*_LINKS, "folder", "nothing", "pipe", *_DEVICES)
 # What is there before, or a link put there, and no input; all other files are inputs.
-_REPLACED = ("out.glb", "displaced-out.glb", "found.json")
+_REPLACED = ("out.glb", "displaced-out.glb", "found.json", "jobs.jsonl")
+_KEPT = ("cache/", "jobs.jsonl", "displaced-jobs.jsonl")  # what a batch writes whatever comes of its jobs
 _DISPLACED = 0.05  # of all cases
 _LARGE = range(17, 22)  # sources of the corpus that take longer
 # fmt: off
 _COMMANDS = {
     "bake": 30, "inspect": 15, "diff": 20, "check": 10, "suggest": 8, "track": 10, "preview": 7, "schema": 1,
+    "batch": 8,
 }
 # fmt: on
+
+_MANIFEST = """\
+version: 1
+defaults: {tools: tools.yaml, split: true, max_memory: 4GB}
+jobs:
+  - {asset: "limb.*", out: "sub/{stem}.gltf", report: sub/report.json, timings: sub/timings.json, anim: sound.glb}
+  - {asset: sound.glb, out: sub/out.glb, anims: ["limb.*", body.glb], tracked: sub/tracked, max_error: 5%, strict: true}
+"""
 
 
 @dataclass(frozen=True)
@@ -170,6 +180,13 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
                 *some("--max-vertices", "10", share=0.1),
             )
             yield from (*some("--allow-external"), *some(*memory, share=0.1))
+        case "batch":
+            manifests = [[chance.choice(["jobs.yaml", "jobs.yaml", "tools.yaml"])]]
+            outs = ["out.glb", "sub/{stem}.gltf", "sub/{stem}.gltf", asset]
+            manifests += [[asset, "--tools", "tools.yaml", "--out", chance.choice(outs)]] * 3
+            yield from (*chance.choice(manifests), "--cache", "cache", *some("--dry-run"), *some("--strict"))
+            yield from (*some("--fail-fast"), *some("--keep-going"), *some(loudness), *some("--retry", "0"))
+            yield from some("--report", chance.choice(["jobs.jsonl", "jobs.jsonl", "-", asset]))
         case "schema":
             yield from ("-o", "found.json")
         case _:
@@ -201,6 +218,7 @@ def prepare(case: Case, folder: Path) -> None:
     Path(folder, "sound.glb").write_bytes(_sound(case.source))
     Path(folder, "body.glb").write_bytes(_body())
     Path(folder, "tools.yaml").write_bytes(tools)
+    Path(folder, "jobs.yaml").write_text(_MANIFEST)
     Path(folder, "sub").mkdir()
     Path(folder, "out.glb").write_bytes(b"old")
     for name, kind in case.places.items():
@@ -296,6 +314,8 @@ def attack(case: Case, folder: Path) -> int:
     assert not lost, f"changed or took away {sorted(lost)}"
     if code not in _DONE.get(command, (0,)):
         assert err.strip(), "an error without a message"
+        if command == "batch":  # jobs that went well stay
+            after = {name: data for name, data in after.items() if not _is_kept(case, name, folder)}
         assert after == before, f"left or changed {sorted(set(after.items()) ^ set(before.items()))}"
         assert not any(piped), f"wrote {len(piped[0])} bytes to a pipe"
     data = "--json" in case.arguments or command == "suggest"  # has names whole
@@ -311,6 +331,12 @@ def attack(case: Case, folder: Path) -> int:
     if command == "diff" and not case.places and {case.arguments[1], "twin.glb"} & set(case.arguments[2:3]):
         assert code != 1, f"a file differs from itself:\n{out[-1000:]}"
     return code
+
+
+def _is_kept(case: Case, path: str, folder: Path) -> bool:
+    """Whether a batch may leave a file though a job failed."""
+    name = str(Path(path).relative_to(folder))
+    return name.startswith((*_KEPT, *(["sub/"] if case.arguments[1] == "jobs.yaml" else [])))
 
 
 def _found(folder: Path) -> dict[str, bytes]:

@@ -24,7 +24,14 @@ if __name__ == "__main__":
 
 from kit.places import ROOT
 
-_WATCHED = ("files/outputs.py", "files/workplace.py", "gltf/writer.py", "gltf/images.py", "cli/streams.py")
+_WATCHED = (
+    "files/outputs.py",
+    "files/workplace.py",
+    "gltf/writer.py",
+    "gltf/images.py",
+    "cli/streams.py",
+    "batch/stores.py",
+)
 
 
 @dataclass(frozen=True)

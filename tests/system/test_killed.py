@@ -76,3 +76,32 @@ def test_a_signal_at_any_line_leaves_all_files_new_or_none(
             assert old.keys() <= each.left.keys(), each.line
     codes = {each.code for each in ended}
     assert codes == ({-signal.SIGKILL} if sign == signal.SIGKILL else {0, 128 + sign})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sign", [signal.SIGTERM, signal.SIGKILL])
+def test_a_batch_ended_at_any_line_leaves_outputs_new_or_old_and_no_wrong_cache(
+    sign: signal.Signals, folder: Path
+) -> None:
+    def parted(left: dict[str, str]) -> tuple[dict[str, str], dict[str, str]]:
+        """Outputs and inputs, and contents that the cache has whole."""
+        kept = {path: each for path, each in left.items() if path.startswith("kept/files/") and ".part-" not in path}
+        return {path: each for path, each in left.items() if not path.startswith("kept")}, kept
+
+    old = contents(folder)
+    arguments = "batch limb.glb --tools tools.yaml --out out.gltf --cache kept -q"
+    *ended, whole = ended_at_lines(folder, sign, 10, *arguments.split())
+    new, cached = parted(whole.left)
+    assert (whole.code, whole.reached) == (0, False)
+    assert new["out.gltf"] != old["out.gltf"]
+    assert any(len(parted(each.left)[1]) < len(cached) and each.left["out.gltf"] == new["out.gltf"] for each in ended)
+    for each in ended:
+        outputs, kept = parted(each.left)
+        assert kept.items() <= cached.items(), each.line
+        if sign == signal.SIGKILL:
+            assert each.code == -signal.SIGKILL
+            assert all(not left or left in (old.get(path), new.get(path)) for path, left in outputs.items()), each.line
+            assert outputs["out.gltf"] == old["out.gltf"] or new.items() <= outputs.items(), each.line
+        else:
+            assert each.code in (0, 128 + sign)
+            assert outputs in ([new] if each.code == 0 else [old, new]), each.line

@@ -100,41 +100,56 @@ def on_worker(task: Task, settings: Settings) -> list[Outcome]:
 @contextmanager
 def _client(settings: Settings, workers: Workers) -> Iterator[Any]:
     """A client of a scheduler that is there, or of one made for the time of the block."""
-    import dask
     import distributed
 
     untyped: Any = distributed
 
     for name in ("distributed", "tornado", "asyncio", "bokeh"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
-    cluster: Any = None
+    cluster = _started(settings, workers) if workers.scheduler is None else None
     try:
-        if workers.scheduler is None:
-            watched = {} if workers.dashboard else _UNWATCHED
-            failures = {"distributed.scheduler.allowed-failures": settings.retries}
-            dask.config.set(_OF_WORKERS | watched | failures)
+        try:
+            client = untyped.Client(cluster or workers.scheduler, timeout=_CONNECT, set_as_default=False)
+        except (OSError, ValueError, RuntimeError) as error:
+            where = workers.scheduler or "Dask"
+            raise WrinkleError(f"no scheduler answers: {str(error).splitlines()[0]}", where=where) from error
+        try:
+            yield client
+        finally:
+            with suppress(Exception):
+                client.close(timeout=2)
+    finally:
+        if cluster is not None:
+            with suppress(Exception):
+                cluster.close(timeout=5)
+
+
+def _started(settings: Settings, workers: Workers) -> Any:
+    """A scheduler in this process, with workers in others.
+
+    Raises:
+        WrinkleError: They do not start.
+    """
+    import dask
+    from distributed import LocalCluster
+
+    watched = {} if workers.dashboard else _UNWATCHED
+    dask.config.set(_OF_WORKERS | watched | {"distributed.scheduler.allowed-failures": settings.retries})
+    start: Any = LocalCluster
+    for attempt in range(settings.retries + 1):
+        try:
             # Memory is held by each bake itself; BLAS has one thread by Dask's own choice.
-            cluster = untyped.LocalCluster(
+            return start(
                 n_workers=workers.count,
                 threads_per_worker=1,
                 memory_limit=0,
                 dashboard_address=":8787" if workers.dashboard else None,
                 silence_logs=logging.CRITICAL,
             )
-        client = untyped.Client(cluster or workers.scheduler, timeout=_CONNECT, set_as_default=False)
-    except (OSError, ValueError, RuntimeError) as error:
-        if cluster is not None:
-            cluster.close()
-        where = workers.scheduler or "Dask"
-        raise WrinkleError(f"no scheduler answers: {str(error).splitlines()[0]}", where=where) from error
-    try:
-        yield client
-    finally:
-        with suppress(Exception):
-            client.close(timeout=2)
-        if cluster is not None:
-            with suppress(Exception):
-                cluster.close(timeout=5)
+        except (OSError, ValueError, RuntimeError) as error:  # one was killed before it began
+            if attempt == settings.retries:
+                raise WrinkleError(f"workers do not start: {str(error).splitlines()[0]}", where="Dask") from error
+    raise AssertionError
 
 
 class _Sent:

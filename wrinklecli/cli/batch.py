@@ -4,15 +4,15 @@ import json
 import os
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
-from typing import IO, TYPE_CHECKING, Any
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from wrinklecli.cli.options import FILE, quiet_option, strict_option, verbose_option
 from wrinklecli.cli.output import Progress, emit, say, warn
-from wrinklecli.cli.streams import job_outputs
+from wrinklecli.cli.streams import end_at_signals, job_outputs
 from wrinklecli.errors import WrinkleError, counted
 
 if TYPE_CHECKING:
@@ -102,12 +102,11 @@ def batch(
     else:
         workers = Workers(jobs, scheduler, dashboard)
         done = outcomes(every, settings, workers, open_outputs=job_outputs, tell=lambda line: say(f"note: {line}"))
+    end_at_signals()  # between jobs; workers of this machine end with it
     told = _Told(len(every), quiet=quiet, verbose=verbose, dry_run=dry_run)
-    with _report(report, every, manifest) as stream, told:
+    with _report(report, every, manifest) as write, told:
         for outcome in done:
-            if stream is not None:
-                stream.write(json.dumps(_line(outcome), allow_nan=False) + "\n")
-                stream.flush()
+            write(json.dumps(_line(outcome), allow_nan=False))
             told.show(outcome)
             if not outcome.done and not keep_going:
                 break
@@ -128,24 +127,48 @@ def _refuse_usage(manifest: str, *, pattern: bool, jobs: int, scheduler: str | N
 
 
 @contextmanager
-def _report(path: str | None, jobs: "Sequence[BatchJob]", manifest: str) -> Iterator[IO[str] | None]:
-    """The file of the report, line by line: what is written is true even if the rest never comes.
+def _report(path: str | None, jobs: "Sequence[BatchJob]", manifest: str) -> Iterator[Callable[[str], object]]:
+    """What writes a line of the report, at once: what is written is true even if the rest never comes.
 
     Raises:
         WrinkleError: It is an input or an output, or cannot be written.
     """
     if path is None or path == "-":
-        yield None if path is None else sys.stdout
+        yield click.echo if path else lambda _line: None
         return
-    used = {os.path.abspath(each) for job in jobs for each in (job.asset, job.out, *job.tools, *job.anims)}
-    if os.path.abspath(path) in {*used, os.path.abspath(manifest)}:
+    used = (each for job in jobs for each in (job.asset, job.out, *job.tools, *job.anims))
+    if any(_is_same(path, each) for each in (manifest, *used)):
         raise WrinkleError("is a file of the batch too and would be overwritten", where=path)
-    with ExitStack() as opened:
-        try:
-            stream = opened.enter_context(open(path, "w", encoding="utf-8"))
-        except OSError as error:
-            raise WrinkleError(f"cannot be written: {error.strerror}", where=path) from error
-        yield stream
+
+    def write(line: str) -> None:
+        with _writing(path):
+            stream.write(line + "\n")
+            stream.flush()
+
+    with _writing(path):
+        stream = open(path, "w", encoding="utf-8")  # noqa: SIM115
+    try:
+        yield write
+    finally:
+        with suppress(OSError):
+            stream.close()
+
+
+def _is_same(path: str, other: str) -> bool:
+    """Whether two paths name one file, which need not be there."""
+    try:
+        return os.path.samefile(path, other)
+    except (OSError, ValueError):
+        return os.path.realpath(path) == os.path.realpath(other)
+
+
+@contextmanager
+def _writing(path: str) -> Iterator[None]:
+    try:
+        yield
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else None
+        raise WrinkleError(f"cannot be written: {reason or error}", where=path) from error
 
 
 def _line(outcome: "Outcome") -> dict[str, Any]:

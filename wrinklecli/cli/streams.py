@@ -4,7 +4,7 @@ import io
 import os
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import IO
@@ -65,21 +65,26 @@ def _give_up(stream: IO[str]) -> None:
         os.close(nowhere)
 
 
+def end_at_signals(first: Callable[[], object] = lambda: None) -> None:
+    """From now on let a signal end this process in a line, after a call that may come at any moment."""
+
+    def end(number: int, _frame: FrameType | None) -> None:
+        # Here and not by an exception, which may come where another one is dealt with.
+        first()
+        with suppress(OSError):  # past `sys.stderr`, which may be at work
+            os.write(2, b"\r\x1b[K"[: 4 * os.isatty(2)] + b"wrinkle: interrupted\n")
+        os._exit(128 + number)
+
+    for each in _ENDING:
+        if signal.getsignal(each) != signal.SIG_IGN:  # as for a job in the background, or after `nohup`
+            signal.signal(each, end)
+
+
 @contextmanager
 def command_outputs() -> Iterator[Outputs]:
     """What a command writes, unless a signal ends it first: then all is as it was. Later ones are not heard."""
     with Outputs(at_commit=_ignore_signals) as outputs:
-
-        def end(number: int, _frame: FrameType | None) -> None:
-            # Here and not by an exception, which may come where another one is dealt with.
-            outputs.discard()
-            with suppress(OSError):  # past `sys.stderr`, which may be at work
-                os.write(2, b"\r\x1b[K"[: 4 * os.isatty(2)] + b"wrinkle: interrupted\n")
-            os._exit(128 + number)
-
-        for each in _ENDING:
-            if signal.getsignal(each) != signal.SIG_IGN:  # as for a job in the background, or after `nohup`
-                signal.signal(each, end)
+        end_at_signals(outputs.discard)
         yield outputs
 
 
