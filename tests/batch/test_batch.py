@@ -157,6 +157,7 @@ def test_what_is_missing_or_misused_is_one_line(chars: Wrinkle, monkeypatch: pyt
     assert chars("batch", "chars/*.glb").code == 2
     assert chars("batch", "jobs.txt").code == 2
     assert chars(*PATTERN, "-j", "2", "--scheduler", "tcp://h:1").code == 2
+    assert chars(*PATTERN, "--dashboard").code == 2
     assert chars("batch", "m.yaml").lines == ["m.yaml: cannot be read: No such file or directory"]
     Path("link.jsonl").symlink_to("chars/c0.glb")
     for report in ("chars/c0.glb", "link.jsonl"):

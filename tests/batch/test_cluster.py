@@ -98,6 +98,20 @@ def test_workers_and_drivers_that_are_killed_change_no_byte(folder: Path) -> Non
     assert {name: data for name, data in made.items() if not name.startswith(".wrinkle-")} == files(folder / "alone")
 
 
+def test_a_signal_ends_a_batch_in_a_line_and_its_workers(folder: Path) -> None:
+    started = batch(folder, "ended", "-j", "2")
+    until(lambda: told(folder, "ended"), started)
+    workers = children(started.pid)
+    started.terminate()
+    assert started.wait(timeout=60) == 128 + signal.SIGTERM
+    assert (folder / "ended.err").read_text().splitlines()[-1] == "wrinkle: interrupted"
+    assert workers
+    end = time.monotonic() + 60
+    while any(Path(f"/proc/{each}").exists() for each in workers) and time.monotonic() < end:
+        time.sleep(0.05)
+    assert not any(Path(f"/proc/{each}").exists() for each in workers)
+
+
 @contextmanager
 def cluster(folder: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
     """A scheduler and two worker processes on the loopback: its address, and its process."""

@@ -11,6 +11,7 @@ import logging
 import math
 import queue
 import time
+import warnings
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
@@ -67,7 +68,8 @@ def refuse_without_dask(workers: Workers) -> None:
     """
     if importlib.util.find_spec("distributed") is None:
         raise WrinkleError("more workers than one need dask.distributed: pip install 'wrinklecli[batch]'")
-    if workers.dashboard and importlib.util.find_spec("bokeh") is None:
+    own = workers.scheduler is None
+    if own and workers.dashboard and importlib.util.find_spec("bokeh") is None:
         raise WrinkleError("Dask's dashboard needs bokeh: pip install bokeh")
 
 
@@ -106,11 +108,12 @@ def _client(settings: Settings, workers: Workers) -> Iterator[Any]:
 
     for name in ("distributed", "tornado", "asyncio", "bokeh"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
+    warnings.filterwarnings("ignore", module="distributed")  # such as of a port that is taken: another one is told
     cluster = _started(settings, workers) if workers.scheduler is None else None
     try:
         try:
             client = untyped.Client(cluster or workers.scheduler, timeout=_CONNECT, set_as_default=False)
-        except (OSError, ValueError, RuntimeError) as error:
+        except (OSError, ValueError, RuntimeError, TypeError, ImportError) as error:  # tls:// without its settings
             where = workers.scheduler or "Dask"
             raise WrinkleError(f"no scheduler answers: {str(error).splitlines()[0]}", where=where) from error
         try:
@@ -133,6 +136,7 @@ def _started(settings: Settings, workers: Workers) -> Any:
     import dask
     from distributed import LocalCluster
 
+    address = "127.0.0.1:8787" if workers.dashboard else "127.0.0.1:0"  # for this machine alone
     watched = {} if workers.dashboard else _UNWATCHED
     dask.config.set(_OF_WORKERS | watched | {"distributed.scheduler.allowed-failures": settings.retries})
     start: Any = LocalCluster
@@ -143,8 +147,8 @@ def _started(settings: Settings, workers: Workers) -> Any:
                 n_workers=workers.count,
                 threads_per_worker=1,
                 memory_limit=0,
-                dashboard_address=":8787" if workers.dashboard else None,
                 silence_logs=logging.CRITICAL,
+                scheduler_kwargs={"dashboard": workers.dashboard, "dashboard_address": address},
             )
         except (OSError, ValueError, RuntimeError) as error:  # one was killed before it began
             if attempt == settings.retries:

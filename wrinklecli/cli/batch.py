@@ -12,7 +12,7 @@ import click
 
 from wrinklecli.cli.options import FILE, quiet_option, strict_option, verbose_option
 from wrinklecli.cli.output import Progress, emit, say, warn
-from wrinklecli.cli.streams import end_at_signals, job_outputs
+from wrinklecli.cli.streams import job_outputs, leave_at_signals
 from wrinklecli.errors import WrinkleError, counted
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def batch(
     refused (--strict, and by limits in MANIFEST), none failed otherwise; 70 a bug.
     """
     pattern = manifest.lower().endswith(_MODELS)
-    _refuse_usage(manifest, pattern=pattern, jobs=jobs, scheduler=scheduler, given=given)
+    _refuse_usage(manifest, pattern=pattern, jobs=jobs, scheduler=scheduler, dashboard=dashboard, given=given)
 
     from wrinklecli.batch.cluster import Workers
     from wrinklecli.batch.keys import program
@@ -102,7 +102,7 @@ def batch(
     else:
         workers = Workers(jobs, scheduler, dashboard)
         done = outcomes(every, settings, workers, open_outputs=job_outputs, tell=lambda line: say(f"note: {line}"))
-    end_at_signals()  # between jobs; workers of this machine end with it
+    leave_at_signals()  # between jobs, and where workers do them, which end with it
     told = _Told(len(every), quiet=quiet, verbose=verbose, dry_run=dry_run)
     with _report(report, every, manifest) as write, told:
         for outcome in done:
@@ -116,9 +116,15 @@ def batch(
             sys.exit(code)
 
 
-def _refuse_usage(manifest: str, *, pattern: bool, jobs: int, scheduler: str | None, given: dict[str, Any]) -> None:
+def _refuse_usage(
+    manifest: str, *, pattern: bool, jobs: int, scheduler: str | None, dashboard: bool, given: dict[str, Any]
+) -> None:
     if scheduler is not None and jobs > 1:
         raise click.UsageError("'--scheduler' has workers of its own: it goes without '-j'.")
+    if dashboard and scheduler is None and jobs == 1:
+        raise click.UsageError(
+            "'--dashboard' shows Dask's workers: it goes with '-j' of two or more, or '--scheduler'."
+        )
     if pattern and not (given["tools"] and given["out"]):
         raise click.UsageError("A pattern of assets needs '--tools' and '--out'.")
     if not pattern and not manifest.lower().endswith((".yaml", ".yml", ".csv", ".jsonl")):

@@ -65,26 +65,28 @@ def _give_up(stream: IO[str]) -> None:
         os.close(nowhere)
 
 
-def end_at_signals(first: Callable[[], object] = lambda: None) -> None:
-    """From now on let a signal end this process in a line, after a call that may come at any moment."""
+def leave_at_signals() -> None:
+    """From now on let a signal end the command in a line, by `SystemExit`, so that what is open is closed."""
 
-    def end(number: int, _frame: FrameType | None) -> None:
-        # Here and not by an exception, which may come where another one is dealt with.
-        first()
-        with suppress(OSError):  # past `sys.stderr`, which may be at work
-            os.write(2, b"\r\x1b[K"[: 4 * os.isatty(2)] + b"wrinkle: interrupted\n")
-        os._exit(128 + number)
+    def leave(number: int, _frame: FrameType | None) -> None:
+        _say_interrupted()
+        sys.exit(128 + number)
 
-    for each in _ENDING:
-        if signal.getsignal(each) != signal.SIG_IGN:  # as for a job in the background, or after `nohup`
-            signal.signal(each, end)
+    _hear(leave)
 
 
 @contextmanager
 def command_outputs() -> Iterator[Outputs]:
     """What a command writes, unless a signal ends it first: then all is as it was. Later ones are not heard."""
     with Outputs(at_commit=_ignore_signals) as outputs:
-        end_at_signals(outputs.discard)
+
+        def end(number: int, _frame: FrameType | None) -> None:
+            # Here and not by an exception, which may come where another one is dealt with.
+            outputs.discard()
+            _say_interrupted()
+            os._exit(128 + number)
+
+        _hear(end)
         yield outputs
 
 
@@ -98,6 +100,17 @@ def job_outputs() -> Iterator[Outputs]:
     finally:
         for each, heard in before.items():
             signal.signal(each, heard)
+
+
+def _hear(signalled: Callable[[int, FrameType | None], object]) -> None:
+    for each in _ENDING:
+        if signal.getsignal(each) != signal.SIG_IGN:  # as for a job in the background, or after `nohup`
+            signal.signal(each, signalled)
+
+
+def _say_interrupted() -> None:
+    with suppress(OSError):  # past `sys.stderr`, which may be at work
+        os.write(2, b"\r\x1b[K"[: 4 * os.isatty(2)] + b"wrinkle: interrupted\n")
 
 
 def _ignore_signals() -> None:
