@@ -14,7 +14,7 @@ from scipy.integrate import quad
 
 from wrinklecli.method.curve import TAUT, ControlCurve, plan_curve
 from wrinklecli.method.polyline import PolylineProfile, polyline_heights
-from wrinklecli.method.profile import SmoothProfile
+from wrinklecli.method.profile import Profile, SmoothProfile
 from wrinklecli.method.weights import fitting_compressible
 from wrinklecli.numeric.arrays import Floats
 
@@ -499,3 +499,15 @@ def test_ten_thousand_frames_take_a_moment(profile):
     start = time.perf_counter()
     curve.follow(TAUT * (1 - parts), np.ones(len(parts)))
     assert time.perf_counter() - start < 2.0  # About 0.02 and 0.2 s here; generous, for busy machines.
+
+
+@pytest.mark.parametrize("profile", ["skin", "cloth"])
+def test_where_edges_are_short_goes_on_mirrored_beyond_the_ends(profile: Profile) -> None:
+    curve = plan_curve(
+        bumps=3, gap=1, strategy="everywhere", details=(), profile=profile, max_height=0.1, rest_length=1.0
+    )
+    us = np.linspace(0.0, 0.4, 41)
+    within = curve.stretched(us)
+    assert curve.stretched(-us) == pytest.approx(-within, abs=1e-12)
+    assert curve.stretched(1.0 + us) == pytest.approx(2.0 - curve.stretched(1.0 - us), abs=1e-12)
+    assert (np.diff(within) > 0).all()

@@ -232,13 +232,19 @@ class ControlCurve:
         return heights
 
     def stretched(self, us: Floats) -> Floats:
-        """(…,) us, (…,) along the curve, with each bump warped towards where its profile is the smooth one."""
-        bumps, taus = self.bumps.locate(us)
+        """(…,) us, (…,) along the curve, with each bump warped towards where its profile is the smooth one.
+
+        Before its ends and behind them as within, mirrored: an edge across a foot is as short as one across a furrow.
+        """
+        before, behind = us < 0.0, us > 1.0
+        within = np.where(before, -us, np.where(behind, 2.0 - us, us))
+        bumps, taus = self.bumps.locate(within)
         inside, turned = (taus > 0) & (taus < 1), self.turned[bumps]
         taus = taus.clip(0.0, 1.0)
         places = self.profile.warped(np.where(turned, 1.0 - taus, taus))
         starts, ends = self.bumps.starts[bumps], self.bumps.ends[bumps]
-        return np.where(inside, starts + (ends - starts) * np.where(turned, 1.0 - places, places), us)
+        placed = np.where(inside, starts + (ends - starts) * np.where(turned, 1.0 - places, places), within)
+        return np.where(before, -placed, np.where(behind, 2.0 - placed, placed))
 
     def phases(self, us: Floats) -> Floats:
         """(…,) where (…,) us are among the bumps: k + 1/2 on the crest of bump k, k and k + 1 at its feet."""
