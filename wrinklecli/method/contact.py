@@ -240,18 +240,37 @@ class Tissue:
         found.build(self.mesh, np.asfortranarray(positions), near, kept)
         return found
 
-    def free_share(self, start: Floats, end: Floats) -> float:
-        """The part of the straight way from (vertices, 3) to others on which nothing comes too near."""
+    def way(self, start: Floats, end: Floats) -> "_Way":
+        """The straight way from (vertices, 3) to others."""
+        return _Way(self, np.asfortranarray(start), np.asfortranarray(end))
+
+
+class _Way:
+    """A straight way of all vertices: what may come near on it is found once."""
+
+    def __init__(self, tissue: Tissue, start: Floats, end: Floats) -> None:
         import ipctk
 
-        share = ipctk.compute_collision_free_stepsize(
-            self.mesh,
-            np.asfortranarray(start),
-            np.asfortranarray(end),
-            min_distance=self.distances[1],
-            narrow_phase_ccd=ipctk.AdditiveCCD(),
+        self._tissue, self._start, self._end = tissue, start, end
+        self._candidates = ipctk.Candidates()
+        self._candidates.build(tissue.mesh, start, end, sum(tissue.distances) / 2.0)
+
+    def free_share(self) -> float:
+        """The part on which nothing comes too near; somewhat less where that is not all of it."""
+        import ipctk
+
+        share = self._candidates.compute_collision_free_stepsize(
+            self._tissue.mesh, self._start, self._end, self._tissue.distances[1], ipctk.AdditiveCCD(conservative_rescaling=0.99)
         )
-        return float(share)
+        return float(share) if share >= 1.0 else _SAFE * float(share)
+
+    def near(self, positions: Floats) -> Any:
+        """What is near at (vertices, 3) on it."""
+        import ipctk
+
+        found = ipctk.NormalCollisions()
+        found.build(self._candidates, self._tissue.mesh, np.asfortranarray(positions), *self._tissue.distances)
+        return found
 
 
 def march(tissue: Tissue, poses: Iterable[Posed], start: State | None = None) -> Iterator[State]:
@@ -275,9 +294,10 @@ def _step(tissue: Tissue, state: State, posed: Posed) -> State:
     turns = posed.matrices[rows] @ inverses(state.posed.matrices[rows])
     carried[rows] = np.einsum("vij,vj->vi", turns, correction[rows])
     wanted = posed.positions + carried
-    share = tissue.free_share(state.positions, wanted)
-    positions = state.positions + (share if share >= 1.0 else _SAFE * share) * (wanted - state.positions)
-    near = tissue.collisions(positions)
+    way = tissue.way(state.positions, wanted)
+    share = way.free_share()
+    positions = state.positions + share * (wanted - state.positions)
+    near = way.near(positions)
     if share >= 1.0 and not len(near) and not carried.any():
         return State(positions, posed)
     return _newton(tissue, positions, posed, near)
@@ -295,11 +315,11 @@ def _newton(tissue: Tissue, positions: Floats, posed: Posed, near: Any) -> State
         if not arriving and np.abs(direction).max() < (_SETTLED if len(near) else _STILL):
             settled = True
             break
-        share = tissue.free_share(positions, positions + direction)
-        share = share if share >= 1.0 else _SAFE * share
+        way = tissue.way(positions, positions + direction)
+        share = way.free_share()
         for _halving in range(_HALVINGS):
             trial = positions + share * direction
-            trial_near = tissue.collisions(trial)
+            trial_near = way.near(trial)
             trial_energy = _energy(tissue, trial, wanted, trial_near)
             if trial_energy <= energy + 1e-4 * share * slope or (arriving and trial_energy < energy):
                 break
@@ -347,14 +367,17 @@ def _direction(tissue: Tissue, positions: Floats, wanted: _Wanted, near: Any) ->
     direction = np.where(tissue.free[:, None], 0.0, wanted.positions - positions)
     flat, inner = direction.reshape(-1), tissue.inner_coordinates
     right = gradient + (tissue.stiffness @ direction).reshape(-1) + (tissue.pressures * (volumes @ flat)) @ volumes
-    hessian = None
+    touched, contacts = None, None
     if len(near):
         hessian = tissue.barrier.hessian(near, tissue.mesh, placed, ipctk.PSDProjectionMethod.CLAMP).tocsr()
         right = right + hessian @ flat
-        hessian = hessian[inner][:, inner]
+        held = np.diff(hessian.indptr).reshape(-1, 3).any(axis=1) & tissue.free
+        rows = np.flatnonzero(held)
+        coordinates = (3 * rows[:, None] + np.arange(3)).reshape(-1)
+        touched, contacts = np.cumsum(tissue.free)[rows] - 1, hessian[coordinates][:, coordinates]
     # (A + V p Vᵀ) d = −f, from what A alone does under f and V.
     inside = volumes[:, inner].T
-    alone = tissue.response.of(np.column_stack([-right[inner], inside]), hessian)
+    alone = tissue.response.of(np.column_stack([-right[inner], inside]), touched, contacts)
     moved, under = alone[:, 0], alone[:, 1:]
     resisting = np.diag(1.0 / tissue.pressures) + inside.T @ under
     flat[inner] = moved - under @ np.linalg.solve(resisting, inside.T @ moved)
