@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from wrinklecli.method.response import Response, stiffness_of
+from wrinklecli.method.response import Held, Pressed, Response, stiffness_of
 from wrinklecli.method.volume import Pieces
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, inverses
 from wrinklecli.numeric.crossings import Crossings, edges_of
@@ -48,13 +48,13 @@ _STIFF = 1000.0
 _TIGHT = 0.1
 # Newton's steps of a frame at most, and the length of a step that ends them: a fifth of the gap. With a quarter of that
 # steps are twice as many. Where nothing touches any more all goes back to its pose.
-_STEPS, _SETTLED, _STILL = 32, 0.2, 0.001
+_STEPS, _SETTLED, _STILL = 32, 0.4, 0.001
 # What is not free is in its place, up to rounding.
 _ARRIVED = 1e-9
 # Halvings of a step that does not lower the energy.
 _HALVINGS = 12
-# Share of a step up to the first touch that is taken.
-_SAFE = 0.9
+# Share of the distance that is gone at the first touch, and share of a step up to there that is taken.
+_CLOSE, _SAFE = 0.99, 0.9
 # Halvings of the distances until nothing is near at rest.
 _CLOSER = 8
 
@@ -190,20 +190,23 @@ class Tissue:
     @cached_property
     def pressures(self) -> Floats:
         """(pieces,) what resists a change of volume: so much more than a piece itself that hardly any is lost."""
-        gradients = self.pieces.gradients(self.rest).reshape(-1, self.rest.size)[:, self.inner_coordinates]
-        gives = np.sum(gradients.T * self.response.of(gradients.T), axis=0)
-        return np.asarray((1.0 / _LOST - 1.0) / np.maximum(gives, _LEAST_GIVEN))
+        gradients = self.pieces.gradients(self.rest)[:, self.free]
+        return np.asarray(
+            (1.0 / _LOST - 1.0) / np.maximum(np.sum(gradients * self.gives(gradients), axis=(1, 2)), _LEAST_GIVEN)
+        )
+
+    def gives(self, forces: Floats) -> Floats:
+        """(several, free, 3) how free vertices move under as many forces."""
+        count = len(forces)
+        return (
+            self.response.of(forces.transpose(1, 0, 2).reshape(-1, 3 * count)).reshape(-1, count, 3).transpose(1, 0, 2)
+        )
 
     @cached_property
     def response(self) -> Response:
         """Of free vertices to forces."""
         rows = np.flatnonzero(self.free)
         return Response(self.stiffness[rows][:, rows])
-
-    @cached_property
-    def inner_coordinates(self) -> Ints:
-        """(3 · free,) of all coordinates those of free vertices."""
-        return (3 * np.flatnonzero(self.free)[:, None] + np.arange(3)).reshape(-1)
 
     def collisions(self, positions: Floats) -> Any:
         """What is near at (vertices, 3)."""
@@ -260,7 +263,11 @@ class _Way:
         import ipctk
 
         share = self._candidates.compute_collision_free_stepsize(
-            self._tissue.mesh, self._start, self._end, self._tissue.distances[1], ipctk.AdditiveCCD(conservative_rescaling=0.99)
+            self._tissue.mesh,
+            self._start,
+            self._end,
+            self._tissue.distances[1],
+            ipctk.AdditiveCCD(conservative_rescaling=_CLOSE),
         )
         return float(share) if share >= 1.0 else _SAFE * float(share)
 
@@ -359,26 +366,27 @@ def _direction(tissue: Tissue, positions: Floats, wanted: _Wanted, near: Any) ->
     """(vertices, 3) Newton's step, which takes what is not free to its place, and the slope of the energy along it."""
     import ipctk
 
-    placed = np.asfortranarray(positions)
-    volumes = tissue.pieces.gradients(positions).reshape(-1, positions.size)
-    pressed = tissue.pressures * (tissue.pieces.volumes(positions) - wanted.volumes)
-    gradient = (tissue.stiffness @ (positions - wanted.positions)).reshape(-1) + pressed @ volumes
-    gradient = gradient + tissue.barrier.gradient(near, tissue.mesh, placed)
-    direction = np.where(tissue.free[:, None], 0.0, wanted.positions - positions)
-    flat, inner = direction.reshape(-1), tissue.inner_coordinates
-    right = gradient + (tissue.stiffness @ direction).reshape(-1) + (tissue.pressures * (volumes @ flat)) @ volumes
-    touched, contacts = None, None
-    if len(near):
-        hessian = tissue.barrier.hessian(near, tissue.mesh, placed, ipctk.PSDProjectionMethod.CLAMP).tocsr()
-        right = right + hessian @ flat
-        held = np.diff(hessian.indptr).reshape(-1, 3).any(axis=1) & tissue.free
-        rows = np.flatnonzero(held)
-        coordinates = (3 * rows[:, None] + np.arange(3)).reshape(-1)
-        touched, contacts = np.cumsum(tissue.free)[rows] - 1, hessian[coordinates][:, coordinates]
-    # (A + V p Vᵀ) d = −f, from what A alone does under f and V.
-    inside = volumes[:, inner].T
-    alone = tissue.response.of(np.column_stack([-right[inner], inside]), touched, contacts)
-    moved, under = alone[:, 0], alone[:, 1:]
-    resisting = np.diag(1.0 / tissue.pressures) + inside.T @ under
-    flat[inner] = moved - under @ np.linalg.solve(resisting, inside.T @ moved)
-    return direction, float(gradient @ flat)
+    placed, free = np.asfortranarray(positions), tissue.free
+    correction = positions - wanted.positions
+    barrier = tissue.barrier.gradient(near, tissue.mesh, placed).reshape(-1, 3)
+    direction = np.where(free[:, None], 0.0, -correction)
+    gradients = tissue.pieces.gradients(positions)
+    more = tissue.pieces.volumes(positions) - wanted.volumes
+    pressed = Pressed(
+        gradients[:, free],
+        tissue.gives(gradients[:, free]),
+        tissue.pressures,
+        more - np.tensordot(gradients, correction, axes=2),
+    )
+    hessian = tissue.barrier.hessian(near, tissue.mesh, placed, ipctk.PSDProjectionMethod.CLAMP).tocsr()
+    rows = np.flatnonzero(np.diff(hessian.indptr).reshape(-1, 3).any(axis=1) & free)
+    coordinates = (3 * rows[:, None] + np.arange(3)).reshape(-1)
+    held = Held(
+        (np.cumsum(free) - 1)[rows],
+        -barrier[rows] - (hessian[coordinates] @ direction.reshape(-1)).reshape(-1, 3),
+        hessian[coordinates][:, coordinates],
+        correction[rows],
+    )
+    direction[free] = tissue.response.settled(held, pressed) - correction[free]
+    gradient = tissue.stiffness @ correction + np.tensordot(tissue.pressures * more, gradients, axes=1) + barrier
+    return direction, float(np.sum(gradient * direction))

@@ -22,6 +22,8 @@ from wrinklecli.method.folding import (
     free_rows,
     is_clear,
     last_of,
+    moved_by,
+    positions_of,
     squeezed,
     still_crossing,
 )
@@ -98,20 +100,25 @@ class Crease:
             clip: The animation.
             times: (frames,) seconds, rising; near enough for the surface to follow.
         """
-        weights, error, unsettled, crossing = np.zeros((len(times), len(self.shapes))), 0.0, 0, 0
-        left = 0  # vertices that cross, more than without contact
+        weights, error, unsettled = np.zeros((len(times), len(self.shapes))), 0.0, 0
+        touching: list[int] = []
+        left: list[int] = []  # of frames that cross still, how many vertices do
         for frame, found in enumerate(self._marched(clip, times)):
             unsettled += not found.state.converged
             if found.touches:
                 weights[frame], crosses = fitted(self.tissue, found, self.shapes)
-                crossing += crosses
                 error = max(error, _missed(found, weights[frame], self.shapes))
-                left -= crossing_vertices(self.tissue, found, np.zeros_like(found.moved))
+                touching.append(frame)
                 if crosses:
-                    left += crossing_vertices(self.tissue, found, np.tensordot(weights[frame], self.shapes, axes=1))
-        if left > 0:
+                    moved = np.tensordot(weights[frame], self.shapes, axes=1)
+                    left.append(crossing_vertices(self.tissue, moved_by(self.tissue, found, moved)))
+        given_up = bool(left) and sum(left) > sum(
+            crossing_vertices(self.tissue, positions)
+            for positions in positions_of(self.fold, self.tissue, clip, times[touching])
+        )
+        if given_up:
             weights[:] = 0.0
-        return Followed(weights, error * self.fold.radius / UNITS, unsettled, crossing, given_up=left > 0)
+        return Followed(weights, error * self.fold.radius / UNITS, unsettled, len(left), given_up)
 
     def for_clip(self, clip: Clip, times: Floats, *, share: float, most: int) -> "tuple[Crease, Followed]":
         """The same fold with shapes for what contact does in one clip alone, as `resolve`; and how they follow it.

@@ -71,27 +71,32 @@ def still_crossing(tissue: Tissue, found: Found, moved: Floats) -> Bools | None:
 
     What crosses with those found too, as another mesh that leaves no room, does not count.
     """
-    marked = tissue.crossing(_moved(tissue, found, moved))
+    marked = tissue.crossing(moved_by(tissue, found, moved))
     if marked is None:
         return None
-    ever = tissue.crossing(_moved(tissue, found, found.moved))
+    ever = tissue.crossing(moved_by(tissue, found, found.moved))
     fresh = (marked if ever is None else marked & ~ever)[free_rows(tissue)]
     return fresh if fresh.any() else None
 
 
-def crossing_vertices(tissue: Tissue, found: Found, moved: Floats) -> int:
-    """How many vertices cross if (free, 3) is added to them, bind space."""
-    marked = tissue.crossing(_moved(tissue, found, moved))
+def crossing_vertices(tissue: Tissue, positions: Floats) -> int:
+    """How many vertices cross at (vertices, 3) positions, solver's units."""
+    marked = tissue.crossing(positions)
     return 0 if marked is None else int(marked.sum())
+
+
+def positions_of(fold: Fold, tissue: Tissue, clip: Clip | None, times: Floats) -> Iterator[Floats]:
+    """(vertices, 3) where the pose wants them at each of (frames,) seconds of a clip, solver's units."""
+    return (posed.positions for posed in _poses(fold, tissue, clip, times))
 
 
 def squeezed(tissue: Tissue, found: Found, moved: Floats) -> float:
     """How much of a limb's volume, as long as it is thick, goes if vertices are moved by (free, 3) in bind space."""
-    grown = tissue.pieces.grown(_moved(tissue, found, moved), found.positions)
+    grown = tissue.pieces.grown(moved_by(tissue, found, moved), found.positions)
     return abs(grown) / (2.0 * np.pi * UNITS**3)
 
 
-def _moved(tissue: Tissue, found: Found, moved: Floats) -> Floats:
+def moved_by(tissue: Tissue, found: Found, moved: Floats) -> Floats:
     """(vertices, 3) positions with (free, 3) added, bind space; solver's units."""
     positions = found.positions.copy()
     positions[free_rows(tissue)] += np.einsum("vij,vj->vi", found.matrices, moved)

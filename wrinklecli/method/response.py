@@ -1,5 +1,6 @@
 """What resists a correction of a surface, and what the surface does under forces."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -30,11 +31,45 @@ def stiffness_of(rest: Floats, triangles: Ints, *, soft: float, heavier: Floats)
     return (sparse.diags_array(masses) + soft**2 / mean * laplacian + soft**4 / mean * bent).tocsr()
 
 
+@dataclass(frozen=True, slots=True)
+class Held:
+    """What contacts do to free vertices.
+
+    Attributes:
+        vertices: (touched,) of the free ones, rising.
+        forces: (touched, 3) on them.
+        resisting: (3 · touched, 3 · touched) sparse, not negative: by how much forces fall where they move.
+        off: (touched, 3) how far each is from its pose.
+    """
+
+    vertices: Ints
+    forces: Floats
+    resisting: Any
+    off: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Pressed:
+    """What keeps the volume of pieces.
+
+    Attributes:
+        gradients: (pieces, free, 3) by how much volumes grow where vertices move.
+        gives: (pieces, free, 3) about how vertices move under as many forces.
+        stiff: (pieces,) the force for each unit of volume.
+        more: (pieces,) than is wanted if all were in its pose, by the gradients.
+    """
+
+    gradients: Floats
+    gives: Floats
+    stiff: Floats
+    more: Floats
+
+
 class Response:
     """What free vertices do under forces: the inverse of the stiffness, which never changes, with contacts added.
 
-    Contacts hold few vertices, and each of these mostly along one direction: what a force on one does to the others is
-    found once, so a step takes a dense system of those directions, and no factors of all. (Those of SuperLU took five
+    Contacts hold few vertices, and each of these mostly along one direction. What a force on one does to the others is
+    found once: so a step takes a dense system of those directions, and no factors of all. (Those of SuperLU took five
     times as long, and a system of all coordinates of those that touch three times.)
 
     Args:
@@ -52,39 +87,39 @@ class Response:
         self._vertices = np.zeros(0, np.intp)
         self._gains = np.zeros((0, 0))
 
-    def of(self, forces: Floats, touched: Ints | None = None, contacts: Any = None) -> Floats:
-        """What moves under forces.
-
-        Args:
-            forces: (3 · free, forces).
-            touched: (touched,) free vertices that contacts hold,
-            contacts: and (3 · touched, 3 · touched) sparse, not negative, how they resist.
-
-        Returns:
-            (3 · free, forces) moves.
-        """
-        several = forces.shape[1]
-        alone = self._solved(forces.reshape(-1, 3 * several))
-        if touched is None or not len(touched):
-            return np.asarray(alone.reshape(-1, several))
-        numbers = self._of_each(touched)
-        gains = self._gains[numbers[:, None], numbers]
-        # What is held: (held,) the vertex, and its direction.
-        vertices, directions = _held(contacts, np.diag(gains))
-        projected = _sparse_rows(vertices, directions, len(touched))
-        stiff = (projected.T @ contacts @ projected).tocsr()
-        # (1 + H G) f = H u at what is held, of the moves u without contact.
-        coupled = gains[vertices[:, None], vertices] * (directions @ directions.T)
-        system = stiff @ coupled
-        system[np.diag_indices(len(vertices))] += 1.0
-        moved = projected.T @ alone.reshape(-1, 3, several)[touched].reshape(-1, several)
-        held = np.zeros((len(alone) * 3, several))
-        coordinates = (3 * touched[:, None] + np.arange(3)).reshape(-1)
-        held[coordinates] = projected @ np.linalg.solve(system, stiff @ moved)
-        return np.asarray((alone - self._solved(held.reshape(-1, 3 * several))).reshape(-1, several))
-
-    def _solved(self, forces: Floats) -> Floats:
+    def of(self, forces: Floats) -> Floats:
+        """(free, columns) how free vertices move under as many forces."""
         return np.asarray(self._factors.solve(np.asfortranarray(forces)))
+
+    def settled(self, held: Held, pressed: Pressed) -> Floats:
+        """(free, 3) how far vertices are from their pose where the forces that hold and press them are in balance.
+
+        Forces change as linearly as contacts and volumes do near where vertices are now.
+        """
+        numbers = self._of_each(held.vertices)
+        gains = self._gains[numbers[:, None], numbers]
+        # Along the directions that are held, H are contacts, G what forces do, and W what pressure does:
+        #     f = −H (G f + moved − W s),   s / stiff = more + ∇V · (moves under all forces)
+        vertices, directions = _directions(held.resisting, np.diag(gains))
+        count = len(vertices)
+        along = _columns(vertices, directions, len(held.vertices))
+        contacts = (along.T @ held.resisting @ along).tocsr()
+        given = pressed.gives[:, held.vertices].reshape(len(pressed.stiff), -1)
+        given_along = along.T @ given.T
+        system = np.zeros((count + len(given), count + len(given)))
+        system[:count, :count] = contacts @ (gains[vertices[:, None], vertices] * (directions @ directions.T))
+        system[np.diag_indices(count)] += 1.0
+        system[:count, count:] = -(contacts @ given_along)
+        system[count:, :count] = -given_along.T
+        system[count:, count:] = np.diag(1.0 / pressed.stiff) + np.tensordot(
+            pressed.gradients, pressed.gives, axes=((1, 2), (1, 2))
+        )
+        moved = along.T @ (gains @ held.forces - held.off).reshape(-1)
+        right = np.concatenate([-(contacts @ moved), pressed.more + given @ held.forces.reshape(-1)])
+        solution = np.linalg.solve(system, right)
+        forces = -np.tensordot(solution[count:], pressed.gradients, axes=1)
+        forces[held.vertices] += held.forces + (along @ solution[:count]).reshape(-1, 3)
+        return self.of(forces)
 
     def _of_each(self, vertices: Ints) -> Ints:
         """(vertices,) the numbers of some among those of which is known what a force on each does to each."""
@@ -98,7 +133,7 @@ class Response:
             some = fresh[k : k + _AT_ONCE]
             units = np.zeros((len(self._known), len(some)))
             units[some, np.arange(len(some))] = 1.0
-            found = self._solved(units)[self._vertices]
+            found = self.of(units)[self._vertices]
             columns = self._known[some]
             grown[:, columns] = found
             grown[columns] = found.T
@@ -108,7 +143,7 @@ class Response:
         return found_numbers
 
 
-def _held(contacts: Any, gains: Floats) -> tuple[Ints, Floats]:
+def _directions(contacts: Any, gains: Floats) -> tuple[Ints, Floats]:
     """Where (3 · touched, 3 · touched) contacts resist more than hardly, against (touched,) gains under a force.
 
     Returns:
@@ -125,7 +160,7 @@ def _held(contacts: Any, gains: Floats) -> tuple[Ints, Floats]:
     return vertices, vectors[vertices, :, which]
 
 
-def _sparse_rows(vertices: Ints, directions: Floats, count: int) -> Any:
+def _columns(vertices: Ints, directions: Floats, count: int) -> Any:
     """(3 · count, held) sparse: what each direction of a vertex is, in coordinates."""
     import scipy.sparse as sparse
 
