@@ -26,7 +26,9 @@ def test_shapes_that_would_take_volume_away_are_more() -> None:
         moved[:, 0] = 0.0
         shares = np.where(other, 0.01, 1.0)
         rows = free_rows(tissue)
-        return Found(moved[rows], shares[rows], rest, matrices[rows], State(rest, Posed(rest, matrices)))
+        return Found(
+            moved[rows], shares[rows], 0.0 * moved[rows], rest, matrices[rows], State(rest, Posed(rest, matrices))
+        )
 
     solved = [found(8), found(11)]
     weights, shapes, crossing = fewest(tissue, solved, share=0.35, most=8)

@@ -160,6 +160,11 @@ class Tissue:
         return mesh
 
     @cached_property
+    def edges(self) -> Ints:
+        """(edges, 2) of the surface."""
+        return edges_of(self.triangles)
+
+    @cached_property
     def crossings(self) -> Crossings:
         """What may cross."""
         return Crossings.of(self.rest, self.triangles[self.colliding])
@@ -221,11 +226,10 @@ class Tissue:
         # Long edges go through large triangles far from all their vertices.
         return not ipctk.has_intersections(self.mesh, np.asfortranarray(positions))
 
-    def touching(self, positions: Floats) -> Bools:
-        """(vertices,) those that something holds off at (vertices, 3)."""
+    def forces(self, positions: Floats) -> Floats:
+        """(vertices, 3) by which each is held off at (vertices, 3); 0 where nothing is near."""
         placed = np.asfortranarray(positions)
-        held = self.barrier.gradient(self.collisions(positions), self.mesh, placed).reshape(-1, 3)
-        return np.asarray(held.any(axis=1))
+        return -np.asarray(self.barrier.gradient(self.collisions(positions), self.mesh, placed)).reshape(-1, 3)
 
     def crossing(self, positions: Floats) -> Bools | None:
         """(vertices,) whether an edge or a triangle of each crosses at (vertices, 3); None where none does."""

@@ -23,6 +23,7 @@ from wrinklecli.method.folding import (
     is_clear,
     last_of,
     moved_by,
+    opened,
     positions_of,
     squeezed,
     still_crossing,
@@ -275,38 +276,42 @@ def fewest(tissue: Tissue, solved: Sequence[Found], *, share: float, most: int) 
     most = min(most, len(solved))
     tries: list[tuple[int, float, Floats, Floats]] = []
     for count in range(1, most + 1):
-        shares = np.stack([each.shares for each in solved])
+        shares, wanted = np.stack([each.shares for each in solved]), fields
         for _ in range(_TRIES):
-            weights, shapes = weighted_basis(fields, shares, count)
+            weights, shapes = weighted_basis(wanted, shares, count)
             missed = max(_missed(each, row, shapes) for each, row in zip(solved, weights, strict=True))
             if missed > bound and count < most:
                 break
-            crossing, lost = 0, 0.0
-            for number, each in enumerate(solved):
-                moved = np.tensordot(weights[number], shapes, axes=1)
-                lost = max(lost, squeezed(tissue, each, moved))
+            made = [np.tensordot(row, shapes, axes=1) for row in weights]
+            crossing = 0
+            for number, (each, moved) in enumerate(zip(solved, made, strict=True)):
                 marked = still_crossing(tissue, each, moved)
                 if marked is not None:
                     crossing += 1
                     shares[number, marked] *= _MORE
+                if count < most and crossing > _HOPELESS * len(solved):
+                    break
+            lost = max(squeezed(tissue, each, moved) for each, moved in zip(solved, made, strict=True))
             if not crossing and lost <= allowed:
                 return weights, shapes, 0
             tries.append((crossing, max(lost, allowed), weights, shapes))
             if not crossing or (crossing > _HOPELESS * len(solved) and count < most):
                 break
+            wanted = np.stack([opened(each, moved) for each, moved in zip(solved, made, strict=True)])
     crossing, _, weights, shapes = min(tries, key=lambda each: each[:2])
     return weights, shapes, crossing
 
 
 def fitted(tissue: Tissue, found: Found, shapes: Floats) -> tuple[Floats, bool]:
     """(shapes,) weights that make what was found of (shapes, free, 3), and whether they leave crossings."""
-    shares = found.shares
+    shares, wanted = found.shares, found.moved
     for _ in range(_TRIES):
-        (weights,) = np.clip(project(found.moved[None], shares[None], shapes), -MOST_WEIGHT, MOST_WEIGHT)
-        marked = still_crossing(tissue, found, np.tensordot(weights, shapes, axes=1))
+        (weights,) = np.clip(project(wanted[None], shares[None], shapes), -MOST_WEIGHT, MOST_WEIGHT)
+        moved = np.tensordot(weights, shapes, axes=1)
+        marked = still_crossing(tissue, found, moved)
         if marked is None:
             return weights, False
-        shares = np.where(marked, _MORE * shares, shares)
+        shares, wanted = np.where(marked, _MORE * shares, shares), opened(found, moved)
     return weights, True
 
 

@@ -9,15 +9,18 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.method.contact import UNITS, Posed, State, Tissue, march
 from wrinklecli.method.fold import Fold
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, inverses
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, inverses, unit
 
 # Poses of which all but the last are passed over where nothing is near at its: 16° of a sweep, an eighth of a second.
 _AHEAD = 4
 # Poses that are computed at once: bounds the memory.
 _AT_ONCE = 16
 # What the square of an error counts where nothing touches, of what it counts where something does: there a tenth of
-# the length is as good, hidden in the fold.
-_APART = 0.01
+# the length is as good, hidden in the fold. From one to the other it falls over some rings of vertices, by a share
+# each: what is there may touch next.
+_APART, _RINGS, _FALLS = 0.01, 3, 0.4
+# How much further apart what touches may be moved than was found, solver's units: hidden in the fold too.
+_OPEN = 1.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +30,7 @@ class Found:
     Attributes:
         moved: (free, 3) what it adds to the vertices that may leave their pose, bind space.
         shares: (free,) what the square of an error counts there.
+        outward: (free, 3) unit, which way each is held off by what it touches, solver's units; 0 where nothing is.
         positions: (vertices, 3) where the pose wants all vertices, solver's units.
         matrices: (free, 3, 3) what turns bind space to these units there.
         state: Of the solver, from which the next pose begins.
@@ -34,6 +38,7 @@ class Found:
 
     moved: Floats
     shares: Floats
+    outward: Floats
     positions: Floats
     matrices: Floats
     state: State
@@ -53,12 +58,27 @@ def found_in(
     for state in _states(tissue, _poses(fold, tissue, clip, times), start):
         matrices = scale * state.posed.matrices[rows]
         correction = state.correction[rows]
-        moved, shares = np.zeros_like(correction), np.full(len(rows), _APART)
+        moved, shares, outward = np.zeros_like(correction), np.full(len(rows), _APART), np.zeros_like(correction)
         moving = np.flatnonzero(correction.any(axis=1))
         if len(moving):
             moved[moving] = np.einsum("vij,vj->vi", inverses(matrices[moving]), correction[moving])
-            shares[tissue.touching(state.positions)[rows]] = 1.0
-        yield Found(moved, shares, state.posed.positions, matrices, state)
+            forces = tissue.forces(state.positions)
+            shares = _spread(tissue, np.asarray(forces.any(axis=1)))[rows]
+            outward = unit(forces[rows])
+        yield Found(moved, shares, outward, state.posed.positions, matrices, state)
+
+
+def _spread(tissue: Tissue, touching: Bools) -> Floats:
+    """(vertices,) what the square of an error counts at each, where (vertices,) some touch."""
+    shares, reached = np.where(touching, 1.0, _APART), touching
+    first, second = tissue.edges.T
+    for ring in range(1, _RINGS + 1):
+        wider = reached.copy()
+        wider[second[reached[first]]] = True
+        wider[first[reached[second]]] = True
+        shares[wider & ~reached] = max(_FALLS**ring, _APART)
+        reached = wider
+    return shares
 
 
 def free_rows(tissue: Tissue) -> Ints:
@@ -88,6 +108,16 @@ def crossing_vertices(tissue: Tissue, positions: Floats) -> int:
 def positions_of(fold: Fold, tissue: Tissue, clip: Clip | None, times: Floats) -> Iterator[Floats]:
     """(vertices, 3) where the pose wants them at each of (frames,) seconds of a clip, solver's units."""
     return (posed.positions for posed in _poses(fold, tissue, clip, times))
+
+
+def opened(found: Found, moved: Floats) -> Floats:
+    """(free, 3) what was found, with as much more as (free, 3) open what touches further: that does no harm."""
+    away = np.einsum("vij,vj,vi->v", found.matrices, moved - found.moved, found.outward)
+    rows = np.flatnonzero(away > 0.0)
+    further = np.minimum(away[rows], _OPEN)[:, None] * found.outward[rows]
+    wanted = found.moved.copy()
+    wanted[rows] += np.einsum("vij,vj->vi", inverses(found.matrices[rows]), further)
+    return wanted
 
 
 def squeezed(tissue: Tissue, found: Found, moved: Floats) -> float:
