@@ -44,7 +44,7 @@ MOST_WEIGHT = 1.5
 """Greatest weight of a shape in any clip; in the sweeps it is 1."""
 
 # Share of poses with crossings above which more shapes are needed at once.
-_HOPELESS = 0.2
+_HOPELESS = 0.7
 # Volume that shapes may take away, of a limb's as long as it is thick.
 _LOST = 0.01
 
@@ -277,29 +277,39 @@ def fewest(tissue: Tissue, solved: Sequence[Found], *, share: float, most: int) 
     tries: list[tuple[int, float, Floats, Floats]] = []
     for count in range(1, most + 1):
         shares, wanted = np.stack([each.shares for each in solved]), fields
+        suspects = np.arange(len(solved))
         for _ in range(_TRIES):
             weights, shapes = weighted_basis(wanted, shares, count)
             missed = max(_missed(each, row, shapes) for each, row in zip(solved, weights, strict=True))
             if missed > bound and count < most:
                 break
             made = [np.tensordot(row, shapes, axes=1) for row in weights]
-            crossing = 0
-            for number, (each, moved) in enumerate(zip(solved, made, strict=True)):
-                marked = still_crossing(tissue, each, moved)
-                if marked is not None:
-                    crossing += 1
-                    shares[number, marked] *= _MORE
-                if count < most and crossing > _HOPELESS * len(solved):
-                    break
+            crossing = _crossing(tissue, solved, made, suspects)
+            if len(suspects) < len(solved) and (not crossing or count == most):
+                crossing |= _crossing(tissue, solved, made, np.setdiff1d(np.arange(len(solved)), suspects))
             lost = max(squeezed(tissue, each, moved) for each, moved in zip(solved, made, strict=True))
             if not crossing and lost <= allowed:
                 return weights, shapes, 0
-            tries.append((crossing, max(lost, allowed), weights, shapes))
-            if not crossing or (crossing > _HOPELESS * len(solved) and count < most):
+            if count == most:
+                tries.append((len(crossing), max(lost, allowed), weights, shapes))
+            if not crossing or (len(crossing) > _HOPELESS * len(solved) and count < most):
                 break
+            for number, marked in crossing.items():
+                shares[number, marked] *= _MORE
+            suspects = np.array(sorted(crossing))
             wanted = np.stack([opened(each, moved) for each, moved in zip(solved, made, strict=True)])
-    crossing, _, weights, shapes = min(tries, key=lambda each: each[:2])
-    return weights, shapes, crossing
+    left, _, weights, shapes = min(tries, key=lambda each: each[:2])
+    return weights, shapes, left
+
+
+def _crossing(tissue: Tissue, solved: Sequence[Found], made: Sequence[Floats], numbers: Ints) -> dict[int, Bools]:
+    """Of some poses those in which what shapes made crosses, and (free,) which vertices do."""
+    found = {}
+    for number in numbers.tolist():
+        marked = still_crossing(tissue, solved[number], made[number])
+        if marked is not None:
+            found[number] = marked
+    return found
 
 
 def fitted(tissue: Tissue, found: Found, shapes: Floats) -> tuple[Floats, bool]:
