@@ -100,7 +100,9 @@ export class WrinkleDriver {
       const meshes = [];
       if (object.userData.wrinkle) object.traverse((each) => each.morphTargetDictionary && meshes.push(each));
       const { tools, folds = [], parts = [] } = object.userData.wrinkle ?? {};
-      if (meshes.length) this.bodies.push({ tools, folds, parts, meshes, states: [] });
+      // A fold that no joint bends is driven as a tool.
+      const [bent, risen] = [folds.filter(({ joint }) => joint), folds.filter(({ joint }) => !joint)];
+      if (meshes.length) this.bodies.push({ tools: [...tools, ...risen], folds: bent, parts, meshes, states: [] });
     });
     // The other parts of a mesh that was split stand beside it.
     for (const { parts, meshes } of this.bodies)

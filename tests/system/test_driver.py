@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kit.bakes import bake_config, bake_fold, bake_once, folding_limb
+from kit.bakes import bake_config, bake_fold, bake_once, folding_limb, place
 from kit.clients import clip_tracks, drive, gltfpack, optimize
+from kit.limb import nose
 from kit.places import ROOT
 from kit.player import Gltf, Json
 from kit.samples import BENT, BROW, Editor, config, edited
@@ -233,3 +234,18 @@ def test_rest_lengths_that_a_morph_target_or_keys_drive(rest_length: Json, look:
     bare, whole = (bake_once("head", tool, tracks=tracks, max_levels=0) for tracks in ("none", "all"))
     for clip in ("raise_brows", "think"):
         assert_driven(bare, whole, "head", clip)
+
+
+def test_a_fold_that_no_joint_bends_is_driven_by_its_tool(tmp_path: Path) -> None:
+    pytest.importorskip("ipctk", reason="needs the extra `contact`")
+    bridge = {"name": "bridge", "node": "skin", "origin": [-0.5, 0, 0], "target": [0.5, 0, 0], "width": 0.8, "bumps": 4}
+    asset = place(nose())
+    body = bake_once(asset, {**bridge, "contact": "resolve"}, max_levels=0)
+    (made,) = track(body.path, [asset], tmp_path)
+    times, values = Gltf(Path(made.path)).keys("sneer", "skin")
+    names = body.mesh("skin")["extras"]["targetNames"]
+    driven = drive(body.path, node="skin", clip="sneer", times=times.tolist(), driver=True)
+    (fold,) = body.json["nodes"][body.node("skin")]["extras"]["wrinkle"]["folds"]
+    wanted = values[:, [names.index(name) for name in fold["targets"]]]
+    assert wanted.any()
+    assert np.abs(np.concatenate([driven[name] for name in fold["targets"]], axis=1) - wanted).max() < TABLE

@@ -133,7 +133,7 @@ class BakedBody:
 
     Attributes:
         parts: The node itself, whose mesh has all of the asset's own morph targets, and the others.
-        tools: Those that the extras can drive.
+        tools: Those that the extras can drive, and folds that no joint bends, which follow a tool's segment too.
         folds: Those whose contact is resolved.
         undriven: Names of further morph targets of wrinkles, which no extras can drive.
         ambiguous: Whether a scene or another node has the node's name too.
@@ -195,8 +195,11 @@ def read_bodies(document: Document) -> list[BakedBody]:
             raise AssetError("tracks find their mesh by the node's name, and it has none", where=where)
         try:
             parts = tuple(_read_part(document, each) for each in (index, *part_nodes(document, index)))
-            tools = tuple(_read_tool(tool) for tool in extras["wrinkle"]["tools"] if tool["targets"])
-            folds = tuple(_read_fold(fold) for fold in extras["wrinkle"].get("folds", ()) if fold["targets"])
+            stored = extras["wrinkle"].get("folds", ())
+            # A fold that no joint bends is driven as a tool.
+            driven_alike = [*extras["wrinkle"]["tools"], *(fold for fold in stored if "joint" not in fold)]
+            tools = tuple(_read_tool(tool) for tool in driven_alike if tool["targets"])
+            folds = tuple(_read_fold(fold) for fold in stored if "joint" in fold and fold["targets"])
             undriven = frozenset(str(name) for name in extras["wrinkle"].get("undriven", ()))
         except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise AssetError("is not what `wrinkle bake` writes", where=where) from error

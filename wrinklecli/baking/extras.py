@@ -46,8 +46,8 @@ def encode_extras(
     with scale taken out, from that of `rest` (x, y, z, w) is a matrix D, and with
     s = (D₃₂ - D₂₃, D₁₃ - D₃₁, D₂₁ - D₁₂) the angle is 2 atan2(`axis` · s, 1 + trace D). `vertices` counts those of
     each primitive before refinement; new ones follow them. `undriven` are targets of tools that anchors alone do not
-    drive, and those that contact has for one clip alone; where no joint bends a fold, its targets follow a tool as
-    another tool's would, under that name and `contact`. `draft` is there if it was one: not proven, and less refined.
+    drive, and those that contact has for one clip alone; a fold that no joint bends stands in `folds` as a tool would,
+    whose shortening its targets follow. `draft` is there if it was one: not proven, and less refined.
     `parts` is there where the mesh was split: the names of the nodes with the rest of it, of whose morph targets those
     of one name must have the same weight.
     """
@@ -66,8 +66,10 @@ def encode_extras(
     ]
     shared = [each for each in of_folds(target_sets) if each.clip is None]
     hinged = [(each, each.crease.fold.hinge) for each in shared]
-    folds = [_fold_json(each, hinge, target_sets, plan) for each, hinge in hinged if isinstance(hinge, Hinge)]
-    risen = [_rise_json(each, plan) for each, hinge in hinged if not isinstance(hinge, Hinge)]
+    folds = [
+        _fold_json(each, hinge, target_sets, plan) if isinstance(hinge, Hinge) else _rise_json(each, plan)
+        for each, hinge in hinged
+    ]
     node["extras"]["wrinkle"] = {
         "method": METHOD,
         **({"draft": True} if draft else {}),
@@ -82,8 +84,7 @@ def encode_extras(
             for target_set in of_tools(target_sets)
             if target_set.from_skin
             for patch in (target_set.carried.patch,)
-        ]
-        + risen,
+        ],
         **({"folds": folds} if folds else {}),
         **({"undriven": undriven} if undriven else {}),
     }
@@ -126,7 +127,7 @@ def _rise_json(found: CreaseSet, plan: MeshPlan) -> Json:
     # The tool as it was baked: for its sweep the fold has one whose rest length has other keys.
     patch = plan.carried_patches[found.crease.fold.tools[0]].patch
     table = _rows_json("shortenings", found)
-    return _tool_json(patch, plan, f"{patch.tool.name} contact", [each.name for each in targets_of([found])], table)
+    return _tool_json(patch, plan, patch.tool.name, [each.name for each in targets_of([found])], table)
 
 
 def _rows_json(name: str, found: CreaseSet) -> Json:
