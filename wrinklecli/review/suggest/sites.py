@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.numeric.arrays import Floats, Ints, unit
+from wrinklecli.numeric.arrays import Floats, Ints, distinct, unit
 from wrinklecli.review.suggest.strain import Gauge, principal, strain
 from wrinklecli.review.suggest.strained import StrainedPart
 
@@ -134,9 +134,8 @@ def _cells(points: Floats, normals: Floats, pieces: Ints, spacing: float) -> tup
     facing = np.argmax(np.abs(normals), axis=1)
     side = 2 * facing + (np.take_along_axis(normals, facing[:, None], 1)[:, 0] < 0)
     keys = np.concatenate([cubes, side[:, None], pieces[:, None]], axis=1)
-    _, cell = np.unique(keys, axis=0, return_inverse=True)
-    cell = cell.reshape(-1)
-    return cell, int(cell.max()) + 1
+    firsts, cell = distinct(keys)
+    return cell, len(firsts)
 
 
 def _neighbours(
