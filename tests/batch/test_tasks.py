@@ -66,7 +66,7 @@ def test_every_job_comes_back_once_and_one_that_kills_fails_alone(monkeypatch: p
     monkeypatch.setattr(distributed, "get_worker", lambda: Client)
     monkeypatch.setattr(Client, "address", "tcp://a", raising=False)
     client = Client()
-    outcomes = list(cluster._Sent(client, SETTINGS).outcomes(JOBS))
+    outcomes = list(cluster._Sent(client, SETTINGS, lambda: 0).outcomes(JOBS))
     assert sorted(each.job.where for each in outcomes) == sorted(each.where for each in JOBS)
     assert [each.job for each in outcomes if not each.done] == [POISON]
     assert "every worker died that had it (4 did)" in next(each.lines[0] for each in outcomes if not each.done)

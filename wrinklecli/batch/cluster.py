@@ -32,6 +32,7 @@ _TASKS = 4
 _CONNECT = 10.0  # seconds for a scheduler to answer
 _PULSE = 0.5  # seconds between looks whether it is still there
 _RECOUNT = 5.0  # seconds between looks how many threads its workers have, which come and go
+_MOST_DEAD = 100  # workers that die one after another, while none ends a task
 _BEFORE_COLLECTION = 100_000  # of objects, as for the command line
 # What Dask's processes do beside their work: they look at themselves, for its dashboard, which takes a tenth of a
 # worker's time; and give memory back at once, which takes a twentieth. A bake bounds its memory itself.
@@ -40,7 +41,11 @@ _UNWATCHED = {
     "distributed.admin.tick.interval": "1s",
     "distributed.admin.system-monitor.interval": "10s",
 }
-_OF_WORKERS = {"distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None}
+_OF_WORKERS = {
+    "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None,
+    # One that died is begun again at once, and may take longer than 15 s on a busy machine.
+    "distributed.deploy.lost-worker-timeout": "5 minutes",
+}
 
 Task: TypeAlias = tuple[BatchJob, ...]
 
@@ -77,12 +82,12 @@ def by_dask(
     jobs: Sequence[BatchJob], settings: Settings, workers: Workers, tell: Callable[[str], object]
 ) -> Iterator[Outcome]:
     """Have jobs done by workers of Dask; see `scheduler.outcomes`."""
-    with _client(settings, workers) as client:
+    with _client(settings, workers) as (client, replace_dead):
         if workers.dashboard:
             tell(f"dashboard: {client.dashboard_link}")
         if not client.nthreads():
             tell("the scheduler has no workers yet")
-        yield from _Sent(client, settings).outcomes(jobs)
+        yield from _Sent(client, settings, replace_dead).outcomes(jobs)
 
 
 def on_worker(task: Task, settings: Settings) -> list[Outcome]:
@@ -100,8 +105,11 @@ def on_worker(task: Task, settings: Settings) -> list[Outcome]:
 
 
 @contextmanager
-def _client(settings: Settings, workers: Workers) -> Iterator[Any]:
-    """A client of a scheduler that is there, or of one made for the time of the block."""
+def _client(settings: Settings, workers: Workers) -> Iterator[tuple[Any, Callable[[], int]]]:
+    """A client of a scheduler that is there, or of one made for the time of the block; and what replaces dead workers.
+
+    Elsewhere those who started workers do that.
+    """
     import distributed
 
     untyped: Any = distributed
@@ -117,7 +125,7 @@ def _client(settings: Settings, workers: Workers) -> Iterator[Any]:
             where = workers.scheduler or "Dask"
             raise WrinkleError(f"no scheduler answers: {str(error).splitlines()[0]}", where=where) from error
         try:
-            yield client
+            yield client, lambda: 0 if cluster is None else _replace_dead(cluster, workers.count)
         finally:
             with suppress(Exception):
                 client.close(timeout=2)
@@ -156,11 +164,29 @@ def _started(settings: Settings, workers: Workers) -> Any:
     raise AssertionError
 
 
+def _replace_dead(cluster: Any, count: int) -> int:
+    """Start others for workers that died before they had begun, for which Dask starts no other; how many did."""
+    from distributed.core import Status
+
+    async def forget() -> int:
+        dead = [name for name, each in cluster.workers.items() if each.status in (Status.closed, Status.failed)]
+        for name in dead:
+            del cluster.workers[name]
+        return len(dead)
+
+    died: int = cluster.sync(forget)
+    if died:
+        cluster.scale(count)
+    return died
+
+
 class _Sent:
     """Jobs that are with a scheduler, and those that wait."""
 
-    def __init__(self, client: Any, settings: Settings) -> None:
+    def __init__(self, client: Any, settings: Settings, replace_dead: Callable[[], int]) -> None:
         self._client = client
+        self._replace_dead = replace_dead
+        self._died = 0  # of workers, one after another
         self._settings = settings
         self._finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._waiting: deque[BatchJob] = deque()
@@ -179,6 +205,7 @@ class _Sent:
                 # Done, and the scheduler was gone before it could pass on what came of it.
                 raise self._lost() from error
             del self._tasks[future.key]
+            self._died = 0
             self._waiting.extendleft(reversed(task[len(done) :]))
             self._send_some()
             yield from done
@@ -207,7 +234,7 @@ class _Sent:
         """The next task that is done.
 
         Raises:
-            WrinkleError: The scheduler is lost.
+            WrinkleError: The scheduler is lost, or workers die as they start.
         """
         while True:
             with suppress(queue.Empty):
@@ -215,6 +242,9 @@ class _Sent:
                 if future.status in ("finished", "error"):
                     return future
             self._check()
+            self._died += self._replace_dead()
+            if self._died > _MOST_DEAD:
+                raise WrinkleError(f"{self._died} workers died as they started: too little memory?", where="Dask")
 
     def _check(self) -> None:
         """Raise if the scheduler is lost."""
