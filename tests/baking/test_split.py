@@ -87,6 +87,8 @@ def test_the_original_comes_back_from_parts(pair: tuple[Gltf, Gltf], tmp_path: P
     tools = parted.path.parent / "tools.yaml"
     wrinklecli.bake(parted.path, tools, tmp_path / "again.glb", replace=True)
     assert (tmp_path / "again.glb").read_bytes() == whole.path.read_bytes()
+    with pytest.raises(BakeError, match="#/nodes/0/extras/wrinkle: already carries wrinkles of an earlier bake"):
+        wrinklecli.bake(parted.path, tools, tmp_path / "out.glb")
 
 
 def test_pictures_find_the_peaks_of_tools_whose_mesh_is_in_parts(pair: tuple[Gltf, Gltf]) -> None:

@@ -15,6 +15,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -26,9 +27,12 @@ _WRINKLE = [sys.executable, "-c", "from wrinklecli.cli import main; main()"]
 
 def workers(driver: int) -> list[int]:
     """The processes that bake for a driver."""
-    tasks = Path(f"/proc/{driver}/task").iterdir()
-    found = [int(each) for task in tasks for each in (task / "children").read_text().split()]
-    return [each for each in found if b"spawn_main" in Path(f"/proc/{each}/cmdline").read_bytes()]
+    found = []
+    for children in Path(f"/proc/{driver}/task").glob("*/children"):
+        with suppress(OSError):  # it, or its thread, has ended
+            each_line = {each: Path(f"/proc/{each}/cmdline").read_bytes() for each in children.read_text().split()}
+            found += [int(each) for each, line in each_line.items() if b"spawn_main" in line]
+    return found
 
 
 def told(report: Path) -> list[dict[str, Any]]:

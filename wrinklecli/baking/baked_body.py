@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrinklecli.baking.extras import PARTS
+from wrinklecli.baking.parts import PARTS
 from wrinklecli.character.rig import read_rig
 from wrinklecli.errors import AssetError, listed
 from wrinklecli.gltf.document import Document

@@ -18,9 +18,6 @@ from wrinklecli.tools.records import RestLengthKeys, RestLengthMorph
 # Raised only when the geometry that the same asset and tools give changes.
 METHOD = 3
 
-PARTS = "parts"
-"""Key of the names of the nodes beside it that show the other parts of a split mesh."""
-
 # Decimal digits of numbers in extras: float32's own.
 _DIGITS = 8
 # Decimal digits of tabulated weights, whose rows are right to about three.

@@ -3,9 +3,10 @@
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 from wrinklecli.baking.original import original
+from wrinklecli.baking.parts import PARTS
 from wrinklecli.character.clip import Clip, chosen_clips, unknown_clip
 from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.scene import deforms
@@ -13,6 +14,7 @@ from wrinklecli.errors import BakeError, ConfigError, listed, nearest
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.edit import Storage
 from wrinklecli.gltf.images import files_of
+from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory
 from wrinklecli.tools.merged import load_merged
 from wrinklecli.tools.records import MAX_VERTICES, Length, RestLengthKeys, ToolsFile, WrinkleTool
@@ -203,8 +205,7 @@ def tools_by_node(document: Document, settings: ToolsFile) -> tuple[dict[int, li
             except BakeError as error:
                 problems.append(error)
     for index in found:
-        extras = nodes[index].get("extras")
-        if isinstance(extras, dict) and "wrinkle" in extras:
+        if _wrinkle_extras(nodes[index]) is not None:
             problems.append(
                 BakeError(
                     "already carries wrinkles of an earlier bake; bake from the original asset, or use --replace",
@@ -216,6 +217,19 @@ def tools_by_node(document: Document, settings: ToolsFile) -> tuple[dict[int, li
     if not found:
         raise BakeError("no tool is left: those that there are, are absent or of strength 0", where=settings.path)
     return dict(sorted(found.items())), warnings
+
+
+def _wrinkle_extras(node: Json) -> Any:
+    """What an earlier bake says of a node, or anybody; none where nobody does."""
+    extras = node.get("extras")
+    return extras.get("wrinkle") if isinstance(extras, dict) else None
+
+
+def _parts_of(node: Json) -> list[str]:
+    """Names of the nodes that an earlier bake has split from one."""
+    said = _wrinkle_extras(node)
+    parts = said.get(PARTS) if isinstance(said, dict) else None
+    return [name for name in parts if isinstance(name, str)] if isinstance(parts, list) else []
 
 
 def why_left_out(tool: WrinkleTool, document: Document) -> str | None:
@@ -243,8 +257,11 @@ def _node_of(tool: WrinkleTool, document: Document, mesh_nodes: Sequence[int], d
     nodes = document.items("nodes")
     names = {index: nodes[index].get("name") for index in mesh_nodes}
     if tool.node is None:
-        if len(deforming) == 1:
-            return deforming[0]
+        # Parts belong to the node that an earlier bake has split, which will be refused.
+        parts = {name for index in deforming for name in _parts_of(nodes[index])}
+        whole = [index for index in deforming if names[index] not in parts]
+        if len(whole) == 1:
+            return whole[0]
         if not deforming:
             raise BakeError(
                 "no mesh of the asset deforms: it has neither a skin nor morph targets", where=document.path

@@ -14,6 +14,9 @@ from wrinklecli.gltf.shape import Json
 from wrinklecli.gltf.split import Part
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
 
+PARTS = "parts"
+"""Key, in a node's `extras.wrinkle`, of the names of the nodes beside it that show the other parts of its mesh."""
+
 # Bytes on a GPU that a mesh more is worth: it takes a draw call.
 _WORTH = 131_072
 # Parts at the most, and those that are compared with each other at first.

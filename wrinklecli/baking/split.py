@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from wrinklecli.baking.budget import mesh_texture_bytes, texel_bytes, texture_bytes
-from wrinklecli.baking.extras import PARTS
-from wrinklecli.baking.parts import parts_of
+from wrinklecli.baking.parts import PARTS, parts_of
 from wrinklecli.baking.refined_mesh import primitives_of, shared_vertices
 from wrinklecli.baking.report import BakedMesh, Split
 from wrinklecli.baking.targets import targets_of
