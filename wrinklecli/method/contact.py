@@ -51,6 +51,8 @@ _TIGHT = 0.1
 _STEPS, _SETTLED, _STILL = 32, 0.4, 0.001
 # What is not free is in its place, up to rounding.
 _ARRIVED = 1e-9
+# Solver's units that a step moves anything by at most: further, hardly one is free, and more has to be looked at.
+_FARTHEST = 4.0
 # Halvings of a step that does not lower the energy.
 _HALVINGS = 12
 # Share of the distance that is gone at the first touch, and share of a step up to there that is taken.
@@ -305,6 +307,9 @@ def _step(tissue: Tissue, state: State, posed: Posed) -> State:
     turns = posed.matrices[rows] @ inverses(state.posed.matrices[rows])
     carried[rows] = np.einsum("vij,vj->vi", turns, correction[rows])
     wanted = posed.positions + carried
+    if carried.any() and np.abs(wanted - state.positions).max() > _FARTHEST:
+        # What touches hardly moves on a straight way.
+        return _newton(tissue, state.positions, posed, tissue.collisions(state.positions))
     way = tissue.way(state.positions, wanted)
     share = way.free_share()
     positions = state.positions + share * (wanted - state.positions)
@@ -326,8 +331,9 @@ def _newton(tissue: Tissue, positions: Floats, posed: Posed, near: Any) -> State
         if not arriving and np.abs(direction).max() < (_SETTLED if len(near) else _STILL):
             settled = True
             break
-        way = tissue.way(positions, positions + direction)
-        share = way.free_share()
+        part = _FARTHEST / max(float(np.abs(direction).max()), _FARTHEST)
+        way = tissue.way(positions, positions + part * direction)
+        share = part * way.free_share()
         for _halving in range(_HALVINGS):
             trial = positions + share * direction
             trial_near = way.near(trial)

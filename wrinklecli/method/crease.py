@@ -102,12 +102,14 @@ class Crease:
             times: (frames,) seconds, rising; near enough for the surface to follow.
         """
         weights, error, unsettled = np.zeros((len(times), len(self.shapes))), 0.0, 0
+        urgent: Floats | None = None
         touching: list[int] = []
         left: list[int] = []  # of frames that cross still, how many vertices do
         for frame, found in enumerate(self._marched(clip, times)):
             unsettled += not found.state.converged
             if found.touches:
-                weights[frame], crosses = fitted(self.tissue, found, self.shapes)
+                weights[frame], urgent, crosses = fitted(self.tissue, found, self.shapes, urgent)
+                urgent = None if crosses else urgent
                 error = max(error, _missed(found, weights[frame], self.shapes))
                 touching.append(frame)
                 if crosses:
@@ -312,17 +314,29 @@ def _crossing(tissue: Tissue, solved: Sequence[Found], made: Sequence[Floats], n
     return found
 
 
-def fitted(tissue: Tissue, found: Found, shapes: Floats) -> tuple[Floats, bool]:
-    """(shapes,) weights that make what was found of (shapes, free, 3), and whether they leave crossings."""
-    shares, wanted = found.shares, found.moved
+def fitted(tissue: Tissue, found: Found, shapes: Floats, urgent: Floats | None = None) -> tuple[Floats, Floats, bool]:
+    """Fit shapes to what was found.
+
+    Args:
+        tissue: What may touch.
+        found: In a pose.
+        shapes: (shapes, free, 3).
+        urgent: (free,) by how much more the error of each counts, as it had to in a pose like this one.
+
+    Returns:
+        (shapes,) weights, (free,) what is urgent with them, and whether they leave crossings.
+    """
+    urgent = np.ones(len(found.shares)) if urgent is None else urgent
+    wanted = found.moved
     for _ in range(_TRIES):
+        shares = found.shares * urgent
         (weights,) = np.clip(project(wanted[None], shares[None], shapes), -MOST_WEIGHT, MOST_WEIGHT)
         moved = np.tensordot(weights, shapes, axes=1)
         marked = still_crossing(tissue, found, moved)
         if marked is None:
-            return weights, False
-        shares, wanted = np.where(marked, _MORE * shares, shares), opened(found, moved)
-    return weights, True
+            return weights, urgent, False
+        urgent, wanted = np.where(marked, _MORE * urgent, urgent), opened(found, moved)
+    return weights, urgent, True
 
 
 def _missed(found: Found, weights: Floats, shapes: Floats) -> float:
