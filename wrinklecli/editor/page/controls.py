@@ -77,6 +77,8 @@ class ToolControls:
             self._add_length(control)
         elif control.kind == "json":
             self._add_json(control, control.title)
+        elif control.kind == "choice" and control.also_json:
+            self._add_worded(control)
         else:
             made = self._plain(control, control.title)
             self._inputs[control.key] = made
@@ -139,6 +141,9 @@ class ToolControls:
 
         def chosen() -> None:
             if choice.value == _MAPPING:
+                slider.visible = False
+                if text is not None:
+                    text.visible = True
                 return
             before = self._values.get(key)
             value = choice.value
@@ -149,6 +154,27 @@ class ToolControls:
         if choice is not None:
             self._on(choice, chosen)
         self._on(slider, lambda: self._set(control, (key,), slider.value))
+        self._shows.append(show)
+
+    def _add_worded(self, control: KeyControl) -> None:
+        """The choice of a word, or a line of text for a mapping."""
+        key = control.key
+        choice: Any = self._gui.add_dropdown(control.title, (*control.choices, _MAPPING), hint=control.tip)
+        text = self._add_json(control, "…", visible=False)
+        self._inputs[key] = choice
+
+        def show() -> None:
+            value = self._values.get(key)
+            text.visible = isinstance(value, Mapping)
+            choice.value = _MAPPING if text.visible else value or control.choices[0]
+
+        def chosen() -> None:
+            if choice.value == _MAPPING:
+                text.visible = True
+            else:
+                self._change((key,), choice.value, "at once")
+
+        self._on(choice, chosen)
         self._shows.append(show)
 
     def _add_json(self, control: KeyControl, title: str, *, visible: bool = True) -> Any:

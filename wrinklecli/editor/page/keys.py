@@ -24,7 +24,7 @@ NONE = "none"
 GROUPS: Mapping[str, Sequence[str]] = {
     "Shape": ("material", "width", "bumps", "gap", "strategy", "max_height", "profile", "attenuation", "details"),
     "Grown": ("variation", "seed", "branch", "bow"),
-    "Motion": ("compressible", "strength", "rest_length", "lag"),
+    "Motion": ("compressible", "strength", "rest_length", "lag", "contact"),
     "Place": ("node", "snap", "mirror", "attachment", "optional"),
 }
 OTHERS = "More"
@@ -113,6 +113,9 @@ def _plain(key: str, schema: Schema) -> KeyControl:
     if numbers and plain is not schema and all(each.get("type") == "number" for each in numbers.values()):
         parts = tuple(_control(name, each) for name, each in numbers.items())
         return KeyControl(key, "record", title, choices=_words(plain), parts=parts)
+    words = tuple(word for word in plain.get("enum", ()) if isinstance(word, str))
+    if words and plain is not schema:
+        return KeyControl(key, "choice", title, choices=words, also_json=True)
     return KeyControl(key, "json", title)
 
 

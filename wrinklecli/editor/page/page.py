@@ -224,8 +224,10 @@ class Page:
         """What is wrong with a tool, and what `check` would warn of."""
         if tool.problem:
             return _line(tool.problem, BAD)
+        contact = tool.values.get("contact") not in (None, False, "off")
+        left_out = _line("Bake resolves its contact; until then it is shown without.", "#666") if contact else ""
         names = [tool.name] if tool.partner is None else [tool.name, tool.partner]
-        return "".join(_line(line, _WARNING) for name in names for line in self._warnings.get(name, []))
+        return left_out + "".join(_line(line, _WARNING) for name in names for line in self._warnings.get(name, []))
 
     def _list_tools(self, tools: Sequence[EditedTool]) -> None:
         """A button for each tool."""
