@@ -9,7 +9,7 @@ import struct
 import numpy as np
 
 from wrinklecli.gltf.document import BIN_CHUNK, COMPONENT_TYPES, GLB_MAGIC, JSON_CHUNK, SIZE_TYPES, TRIANGLES
-from wrinklecli.gltf.pixels import png_of
+from wrinklecli.gltf.pixels import jpeg_of
 from wrinklecli.numeric.arrays import Array, Floats, Ints
 from wrinklecli.review.preview.materials import Texture
 
@@ -33,7 +33,7 @@ class PaintedMesh:
         self._sampler = {}
         if texture is not None:
             self._fixed.append(coordinates.astype(np.float32))
-            self._image = png_of(texture.pixels)
+            self._image = jpeg_of(texture.pixels)
             self._material["baseColorTexture"] = {"index": 0}
             self._sampler = {key: _WRAPS[wrap] for key, wrap in zip(("wrapS", "wrapT"), texture.wraps, strict=True)}
 
@@ -78,7 +78,7 @@ class PaintedMesh:
             views.append({"buffer": 0, "byteOffset": start, "byteLength": len(self._image)})
             parts.append(self._image)
             start += len(self._image)
-            gltf["images"] = [{"bufferView": len(views) - 1, "mimeType": "image/png"}]
+            gltf["images"] = [{"bufferView": len(views) - 1, "mimeType": "image/jpeg"}]
             gltf["samplers"] = [self._sampler]
             gltf["textures"] = [{"source": 0, "sampler": 0}]
         gltf["buffers"] = [{"byteLength": start}]

@@ -51,6 +51,7 @@ class Player:
         self._button: Any = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, hint="Space")
         self._speed: Any = None
         self._reach()
+        self._time.value = self._time.min
         command = gui.add_command("Play or pause", hotkey="space")
         on(self._button.on_click, work, self.toggle)
         on(command.on_trigger, work, self.toggle)
