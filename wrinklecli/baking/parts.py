@@ -101,14 +101,21 @@ def _joined(kinds: Bools, counts: Floats) -> tuple[Bools, Ints]:
     for kind in few:
         into = int(alive[np.argmin(_costs(sets[alive], sizes[alive], sets[kind], sizes[kind]))])
         _join(sets, sizes, groups, into, int(kind))
-    while len(alive) > 1:
-        costs = np.stack([_costs(sets[alive], sizes[alive], sets[k], sizes[k]) for k in alive])
-        np.fill_diagonal(costs, np.inf)
+    # (parts, parts) by how much each two would cost; infinitely where one is gone, and of a part with itself.
+    costs = np.stack([_costs(sets[alive], sizes[alive], sets[k], sizes[k]) for k in alive])
+    np.fill_diagonal(costs, np.inf)
+    gone = np.zeros(len(alive), bool)
+    while (left := int((~gone).sum())) > 1:
         one, other = np.unravel_index(int(costs.argmin()), costs.shape)
-        if costs[one, other] * _BYTES_OF_FACE > _WORTH and len(alive) <= _MOST:
+        if costs[one, other] * _BYTES_OF_FACE > _WORTH and left <= _MOST:
             break
         _join(sets, sizes, groups, int(alive[one]), int(alive[other]))
-        alive = np.delete(alive, other)
+        gone[other] = True
+        row = _costs(sets[alive], sizes[alive], sets[alive[one]], sizes[alive[one]])
+        row[gone] = row[one] = np.inf
+        costs[one], costs[:, one] = row, row
+        costs[other] = costs[:, other] = np.inf
+    alive = alive[~gone]
     numbers = np.zeros(len(kinds), np.intp)
     numbers[alive] = np.arange(len(alive))
     return sets[alive] > 0, numbers[groups]
