@@ -51,7 +51,6 @@ class Player:
         self._button: Any = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, hint="Space")
         self._speed: Any = None
         self._reach()
-        self._time.value = self._time.min
         command = gui.add_command("Play or pause", hotkey="space")
         on(self._button.on_click, work, self.toggle)
         on(command.on_trigger, work, self.toggle)
@@ -76,12 +75,11 @@ class Player:
         """Offer these clips from now on: the asset may have been exported again."""
         if len(clips) == len(self._clips) and all(each is self._clips.get(each.name) for each in clips):
             return
-        shown, moment = self._clip.value, self.time
+        shown = self._clip.value
         self._clips = {clip.name: clip for clip in clips}
         names = self._clip.options = (*self._clips, POSE, REST)
         self._clip.value = shown if shown in names else names[0]
         self._reach()
-        self._time.value = float(np.clip(moment, self._time.min, self._time.max))
 
     def toggle(self) -> None:
         """Play, or stop playing."""
@@ -112,11 +110,12 @@ class Player:
         self._show()
 
     def _reach(self) -> None:
-        """Let the slider reach from the clip's start to its end."""
+        """Let the slider reach from the clip's start to its end, and stand between them."""
         clip = self._clips.get(self._clip.value)
         start, end = (clip.start, clip.end) if clip is not None else (0.0, 0.0)
         self._time.min, self._time.max = start, max(end, start + _TIME_STEP)
         self._time.disabled = end <= start
+        self._time.value = float(np.clip(self.time, self._time.min, self._time.max))
 
     def _tick(self) -> None:
         now = time.monotonic()
