@@ -206,7 +206,7 @@ class _Line:
         # Where places jump from one part of the path to another there is no line.
         cut = ((v[edges] >= 0.0).sum(axis=1) == 1) & (np.abs(np.diff(u[edges], axis=1)[:, 0]) <= longest)
         edges = edges[cut]
-        if not len(edges):
+        if len(edges) < 2:
             return None
         second = v[edges[:, 0]] / (v[edges[:, 0]] - v[edges[:, 1]])
         shares = np.stack([1.0 - second, second], axis=1)
