@@ -13,7 +13,7 @@ from wrinklecli.character.clip import Clip, sample
 from wrinklecli.character.motion import motion_clip
 from wrinklecli.character.rig import Rig
 from wrinklecli.method.activity import lengths_over_time
-from wrinklecli.method.bending import MOMENTS, own_motions
+from wrinklecli.method.bending import own_motions
 from wrinklecli.method.patch import Patch
 from wrinklecli.method.rest import Rest
 from wrinklecli.numeric.arrays import Floats
@@ -78,23 +78,20 @@ class Rise:
 
 
 def rise_of(patch: Patch, rig: Rig, rest: Rest) -> Rise | None:
-    """How a tool rises that no joint bends; None where nothing shortens it."""
+    """How a tool rises that no joint bends, by what makes it tallest; None where nothing shortens it."""
     wanted = patch.tool.rest_length
     if isinstance(wanted, RestLengthKeys):
-        return Rise(_growing(patch, wanted.keys), motion_clip(_GROWING, []), rig, rest)
-    times = np.linspace(0.0, 1.0, MOMENTS)
+        patch = _growing(patch, wanted.keys)
     found, tallest = None, 0.0
-    for motion in own_motions(patch, rig):
-        amplitudes, _ = patch.curve.follow(*lengths_over_time(patch, rig, rest, motion, times))
+    for channels in ((), *(each.channels for each in own_motions(patch, rig))):
+        evenly = [replace(each, times=_TIMES, values=sample(each, _TIMES**2)) for each in channels]
+        motion = motion_clip(_GROWING, evenly)
+        amplitudes, _ = patch.curve.follow(*lengths_over_time(patch, rig, rest, motion, _TIMES))
         height = float(patch.curve.heights(amplitudes).max())
         # The first of several that are alike.
         if height > tallest:
             found, tallest = motion, height
-    if found is None:
-        return None
-    (channel,) = found.channels
-    evenly = replace(channel, times=_TIMES, values=sample(channel, _TIMES**2))
-    return Rise(patch, motion_clip(found.name, [evenly]), rig, rest)
+    return None if found is None else Rise(patch, found, rig, rest)
 
 
 def _growing(patch: Patch, keys: Mapping[str, tuple[tuple[float, Length], ...]]) -> Patch:
