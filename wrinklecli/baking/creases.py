@@ -8,13 +8,13 @@ import numpy as np
 
 from wrinklecli.baking.job import Mode
 from wrinklecli.baking.plan import MeshPlan
-from wrinklecli.baking.remix import with_times
+from wrinklecli.baking.remix import summed, with_times
 from wrinklecli.baking.sample import Motion, sample_clips, takes_of
 from wrinklecli.baking.targets import AnySet, CreaseSet, Lift, TargetSet, named_targets, of_tools
 from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip, clip_grid
 from wrinklecli.character.pose import pose_at
 from wrinklecli.method.activity import further_activities, lengths_over_time
-from wrinklecli.method.shapes import Sample, make_shapes
+from wrinklecli.method.shapes import Sample, Shape, make_shapes
 from wrinklecli.method.weights import weights_of
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, interpolated
 from wrinklecli.numeric.guard import Progress, one_thread
@@ -159,19 +159,27 @@ def _crease_set(
     from wrinklecli.method.crease import MOST_WEIGHT
 
     lift = Lift(len(crease.shapes), MOST_WEIGHT)
-    moved = np.tensordot(lift.unmix, crease.shapes, axes=1)
     shapes = make_shapes(
         plan.fine,
         crease.vertices,
-        moved,
-        tallest=plan.scale * np.sqrt(np.sum(moved**2, axis=2)).max(axis=1),
-        samples=_samples(plan, crease, lift, of_tools(target_sets)) if plan.has_normals else [],
+        crease.shapes,
+        tallest=plan.scale * crease.sizes,
+        samples=_samples(plan, crease, of_tools(target_sets)) if plan.has_normals else [],
     )
     name = _identifier(plan, crease.fold, clip)
-    return CreaseSet(crease, name, lift, named_targets(name, shapes), found, clip)
+    return CreaseSet(crease, name, lift, named_targets(name, _lifted(lift, shapes)), found, clip)
 
 
-def _samples(plan: MeshPlan, crease: "Crease", lift: Lift, tools: Sequence[TargetSet]) -> list[Sample]:
+def _lifted(lift: Lift, shapes: Sequence[Shape | None]) -> list[Shape | None]:
+    """The lift's shapes: sums of a fold's, and of the normals that fit these. Fitted themselves, normals are worse."""
+    lifted: list[Shape | None] = []
+    for row in lift.unmix:
+        parts = [(shape, factor) for shape, factor in zip(shapes, row, strict=True) if shape is not None and factor]
+        lifted.append(summed([shape for shape, _ in parts], np.array([each for _, each in parts])) if parts else None)
+    return lifted
+
+
+def _samples(plan: MeshPlan, crease: "Crease", tools: Sequence[TargetSet]) -> list[Sample]:
     """Where the normals of a fold are to be right: on the wrinkles of tools that stay on the skin."""
     samples = []
     for weights, clip, time in crease.samples:
@@ -187,7 +195,7 @@ def _samples(plan: MeshPlan, crease: "Crease", lift: Lift, tools: Sequence[Targe
                     for target, weight in zip(each.targets, acting, strict=True)
                     if target is not None and weight
                 ]
-        samples.append(Sample(lift.weights(weights[None])[0], pose_at(plan.rig, clip, time), beneath=beneath))
+        samples.append(Sample(weights, pose_at(plan.rig, clip, time), beneath=beneath))
     return samples
 
 

@@ -40,10 +40,10 @@ def with_unit_weights(target_set: AnySet, sampled: Sequence[Floats]) -> AnySet:
     if not split and (peaks == 1.0).all():
         return target_set
     shapes = [
-        None if each is None else _sum([each.shape], np.array([peak]))
+        None if each is None else summed([each.shape], np.array([peak]))
         for each, peak in zip(target_set.targets, peaks, strict=True)
     ]
-    negated = [_sum([shape], np.array([-1.0])) for shape in (shapes[column] for column in split) if shape is not None]
+    negated = [summed([shape], np.array([-1.0])) for shape in (shapes[column] for column in split) if shape is not None]
     scaled = np.diag(peaks)
     unmix = np.concatenate([scaled, -scaled[list(split)]])
     return _remixed(target_set, [*shapes, *negated], Remix(np.diag(1.0 / peaks), unmix, split=split))
@@ -88,7 +88,7 @@ def with_fewest(target_set: AnySet, tolerance: float) -> tuple[AnySet, float]:
         shares = axes * peaks[:, None] / heights
         unmix = np.zeros((rank, len(target_set.targets)))
         unmix[:, written] = shares
-        return _remixed(target_set, [_sum(old, row) for row in shares], Remix(mix, unmix)), error
+        return _remixed(target_set, [summed(old, row) for row in shares], Remix(mix, unmix)), error
     return target_set, 0.0
 
 
@@ -142,7 +142,7 @@ def in_turn(target_set: AnySet, least: float) -> AnySet:
                 mix[column, acting[k - 1]] = -heights[k] / heights[k - 1]
     old = [target.shape for target in targets_of([target_set])]
     shapes = [
-        _sum(old, row[has.reshape(-1)]) if target is not None else None
+        summed(old, row[has.reshape(-1)]) if target is not None else None
         for row, target in zip(shares, target_set.targets, strict=True)
     ]
     return _remixed(target_set, shapes, Remix(mix, shares, least=least))
@@ -238,16 +238,16 @@ def _remixed(target_set: TargetSet, shapes: Sequence[Shape | None], remix: Remix
     return replace(target_set, targets=named_targets(target_set.identifier, shapes), remix=remix)
 
 
-def _sum(shapes: Sequence[Shape], factors: Floats) -> Shape:
+def summed(shapes: Sequence[Shape], factors: Floats) -> Shape:
     """A weighted sum of shapes."""
-    summed = []
+    pairs = []
     for each in ([(s.vertices, s.deltas) for s in shapes], [(s.normal_vertices, s.normal_deltas) for s in shapes]):
         vertices = np.unique(np.concatenate([where for where, _ in each]))
         deltas = np.zeros((len(vertices), 3))
         for factor, (where, values) in zip(factors, each, strict=True):
             deltas[np.searchsorted(vertices, where)] += factor * values
-        summed.append((vertices, deltas))
-    (vertices, deltas), (normal_vertices, normal_deltas) = summed
+        pairs.append((vertices, deltas))
+    (vertices, deltas), (normal_vertices, normal_deltas) = pairs
     scale = max(shape.tallest / _longest(shape.deltas) for shape in shapes)
     tallest = scale * _longest(deltas)
     return Shape(vertices, deltas, tallest, normal_vertices, normal_deltas)

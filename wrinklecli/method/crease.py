@@ -28,7 +28,7 @@ from wrinklecli.method.folding import (
     squeezed,
     still_crossing,
 )
-from wrinklecli.numeric.arrays import Bools, Floats, Ints
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, interpolated
 
 # Strides between two poses of a sweep that leans: what is between these the others tell.
 _LEANING_STRIDES = 2.0
@@ -110,6 +110,11 @@ class Crease:
             if found.touches:
                 weights[frame], urgent, crosses = fitted(self.tissue, found, self.shapes, urgent)
                 urgent = None if crosses else urgent
+                if crosses and clip is not None:
+                    # Those of the fold's own motion may leave none.
+                    looked = self._looked_up(clip, times[frame : frame + 1])
+                    if still_crossing(self.tissue, found, np.tensordot(looked, self.shapes, axes=1)) is None:
+                        weights[frame], crosses = looked, False
                 error = max(error, _missed(found, weights[frame], self.shapes))
                 touching.append(frame)
                 if crosses:
@@ -144,6 +149,11 @@ class Crease:
         samples = tuple((made[k], clip, float(times[touching[k]])) for k in _chosen(made))
         own = replace(self, shapes=shapes, table=np.zeros((len(self.rows), len(shapes))), samples=samples)
         return own, Followed(weights, error, unsettled, crossing)
+
+    def _looked_up(self, clip: Clip, times: Floats) -> Floats:
+        """(shapes,) weights at (1,) second of a clip, as a player finds them who knows the table alone."""
+        (weights,) = interpolated(self.fold.hinge.rows_in(clip, times), self.rows, self.table)
+        return np.asarray(weights)
 
     def _marched(self, clip: Clip | None, times: Floats) -> Iterator[Found]:
         """A clip, from rest to its beginning where that is folded already."""

@@ -84,10 +84,14 @@ class Hinge:
         """(rows,) what weights at (rows,) radians are looked up by: these."""
         return angles
 
+    def rows_in(self, clip: Clip, times: Floats) -> Floats:
+        """(frames,) what weights are looked up by at (frames,) seconds of a clip."""
+        channel = clip.channel(self.node, "rotation")
+        return np.zeros(len(times)) if channel is None else self.angles(sample(channel, times))
+
     def strides(self, clip: Clip, times: Floats) -> Floats:
         """(frames,) how far it is at (frames,) seconds of a clip, in strides."""
-        channel = clip.channel(self.node, "rotation")
-        return np.zeros(len(times)) if channel is None else self.angles(sample(channel, times)) / _STRIDE
+        return np.asarray(self.rows_in(clip, times) / _STRIDE)
 
     def turn(self, angles: Floats, *, tilt: Floats | None = None) -> Clip:
         """A clip of a second through (keys,) evenly spaced radians, each less than 180° from the one before.

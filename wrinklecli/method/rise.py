@@ -65,14 +65,15 @@ class Rise:
 
     def rows(self, shares: Floats) -> Floats:
         """(rows,) the shortenings by which weights at (rows,) shares are looked up."""
-        return self._shortenings(self.motion, shares)
+        return self.rows_in(self.motion, shares)
 
     def strides(self, clip: Clip, times: Floats) -> Floats:
         """(frames,) how far it is at (frames,) seconds of a clip, in strides."""
         least, most = self.rows(_TIMES[[0, -1]])
-        return np.asarray(self._shortenings(clip, times) / (_STRIDE * max(most - least, np.finfo(np.float64).tiny)))
+        return np.asarray(self.rows_in(clip, times) / (_STRIDE * max(most - least, np.finfo(np.float64).tiny)))
 
-    def _shortenings(self, clip: Clip, times: Floats) -> Floats:
+    def rows_in(self, clip: Clip, times: Floats) -> Floats:
+        """(frames,) what weights are looked up by at (frames,) seconds of a clip."""
         distances, lengths = lengths_over_time(self.patch, self.rig, self.rest, clip, times)
         return np.asarray(np.where(np.isinf(distances), 0.0, 1.0 - distances / lengths))
 
