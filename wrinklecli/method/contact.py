@@ -198,16 +198,13 @@ class Tissue:
     def pressures(self) -> Floats:
         """(pieces,) what resists a change of volume: so much more than a piece itself that hardly any is lost."""
         gradients = self.pieces.gradients(self.rest)[:, self.free]
-        return np.asarray(
-            (1.0 / _LOST - 1.0) / np.maximum(np.sum(gradients * self.gives(gradients), axis=(1, 2)), _LEAST_GIVEN)
-        )
+        gives = np.sum(gradients * self.gives(gradients), axis=(1, 2))
+        return np.asarray((1.0 / _LOST - 1.0) / np.maximum(gives, _LEAST_GIVEN))
 
     def gives(self, forces: Floats) -> Floats:
         """(several, free, 3) how free vertices move under as many forces."""
-        count = len(forces)
-        return (
-            self.response.of(forces.transpose(1, 0, 2).reshape(-1, 3 * count)).reshape(-1, count, 3).transpose(1, 0, 2)
-        )
+        columns = forces.transpose(1, 0, 2).reshape(-1, 3 * len(forces))
+        return self.response.of(columns).reshape(-1, len(forces), 3).transpose(1, 0, 2)
 
     @cached_property
     def response(self) -> Response:

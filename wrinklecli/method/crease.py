@@ -334,10 +334,11 @@ def fitted(tissue: Tissue, found: Found, shapes: Floats, urgent: Floats | None =
         urgent: (free,) by how much more the error of each counts, as it had to in a pose like this one.
 
     Returns:
-        (shapes,) weights, (free,) what is urgent with them, and whether they leave crossings.
+        (shapes,) weights that leave the fewest crossings, (free,) what is urgent with them, and whether they leave any.
     """
     urgent = np.ones(len(found.shares)) if urgent is None else urgent
     wanted = found.moved
+    tries: list[tuple[int, Floats, Floats]] = []
     for _ in range(_TRIES):
         shares = found.shares * urgent
         (weights,) = np.clip(project(wanted[None], shares[None], shapes), -MOST_WEIGHT, MOST_WEIGHT)
@@ -345,7 +346,9 @@ def fitted(tissue: Tissue, found: Found, shapes: Floats, urgent: Floats | None =
         marked = still_crossing(tissue, found, moved)
         if marked is None:
             return weights, urgent, False
+        tries.append((int(marked.sum()), weights, urgent))
         urgent, wanted = np.where(marked, _MORE * urgent, urgent), opened(found, moved)
+    _, weights, urgent = min(tries, key=lambda each: each[0])
     return weights, urgent, True
 
 

@@ -54,7 +54,7 @@ class Pressed:
 
     Attributes:
         gradients: (pieces, free, 3) by how much volumes grow where vertices move.
-        gives: (pieces, free, 3) about how vertices move under as many forces.
+        gives: (pieces, free, 3) how vertices move under a pressure of 1 in each.
         stiff: (pieces,) the force for each unit of volume.
         more: (pieces,) than is wanted if all were in its pose, by the gradients.
     """
