@@ -77,6 +77,33 @@ def test_outputs_are_those_of_bake_and_only_what_changed_is_baked(chars: Wrinkle
     assert (tmp_path / "out" / "c0.glb").read_bytes() == first["c0.glb"]
 
 
+def test_a_texture_that_changed_is_new_in_its_place_and_limits_change_nothing(chars: Wrinkle, tmp_path: Path) -> None:
+    asset = limb_asset(rings=7, sides=6)
+    asset.gltf["images"] = [{"uri": "skin.png"}]
+    asset.write(tmp_path / "chars" / "limb.gltf")
+    skin, made = tmp_path / "chars" / "skin.png", tmp_path / "out" / "skin.png"
+
+    def result(options: str = "") -> str:
+        Path("m.yaml").write_text(
+            "version: 1\ndefaults: {tools: tools.yaml, out: 'out/{stem}.gltf'}\n"
+            f"jobs: [{{asset: chars/limb.gltf{options}}}]"
+        )
+        chars("batch", "m.yaml", "--report", "r.jsonl")
+        return results()["limb.gltf"]
+
+    skin.write_bytes(b"\x89PNG one")
+    assert result() == "built: new"
+    skin.write_bytes(b"\x89PNG two")
+    assert result() == "built: the asset changed"
+    assert made.read_bytes() == skin.read_bytes()
+    assert result(", max_memory: 2GB, split: false") == "hit: in place"
+    # Of others nothing is known: it stays.
+    skin.write_bytes(b"\x89PNG three")
+    made.write_bytes(b"\x89PNG of somebody else's")
+    assert result() == "failed: "
+    assert made.read_bytes() == b"\x89PNG of somebody else's"
+
+
 def test_a_job_that_fails_does_so_alone_with_its_line(chars: Wrinkle, tmp_path: Path) -> None:
     (tmp_path / "chars" / "c1.glb").write_bytes(b"glTF, but not quite")
     text = "version: 1\ndefaults: {tools: tools.yaml, out: 'out/{stem}.glb'}\njobs:\n  - asset: chars/c[12].glb\n"

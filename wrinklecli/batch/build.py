@@ -1,7 +1,7 @@
 """The bake of one job by the same function as `wrinkle bake`, and the tracks of its clips: what was made, and where."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from typing import Any
@@ -37,8 +37,15 @@ class Built:
     files: list[tuple[str, str, str]]
 
 
-def build(here: Staged, open_outputs: Callable[[], AbstractContextManager[Outputs]]) -> Built:
+def build(
+    here: Staged, open_outputs: Callable[[], AbstractContextManager[Outputs]], own: Iterable[tuple[str, str]]
+) -> Built:
     """Bake a job; its outputs are in their places here at the end.
+
+    Args:
+        here: The job.
+        open_outputs: Opens what it writes into.
+        own: Root and path from there of files that it wrote before and that nobody has changed since.
 
     Raises:
         WrinkleError: As `bake` and `track`. Then nothing is written of the bake; of tracks, all or nothing.
@@ -48,6 +55,7 @@ def build(here: Staged, open_outputs: Callable[[], AbstractContextManager[Output
     _forget_peak()
     with held(options.max_memory):
         with open_outputs() as outputs:
+            outputs.own(os.path.join(here.roots[root][1], path) for root, path in own)
             for path in (job.report, job.timings):
                 if path is not None:
                     outputs.claim(path)

@@ -15,6 +15,7 @@ from typing import Any, BinaryIO, TypeAlias
 import wrinklecli
 from wrinklecli.batch import stores
 from wrinklecli.batch.jobs import BatchJob
+from wrinklecli.batch.schema import OPTION_KEYS
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.uris import path_of
 
@@ -25,6 +26,8 @@ Parts: TypeAlias = dict[str, Any]
 _HEADER = struct.Struct("<4sIIII")
 _MOST_JSON = 2**28  # bytes; the bake refuses what is larger before
 _MISSING = "missing"
+# The first two are told by what is in them; a bake that took more memory was refused, and makes nothing else of more.
+_NO_OPTIONS = ("anim", "frames_dir", "max_memory")
 _NAMES = ("out", "report", "timings")
 
 
@@ -51,7 +54,11 @@ def parts_of(job: BatchJob, asked: BatchJob) -> Parts:
         AssetError: One cannot be read.
     """
     external = bool(job.options.get("allow_external", False))
-    options = {key: value for key, value in job.options.items() if key not in ("anim", "frames_dir")}
+    options = {
+        key: value
+        for key, value in job.options.items()
+        if key not in _NO_OPTIONS and value != OPTION_KEYS[key].get("default")
+    }
     parts: Parts = {
         "program": program(),
         "asset": asset_digests(job.asset, external=external),

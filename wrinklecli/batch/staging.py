@@ -178,12 +178,13 @@ def _folder(path: str | None) -> str | None:
     return posixpath.dirname(path) if stores.is_url(path) else os.path.dirname(path)
 
 
-def send(staged: Staged, files: list[tuple[str, str]]) -> None:
+def send(staged: Staged, files: list[tuple[str, str]], own: set[tuple[str, str]]) -> None:
     """Put files into the stores that were asked for them, the main one last.
 
     Args:
         staged: The job.
         files: Root and path from there, of each file; those whose root is here are in their places.
+        own: Those of them that this job wrote before, and that it may write over.
 
     Raises:
         WrinkleError: A store does not take one, or has another image of that name.
@@ -197,7 +198,7 @@ def send(staged: Staged, files: list[tuple[str, str]]) -> None:
         try:
             with open(os.path.join(here, path), "rb") as file:
                 data = file.read()
-            if image and stores.read_if_there(target) not in (None, data):
+            if image and (root, path) not in own and stores.read_if_there(target) not in (None, data):
                 raise BakeError("is there already and is another image; choose another folder", where=target)
             stores.put(target, data)
         except OSError as error:

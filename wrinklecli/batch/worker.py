@@ -127,16 +127,28 @@ def _worked(here: Staged, cache: Cache, job: BatchJob, open_outputs: OpenOutputs
         return found
     from wrinklecli.batch.build import build  # with numpy and all that a bake needs
 
-    reason = difference(cache.made_from(job.out), parts)
-    built = build(here, open_outputs)
+    before = cache.made_from(job.out)
+    reason = difference(before, parts)
+    own = _own(here, cache, before)
+    built = build(here, open_outputs, own)
     key = key_of(parts)
     said = replace(built.outcome, job=job, reason=reason, key=key)
-    send(here, [(root, path) for root, path, _ in built.files])
+    send(here, [(root, path) for root, path, _ in built.files], own)
     # An input that was changed meanwhile is in the bake or not: nobody knows.
     if built.files and key_of(parts_of(here.job, job)) == key:
         cache.keep(key, built.files, _said(said))
         cache.note(job.out, parts)
     return said
+
+
+def _own(here: Staged, cache: Cache, before: Parts | None) -> set[tuple[str, str]]:
+    """Root and path of the files that are in their places as the job wrote them when it was made from other parts."""
+    record = None if before is None else cache.find(key_of(before))
+    if record is None:
+        return set()
+    changed = _missing(here, record)
+    there = [file for number, file in enumerate(record.files) if number not in changed]
+    return {(file.root, file.path) for file in there if file.root in here.roots}
 
 
 def _said(outcome: Outcome) -> dict[str, Any]:
@@ -163,7 +175,7 @@ def _hit(here: Staged, cache: Cache, job: BatchJob, parts: Parts, open_outputs: 
                 outputs.make_folders(os.path.dirname(path))
                 last = number == len(record.files) - 1
                 outputs.add_bytes(path, content or b"", last=last)
-        send(here, [(record.files[number].root, record.files[number].path) for number in missing])
+        send(here, [(record.files[number].root, record.files[number].path) for number in missing], set())
         cache.note(job.out, parts)
     said = record.said
     return Outcome(

@@ -58,6 +58,7 @@ class Outputs:
         self._outputs: dict[str, list[_Output]] = {}  # by real path; several of what is written through
         self._claimed: set[_Identity] = set()
         self._dropped: list[str] = []
+        self._own: set[str] = set()
         self._folders: list[str] = []  # that were made, outermost first
         self._workplaces: dict[str, Workplace] = {}  # by the folder that each is in
 
@@ -133,6 +134,14 @@ class Outputs:
         """The file with the content that a path will have: written here, or there before."""
         written = [each.staged for each in self._outputs.get(_real(os.fspath(path)), ()) if each.staged]
         return written[0] if written else os.fspath(path) if os.path.exists(path) else None
+
+    def own(self, paths: Iterable[str]) -> None:
+        """Note files that an earlier run wrote for the same, which may be replaced though they hold something else."""
+        self._own |= set(map(_real, paths))
+
+    def is_own(self, path: str) -> bool:
+        """Whether a file is one of those, and not written here."""
+        return _real(path) in self._own and self.found(path) == path
 
     def make_folders(self, path: str | os.PathLike[str]) -> None:
         """Make a folder and those above it; where the outputs come to nothing, they go again.

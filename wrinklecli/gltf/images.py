@@ -72,11 +72,11 @@ def put_image(uri: str, data: memoryview, out: str, outputs: Outputs) -> str:
         uri = uri_of(f"{stem}-{digest}{os.path.splitext(path_of(uri))[1]}")
     path = os.path.join(folder, path_of(uri))
     there = outputs.found(path)
-    if there is None:
+    if there is not None and os.path.getsize(there) == len(data) and read_file(there) == data:
+        outputs.protect([there])
+    elif there is None or outputs.is_own(path):
         outputs.make_folders(os.path.dirname(path))
         outputs.add_bytes(path, data)
-    elif os.path.getsize(there) == len(data) and read_file(there) == data:
-        outputs.protect([there])
     else:
         raise BakeError("is there already and is another image; choose another folder", where=path)
     return uri
