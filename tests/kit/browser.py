@@ -120,6 +120,7 @@ class Page:
         found, before = self.value(place), None
         while found != before:  # panels grow and lists open for a while
             time.sleep(_STEADY)
+            self.value("new Promise(drawn => requestAnimationFrame(() => requestAnimationFrame(drawn)))")
             found, before = self.value(place), found
         assert isinstance(found, list)
         return found

@@ -27,6 +27,7 @@ from wrinklecli.errors import WrinkleError, counted
 
 _SLIDES = 0.35  # seconds without a further change after which a slider has been let go
 _TYPES = 0.8  # seconds without a further key after which a line has been typed
+_LINES = 2.9  # heights of a letter that two lines take
 _PATIENCE = 2.0  # seconds that the end waits for what can be left
 _WIDE = 380  # pixels of the panel
 _FOLLOWS = 0.15  # seconds without a further change after which all but the mesh shows what slides
@@ -108,6 +109,7 @@ class Page:
         gui.add_html(KEYBOARD)
         self._head = gui.add_html("")
         self._said = gui.add_html("")
+        self.say("")
         self._keeping = Keeping(gui, self._work, self._slow, self._session, self)
         play = gui.add_panel()
         with play.add_tab("Play"):
@@ -128,7 +130,6 @@ class Page:
             self._add_tool_panel(gui)
 
     def _add_tool_panel(self, gui: viser.GuiApi) -> None:
-        self._problem = gui.add_html("")
         self._name: Any = gui.add_text("name", "")
         self._name_line = Line(self._name)
         on_set(self._name, self._work, "name", self._rename)
@@ -145,13 +146,14 @@ class Page:
         add_group(gui, self._work, "tool", actions)
         clips = [clip.name for clip in self._session.clips if clip.name not in self._session.made]
         self._controls = ToolControls(gui, self._changed, self._unset, clips)
+        self._told = gui.add_html("")  # below what a hand is at, which must not move
         self._charts = Charts(gui)
 
     # What is said.
 
     def say(self, text: str, colour: str = GOOD) -> None:
-        """A line on the page; none for an empty text."""
-        self._said.content = _line(text, colour) if text else ""
+        """A line on the page; none for an empty text. Two have their room, so that nothing below moves."""
+        self._said.content = f'<div style="min-height:{_LINES}em">{_line(text, colour)}</div>'
 
     def _fail(self, error: Exception) -> None:
         """Say what went wrong; the page stays."""
@@ -189,7 +191,7 @@ class Page:
                 self._panel.label = tool.name
                 self._name_line.show(tool.name, tool.name)
                 self._twin.value = tool.partner is not None
-                self._problem.content = self._told_of(tool)
+                self._told.content = self._told_of(tool)
                 laid = self._session.laid().get(tool.name)
                 span = tool.length if laid is None else laid.patch.span
                 self._controls.show(tool.values, sorted(tool.own), span or 1.0)
