@@ -22,15 +22,20 @@ class Future:
 
     def __init__(self, key: str, function: Callable[[], Any]) -> None:
         self.key, self.status, self._made = key, "finished", None
+        self._lost = key == "3"  # at first, as its worker has died with it
         try:
             self._made = function()
         except distributed.KilledWorker as error:
             self.status, self._made = "error", error
 
-    def result(self) -> Any:
+    def result(self, timeout: float) -> Any:
+        if self._lost:
+            self._lost = False
+            raise TimeoutError(timeout)
         return self._made
 
-    exception = result
+    def exception(self) -> Any:
+        return self._made
 
     def add_done_callback(self, done: Callable[["Future"], object]) -> None:
         done(self)
@@ -66,7 +71,9 @@ def test_every_job_comes_back_once_and_one_that_kills_fails_alone(monkeypatch: p
     monkeypatch.setattr(distributed, "get_worker", lambda: Client)
     monkeypatch.setattr(Client, "address", "tcp://a", raising=False)
     client = Client()
-    outcomes = list(cluster._Sent(client, SETTINGS, lambda: 0).outcomes(JOBS))
+    looks: list[int] = []
+    outcomes = list(cluster._Sent(client, SETTINGS, lambda: looks.append(1) or 1).outcomes(JOBS))
+    assert looks == [1]
     assert sorted(each.job.where for each in outcomes) == sorted(each.where for each in JOBS)
     assert [each.job for each in outcomes if not each.done] == [POISON]
     assert "every worker died that had it (4 did)" in next(each.lines[0] for each in outcomes if not each.done)

@@ -241,10 +241,24 @@ class _Sent:
                 future = self._finished.get(timeout=_PULSE)
                 if future.status in ("finished", "error"):
                     return future
-            self._check()
-            self._died += self._replace_dead()
-            if self._died > _MOST_DEAD:
-                raise WrinkleError(f"{self._died} workers died as they started: too little memory?", where="Dask")
+            self._look_after_workers()
+
+    def _result(self, future: Any) -> list[Outcome]:
+        """What a worker keeps until it is asked for: if it has died meanwhile, another one does the task again."""
+        while True:
+            try:
+                done: list[Outcome] = future.result(timeout=_PULSE)
+            except TimeoutError:
+                self._look_after_workers()
+            else:
+                return done
+
+    def _look_after_workers(self) -> None:
+        """See that there are workers; raises as `_next`."""
+        self._check()
+        self._died += self._replace_dead()
+        if self._died > _MOST_DEAD:
+            raise WrinkleError(f"{self._died} workers died as they started: too little memory?", where="Dask")
 
     def _check(self) -> None:
         """Raise if the scheduler is lost."""
@@ -264,8 +278,7 @@ class _Sent:
         from distributed import KilledWorker
 
         if future.status == "finished":
-            done: list[Outcome] = future.result()
-            return done
+            return self._result(future)
         if len(task) > 1:  # one of them is at fault: each goes alone, and what was done is in the cache
             for job in task:
                 self._send((job,))
