@@ -73,7 +73,7 @@ def test_too_much_is_refused_before_it_is_made(
 
 
 def test_frames_that_no_glb_holds_are_refused(paths: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delattr(pipeline, "sample_clips")
+    monkeypatch.delattr(pipeline, "sample_with_creases")
     with pytest.raises(
         BakeError, match=r"^limb: 200,001 frames of [\d,]+ vertices would be .* GB, and a .glb holds 4 GiB"
     ):
