@@ -38,6 +38,8 @@ class Future:
         return self._made
 
     def add_done_callback(self, done: Callable[["Future"], object]) -> None:
+        if self.key == "5":  # done, and lost before anybody looks; then done again
+            self.status = "finished" if self.status == "lost" else "lost"
         done(self)
 
 
@@ -73,7 +75,7 @@ def test_every_job_comes_back_once_and_one_that_kills_fails_alone(monkeypatch: p
     client = Client()
     looks: list[int] = []
     outcomes = list(cluster._Sent(client, SETTINGS, lambda: looks.append(1) or 1).outcomes(JOBS))
-    assert looks == [1]
+    assert looks == [1, 1]
     assert sorted(each.job.where for each in outcomes) == sorted(each.where for each in JOBS)
     assert [each.job for each in outcomes if not each.done] == [POISON]
     assert "every worker died that had it (4 did)" in next(each.lines[0] for each in outcomes if not each.done)

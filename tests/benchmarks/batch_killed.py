@@ -22,6 +22,7 @@ from typing import Any
 from kit.limb import limb_asset, tool, write_tools
 from wrinklecli import bake
 
+_PATIENCE = 60.0  # seconds: after so many it hangs
 _WRINKLE = [sys.executable, "-c", "from wrinklecli.cli import main; main()"]
 
 
@@ -47,9 +48,15 @@ def run(folder: Path, report: Path, seconds: float, until: int) -> tuple[int, in
     driver = subprocess.Popen(command, cwd=folder)
     killed, last = 0, time.monotonic()
     seen: dict[int, float] = {}
+    done, moved = 0, last
     while driver.poll() is None and len(told(report)) < until:
         time.sleep(0.05)
         now = time.monotonic()
+        if len(told(report)) > done:
+            done, moved = len(told(report)), now
+        if now > moved + _PATIENCE:
+            print(f"nothing ended for {_PATIENCE:.0f} s; workers: {sorted(seen)}, driver: {driver.pid}")
+            break
         seen = {worker: seen.get(worker, now) for worker in workers(driver.pid)}
         # The oldest, once it has had time for something: on a loaded machine they take as long to start.
         oldest = min(seen, key=seen.__getitem__, default=None)

@@ -241,6 +241,8 @@ class _Sent:
                 future = self._finished.get(timeout=_PULSE)
                 if future.status in ("finished", "error"):
                     return future
+                if future.status != "cancelled":  # its worker has died since, and another one does the task again
+                    future.add_done_callback(self._finished.put)
             self._look_after_workers()
 
     def _result(self, future: Any) -> list[Outcome]:
