@@ -52,14 +52,15 @@ def test_wrinkles_stay_beneath_a_sleeve_of_the_same_mesh(tmp_path: Path) -> None
     assert baked(tmp_path, joined=True) == (0, 0)
 
 
-@pytest.mark.parametrize(("node", "joined"), [("sleeve", False), pytest.param("limb", True, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("node", "joined"), [("sleeve", False), ("limb", True)])
 def test_a_mesh_that_is_ignored_is_gone_through(node: str, joined: bool, tmp_path: Path) -> None:
     before, after = baked(tmp_path, joined=joined, ignore=[node])
     assert before == 0
     assert after > 10
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "rest_length", ["100%", {"keys": {"sneer": [[0.0, "100%"], [1.0, "112%"], [2.0, "100%"]]}}], ids=["morph", "keyed"]
 )

@@ -259,7 +259,7 @@ def test_strengths_and_rest_lengths_of_a_clip(rest_length: Json, strategy: str, 
         assert not made.weights("head", clip, np.linspace(0, 3, 31)).any()
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("clip", ["think", "raise_brows"])
 def test_keyed_rest_lengths_of_a_sample(clip: str, tmp_path: Path) -> None:
     made, report = run(body_of("head", "head_keyed"), sample("head"), tmp_path)

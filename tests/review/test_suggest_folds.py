@@ -232,9 +232,8 @@ def test_other_real_assets_fold_at_joints(name: str) -> None:
     measured(path, found)
 
 
-@pytest.mark.parametrize(
-    "name", ["wrist", *(pytest.param(name, marks=pytest.mark.slow) for name in ("trousers", "head"))]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["wrist", "trousers", "head"])
 def test_suggestions_bake_as_they_are(tmp_path: Path, name: str) -> None:
     found = suggest(sample(name), count=2)
     (tmp_path / "tools.yaml").write_text(found.text)

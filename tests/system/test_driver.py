@@ -64,7 +64,7 @@ def assert_driven(bare: Gltf, whole: Gltf, node: str, clip: str, tolerance: floa
             assert error.max() < tolerance, (names[k], times[error.max(axis=1).argmax()], error.max())
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "clip"), [("wrist", "extend"), ("trousers", "squat"), ("head", "raise_brows")])
 def test_tissue_lags_at_any_frame_rate_as_if_it_were_baked(name: str, clip: str) -> None:
     """Within 2 %, but where keys are so close that no track has more between them. The second round counts: a loop."""
@@ -236,6 +236,7 @@ def test_rest_lengths_that_a_morph_target_or_keys_drive(rest_length: Json, look:
         assert_driven(bare, whole, "head", clip)
 
 
+@pytest.mark.slow
 def test_a_fold_that_no_joint_bends_is_driven_by_its_tool(tmp_path: Path) -> None:
     pytest.importorskip("ipctk", reason="needs the extra `contact`")
     bridge = {"name": "bridge", "node": "skin", "origin": [-0.5, 0, 0], "target": [0.5, 0, 0], "width": 0.8, "bumps": 4}
