@@ -8,7 +8,7 @@ pytest.importorskip("ipctk", reason="needs the extra `contact`")
 from kit.bent_tube import SIDES, tube
 from wrinklecli.method.contact import Posed, State, Tissue
 from wrinklecli.method.crease import fewest
-from wrinklecli.method.folding import Found, free_rows, squeezed
+from wrinklecli.method.folding import Found, free_rows
 
 
 def test_shapes_that_would_take_volume_away_are_more() -> None:
@@ -26,15 +26,12 @@ def test_shapes_that_would_take_volume_away_are_more() -> None:
         moved[:, 0] = 0.0
         shares = np.where(other, 0.01, 1.0)
         rows = free_rows(tissue)
-        return Found(
-            moved[rows], shares[rows], 0.0 * moved[rows], rest, matrices[rows], State(rest, Posed(rest, matrices))
-        )
+        state = State(rest, Posed(rest, matrices))
+        return Found(tissue, moved[rows], shares[rows], 0.0 * moved[rows], rest, matrices[rows], state)
 
     solved = [found(8), found(11)]
-    weights, shapes, crossing = fewest(tissue, solved, share=0.35, most=8)
-    lost = [
-        squeezed(tissue, each, np.tensordot(row, shapes, axes=1)) for each, row in zip(solved, weights, strict=True)
-    ]
+    weights, shapes, crossing = fewest(solved, share=0.35, most=8)
+    lost = [each.squeezed(np.tensordot(row, shapes, axes=1)) for each, row in zip(solved, weights, strict=True)]
     assert len(shapes) == 2
     assert crossing == 0
     assert max(lost) < 0.01

@@ -46,8 +46,8 @@ _LEAST_GIVEN = 1e-9
 _STIFF = 1000.0
 # Other meshes that are nearer at rest than this share of what is held off lie on the surface: they never collide.
 _TIGHT = 0.1
-# Newton's steps of a frame at most, and the length of a step that ends them: a fifth of the gap. With a quarter of that
-# steps are twice as many. Where nothing touches any more all goes back to its pose.
+# Newton's steps of a frame at most, and the length of a step that ends them, solver's units: two fifths of the gap.
+# Where nothing touches any more all goes back to its pose.
 _STEPS, _SETTLED, _STILL = 32, 0.4, 0.001
 # What is not free is in its place, up to rounding.
 _ARRIVED = 1e-9

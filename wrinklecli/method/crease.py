@@ -22,11 +22,7 @@ from wrinklecli.method.folding import (
     free_rows,
     is_clear,
     last_of,
-    moved_by,
-    opened,
     positions_of,
-    squeezed,
-    still_crossing,
 )
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, interpolated
 
@@ -108,18 +104,19 @@ class Crease:
         for frame, found in enumerate(self._marched(clip, times)):
             unsettled += not found.state.converged
             if found.touches:
-                weights[frame], urgent, crosses = fitted(self.tissue, found, self.shapes, urgent)
+                weights[frame], urgent, crosses = fitted(found, self.shapes, urgent)
                 urgent = None if crosses else urgent
+                moved = _sum(weights[frame], self.shapes)
                 if crosses and clip is not None:
                     # Those of the fold's own motion may leave none.
                     looked = self._looked_up(clip, times[frame : frame + 1])
-                    if still_crossing(self.tissue, found, np.tensordot(looked, self.shapes, axes=1)) is None:
-                        weights[frame], crosses = looked, False
-                error = max(error, _missed(found, weights[frame], self.shapes))
+                    own = _sum(looked, self.shapes)
+                    if found.crossing(own) is None:
+                        weights[frame], moved, crosses = looked, own, False
+                error = max(error, found.missed(moved))
                 touching.append(frame)
                 if crosses:
-                    moved = np.tensordot(weights[frame], self.shapes, axes=1)
-                    left.append(crossing_vertices(self.tissue, moved_by(self.tissue, found, moved)))
+                    left.append(crossing_vertices(self.tissue, found.with_moved(moved)))
         given_up = bool(left) and sum(left) > sum(
             crossing_vertices(self.tissue, positions)
             for positions in positions_of(self.fold, self.tissue, clip, times[touching])
@@ -140,11 +137,11 @@ class Crease:
         every = list(self._marched(clip, times))
         touching = [frame for frame, found in enumerate(every) if found.touches]
         solved = [every[frame] for frame in touching]
-        made, shapes, crossing = fewest(self.tissue, solved, share=share, most=most)
+        made, shapes, crossing = fewest(solved, share=share, most=most)
         weights = np.zeros((len(times), len(shapes)))
         weights[touching] = made
         scale = self.fold.radius / UNITS
-        error = scale * max(_missed(each, row, shapes) for each, row in zip(solved, made, strict=True))
+        error = scale * max(each.missed(_sum(row, shapes)) for each, row in zip(solved, made, strict=True))
         unsettled = sum(not each.state.converged for each in solved)
         samples = tuple((made[k], clip, float(times[touching[k]])) for k in _chosen(made))
         own = replace(self, shapes=shapes, table=np.zeros((len(self.rows), len(shapes))), samples=samples)
@@ -199,7 +196,8 @@ def resolve(fold: Fold, *, share: float, most: int) -> Crease | None:
     solved = list(_swept(fold, tissue))
     if not solved:
         return None
-    weights, shapes, crossing = fewest(tissue, [each.found for each in solved], share=share, most=most)
+    weights, shapes, crossing = fewest([each.found for each in solved], share=share, most=most)
+    made = [(each.found, _sum(row, shapes)) for each, row in zip(solved, weights, strict=True)]
     scale = fold.radius / UNITS
     rows, table = _tabulated(fold, solved, weights)
     return Crease(
@@ -209,12 +207,9 @@ def resolve(fold: Fold, *, share: float, most: int) -> Crease | None:
         rows=rows,
         table=table,
         samples=tuple((weights[k], solved[k].clip, solved[k].time) for k in _chosen(weights)),
-        error=scale * max(_missed(each.found, row, shapes) for each, row in zip(solved, weights, strict=True)),
-        largest=scale * max(_length(each.found, each.found.moved) for each in solved),
-        squeezed=max(
-            squeezed(tissue, each.found, np.tensordot(row, shapes, axes=1))
-            for each, row in zip(solved, weights, strict=True)
-        ),
+        error=scale * max(found.missed(moved) for found, moved in made),
+        largest=scale * max(each.found.length for each in solved),
+        squeezed=max(found.squeezed(moved) for found, moved in made),
         unsettled=sum(not each.found.state.converged for each in solved),
         crossing=crossing,
         solved=len(solved),
@@ -250,7 +245,7 @@ def _swept(fold: Fold, tissue: Tissue) -> Iterator[_Solved]:
             for folded, time, found in zip(way, times, found_in(fold, tissue, clip, times), strict=True):
                 if found.touches:
                     yield _Solved(clip, float(time), float(folded), bool(lean.any()), found)
-                    if _length(found, found.moved) > _DEEPEST:
+                    if found.length > _DEEPEST:
                         break
 
 
@@ -269,11 +264,10 @@ def _tabulated(fold: Fold, solved: Sequence[_Solved], weights: Floats) -> tuple[
     return rows[rising], padded[[number for _, number in every]][rising]
 
 
-def fewest(tissue: Tissue, solved: Sequence[Found], *, share: float, most: int) -> tuple[Floats, Floats, int]:
+def fewest(solved: Sequence[Found], *, share: float, most: int) -> tuple[Floats, Floats, int]:
     """The fewest shapes that are right enough, keep the volume and leave no crossing in any sweep.
 
     Args:
-        tissue: What may touch.
         solved: What was found, at least one pose.
         share: Greatest error of a vertex, of the greatest move.
         most: Shapes at most: of those the ones that leave the fewest crossings, and then the most volume.
@@ -282,9 +276,9 @@ def fewest(tissue: Tissue, solved: Sequence[Found], *, share: float, most: int) 
         (poses, shapes) weights in [-1, 1], (shapes, free, 3), and the number of poses in which they leave crossings.
     """
     fields = np.stack([each.moved for each in solved])
-    bound = share * max(_length(each, each.moved) for each in solved)
+    bound = share * max(each.length for each in solved)
     # What contact itself takes away, no shapes give back.
-    allowed = max(_LOST, *(squeezed(tissue, each, each.moved) for each in solved))
+    allowed = max(_LOST, *(each.squeezed(each.moved) for each in solved))
     most = min(most, len(solved))
     tries: list[tuple[int, float, Floats, Floats]] = []
     for count in range(1, most + 1):
@@ -292,14 +286,14 @@ def fewest(tissue: Tissue, solved: Sequence[Found], *, share: float, most: int) 
         suspects = np.arange(len(solved))
         for _ in range(_TRIES):
             weights, shapes = weighted_basis(wanted, shares, count)
-            missed = max(_missed(each, row, shapes) for each, row in zip(solved, weights, strict=True))
+            made = [_sum(row, shapes) for row in weights]
+            missed = max(each.missed(moved) for each, moved in zip(solved, made, strict=True))
             if missed > bound and count < most:
                 break
-            made = [np.tensordot(row, shapes, axes=1) for row in weights]
-            crossing = _crossing(tissue, solved, made, suspects)
+            crossing = _crossing(solved, made, suspects)
             if len(suspects) < len(solved) and (not crossing or count == most):
-                crossing |= _crossing(tissue, solved, made, np.setdiff1d(np.arange(len(solved)), suspects))
-            lost = max(squeezed(tissue, each, moved) for each, moved in zip(solved, made, strict=True))
+                crossing |= _crossing(solved, made, np.setdiff1d(np.arange(len(solved)), suspects))
+            lost = max(each.squeezed(moved) for each, moved in zip(solved, made, strict=True))
             if not crossing and lost <= allowed:
                 return weights, shapes, 0
             if count == most:
@@ -309,26 +303,25 @@ def fewest(tissue: Tissue, solved: Sequence[Found], *, share: float, most: int) 
             for number, marked in crossing.items():
                 shares[number, marked] *= _MORE
             suspects = np.array(sorted(crossing))
-            wanted = np.stack([opened(each, moved) for each, moved in zip(solved, made, strict=True)])
+            wanted = np.stack([each.opened(moved) for each, moved in zip(solved, made, strict=True)])
     left, _, weights, shapes = min(tries, key=lambda each: each[:2])
     return weights, shapes, left
 
 
-def _crossing(tissue: Tissue, solved: Sequence[Found], made: Sequence[Floats], numbers: Ints) -> dict[int, Bools]:
+def _crossing(solved: Sequence[Found], made: Sequence[Floats], numbers: Ints) -> dict[int, Bools]:
     """Of some poses those in which what shapes made crosses, and (free,) which vertices do."""
     found = {}
     for number in numbers.tolist():
-        marked = still_crossing(tissue, solved[number], made[number])
+        marked = solved[number].crossing(made[number])
         if marked is not None:
             found[number] = marked
     return found
 
 
-def fitted(tissue: Tissue, found: Found, shapes: Floats, urgent: Floats | None = None) -> tuple[Floats, Floats, bool]:
+def fitted(found: Found, shapes: Floats, urgent: Floats | None = None) -> tuple[Floats, Floats, bool]:
     """Fit shapes to what was found.
 
     Args:
-        tissue: What may touch.
         found: In a pose.
         shapes: (shapes, free, 3).
         urgent: (free,) by how much more the error of each counts, as it had to in a pose like this one.
@@ -342,24 +335,19 @@ def fitted(tissue: Tissue, found: Found, shapes: Floats, urgent: Floats | None =
     for _ in range(_TRIES):
         shares = found.shares * urgent
         (weights,) = np.clip(project(wanted[None], shares[None], shapes), -MOST_WEIGHT, MOST_WEIGHT)
-        moved = np.tensordot(weights, shapes, axes=1)
-        marked = still_crossing(tissue, found, moved)
+        moved = _sum(weights, shapes)
+        marked = found.crossing(moved)
         if marked is None:
             return weights, urgent, False
         tries.append((int(marked.sum()), weights, urgent))
-        urgent, wanted = np.where(marked, _MORE * urgent, urgent), opened(found, moved)
+        urgent, wanted = np.where(marked, _MORE * urgent, urgent), found.opened(moved)
     _, weights, urgent = min(tries, key=lambda each: each[0])
     return weights, urgent, True
 
 
-def _missed(found: Found, weights: Floats, shapes: Floats) -> float:
-    """The greatest error of a vertex, solver's units."""
-    return _length(found, found.moved - np.tensordot(weights, shapes, axes=1))
-
-
-def _length(found: Found, moved: Floats) -> float:
-    """The greatest of (free, 3) of bind space where they are posed, solver's units."""
-    return float(np.sqrt(np.sum(np.einsum("vij,vj->vi", found.matrices, moved) ** 2, axis=1)).max(initial=0.0))
+def _sum(weights: Floats, shapes: Floats) -> Floats:
+    """(free, 3) what (shapes,) weights make of (shapes, free, 3)."""
+    return np.asarray(np.tensordot(weights, shapes, axes=1))
 
 
 def _chosen(weights: Floats) -> list[int]:

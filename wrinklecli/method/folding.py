@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import islice
 
 import numpy as np
@@ -23,11 +24,12 @@ _APART, _RINGS, _FALLS = 0.01, 3, 0.4
 _OPEN = 1.5
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False)
 class Found:
     """What contact does in a pose.
 
     Attributes:
+        tissue: What may touch.
         moved: (free, 3) what it adds to the vertices that may leave their pose, bind space.
         shares: (free,) what the square of an error counts there.
         outward: (free, 3) unit, which way each is held off by what it touches, solver's units; 0 where nothing is.
@@ -36,6 +38,7 @@ class Found:
         state: Of the solver, from which the next pose begins.
     """
 
+    tissue: Tissue
     moved: Floats
     shares: Floats
     outward: Floats
@@ -47,6 +50,54 @@ class Found:
     def touches(self) -> bool:
         """Whether contact does anything."""
         return bool(self.moved.any())
+
+    @property
+    def length(self) -> float:
+        """The greatest move, solver's units."""
+        return self._length(self.moved)
+
+    def missed(self, moved: Floats) -> float:
+        """By how much another (free, 3) move is off at most, solver's units."""
+        return self._length(self.moved - moved)
+
+    def with_moved(self, moved: Floats) -> Floats:
+        """(vertices, 3) where all vertices are with another (free, 3) move, solver's units."""
+        positions = self.positions.copy()
+        positions[free_rows(self.tissue)] += np.einsum("vij,vj->vi", self.matrices, moved)
+        return positions
+
+    def crossing(self, moved: Floats) -> Bools | None:
+        """(free,) which vertices cross with another (free, 3) move; None if none does.
+
+        What crosses with this one too, as another mesh that leaves no room, does not count.
+        """
+        marked = self.tissue.crossing(self.with_moved(moved))
+        if marked is None:
+            return None
+        fresh = (marked if self._ever is None else marked & ~self._ever)[free_rows(self.tissue)]
+        return fresh if fresh.any() else None
+
+    def squeezed(self, moved: Floats) -> float:
+        """How much of a limb's volume, as long as it is thick, goes with another (free, 3) move."""
+        return abs(self.tissue.pieces.grown(self.with_moved(moved), self.positions)) / (2.0 * np.pi * UNITS**3)
+
+    def opened(self, moved: Floats) -> Floats:
+        """(free, 3) this move, with as much more as another opens what touches further: that does no harm."""
+        away = np.einsum("vij,vj,vi->v", self.matrices, moved - self.moved, self.outward)
+        rows = np.flatnonzero(away > 0.0)
+        further = np.minimum(away[rows], _OPEN)[:, None] * self.outward[rows]
+        wanted = self.moved.copy()
+        wanted[rows] += np.einsum("vij,vj->vi", inverses(self.matrices[rows]), further)
+        return wanted
+
+    @cached_property
+    def _ever(self) -> Bools | None:
+        """(vertices,) which cross with this move."""
+        return self.tissue.crossing(self.with_moved(self.moved))
+
+    def _length(self, moved: Floats) -> float:
+        """The greatest of (free, 3) of bind space where they are posed, solver's units."""
+        return float(np.sqrt(np.sum(np.einsum("vij,vj->vi", self.matrices, moved) ** 2, axis=1)).max(initial=0.0))
 
 
 def found_in(
@@ -65,7 +116,7 @@ def found_in(
             forces = tissue.forces(state.positions)
             shares = _spread(tissue, np.asarray(forces.any(axis=1)))[rows]
             outward = unit(forces[rows])
-        yield Found(moved, shares, outward, state.posed.positions, matrices, state)
+        yield Found(tissue, moved, shares, outward, state.posed.positions, matrices, state)
 
 
 def _spread(tissue: Tissue, touching: Bools) -> Floats:
@@ -86,19 +137,6 @@ def free_rows(tissue: Tissue) -> Ints:
     return np.flatnonzero(tissue.free & tissue.own)
 
 
-def still_crossing(tissue: Tissue, found: Found, moved: Floats) -> Bools | None:
-    """(free,) which vertices cross if others are moved than those found, by (free, 3) in bind space; None if none.
-
-    What crosses with those found too, as another mesh that leaves no room, does not count.
-    """
-    marked = tissue.crossing(moved_by(tissue, found, moved))
-    if marked is None:
-        return None
-    ever = tissue.crossing(moved_by(tissue, found, found.moved))
-    fresh = (marked if ever is None else marked & ~ever)[free_rows(tissue)]
-    return fresh if fresh.any() else None
-
-
 def crossing_vertices(tissue: Tissue, positions: Floats) -> int:
     """How many vertices cross at (vertices, 3) positions, solver's units."""
     marked = tissue.crossing(positions)
@@ -108,29 +146,6 @@ def crossing_vertices(tissue: Tissue, positions: Floats) -> int:
 def positions_of(fold: Fold, tissue: Tissue, clip: Clip | None, times: Floats) -> Iterator[Floats]:
     """(vertices, 3) where the pose wants them at each of (frames,) seconds of a clip, solver's units."""
     return (posed.positions for posed in _poses(fold, tissue, clip, times))
-
-
-def opened(found: Found, moved: Floats) -> Floats:
-    """(free, 3) what was found, with as much more as (free, 3) open what touches further: that does no harm."""
-    away = np.einsum("vij,vj,vi->v", found.matrices, moved - found.moved, found.outward)
-    rows = np.flatnonzero(away > 0.0)
-    further = np.minimum(away[rows], _OPEN)[:, None] * found.outward[rows]
-    wanted = found.moved.copy()
-    wanted[rows] += np.einsum("vij,vj->vi", inverses(found.matrices[rows]), further)
-    return wanted
-
-
-def squeezed(tissue: Tissue, found: Found, moved: Floats) -> float:
-    """How much of a limb's volume, as long as it is thick, goes if vertices are moved by (free, 3) in bind space."""
-    grown = tissue.pieces.grown(moved_by(tissue, found, moved), found.positions)
-    return abs(grown) / (2.0 * np.pi * UNITS**3)
-
-
-def moved_by(tissue: Tissue, found: Found, moved: Floats) -> Floats:
-    """(vertices, 3) positions with (free, 3) added, bind space; solver's units."""
-    positions = found.positions.copy()
-    positions[free_rows(tissue)] += np.einsum("vij,vj->vi", found.matrices, moved)
-    return positions
 
 
 def last_of(states: Iterator[Found]) -> State | None:
