@@ -121,6 +121,21 @@ def test_a_job_that_fails_does_so_alone_with_its_line(chars: Wrinkle, tmp_path: 
     assert chars("batch", "n.yaml").code == 3
 
 
+def test_folders_of_outputs_are_made(chars: Wrinkle, tmp_path: Path) -> None:
+    Path("m.yaml").write_text(
+        "version: 1\ndefaults: {tools: tools.yaml, out: 'new/{folder}/{stem}.glb'}\n"
+        "jobs: [{asset: chars/c0.glb, report: reports/all/c0.json, anims: chars/c2.glb, tracked: 'clips/{stem}'},\n"
+        "  {asset: chars/c1.glb, out: tools.yaml/c1.glb}]"
+    )
+    ran = chars("batch", "m.yaml", "--dry-run")
+    assert ran.code == 0
+    assert not (tmp_path / "new").exists()
+    ran = chars("batch", "m.yaml")
+    assert ran.lines[0] == "m.yaml:4: jobs[1]: tools.yaml: cannot be made: File exists"
+    made = {Path(each).name for folder in ("new/chars", "reports/all", "clips/c0") for each in files(tmp_path / folder)}
+    assert made == {"c0.glb", "c0.json", "c2.glb"}
+
+
 def test_urls_reports_tracks_and_merged_tools(chars: Wrinkle, tmp_path: Path) -> None:
     fsspec = pytest.importorskip("fsspec")
     store = fsspec.filesystem("memory")

@@ -146,6 +146,22 @@ def test_folders_that_cannot_all_be_made_leave_none(tmp_path: Path) -> None:
     assert names(tmp_path) == set()
 
 
+def test_a_folder_that_another_makes_at_the_same_time_is_used_and_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = os.mkdir
+
+    def mkdir(path: str) -> None:
+        real(path)
+        real(path)
+
+    monkeypatch.setattr(os, "mkdir", mkdir)
+    with fails(ZeroDivisionError) as outputs:
+        outputs.make_folders(tmp_path / "a")
+        raise ZeroDivisionError
+    assert names(tmp_path) == {"a"}
+
+
 def test_a_folder_with_the_files_of_others_stays(tmp_path: Path) -> None:
     with fails(ZeroDivisionError) as outputs:
         outputs.make_folders(tmp_path / "a" / "b")

@@ -14,6 +14,7 @@ from wrinklecli.baking.track import track
 from wrinklecli.batch.jobs import BatchJob, Outcome
 from wrinklecli.batch.keys import references
 from wrinklecli.batch.staging import Staged
+from wrinklecli.errors import BakeError
 from wrinklecli.files.outputs import Outputs
 from wrinklecli.gltf.uris import path_of
 from wrinklecli.numeric.memory import MAX_MEMORY, held, parse_bytes
@@ -40,7 +41,7 @@ class Built:
 def build(
     here: Staged, open_outputs: Callable[[], AbstractContextManager[Outputs]], own: Iterable[tuple[str, str]]
 ) -> Built:
-    """Bake a job; its outputs are in their places here at the end.
+    """Bake a job; its outputs are in their places here at the end, in folders that are made where they are missing.
 
     Args:
         here: The job.
@@ -52,6 +53,7 @@ def build(
     """
     job = here.job
     options = bake_options(job)
+    _make_folders(here)
     _forget_peak()
     with held(options.max_memory):
         with open_outputs() as outputs:
@@ -90,6 +92,15 @@ def build(
         tallest=made.data["tallest_wrinkle"],
     )
     return Built(outcome, _files(here, written))
+
+
+def _make_folders(here: Staged) -> None:
+    """Make the folders that a job writes into. They stay where it fails: another job may be about to write there."""
+    for _, folder in here.roots.values():
+        try:
+            os.makedirs(folder or ".", exist_ok=True)
+        except OSError as error:
+            raise BakeError(f"cannot be made: {error.strerror}", where=folder) from error
 
 
 def bake_options(job: BatchJob) -> BakeOptions:

@@ -160,7 +160,8 @@ class Outputs:
             os.mkdir(path)
         except OSError as error:
             self._folders.remove(path)
-            raise _unwritable(path, error) from error
+            if not os.path.isdir(path):  # another process has made it meanwhile
+                raise _unwritable(path, error) from error
 
     def drop(self, path: str) -> None:
         """Take a file away when the others are in their places, unless it is an input or one of them."""
