@@ -8,6 +8,8 @@ import pytest
 import wrinklecli
 from kit.command import Wrinkle
 from kit.limb import LENGTH, RADIUS, limb, limb_asset, tool, write_tools
+from wrinklecli.baking.track import track
+from wrinklecli.errors import BakeError
 from wrinklecli.review.crossings import find_crossings
 
 
@@ -31,6 +33,16 @@ def test_a_fold_that_closes_crosses_and_wrinkles_add_to_it(tmp_path: Path) -> No
     (baked,) = find_crossings(tmp_path / "out.glb").data["clips"]
     assert baked["counts"][0] == clip["counts"][0]
     assert baked["totals"][1] == pytest.approx(clip["totals"][1], rel=0.1)
+
+    # A file that is rewritten tells no more what it was before.
+    track(tmp_path / "out.glb", [tmp_path / "out.glb"], tmp_path / "tracked")
+    tracked = find_crossings(tmp_path / "tracked" / "out.glb")
+    assert tracked.data["states"] == ["asset"]
+    assert tracked.data["clips"][0]["totals"] == [pytest.approx(baked["totals"][1], rel=0.1)]
+    (line,) = tracked.warnings
+    assert "rewritten since its bake" in line
+    with pytest.raises(BakeError, match="bake from the original asset"):
+        find_crossings(tmp_path / "tracked" / "out.glb", tools)
 
 
 def test_an_open_limb_does_not_cross_but_what_passes_through_it_does(tmp_path: Path) -> None:

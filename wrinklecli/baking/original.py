@@ -265,8 +265,8 @@ def original(document: Document) -> Document:
             ValueError,
         ) as error:
             raise BakeError(
-                "the record of the original asset is missing or does not fit: other software has rewritten the file"
-                " since its bake; bake from the original asset",
+                "the record of the original asset is missing or does not fit: `wrinkle track` or other software has"
+                " rewritten the file since its bake; bake from the original asset",
                 where=where,
             ) from error
         # A bake adds a node to these; a record that takes none away would never come to an end.

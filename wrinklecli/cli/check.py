@@ -65,7 +65,8 @@ def check(
     raised. Of these a tool's table has those that shorten it most.
 
     With --crossings, which needs no TOOLS: where and when the scene's surfaces go through themselves or each other, as
-    ASSET is without wrinkles, and with those of TOOLS or those that it carries. Skinning alone makes some.
+    ASSET is without wrinkles, and with those of TOOLS or those that it carries. Skinning alone makes some. A baked file
+    that `wrinkle track` or other software has rewritten is counted as it is alone.
 
     --json prints {"check": 1, "asset", "tools_file", "meshes", "tools", "notes", "warnings"}; within version 1, keys
     are only added. Lengths are scene units, positions have the tools file's axes, shortenings are shares of the rest

@@ -101,6 +101,10 @@ def find_crossings(
 
 # What is compared: one state of the asset, or two.
 _NAMES = {1: ("asset",), 2: ("before", "after")}
+# Of a file whose record of the original does not fit.
+_REWRITTEN = (
+    "has been rewritten since its bake, and no longer tells what it was before: it is looked at as it is, wrinkled"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,15 +125,22 @@ def _states(
     """The asset without wrinkles and with them, or as it is where it has none; clips to look at, and warnings.
 
     Raises:
-        BakeError: No tool fits.
+        BakeError: No tool fits, or what they are to be put on is not in the file any more.
     """
     carries = bool(wrinkled(document.gltf))
-    before = original(document) if carries else document
+    rewritten: tuple[str, ...] = ()
+    try:
+        before = original(document)
+    except BakeError:
+        if tools is not None:
+            raise
+        before, carries = document, False
+        rewritten = (f"{document.path}: {_REWRITTEN}",)
     joined = moved(before, deforming_nodes(before), motions)
     clips = chosen_clips(joined.clips, joined.chosen(options.clips), where=document.path)
     if tools is None:
         after = moved(document, deforming_nodes(document), motions).document if carries else None
-        return [joined.document, *([after] if after else [])], tuple(clips), ()
+        return [joined.document, *([after] if after else [])], tuple(clips), rewritten
     planned = plan_tools(joined.document, tools, options)
     if planned.job is None:
         raise BakeError.of_all([BakeError(line) for line in planned.warnings])
