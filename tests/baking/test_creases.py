@@ -124,7 +124,7 @@ def test_a_clip_that_still_crosses_gets_targets_of_its_own(folded: Baked, tmp_pa
         write_tools(tmp_path / f"{name}.yaml", aside | {"contact": name}, **TOP) for name in ("resolve", "off")
     )
     warnings = wrinklecli.bake(folded.asset, shared_alone, tmp_path / "resolve.glb").warnings
-    assert any("contact: {per_clip: true} gives such clips targets of their own" in line for line in warnings), warnings
+    assert any("contact: {per_clip: true} gives it targets of its own" in line for line in warnings), warnings
     wrinklecli.bake(folded.asset, off, tmp_path / "off.glb")
     crossings = [find_crossings(tmp_path / f"{name}.glb").data["clips"][0]["totals"] for name in ("resolve", "off")]
     # Shapes of other axes never leave more than there was without them.
@@ -136,6 +136,7 @@ def test_a_clip_that_still_crosses_gets_targets_of_its_own(folded: Baked, tmp_pa
     shared, own = report.data["folds"]
     assert (shared["clip"], own["clip"]) == (None, "fold")
     assert own["crossing_frames"] == 0
+    assert not own["left"]
     (clip,) = find_crossings(out, options=BakeOptions(fps=25.0)).data["clips"]
     assert clip["totals"][0] > clip["totals"][1] == 0
     # A tool has the name that targets of contact have otherwise.

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from wrinklecli.baking.job import Mode
+from wrinklecli.baking.left import Left, left_in
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.remix import summed, with_times
 from wrinklecli.baking.sample import Motion, sample_clips, takes_of
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 
 # Shapes of a fold at most, whatever their error: with the one that lifts their weights eight morph targets.
 _MOST_SHAPES = 7
+# Those of one clip alone: who asks for them has no crossing rather than few targets.
+_MOST_OWN = 11
 # Greatest error of a vertex, of the greatest move. It is hidden in the fold: where something touches, shapes are right.
 _SHAPE_ERROR = 0.35
 # Share of the error bound for keys of contact that are left out.
@@ -93,11 +96,13 @@ class _Marched:
         times: (frames,) seconds.
         followed: How shapes follow it: those of all clips, or its own.
         own: Shapes for it alone, where those of all clips leave crossings and a tool asks for that.
+        left: What crosses with them, if anything does.
     """
 
     times: Floats
     followed: "Followed"
     own: "Crease | None" = None
+    left: Left | None = None
 
 
 def _followed(
@@ -115,13 +120,12 @@ def _followed(
         take: _march(plan, crease, motions[take], _march_times(crease, motions[take], fps) if marched else None)
         for take in sorted(set(takes))
     }
-    shared = tuple(each.followed for each in marches.values() if each.own is None)
-    sets = [_crease_set(plan, crease, target_sets, shared)]
+    sets = [_crease_set(plan, crease, target_sets, [each for each in marches.values() if each.own is None])]
     acting = dict.fromkeys(marches, 0)
     for take, each in marches.items():
         if each.own is not None:
             acting[take] = len(sets)
-            sets.append(_crease_set(plan, each.own, target_sets, (each.followed,), clip=motions[take].clip.name))
+            sets.append(_crease_set(plan, each.own, target_sets, [each], clip=motions[take].clip.name))
     followed: list[Motion] = []
     for motion, take in zip(motions, takes, strict=True):
         if take < len(followed):
@@ -139,23 +143,23 @@ def _followed(
 
 def _march(plan: MeshPlan, crease: "Crease", motion: Motion, times: Floats | None) -> _Marched:
     """March a clip, at times of its own where there are any."""
-    times = motion.times if times is None else times
-    followed = crease.follow(motion.clip, times)
+    clip, times = motion.clip, motion.times if times is None else times
+    followed = crease.follow(clip, times)
     settings = [plan.carried_patches[number].patch.tool.contact for number in crease.fold.tools]
     if followed.crossing and any(each is not None and each.per_clip for each in settings):
-        own, followed = crease.for_clip(motion.clip, times, share=_SHAPE_ERROR, most=_MOST_SHAPES)
-        return _Marched(times, followed, own)
-    return _Marched(times, followed)
+        own, followed = crease.for_clip(clip, times, share=_SHAPE_ERROR, most=_MOST_OWN)
+        return _Marched(times, followed, own, left_in(own, clip, times, followed))
+    return _Marched(times, followed, left=left_in(crease, clip, times, followed))
 
 
 def _crease_set(
     plan: MeshPlan,
     crease: "Crease",
     target_sets: Sequence[AnySet],
-    found: "tuple[Followed, ...]",
+    acting: Sequence[_Marched],
     clip: str | None = None,
 ) -> CreaseSet:
-    """The targets of a fold for all clips, or for one."""
+    """The targets of a fold for all clips, or for one, and what they leave in those that they act in."""
     from wrinklecli.method.crease import MOST_WEIGHT
 
     lift = Lift(len(crease.shapes), MOST_WEIGHT)
@@ -167,7 +171,15 @@ def _crease_set(
         samples=_samples(plan, crease, of_tools(target_sets)) if plan.has_normals else [],
     )
     name = _identifier(plan, crease.fold, clip)
-    return CreaseSet(crease, name, lift, named_targets(name, _lifted(lift, shapes)), found, clip)
+    return CreaseSet(
+        crease,
+        name,
+        lift,
+        named_targets(name, _lifted(lift, shapes)),
+        tuple(each.followed for each in acting),
+        tuple(each.left for each in acting if each.left is not None),
+        clip,
+    )
 
 
 def _lifted(lift: Lift, shapes: Sequence[Shape | None]) -> list[Shape | None]:

@@ -253,6 +253,7 @@ def _describe_fold(plan: MeshPlan, found: CreaseSet) -> Json:
         "unsettled_frames": sum(each.unsettled for each in found.clips),
         "crossing_frames": sum(each.crossing for each in found.clips),
         "clips_given_up": sum(each.given_up for each in found.clips),
+        "left": [asdict(each) | {"time": _round(each.time)} for each in found.left],
         "clip_error": _round(max((each.error for each in found.clips), default=0.0)),
         "targets": [target.name for target in targets_of([found])],
     }

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from wrinklecli.baking.left import Left
 from wrinklecli.method.carry import CarriedPatch
 from wrinklecli.method.shapes import Shape
 from wrinklecli.numeric.arrays import Floats, Ints
@@ -134,7 +135,8 @@ class CreaseSet:
         identifier: What the targets are named by.
         lift: What makes their shapes of the crease's.
         targets: One for each shape; None for a shape that moves no vertex.
-        clips: How the shapes follow the clips that they act in.
+        clips: How the shapes follow the clips that they act in,
+        left: and what crosses there still.
         clip: The one clip that they act in; None for all.
     """
 
@@ -143,6 +145,7 @@ class CreaseSet:
     lift: Lift
     targets: tuple[Target | None, ...]
     clips: "tuple[Followed, ...]"
+    left: tuple[Left, ...] = ()
     clip: str | None = None
 
     @property

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from wrinklecli.baking.left import Left
 from wrinklecli.baking.placement import collision, ground_under
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.sample import ClipActivity
@@ -78,17 +79,9 @@ def fold_warnings(plan: MeshPlan, found: CreaseSet, acting: Sequence[tuple[Clip,
     """
     tools = [plan.carried_patches[number].patch.tool for number in found.crease.fold.tools]
     name = ", ".join(tool.name for tool in tools)
-    crossing = sum(each.crossing for each in found.clips if not each.given_up)
-    given_up = sum(each.given_up for each in found.clips)
     unsettled = found.crease.unsettled + sum(each.unsettled for each in found.clips)
-    warnings = []
     own = any(tool.contact is not None and tool.contact.per_clip for tool in tools)
-    hint = "" if own else "; contact: {per_clip: true} gives such clips targets of their own"
-    if crossing:
-        warnings.append(f"{name}: contact leaves crossings in {counted(crossing, 'frame')} of clips{hint}")
-    if given_up:
-        clips = counted(given_up, "clip")
-        warnings.append(f"{name}: contact is left out of {clips}, in which more would cross than without{hint}")
+    warnings = [f"{name}: {_left_warning(each, own=own)}" for each in found.left]
     if unsettled:
         warnings.append(f"{name}: contact did not settle in {counted(unsettled, 'pose')}: they keep the last state")
     jammed = {node for clip, times in acting for node in found.crease.fold.jammed(clip, times)}
@@ -96,6 +89,15 @@ def fold_warnings(plan: MeshPlan, found: CreaseSet, acting: Sequence[tuple[Clip,
         nodes = listed(sorted(jammed))
         warnings.append(f"{name}: {nodes} goes through itself there: contact leaves that, and what has no room beneath")
     return warnings
+
+
+def _left_warning(left: Left, *, own: bool) -> str:
+    """What contact leaves in a clip, whether it got targets of its own or not, and what may help."""
+    clip, left_out = repr(left.clip), "is left out of"
+    what = f"{left_out} {clip}, where it would leave more" if left.given_up else f"leaves crossings in {clip}"
+    counts = f"{counted(left.resolved, 'edge passes', 'edges pass')} through triangles at {left.time:.3g} s"
+    hint = "fewer or lower bumps leave more room" if own else "contact: {per_clip: true} gives it targets of its own"
+    return f"contact {what}: {counts}, {left.before:,} before the bake ({counted(left.frames, 'frame')} in all); {hint}"
 
 
 def tool_warnings(plan: MeshPlan, carried: CarriedPatch, clips: Sequence[ClipActivity], *, up: str) -> list[str]:

@@ -1,0 +1,67 @@
+"""What contact leaves in a clip: numbers that `check --crossings` finds too, and a line that says what to do."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("ipctk", reason="needs the extra `contact`")
+
+from kit.limb import limb, tool, write_tools
+from wrinklecli.baking.job import BakeOptions, read_job
+from wrinklecli.baking.left import left_in
+from wrinklecli.baking.plan import plan_meshes
+from wrinklecli.baking.targets import CreaseSet, Lift
+from wrinklecli.baking.warnings import fold_warnings
+from wrinklecli.method.crease import fitted, resolve
+from wrinklecli.method.folding import Found
+from wrinklecli.numeric.arrays import Floats
+from wrinklecli.review.crossings import find_crossings
+
+TOOL = tool(bumps=3, max_height="10%")
+TIMES = np.linspace(0.0, 1.0, 16)
+
+
+def test_a_clip_that_would_cross_more_with_contact_is_left_without_and_a_line_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asset = limb(tmp_path / "limb.glb", angle=80.0, rings=16, sides=10)
+    files = [
+        write_tools(tmp_path / f"{contact}.yaml", {**TOOL, "contact": contact}, refinement={"max_levels": 0})
+        for contact in ("resolve", "off")
+    ]
+    job = read_job(str(asset), str(files[0]), BakeOptions())
+    (plan,) = plan_meshes(job)
+    (fold,), (clip,) = plan.folds, job.clips
+    crease = resolve(fold, share=0.35, most=7)
+    assert crease is not None
+    followed = crease.follow(clip, TIMES)
+    assert not followed.given_up
+    assert left_in(crease, clip, TIMES, followed) is None
+
+    # A fit that presses what touches further in.
+    worse = replace(crease, table=0.0 * crease.table)
+
+    def pressed(found: Found, shapes: Floats, urgent: Floats | None) -> tuple[Floats, Floats, bool]:
+        weights, urgent, _ = fitted(found, shapes, urgent)
+        return -weights, urgent, True
+
+    monkeypatch.setattr("wrinklecli.method.crease.fitted", pressed)
+    given_up = worse.follow(clip, TIMES)
+    assert given_up.given_up
+    assert not given_up.weights.any()
+
+    left = left_in(worse, clip, TIMES, given_up)
+    assert left is not None
+    entry = find_crossings(asset, files[1]).data["clips"][0]
+    before, wrinkled = entry["counts"]
+    assert (left.time, left.before, left.wrinkled) == (1.0, before[6], wrinkled[6])
+    assert left.resolved == left.wrinkled > 0
+    found = CreaseSet(worse, "crease_contact", Lift(1, 1.5), (), (given_up,), (left,))
+    (line,) = fold_warnings(plan, found, [])
+    assert line == (
+        f"crease: contact is left out of 'fold', where it would leave more: {left.wrinkled} edges pass through"
+        f" triangles at 1 s, {left.before} before the bake ({left.frames} frames in all);"
+        " contact: {per_clip: true} gives it targets of its own"
+    )

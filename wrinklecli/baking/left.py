@@ -1,0 +1,92 @@
+"""Where a fold still goes through itself with contact: in which clip, how often, and how often before the bake.
+
+Edges that pass through triangles are counted, as `check --crossings` does, of the vertices that contact may move.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.numeric.arrays import Bools, Floats
+
+if TYPE_CHECKING:
+    from wrinklecli.method.crease import Crease, Followed
+    from wrinklecli.method.fold import Fold
+
+# Frames that are posed at once: bounds the memory.
+_AT_ONCE = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Left:
+    """What crosses in a clip with contact, in the frame in which most does.
+
+    Attributes:
+        clip: Its name.
+        time: Of that frame, seconds.
+        frames: In how many frames anything crosses.
+        before: Edges that pass through triangles in that frame of the asset without wrinkles,
+        wrinkled: with them,
+        resolved: and with contact.
+        given_up: Whether the clip is left without contact, as more would cross with it.
+    """
+
+    clip: str
+    time: float
+    frames: int
+    before: int
+    wrinkled: int
+    resolved: int
+    given_up: bool
+
+
+def left_in(crease: "Crease", clip: Clip, times: Floats, followed: "Followed") -> Left | None:
+    """Count what crosses at (frames,) seconds of a clip; None where nothing does.
+
+    Args:
+        crease: A fold with its shapes.
+        clip: The animation.
+        times: Those at which it was marched.
+        followed: How the shapes follow it there.
+    """
+    if not followed.crossing:
+        return None
+    fold, free = crease.fold, crease.tissue.free & crease.tissue.own
+    resolved = np.array(list(_counts(fold, free, clip, times, np.tensordot(followed.weights, crease.shapes, axes=1))))
+    if not resolved.any():
+        return None
+    most = int(np.argmax(resolved))
+    (wrinkled,), (before,) = (list(_counts(each, free, clip, times[[most]])) for each in (fold, _bare(fold)))
+    frames = int(np.count_nonzero(resolved))
+    return Left(clip.name, float(times[most]), frames, before, wrinkled, int(resolved[most]), followed.given_up)
+
+
+def _counts(fold: "Fold", free: Bools, clip: Clip, times: Floats, moved: Floats | None = None) -> Iterator[int]:
+    """How many edges pass through triangles at each of (frames,) seconds of a clip.
+
+    Args:
+        fold: The surface.
+        free: (vertices,) those of which it counts what crosses.
+        clip: The animation.
+        times: Seconds.
+        moved: (frames, free, 3) what contact adds to these, bind space; nothing where left out.
+    """
+    rows, crossings = np.flatnonzero(free), fold.crossings
+    for start in range(0, len(times), _AT_ONCE):
+        for k, (positions, matrices) in enumerate(zip(*fold.posed(clip, times[start : start + _AT_ONCE]), strict=True)):
+            if moved is not None:
+                positions[rows] += np.einsum("vij,vj->vi", matrices[rows], moved[start + k])
+            edges, triangles = crossings.at(positions)
+            counts = free[crossings.edges[edges]].any(axis=1) | free[crossings.triangles[triangles]].any(axis=1)
+            yield int(np.count_nonzero(counts))
+
+
+def _bare(fold: "Fold") -> "Fold":
+    """The same part of the asset, neither refined nor wrinkled, with the same vertices."""
+    coarse = fold.fine.surface.triangles
+    inside = coarse[np.isin(coarse, fold.vertices).all(axis=1)]
+    others = fold.triangles[fold.triangles[:, 0] >= len(fold.vertices)]
+    return replace(fold, carried=(), triangles=np.concatenate([np.searchsorted(fold.vertices, inside), others]))
