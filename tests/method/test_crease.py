@@ -1,13 +1,19 @@
-"""Few shapes for what contact does in a fold: enough of them that the volume stays."""
+"""Few shapes for what contact does in a fold: enough of them that the volume stays, and all of what may move."""
+
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 pytest.importorskip("ipctk", reason="needs the extra `contact`")
 
+from kit.asset import attribute
 from kit.bent_tube import SIDES, tube
-from wrinklecli.method.contact import Posed, State, Tissue
-from wrinklecli.method.crease import fewest
+from kit.limb import limb_asset, tool, write_tools
+from wrinklecli.baking.job import BakeOptions, read_job
+from wrinklecli.baking.plan import plan_meshes
+from wrinklecli.method.contact import FREE, SOFT, Posed, State, Tissue
+from wrinklecli.method.crease import fewest, resolve
 from wrinklecli.method.folding import Found, free_rows
 
 
@@ -35,3 +41,16 @@ def test_shapes_that_would_take_volume_away_are_more() -> None:
     assert len(shapes) == 2
     assert crossing == 0
     assert max(lost) < 0.01
+
+
+def test_all_that_is_near_what_crosses_may_move(tmp_path: Path) -> None:
+    """A limb that swells away from its joint touches far from it: where it is held there, it breaks at the border."""
+    asset = limb_asset(rings=12, sides=6)
+    positions = attribute(asset, 0, "POSITION")
+    positions[:, 1:] *= 1.0 + 0.6 * np.abs(positions[:, :1])
+    crease = tool(bumps=1, contact="resolve", origin=[-0.25, 0.25, 0.0], target=[0.25, 0.25, 0.0])
+    tools = write_tools(tmp_path / "tools.yaml", crease, refinement={"max_levels": 0})
+    (plan,) = plan_meshes(read_job(str(asset.write(tmp_path / "limb.glb")), str(tools), BakeOptions()))
+    found = resolve(plan.folds[0], share=0.35, most=1)
+    assert found is not None
+    assert np.array_equal(found.tissue.free, found.tissue.apart < FREE * SOFT)

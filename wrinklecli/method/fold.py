@@ -27,8 +27,8 @@ from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, piec
 from wrinklecli.numeric.crossings import Crossings
 from wrinklecli.tools.records import Contact
 
-# How far the surface round a joint may touch, in radii of the limb, and at least in lengths of the segment.
-_REACH_RADII, _REACH_SPANS = 2.6, 0.75
+# How far the surface round a joint may touch, with what gives way there, in radii of the limb: thighs and calves swell.
+_REACH_RADII = 3.6
 # Radius of the limb at least, in lengths of the segment: a joint may lie in the skin.
 _LEAST_RADIUS = 0.25
 # Poses on the way to either end of a joint's range at which other meshes are looked at.
@@ -217,9 +217,8 @@ def _round_joint(
     patches = [carried[number].patch for number in tools]
     pivot = node_matrices(rig, rest.clip, rest.time, [node])[0, 0, :3, 3]
     radius = max(_limb_radius(patch, pivot) for patch in patches)
-    reach = max(_REACH_RADII * radius, _REACH_SPANS * max(patch.span for patch in patches))
     hinge = hinge_of(node, patches, pivot, rig, rest, part)
-    return _fold(tools, hinge, pivot, radius, reach, carried, fine, rest, rig)
+    return _fold(tools, hinge, pivot, radius, _REACH_RADII * radius, carried, fine, rest, rig)
 
 
 def _round_tools(
