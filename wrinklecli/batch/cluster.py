@@ -27,7 +27,7 @@ from wrinklecli.errors import WrinkleError, counted
 _WINDOW = 1_000
 # Jobs of a task at the most, and seconds after which its worker begins no other one.
 _MOST, _ROUND = 16, 0.5
-# Tasks for each thread that the jobs which wait are divided into, so that all threads end at about the same time.
+# Tasks for each thread that the jobs which are left are divided into, so that all threads end at about the same time.
 _TASKS = 4
 _CONNECT = 10.0  # seconds for a scheduler to answer
 _PULSE = 0.5  # seconds between looks whether it is still there
@@ -190,23 +190,23 @@ class _Sent:
         self._settings = settings
         self._finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._waiting: deque[BatchJob] = deque()
+        self._left = 0  # jobs that wait or are in tasks, of which workers give back what they have no time for
         self._tasks: dict[str, tuple[Task, Any]] = {}
         self._threads, self._counted = 0, -math.inf
 
     def outcomes(self, jobs: Sequence[BatchJob]) -> Iterator[Outcome]:
         self._waiting.extend(jobs)
-        while self._waiting or self._tasks:
-            self._send_some()
+        self._left = len(jobs)
+        self._send_some()
+        while self._tasks:
             future = self._next()
-            task, _ = self._tasks[future.key]
             try:
-                done = self._done(task, future)
+                done = self._done(future)
             except (OSError, CancelledError) as error:
                 # Done, and the scheduler was gone before it could pass on what came of it.
                 raise self._lost() from error
-            del self._tasks[future.key]
             self._died = 0
-            self._waiting.extendleft(reversed(task[len(done) :]))
+            self._left -= len(done)
             self._send_some()
             yield from done
 
@@ -214,8 +214,8 @@ class _Sent:
         """Send what waits, as far as the window allows; raises as `_next`."""
         self._check()
         while self._waiting and len(self._tasks) < _WINDOW:
-            size = min(_MOST, math.ceil(len(self._waiting) / (_TASKS * self._count_threads())))
-            self._send(tuple(self._waiting.popleft() for _ in range(size)))
+            size = min(_MOST, math.ceil(self._left / (_TASKS * self._count_threads())))
+            self._send(tuple(self._waiting.popleft() for _ in range(min(size, len(self._waiting)))))
 
     def _send(self, task: Task) -> None:
         future = self._client.submit(on_worker, task, self._settings, pure=False)
@@ -275,21 +275,27 @@ class _Sent:
             " run the same command again"
         )
 
-    def _done(self, task: Task, future: Any) -> list[Outcome]:
-        """What came of the jobs of a task that were done."""
-        from distributed import KilledWorker
-
+    def _done(self, future: Any) -> list[Outcome]:
+        """What came of the jobs of a task that were done; the others wait or are sent again."""
+        task, _ = self._tasks[future.key]
+        done: list[Outcome] = []
         if future.status == "finished":
-            return self._result(future)
-        if len(task) > 1:  # one of them is at fault: each goes alone, and what was done is in the cache
+            done = self._result(future)
+            self._waiting.extendleft(reversed(task[len(done) :]))
+        elif len(task) == 1:
+            done = [Outcome(task[0], "failed", lines=(_why_not(task[0], future.exception()),))]
+        else:  # one of them is at fault: each goes alone, and what was done is in the cache
             for job in task:
                 self._send((job,))
-            return []
-        (job,) = task
-        error = future.exception()
-        if isinstance(error, KilledWorker):
-            died = error.allowed_failures + 1
-            line = f"{job.asset}: every worker died that had it ({died} did): too little memory?"
-        else:
-            line = f"{job.asset}: the worker cannot do it: {type(error).__name__}: {error}"
-        return [Outcome(job, "failed", lines=(line,))]
+        del self._tasks[future.key]
+        return done
+
+
+def _why_not(job: BatchJob, error: BaseException) -> str:
+    """Why no worker has done a job, in a line."""
+    from distributed import KilledWorker
+
+    if isinstance(error, KilledWorker):
+        died = error.allowed_failures + 1
+        return f"{job.asset}: every worker died that had it ({died} did): too little memory?"
+    return f"{job.asset}: the worker cannot do it: {type(error).__name__}: {error}"
