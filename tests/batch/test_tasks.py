@@ -1,5 +1,6 @@
 """Tasks of several jobs: each job comes back once, whatever its worker leaves undone or dies of."""
 
+import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -50,9 +51,11 @@ class Client:
 
     def __init__(self) -> None:
         self.tasks: list[Task] = []
+        self.looks = 0
 
     def nthreads(self) -> dict[str, int]:
-        return {"tcp://a": 1}
+        self.looks += 1
+        return {} if self.looks < 4 else {"tcp://a": 1}
 
     def submit(self, function: Callable[..., Any], task: Task, settings: Settings, *, pure: bool) -> Future:
         assert not pure
@@ -61,7 +64,7 @@ class Client:
 
 
 def test_every_job_comes_back_once_and_one_that_kills_fails_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    now = iter(range(1000))
+    now = itertools.count()
 
     def work(job: BatchJob, _: Settings) -> Outcome:
         if job is POISON:
@@ -74,8 +77,11 @@ def test_every_job_comes_back_once_and_one_that_kills_fails_alone(monkeypatch: p
     monkeypatch.setattr(Client, "address", "tcp://a", raising=False)
     client = Client()
     looks: list[int] = []
-    outcomes = list(cluster._Sent(client, SETTINGS, lambda: looks.append(1) or 1).outcomes(JOBS))
+    told: list[str] = []
+    sent = cluster._Sent(client, SETTINGS, lambda: looks.append(1) or 1, told.append)
+    outcomes = list(sent.outcomes(JOBS))
     assert looks == [1, 1]
+    assert told == ["the scheduler has no workers: it waits for some, with 50 jobs left"]
     assert sorted(each.job.where for each in outcomes) == sorted(each.where for each in JOBS)
     assert [each.job for each in outcomes if not each.done] == [POISON]
     assert "every worker died that had it (4 did)" in next(each.lines[0] for each in outcomes if not each.done)

@@ -85,9 +85,9 @@ def by_dask(
     with _client(settings, workers) as (client, replace_dead):
         if workers.dashboard:
             tell(f"dashboard: {client.dashboard_link}")
-        if not client.nthreads():
-            tell("the scheduler has no workers yet")
-        yield from _Sent(client, settings, replace_dead).outcomes(jobs)
+        # Of workers that this process has started itself, others follow at once.
+        of_workers = tell if workers.scheduler is not None else lambda _line: None
+        yield from _Sent(client, settings, replace_dead, of_workers).outcomes(jobs)
 
 
 def on_worker(task: Task, settings: Settings) -> list[Outcome]:
@@ -183,16 +183,19 @@ def _replace_dead(cluster: Any, count: int) -> int:
 class _Sent:
     """Jobs that are with a scheduler, and those that wait."""
 
-    def __init__(self, client: Any, settings: Settings, replace_dead: Callable[[], int]) -> None:
+    def __init__(
+        self, client: Any, settings: Settings, replace_dead: Callable[[], int], tell: Callable[[str], object]
+    ) -> None:
         self._client = client
         self._replace_dead = replace_dead
+        self._tell = tell
         self._died = 0  # of workers, one after another
         self._settings = settings
         self._finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._waiting: deque[BatchJob] = deque()
         self._left = 0  # jobs that wait or are in tasks, of which workers give back what they have no time for
         self._tasks: dict[str, tuple[Task, Any]] = {}
-        self._threads, self._counted = 0, -math.inf
+        self._threads, self._counted = -1, -math.inf
 
     def outcomes(self, jobs: Sequence[BatchJob]) -> Iterator[Outcome]:
         self._waiting.extend(jobs)
@@ -214,7 +217,8 @@ class _Sent:
         """Send what waits, as far as the window allows; raises as `_next`."""
         self._check()
         while self._waiting and len(self._tasks) < _WINDOW:
-            size = min(_MOST, math.ceil(self._left / (_TASKS * self._count_threads())))
+            self._count_threads()
+            size = min(_MOST, math.ceil(self._left / (_TASKS * max(self._threads, 1))))
             self._send(tuple(self._waiting.popleft() for _ in range(min(size, len(self._waiting)))))
 
     def _send(self, task: Task) -> None:
@@ -222,13 +226,15 @@ class _Sent:
         self._tasks[future.key] = task, future
         future.add_done_callback(self._finished.put)
 
-    def _count_threads(self) -> int:
-        """How many threads the scheduler's workers have; at least one, which may come."""
-        if time.monotonic() > self._counted + _RECOUNT:
-            with suppress(OSError):  # the scheduler is lost: the next look finds that out
-                self._threads = sum(self._client.nthreads().values())
-            self._counted = time.monotonic()
-        return max(self._threads, 1)
+    def _count_threads(self) -> None:
+        """Count the threads of the scheduler's workers, which come and go, and tell where all have gone."""
+        if time.monotonic() < self._counted + _RECOUNT:
+            return
+        with suppress(OSError):  # the scheduler is lost: the next look finds that out
+            before, self._threads = self._threads, sum(self._client.nthreads().values())
+            if before and not self._threads:
+                self._tell(f"the scheduler has no workers: it waits for some, with {counted(self._left, 'job')} left")
+        self._counted = time.monotonic()
 
     def _next(self) -> Any:
         """The next task that is done.
@@ -261,6 +267,7 @@ class _Sent:
         self._died += self._replace_dead()
         if self._died > _MOST_DEAD:
             raise WrinkleError(f"{self._died} workers died as they started: too little memory?", where="Dask")
+        self._count_threads()
 
     def _check(self) -> None:
         """Raise if the scheduler is lost."""
