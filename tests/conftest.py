@@ -1,5 +1,6 @@
 """Settings of every test: floating-point faults raise, property tests repeat the same examples."""
 
+import gc
 import os
 import signal
 import sys
@@ -20,6 +21,7 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 np.seterr(all="raise", under="ignore")
 settings.register_profile("wrinkle", derandomize=True, deadline=None, max_examples=10)
 settings.load_profile("wrinkle")
+gc.disable()  # until all tests are collected: what collection makes stays to the end
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -39,6 +41,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             seen[name] += 1
             if seen[name] > marker.args[0]:
                 item.add_marker("slow")
+
+
+def pytest_collection_finish() -> None:
+    """From here on rubbish is searched for, but not among the tests themselves."""
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture(autouse=True)
