@@ -6,6 +6,7 @@ lines later, and so on until one has no more lines. After each a line of JSON sa
 back.
 """
 
+import atexit
 import hashlib
 import json
 import os
@@ -153,7 +154,14 @@ def _main() -> None:
 
     Outputs.add = add_from_here  # type: ignore[method-assign]
     sys.argv = ["wrinkle", *sys.argv[4:]]
-    main()
+    code = 0
+    try:
+        main()
+    except SystemExit as ended:
+        code = int(ended.code or 0)
+    # What is still to be done at the end is done; all that is imported is not taken apart in hundreds of children.
+    atexit._run_exitfuncs()
+    os._exit(code)
 
 
 if __name__ == "__main__":
