@@ -33,7 +33,7 @@ def test_bytes_of_targets_are_those_that_are_written(tmp_path: Path, tools: Any,
     (plan,) = plan_meshes(job)
     moved = moved_by_targets(plan, job.clips, 61, job.document.memory)
     size = morph_target_bytes(plan, moved, dense=accessors == "dense")
-    baked = bake_once(asset, tools, accessors=accessors)
+    baked = bake_once(asset, tools, accessors=accessors, fine=True)
     (primitive,) = baked.json["meshes"][0]["primitives"]
     assert 0.7 < len(moved) / len(primitive["targets"]) < 1.3
     numbers = {index for target in primitive["targets"] for index in target.values()}

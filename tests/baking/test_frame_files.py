@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 import wrinklecli
-from kit.bakes import bake_once
+from kit.bakes import COARSE, bake_once
 from kit.command import files
 from kit.limb import write_tools
 from kit.samples import BACK, PALM, Editor, aside, edited, one_moves, sample
@@ -30,7 +30,7 @@ def read_frame(path: Path) -> trimesh.Trimesh:
 def test_a_file_for_each_frame(kind: str, tmp_path: Path) -> None:
     tools = write_tools(tmp_path / "tools.yaml", PALM)
     folder = tmp_path / "a" / "frames"
-    wrinklecli.bake(sample("wrist"), tools, frames_dir=folder, frames_format=kind, mode="frames", fps=4)
+    wrinklecli.bake(sample("wrist"), tools, frames_dir=folder, frames_format=kind, mode="frames", fps=4, **COARSE)
     morphed = bake_once("wrist", PALM, fps=4)
     times = np.linspace(0, 2, 9)
     names = [f"{clip}_{k:04d}.{kind}" for clip in ("extend", "flex") for k in range(len(times))]
@@ -53,7 +53,8 @@ def test_a_file_for_each_frame(kind: str, tmp_path: Path) -> None:
 def test_files_beside_morph_targets(tmp_path: Path) -> None:
     palm = {**PALM, "variation": 0}  # its tracks have a key at each of the times
     tools = write_tools(tmp_path / "tools.yaml", palm)
-    wrinklecli.bake(sample("wrist"), tools, tmp_path / "out.glb", frames_dir=tmp_path / "f", frames_format="ply", fps=4)
+    frames = {"frames_dir": tmp_path / "f", "frames_format": "ply", "fps": 4}
+    wrinklecli.bake(sample("wrist"), tools, tmp_path / "out.glb", **frames, **COARSE)
     reference = bake_once("wrist", palm, fps=4)
     assert (tmp_path / "out.glb").read_bytes() == reference.path.read_bytes()
     frames = sorted((tmp_path / "f").glob("flex_*.ply"))
@@ -80,7 +81,7 @@ def test_obj_files_are_trimesh_s_without_its_materials(with_normals: bool, with_
 
 def test_obj_files_have_their_coordinates_and_normals(tmp_path: Path) -> None:
     tools = write_tools(tmp_path / "tools.yaml", PALM)
-    wrinklecli.bake(sample("wrist"), tools, frames_dir=tmp_path, mode="frames", fps=1, clips=["flex"])
+    wrinklecli.bake(sample("wrist"), tools, frames_dir=tmp_path, mode="frames", fps=1, clips=["flex"], **COARSE)
     lines = (tmp_path / "flex_0001.obj").read_text().splitlines()
     counts = {kind: sum(line.startswith(f"{kind} ") for line in lines) for kind in ("v", "vn", "vt", "f")}
     morphed = bake_once("wrist", PALM, fps=1)

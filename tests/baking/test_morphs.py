@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 import wrinklecli
-from kit.bakes import bake_config, bake_once
+from kit.bakes import COARSE, bake_config, bake_once
 from kit.clients import assert_valid
 from kit.limb import write_tools
 from kit.places import FOLDER
@@ -167,7 +167,7 @@ def test_sparse_targets_hold_only_what_moves() -> None:
 
 
 def test_a_base_without_normals_stays_so() -> None:
-    after = bake_once(edited("wrist", without_normals), PALM)
+    after = bake_once(edited("wrist", without_normals), PALM, fine=True)
     for primitive in after.mesh("wrist")["primitives"]:
         assert "NORMAL" not in primitive["attributes"]
         assert all(set(target) == {"POSITION"} for target in primitive["targets"])
@@ -186,7 +186,7 @@ TANGENTIAL: Json = {**PALM, "strategy": "both_ends", "bumps": 5}
 def test_tangent_targets_keep_tangents_in_the_surface() -> None:
     """Across the bent normals, and where the triangles' own edges carry them, at several weights of all tools."""
     after = bake_once(
-        edited("wrist", with_tangents), {**TANGENTIAL, **AT_REST}, {**BACK, **AT_REST}, morph_tangents=True
+        edited("wrist", with_tangents), {**TANGENTIAL, **AT_REST}, {**BACK, **AT_REST}, morph_tangents=True, fine=True
     )
     tangents, normals = after.attribute("wrist", "TANGENT"), after.attribute("wrist", "NORMAL")
     base, faces = after.attribute("wrist", "POSITION"), after.triangles("wrist")
@@ -292,7 +292,7 @@ def test_normals_follow_the_wrinkles() -> None:
 )
 def test_the_tallest_wrinkles_look_as_steep_as_they_are(name: str, clip: str, steepest: float) -> None:
     """Degrees by which wrinkles turn the normals that an engine shows, and those of the posed triangles."""
-    file = bake_config(name, name)
+    file = bake_config(name, name, fine=True)
     wrinkles = wrinkle_columns(file, name)
     times, weights = file.keys(clip, name)
     tallest = times[[np.argmax(weights[:, wrinkles].sum(axis=1))]]
@@ -468,7 +468,7 @@ def test_weights_in_the_stored_pose_are_zero() -> None:
 @pytest.mark.parametrize("ending", ["glb", "gltf"])
 def test_both_containers_hold_the_same(ending: str, tmp_path: Path) -> None:
     tools = write_tools(tmp_path / "tools.yaml", PALM)
-    wrinklecli.bake(sample("wrist"), tools, tmp_path / f"out.{ending}")
+    wrinklecli.bake(sample("wrist"), tools, tmp_path / f"out.{ending}", **COARSE)
     made, reference = Gltf(tmp_path / f"out.{ending}"), bake_once("wrist", PALM)
     assert {k: v for k, v in made.json.items() if k not in ("buffers", "bufferViews")} == {
         k: v for k, v in reference.json.items() if k not in ("buffers", "bufferViews")

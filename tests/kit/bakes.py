@@ -22,6 +22,9 @@ from kit.player import Gltf
 from kit.samples import sample
 from wrinklecli.baking.report import Report
 
+# Options of a bake of which not much is asked.
+COARSE: Json = {"max_levels": 1}
+
 
 @cache
 def baked(asset: Path, text: str, options: str) -> Path:
@@ -52,17 +55,28 @@ def _read(path: Path) -> Gltf:
     return Gltf(path)
 
 
-def bake_once(asset: Path | str, *tools: Json, top: Json | None = None, **options: Any) -> Gltf:
-    """Bake an asset (or a sample by its name); the same bake is made only once."""
+def bake_once(asset: Path | str, *tools: Json, top: Json | None = None, fine: bool = False, **options: Any) -> Gltf:
+    """Bake an asset (or a sample by its name); the same bake is made only once.
+
+    Args:
+        asset: The asset, in one file.
+        tools: What a tools file lists.
+        top: Its other keys.
+        fine: Refine as far as the tools file says. Else an edge is halved once at most, unless `top` or `options` say
+            otherwise: it takes a fifth of the time, and most tests ask what does not hang on it.
+        options: Of `wrinklecli.bake`.
+    """
     asset = sample(asset) if isinstance(asset, str) else asset
     text = yaml.safe_dump({"version": 1, "tools": list(tools), **(top or {})})
+    if not (fine or "refinement" in (top or {})):
+        options = COARSE | options
     return _read(baked(asset, text, json.dumps(options, sort_keys=True)))
 
 
-def bake_config(asset: str, config: str, **options: Any) -> Gltf:
-    """Bake a sample with one of the bundled tools files."""
+def bake_config(asset: str, config: str, *, fine: bool = False, **options: Any) -> Gltf:
+    """Bake a sample with one of the bundled tools files, as `bake_once` does."""
     text = (ROOT / "configs" / f"{config}.yaml").read_text()
-    return _read(baked(sample(asset), text, json.dumps(options, sort_keys=True)))
+    return _read(baked(sample(asset), text, json.dumps(options if fine else COARSE | options, sort_keys=True)))
 
 
 def report_of(file: Gltf) -> Report:

@@ -24,7 +24,7 @@ def test_crests_of_coarser_levels_are_within_a_fifth_of_a_bump(share: str, tmp_p
     coarse, out = tmp_path / "coarse.glb", tmp_path / "out.glb"
     gltfpack(sample("wrist"), coarse, "-si", share, "-sa", *["-noq", "-kn", "-km", "-ke"])
     wrinklecli.bake(coarse, ROOT / "configs" / "wrist.yaml", out, tracks="none", **LEVELS[share])
-    whole, level = bake_config("wrist", "wrist"), Gltf(out)
+    whole, level = bake_config("wrist", "wrist", fine=True), Gltf(out)
     assert len(level.triangles("wrist")) < 0.8 * len(whole.triangles("wrist"))
     for tool in config("wrist")["tools"]:
         ends = np.array([tool["origin"], tool["target"]])
