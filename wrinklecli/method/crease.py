@@ -14,7 +14,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.motion import approach
 from wrinklecli.method.basis import project, weighted_basis
 from wrinklecli.method.contact import FREE, SOFT, UNITS, Tissue
-from wrinklecli.method.fold import Fold
+from wrinklecli.method.fold import RINGS, Fold
 from wrinklecli.method.folding import (
     Found,
     crossing_vertices,
@@ -25,6 +25,7 @@ from wrinklecli.method.folding import (
     positions_of,
 )
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, interpolated
+from wrinklecli.numeric.crossings import widened
 
 # Strides between two poses of a sweep that leans: what is between these the others tell.
 _LEANING_STRIDES = 2.0
@@ -362,7 +363,10 @@ def _way(end: float, stride: float) -> Floats:
 
 
 def _apart(fold: Fold) -> Floats | None:
-    """(vertices,) how far each is at rest from any that crosses in a sweep and not at rest, solver's units."""
+    """(vertices,) how far each is at rest from any that crosses in a sweep and not at rest, solver's units.
+
+    Where edges are long, a vertex counts as nearer: what crosses fades over `RINGS` edges at least.
+    """
     from scipy.spatial import cKDTree
 
     still = fold.crossing(fold.rest_positions)
@@ -376,7 +380,11 @@ def _apart(fold: Fold) -> Floats | None:
     marked &= ~still
     if not marked[fold.own].any():
         return None
-    return np.asarray(cKDTree(fold.rest_positions[marked]).query(fold.rest_positions)[0] * UNITS / fold.radius)
+    apart = np.asarray(cKDTree(fold.rest_positions[marked]).query(fold.rest_positions)[0] * UNITS / fold.radius)
+    for ring in range(1, RINGS + 1):
+        marked, within = widened(fold.crossings.edges, marked), marked
+        apart = np.where(marked & ~within, np.minimum(apart, FREE * SOFT * ring / (RINGS + 1)), apart)
+    return apart
 
 
 def _border(fold: Fold) -> Bools:

@@ -29,6 +29,9 @@ from wrinklecli.tools.records import Contact
 
 # How far the surface round a joint may touch, with what gives way there, in radii of the limb: thighs and calves swell.
 _REACH_RADII = 3.6
+RINGS = 3
+"""Edges from what crosses to what stands still, at least: on a coarse limb its next neighbours stood still."""
+
 # Radius of the limb at least, in lengths of the segment: a joint may lie in the skin.
 _LEAST_RADIUS = 0.25
 # Poses on the way to either end of a joint's range at which other meshes are looked at.
@@ -275,7 +278,7 @@ def _limb_radius(patch: Patch, pivot: Floats) -> float:
 
 
 def _round(pivot: Floats, reach: float, fine: Refinement, seeds: Ints, *, alone: bool) -> tuple[Ints, Ints, Bools]:
-    """The fine vertices within reach of a joint.
+    """The fine vertices within reach of a joint, and a few edges further.
 
     Returns:
         (vertices,) rising, (triangles, 3) of these, and (vertices,) whether they hang together with some of (seeds,),
@@ -283,6 +286,8 @@ def _round(pivot: Floats, reach: float, fine: Refinement, seeds: Ints, *, alone:
     """
     near = np.sum((fine.rest_positions - pivot) ** 2, axis=1) <= reach**2
     near[seeds] = True
+    for _ in range(RINGS):
+        near[fine.triangles[near[fine.triangles].any(axis=1)]] = True
     triangles = fine.triangles[near[fine.triangles].all(axis=1)]
     vertices, local = np.unique(triangles, return_inverse=True)
     local = local.reshape(-1, 3)

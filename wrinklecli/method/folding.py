@@ -11,6 +11,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.method.contact import UNITS, Posed, State, Tissue, march
 from wrinklecli.method.fold import Fold
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, inverses, unit
+from wrinklecli.numeric.crossings import widened
 
 # Poses of which all but the last are passed over where nothing is near at its: 16° of a sweep, an eighth of a second.
 _AHEAD = 4
@@ -122,11 +123,8 @@ def found_in(
 def _spread(tissue: Tissue, touching: Bools) -> Floats:
     """(vertices,) what the square of an error counts at each, where (vertices,) some touch."""
     shares, reached = np.where(touching, 1.0, _APART), touching
-    first, second = tissue.edges.T
     for ring in range(1, _RINGS + 1):
-        wider = reached.copy()
-        wider[second[reached[first]]] = True
-        wider[first[reached[second]]] = True
+        wider = widened(tissue.edges, reached)
         shares[wider & ~reached] = max(_FALLS**ring, _APART)
         reached = wider
     return shares

@@ -105,6 +105,15 @@ def edges_of(triangles: Ints) -> Ints:
     return np.asarray(sides[distinct(sides)[0]], np.intp)
 
 
+def widened(edges: Ints, marked: Bools) -> Bools:
+    """(vertices,) those marked, and those that (edges, 2) join to them."""
+    first, second = edges.T
+    wider = marked.copy()
+    wider[second[marked[first]]] = True
+    wider[first[marked[second]]] = True
+    return wider
+
+
 def pass_through(ends: Floats, corners: Floats) -> Bools:
     """(pairs,) whether segments of (pairs, 2, 3) ends pass through triangles of (pairs, 3, 3) corners."""
     start, stop = ends[:, 0], ends[:, 1]
