@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 import wrinklecli
-from kit.limb import RADIUS, limb
+from kit.limb import RADIUS, limb, limb_asset
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.posing import with_pose
 from wrinklecli.character.scene import pose_primitive, read_scene
@@ -56,7 +56,7 @@ def test_what_is_shown_is_what_is_baked(session: Session, tmp_path: Path) -> Non
             assert cKDTree(others).query(some)[0].max() < bound
 
 
-def test_what_was_baked_is_shown_in_place(session: Session) -> None:
+def test_what_was_baked_is_shown_in_place_and_of_it_the_original_edited(session: Session, tmp_path: Path) -> None:
     session.save()
     baked = bake_saved(session)
     assert baked.text == session.text
@@ -65,6 +65,22 @@ def test_what_was_baked_is_shown_in_place(session: Session) -> None:
     tallest = max(tool.patch.greatest_height for tool in session.laid().values())
     assert len(written.faces) == len(edited.faces)
     assert cKDTree(written.positions).query(edited.positions)[0].max() < 0.01 * tallest
+    out = tmp_path / "limb_wrinkled.glb"
+    again = Session.open(out, tmp_path / "tools.yaml")
+    assert again.notes == [f"{out}: is the output of a bake: its original is shown, and baked anew"]
+    assert [tool.problem for tool in again.tools()] == [None] * 3
+    bake_saved(again)
+    assert (tmp_path / "limb_wrinkled_wrinkled.glb").read_bytes() == out.read_bytes()
+
+
+def test_an_asset_with_wrinkles_that_no_record_tells_of_is_shown_as_it_is(tmp_path: Path) -> None:
+    asset = limb_asset(rings=7, sides=6)
+    node = next(node for node in asset.gltf["nodes"] if "mesh" in node)
+    node["extras"] = {"wrinkle": {}}
+    (tmp_path / "tools.yaml").write_text(TOOLS)
+    session = Session.open(asset.write(tmp_path / "limb.glb"), tmp_path / "tools.yaml")
+    assert "the record of the original asset is missing" in session.notes[0]
+    assert all("already carries wrinkles" in str(tool.problem) for tool in session.tools())
 
 
 def test_a_free_pose_is_that_of_preview(session: Session, tmp_path: Path) -> None:

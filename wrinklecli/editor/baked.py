@@ -51,7 +51,12 @@ def bake_saved(session: Session, progress: Progress = no_progress) -> Baked:
     """
     reading, asset = session.reading, os.path.splitext(os.path.basename(session.asset))[0]
     out, text = os.path.join(os.path.dirname(session.path), f"{asset}_wrinkled.glb"), session.saved_text
-    options = BakeOptions(anims=reading.anims, allow_external=reading.allow_external, max_memory=reading.max_memory)
+    options = BakeOptions(
+        anims=reading.anims,
+        allow_external=reading.allow_external,
+        max_memory=reading.max_memory,
+        replace=True,  # as `stage` shows it
+    )
     report = bake(session.asset, session.path, out, options, progress=progress)
     with guarded(out):
         document = read_document(out, allow_external=reading.allow_external, memory=Memory(reading.max_memory))

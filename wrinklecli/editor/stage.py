@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wrinklecli.baking.job import check_clip_names, tools_by_node, why_left_out
+from wrinklecli.baking.original import original, wrinkled
 from wrinklecli.baking.plan import Ground, plan_on, read_ground
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.contacts import Neighbours
@@ -20,7 +21,7 @@ from wrinklecli.character.scene import deforming_nodes, scene_nodes
 from wrinklecli.character.skin import Skin, prepare
 from wrinklecli.editor.laid import Cluster, Laid, LaidMesh, LaidTool
 from wrinklecli.editor.played import Latest, Played
-from wrinklecli.errors import WrinkleError
+from wrinklecli.errors import BakeError, WrinkleError
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.method.attach import attach_tools
 from wrinklecli.method.carry import carry
@@ -92,12 +93,12 @@ class Stage:
             WrinkleError: It is at fault.
         """
         memory = Memory(reading.max_memory)
-        document = read_document(asset, allow_external=reading.allow_external, memory=memory)
+        document, notes = _unbaked(read_document(asset, allow_external=reading.allow_external, memory=memory))
         motions = Motions(reading.anims, reading.range_of_motion or None)
         joined = moved(document, deforming_nodes(document), motions)
         joints = {joint for skin in joined.document.items("skins") for joint in skin.get("joints", [])}
         document = with_free_nodes(joined.document, joints)  # for the free pose
-        return cls(document, joined.clips, frozenset(joined.range), (*joined.notes, *joined.warnings))
+        return cls(document, joined.clips, frozenset(joined.range), (*notes, *joined.notes, *joined.warnings))
 
     def laid(self, settings: ToolsFile, before: Laid | None = None) -> Laid:
         """Lay the tools of a file; those that do not fit are named, with what a bake would say.
@@ -267,3 +268,14 @@ def _around(ground: Ground, triangles: Ints) -> Ints:
     for _ in range(_RINGS):
         triangles = ground.rest.around.faces_of(distinct_values(ground.surface.triangles[triangles]))
     return triangles
+
+
+def _unbaked(document: Document) -> tuple[Document, tuple[str, ...]]:
+    """What an asset was before wrinkles were baked into it, and notes; of one that cannot be restored, tools tell."""
+    if not wrinkled(document.gltf):
+        return document, ()
+    try:
+        note = f"{document.path}: is the output of a bake: its original is shown, and baked anew"
+        return original(document), (note,)
+    except BakeError as error:
+        return document, error.lines
