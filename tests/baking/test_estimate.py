@@ -22,7 +22,7 @@ SAMPLES = r"^limb: 2,001 samples of 1 tool would take .*: raise --max-memory$"
 
 @pytest.fixture
 def paths(tmp_path: Path) -> tuple[Path, Path]:
-    return limb(tmp_path / "limb.glb"), write_tools(tmp_path / "tools.yaml", MANY)
+    return limb(tmp_path / "limb.glb"), write_tools(tmp_path / "tools.yaml", MANY, refinement={})
 
 
 @pytest.mark.quick(1)
@@ -33,7 +33,7 @@ def test_bytes_of_targets_are_those_that_are_written(tmp_path: Path, tools: Any,
     (plan,) = plan_meshes(job)
     moved = moved_by_targets(plan, job.clips, 61, job.document.memory)
     size = morph_target_bytes(plan, moved, dense=accessors == "dense")
-    baked = bake_once(asset, tools, accessors=accessors, fine=True)
+    baked = bake_once(asset, tools, accessors=accessors)
     (primitive,) = baked.json["meshes"][0]["primitives"]
     assert 0.7 < len(moved) / len(primitive["targets"]) < 1.3
     numbers = {index for target in primitive["targets"] for index in target.values()}
@@ -63,7 +63,7 @@ def test_bytes_of_targets_are_those_that_are_written(tmp_path: Path, tools: Any,
 def test_too_much_is_refused_before_it_is_made(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tools: Any, options: Any, memory: int, line: str
 ) -> None:
-    asset, path = limb(tmp_path / "limb.glb"), write_tools(tmp_path / "tools.yaml", tools)
+    asset, path = limb(tmp_path / "limb.glb"), write_tools(tmp_path / "tools.yaml", tools, refinement={})
     monkeypatch.delattr(sample, "activities")
     with pytest.raises(TooMuchError, match=line):
         bake(asset, path, tmp_path / "out.glb", max_memory=memory, **options)

@@ -132,7 +132,7 @@ def test_the_refined_surface_is_whole() -> None:
 def test_many_blendshapes_cost_no_more_than_they_did(normals: bool, accessors: str, tmp_path: Path) -> None:
     """Refinement doubles the vertices of this limb: dense, they would cost twice as much."""
     asset = blendshape_limb(normals=normals).write(tmp_path / "in.glb")
-    tools = write_tools(tmp_path / "tools.yaml", tool(bumps=6, width=0.4))
+    tools = write_tools(tmp_path / "tools.yaml", tool(bumps=6, width=0.4), refinement={})
     report = wrinklecli.bake(asset, tools, tmp_path / "out.glb", accessors=accessors)
     (mesh,) = report.data["meshes"]
     assert mesh["vertices"] > 1.8 * mesh["coarse_vertices"]

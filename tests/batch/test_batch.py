@@ -141,7 +141,7 @@ def test_urls_reports_tracks_and_merged_tools(chars: Wrinkle, tmp_path: Path) ->
     store = fsspec.filesystem("memory")
     for name in ("chars/c0.glb", "tools.yaml"):
         store.pipe_file(f"/b/{name}", (tmp_path / name).read_bytes())
-    write_tools(tmp_path / "more.yaml", tool(name="back", bumps=1))
+    write_tools(tmp_path / "more.yaml", tool(name="back", bumps=1), refinement={"max_levels": 0})
     text = """version: 1
 jobs:
   - asset: memory:///b/chars/*.glb

@@ -39,7 +39,7 @@ def test_a_bake_says_what_it_made_on_stderr_alone(wrinkle: Wrinkle, tmp_path: Pa
     assert (ran.code, ran.out) == (0, "")
     assert ran.lines[-1].startswith("out.glb: 1 tool, 1 morph target, ")
     assert not [line for line in ran.lines[:-1] if not line.startswith("warning: ")]
-    assert (tmp_path / "out.glb").read_bytes() == bake_once("wrist", CALM, fine=True).path.read_bytes()
+    assert (tmp_path / "out.glb").read_bytes() == bake_once("wrist", CALM).path.read_bytes()
     assert sorted(files(tmp_path)) == ["out.glb", "tools.yaml"]
 
 
@@ -58,10 +58,10 @@ def test_quiet_says_nothing_and_verbose_a_line_for_each_tool(wrinkle: Wrinkle, t
 
 def test_options_reach_the_bake(wrinkle: Wrinkle, tmp_path: Path) -> None:
     write_tools(tmp_path / "tools.yaml", PALM, BACK)
-    options = ["--clip", "flex", "--tool", "palm", "--fps", "7", "--max-levels", "1", "--accessors", "dense"]
+    options = ["--clip", "flex", "--tool", "palm", "--fps", "7", "--max-levels", "0", "--accessors", "dense"]
     options += ["--edges-per-interval", "1"]
     assert wrinkle("bake", WRIST, "tools.yaml", "-o", "out.glb", *options).code == 0
-    named = {"clips": ["flex"], "only": ["palm"], "fps": 7, "max_levels": 1, "accessors": "dense"}
+    named = {"clips": ["flex"], "only": ["palm"], "fps": 7, "max_levels": 0, "accessors": "dense"}
     wanted = bake_once("wrist", PALM, BACK, edges_per_interval=1, **named)
     assert (tmp_path / "out.glb").read_bytes() == wanted.path.read_bytes()
 
@@ -519,7 +519,7 @@ def started(*arguments: str, cwd: Path, before: str = "") -> Iterator[subprocess
 @pytest.mark.parametrize("sign", [signal.SIGTERM, signal.SIGKILL])
 def test_killed_at_any_moment_the_output_is_whole(sign: signal.Signals, tmp_path: Path) -> None:
     write_tools(tmp_path / "tools.yaml", PALM)
-    new, rng = bake_once("wrist", PALM, fine=True).path.read_bytes(), random.Random(4)
+    new, rng = bake_once("wrist", PALM).path.read_bytes(), random.Random(4)
     for _ in range(3):
         (tmp_path / "out.glb").write_bytes(b"old")
         with started("bake", WRIST, "tools.yaml", "-o", "out.glb", cwd=tmp_path) as process:

@@ -431,7 +431,7 @@ def test_tables_are_on_standard_output_and_nothing_is_written(wrinkle: Wrinkle, 
 
 
 def test_strict_refuses_warnings_and_errors_are_1(wrinkle: Wrinkle, tmp_path: Path) -> None:
-    write_tools(tmp_path / "tools.yaml", PALM, BACK)
+    write_tools(tmp_path / "tools.yaml", PALM, BACK, refinement={})
     ran = wrinkle("check", WRIST, "tools.yaml", "--clip", "flex", "--strict")
     assert ran.code == 3
     assert "never shortens" in ran.out
@@ -440,7 +440,7 @@ def test_strict_refuses_warnings_and_errors_are_1(wrinkle: Wrinkle, tmp_path: Pa
     assert wrinkle("check", WRIST, "tools.yaml", "--clip", "flex", "--strict", "--plot", "a.svg").code == 3
     assert sorted(files(tmp_path)) == ["tools.yaml"]
     calm = {**PALM, "bumps": 2, "max_height": "none"}
-    write_tools(tmp_path / "calm.yaml", calm)
+    write_tools(tmp_path / "calm.yaml", calm, refinement={})
     assert wrinkle("check", WRIST, "calm.yaml", "--strict").code == 0
     write_tools(tmp_path / "bad.yaml", {**PALM, "origin": [9, 9, 9]})
     failed = wrinkle("check", WRIST, "bad.yaml", "--strict")
@@ -480,7 +480,7 @@ def test_a_row_says_how_much_the_surface_is_rounded_at_rest(
     asset: Asset, row: str, wrinkle: Wrinkle, tmp_path: Path
 ) -> None:
     asset.write(tmp_path / "limb.glb")
-    write_tools(tmp_path / "tools.yaml", tool(variation=0))
+    write_tools(tmp_path / "tools.yaml", tool(variation=0), refinement={})
     assert f"  {row}" in wrinkle("check", "limb.glb", "tools.yaml").out.splitlines()
 
 

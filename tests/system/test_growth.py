@@ -70,7 +70,7 @@ class Baker:
         self.folder = folder
         # On the near half: the joints behind the middle move nothing of it.
         near = tool(origin=[-0.9, RADIUS, 0.0], target=[-0.1, RADIUS, 0.0], bumps=8)
-        self.tools = write_tools(folder / "tools.yaml", near, sampling={"fps": FPS})
+        self.tools = write_tools(folder / "tools.yaml", near, sampling={"fps": FPS}, refinement={})
 
     def written(self, asset: Asset) -> Path:
         return asset.write(self.folder / "asset.glb")
