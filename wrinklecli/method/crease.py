@@ -29,8 +29,9 @@ from wrinklecli.numeric.crossings import widened
 
 # Strides between two poses of a sweep that leans: what is between these the others tell.
 _LEANING_STRIDES = 2.0
-# Solver's units that contact moves anything by at most: beyond, a limb is pressed by a quarter of its radius.
-_DEEPEST = 18.0
+# Solver's units that contact moves anything by, where a sweep ends: a limb is pressed by half of its radius, and by a
+# quarter where the axis leans. Leaning as deep asks for more shapes than clips that fold so deep have use for.
+_DEEPEST, _DEEPEST_LEANING = 36.0, 18.0
 # Poses of a sweep that are looked at for crossings: those that fold most, and some on the way there.
 _LOOKS = 8
 # Poses from rest to the beginning of a clip that is folded there.
@@ -40,7 +41,7 @@ _TRIES, _MORE = 8, 3.0
 MOST_WEIGHT = 1.5
 """Greatest weight of a shape in any clip; in the sweeps it is 1."""
 
-# Share of poses with crossings above which more shapes are needed at once.
+# Share of the poses that crossed before above which fitting again is given up, and more shapes are needed.
 _HOPELESS = 0.7
 # Volume that shapes may take away, of a limb's as long as it is thick.
 _LOST = 0.01
@@ -239,14 +240,15 @@ class _Solved:
 def _swept(fold: Fold, tissue: Tissue) -> Iterator[_Solved]:
     """Fold it as far as it goes, and with the axis leaning to each side."""
     for lean in fold.hinge.leanings:
+        leaning = bool(lean.any())
         for end in fold.hinge.ends:
-            way = _way(end, fold.hinge.stride * (_LEANING_STRIDES if lean.any() else 1.0))
+            way = _way(end, fold.hinge.stride * (_LEANING_STRIDES if leaning else 1.0))
             clip = fold.hinge.turn(way, tilt=lean)
             times = np.linspace(0.0, 1.0, len(way))
             for folded, time, found in zip(way, times, found_in(fold, tissue, clip, times), strict=True):
                 if found.touches:
-                    yield _Solved(clip, float(time), float(folded), bool(lean.any()), found)
-                    if found.length > _DEEPEST:
+                    yield _Solved(clip, float(time), float(folded), leaning, found)
+                    if found.length > (_DEEPEST_LEANING if leaning else _DEEPEST):
                         break
 
 
@@ -284,7 +286,7 @@ def fewest(solved: Sequence[Found], *, share: float, most: int) -> tuple[Floats,
     tries: list[tuple[int, float, Floats, Floats]] = []
     for count in range(1, most + 1):
         shares, wanted = np.stack([each.shares for each in solved]), fields
-        suspects = np.arange(len(solved))
+        suspects, before = np.arange(len(solved)), len(solved)
         for _ in range(_TRIES):
             weights, shapes = weighted_basis(wanted, shares, count)
             made = [_sum(row, shapes) for row in weights]
@@ -299,8 +301,9 @@ def fewest(solved: Sequence[Found], *, share: float, most: int) -> tuple[Floats,
                 return weights, shapes, 0
             if count == most:
                 tries.append((len(crossing), max(lost, allowed), weights, shapes))
-            if not crossing or (len(crossing) > _HOPELESS * len(solved) and count < most):
+            if not crossing or (len(crossing) > _HOPELESS * before and count < most):
                 break
+            before = len(crossing)
             for number, marked in crossing.items():
                 shares[number, marked] *= _MORE
             suspects = np.array(sorted(crossing))
