@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from kit.asset import Asset, Json, pack_glb
 from kit.documents import arrays, same_bits, written
+from kit.drawn import CHARACTERS
 from kit.limb import limb, limb_asset
 from wrinklecli.errors import AssetError, BakeError
 from wrinklecli.gltf import writer
@@ -26,14 +27,19 @@ PNG = b"\x89PNG\r\n\x1a\n" + bytes(9)
 JPEG = b"\xff\xd8\xff\xe0" + bytes(7)
 
 json_scalars = (
-    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(max_size=9)
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats(allow_nan=False, allow_infinity=False)
+    | st.text(CHARACTERS, max_size=9)
 )
 json_values = st.recursive(
-    json_scalars, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3)
+    json_scalars,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(CHARACTERS, max_size=5), inner, max_size=3),
 )
 
 
-@given(extras=json_values, unknown=json_values, name=st.text(max_size=9))
+@given(extras=json_values, unknown=json_values, name=st.text(CHARACTERS, max_size=9))
 def test_unpatched_json_survives_with_order_types_and_unknown_keys(
     tmp_path_factory: pytest.TempPathFactory, extras: Any, unknown: Any, name: str
 ) -> None:

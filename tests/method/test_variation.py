@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from numpy.polynomial import chebyshev, legendre
 
 from kit.carried import carry_patch
+from kit.drawn import CHARACTERS
 from kit.limb import limb_asset, tool
 from kit.prepared import prepare
 from wrinklecli.method.curve import TAUT, plan_curve
@@ -36,7 +37,7 @@ class Case:
 def cases(draw, *, branching: bool = True) -> Case:
     amount, gap = draw(st.floats(0.01, 1.0)), draw(st.integers(0, 2))
     variation = plan_variation(
-        draw(st.text(max_size=5)),
+        draw(st.text(CHARACTERS, max_size=5)),
         amount,
         draw(st.floats(0.0, 1.0)) if branching else 0.0,
         bumps=draw(st.integers(1, 12)),

@@ -15,6 +15,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+from kit.drawn import CHARACTERS
 from kit.tools_text import (
     ANCHORS,
     BAD_HEADERS,
@@ -613,7 +614,7 @@ FRAGMENTS = st.sampled_from(
 )
 
 
-@given(st.lists(st.one_of(FRAGMENTS, st.text(max_size=4)), max_size=40).map("".join))
+@given(st.lists(st.one_of(FRAGMENTS, st.text(CHARACTERS, max_size=4)), max_size=40).map("".join))
 def test_any_text_gives_tools_or_a_config_error(text):
     for line in complaints(text):
         assert line.isprintable()
@@ -621,7 +622,7 @@ def test_any_text_gives_tools_or_a_config_error(text):
 
 
 VALUES = st.recursive(
-    st.one_of(st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=5)),
+    st.one_of(st.none(), st.booleans(), st.integers(), st.floats(), st.text(CHARACTERS, max_size=5)),
     lambda inner: st.one_of(
         st.lists(inner, max_size=4),
         st.dictionaries(
