@@ -20,7 +20,7 @@ from wrinklecli.gltf import draco, meshopt
 from wrinklecli.gltf.files import local_file, read_data_uri, read_file
 from wrinklecli.gltf.references import draco_primitives, is_placeholder, view_parts
 from wrinklecli.gltf.shape import Json, check_asset, json_memory, parse_json, place
-from wrinklecli.numeric.arrays import Array, Ints
+from wrinklecli.numeric.arrays import Array, Ints, nonzero_rows
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory, shown_bytes
 
 # Primitive modes (§5.24.4) and component types (§5.1.3).
@@ -218,12 +218,12 @@ class Document:
         sparse = accessor.get("sparse")
         if sparse is None or "bufferView" in accessor or index in self._draco_sources:
             elements = self.stored(index)
-            changed = np.flatnonzero(elements.any(axis=1))
+            changed = nonzero_rows(elements)
             return changed, _values(accessor, elements[changed])
         dtype, size = _element(accessor, where)
         count = _whole(accessor, "count", where, least=1, most=_COUNT_LIMIT)
         indices, values = self._sparse_elements(sparse, dtype, size, count, where)
-        changed = np.flatnonzero(values.any(axis=1))
+        changed = nonzero_rows(values)
         return indices[changed].astype(np.intp), _values(accessor, values[changed])
 
     def stored_dtype(self, index: int) -> np.dtype[Any]:

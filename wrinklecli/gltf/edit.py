@@ -29,7 +29,7 @@ from wrinklecli.gltf.references import (
     view_span,
 )
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Array
+from wrinklecli.numeric.arrays import Array, nonzero_rows
 
 VERTEX_DATA: int = pygltflib.ARRAY_BUFFER
 INDEX_DATA: int = pygltflib.ELEMENT_ARRAY_BUFFER
@@ -135,7 +135,7 @@ class EditedDocument:
             replaces: An accessor to which the caller is about to drop one reference.
         """
         deltas = deltas.astype("<f4")
-        moved = np.flatnonzero(deltas.any(axis=1))
+        moved = nonzero_rows(deltas)
         vertices, deltas = vertices[moved], deltas[moved]
         if not len(moved):
             return self._add_zeros(count, deltas.shape[1], bounds=bounds, replaces=replaces)
