@@ -20,7 +20,7 @@ MEGABYTES, SECONDS = 500.0, 10.0
 COMMANDS = {
     "bake": ["bake", "{}", "tools.yaml", "-o", "out.glb"],
     "replace": ["bake", "{}", "tools.yaml", "--replace", "-o", "out.glb"],
-    "preview": ["preview", "{}", "-o", "out.png"],
+    "preview": ["preview", "{}", "-o", "out.png", "--size", "64x64"],
     "diff": ["diff", "{}", "limb.glb"],
     "inspect": ["inspect", "{}"],
     "check": ["check", "{}", "tools.yaml"],
