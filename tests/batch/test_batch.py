@@ -131,7 +131,7 @@ def test_folders_of_outputs_are_made(chars: Wrinkle, tmp_path: Path) -> None:
     assert ran.code == 0
     assert not (tmp_path / "new").exists()
     ran = chars("batch", "m.yaml")
-    assert ran.lines[0] == "m.yaml:4: jobs[1]: tools.yaml: cannot be made: File exists"
+    assert ran.lines[0] == "m.yaml:4: jobs[1]: tools.yaml: cannot be written: File exists"
     made = {Path(each).name for folder in ("new/chars", "reports/all", "clips/c0") for each in files(tmp_path / folder)}
     assert made == {"c0.glb", "c0.json", "c2.glb"}
 

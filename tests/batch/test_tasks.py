@@ -33,6 +33,8 @@ class Future:
         if self._lost:
             self._lost = False
             raise TimeoutError(timeout)
+        if self.key == "7":  # its worker has died with it, and others with the task
+            raise distributed.KilledWorker(self.key, None, 3)
         return self._made
 
     def exception(self) -> Any:

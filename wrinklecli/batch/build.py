@@ -100,7 +100,7 @@ def _make_folders(here: Staged) -> None:
         try:
             os.makedirs(folder or ".", exist_ok=True)
         except OSError as error:
-            raise BakeError(f"cannot be made: {error.strerror}", where=folder) from error
+            raise BakeError(f"cannot be written: {error.strerror}", where=folder) from error
 
 
 def bake_options(job: BatchJob) -> BakeOptions:

@@ -251,15 +251,24 @@ class _Sent:
                     future.add_done_callback(self._finished.put)
             self._look_after_workers()
 
-    def _result(self, future: Any) -> list[Outcome]:
-        """What a worker keeps until it is asked for: if it has died meanwhile, another one does the task again."""
-        while True:
+    def _result(self, future: Any) -> list[Outcome] | BaseException:
+        """What came of a task, or why nothing did.
+
+        A worker keeps it until it is asked for: if it has died meanwhile, another one does the task again.
+        """
+        from distributed import KilledWorker
+
+        while future.status != "error":
             try:
                 done: list[Outcome] = future.result(timeout=_PULSE)
             except TimeoutError:
                 self._look_after_workers()
+            except KilledWorker as error:
+                return error
             else:
                 return done
+        failed: BaseException = future.exception()
+        return failed
 
     def _look_after_workers(self) -> None:
         """See that there are workers; raises as `_next`."""
@@ -285,15 +294,15 @@ class _Sent:
     def _done(self, future: Any) -> list[Outcome]:
         """What came of the jobs of a task that were done; the others wait or are sent again."""
         task, _ = self._tasks[future.key]
-        done: list[Outcome] = []
-        if future.status == "finished":
-            done = self._result(future)
-            self._waiting.extendleft(reversed(task[len(done) :]))
-        elif len(task) == 1:
-            done = [Outcome(task[0], "failed", lines=(_why_not(task[0], future.exception()),))]
-        else:  # one of them is at fault: each goes alone, and what was done is in the cache
+        done = self._result(future)
+        if isinstance(done, BaseException) and len(task) == 1:
+            done = [Outcome(task[0], "failed", lines=(_why_not(task[0], done),))]
+        elif isinstance(done, BaseException):  # a job is at fault: each goes alone, and what was done is in the cache
+            done = []
             for job in task:
                 self._send((job,))
+        else:
+            self._waiting.extendleft(reversed(task[len(done) :]))
         del self._tasks[future.key]
         return done
 
