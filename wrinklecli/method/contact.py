@@ -20,10 +20,11 @@ from typing import Any
 
 import numpy as np
 
+from wrinklecli.method.passing import passing
 from wrinklecli.method.response import Held, Pressed, Response, stiffness_of
 from wrinklecli.method.volume import Pieces
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, inverses
-from wrinklecli.numeric.crossings import Crossings, edges_of
+from wrinklecli.numeric.crossings import edges_of
 
 UNITS = 70.0
 """Units of the solver in a limb's radius: lengths below are about millimetres of a knee."""
@@ -167,11 +168,6 @@ class Tissue:
         return edges_of(self.triangles)
 
     @cached_property
-    def crossings(self) -> Crossings:
-        """What may cross."""
-        return Crossings.of(self.rest, self.triangles[self.colliding])
-
-    @cached_property
     def barrier(self) -> Any:
         """Of ipctk."""
         import ipctk
@@ -236,7 +232,7 @@ class Tissue:
 
         if not ipctk.has_intersections(self.mesh, np.asfortranarray(positions)):
             return None
-        marked = self.crossings.marked(positions, self.free & self.own)
+        marked = passing(positions, self.mesh.edges, self.mesh.faces, self.free & self.own)
         return marked if marked.any() else None
 
     def _near(self, positions: Floats, near: float, kept: float) -> Any:

@@ -19,6 +19,7 @@ from wrinklecli.method.activity import lengths_over_time
 from wrinklecli.method.bending import bent_node
 from wrinklecli.method.carry import CarriedPatch, displacements
 from wrinklecli.method.hinge import Hinge, hinge_of
+from wrinklecli.method.passing import passing
 from wrinklecli.method.patch import Patch
 from wrinklecli.method.refine import Refinement
 from wrinklecli.method.rest import Rest
@@ -123,7 +124,7 @@ class Fold:
 
         Other meshes may cross each other.
         """
-        return self.crossings.marked(positions, self.own)
+        return passing(positions, self.crossings.edges, self.triangles, self.own)
 
     def jammed(self, clip: Clip, times: Floats) -> set[str]:
         """Nodes with other meshes that pass through themselves at some of (frames,) seconds of a clip, not at rest."""

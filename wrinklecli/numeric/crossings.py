@@ -77,19 +77,6 @@ class Crossings:
         edges, triangles = crossing[np.lexsort(crossing.T[::-1])].T
         return edges, triangles
 
-    def marked(self, positions: Floats, counting: Bools) -> Bools:
-        """(vertices,) whether an edge or a triangle of each takes part in a crossing at (vertices, 3) positions.
-
-        Those count in which any of (vertices,) counting has a part.
-        """
-        edges, triangles = self.at(positions)
-        ends, corners = self.edges[edges], self.triangles[triangles]
-        counts = counting[ends].any(axis=1) | counting[corners].any(axis=1)
-        marked = np.zeros(len(positions), bool)
-        marked[ends[counts]] = True
-        marked[corners[counts]] = True
-        return marked
-
     def _crossing(self, positions: Floats, edges: Ints, triangles: Ints) -> Ints:
         """(crossings, 2) those of (pairs,) edges and (pairs,) triangles that cross."""
         ends, corners = self.edges[edges], self.triangles[triangles]
