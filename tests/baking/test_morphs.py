@@ -284,11 +284,11 @@ def test_normals_follow_the_wrinkles() -> None:
         assert np.percentile(angles, 99) < min(8, np.percentile(unbent, 99) / 2)
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("name", "clip", "steepest"),
     # The clip extend closes the wrist's crease further than where its wrinkles are full at first.
-    [("head", "raise_brows", 4), ("wrist", "extend", 5), ("trousers", "squat", 4), ("trousers", "walk", 4)],
+    [("wrist", "extend", 5), ("head", "raise_brows", 4), ("trousers", "squat", 4), ("trousers", "walk", 4)],
 )
 def test_the_tallest_wrinkles_look_as_steep_as_they_are(name: str, clip: str, steepest: float) -> None:
     """Degrees by which wrinkles turn the normals that an engine shows, and those of the posed triangles."""

@@ -137,9 +137,9 @@ for asset, tools, out in json.loads(sys.argv[1]):
 def test_same_bytes_from_another_process_and_folder(tmp_path: Path) -> None:
     """With another hash seed and two BLAS threads, which change the last bits of what BLAS computes."""
     patch = {**PALM, "attachment": "patch", "bumps": 2, "clips": {"extend": 0}}
-    polyline = {**PALM, "profile": "polyline", "details": [0.2], "strategy": "origin"}
+    polyline = {**BROW, "profile": "polyline", "details": [0.2], "strategy": "origin"}
     jobs, expected = [], []
-    for number, (asset, tool) in enumerate((("wrist", patch), ("wrist", polyline), ("head", BROW))):
+    for number, (asset, tool) in enumerate((("wrist", patch), ("head", polyline))):
         tools = write_tools(tmp_path / f"elsewhere {number}.yaml", tool)
         relative = os.path.relpath(sample(asset), tmp_path)
         jobs.append((relative, tools.name, f"{number}.glb"))

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kit.bakes import bake_config, bake_once, place
+from kit.bakes import COARSE, bake_config, bake_once, place
 from kit.clients import assert_valid, drive
 from kit.command import Wrinkle
 from kit.limb import limb_asset, tool
@@ -91,7 +91,7 @@ def test_a_clip_in_a_file_of_its_own_gets_the_weights_that_baking_gives(
 def test_tissue_lags_as_in_a_bake(tmp_path: Path) -> None:
     tools = config("wrist")
     tools["defaults"]["lag"] = {"frequency": 6, "damping": 0.5}
-    whole = bake_once("wrist", top=tools)
+    whole = bake_once("wrist", top=tools, **COARSE)
     made, _ = run(whole, edited("wrist", skeleton_only), tmp_path)
     assert_tracks(made, whole, "wrist", "extend")
 
@@ -282,7 +282,7 @@ def test_a_name_that_three_js_would_change_is_said(tmp_path: Path) -> None:
     def scene_of_its_name(editor: Editor) -> None:
         editor.json["scenes"][0]["name"] = "trousers"
 
-    body = bake_once(edited("trousers", scene_of_its_name), top=config("trousers"), tracks="none")
+    body = bake_once(edited("trousers", scene_of_its_name), top=config("trousers"), tracks="none", **COARSE)
     _, report = run(body, edited("trousers", skeleton_only), tmp_path)
     assert any("three.js" in line for line in report.warnings)
 

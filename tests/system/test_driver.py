@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kit.bakes import bake_config, bake_fold, bake_once, folding_limb, place
+from kit.bakes import COARSE, bake_config, bake_fold, bake_once, folding_limb, place
 from kit.clients import clip_tracks, drive, gltfpack, optimize
 from kit.limb import nose
 from kit.places import ROOT
@@ -70,7 +70,7 @@ def test_tissue_lags_at_any_frame_rate_as_if_it_were_baked(name: str, clip: str)
     """Within 2 %, but where keys are so close that no track has more between them. The second round counts: a loop."""
     tools = config(name)
     tools["defaults"]["lag"] = {"frequency": 6, "damping": 0.5}
-    whole = bake_once(name, top=tools)
+    whole = bake_once(name, top=tools, **COARSE)
     keys, _ = whole.keys(clip, name)
     names = whole.mesh(name)["extras"]["targetNames"]
     heights = np.sqrt(np.sum(whole.deltas(name) ** 2, axis=2)).max(axis=1)
@@ -112,7 +112,7 @@ def joint_of_the_bodys_name(editor: Editor) -> None:
 @pytest.mark.slow
 def test_a_body_may_be_named_like_a_joint() -> None:
     asset = edited("head", joint_of_the_bodys_name)
-    bare, whole = (bake_once(asset, top=config("head"), tracks=tracks) for tracks in ("none", "all"))
+    bare, whole = (bake_once(asset, top=config("head"), tracks=tracks, **COARSE) for tracks in ("none", "all"))
     assert_driven(bare, whole, "head", "raise_brows")
 
 
@@ -187,7 +187,7 @@ def test_an_optimiser_may_have_been_over_the_file(name: str, clip: str, kind: st
     # The config names clips that are not taken along: of an optional tool they are no error.
     tools = config(name)
     tools["defaults"]["optional"] = True
-    whole = bake_once(with_clip(name, clip, small), top=tools)
+    whole = bake_once(with_clip(name, clip, small), top=tools, **COARSE)
     assert_driven(Gltf(small), whole, name, clip)
 
 
