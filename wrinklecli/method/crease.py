@@ -41,7 +41,7 @@ _TRIES, _MORE = 8, 3.0
 MOST_WEIGHT = 1.5
 """Greatest weight of a shape in any clip; in the sweeps it is 1."""
 
-# Share of the poses that crossed before above which fitting again is given up, and more shapes are needed.
+# Share of the poses that were not right before above which fitting again is given up, and more shapes are needed.
 _HOPELESS = 0.7
 # Volume that shapes may take away, of a limb's as long as it is thick.
 _LOST = 0.01
@@ -290,26 +290,32 @@ def fewest(solved: Sequence[Found], *, share: float, most: int) -> tuple[Floats,
         for _ in range(_TRIES):
             weights, shapes = weighted_basis(wanted, shares, count)
             made = [_sum(row, shapes) for row in weights]
-            missed = max(each.missed(moved) for each, moved in zip(solved, made, strict=True))
-            if missed > bound and count < most:
+            wrong = _wrong(solved, made, bound) if count < most else {}
+            if len(wrong) > _HOPELESS * before:
                 break
             crossing = _crossing(solved, made, suspects)
-            if len(suspects) < len(solved) and (not crossing or count == most):
+            if len(suspects) < len(solved) and (count == most or not (crossing or wrong)):
                 crossing |= _crossing(solved, made, np.setdiff1d(np.arange(len(solved)), suspects))
             lost = max(each.squeezed(moved) for each, moved in zip(solved, made, strict=True))
-            if not crossing and lost <= allowed:
+            if not crossing and not wrong and lost <= allowed:
                 return weights, shapes, 0
             if count == most:
                 tries.append((len(crossing), max(lost, allowed), weights, shapes))
-            if not crossing or (len(crossing) > _HOPELESS * before and count < most):
+            bad = len(crossing.keys() | wrong.keys())
+            if not bad or (bad > _HOPELESS * before and count < most):
                 break
-            before = len(crossing)
-            for number, marked in crossing.items():
+            for number, marked in (*crossing.items(), *wrong.items()):
                 shares[number, marked] *= _MORE
-            suspects = np.array(sorted(crossing))
+            suspects, before = np.array(sorted(crossing), np.intp), bad
             wanted = np.stack([each.opened(moved) for each, moved in zip(solved, made, strict=True)])
     left, _, weights, shapes = min(tries, key=lambda each: each[:2])
     return weights, shapes, left
+
+
+def _wrong(solved: Sequence[Found], made: Sequence[Floats], bound: float) -> dict[int, Bools]:
+    """Poses in which what shapes made is further off than a bound, solver's units, and (free,) which vertices are."""
+    further = (each.off(moved) > bound for each, moved in zip(solved, made, strict=True))
+    return {number: marked for number, marked in enumerate(further) if marked.any()}
 
 
 def _crossing(solved: Sequence[Found], made: Sequence[Floats], numbers: Ints) -> dict[int, Bools]:

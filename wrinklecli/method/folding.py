@@ -55,11 +55,16 @@ class Found:
     @property
     def length(self) -> float:
         """The greatest move, solver's units."""
-        return self._length(self.moved)
+        return float(self.off(np.zeros_like(self.moved)).max(initial=0.0))
+
+    def off(self, moved: Floats) -> Floats:
+        """(free,) by how much another (free, 3) move is off, solver's units."""
+        posed = np.einsum("vij,vj->vi", self.matrices, self.moved - moved)
+        return np.asarray(np.sqrt(np.sum(posed**2, axis=1)))
 
     def missed(self, moved: Floats) -> float:
         """By how much another (free, 3) move is off at most, solver's units."""
-        return self._length(self.moved - moved)
+        return float(self.off(moved).max(initial=0.0))
 
     def with_moved(self, moved: Floats) -> Floats:
         """(vertices, 3) where all vertices are with another (free, 3) move, solver's units."""
@@ -95,10 +100,6 @@ class Found:
     def _ever(self) -> Bools | None:
         """(vertices,) which cross with this move."""
         return self.tissue.crossing(self.with_moved(self.moved))
-
-    def _length(self, moved: Floats) -> float:
-        """The greatest of (free, 3) of bind space where they are posed, solver's units."""
-        return float(np.sqrt(np.sum(np.einsum("vij,vj->vi", self.matrices, moved) ** 2, axis=1)).max(initial=0.0))
 
 
 def found_in(
