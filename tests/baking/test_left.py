@@ -14,7 +14,8 @@ from wrinklecli.baking.left import left_in
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.baking.targets import CreaseSet, Lift
 from wrinklecli.baking.warnings import fold_warnings
-from wrinklecli.method.crease import fitted, resolve
+from wrinklecli.method.crease import resolve
+from wrinklecli.method.fitting import fitted
 from wrinklecli.method.folding import Found
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.crossings import find_crossings
@@ -36,7 +37,7 @@ def test_a_clip_that_would_cross_more_with_contact_is_left_without_and_a_line_sa
     (fold,), (clip,) = plan.folds, job.clips
     crease = resolve(fold, share=0.35, most=7)
     assert crease is not None
-    followed = crease.follow(clip, TIMES)
+    followed = crease.follow(clip, TIMES, crease.marched(clip, TIMES))
     assert not followed.given_up
     assert left_in(crease, clip, TIMES, followed) is None
 
@@ -48,7 +49,7 @@ def test_a_clip_that_would_cross_more_with_contact_is_left_without_and_a_line_sa
         return -weights, urgent, True
 
     monkeypatch.setattr("wrinklecli.method.crease.fitted", pressed)
-    given_up = worse.follow(clip, TIMES)
+    given_up = worse.follow(clip, TIMES, worse.marched(clip, TIMES))
     assert given_up.given_up
     assert not given_up.weights.any()
 

@@ -28,7 +28,7 @@ def vertex_accessors(primitive: Json) -> list[int]:
 def test_primitives_go_on_sharing_vertices(tool: Json, accessors: str) -> None:
     """Refined once for all, those that no tool reaches too; the motion is that of a mesh of one primitive."""
     asset = edited("wrist", three_materials)
-    whole, parted = (bake_once(each, tool, accessors=accessors) for each in ("wrist", asset))
+    whole, parted = (bake_once(each, tool, fine=True, accessors=accessors) for each in ("wrist", asset))
     primitives = parted.mesh("wrist")["primitives"]
     assert [each["material"] for each in primitives] == [0, 1, 2]
     assert len(primitives[0]["targets"]) > 0

@@ -144,10 +144,14 @@ def _followed(
 def _march(plan: MeshPlan, crease: "Crease", motion: Motion, times: Floats | None) -> _Marched:
     """March a clip, at times of its own where there are any."""
     clip, times = motion.clip, motion.times if times is None else times
-    followed = crease.follow(clip, times)
     settings = [plan.carried_patches[number].patch.tool.contact for number in crease.fold.tools]
-    if followed.crossing and any(each is not None and each.per_clip for each in settings):
-        own, followed = crease.for_clip(clip, times, share=_SHAPE_ERROR, most=_MOST_OWN)
+    if not any(each is not None and each.per_clip for each in settings):
+        followed = crease.follow(clip, times, crease.marched(clip, times))
+        return _Marched(times, followed, left=left_in(crease, clip, times, followed))
+    marched = list(crease.marched(clip, times))
+    followed = crease.follow(clip, times, marched)
+    if followed.crossing:
+        own, followed = crease.for_clip(clip, times, marched, share=_SHAPE_ERROR, most=_MOST_OWN)
         return _Marched(times, followed, own, left_in(own, clip, times, followed))
     return _Marched(times, followed, left=left_in(crease, clip, times, followed))
 
@@ -160,7 +164,7 @@ def _crease_set(
     clip: str | None = None,
 ) -> CreaseSet:
     """The targets of a fold for all clips, or for one, and what they leave in those that they act in."""
-    from wrinklecli.method.crease import MOST_WEIGHT
+    from wrinklecli.method.fitting import MOST_WEIGHT
 
     lift = Lift(len(crease.shapes), MOST_WEIGHT)
     shapes = make_shapes(

@@ -5,15 +5,15 @@ finds there is compressed into shapes. A clip's weights come from marching the c
 what is found; those of a clip that was never baked are looked up by the joint's angle.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.motion import approach
-from wrinklecli.method.basis import project, weighted_basis
 from wrinklecli.method.contact import FREE, SOFT, UNITS, Tissue
+from wrinklecli.method.fitting import fewest, fitted, made_of
 from wrinklecli.method.fold import RINGS, Fold
 from wrinklecli.method.folding import (
     Found,
@@ -36,15 +36,6 @@ _DEEPEST, _DEEPEST_LEANING = 36.0, 18.0
 _LOOKS = 8
 # Poses from rest to the beginning of a clip that is folded there.
 _APPROACH = 33
-# How often shapes and weights are fitted again where they leave crossings, and by how much these then count more.
-_TRIES, _MORE = 8, 3.0
-MOST_WEIGHT = 1.5
-"""Greatest weight of a shape in any clip; in the sweeps it is 1."""
-
-# Share of the poses that were not right before above which fitting again is given up, and more shapes are needed.
-_HOPELESS = 0.7
-# Volume that shapes may take away, of a limb's as long as it is thick.
-_LOST = 0.01
 
 
 @dataclass(frozen=True)
@@ -89,30 +80,42 @@ class Crease:
         """(shapes,) how far each moves a vertex at most, bind units."""
         return np.asarray(np.sqrt(np.sum(self.shapes**2, axis=2)).max(axis=1))
 
-    def follow(self, clip: Clip | None, times: Floats) -> "Followed":
-        """March a clip.
+    def marched(self, clip: Clip | None, times: Floats) -> Iterator[Found]:
+        """What contact does at (frames,) seconds of a clip, rising, from rest to its beginning where that is folded.
+
+        Times are to be near enough to each other for the surface to follow.
+        """
+        start = None
+        if clip is not None and not is_clear(self.fold, self.tissue, clip, float(times[0])):
+            way = approach(clip, float(times[0]), self.fold.rig)
+            start = last_of(found_in(self.fold, self.tissue, way, np.linspace(0.0, 1.0, _APPROACH)))
+        return found_in(self.fold, self.tissue, clip, times, start)
+
+    def follow(self, clip: Clip | None, times: Floats, marched: Iterable[Found]) -> "Followed":
+        """Fit the shapes to a clip.
 
         A clip that folds the surface otherwise than the joint alone does may get from the shapes more crossings than
         they take away: it is left as it was.
 
         Args:
             clip: The animation.
-            times: (frames,) seconds, rising; near enough for the surface to follow.
+            times: (frames,) seconds.
+            marched: What contact does there.
         """
         weights, error, unsettled = np.zeros((len(times), len(self.shapes))), 0.0, 0
         urgent: Floats | None = None
         touching: list[int] = []
         left: list[int] = []  # of frames that cross still, how many vertices do
-        for frame, found in enumerate(self._marched(clip, times)):
+        for frame, found in enumerate(marched):
             unsettled += not found.state.converged
             if found.touches:
                 weights[frame], urgent, crosses = fitted(found, self.shapes, urgent)
                 urgent = None if crosses else urgent
-                moved = _sum(weights[frame], self.shapes)
+                moved = made_of(weights[frame], self.shapes)
                 if crosses and clip is not None:
                     # Those of the fold's own motion may leave none.
                     looked = self._looked_up(clip, times[frame : frame + 1])
-                    own = _sum(looked, self.shapes)
+                    own = made_of(looked, self.shapes)
                     if found.crossing(own) is None:
                         weights[frame], moved, crosses = looked, own, False
                 error = max(error, found.missed(moved))
@@ -127,23 +130,25 @@ class Crease:
             weights[:] = 0.0
         return Followed(weights, error * self.fold.radius / UNITS, unsettled, len(left), given_up)
 
-    def for_clip(self, clip: Clip, times: Floats, *, share: float, most: int) -> "tuple[Crease, Followed]":
+    def for_clip(
+        self, clip: Clip, times: Floats, marched: Sequence[Found], *, share: float, most: int
+    ) -> "tuple[Crease, Followed]":
         """The same fold with shapes for what contact does in one clip alone, as `resolve`; and how they follow it.
 
         Args:
             clip: The animation, in which something touches.
-            times: (frames,) seconds, as of `follow`.
+            times: (frames,) seconds.
+            marched: What contact does there.
             share: Greatest error of a vertex, of the greatest move.
             most: Shapes at most.
         """
-        every = list(self._marched(clip, times))
-        touching = [frame for frame, found in enumerate(every) if found.touches]
-        solved = [every[frame] for frame in touching]
+        touching = [frame for frame, found in enumerate(marched) if found.touches]
+        solved = [marched[frame] for frame in touching]
         made, shapes, crossing = fewest(solved, share=share, most=most)
         weights = np.zeros((len(times), len(shapes)))
         weights[touching] = made
         scale = self.fold.radius / UNITS
-        error = scale * max(each.missed(_sum(row, shapes)) for each, row in zip(solved, made, strict=True))
+        error = scale * max(each.missed(made_of(row, shapes)) for each, row in zip(solved, made, strict=True))
         unsettled = sum(not each.state.converged for each in solved)
         samples = tuple((made[k], clip, float(times[touching[k]])) for k in _chosen(made))
         own = replace(self, shapes=shapes, table=np.zeros((len(self.rows), len(shapes))), samples=samples)
@@ -153,14 +158,6 @@ class Crease:
         """(shapes,) weights at (1,) second of a clip, as a player finds them who knows the table alone."""
         (weights,) = interpolated(self.fold.hinge.rows_in(clip, times), self.rows, self.table)
         return np.asarray(weights)
-
-    def _marched(self, clip: Clip | None, times: Floats) -> Iterator[Found]:
-        """A clip, from rest to its beginning where that is folded already."""
-        start = None
-        if clip is not None and not is_clear(self.fold, self.tissue, clip, float(times[0])):
-            way = approach(clip, float(times[0]), self.fold.rig)
-            start = last_of(found_in(self.fold, self.tissue, way, np.linspace(0.0, 1.0, _APPROACH)))
-        return found_in(self.fold, self.tissue, clip, times, start)
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,7 +196,7 @@ def resolve(fold: Fold, *, share: float, most: int) -> Crease | None:
     if not solved:
         return None
     weights, shapes, crossing = fewest([each.found for each in solved], share=share, most=most)
-    made = [(each.found, _sum(row, shapes)) for each, row in zip(solved, weights, strict=True)]
+    made = [(each.found, made_of(row, shapes)) for each, row in zip(solved, weights, strict=True)]
     scale = fold.radius / UNITS
     rows, table = _tabulated(fold, solved, weights)
     return Crease(
@@ -265,99 +262,6 @@ def _tabulated(fold: Fold, solved: Sequence[_Solved], weights: Floats) -> tuple[
     # A morph target may take the ends past where they are nearest.
     rising = np.flatnonzero(np.diff(np.maximum.accumulate(rows), prepend=-np.inf) > 0)
     return rows[rising], padded[[number for _, number in every]][rising]
-
-
-def fewest(solved: Sequence[Found], *, share: float, most: int) -> tuple[Floats, Floats, int]:
-    """The fewest shapes that are right enough, keep the volume and leave no crossing in any sweep.
-
-    Args:
-        solved: What was found, at least one pose.
-        share: Greatest error of a vertex, of the greatest move.
-        most: Shapes at most: of those the ones that leave the fewest crossings, and then the most volume.
-
-    Returns:
-        (poses, shapes) weights in [-1, 1], (shapes, free, 3), and the number of poses in which they leave crossings.
-    """
-    fields = np.stack([each.moved for each in solved])
-    bound = share * max(each.length for each in solved)
-    # What contact itself takes away, no shapes give back.
-    allowed = max(_LOST, *(each.squeezed(each.moved) for each in solved))
-    most = min(most, len(solved))
-    tries: list[tuple[int, float, Floats, Floats]] = []
-    for count in range(1, most + 1):
-        shares, wanted = np.stack([each.shares for each in solved]), fields
-        suspects, before = np.arange(len(solved)), len(solved)
-        for _ in range(_TRIES):
-            weights, shapes = weighted_basis(wanted, shares, count)
-            made = [_sum(row, shapes) for row in weights]
-            wrong = _wrong(solved, made, bound) if count < most else {}
-            if len(wrong) > _HOPELESS * before:
-                break
-            crossing = _crossing(solved, made, suspects)
-            if len(suspects) < len(solved) and (count == most or not (crossing or wrong)):
-                crossing |= _crossing(solved, made, np.setdiff1d(np.arange(len(solved)), suspects))
-            lost = max(each.squeezed(moved) for each, moved in zip(solved, made, strict=True))
-            if not crossing and not wrong and lost <= allowed:
-                return weights, shapes, 0
-            if count == most:
-                tries.append((len(crossing), max(lost, allowed), weights, shapes))
-            bad = len(crossing.keys() | wrong.keys())
-            if not bad or (bad > _HOPELESS * before and count < most):
-                break
-            for number, marked in (*crossing.items(), *wrong.items()):
-                shares[number, marked] *= _MORE
-            suspects, before = np.array(sorted(crossing), np.intp), bad
-            wanted = np.stack([each.opened(moved) for each, moved in zip(solved, made, strict=True)])
-    left, _, weights, shapes = min(tries, key=lambda each: each[:2])
-    return weights, shapes, left
-
-
-def _wrong(solved: Sequence[Found], made: Sequence[Floats], bound: float) -> dict[int, Bools]:
-    """Poses in which what shapes made is further off than a bound, solver's units, and (free,) which vertices are."""
-    further = (each.off(moved) > bound for each, moved in zip(solved, made, strict=True))
-    return {number: marked for number, marked in enumerate(further) if marked.any()}
-
-
-def _crossing(solved: Sequence[Found], made: Sequence[Floats], numbers: Ints) -> dict[int, Bools]:
-    """Of some poses those in which what shapes made crosses, and (free,) which vertices do."""
-    found = {}
-    for number in numbers.tolist():
-        marked = solved[number].crossing(made[number])
-        if marked is not None:
-            found[number] = marked
-    return found
-
-
-def fitted(found: Found, shapes: Floats, urgent: Floats | None = None) -> tuple[Floats, Floats, bool]:
-    """Fit shapes to what was found.
-
-    Args:
-        found: In a pose.
-        shapes: (shapes, free, 3).
-        urgent: (free,) by how much more the error of each counts, as it had to in a pose like this one.
-
-    Returns:
-        (shapes,) weights that leave the fewest crossings, (free,) what is urgent with them, and whether they leave any.
-    """
-    urgent = np.ones(len(found.shares)) if urgent is None else urgent
-    wanted = found.moved
-    tries: list[tuple[int, Floats, Floats]] = []
-    for _ in range(_TRIES):
-        shares = found.shares * urgent
-        (weights,) = np.clip(project(wanted[None], shares[None], shapes), -MOST_WEIGHT, MOST_WEIGHT)
-        moved = _sum(weights, shapes)
-        marked = found.crossing(moved)
-        if marked is None:
-            return weights, urgent, False
-        tries.append((int(marked.sum()), weights, urgent))
-        urgent, wanted = np.where(marked, _MORE * urgent, urgent), found.opened(moved)
-    _, weights, urgent = min(tries, key=lambda each: each[0])
-    return weights, urgent, True
-
-
-def _sum(weights: Floats, shapes: Floats) -> Floats:
-    """(free, 3) what (shapes,) weights make of (shapes, free, 3)."""
-    return np.asarray(np.tensordot(weights, shapes, axes=1))
 
 
 def _chosen(weights: Floats) -> list[int]:
