@@ -79,6 +79,39 @@ def test_a_tube_stays_in_a_sleeve_that_bends_with_it(radius: float, gap: float, 
         assert np.array_equal(state.positions, again.positions)
 
 
+def test_what_cannot_collide_is_not_in_the_way() -> None:
+    """Another limb of the same mesh that folds through itself: its vertices belong to no triangle that collides."""
+    rest, triangles = tube(60.0)
+    count = len(rest)
+    turns = np.radians(np.arange(0.0, 91.0, 15.0))
+    poses = [bent(rest, turn, 60.0, 0.0) for turn in turns]
+    through = np.unique(triangles[Crossings.of(rest, triangles).at(poses[-1].positions)[1]])
+    apart = (np.abs(rest[:, 0]) - np.abs(rest[through, 0]).max()).clip(0.0)
+    free = (apart < FREE * SOFT) & (np.abs(rest[:, 0]) < rest[:, 0].max())
+    alone = Tissue(rest, triangles, np.ones(len(triangles), bool), free, np.ones(count, bool), apart)
+
+    def beside(places: np.ndarray, share: float) -> np.ndarray:
+        return np.concatenate([places, rest * [share, share, share] + [0.0, 0.0, 900.0]])
+
+    both = Tissue(
+        beside(rest, 1.0),
+        np.concatenate([triangles, triangles + count]),
+        np.arange(2 * len(triangles)) < len(triangles),
+        np.concatenate([free, np.zeros(count, bool)]),
+        np.ones(2 * count, bool),
+        np.concatenate([apart, np.full(count, 900.0)]),
+    )
+    shrunk = [
+        Posed(beside(posed.positions, 1.0 - number / 6), np.concatenate([posed.matrices] * 2))
+        for number, posed in enumerate(poses)
+    ]
+    states = list(march(both, shrunk))
+    assert all(state.converged for state in states)
+    assert states[-1].near is not None
+    for state, other in zip(states, march(alone, poses), strict=True):
+        assert state.positions[:count] == pytest.approx(other.positions, abs=0.05)
+
+
 def _within(places: np.ndarray, own: np.ndarray, turn: float, bump: float) -> Posed:
     """A tube with bumps, and one round it without."""
     inner, outer = bent(places[own], turn, 150.0, bump), bent(places[~own], turn, 150.0, 0.0)

@@ -23,7 +23,7 @@ import numpy as np
 from wrinklecli.method.passing import passing
 from wrinklecli.method.response import Held, Pressed, Response, stiffness_of
 from wrinklecli.method.volume import Pieces
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, inverses
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, inverses
 from wrinklecli.numeric.crossings import edges_of
 
 UNITS = 70.0
@@ -83,11 +83,13 @@ class State:
         positions: (vertices, 3) solver's units.
         posed: What the pose wants.
         converged: Whether the last step ended by itself, with all vertices that are not free in their places.
+        near: What is near, of ipctk; None where nothing is.
     """
 
     positions: Floats
     posed: Posed
     converged: bool = True
+    near: Any = None
 
     @property
     def correction(self) -> Floats:
@@ -124,7 +126,7 @@ class Tissue:
         pairs = [found[k].vertex_ids(edges, triangles) for k in range(len(found))]
         near = np.array([vertex for pair in pairs for vertex in pair if vertex >= 0], np.intp)
         on = np.zeros(len(self.rest), bool)
-        on[near] = True
+        on[self.rows[near]] = True
         return replace(self, colliding=self.colliding & ~(on & ~self.own)[self.triangles].any(axis=1))
 
     @cached_property
@@ -146,21 +148,33 @@ class Tissue:
         return share * _NEAR, share * _KEPT
 
     @cached_property
+    def rows(self) -> Ints:
+        """(touching,) the vertices of what may collide, rising: ipctk knows these alone."""
+        return distinct_values(self.triangles[self.colliding].reshape(-1))
+
+    @cached_property
     def mesh(self) -> Any:
-        """Of ipctk. Vertices that are not free do not collide with each other, nor do other meshes."""
+        """Of ipctk, of `rows`: vertices without triangles would touch each other, wherever they are.
+
+        Vertices that are not free do not collide with each other, nor do other meshes.
+        """
         import ipctk
 
         ipctk.set_logger_level(ipctk.off)
         ipctk.set_num_threads(1)
-        triangles = self.triangles[self.colliding]
+        triangles = np.searchsorted(self.rows, self.triangles[self.colliding])
         mesh = ipctk.CollisionMesh(
-            np.asfortranarray(self.rest),
+            self.placed(self.rest),
             np.asfortranarray(edges_of(triangles).astype(np.int32)),
             np.asfortranarray(triangles.astype(np.int32)),
         )
         labels = np.where(self.free & self.own, 1 + np.arange(len(self.rest)), 0)
-        mesh.can_collide = ipctk.make_vertex_patches_filter(labels.astype(np.int32))
+        mesh.can_collide = ipctk.make_vertex_patches_filter(labels[self.rows].astype(np.int32))
         return mesh
+
+    def placed(self, positions: Floats) -> Floats:
+        """(touching, 3) of (vertices, 3), as ipctk wants them."""
+        return np.asfortranarray(positions[self.rows])
 
     @cached_property
     def edges(self) -> Ints:
@@ -214,37 +228,46 @@ class Tissue:
 
     def clear(self, positions: Floats) -> bool:
         """Whether nothing is near, nor crosses, at (vertices, 3)."""
+        # Long edges go through large triangles far from all their vertices.
+        return not len(self.collisions(positions)) and not self.crosses(positions)
+
+    def forces(self, state: State) -> Floats:
+        """(vertices, 3) by which each is held off; 0 where nothing is near."""
+        if state.near is None:
+            return np.zeros_like(state.positions)
+        return -self.gradient(state.near, state.positions)
+
+    def gradient(self, near: Any, positions: Floats) -> Floats:
+        """(vertices, 3) of the barrier of what is near at (vertices, 3)."""
+        gradient = np.zeros_like(positions)
+        gradient[self.rows] = self.barrier.gradient(near, self.mesh, self.placed(positions)).reshape(-1, 3)
+        return gradient
+
+    def crosses(self, positions: Floats) -> bool:
+        """Whether anything crosses at (vertices, 3)."""
         import ipctk
 
-        if len(self.collisions(positions)):
-            return False
-        # Long edges go through large triangles far from all their vertices.
-        return not ipctk.has_intersections(self.mesh, np.asfortranarray(positions))
-
-    def forces(self, positions: Floats) -> Floats:
-        """(vertices, 3) by which each is held off at (vertices, 3); 0 where nothing is near."""
-        placed = np.asfortranarray(positions)
-        return -np.asarray(self.barrier.gradient(self.collisions(positions), self.mesh, placed)).reshape(-1, 3)
+        return bool(ipctk.has_intersections(self.mesh, self.placed(positions)))
 
     def crossing(self, positions: Floats) -> Bools | None:
         """(vertices,) whether an edge or a triangle of each crosses at (vertices, 3); None where none does."""
-        import ipctk
-
-        if not ipctk.has_intersections(self.mesh, np.asfortranarray(positions)):
+        if not self.crosses(positions):
             return None
-        marked = passing(positions, self.mesh.edges, self.mesh.faces, self.free & self.own)
+        counting = (self.free & self.own)[self.rows]
+        marked = np.zeros(len(positions), bool)
+        marked[self.rows] = passing(self.placed(positions), self.mesh.edges, self.mesh.faces, counting)
         return marked if marked.any() else None
 
     def _near(self, positions: Floats, near: float, kept: float) -> Any:
         import ipctk
 
         found = ipctk.NormalCollisions()
-        found.build(self.mesh, np.asfortranarray(positions), near, kept)
+        found.build(self.mesh, self.placed(positions), near, kept)
         return found
 
     def way(self, start: Floats, end: Floats) -> "_Way":
         """The straight way from (vertices, 3) to others."""
-        return _Way(self, np.asfortranarray(start), np.asfortranarray(end))
+        return _Way(self, self.placed(start), self.placed(end))
 
 
 class _Way:
@@ -275,7 +298,7 @@ class _Way:
         import ipctk
 
         found = ipctk.NormalCollisions()
-        found.build(self._candidates, self._tissue.mesh, np.asfortranarray(positions), *self._tissue.distances)
+        found.build(self._candidates, self._tissue.mesh, self._tissue.placed(positions), *self._tissue.distances)
         return found
 
 
@@ -342,7 +365,7 @@ def _newton(tissue: Tissue, positions: Floats, posed: Posed, near: Any) -> State
             # To the bit: where nothing touches any more, contact moves nothing.
             return State(posed.positions, posed)
         positions = np.where(held[:, None], posed.positions, positions)
-    return State(positions, posed, settled)
+    return State(positions, posed, settled, near)
 
 
 @dataclass(frozen=True, slots=True)
@@ -362,16 +385,16 @@ def _energy(tissue: Tissue, positions: Floats, wanted: _Wanted, near: Any) -> fl
     correction = positions - wanted.positions
     elastic = 0.5 * float(np.sum(correction * (tissue.stiffness @ correction)))
     pressed = 0.5 * float(tissue.pressures @ (tissue.pieces.volumes(positions) - wanted.volumes) ** 2)
-    return elastic + pressed + float(tissue.barrier(near, tissue.mesh, np.asfortranarray(positions)))
+    return elastic + pressed + float(tissue.barrier(near, tissue.mesh, tissue.placed(positions)))
 
 
 def _direction(tissue: Tissue, positions: Floats, wanted: _Wanted, near: Any) -> tuple[Floats, float]:
     """(vertices, 3) Newton's step, which takes what is not free to its place, and the slope of the energy along it."""
     import ipctk
 
-    placed, free = np.asfortranarray(positions), tissue.free
+    free, touching = tissue.free, tissue.rows
     correction = positions - wanted.positions
-    barrier = tissue.barrier.gradient(near, tissue.mesh, placed).reshape(-1, 3)
+    barrier = tissue.gradient(near, positions)
     direction = np.where(free[:, None], 0.0, -correction)
     gradients = tissue.pieces.gradients(positions)
     more = tissue.pieces.volumes(positions) - wanted.volumes
@@ -381,12 +404,13 @@ def _direction(tissue: Tissue, positions: Floats, wanted: _Wanted, near: Any) ->
         tissue.pressures,
         more - np.tensordot(gradients, correction, axes=2),
     )
+    placed = tissue.placed(positions)
     hessian = tissue.barrier.hessian(near, tissue.mesh, placed, ipctk.PSDProjectionMethod.CLAMP).tocsr()
-    rows = np.flatnonzero(np.diff(hessian.indptr).reshape(-1, 3).any(axis=1) & free)
-    coordinates = (3 * rows[:, None] + np.arange(3)).reshape(-1)
+    numbers = np.flatnonzero(np.diff(hessian.indptr).reshape(-1, 3).any(axis=1) & free[touching])
+    coordinates, rows = (3 * numbers[:, None] + np.arange(3)).reshape(-1), touching[numbers]
     held = Held(
         (np.cumsum(free) - 1)[rows],
-        -barrier[rows] - (hessian[coordinates] @ direction.reshape(-1)).reshape(-1, 3),
+        -barrier[rows] - (hessian[coordinates] @ direction[touching].reshape(-1)).reshape(-1, 3),
         hessian[coordinates][:, coordinates],
         correction[rows],
     )

@@ -47,7 +47,8 @@ def fewest(solved: Sequence[Found], *, share: float, most: int) -> tuple[Floats,
             weights, shapes = weighted_basis(wanted, shares, count)
             made = [made_of(row, shapes) for row in weights]
             wrong = _wrong(solved, made, bound) if count < most else {}
-            if len(wrong) > _HOPELESS * before:
+            hopeless = _HOPELESS * before if count < most else np.inf
+            if len(wrong) > hopeless or _more_cross(solved, made, suspects, hopeless):
                 break
             crossing = _crossing(solved, made, suspects)
             if len(suspects) < len(solved) and (count == most or not (crossing or wrong)):
@@ -58,7 +59,7 @@ def fewest(solved: Sequence[Found], *, share: float, most: int) -> tuple[Floats,
             if count == most:
                 tries.append((len(crossing), max(lost, allowed), weights, shapes))
             bad = len(crossing.keys() | wrong.keys())
-            if not bad or (bad > _HOPELESS * before and count < most):
+            if not bad or bad > hopeless:
                 break
             for number, marked in (*crossing.items(), *wrong.items()):
                 shares[number, marked] *= _MORE
@@ -72,6 +73,18 @@ def _wrong(solved: Sequence[Found], made: Sequence[Floats], bound: float) -> dic
     """Poses in which what shapes made is further off than a bound, solver's units, and (free,) which vertices are."""
     further = (each.off(moved) > bound for each, moved in zip(solved, made, strict=True))
     return {number: marked for number, marked in enumerate(further) if marked.any()}
+
+
+def _more_cross(solved: Sequence[Found], made: Sequence[Floats], numbers: Ints, most: float) -> bool:
+    """Whether what shapes made crosses in more of some poses than in a number of them: found by a part of the work."""
+    if most >= len(numbers):
+        return False
+    crossing = 0
+    for number in numbers.tolist():
+        crossing += solved[number].crosses(made[number])
+        if crossing > most:
+            return True
+    return False
 
 
 def _crossing(solved: Sequence[Found], made: Sequence[Floats], numbers: Ints) -> dict[int, Bools]:

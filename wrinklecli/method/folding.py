@@ -72,6 +72,10 @@ class Found:
         positions[free_rows(self.tissue)] += np.einsum("vij,vj->vi", self.matrices, moved)
         return positions
 
+    def crosses(self, moved: Floats) -> bool:
+        """Whether anything crosses with another (free, 3) move, and did not with this one."""
+        return self._ever is None and self.tissue.crosses(self.with_moved(moved))
+
     def crossing(self, moved: Floats) -> Bools | None:
         """(free,) which vertices cross with another (free, 3) move; None if none does.
 
@@ -115,7 +119,7 @@ def found_in(
         moving = np.flatnonzero(correction.any(axis=1))
         if len(moving):
             moved[moving] = np.einsum("vij,vj->vi", inverses(matrices[moving]), correction[moving])
-            forces = tissue.forces(state.positions)
+            forces = tissue.forces(state)
             shares = _spread(tissue, np.asarray(forces.any(axis=1)))[rows]
             outward = unit(forces[rows])
         yield Found(tissue, moved, shares, outward, state.posed.positions, matrices, state)
