@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from wrinklecli.method.contact import UNITS, Posed
+from wrinklecli.method.tissue import UNITS, Posed
 
 RINGS, SIDES = 16, 10
 

@@ -12,7 +12,8 @@ from wrinklecli.numeric.crossings import Crossings
 pytest.importorskip("ipctk", reason="needs the extra `contact`")
 
 from kit.bent_tube import SIDES, bent, tube
-from wrinklecli.method.contact import FREE, SOFT, Posed, Tissue, march
+from wrinklecli.method.contact import march
+from wrinklecli.method.tissue import FREE, SOFT, Posed, Tissue
 
 
 @pytest.mark.quick(1)

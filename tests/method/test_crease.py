@@ -12,11 +12,11 @@ from kit.bent_tube import SIDES, tube
 from kit.limb import limb_asset, tool, write_tools
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
-from wrinklecli.method.contact import FREE, SOFT, Posed, State, Tissue
 from wrinklecli.method.crease import resolve
 from wrinklecli.method.fitting import fewest
 from wrinklecli.method.fold import RINGS
 from wrinklecli.method.folding import Found, free_rows
+from wrinklecli.method.tissue import FREE, SOFT, Posed, State, Tissue
 from wrinklecli.numeric.crossings import widened
 
 

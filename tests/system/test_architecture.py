@@ -38,7 +38,7 @@ DOORS = {
     "zstandard": {"baking/original"},
     "threadpoolctl": {"numeric/guard"},
     "trimesh": {"baking/frame_files"},
-    "ipctk": {"method/contact", "method/passing"},
+    "ipctk": {"method/passing", "method/tissue"},
     "embreex": {"review/preview/preview", "review/preview/rays"},
     "PIL": {"gltf/pixels", "review/preview/cards", "review/preview/preview", "review/preview/sheet"},
     "matplotlib": {"review/plot"},

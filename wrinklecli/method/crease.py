@@ -12,7 +12,6 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.motion import approach
-from wrinklecli.method.contact import FREE, SOFT, UNITS, Tissue
 from wrinklecli.method.fitting import fewest, fitted, made_of
 from wrinklecli.method.fold import RINGS, Fold
 from wrinklecli.method.folding import (
@@ -24,6 +23,7 @@ from wrinklecli.method.folding import (
     last_of,
     positions_of,
 )
+from wrinklecli.method.tissue import FREE, SOFT, UNITS, Tissue
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, interpolated
 from wrinklecli.numeric.crossings import widened
 

@@ -8,8 +8,9 @@ from itertools import islice
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.method.contact import UNITS, Posed, State, Tissue, march
+from wrinklecli.method.contact import march
 from wrinklecli.method.fold import Fold
+from wrinklecli.method.tissue import UNITS, Posed, State, Tissue
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, inverses, unit
 from wrinklecli.numeric.crossings import widened
 
