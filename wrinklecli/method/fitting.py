@@ -51,12 +51,15 @@ def fewest(solved: Sequence[Found], *, share: float, most: int) -> tuple[Floats,
             if len(wrong) > hopeless or _more_cross(solved, made, suspects, hopeless):
                 break
             crossing = _crossing(solved, made, suspects)
-            if len(suspects) < len(solved) and (count == most or not (crossing or wrong)):
+            # The rest are looked at where all may be right, or at last where no try was better.
+            best = min((left for left, *_ in tries), default=len(solved) if count == most else 0)
+            looked = len(crossing) <= best and not wrong
+            if looked and len(suspects) < len(solved):
                 crossing |= _crossing(solved, made, np.setdiff1d(np.arange(len(solved)), suspects))
             lost = max(each.squeezed(moved) for each, moved in zip(solved, made, strict=True))
             if not crossing and not wrong and lost <= allowed:
                 return weights, shapes, 0
-            if count == most:
+            if count == most and looked:
                 tries.append((len(crossing), max(lost, allowed), weights, shapes))
             bad = len(crossing.keys() | wrong.keys())
             if not bad or bad > hopeless:
