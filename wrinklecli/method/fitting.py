@@ -73,9 +73,14 @@ def fewest(solved: Sequence[Found], *, share: float, most: int) -> tuple[Floats,
 
 
 def _wrong(solved: Sequence[Found], made: Sequence[Floats], bound: float) -> dict[int, Bools]:
-    """Poses in which what shapes made is further off than a bound, solver's units, and (free,) which vertices are."""
-    further = (each.off(moved) > bound for each, moved in zip(solved, made, strict=True))
-    return {number: marked for number, marked in enumerate(further) if marked.any()}
+    """Poses in which what shapes made is further off than a bound, solver's units, and (free,) where.
+
+    With a vertex those count that are beside it: else shapes are rough there.
+    """
+    further = [each.off(moved) > bound for each, moved in zip(solved, made, strict=True)]
+    return {
+        k: each.beside(marked) for k, (each, marked) in enumerate(zip(solved, further, strict=True)) if marked.any()
+    }
 
 
 def _more_cross(solved: Sequence[Found], made: Sequence[Floats], numbers: Ints, most: float) -> bool:

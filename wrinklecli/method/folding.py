@@ -67,6 +67,12 @@ class Found:
         """By how much another (free, 3) move is off at most, solver's units."""
         return float(self.off(moved).max(initial=0.0))
 
+    def beside(self, marked: Bools) -> Bools:
+        """(free,) those marked, and those that edges join to them."""
+        rows, every = free_rows(self.tissue), np.zeros(len(self.positions), bool)
+        every[rows] = marked
+        return widened(self.tissue.edges, every)[rows]
+
     def with_moved(self, moved: Floats) -> Floats:
         """(vertices, 3) where all vertices are with another (free, 3) move, solver's units."""
         positions = self.positions.copy()
