@@ -92,7 +92,7 @@ def test_what_cannot_collide_is_not_in_the_way() -> None:
     alone = Tissue(rest, triangles, np.ones(len(triangles), bool), free, np.ones(count, bool), apart)
 
     def beside(places: np.ndarray, share: float) -> np.ndarray:
-        return np.concatenate([places, rest * [share, share, share] + [0.0, 0.0, 900.0]])
+        return np.concatenate([places, share * rest + [0.0, 0.0, 900.0]])
 
     both = Tissue(
         beside(rest, 1.0),

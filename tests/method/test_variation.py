@@ -56,22 +56,6 @@ def lattice(variation: Variation) -> tuple[Floats, Floats]:
     return np.meshgrid(us, np.linspace(-1.0, 1.0, 41), indexing="ij")
 
 
-def crests_of(heights: list[float], least: float) -> list[int]:
-    """Places of the crests of a line that stand out from the furrows on both sides by more than that."""
-    found, highest, lowest, rises = [], 0, 0, True
-    for place, height in enumerate(heights):
-        if rises and height > heights[highest]:
-            highest = place
-        elif rises and height < heights[highest] - least:
-            found.append(highest)
-            lowest, rises = place, False
-        elif not rises and height < heights[lowest]:
-            lowest = place
-        elif not rises and height > heights[lowest] + least:
-            highest, rises = place, True
-    return found
-
-
 @given(cases())
 def test_no_two_crests_cross_and_borders_stay(case: Case) -> None:
     u, v = lattice(case.variation)
@@ -189,6 +173,8 @@ def test_a_seed_has_the_mirror_image_on_the_other_side() -> None:
     [("smooth", 0), ("skin", 0), ("cloth", 0), ("polyline", 0), ("smooth", 1), ("skin", 1), ("cloth", 1)],
 )
 def test_the_crests_of_bumps_that_merge_come_together_and_are_one_from_there_on(profile: Any, gap: int) -> None:
+    from scipy.signal import find_peaks  # here, as collecting tests would take a second longer
+
     drawn_so = plan_variation("seven", 0.6, 1.0, bumps=2, gap=gap, aspect=1.0, kind="bell")
     (merger,) = drawn_so.mergers
     lines = np.linspace(0.0, 0.95, 200)
@@ -206,7 +192,7 @@ def test_the_crests_of_bumps_that_merge_come_together_and_are_one_from_there_on(
     )
     places = drawn_so.places(u.reshape(-1), v.reshape(-1))[0]
     heights = (places.factors * places.shapes(curve)[0, 0]).reshape(u.shape)
-    crests = [crests_of(row, 0.02 * max(row)) for row in heights.tolist()]
+    crests = [find_peaks(row, prominence=0.02 * row.max())[0] for row in heights]
     counts = np.array([len(each) for each in crests])
     assert (counts[lines <= merger.start] == 2).all()
     assert (counts[lines >= merger.start + merger.over] == 1).all()

@@ -145,15 +145,13 @@ def _march(plan: MeshPlan, crease: "Crease", motion: Motion, times: Floats | Non
     """March a clip, at times of its own where there are any."""
     clip, times = motion.clip, motion.times if times is None else times
     settings = [plan.carried_patches[number].patch.tool.contact for number in crease.fold.tools]
-    if not any(each is not None and each.per_clip for each in settings):
-        followed = crease.follow(clip, times, crease.marched(clip, times))
-        return _Marched(times, followed, left=left_in(crease, clip, times, followed))
-    marched = list(crease.marched(clip, times))
-    followed = crease.follow(clip, times, marched)
-    if followed.crossing:
-        own, followed = crease.for_clip(clip, times, marched, share=_SHAPE_ERROR, most=_MOST_OWN)
-        return _Marched(times, followed, own, left_in(own, clip, times, followed))
-    return _Marched(times, followed, left=left_in(crease, clip, times, followed))
+    marched = crease.marched(clip, times)
+    per_clip = any(each is not None and each.per_clip for each in settings)
+    kept = list(marched) if per_clip else []  # it may be followed twice
+    followed, own = crease.follow(clip, times, kept or marched), None
+    if per_clip and followed.crossing:
+        own, followed = crease.for_clip(clip, times, kept, share=_SHAPE_ERROR, most=_MOST_OWN)
+    return _Marched(times, followed, own, left_in(own or crease, clip, times, followed))
 
 
 def _crease_set(

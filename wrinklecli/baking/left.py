@@ -16,9 +16,6 @@ if TYPE_CHECKING:
     from wrinklecli.method.crease import Crease, Followed
     from wrinklecli.method.fold import Fold
 
-# Frames that are posed at once: bounds the memory.
-_AT_ONCE = 16
-
 
 @dataclass(frozen=True, slots=True)
 class Left:
@@ -55,7 +52,8 @@ def left_in(crease: "Crease", clip: Clip, times: Floats, followed: "Followed") -
     if not followed.crossing:
         return None
     fold, free = crease.fold, crease.tissue.free & crease.tissue.own
-    resolved = np.array(list(_counts(fold, free, clip, times, np.tensordot(followed.weights, crease.shapes, axes=1))))
+    moves = (np.tensordot(row, crease.shapes, axes=1) for row in followed.weights)
+    resolved = np.array(list(_counts(fold, free, clip, times, moves)))
     if not resolved.any():
         return None
     most = int(np.argmax(resolved))
@@ -64,7 +62,9 @@ def left_in(crease: "Crease", clip: Clip, times: Floats, followed: "Followed") -
     return Left(clip.name, float(times[most]), frames, before, wrinkled, int(resolved[most]), followed.given_up)
 
 
-def _counts(fold: "Fold", free: Bools, clip: Clip, times: Floats, moved: Floats | None = None) -> Iterator[int]:
+def _counts(
+    fold: "Fold", free: Bools, clip: Clip, times: Floats, moves: Iterator[Floats] | None = None
+) -> Iterator[int]:
     """How many edges pass through triangles at each of (frames,) seconds of a clip.
 
     Args:
@@ -72,16 +72,15 @@ def _counts(fold: "Fold", free: Bools, clip: Clip, times: Floats, moved: Floats 
         free: (vertices,) those of which it counts what crosses.
         clip: The animation.
         times: Seconds.
-        moved: (frames, free, 3) what contact adds to these, bind space; nothing where left out.
+        moves: (free, 3) of each frame, what contact adds to these, bind space; nothing where left out.
     """
     rows, crossings = np.flatnonzero(free), fold.crossings
-    for start in range(0, len(times), _AT_ONCE):
-        for k, (positions, matrices) in enumerate(zip(*fold.posed(clip, times[start : start + _AT_ONCE]), strict=True)):
-            if moved is not None:
-                positions[rows] += np.einsum("vij,vj->vi", matrices[rows], moved[start + k])
-            edges, triangles = crossings.at(positions)
-            counts = free[crossings.edges[edges]].any(axis=1) | free[crossings.triangles[triangles]].any(axis=1)
-            yield int(np.count_nonzero(counts))
+    for positions, matrices in fold.poses(clip, times):
+        if moves is not None:
+            positions[rows] += np.einsum("vij,vj->vi", matrices[rows], next(moves))
+        edges, triangles = crossings.at(positions)
+        counts = free[crossings.edges[edges]].any(axis=1) | free[crossings.triangles[triangles]].any(axis=1)
+        yield int(np.count_nonzero(counts))
 
 
 def _bare(fold: "Fold") -> "Fold":

@@ -4,7 +4,7 @@ Not in the paper, which names contact as a goal. A fold is what module `contact`
 joint, with the surface round it that may touch.
 """
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -35,6 +35,8 @@ RINGS = 3
 
 # Radius of the limb at least, in lengths of the segment: a joint may lie in the skin.
 _LEAST_RADIUS = 0.25
+# Poses that are computed at once: bounds the memory.
+_AT_ONCE = 16
 # Poses on the way to either end of a joint's range at which other meshes are looked at.
 _LOOKS = 4
 # Moments of a clip at which they are looked at for passing through themselves, at most.
@@ -118,6 +120,11 @@ class Fold:
         others = [each.posed(clip, times) for each in self.others]
         positions = np.concatenate([transform(blended, bind), *(each[0] for each in others)], axis=1)
         return positions, np.concatenate([blended[..., :3], *(each[1] for each in others)], axis=1)
+
+    def poses(self, clip: Clip | None, times: Floats) -> Iterator[tuple[Floats, Floats]]:
+        """As `posed`, for one of (frames,) seconds after the other."""
+        for k in range(0, len(times), _AT_ONCE):
+            yield from zip(*self.posed(clip, times[k : k + _AT_ONCE]), strict=True)
 
     def crossing(self, positions: Floats) -> Bools:
         """(vertices,) whether an edge or a triangle of each takes part in a crossing at (vertices, 3) positions.

@@ -16,8 +16,6 @@ from wrinklecli.numeric.crossings import widened
 
 # Poses of which all but the last are passed over where nothing is near at its: 16° of a sweep, an eighth of a second.
 _AHEAD = 4
-# Poses that are computed at once: bounds the memory.
-_AT_ONCE = 16
 # What the square of an error counts where nothing touches, of what it counts where something does: there a tenth of
 # the length is as good, hidden in the fold. From one to the other it falls over some rings of vertices, by a share
 # each: what is there may touch next.
@@ -188,10 +186,9 @@ def _poses(fold: Fold, tissue: Tissue, clip: Clip | None, times: Floats) -> Iter
     scale = UNITS / fold.radius
     apart = np.sqrt(np.sum((fold.rest_positions - fold.pivot) ** 2, axis=1)) / fold.radius
     shares = np.where(fold.own, 1.0 / (1.0 + apart**2), 0.0)
-    for k in range(0, len(times), _AT_ONCE):
-        for positions, matrices in zip(*fold.posed(clip, times[k : k + _AT_ONCE]), strict=True):
-            turn, shift = _aligned(scale * positions, tissue.rest, shares)
-            yield Posed(scale * positions @ turn.T + shift, turn @ matrices)
+    for positions, matrices in fold.poses(clip, times):
+        turn, shift = _aligned(scale * positions, tissue.rest, shares)
+        yield Posed(scale * positions @ turn.T + shift, turn @ matrices)
 
 
 def _aligned(positions: Floats, wanted: Floats, shares: Floats) -> tuple[Floats, Floats]:
