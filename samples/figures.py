@@ -27,8 +27,8 @@ from wrinklecli.character.clip import Clip, read_clips
 from wrinklecli.character.crossings import read_scene_surface
 from wrinklecli.character.pose import node_matrices
 from wrinklecli.character.rig import Rig
+from wrinklecli.effects.wrinkle.curve import ControlCurve, plan_curve
 from wrinklecli.gltf.document import read_document
-from wrinklecli.method.curve import ControlCurve, plan_curve
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, unit
 
 HERE = Path(__file__).resolve().parent
@@ -170,7 +170,9 @@ FLOW = {
     "tools": ("tools.yaml", "WrinkleTool"),
     "gltf": ("character.glb", "Document"),
     "character": ("Document", "Rig, Clip, Surface"),
-    "method": ("Surface, tools, shortening", "shapes and heights"),
+    "surface": ("Surface, points", "patches, finer mesh"),
+    "drive": ("Rig, Clip", "numbers over time"),
+    "effects": ("surface, tool, drive", "shapes and weights"),
     "baking": ("asset and tools", "out.glb, report"),
     "review": ("assets, tools", "text, tables, pictures"),
     "batch": ("manifest", "many bakes"),

@@ -14,9 +14,9 @@ from wrinklecli.baking.left import left_in
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.baking.targets import CreaseSet, Lift
 from wrinklecli.baking.warnings import fold_warnings
-from wrinklecli.method.crease import resolve
-from wrinklecli.method.fitting import fitted
-from wrinklecli.method.folding import Found
+from wrinklecli.effects.contact.crease import resolve
+from wrinklecli.effects.contact.fitting import fitted
+from wrinklecli.effects.contact.folding import Found
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.crossings import find_crossings
 
@@ -48,7 +48,7 @@ def test_a_clip_that_would_cross_more_with_contact_is_left_without_and_a_line_sa
         weights, urgent, _ = fitted(found, shapes, urgent)
         return -weights, urgent, True
 
-    monkeypatch.setattr("wrinklecli.method.crease.fitted", pressed)
+    monkeypatch.setattr("wrinklecli.effects.contact.crease.fitted", pressed)
     given_up = worse.follow(clip, TIMES, worse.marched(clip, TIMES))
     assert given_up.given_up
     assert not given_up.weights.any()

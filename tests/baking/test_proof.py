@@ -24,10 +24,10 @@ from wrinklecli.baking.targets import AnySet, Target, of_folds
 from wrinklecli.character import weight_track
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.pose import blend, joint_matrices, morph_weights, transform
+from wrinklecli.effects.wrinkle.carry import displacements
 from wrinklecli.errors import RefusedError
 from wrinklecli.gltf.document import read_document
 from wrinklecli.gltf.edit import EditedDocument
-from wrinklecli.method.carry import displacements
 from wrinklecli.numeric.guard import no_progress
 from wrinklecli.tools.read import load_tools
 from wrinklecli.tools.records import Length

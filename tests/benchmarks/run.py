@@ -57,10 +57,10 @@ from wrinklecli.character.clip import Clip, read_clips  # noqa: E402
 from wrinklecli.character.pose import joint_matrices, morph_weights  # noqa: E402
 from wrinklecli.character.skin import pose, prepare  # noqa: E402
 from wrinklecli.character.surface import read_triangles  # noqa: E402
+from wrinklecli.effects.wrinkle.activity import activities  # noqa: E402
+from wrinklecli.effects.wrinkle.shapes import shapes_of  # noqa: E402
+from wrinklecli.effects.wrinkle.weights import weights_of  # noqa: E402
 from wrinklecli.gltf.document import read_document  # noqa: E402
-from wrinklecli.method.activity import activities  # noqa: E402
-from wrinklecli.method.shapes import shapes_of  # noqa: E402
-from wrinklecli.method.weights import weights_of  # noqa: E402
 from wrinklecli.review.crossings import find_crossings  # noqa: E402
 from wrinklecli.tools.read import load_tools  # noqa: E402
 from wrinklecli.tools.records import Length  # noqa: E402

@@ -9,7 +9,7 @@ from kit.asset import Asset
 from kit.limb import RADIUS, limb_asset, tool
 from kit.prepared import prepare
 from wrinklecli.character.contacts import Neighbours, contacts_of
-from wrinklecli.method.refine import Refinement
+from wrinklecli.surface.refine import Refinement
 
 
 def with_neighbour(places: Any, *, translation: Any = (0, 0, 0), **options: Any) -> Asset:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from wrinklecli.method.tissue import UNITS, Posed
+from wrinklecli.effects.contact.tissue import UNITS, Posed
 
 RINGS, SIDES = 16, 10
 

@@ -9,8 +9,8 @@ from kit.limb import limb_asset, tool
 from kit.prepared import Prepared, as_document
 from wrinklecli.character.pose import node_matrices
 from wrinklecli.character.rig import read_rig
-from wrinklecli.method.carry import CarriedPatch, carry, displacements
-from wrinklecli.method.refine import Refinement
+from wrinklecli.effects.wrinkle.carry import CarriedPatch, carry, displacements
+from wrinklecli.surface.refine import Refinement
 
 Floats = NDArray[np.float64]
 

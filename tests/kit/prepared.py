@@ -14,12 +14,12 @@ from wrinklecli.character.clip import Clip, read_clips
 from wrinklecli.character.pose import blend, joint_matrices, morph_weights, transform
 from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.surface import Surface, read_surface
+from wrinklecli.effects.wrinkle.attach import attach_tools
+from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.gltf.document import Document, read_document
-from wrinklecli.method.attach import attach_tools
-from wrinklecli.method.patch import Patch
-from wrinklecli.method.refine import Refinement, refine
-from wrinklecli.method.rest import Rest, rest_pose
 from wrinklecli.numeric.arrays import Floats
+from wrinklecli.surface.refine import Refinement, refine
+from wrinklecli.surface.rest import Rest, rest_pose
 from wrinklecli.tools.read import parse_tools
 from wrinklecli.tools.records import ToolsFile
 

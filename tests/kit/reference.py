@@ -11,8 +11,8 @@ from wrinklecli.baking.plan import MeshPlan, plan_mesh
 from wrinklecli.baking.refined_mesh import primitives_of, shared_vertices
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.pose import blend, joint_matrices, morph_weights, transform
+from wrinklecli.effects.wrinkle.carry import displacements
 from wrinklecli.gltf.document import read_document
-from wrinklecli.method.carry import displacements
 from wrinklecli.tools.read import load_tools
 from wrinklecli.tools.records import Length
 

@@ -13,14 +13,14 @@ from wrinklecli import bake
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.rig import read_rig
 from wrinklecli.character.surface import read_surface
+from wrinklecli.effects.wrinkle.activity import lengths_over_time
+from wrinklecli.effects.wrinkle.attach import attach_tools
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import read_document
-from wrinklecli.method.activity import lengths_over_time
-from wrinklecli.method.attach import attach_tools
-from wrinklecli.method.rest import rest_pose
 from wrinklecli.numeric.arrays import unit
 from wrinklecli.review.suggest.fitting import Suggestion
 from wrinklecli.review.suggest.suggest import Suggestions, suggest
+from wrinklecli.surface.rest import rest_pose
 from wrinklecli.tools.mirror import exchange_sides
 from wrinklecli.tools.read import load_tools, parse_tools
 from wrinklecli.tools.records import Length, RestLengthMorph

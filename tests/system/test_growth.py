@@ -16,8 +16,8 @@ from wrinklecli import bake
 from wrinklecli.baking import plan, proof, sample
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.character import pose
+from wrinklecli.effects.wrinkle.activity import anchor_joints
 from wrinklecli.gltf import new_data
-from wrinklecli.method.activity import anchor_joints
 from wrinklecli.numeric import piecewise as tracks
 from wrinklecli.numeric import red_green
 from wrinklecli.numeric.memory import Memory

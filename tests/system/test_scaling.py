@@ -18,10 +18,10 @@ from wrinklecli import bake
 from wrinklecli.baking import pipeline, placement, warnings
 from wrinklecli.character import contacts, rig, scene
 from wrinklecli.gltf.document import read_document
-from wrinklecli.method import refine
 from wrinklecli.review.check import check
 from wrinklecli.review.diff import motion
 from wrinklecli.review.diff.diff import diff
+from wrinklecli.surface import refine
 
 
 def counted(

@@ -10,10 +10,10 @@ import numpy as np
 
 from wrinklecli.baking.parts import PARTS
 from wrinklecli.character.rig import read_rig
+from wrinklecli.effects.wrinkle.lookup import CurveTable
 from wrinklecli.errors import AssetError, listed
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
-from wrinklecli.method.lookup import CurveTable
 from wrinklecli.numeric.arrays import Floats, affine_rows, unit_quaternions
 from wrinklecli.tools.records import Lag
 

@@ -14,7 +14,7 @@ from wrinklecli.baking.baked_body import BakedAnchor, BakedTool
 from wrinklecli.character.clip import Clip, motion_breaks
 from wrinklecli.character.pose import LEAST_SCALE, morph_weights, node_matrices
 from wrinklecli.character.rig import Rig
-from wrinklecli.method.lag import lagging_tissue
+from wrinklecli.drive.lag import lagging_tissue
 from wrinklecli.numeric.arrays import Floats
 
 # (frames,) seconds to (frames,) distances and (frames,) rest lengths, scene units.

@@ -14,9 +14,9 @@ from wrinklecli.baking.sample import Motion, sample_clips, takes_of
 from wrinklecli.baking.targets import AnySet, CreaseSet, Lift, TargetSet, named_targets, of_tools
 from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip, clip_grid
 from wrinklecli.character.pose import pose_at
-from wrinklecli.method.activity import further_activities, lengths_over_time
-from wrinklecli.method.shapes import Sample, Shape, make_shapes
-from wrinklecli.method.weights import weights_of
+from wrinklecli.effects.wrinkle.activity import further_activities, lengths_over_time
+from wrinklecli.effects.wrinkle.shapes import Sample, Shape, make_shapes
+from wrinklecli.effects.wrinkle.weights import weights_of
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, interpolated
 from wrinklecli.numeric.guard import Progress, one_thread
 from wrinklecli.numeric.memory import Memory
@@ -24,8 +24,8 @@ from wrinklecli.numeric.piecewise import key_points
 from wrinklecli.tools.records import identifier
 
 if TYPE_CHECKING:
-    from wrinklecli.method.crease import Crease, Followed
-    from wrinklecli.method.fold import Fold
+    from wrinklecli.effects.contact.crease import Crease, Followed
+    from wrinklecli.effects.contact.fold import Fold
 
 # Shapes of a fold at most, whatever their error: with the one that lifts their weights eight morph targets.
 _MOST_SHAPES = 7
@@ -75,7 +75,7 @@ def _add_creases(
     # Imported here, as other bakes need none of it.
     import scipy.linalg  # noqa: F401  # has a BLAS of its own, which is to run one thread
 
-    from wrinklecli.method.crease import resolve
+    from wrinklecli.effects.contact.crease import resolve
 
     made: list[AnySet] = list(target_sets)
     with one_thread():
@@ -162,7 +162,7 @@ def _crease_set(
     clip: str | None = None,
 ) -> CreaseSet:
     """The targets of a fold for all clips, or for one, and what they leave in those that they act in."""
-    from wrinklecli.method.fitting import MOST_WEIGHT
+    from wrinklecli.effects.contact.fitting import MOST_WEIGHT
 
     lift = Lift(len(crease.shapes), MOST_WEIGHT)
     shapes = make_shapes(

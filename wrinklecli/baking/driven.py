@@ -8,10 +8,10 @@ from wrinklecli.baking.baked_body import BakedBody, read_bodies, wrinkle_targets
 from wrinklecli.baking.track import MAX_ERROR, present_tools, track_body
 from wrinklecli.character.anims import NamedNodes
 from wrinklecli.character.clip import Clip, read_clips
+from wrinklecli.effects.wrinkle.lookup import TABLE_ERROR
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edit import EditedDocument
-from wrinklecli.method.lookup import TABLE_ERROR
 
 _FPS = 30.0  # of the grid of times, as `track` has it
 

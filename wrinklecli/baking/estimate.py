@@ -9,10 +9,10 @@ from wrinklecli.baking.job import Job
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.sample import compress_displacements, moving_clips
 from wrinklecli.character.clip import Clip
+from wrinklecli.effects.wrinkle.carry import CarriedPatch
+from wrinklecli.effects.wrinkle.posed import refuse_large_series
 from wrinklecli.errors import BakeError, counted
 from wrinklecli.gltf.writer import GLB_LIMIT
-from wrinklecli.method.carry import CarriedPatch
-from wrinklecli.method.posed import refuse_large_series
 from wrinklecli.numeric.arrays import Ints
 from wrinklecli.numeric.memory import Memory, shown_bytes
 

@@ -6,13 +6,13 @@ import numpy as np
 
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.targets import AnySet, CreaseSet, TargetSet, of_folds, of_tools, targets_of
+from wrinklecli.drive.lag import TAUT
+from wrinklecli.effects.contact.hinge import Hinge
+from wrinklecli.effects.wrinkle.lookup import tabulate_curve, tabulate_weights
+from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.gltf.edit import EditedDocument
 from wrinklecli.gltf.shape import Json
-from wrinklecli.method.anchor import Anchor
-from wrinklecli.method.curve import TAUT
-from wrinklecli.method.hinge import Hinge
-from wrinklecli.method.lookup import tabulate_curve, tabulate_weights
-from wrinklecli.method.patch import Patch
+from wrinklecli.surface.anchor import Anchor
 from wrinklecli.tools.records import RestLengthKeys, RestLengthMorph
 
 # Raised only when the geometry that the same asset and tools give changes.

@@ -19,9 +19,9 @@ from wrinklecli.character.skin import pose, prepare
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edit import VERTEX_DATA, EditedDocument
 from wrinklecli.gltf.shape import Json
-from wrinklecli.method.refine import Refinement
 from wrinklecli.numeric.arrays import Floats, Ints, Places, unit
 from wrinklecli.numeric.guard import Progress
+from wrinklecli.surface.refine import Refinement
 
 # Frames posed at once: bounds the memory.
 _CHUNK = 16

@@ -13,8 +13,8 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.numeric.arrays import Bools, Floats
 
 if TYPE_CHECKING:
-    from wrinklecli.method.crease import Crease, Followed
-    from wrinklecli.method.fold import Fold
+    from wrinklecli.effects.contact.crease import Crease, Followed
+    from wrinklecli.effects.contact.fold import Fold
 
 
 @dataclass(frozen=True, slots=True)

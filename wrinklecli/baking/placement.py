@@ -7,12 +7,12 @@ import numpy as np
 
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.sample import ClipActivity
-from wrinklecli.method.carry import CarriedPatch
-from wrinklecli.method.patch import Patch
-from wrinklecli.method.refine import Refinement
+from wrinklecli.effects.wrinkle.carry import CarriedPatch
+from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, children, dot
 from wrinklecli.numeric.cells import Cells
 from wrinklecli.numeric.nearest import ray_distances
+from wrinklecli.surface.refine import Refinement
 
 # Lines along a patch, v, on which layers are counted, and points on each.
 _LINES = np.linspace(-0.75, 0.75, 7)

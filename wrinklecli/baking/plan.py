@@ -16,19 +16,19 @@ from wrinklecli.character.obstacles import read_obstacles
 from wrinklecli.character.pose import joint_matrices
 from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.surface import Surface, influence_count, read_surface
+from wrinklecli.effects.wrinkle.attach import attach_tools
+from wrinklecli.effects.wrinkle.carry import CarriedPatch, carry
+from wrinklecli.effects.wrinkle.demand import demanding
+from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.errors import AssetError, BakeError, WrinkleError, listed, nearest
 from wrinklecli.gltf.document import Document
-from wrinklecli.method.attach import attach_tools
-from wrinklecli.method.carry import CarriedPatch, carry
-from wrinklecli.method.demand import demanding
-from wrinklecli.method.patch import Patch
-from wrinklecli.method.refine import Refinement, refine
-from wrinklecli.method.rest import Rest, rest_pose
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, determinants, distinct_values, median
+from wrinklecli.surface.refine import Refinement, refine
+from wrinklecli.surface.rest import Rest, rest_pose
 from wrinklecli.tools.records import MAX_VERTICES, Length, ToolsFile, WrinkleTool
 
 if TYPE_CHECKING:
-    from wrinklecli.method.fold import Fold
+    from wrinklecli.effects.contact.fold import Fold
 
 # Products of skinning round a few times; below this many units in the last place float32 sets the limit.
 _FLOAT32_STEPS = 8
@@ -248,7 +248,7 @@ def _folds(
         raise BakeError(message, where=tool.place("contact"))
     # Imported here, as other bakes need none of it.
     from wrinklecli.character.bones import read_bones
-    from wrinklecli.method.fold import find_folds
+    from wrinklecli.effects.contact.fold import find_folds
 
     _check_ignored(ground.document, [carried_patches[number].patch.tool for number in chosen])
     parts = read_bones(ground.document).parts

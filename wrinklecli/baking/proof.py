@@ -15,15 +15,15 @@ from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.skin import pose, prepare
 from wrinklecli.character.sparse_targets import SparseDeltas, Targets, read_sparse_deltas
 from wrinklecli.character.surface import dense_influences, read_vertices
+from wrinklecli.effects.wrinkle.activity import Activity, further_activities
+from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
+from wrinklecli.effects.wrinkle.shapes import displaced_normals, turn_to
 from wrinklecli.errors import RefusedError
 from wrinklecli.gltf.edit import EditedDocument
 from wrinklecli.gltf.shape import Json
-from wrinklecli.method.activity import Activity, further_activities
-from wrinklecli.method.carry import CarriedPatch, displacements
-from wrinklecli.method.refine import Refinement
-from wrinklecli.method.shapes import displaced_normals, turn_to
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, interpolated, runs, unit
 from wrinklecli.numeric.guard import Progress
+from wrinklecli.surface.refine import Refinement
 
 # Frames of a clip at which whole members are compared, besides its tallest and most folded.
 _FRAMES = 64

@@ -15,8 +15,8 @@ from wrinklecli.gltf.draco import EXTENSION
 from wrinklecli.gltf.edit import INDEX_DATA, VERTEX_DATA, EditedDocument, index_type
 from wrinklecli.gltf.shape import Json
 from wrinklecli.gltf.unpack import used_joints
-from wrinklecli.method.refine import Refinement
 from wrinklecli.numeric.arrays import Array, Floats, Ints, unit
+from wrinklecli.surface.refine import Refinement
 
 # Components of the attributes that are vectors; TANGENT has a handedness too, save in morph targets.
 _VECTORS = {"POSITION": 3, "NORMAL": 3, "TANGENT": 4}

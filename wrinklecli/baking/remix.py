@@ -10,9 +10,9 @@ from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.sample import Motion, skin_weights
 from wrinklecli.baking.targets import AnySet, Remix, TargetSet, named_targets, of_tools, targets_of
 from wrinklecli.character.clip import Clip
-from wrinklecli.method.activity import further_activities
-from wrinklecli.method.shapes import Shape
-from wrinklecli.method.weights import weight_path
+from wrinklecli.effects.wrinkle.activity import further_activities
+from wrinklecli.effects.wrinkle.shapes import Shape
+from wrinklecli.effects.wrinkle.weights import weight_path
 from wrinklecli.numeric.arrays import Bools, Floats, interpolated
 
 # Share of the tolerance below which a weight may be left out for its target not to count.

@@ -15,11 +15,11 @@ from wrinklecli.baking.sample import ClipActivity, Motion
 from wrinklecli.baking.targets import AnySet, CreaseSet, TargetSet, of_folds, of_tools, targets_of
 from wrinklecli.baking.warnings import fold_warnings, mesh_warnings, tool_warnings
 from wrinklecli.character.clip import KEY_GAP, Clip
+from wrinklecli.effects.contact.hinge import Hinge
+from wrinklecli.effects.wrinkle.activity import Activity
+from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.errors import counted
 from wrinklecli.gltf.shape import Json
-from wrinklecli.method.activity import Activity
-from wrinklecli.method.hinge import Hinge
-from wrinklecli.method.patch import Patch
 from wrinklecli.numeric.arrays import Floats
 
 VERSION = 1

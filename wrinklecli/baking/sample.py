@@ -13,7 +13,8 @@ from wrinklecli.baking.targets import AnySet, TargetSet, named_targets
 from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip, clip_grid, motion_breaks
 from wrinklecli.character.pose import Pose, pose_at
 from wrinklecli.character.rig import moving_nodes
-from wrinklecli.method.activity import (
+from wrinklecli.drive.lag import LaggingTissue
+from wrinklecli.effects.wrinkle.activity import (
     Activity,
     activities,
     activity,
@@ -22,18 +23,17 @@ from wrinklecli.method.activity import (
     rest_lengths_over_time,
     tissues,
 )
-from wrinklecli.method.anchor import anchor_poses
-from wrinklecli.method.bending import tallest_poses
-from wrinklecli.method.carry import CarriedPatch, displacements
-from wrinklecli.method.lag import LaggingTissue
-from wrinklecli.method.posed import compress
-from wrinklecli.method.shapes import Sample, Shape, make_shapes, shapes_of
-from wrinklecli.method.weights import weights_of
+from wrinklecli.effects.wrinkle.bending import tallest_poses
+from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
+from wrinklecli.effects.wrinkle.posed import compress
+from wrinklecli.effects.wrinkle.shapes import Sample, Shape, make_shapes, shapes_of
+from wrinklecli.effects.wrinkle.weights import weights_of
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
 from wrinklecli.numeric.guard import Progress
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.numeric.piecewise import Signal, key_times
 from wrinklecli.numeric.quartics import smooth
+from wrinklecli.surface.anchor import anchor_poses
 
 # Bytes of a value while keys are found, with its copies.
 _VALUE = 16

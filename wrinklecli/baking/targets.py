@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from wrinklecli.baking.left import Left
-from wrinklecli.method.carry import CarriedPatch
-from wrinklecli.method.shapes import Shape
+from wrinklecli.effects.wrinkle.carry import CarriedPatch
+from wrinklecli.effects.wrinkle.shapes import Shape
 from wrinklecli.numeric.arrays import Floats, Ints
 
 if TYPE_CHECKING:
-    from wrinklecli.method.crease import Crease, Followed
+    from wrinklecli.effects.contact.crease import Crease, Followed
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,7 @@ from wrinklecli.character.anims import NamedNodes
 from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip, clip_grid, read_clips
 from wrinklecli.character.rig import Rig, moving_nodes, read_rig
 from wrinklecli.character.weight_track import Track, pad, widen
+from wrinklecli.effects.wrinkle.lookup import TABLE_ERROR
 from wrinklecli.errors import AssetError, BakeError, RefusedError, listed, nearest
 from wrinklecli.files.outputs import Outputs, part_of
 from wrinklecli.gltf.document import read_document
@@ -28,7 +29,6 @@ from wrinklecli.gltf.edit import EditedDocument
 from wrinklecli.gltf.images import files_of
 from wrinklecli.gltf.shape import Json
 from wrinklecli.gltf.writer import write
-from wrinklecli.method.lookup import TABLE_ERROR
 from wrinklecli.numeric.arrays import Floats, interpolated
 from wrinklecli.numeric.guard import guarded
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory

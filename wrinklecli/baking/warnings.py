@@ -11,13 +11,13 @@ from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.sample import ClipActivity
 from wrinklecli.baking.targets import CreaseSet
 from wrinklecli.character.clip import Clip
+from wrinklecli.effects.wrinkle.carry import CarriedPatch
+from wrinklecli.effects.wrinkle.patch import Patch
+from wrinklecli.effects.wrinkle.weights import fitting_compressible
 from wrinklecli.errors import counted, listed
-from wrinklecli.method.carry import CarriedPatch
-from wrinklecli.method.patch import Patch
-from wrinklecli.method.path import Curve
-from wrinklecli.method.rest import Rest
-from wrinklecli.method.weights import fitting_compressible
 from wrinklecli.numeric.arrays import Floats
+from wrinklecli.surface.path import Curve
+from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import ToolsFile, in_axes
 
 # A shortening below this part of the rest length is as good as none.

@@ -13,8 +13,8 @@ from wrinklecli.baking.plan import Ground, MeshPlan
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.skin import Skin, pose, prepare
 from wrinklecli.editor.played import Played
-from wrinklecli.method.carry import CarriedPatch, displacements
-from wrinklecli.method.patch import Patch
+from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
+from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, children, distinct_values, vertex_normals
 
 

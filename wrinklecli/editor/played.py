@@ -15,8 +15,8 @@ import numpy as np
 from wrinklecli.baking.plan import Ground
 from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.character.pose import joint_matrices, morph_weights
-from wrinklecli.method.activity import Activity, activities, tissues
-from wrinklecli.method.patch import Patch
+from wrinklecli.effects.wrinkle.activity import Activity, activities, tissues
+from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.numeric.arrays import Floats, distinct_values
 
 # Frames per second of a clip that is played, and of one clip at most.

@@ -21,11 +21,11 @@ from wrinklecli.character.scene import deforming_nodes, scene_nodes
 from wrinklecli.character.skin import Skin, prepare
 from wrinklecli.editor.laid import Cluster, Laid, LaidMesh, LaidTool
 from wrinklecli.editor.played import Latest, Played
+from wrinklecli.effects.wrinkle.attach import attach_tools
+from wrinklecli.effects.wrinkle.carry import carry
+from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.errors import BakeError, WrinkleError
 from wrinklecli.gltf.document import Document, read_document
-from wrinklecli.method.attach import attach_tools
-from wrinklecli.method.carry import carry
-from wrinklecli.method.patch import Patch
 from wrinklecli.numeric.arrays import Bools, Ints, distinct_values, flags_of
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory
 from wrinklecli.tools.records import Length, ToolsFile, WrinkleTool

@@ -16,13 +16,13 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.moved import Motions
 from wrinklecli.character.posing import JointTurn, MorphWeight
 from wrinklecli.character.rig import moving_nodes
+from wrinklecli.effects.wrinkle.carry import CarriedPatch
+from wrinklecli.effects.wrinkle.weights import fitting_compressible
 from wrinklecli.gltf.shape import Json
-from wrinklecli.method.anchor import Anchor
-from wrinklecli.method.carry import CarriedPatch
-from wrinklecli.method.weights import fitting_compressible
 from wrinklecli.numeric.arrays import children
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.memory import MAX_MEMORY
+from wrinklecli.surface.anchor import Anchor
 from wrinklecli.tools.records import MAX_VERTICES, in_axes
 
 VERSION = 1

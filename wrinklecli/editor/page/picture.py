@@ -18,8 +18,8 @@ from wrinklecli.editor.page.scene import LOOKS, Drag, Look, View
 from wrinklecli.editor.page.sight import FOV, SIDES, close, whole
 from wrinklecli.editor.page.work import Work
 from wrinklecli.editor.session import Session
+from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.gltf.document import Document
-from wrinklecli.method.patch import Patch
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.preview.camera import Camera
 from wrinklecli.review.preview.heat import point_colours

@@ -10,13 +10,13 @@ from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.surface import Surface, read_surface
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import Document
-from wrinklecli.method.anchor import is_far, segment_at
-from wrinklecli.method.rest import Rest, asked_positions, rest_pose
 from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.review.preview.apply import PlannedTools, Refused
 from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.overlay import Dot, Overlay, Stroke, Word
 from wrinklecli.review.preview.shown import ShownAsset
+from wrinklecli.surface.anchor import is_far, segment_at
+from wrinklecli.surface.rest import Rest, asked_positions, rest_pose
 from wrinklecli.tools.records import ToolsFile, WrinkleTool
 
 # Times the asset's size: an end further off lies outside the picture.

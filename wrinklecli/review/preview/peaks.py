@@ -15,11 +15,11 @@ from wrinklecli.character.anims import NamedNodes
 from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
+from wrinklecli.effects.wrinkle.activity import activities
+from wrinklecli.effects.wrinkle.weights import group_starts
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
-from wrinklecli.method.activity import activities
-from wrinklecli.method.weights import group_starts
 from wrinklecli.numeric.arrays import Floats, Ints, determinants, median
 from wrinklecli.review.check import describe_clip, describe_tool
 from wrinklecli.review.preview.moments import Moment

@@ -14,7 +14,7 @@ from wrinklecli.character.scene import ScenePrimitive, pose_primitive
 from wrinklecli.numeric.arrays import Floats, face_normals, unit
 from wrinklecli.numeric.nearest import distances_along, near_points
 from wrinklecli.review.suggest.measure import MeasuredMesh
-from wrinklecli.review.suggest.strain import posed
+from wrinklecli.surface.strain import posed
 
 # How far away a layer still covers, and how thick it may be, as parts of the diagonal of the mesh's box: 20 cm and
 # 14 mm on a person.

@@ -11,10 +11,9 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import node_matrices
+from wrinklecli.effects.wrinkle.attach import attach_tools
+from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.errors import WrinkleError
-from wrinklecli.method.attach import attach_tools
-from wrinklecli.method.patch import Patch
-from wrinklecli.method.path import Curve
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.suggest.draft import newly_named, pair_of, stem_and_side, tool_of, width_of, written_length
 from wrinklecli.review.suggest.folds import Fold
@@ -22,8 +21,9 @@ from wrinklecli.review.suggest.measure import MeasuredMesh, pose_unscaled
 from wrinklecli.review.suggest.moments import Moment, deepest_moments, rising_tools
 from wrinklecli.review.suggest.room import highest
 from wrinklecli.review.suggest.segments import lay_segment
-from wrinklecli.review.suggest.sites import at_sites
 from wrinklecli.review.suggest.trace import misalignment, trace
+from wrinklecli.surface.path import Curve
+from wrinklecli.surface.sites import at_sites
 from wrinklecli.tools.mirror import split_side
 from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
 

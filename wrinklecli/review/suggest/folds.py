@@ -22,7 +22,7 @@ from wrinklecli.review.suggest.basins import basins
 from wrinklecli.review.suggest.measure import MeasuredMesh, pose_unscaled
 from wrinklecli.review.suggest.regions import Region, grow_region, is_buried, sites_with_twins
 from wrinklecli.review.suggest.segments import lay_segment
-from wrinklecli.review.suggest.sites import at_sites
+from wrinklecli.surface.sites import at_sites
 from wrinklecli.tools.mirror import split_side
 
 # Regions of a mesh that are looked into.

@@ -13,11 +13,11 @@ from wrinklecli.character.scene import deforms, scene_nodes
 from wrinklecli.character.surface import Surface, read_surface
 from wrinklecli.errors import AssetError, BakeError, listed, nearest
 from wrinklecli.gltf.document import Document
-from wrinklecli.method.rest import Rest, rest_pose
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.guard import Progress
-from wrinklecli.review.suggest.sites import Peaks, Sites, scan, spread_sites
-from wrinklecli.review.suggest.strain import Gauge, posed, read_gauge
+from wrinklecli.surface.rest import Rest, rest_pose
+from wrinklecli.surface.sites import Peaks, Sites, scan, spread_sites
+from wrinklecli.surface.strain import Gauge, posed, read_gauge
 from wrinklecli.tools.records import ToolsFile
 
 # Most poses of a clip: a compression that matters lasts longer than a 200th of its clip.

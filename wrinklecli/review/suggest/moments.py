@@ -8,9 +8,9 @@ import numpy as np
 
 from wrinklecli.character.clip import Channel, Clip
 from wrinklecli.character.rig import Rig, moving_nodes
-from wrinklecli.method.activity import lengths_over_time
-from wrinklecli.method.patch import Patch
-from wrinklecli.method.weights import fitting_compressible
+from wrinklecli.effects.wrinkle.activity import lengths_over_time
+from wrinklecli.effects.wrinkle.patch import Patch
+from wrinklecli.effects.wrinkle.weights import fitting_compressible
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.tools.materials import bump_height
 from wrinklecli.tools.records import Length, WrinkleTool

@@ -10,10 +10,10 @@ import numpy as np
 from wrinklecli.baking.plan import Ground
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import moving_nodes
+from wrinklecli.effects.wrinkle.attach import attach_tools
+from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import Document
-from wrinklecli.method.attach import attach_tools
-from wrinklecli.method.patch import Patch
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.suggest.draft import tool_of, width_of
 from wrinklecli.review.suggest.folds import Fold, triangle_shares
@@ -21,9 +21,9 @@ from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.review.suggest.moments import deepest_moments, rising_tools
 from wrinklecli.review.suggest.regions import Region, grow_region
 from wrinklecli.review.suggest.room import highest
-from wrinklecli.review.suggest.sites import Peaks, at_sites, spread_sites
-from wrinklecli.review.suggest.strain import read_gauge
 from wrinklecli.review.suggest.substance import Makeup, is_faceted, read_makeup, substance_of
+from wrinklecli.surface.sites import Peaks, at_sites, spread_sites
+from wrinklecli.surface.strain import read_gauge
 from wrinklecli.tools.records import Length, WrinkleTool
 
 # Poses of each clip that are looked at.

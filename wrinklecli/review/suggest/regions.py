@@ -6,8 +6,8 @@ import numpy as np
 
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, unit
 from wrinklecli.review.suggest.measure import MeasuredMesh
-from wrinklecli.review.suggest.sites import Sites
-from wrinklecli.review.suggest.strain import along_directions, principal
+from wrinklecli.surface.sites import Sites
+from wrinklecli.surface.strain import along_directions, principal
 
 # A region ends where the loss falls to this part of its seed's: beyond, flesh bulges and does not fold, ...
 _REGION_LOSS = 0.5

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from wrinklecli.method.patch import Patch
+from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.numeric.arrays import unit
 from wrinklecli.numeric.nearest import balls, distances_along, near_points
 from wrinklecli.review.suggest.measure import MeasuredMesh

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrinklecli.method.rest import Rest
 from wrinklecli.numeric.arrays import Floats, Ints, unit
 from wrinklecli.numeric.nearest import balls
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.review.suggest.regions import Region
+from wrinklecli.surface.rest import Rest
 
 # Steps of a trail from the region's centre, and how far they go together, as a multiple of the region's length.
 _STEPS = 30

@@ -16,7 +16,7 @@ from wrinklecli.errors import shortened
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats, unit
-from wrinklecli.review.suggest.strain import Gauge
+from wrinklecli.surface.strain import Gauge
 
 Kind = Literal["skin", "cloth", "leather", "hard"]
 

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from wrinklecli.method.patch import Patch
+from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.numeric.arrays import Floats, Ints, unit
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.review.suggest.regions import Region
 from wrinklecli.review.suggest.segments import nearest_points, surface_around
-from wrinklecli.review.suggest.strain import principal
+from wrinklecli.surface.strain import principal
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree

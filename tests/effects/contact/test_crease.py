@@ -1,0 +1,64 @@
+"""Few shapes for what contact does in a fold: enough of them that the volume stays, and all of what may move."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("ipctk", reason="needs the extra `contact`")
+
+from kit.asset import attribute
+from kit.bent_tube import SIDES, tube
+from kit.limb import limb_asset, tool, write_tools
+from wrinklecli.baking.job import BakeOptions, read_job
+from wrinklecli.baking.plan import plan_meshes
+from wrinklecli.effects.contact.crease import resolve
+from wrinklecli.effects.contact.fitting import fewest
+from wrinklecli.effects.contact.fold import RINGS
+from wrinklecli.effects.contact.folding import Found, free_rows
+from wrinklecli.effects.contact.tissue import FREE, SOFT, Posed, State, Tissue
+from wrinklecli.numeric.crossings import widened
+
+
+def test_shapes_that_would_take_volume_away_are_more() -> None:
+    rest, triangles = tube(60.0)
+    ring = np.arange(len(rest)) // SIDES
+    free = (ring > 0) & (ring < ring.max())
+    tissue = Tissue(rest, triangles, np.ones(len(triangles), bool), free, np.ones(len(rest), bool), np.zeros(len(rest)))
+    matrices = np.tile(np.eye(3), (len(rest), 1, 1))
+    turning = np.cross([1.0, 0.0, 0.0], rest / 60.0)
+
+    def found(shrunk: int) -> Found:
+        """Two rings that turn and swell, and two that shrink as much, which count little."""
+        first, other = np.isin(ring, [4, 5]), np.isin(ring, [shrunk, shrunk + 1])
+        moved = 1.5 * (first * 1.0 - other)[:, None] * rest / 60.0 + 8.0 * first[:, None] * turning
+        moved[:, 0] = 0.0
+        shares = np.where(other, 0.01, 1.0)
+        rows = free_rows(tissue)
+        state = State(rest, Posed(rest, matrices))
+        return Found(tissue, moved[rows], shares[rows], 0.0 * moved[rows], rest, matrices[rows], state)
+
+    solved = [found(8), found(11)]
+    weights, shapes, crossing = fewest(solved, share=0.35, most=8)
+    lost = [each.squeezed(np.tensordot(row, shapes, axes=1)) for each, row in zip(solved, weights, strict=True)]
+    assert len(shapes) == 2
+    assert crossing == 0
+    assert max(lost) < 0.01
+
+
+def test_all_that_is_near_what_crosses_may_move(tmp_path: Path) -> None:
+    """A limb that swells away from its joint touches far from it: where it is held there, it breaks at the border."""
+    asset = limb_asset(rings=12, sides=6)
+    positions = attribute(asset, 0, "POSITION")
+    positions[:, 1:] *= 1.0 + 0.6 * np.abs(positions[:, :1])
+    crease = tool(bumps=1, contact="resolve", origin=[-0.25, 0.25, 0.0], target=[0.25, 0.25, 0.0])
+    tools = write_tools(tmp_path / "tools.yaml", crease, refinement={"max_levels": 0})
+    (plan,) = plan_meshes(read_job(str(asset.write(tmp_path / "limb.glb")), str(tools), BakeOptions()))
+    found = resolve(plan.folds[0], share=0.35, most=1)
+    assert found is not None
+    free, near = found.tissue.free, found.tissue.apart == 0.0
+    assert np.array_equal(free, found.tissue.apart < FREE * SOFT)
+    # However long edges are: beside what crosses nothing stands still.
+    for _ in range(RINGS):
+        near = widened(found.tissue.edges, near)
+    assert free[near].all()

@@ -1,0 +1,129 @@
+"""Contact by property: a tube that folds through itself touches and never crosses, and moves nowhere else."""
+
+from dataclasses import astuple
+
+import numpy as np
+import pytest
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+
+from wrinklecli.numeric.crossings import Crossings
+
+pytest.importorskip("ipctk", reason="needs the extra `contact`")
+
+from kit.bent_tube import SIDES, bent, tube
+from wrinklecli.effects.contact.march import march
+from wrinklecli.effects.contact.tissue import FREE, SOFT, Posed, Tissue
+
+
+@pytest.mark.quick(1)
+@settings(max_examples=2, phases=[Phase.generate])
+@given(radius=st.floats(40, 80), width=st.floats(50, 150), bump=st.floats(0, 6))
+def test_a_folded_tube_touches_and_never_crosses(radius: float, width: float, bump: float) -> None:
+    rest, triangles = tube(radius)
+    poses = [bent(rest, angle, width, bump) for angle in np.radians(np.arange(0.0, 91.0, 6.0))]
+    crossings = Crossings.of(rest, triangles)
+    marked = np.zeros(len(rest), bool)
+    for posed in poses:
+        _, through = crossings.at(posed.positions)
+        marked[triangles[through]] = True
+    near = np.abs(rest[:, 0]) < np.abs(rest[marked, 0]).max(initial=0.0) + FREE * SOFT
+    free = near & (np.arange(len(rest)) >= SIDES) & (np.arange(len(rest)) < len(rest) - SIDES)
+    apart = np.abs(rest[:, 0]) - np.abs(rest[marked, 0]).max(initial=0.0)
+
+    def tissue_of() -> Tissue:
+        return Tissue(rest, triangles, np.ones(len(triangles), bool), free, np.ones(len(rest), bool), apart.clip(0.0))
+
+    tissue = tissue_of()
+    first = None
+    for number, (posed, state) in enumerate(zip(poses, march(tissue, poses), strict=True)):
+        assert not len(crossings.at(state.positions)[0])
+        assert not state.correction[~free].any()
+        first = number if first is None and len(crossings.at(posed.positions)[0]) else first
+        if state.converged and tissue.clear(posed.positions):
+            # Where nothing touches, all is where the pose wants it.
+            assert np.abs(state.correction).max() < 0.1
+    assert marked.any() == (first is not None)
+    # The same again, to the bit.
+    again = list(march(tissue_of(), poses[: (first or 0) + 2]))
+    same = list(march(tissue, poses[: (first or 0) + 2]))
+    assert np.array_equal(again[-1].positions, same[-1].positions)
+
+
+@pytest.mark.quick(1)
+@settings(max_examples=2, phases=[Phase.generate])
+@given(radius=st.floats(40, 70), gap=st.floats(5, 8), angle=st.floats(26, 40), bump=st.floats(20, 30))
+def test_a_tube_stays_in_a_sleeve_that_bends_with_it(radius: float, gap: float, angle: float, bump: float) -> None:
+    rest, triangles = tube(radius)
+    count = len(rest)
+    places, through = np.concatenate([rest, tube(radius + gap)[0]]), np.concatenate([triangles, triangles + count])
+    own = np.arange(2 * count) < count
+    turns = np.radians(np.arange(0.0, angle, 5.0))
+    poses = [_within(places, own, turn, bump) for turn in turns]
+    crossings = Crossings.of(places, through)
+    marked = np.zeros(2 * count, bool)
+    for posed in poses:
+        marked |= _crossing(crossings, own, posed.positions)
+    apart = np.abs(places[:, 0]) - np.abs(places[marked & own, 0]).max(initial=0.0)
+    free = (apart < FREE * SOFT) & (np.abs(places[:, 0]) < places[:, 0].max())
+    states = [
+        list(march(Tissue(places, through, np.ones(len(through), bool), free, own, apart.clip(0.0)), poses))
+        for _ in range(2)
+    ]
+    assert marked.any()
+    assert not states[0][0].correction.any()
+    for state, again in zip(*states, strict=True):
+        # The sleeve is where its skin puts it.
+        shown = np.where(own[:, None], state.positions, state.posed.positions)
+        assert not _crossing(crossings, own, shown).any()
+        assert np.abs(state.correction[~free]).max() < 1e-6
+        assert np.array_equal(state.positions, again.positions)
+
+
+def test_what_cannot_collide_is_not_in_the_way() -> None:
+    """Another limb of the same mesh that folds through itself: its vertices belong to no triangle that collides."""
+    rest, triangles = tube(60.0)
+    count = len(rest)
+    turns = np.radians(np.arange(0.0, 91.0, 15.0))
+    poses = [bent(rest, turn, 60.0, 0.0) for turn in turns]
+    through = np.unique(triangles[Crossings.of(rest, triangles).at(poses[-1].positions)[1]])
+    apart = (np.abs(rest[:, 0]) - np.abs(rest[through, 0]).max()).clip(0.0)
+    free = (apart < FREE * SOFT) & (np.abs(rest[:, 0]) < rest[:, 0].max())
+    alone = Tissue(rest, triangles, np.ones(len(triangles), bool), free, np.ones(count, bool), apart)
+
+    def beside(places: np.ndarray, share: float) -> np.ndarray:
+        return np.concatenate([places, share * rest + [0.0, 0.0, 900.0]])
+
+    both = Tissue(
+        beside(rest, 1.0),
+        np.concatenate([triangles, triangles + count]),
+        np.arange(2 * len(triangles)) < len(triangles),
+        np.concatenate([free, np.zeros(count, bool)]),
+        np.ones(2 * count, bool),
+        np.concatenate([apart, np.full(count, 900.0)]),
+    )
+    shrunk = [
+        Posed(beside(posed.positions, 1.0 - number / 6), np.concatenate([posed.matrices] * 2))
+        for number, posed in enumerate(poses)
+    ]
+    states = list(march(both, shrunk))
+    assert all(state.converged for state in states)
+    assert states[-1].near is not None
+    for state, other in zip(states, march(alone, poses), strict=True):
+        assert state.positions[:count] == pytest.approx(other.positions, abs=0.05)
+
+
+def _within(places: np.ndarray, own: np.ndarray, turn: float, bump: float) -> Posed:
+    """A tube with bumps, and one round it without."""
+    inner, outer = bent(places[own], turn, 150.0, bump), bent(places[~own], turn, 150.0, 0.0)
+    return Posed(*(np.concatenate(pair) for pair in zip(astuple(inner), astuple(outer), strict=True)))
+
+
+def _crossing(crossings: Crossings, own: np.ndarray, positions: np.ndarray) -> np.ndarray:
+    """The vertices of what crosses, but of a sleeve that crosses itself."""
+    edges, triangles = crossings.at(positions)
+    ends, corners = crossings.edges[edges], crossings.triangles[triangles]
+    counts = own[ends[:, 0]] | own[corners[:, 0]]
+    marked = np.zeros(len(positions), bool)
+    marked[ends[counts]] = marked[corners[counts]] = True
+    return marked

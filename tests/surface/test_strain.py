@@ -1,0 +1,113 @@
+"""Strain: where surfaces are compressed, along which direction and when."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kit.limb import LENGTH, RADIUS, limb, limb_asset
+from wrinklecli.character.clip import Clip, read_clips
+from wrinklecli.character.rig import read_rig
+from wrinklecli.character.surface import read_surface
+from wrinklecli.gltf.document import read_document
+from wrinklecli.numeric.arrays import unit
+from wrinklecli.review.suggest.suggest import suggest
+from wrinklecli.surface.rest import rest_pose
+from wrinklecli.surface.sites import at_sites, scan, spread_sites
+from wrinklecli.surface.strain import Gauge, along_directions, principal, read_gauge, strain
+from wrinklecli.tools.records import ToolsFile
+
+Json = dict[str, Any]
+
+
+def gauge_of(path: Path, node: int = 0) -> tuple[Gauge, tuple[Clip, ...]]:
+    document = read_document(path)
+    rig, clips = read_rig(document, node), read_clips(document)
+    surface = read_surface(document, rig)
+    return read_gauge(surface, rest_pose(surface, rig, ToolsFile(path="", tools=()), clips, []), rig), clips
+
+
+@given(st.lists(st.floats(-1, 1), min_size=6, max_size=6), st.floats(0, 3), st.floats(0, 6))
+def test_principal_loss_is_the_greatest_of_all_directions_in_the_plane(
+    components: list[float], height: float, turn: float
+) -> None:
+    normal = unit(np.array([[np.cos(turn), np.sin(turn), height - 1.5]]))
+    tensor = np.array([components])
+    loss, direction = principal(tensor, normal)
+    xx, yy, zz, xy, yz, zx = components
+    full = np.array([[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]])
+    first = unit(np.cross(normal[0], [0.3, -0.5, 0.8]))
+    second = np.cross(normal[0], first)
+    angles = np.linspace(0.0, np.pi, 2001)[:, None]
+    every = np.cos(angles) * first + np.sin(angles) * second
+    losses = np.einsum("ai,ij,aj->a", every, full, every)
+    assert loss[0] >= losses.max() - 1e-12
+    assert loss[0] <= losses.max() + 1e-5
+    assert abs(direction[0] @ normal[0]) < 1e-12
+    assert abs(direction[0] @ full @ direction[0] - loss[0]) < 1e-12
+    assert abs(along_directions(tensor, normal, direction[0])[0] - loss[0]) < 1e-12
+
+
+def test_squashing_loses_what_it_takes_away(tmp_path: Path) -> None:
+    # The morph target moves x by -0.3 x exp(-(x / 0.6)²): at the middle, lengths along x become 0.7 of what they were.
+    gauge, (clip,) = gauge_of(
+        limb(tmp_path / "limb.glb", skinned=False, clip=None, morphs=1, morph_clip="LINEAR", rings=81)
+    )
+    sites = spread_sites(gauge)
+    tensors = at_sites(gauge, sites, clip, np.array([0.3]))[0]
+    losses, directions = principal(tensors, sites.normals)
+    near = np.abs(sites.positions[:, 0]) < 0.03
+    assert losses[near] == pytest.approx(0.3, abs=0.01)
+    assert np.abs(directions[near, 0]).min() > 0.99
+    x = sites.positions[:, 0]
+    wanted = 0.3 * np.exp(-((x / 0.6) ** 2)) * (1.0 - 2.0 * (x / 0.6) ** 2)
+    assert np.abs(losses - np.maximum(wanted, 0.0)).max() < 0.04
+
+
+@pytest.mark.parametrize("root", [{}, {"scale": [1.0, 1.0, -1.0]}, {"scale": [30.0] * 3, "rotation": [0, 0, 0.6, 0.8]}])
+def test_rigid_motion_and_scale_lose_nothing(tmp_path: Path, root: Json) -> None:
+    asset = limb_asset(clip="grow", root=root)
+    gauge, (clip,) = gauge_of(asset.write(tmp_path / "limb.glb"))
+    assert np.abs(strain(gauge, clip, np.linspace(0.0, 1.0, 4))).max() < 1e-6
+    assert not suggest(tmp_path / "limb.glb").tools
+
+
+def test_sites_cover_the_surface_whatever_its_triangles(tmp_path: Path) -> None:
+    areas = []
+    for rings, sides in ((7, 6), (24, 16), (120, 90)):
+        gauge, _ = gauge_of(limb(tmp_path / "limb.glb", rings=rings, sides=sides))
+        sites = spread_sites(gauge)
+        corners = gauge.rest.positions[gauge.triangles]
+        area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
+        assert sites.areas.sum() == pytest.approx(area)
+        for shares in (sites.gather, sites.smooth):
+            assert np.abs(shares.sum(axis=1) - 1.0).max() < 1e-12
+        areas.append(sites.areas.sum())
+    assert areas[-1] == pytest.approx(2 * np.pi * RADIUS * LENGTH, rel=0.01)
+
+
+def test_slivers_and_degenerate_triangles_change_little(tmp_path: Path) -> None:
+    sound, _ = gauge_of(limb(tmp_path / "sound.glb"))
+    surface = sound.surface
+    flat = np.array([[0, 0, 1], [5, 5, 5], [0, 1, 0]])
+    triangles = np.concatenate([surface.triangles, flat])
+    gauge = read_gauge(replace(surface, triangles=triangles), sound.rest, sound.rig)
+    assert len(gauge.triangles) == len(sound.triangles)
+
+
+def test_the_greatest_loss_is_found_in_whatever_chunks_poses_come(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gauge, clips = gauge_of(limb(tmp_path / "limb.glb"))
+    sites = spread_sites(gauge)
+    times = [np.linspace(0.0, 2.0, 23)]
+    whole = scan(gauge, sites, clips, times)
+    monkeypatch.setattr("wrinklecli.surface.sites._CHUNK", 1)
+    single = scan(gauge, sites, clips, times)
+    assert (whole.poses == single.poses).all()
+    assert np.abs(whole.losses - single.losses).max() < 1e-12
+    assert whole.losses.max() > 0.5

@@ -1,0 +1,308 @@
+"""Folds: the part of a surface round a joint that bends between a tool's ends, and how it lies, wrinkles and all.
+
+Not in the paper, which names contact as a goal. A fold is what module `contact` solves at once: the tools over one
+joint, with the surface round it that may touch.
+"""
+
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from wrinklecli.character.bones import Part
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.obstacles import Obstacle
+from wrinklecli.character.pose import blend, joint_matrices, morph_weights, node_matrices, transform
+from wrinklecli.character.rig import Rig
+from wrinklecli.effects.contact.hinge import Hinge, hinge_of
+from wrinklecli.effects.contact.passing import passing
+from wrinklecli.effects.contact.rise import Rise, rise_of
+from wrinklecli.effects.wrinkle.activity import lengths_over_time
+from wrinklecli.effects.wrinkle.bending import bent_node
+from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
+from wrinklecli.effects.wrinkle.patch import Patch
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, pieces_of
+from wrinklecli.numeric.crossings import Crossings
+from wrinklecli.surface.refine import Refinement
+from wrinklecli.surface.rest import Rest
+from wrinklecli.tools.records import Contact
+
+# How far the surface round a joint may touch, with what gives way there, in radii of the limb: thighs and calves swell.
+_REACH_RADII = 3.6
+RINGS = 3
+"""Edges from what crosses to what stands still, at least: on a coarse limb its next neighbours stood still."""
+
+# Radius of the limb at least, in lengths of the segment: a joint may lie in the skin.
+_LEAST_RADIUS = 0.25
+# Poses that are computed at once: bounds the memory.
+_AT_ONCE = 16
+# Poses on the way to either end of a joint's range at which other meshes are looked at.
+_LOOKS = 4
+# Moments of a clip at which they are looked at for passing through themselves, at most.
+_MOMENTS = 8
+
+
+@dataclass(frozen=True)
+class Fold:
+    """The surface round a joint, with all that wrinkles it.
+
+    Attributes:
+        tools: Numbers of the tools whose contact is resolved here.
+        hinge: The joint; or, where none bends, what raises the tools' wrinkles.
+        vertices: (vertices,) fine welded vertices, rising.
+        triangles: (triangles, 3) into these, and into those of other meshes, which follow them.
+        own: (vertices,) which may leave their pose: not other meshes, nor what does not hang together with the tools.
+        radius: Of the limb, scene units.
+        pivot: (3,) where the joint is at rest, world space.
+        rig: Of the mesh.
+        rest: Its rest pose.
+        fine: The refined surface.
+        carried: All tools on the mesh.
+        weights: (vertices, joints) skin weights of the vertices.
+        others: What of other meshes may touch it.
+    """
+
+    tools: tuple[int, ...]
+    hinge: Hinge | Rise
+    vertices: Ints
+    triangles: Ints
+    own: Bools
+    radius: float
+    pivot: Floats
+    rig: Rig
+    rest: Rest
+    fine: Refinement
+    carried: tuple[CarriedPatch, ...]
+    weights: Floats
+    others: tuple[Obstacle, ...] = ()
+
+    @cached_property
+    def rest_positions(self) -> Floats:
+        """(vertices, 3) world space at rest, those of other meshes behind its own."""
+        others = [each.posed(self.rest.clip, self.rest.time)[0][0] for each in self.others]
+        return np.concatenate([self.fine.rest_positions[self.vertices], *others])
+
+    @cached_property
+    def crossings(self) -> Crossings:
+        """What may cross."""
+        return Crossings.of(self.rest_positions, self.triangles)
+
+    @cached_property
+    def moved(self) -> list[tuple[CarriedPatch, Ints, Ints]]:
+        """The tools that move any vertex of it, the rows of these here, and their numbers among the tool's."""
+        found = []
+        for each in self.carried:
+            _, here, there = np.intersect1d(self.vertices, each.vertices, assume_unique=True, return_indices=True)
+            if len(here):
+                found.append((each, here, there))
+        return found
+
+    def posed(self, clip: Clip | None, times: Floats) -> tuple[Floats, Floats]:
+        """How the wrinkled surface lies at (frames,) seconds of a clip, without contact.
+
+        In a motion that no file has (of index -1) nothing lags: it stands for all clips, fast or slow.
+
+        Returns:
+            (frames, vertices, 3) world space, and (frames, vertices, 3, 3) what turns bind space there, those of other
+            meshes behind its own.
+        """
+        blended = blend(self.weights, joint_matrices(self.rig, clip, times))
+        bind = self.fine.positions[self.vertices] + np.tensordot(
+            morph_weights(self.rig, clip, times), self.fine.morph_deltas[:, self.vertices], axes=1
+        )
+        for carried, here, there in self.moved:
+            amplitudes = None
+            if clip is not None and clip.index < 0:
+                lengths = lengths_over_time(carried.patch, self.rig, self.rest, clip, times)
+                amplitudes, _ = carried.patch.curve.follow(*lengths)
+            bind[:, here] += displacements(carried, self.fine, self.rig, self.rest, clip, times, amplitudes)[:, there]
+        others = [each.posed(clip, times) for each in self.others]
+        positions = np.concatenate([transform(blended, bind), *(each[0] for each in others)], axis=1)
+        return positions, np.concatenate([blended[..., :3], *(each[1] for each in others)], axis=1)
+
+    def poses(self, clip: Clip | None, times: Floats) -> Iterator[tuple[Floats, Floats]]:
+        """As `posed`, for one of (frames,) seconds after the other."""
+        for k in range(0, len(times), _AT_ONCE):
+            yield from zip(*self.posed(clip, times[k : k + _AT_ONCE]), strict=True)
+
+    def crossing(self, positions: Floats) -> Bools:
+        """(vertices,) whether an edge or a triangle of each takes part in a crossing at (vertices, 3) positions.
+
+        Other meshes may cross each other.
+        """
+        return passing(positions, self.crossings.edges, self.triangles, self.own)
+
+    def jammed(self, clip: Clip, times: Floats) -> set[str]:
+        """Nodes with other meshes that pass through themselves at some of (frames,) seconds of a clip, not at rest."""
+        if not self.others or not len(times):
+            return set()
+        counts = [len(self.vertices), *(len(each.positions) for each in self.others)]
+        owners = np.repeat(np.arange(len(counts)), counts)
+        chosen = times[distinct_values(np.linspace(0, len(times) - 1, _MOMENTS).astype(int))]
+        found = set[int]()
+        for positions in self.posed(clip, chosen)[0]:
+            found |= self._through_themselves(owners, positions)
+        found -= self._through_themselves(owners, self.rest_positions) | {0}
+        return {rig.names[rig.node] for rig in (self.others[number - 1].rig for number in found)}
+
+    def _through_themselves(self, owners: Ints, positions: Floats) -> set[int]:
+        """Which of (vertices,) owners pass through themselves at (vertices, 3) positions."""
+        edges, triangles = self.crossings.at(positions)
+        pairs = np.stack([owners[self.crossings.edges[edges, 0]], owners[self.crossings.triangles[triangles, 0]]])
+        return set(pairs[0, pairs[0] == pairs[1]].tolist())
+
+
+def find_folds(
+    carried_patches: Sequence[CarriedPatch],
+    chosen: Sequence[int],
+    fine: Refinement,
+    rest: Rest,
+    rig: Rig,
+    parts: Sequence[Part | None],
+    obstacles: Callable[[Collection[str]], Sequence[Obstacle]] | None = None,
+) -> tuple[list[Fold], list[int]]:
+    """The folds of some tools, of which those over one joint share one; and the tools that nothing shortens.
+
+    Args:
+        carried_patches: All tools on the mesh.
+        chosen: Numbers of those whose contact is to be resolved.
+        fine: The refined surface.
+        rest: The rest pose.
+        rig: The joints.
+        parts: Of a body, that each node moves, as far as that is known.
+        obstacles: Gives the other meshes but those of nodes of some names; none where left out.
+    """
+    by_node: dict[int, list[int]] = {}
+    by_rise: dict[bytes, dict[int, Rise]] = {}
+    without = []
+    for number in chosen:
+        patch = carried_patches[number].patch
+        node = bent_node(patch, rig)
+        rise = rise_of(patch, rig, rest) if node is None else None
+        if node is not None:
+            by_node.setdefault(node, []).append(number)
+        elif rise is not None:
+            by_rise.setdefault(rise.motion.motion, {})[number] = rise
+        else:
+            without.append(number)
+    found = [_round_joint(each, node, carried_patches, fine, rest, rig, parts[node]) for node, each in by_node.items()]
+    found += [_round_tools([*each], [*each.values()], carried_patches, fine, rest, rig) for each in by_rise.values()]
+    folds = []
+    for fold in found:
+        settings = [carried_patches[number].patch.tool.contact or Contact() for number in fold.tools]
+        ignored = {name for each in settings for name in each.ignore}
+        folds.append(_beside(fold, obstacles(ignored) if obstacles else ()))
+    return folds, without
+
+
+def _beside(fold: Fold, obstacles: Sequence[Obstacle]) -> Fold:
+    """A fold with what of other meshes comes near it in its joint's motion, by boxes."""
+    looks = [fold.hinge.turn(np.linspace(0.0, end, _LOOKS)) for end in fold.hinge.ends]
+    moments = [(look, np.array([time])) for look in looks for time in np.linspace(0.0, 1.0, _LOOKS)]
+    boxes = [(places.min(axis=0), places.max(axis=0)) for places in (fold.posed(*each)[0][0] for each in moments)]
+    triangles, others, count = [fold.triangles], list[Obstacle](), len(fold.vertices)
+    for obstacle in obstacles:
+        near = np.zeros(len(obstacle.triangles), bool)
+        for moment, (low, high) in zip(moments, boxes, strict=True):
+            corners = obstacle.posed(*moment)[0][0][obstacle.triangles]
+            near |= ((corners.max(axis=1) >= low) & (corners.min(axis=1) <= high)).all(axis=1)
+        if near.any():
+            others.append(obstacle.part(near))
+            triangles.append(others[-1].triangles + count)
+            count += len(others[-1].positions)
+    own = np.concatenate([fold.own, np.zeros(count - len(fold.own), bool)])
+    return replace(fold, others=tuple(others), triangles=np.concatenate(triangles), own=own)
+
+
+def _round_joint(
+    tools: Sequence[int],
+    node: int,
+    carried: Sequence[CarriedPatch],
+    fine: Refinement,
+    rest: Rest,
+    rig: Rig,
+    part: Part | None,
+) -> Fold:
+    """The fold of tools over one joint."""
+    patches = [carried[number].patch for number in tools]
+    pivot = node_matrices(rig, rest.clip, rest.time, [node])[0, 0, :3, 3]
+    radius = max(_limb_radius(patch, pivot) for patch in patches)
+    hinge = hinge_of(node, patches, pivot, rig, rest, part)
+    return _fold(tools, hinge, pivot, radius, _REACH_RADII * radius, carried, fine, rest, rig)
+
+
+def _round_tools(
+    tools: Sequence[int], rises: Sequence[Rise], carried: Sequence[CarriedPatch], fine: Refinement, rest: Rest, rig: Rig
+) -> Fold:
+    """The fold of tools that rise together; as thick as the longest of them is long."""
+    patches = [each.patch for each in rises]
+    grown = list(carried)
+    for number, patch in zip(tools, patches, strict=True):
+        grown[number] = replace(carried[number], patch=patch)
+    middles = np.array([np.mean([anchor.position for anchor in patch.anchors], axis=0) for patch in patches])
+    pivot = middles.mean(axis=0)
+    radius = max(patch.span for patch in patches)
+    reach = _REACH_RADII * radius + float(np.sqrt(np.sum((middles - pivot) ** 2, axis=1)).max())
+    return _fold(tools, rises[0], pivot, radius, reach, grown, fine, rest, rig)
+
+
+def _fold(
+    tools: Sequence[int],
+    hinge: Hinge | Rise,
+    pivot: Floats,
+    radius: float,
+    reach: float,
+    carried: Sequence[CarriedPatch],
+    fine: Refinement,
+    rest: Rest,
+    rig: Rig,
+) -> Fold:
+    seeds = np.concatenate([carried[number].vertices for number in tools])
+    contacts = [carried[number].patch.tool.contact for number in tools]
+    alone = any(rig.names[rig.node] in contact.ignore for contact in contacts if contact)
+    vertices, triangles, own = _round(pivot, reach, fine, seeds, alone=alone)
+    return Fold(
+        tools=tuple(tools),
+        hinge=hinge,
+        vertices=vertices,
+        triangles=triangles,
+        own=own,
+        radius=radius,
+        pivot=pivot,
+        rig=rig,
+        rest=rest,
+        fine=fine,
+        carried=tuple(carried),
+        weights=fine.dense_weights(vertices, len(rig.joints)),
+    )
+
+
+def _limb_radius(patch: Patch, pivot: Floats) -> float:
+    """How far a joint is from a tool's segment, scene units."""
+    apart = pivot - patch.origin.position
+    away = apart - np.clip(apart @ patch.along, 0.0, patch.span) * patch.along
+    return max(float(np.linalg.norm(away)), _LEAST_RADIUS * patch.span)
+
+
+def _round(pivot: Floats, reach: float, fine: Refinement, seeds: Ints, *, alone: bool) -> tuple[Ints, Ints, Bools]:
+    """The fine vertices within reach of a joint, and a few edges further.
+
+    Returns:
+        (vertices,) rising, (triangles, 3) of these, and (vertices,) whether they hang together with some of (seeds,),
+        or `alone` those that do.
+    """
+    near = np.sum((fine.rest_positions - pivot) ** 2, axis=1) <= reach**2
+    near[seeds] = True
+    for _ in range(RINGS):
+        near[fine.triangles[near[fine.triangles].any(axis=1)]] = True
+    triangles = fine.triangles[near[fine.triangles].all(axis=1)]
+    vertices, local = np.unique(triangles, return_inverse=True)
+    local = local.reshape(-1, 3)
+    pieces = pieces_of(local[:, [0, 1, 1, 2]].reshape(-1, 2), len(vertices))
+    wanted = distinct_values(pieces[np.isin(vertices, seeds)])
+    own = np.isin(pieces, wanted)
+    if alone:
+        numbers = np.cumsum(own) - 1
+        return vertices[own], numbers[local[own[local[:, 0]]]], own[own]
+    return vertices, local, own

@@ -1,0 +1,196 @@
+"""Tools attached to a surface at rest: their anchors, paths, control curves and member triangles.
+
+Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, Computer Graphics International 2004, on the
+influence region. Differs: members face the patch and are connected to an anchor, where the paper takes every vertex
+that projects onto the patch (the back of a thin limb with them).
+"""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from wrinklecli.character.rig import Rig
+from wrinklecli.character.surface import Surface
+from wrinklecli.effects.wrinkle.bumps import count_intervals
+from wrinklecli.effects.wrinkle.curve import ControlCurve, plan_curve
+from wrinklecli.effects.wrinkle.demand import demand_of
+from wrinklecli.effects.wrinkle.patch import Patch
+from wrinklecli.effects.wrinkle.variation import Variation, plan_variation
+from wrinklecli.errors import BakeError, WrinkleError, listed, nearest
+from wrinklecli.numeric.arrays import Ints, face_normals
+from wrinklecli.numeric.nearest import meets_box
+from wrinklecli.surface.anchor import anchor_at
+from wrinklecli.surface.path import path_through
+from wrinklecli.surface.rest import Rest, asked_positions
+from wrinklecli.tools.materials import bump_height
+from wrinklecli.tools.records import RestLengthKeys, RestLengthMorph, WrinkleTool
+
+# Anchors nearer than this share of the mesh's size are one point.
+_LEAST_SPAN = 1e-9
+
+
+def attach_tools(tools: list[WrinkleTool], surface: Surface, rest: Rest, rig: Rig, *, up: str) -> list[Patch]:
+    """Attach every tool of a mesh.
+
+    Args:
+        tools: Of the mesh.
+        surface: The coarse mesh.
+        rest: Its rest pose.
+        rig: Its joints.
+        up: Axis of the tools file, for messages.
+
+    Raises:
+        WrinkleError: Of all tools that do not fit, a line each.
+    """
+    patches, problems = [], []
+    for tool in tools:
+        try:
+            patches.append(_attach(tool, surface, rest, rig, up))
+        except WrinkleError as error:
+            problems.append(error)
+    if problems:
+        raise BakeError.of_all(problems)
+    return patches
+
+
+def _attach(tool: WrinkleTool, surface: Surface, rest: Rest, rig: Rig, up: str) -> Patch:
+    if isinstance(tool.rest_length, RestLengthMorph) and tool.rest_length.morph not in rig.morph_names:
+        raise BakeError(
+            f"the mesh has no morph target {tool.rest_length.morph!r}{nearest(tool.rest_length.morph, rig.morph_names)}"
+            f"; it has {listed(rig.morph_names)}",
+            where=tool.place("rest_length", "morph"),
+        )
+    asked = asked_positions(rig, rest.clip, rest.time, tool)
+    anchors = tuple(
+        anchor_at(tool, number, asked, surface=surface, rest=rest, rig=rig, up=up) for number in range(len(asked))
+    )
+    names = [tool.point_name(number) for number in range(len(anchors))]
+    spans = [float(np.linalg.norm(b.position - a.position)) for a, b in pairwise(anchors)]
+    for number, span in enumerate(spans):
+        if span <= _LEAST_SPAN * surface.size or (asked[number] == asked[number + 1]).all():
+            raise BakeError(f"{names[number]} and {names[number + 1]} are one point of the mesh", where=tool.where)
+    path = path_through(
+        [each.position for each in anchors], [each.normal for each in anchors], rest.foot, names=names, where=tool.where
+    )
+    span = sum(spans)
+    half_width = tool.width.resolve(span) / 2.0
+    variation = _variation(tool, half_width / span)
+    patch = Patch(
+        tool=tool,
+        curve=_curve(tool, span, variation),
+        variation=variation,
+        anchors=anchors,
+        path=path,
+        span=span,
+        half_width=half_width,
+        members=np.zeros(0, np.intp),
+    )
+    curve = replace(patch.curve, demand=demand_of(patch, surface, rest, rig))
+    return replace(patch, curve=curve, members=_members(patch, surface, rest))
+
+
+def _variation(tool: WrinkleTool, aspect: float) -> Variation | None:
+    """Draw a tool's irregularity, from half its width over its length; None for ruled wrinkles."""
+    if not tool.variation:
+        return None
+    return plan_variation(
+        tool.name if tool.seed is None else str(tool.seed),
+        tool.variation,
+        tool.branch,
+        bumps=tool.bumps,
+        gap=tool.gap,
+        aspect=aspect,
+        kind=tool.attenuation,
+        strategy=tool.strategy,
+        mirrored=tool.mirrored,
+    )
+
+
+def _curve(tool: WrinkleTool, span: float, variation: Variation | None) -> ControlCurve:
+    """Plan a tool's control curve, from the distance of its anchors at rest, scene units."""
+    rest_length, greatest = _rest_lengths(tool, span)
+    varied = {} if variation is None else {"widths": variation.bumps.widths, "peaks": variation.peaks}
+    return plan_curve(
+        bumps=tool.bumps,
+        gap=tool.gap,
+        strategy=tool.strategy,
+        details=tool.details,
+        profile=tool.profile,
+        max_height=_max_height(tool, span, rest_length, variation),
+        compressible=tool.compressible,
+        rest_length=rest_length,
+        greatest_rest_length=greatest,
+        **varied,
+    )
+
+
+def _rest_lengths(tool: WrinkleTool, span: float) -> tuple[float, float]:
+    """The curve's nominal length and the greatest that keys or a morph target give it, scene units."""
+    wanted = tool.rest_length
+    if wanted == "auto":
+        return span, span
+    if isinstance(wanted, RestLengthKeys):
+        lengths = [length.resolve(span) for keys in wanted.keys.values() for _, length in keys]
+        return span, max([span, *lengths])
+    if isinstance(wanted, RestLengthMorph):
+        return span, max(span, wanted.full.resolve(span))
+    length = wanted.resolve(span)
+    return length, length
+
+
+def _max_height(tool: WrinkleTool, span: float, rest_length: float, variation: Variation | None) -> float:
+    """Greatest height of all bumps, scene units; for `auto` a part of their widths on the straight segment."""
+    if tool.max_height is None:
+        return np.inf
+    if tool.max_height != "auto":
+        return tool.max_height.resolve(span)
+    width = 2.0 * rest_length / count_intervals(tool.bumps, tool.gap)
+    # Each may be as high as a part of its own width.
+    highest = 1.0
+    if variation is not None:
+        peaks = variation.peaks
+        highest = float((variation.bumps.widths * peaks).max() / peaks.max())
+    return bump_height(tool.material) * width * highest
+
+
+def _members(patch: Patch, surface: Surface, rest: Rest) -> Ints:
+    """(members,) the coarse triangles, rising, that face a patch, meet it and hang together with an anchor."""
+    near = rest.blocks.boxes.reaching(*patch.path.box(patch.half_width))
+    used, corners = np.unique(surface.triangles[near], return_inverse=True)
+    places = np.stack(patch.coordinates(rest.positions[used]), axis=1)
+    meeting = meets_box(places, np.array([0.0, -1.0]), np.array([1.0, 1.0]), corners.reshape(-1, 3))
+    u = places[corners.reshape(-1, 3)[meeting], 0].mean(axis=1)
+    near = near[meeting]
+    triangles = surface.triangles[near]
+    vertices, corners = np.unique(triangles, return_inverse=True)
+    # Winding may be mirrored at rest; vertex normals are not.
+    faces = face_normals(rest.positions, triangles)
+    normals = rest.normals_at(vertices)[corners.reshape(-1, 3)]
+    outward = np.sign(np.sum(faces * normals.sum(axis=1), axis=1))
+    chosen = near[outward * patch.cosines(u, faces) > 0]
+    inside = np.isin(chosen, np.concatenate([anchor.triangles for anchor in patch.anchors]))
+    if not inside.any():
+        raise BakeError("no triangle at its ends faces the patch", where=patch.tool.where)
+    sides = np.sort(surface.triangles[chosen][:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
+    _, edge = np.unique(sides[:, 0] * len(rest.positions) + sides[:, 1], return_inverse=True)
+    piece = _pieces(edge.reshape(-1, 3))
+    members: Ints = chosen[np.isin(piece, piece[inside])]
+    return members
+
+
+def _pieces(triangle_edges: Ints) -> Ints:
+    """(triangles,) the same number for triangles that hang together by edges, (triangles, 3), counted from 0."""
+    # In place of scipy's connected components, whose import takes longer than this does for most meshes.
+    pieces = np.arange(len(triangle_edges))
+    edges = triangle_edges.ravel()
+    order = np.argsort(edges, kind="stable")
+    owners, firsts = order // 3, np.flatnonzero(np.diff(edges[order], prepend=-1))
+    while True:
+        a, b, c = np.minimum.reduceat(pieces[owners], firsts)[triangle_edges].T
+        lower = np.minimum(np.minimum(a, b), c)
+        # A triangle takes the number that the triangle of its number has got: rounds grow like a logarithm.
+        lower = lower[lower]
+        if np.array_equal(lower, pieces):
+            return pieces
+        pieces = lower

@@ -1,0 +1,135 @@
+"""A tool carried by the skin: which vertices of the refined surface it moves, in which direction and how far.
+
+A vertex keeps the (u, v) that it has on the patch at rest, and its displacement direction is the rest normal carried by
+the skin. So a tool's displacement is a sum of fixed shapes times amplitudes that depend on the distance of its anchors
+alone.
+
+Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004, on mesh deformation. Differs: the paper
+projects vertices onto the patch anew each frame, as module `posed` does for `attachment: patch`.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.rig import Rig
+from wrinklecli.effects.wrinkle.activity import activity
+from wrinklecli.effects.wrinkle.patch import Patch
+from wrinklecli.effects.wrinkle.places import Places
+from wrinklecli.effects.wrinkle.posed import Ring, posed_displacements, ring_around
+from wrinklecli.errors import BakeError
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, children, distinct_values, inverses, singular
+from wrinklecli.surface.refine import Refinement
+from wrinklecli.surface.rest import Rest
+
+LEAST_SHARE = 1e-6
+"""A share of a tool's height too small to be seen or stored; vertices below it do not move."""
+
+
+@dataclass(frozen=True, slots=True)
+class CarriedPatch:
+    """What carries one tool's curve to vertices: fixed for `attachment: skin`.
+
+    Attributes:
+        patch: The tool.
+        vertices: (vertices,) fine welded vertices that move, rising.
+        places: Of each on the control curve; their factors are world displacements at rest over the curve's height.
+        directions: (vertices, 3) bind displacement for a curve height of 1.
+        stuck: How many members stay put because their joints' blend is singular at rest.
+        ring: What poses them; None for `attachment: skin`.
+    """
+
+    patch: Patch
+    vertices: Ints
+    places: Places
+    directions: Floats
+    stuck: int
+    ring: Ring | None
+
+    @property
+    def us(self) -> Floats:
+        """(vertices,) where each is along the control curve."""
+        return self.places.us
+
+    @property
+    def magnitudes(self) -> Floats:
+        """(vertices,) world displacement at rest over the curve's height."""
+        return self.places.factors
+
+    def shapes(self, chosen: Ints | None = None) -> Floats:
+        """(groups, modes, vertices) heights of the curve per unit of amplitude, at all vertices or (chosen,)."""
+        return (self.places if chosen is None else self.places.of(chosen)).shapes(self.patch.curve)
+
+
+def carry(patch: Patch, fine: Refinement, pinned: Bools) -> CarriedPatch:
+    """Attach the vertices under a patch to it, at rest.
+
+    Args:
+        patch: The tool.
+        fine: The refined surface.
+        pinned: (coarse vertices,) those that must not move.
+
+    Raises:
+        BakeError: The tool moves no vertex.
+    """
+    members = distinct_values(fine.triangles[children(fine.subdivision.parents, patch.members)])
+    u, v = patch.coordinates(fine.rest_positions[members])
+    normals = fine.rest_normals_at(members)
+    places = patch.places(u, v, patch.cosines(u, normals))
+    old = members < len(pinned)
+    free = np.ones(len(members), bool)
+    free[old] = ~pinned[members[old]]
+    places = places.times(free)
+    magnitudes = places.factors
+    regular = ~singular(fine.blended[members])
+    moving = np.abs(magnitudes) > LEAST_SHARE * abs(patch.shape_strength)
+    if not (regular & moving).any():
+        raise BakeError("moves no vertex: the mesh faces away or lies beside the patch", where=patch.tool.where)
+    # As members are projected anew each frame, any of them may come to lie on the patch.
+    chosen = regular & (moving if patch.tool.attachment == "skin" else True)
+    vertices = members[chosen]
+    normals_bind = np.einsum("vij,vj->vi", inverses(fine.blended[vertices]), normals[chosen])
+    return CarriedPatch(
+        patch=patch,
+        vertices=vertices,
+        places=places.of(chosen),
+        directions=normals_bind * magnitudes[chosen, None],
+        # Where the blend is singular there is no normal either, and no magnitude.
+        stuck=int(((u >= 0) & (u <= 1) & (np.abs(v) <= 1) & ~regular).sum()),
+        ring=ring_around(patch, vertices, free[chosen], fine) if patch.tool.attachment == "patch" else None,
+    )
+
+
+def displacements(
+    carried: CarriedPatch,
+    fine: Refinement,
+    rig: Rig,
+    rest: Rest,
+    clip: Clip | None,
+    times: Floats,
+    amplitudes: Floats | None = None,
+) -> Floats:
+    """What the method displaces a tool's vertices by.
+
+    Args:
+        carried: The tool.
+        fine: The refined surface.
+        rig: Of the mesh.
+        rest: Its rest pose.
+        clip: The animation; none for the stored pose.
+        times: (frames,) seconds.
+        amplitudes: (frames, groups, modes) of the tool's activity at these times, where they are known.
+
+    Returns:
+        (frames, vertices, 3) bind space.
+    """
+    patch = carried.patch
+    if amplitudes is None:
+        amplitudes = activity(patch, rig, rest, clip, times).amplitudes
+    amplitudes = patch.clip_strength(clip) * amplitudes
+    if carried.ring is not None:
+        return posed_displacements(patch, carried.ring, fine, rig, clip, times, amplitudes)
+    heights = np.einsum("fgm,gmv->fv", amplitudes, carried.shapes())
+    moved: Floats = heights[..., None] * carried.directions
+    return moved

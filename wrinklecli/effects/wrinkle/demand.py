@@ -1,0 +1,276 @@
+"""What the line under a path asks its control curve for while a joint bends, so that the surface keeps its length.
+
+The control curve keeps its length above a straight line. Skin on the inside of a bend is no straight line: whatever
+rises above a concave line gets shorter, linear blend skinning shrinks heights there, distances of anchors cut the
+corners of what lies between, and edges of the mesh cut those of the wrinkles. So the joint below a path is turned, the
+lengths of its line with wrinkles of all heights are measured, and the curve takes up as much as leaves the line as long
+as it was. Above a straight line of short edges that is the shortening itself: there, and where nothing bends, the curve
+is exact as it is.
+
+It is measured twice. `demand_of` knows the coarse surface alone, and takes wrinkles for smooth; that says how far a
+tool will rise before its mesh is refined. `demanding` then has the line on which the path cuts the refined mesh.
+
+Not in the paper, whose tools are straight; those stay as they are there.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.pose import blend, joint_matrices, morph_weights, node_matrices, transform
+from wrinklecli.character.rig import Rig
+from wrinklecli.character.surface import Surface
+from wrinklecli.drive.lag import TAUT
+from wrinklecli.effects.wrinkle.activity import lengths_over_time
+from wrinklecli.effects.wrinkle.bending import MOMENTS, bent_node, turns_of
+from wrinklecli.effects.wrinkle.carry import CarriedPatch
+from wrinklecli.effects.wrinkle.curve import ControlCurve
+from wrinklecli.effects.wrinkle.patch import Patch
+from wrinklecli.numeric.arrays import Floats, Ints, children, inverses, singular, unit
+from wrinklecli.surface.path import Curve
+from wrinklecli.surface.refine import Refinement
+from wrinklecli.surface.rest import Rest
+from wrinklecli.tools.records import RestLengthKeys, RestLengthMorph
+
+# Where along a path the joint is that bends it: one beside an end turns all of it.
+_BETWEEN = (0.1, 0.9)
+# Every so many of a path's samples is a place of the line.
+_EVERY = 2
+# Points of the line on each control interval: its length is right to 1e-3 of what wrinkles add.
+_POINTS = 16
+# Wrinkles whose line is measured: roots of the share of the rest length that they take up.
+_TRIED = np.linspace(0.0, 0.985, 65)
+# Share by which ends come closer from one row to the next, at least.
+_LEAST_STEP = 1e-4
+# Edges on a control interval, at least, of a mesh that shows its bumps: by fewer, crests are missed, and higher bumps
+# in their stead would be spikes.
+_LEAST_EDGES = 2.0
+
+
+def demand_of(patch: Patch, surface: Surface, rest: Rest, rig: Rig) -> Floats | None:
+    """(2, rows) as `ControlCurve.demand`, of smooth wrinkles; None for straight tools, and where no joint bends a path.
+
+    Args:
+        patch: The tool; its members are not looked at.
+        surface: The coarse mesh.
+        rest: Its rest pose.
+        rig: Its joints.
+    """
+    path = patch.path
+    if not isinstance(path, Curve) or isinstance(patch.tool.rest_length, RestLengthKeys | RestLengthMorph):
+        return None
+    node = bent_node(patch, rig)
+    if node is None:
+        return None
+    place = node_matrices(rig, None, np.zeros(1), [node])[0, 0, :3, 3]
+    if not _BETWEEN[0] < path.locate(place).u < _BETWEEN[1]:
+        return None
+    line = _Line.of_path(patch, path, surface, rest, len(rig.joints))
+    return None if line is None else _demand(patch, line, rest, rig, node)
+
+
+def demanding(carried: CarriedPatch, fine: Refinement, rest: Rest, rig: Rig) -> CarriedPatch:
+    """A tool whose curve takes up what the line asks for on a refined mesh, whose edges cut corners.
+
+    As it was, for smooth wrinkles, where the tool is projected anew in each frame, and where the mesh is too coarse for
+    its bumps.
+
+    Args:
+        carried: The tool.
+        fine: The refined mesh.
+        rest: The rest pose.
+        rig: The mesh's joints.
+    """
+    patch = carried.patch
+    node = bent_node(patch, rig)
+    if patch.curve.demand is None or node is None or carried.ring is not None:
+        return carried
+    line = _Line.of_mesh(carried, fine, len(rig.joints))
+    demand = None if line is None else _demand(patch, line, rest, rig, node)
+    if demand is None:
+        return carried
+    return replace(carried, patch=replace(patch, curve=replace(patch.curve, demand=demand)))
+
+
+def _demand(patch: Patch, line: "_Line", rest: Rest, rig: Rig, node: int) -> Floats | None:
+    """(2, rows) what a line asks for while a node turns; None where that is nothing at all."""
+    times, motion, shares = _bend(patch, rig, rest, node)
+    if not len(times):
+        return None
+    curve = _unlimited(patch.curve)
+    lengths = np.full(len(_TRIED), curve.rest_length)
+    amplitudes, _ = curve.follow((1.0 - _TRIED**2) * lengths, lengths)
+    heights = line.heights(amplitudes)
+    wanted = line.rest_length * curve.rest_length / patch.span
+    roots, asked = [0.0], [0.0]
+    for points, directions, share in zip(*line.posed(rig, motion, times), shares, strict=True):
+        found = np.maximum.accumulate(line.lengths(points, directions, heights))
+        # Beyond what wrinkles of any height make up for, or make longer at once, nothing is asked for.
+        if found[0] < wanted < found[-1]:
+            roots.append(float(np.sqrt(share)))
+            asked.append(max(asked[-1], float(np.interp(wanted, found, _TRIED))))
+    if len(roots) == 1:
+        return None
+    return np.array([[*roots, np.sqrt(TAUT)], [*asked, np.sqrt(TAUT)]])
+
+
+def _unlimited(curve: ControlCurve) -> ControlCurve:
+    """A curve of incompressible tissue, whose bumps have no greatest height unless one rises after another."""
+    height = np.inf if len(curve.groups) == 1 else curve.max_height
+    return replace(curve, compressible=0.0, max_height=height, demand=None)
+
+
+def _bend(patch: Patch, rig: Rig, rest: Rest, node: int) -> tuple[Floats, Clip, Floats]:
+    """The turn that brings a tool's ends together, as long as it does.
+
+    Returns:
+        (rows,) times, the motion, and (rows,) the share by which the ends are closer than the rest length, rising.
+    """
+    times = np.linspace(0.0, 1.0, MOMENTS)
+    turns = turns_of(patch, rig, node)
+    every = []
+    for motion in turns:
+        distances, lengths = lengths_over_time(patch, rig, rest, motion, times)
+        every.append(np.maximum(TAUT - distances / lengths, 0.0))
+    chosen = int(np.argmax([shares.max() for shares in every]))
+    shares = every[chosen]
+    rising = np.flatnonzero(np.diff(np.maximum.accumulate(shares), prepend=0.0) > _LEAST_STEP)
+    return times[rising], turns[chosen], shares[rising]
+
+
+@dataclass(frozen=True, slots=True)
+class _Line:
+    """The line of the surface under a path: points, each mixed of a few vertices that joints move and wrinkles raise.
+
+    Attributes:
+        weights: (vertices, joints) skin weights.
+        stored: (1 + morph targets, vertices, 3) positions and morph deltas, bind space.
+        directions: (vertices, 3) what each moves by for a height of 1, bind space.
+        shapes: (groups, modes, vertices) heights per unit of amplitude.
+        rest_points: (vertices, 3) world space at rest.
+        corners: (points, k) the vertices that each point is mixed of.
+        shares: (points, k) of each, summing to 1.
+    """
+
+    weights: Floats
+    stored: Floats
+    directions: Floats
+    shapes: Floats
+    rest_points: Floats
+    corners: Ints
+    shares: Floats
+
+    @classmethod
+    def of_path(cls, patch: Patch, path: Curve, surface: Surface, rest: Rest, joint_count: int) -> "_Line | None":
+        """The line below a path at rest, with smooth wrinkles; none where its joints are singular there."""
+        feet = [rest.blocks.closest_point(point)[:2] for point in path.points[::_EVERY]]
+        corners = surface.triangles[[triangle for triangle, _ in feet]]
+        barycentrics = np.stack([found for _, found in feet])
+        # Straight from place to place.
+        places = path.ways[::_EVERY] / path.length
+        us = np.linspace(0.0, 1.0, _POINTS * patch.curve.interval_count + 1)
+        behind = np.clip(np.searchsorted(places, us), 1, len(places) - 1)
+        t = ((us - places[behind - 1]) / (places[behind] - places[behind - 1]))[:, None]
+
+        def mixed(values: Floats) -> Floats:
+            found: Floats = np.einsum("pc,pcx->px", barycentrics, values)
+            return found[behind - 1] + t * (found[behind] - found[behind - 1])
+
+        of_corners = surface.dense_weights(corners.reshape(-1), joint_count).reshape(*corners.shape, -1)
+        weights = mixed(of_corners)
+        blended = blend(weights, rest.matrices[None])[0]
+        if singular(blended).any():
+            return None
+        normals = unit(mixed(rest.normals_at(corners.reshape(-1)).reshape(*corners.shape, 3)))
+        stored = np.concatenate([surface.positions[None], surface.morph_deltas])
+        return cls(
+            weights=weights,
+            stored=np.stack([mixed(each[corners]) for each in stored]),
+            directions=np.einsum("pij,pj->pi", inverses(blended), normals),
+            shapes=patch.curve.shapes(us),
+            rest_points=transform(blended[None], mixed(rest.bind_positions[corners]))[0],
+            corners=np.arange(len(us))[:, None],
+            shares=np.ones((len(us), 1)),
+        )
+
+    @classmethod
+    def of_mesh(cls, carried: CarriedPatch, fine: Refinement, joint_count: int) -> "_Line | None":
+        """The line on which v = 0 cuts a refined mesh; none where its edges are too long to show the bumps."""
+        patch = carried.patch
+        triangles = fine.triangles[children(fine.subdivision.parents, patch.members)]
+        edges = np.unique(np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
+        used, edges = np.unique(edges, return_inverse=True)
+        edges = edges.reshape(-1, 2)
+        u, v = patch.coordinates(fine.rest_positions[used])
+        longest = 1.0 / (_LEAST_EDGES * patch.curve.interval_count) * (1.0 + 1e-9)
+        # Where places jump from one part of the path to another there is no line.
+        cut = ((v[edges] >= 0.0).sum(axis=1) == 1) & (np.abs(np.diff(u[edges], axis=1)[:, 0]) <= longest)
+        edges = edges[cut]
+        if len(edges) < 2:
+            return None
+        second = v[edges[:, 0]] / (v[edges[:, 0]] - v[edges[:, 1]])
+        shares = np.stack([1.0 - second, second], axis=1)
+        us = np.sum(shares * u[edges], axis=1)
+        order = np.argsort(us, kind="stable")
+        us, edges, shares = us[order], edges[order], shares[order]
+        inside = (us > 0.0) & (us < 1.0)
+        ends = [_between(us, edges, shares, end) for end in (0.0, 1.0)]
+        pad = ((0, 0), (0, 2))
+        corners = np.concatenate([ends[0][0], np.pad(edges[inside], pad), ends[1][0]])
+        shares = np.concatenate([ends[0][1], np.pad(shares[inside], pad), ends[1][1]])
+        if np.diff(np.sum(shares * u[corners], axis=1), prepend=0.0, append=1.0).max() > longest:
+            return None
+        directions, shapes = np.zeros((len(used), 3)), np.zeros((*patch.curve.greatest_amplitudes.shape, len(used)))
+        at = np.flatnonzero(np.isin(used, carried.vertices))
+        moved = np.searchsorted(carried.vertices, used[at])
+        directions[at] = carried.directions[moved] / patch.shape_strength
+        shapes[..., at] = carried.shapes(moved)
+        return cls(
+            weights=fine.dense_weights(used, joint_count),
+            stored=np.concatenate([fine.positions[None], fine.morph_deltas])[:, used],
+            directions=directions,
+            shapes=shapes,
+            rest_points=fine.rest_positions[used],
+            corners=corners,
+            shares=shares,
+        )
+
+    @property
+    def rest_length(self) -> float:
+        """Its length at rest, scene units."""
+        points = np.einsum("pk,pkx->px", self.shares, self.rest_points[self.corners])
+        return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+    def heights(self, amplitudes: Floats) -> Floats:
+        """(points, tried, k) how high (tried, groups, modes) wrinkles raise the vertices of each point, scene units."""
+        of_vertices: Floats = np.einsum("tgm,gmv->vt", amplitudes, self.shapes)
+        return of_vertices[self.corners].transpose(0, 2, 1)
+
+    def posed(self, rig: Rig, motion: Clip, times: Floats) -> tuple[Floats, Floats]:
+        """(frames, vertices, 3) where (frames,) seconds of a motion take the vertices, and their directions."""
+        blended = blend(self.weights, joint_matrices(rig, motion, times))
+        morphed = self.stored[0] + np.tensordot(morph_weights(rig, motion, times), self.stored[1:], axes=1)
+        return transform(blended, morphed), np.einsum("fvij,vj->fvi", blended[..., :3], self.directions)
+
+    def lengths(self, points: Floats, directions: Floats, heights: Floats) -> Floats:
+        """(tried,) lengths of the line, scene units.
+
+        Args:
+            points: (vertices, 3) in a frame.
+            directions: (vertices, 3) what each moves by for a height of 1.
+            heights: (points, tried, k) as `heights`.
+        """
+        shares = self.shares[..., None]
+        ground = (shares * points[self.corners]).sum(axis=1)
+        raised = np.matmul(heights, shares * directions[self.corners])
+        steps = np.diff(ground[:, None] + raised, axis=0)
+        return np.asarray(np.sqrt(np.einsum("ptx,ptx->pt", steps, steps)).sum(axis=0), np.float64)
+
+
+def _between(us: Floats, edges: Ints, shares: Floats, u: float) -> tuple[Ints, Floats]:
+    """(1, 4) vertices and shares of the point at u on a line of (cuts,) rising us, or of its end."""
+    behind = int(np.clip(np.searchsorted(us, u), 1, len(us) - 1))
+    t = float(np.clip((u - us[behind - 1]) / max(us[behind] - us[behind - 1], 1e-300), 0.0, 1.0))
+    mixed = np.concatenate([(1.0 - t) * shares[behind - 1], t * shares[behind]])
+    return np.concatenate([edges[behind - 1], edges[behind]])[None], mixed[None]

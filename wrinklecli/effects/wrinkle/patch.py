@@ -1,0 +1,202 @@
+"""Patches: tools on a surface at rest, their coordinates (u, v) and what is left of a height there.
+
+Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, Computer Graphics International 2004, on the
+influence region. Differs: displacement fades where the surface turns away; and (u, v) are those at rest.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.effects.wrinkle.bow import bowed
+from wrinklecli.effects.wrinkle.curve import ControlCurve
+from wrinklecli.effects.wrinkle.places import Places
+from wrinklecli.effects.wrinkle.variation import Variation, attenuation
+from wrinklecli.numeric.arrays import Floats, Ints
+from wrinklecli.surface.anchor import Anchor
+from wrinklecli.surface.path import Path
+from wrinklecli.tools.records import RestLengthKeys, WrinkleTool
+
+# Cosines of vertex and patch normal between which displacement fades in.
+_FACING = (0.2, 0.6)
+# Points of a line on each control interval, where its length is measured: right to about 1e-4.
+_LINE_POINTS = 24
+# Stretches of a path's map between which displacement fades in: at 0, on the inside of a bend, wrinkles would meet.
+_UNFOLDED = (0.2, 0.6)
+
+
+@dataclass(frozen=True, slots=True)
+class Patch:
+    """A tool attached to a surface at rest.
+
+    Attributes:
+        tool: Its definition.
+        curve: Its control curve.
+        variation: How its wrinkles differ from ruled ones; None where they do not.
+        anchors: From that at u = 0 to that at u = 1: two, or more where it follows a path.
+        path: The line through them at rest.
+        span: The summed distances of neighbouring anchors at rest, scene units.
+        half_width: |v| = 1 at this distance from the path, scene units.
+        members: (members,) the coarse triangles that belong to it, rising.
+    """
+
+    tool: WrinkleTool
+    curve: ControlCurve
+    variation: Variation | None
+    anchors: tuple[Anchor, ...]
+    path: Path
+    span: float
+    half_width: float
+    members: Ints
+
+    @property
+    def origin(self) -> Anchor:
+        """Anchor at u = 0."""
+        return self.anchors[0]
+
+    @property
+    def target(self) -> Anchor:
+        """Anchor at u = 1."""
+        return self.anchors[-1]
+
+    @property
+    def along(self) -> Floats:
+        """(3,) unit vector from origin to target, or along a path in its middle, world space at rest."""
+        return self.path.along
+
+    @property
+    def normal(self) -> Floats:
+        """(3,) unit normal of the patch, or of a path in its middle."""
+        return self.path.normal
+
+    @property
+    def rest_length(self) -> float:
+        """Nominal length of the control curve, scene units."""
+        return self.curve.rest_length
+
+    def coordinates(self, positions: Floats) -> tuple[Floats, Floats]:
+        """(…,) u along the path and v across it, of (…, 3) world positions at rest.
+
+        On the inside of a bend v rises faster than the distance: the patch ends before its map would fold.
+        """
+        found = self.path.locate(positions)
+        v = found.across / self.half_width
+        if found.stretches is None:
+            return found.u, v
+        low, high = _UNFOLDED
+        t = np.clip((found.stretches - low) / (high - low), 0.0, 1.0)
+        spread = 1.0 - (1.0 - np.abs(v)) * t * t * (3.0 - 2.0 * t)
+        # Beyond the border, not on it.
+        return found.u, np.copysign(spread + np.maximum(low - found.stretches, 0.0), v)
+
+    def bowed(self, u: Floats, v: Floats) -> Floats:
+        """(…,) where (…,) places of the patch are on the control curve: u, unless crests are bent."""
+        return bowed(u, v, self.tool.bow, self.tool.bumps) if self.tool.bow else u
+
+    def cosines(self, u: Floats, normals: Floats) -> Floats:
+        """(…,) of (…, 3) unit normals of the surface, at (…,) places along it, and the patch's there."""
+        return self.path.cosines(u, normals)
+
+    def stretched(self, u: Floats, v: Floats) -> Floats:
+        """(…,) places along the patch, along which edges as long as each other show as much of the wrinkles.
+
+        Those along the segment, but longer where the profile turns sharply, in furrows, and shorter on flat crests.
+        """
+        bent = self.bowed(u, v)
+        if not self.curve.profile.sharp:
+            return bent
+        return self.curve.stretched(bent if self.variation is None else self.variation.places(bent, v)[0].us)
+
+    def places(self, u: Floats, v: Floats, cosines: Floats) -> Places:
+        """Where points are on the control curve, and the factors on its height there.
+
+        Args:
+            u: (…,) along the segment.
+            v: (…,) across it.
+            cosines: (…,) of vertex normals and the patch's.
+        """
+        bent = self.bowed(u, v)
+        if self.variation is None:
+            return Places(bent, self.factors(u, v, cosines))
+        places, turned = self.variation.places(bent, v)
+        return places.times(self.factors(u, np.where(np.abs(v) <= 1.0, 0.0, v), cosines - turned))
+
+    def line_lengths(self, amplitudes: Floats, distance: float, lines: Floats) -> Floats:
+        """(lines,) how long the surface's cuts along (lines,) v are, scene units, at a strength of 1.
+
+        On a plane, without what fades where the surface turns away.
+
+        Args:
+            amplitudes: (groups, modes), scene units.
+            distance: Of the cuts' ends, scene units.
+            lines: (lines,) v.
+        """
+        points = _LINE_POINTS * 2 ** len(self.curve.details) * self.curve.interval_count + 1
+        u, v = np.meshgrid(np.linspace(0.0, 1.0, points), lines)
+        places = self.places(u.reshape(-1), v.reshape(-1), np.ones(u.size))
+        heights = np.einsum("gm,gmv->v", amplitudes, places.shapes(self.curve)) * places.factors
+        heights = heights.reshape(u.shape) / self.shape_strength
+        return np.asarray(np.hypot(distance / (points - 1), np.diff(heights, axis=1)).sum(axis=1), np.float64)
+
+    def magnitudes(self, u: Floats, v: Floats, normals: Floats) -> Floats:
+        """(…,) factor on the curve's height: strength, attenuation, facing; 0 outside the patch."""
+        return self.factors(u, v, self.cosines(u, normals))
+
+    def factors(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
+        """(…,) as `magnitudes`, from the cosines of (…,) vertex normals and the patch's."""
+        left = attenuation(self.tool.attenuation, v)
+        low, high = _FACING
+        t = np.clip((cosines - low) / (high - low), 0.0, 1.0)
+        inside = (u >= 0.0) & (u <= 1.0) & (np.abs(v) <= 1.0)
+        return np.where(inside, self.shape_strength * left * t * t * (3.0 - 2.0 * t), 0.0)
+
+    def share(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
+        """(…,) share of the tool's height at (…,) places: `factors` without strength."""
+        return np.abs(self.factors(u, v, cosines) / self.shape_strength)
+
+    def presence(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
+        """(…,) share of the tool's height that a place may have, from 0 at the patch's border to 1.
+
+        That of `factors`, without strength; over the first and the last control interval it fades along u as well,
+        where a bump begins or ends.
+        """
+        t = np.clip(np.minimum(u, 1.0 - u) * self.curve.interval_count, 0.0, 1.0)
+        faded: Floats = t * t * (3.0 - 2.0 * t) * self.share(u, v, cosines)
+        return faded
+
+    @property
+    def intervals(self) -> float:
+        """Intervals of the control curve, each halved once for every level of details."""
+        return self.curve.interval_count * 2.0 ** len(self.tool.details)
+
+    @property
+    def projected(self) -> bool:
+        """Whether vertices are projected onto the patch in each frame."""
+        return self.tool.attachment == "patch"
+
+    @property
+    def nominal_height(self) -> float:
+        """Greatest height of the control curve, scene units."""
+        return self.curve.greatest_height
+
+    @property
+    def greatest_height(self) -> float:
+        """Of all wrinkles that the tool can make, scene units."""
+        return abs(self.shape_strength) * self.curve.greatest_height
+
+    @property
+    def shape_strength(self) -> float:
+        """The strength built into the shapes: the tool's own, or that of its strongest clip where it is 0."""
+        return self.tool.strength or max(self.tool.clips.values(), key=abs, default=0.0)
+
+    @property
+    def keyed_clips(self) -> frozenset[str]:
+        """Names of the clips that key the rest length."""
+        wanted = self.tool.rest_length
+        return frozenset(wanted.keys if isinstance(wanted, RestLengthKeys) else ())
+
+    def clip_strength(self, clip: Clip | None) -> float:
+        """Factor on the shapes in a clip."""
+        wanted = self.tool.strength if clip is None else self.tool.clips.get(clip.name, self.tool.strength)
+        return wanted / self.shape_strength if self.shape_strength else 0.0

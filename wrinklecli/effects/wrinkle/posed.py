@@ -1,0 +1,325 @@
+"""Displacements projected anew in each posed frame (`attachment: patch`), and the few shapes that give them all.
+
+The paper's wording taken literally, C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004, on mesh
+deformation: (u, v) and normals are those of the undeformed posed surface, anew each frame. Differs: only members of the
+patch at rest are projected; normals are area-weighted; the posed displacement is pulled back to bind space, as morph
+targets act before skinning.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.pose import joint_matrices, morph_weights
+from wrinklecli.character.rig import Rig
+from wrinklecli.effects.wrinkle.patch import Patch
+from wrinklecli.errors import BakeError
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, determinants, inverses, median
+from wrinklecli.numeric.blocks import Blocks
+from wrinklecli.numeric.memory import Memory
+from wrinklecli.surface.path import Curve, curve_on
+from wrinklecli.surface.refine import Refinement
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+# Triangles times frames that are posed at once: what stays in a core's cache.
+_POSED_AT_ONCE = 2**16
+# Anchors of a posed patch nearer than this share of their distance at rest coincide.
+_LEAST_SPAN = 1e-9
+# Length of the mean of their normals, across the segment, below which they face opposite ways.
+_LEAST_MEAN = 1e-6
+# Share of the tolerance of `compress` that the series may be simplified by before shapes are chosen.
+_SPARED_SHARE = 0.02
+# Coordinates whose error is checked at once: bounds the memory.
+_CHECKED_AT_ONCE = 2**20
+# Of a float64.
+_NUMBER_BYTES = 8
+# Directions that a series may move in: four times as many as any engine plays morph targets.
+_MOST_AXES = 1024
+
+
+@dataclass(frozen=True, slots=True)
+class Ring:
+    """The vertices of a patch's members and of all triangles around these: what posed normals need.
+
+    Attributes:
+        vertices: (around,) fine welded vertices, rising.
+        members: (members,) numbers in `vertices`.
+        free: (members,) those that may move: not what touches another mesh.
+        knots: Of the points that the patch's path goes through, the anchors among them, (corners,) numbers in
+            `vertices` of those around each, and their (corners,) shares.
+        triangles: (triangles, 3) numbers in `vertices`.
+        sums: (around, triangles) 1 where a triangle has a vertex.
+        joints: (joints,) into the rig's, that move any of the vertices.
+        weights: (around, joints) skin weights.
+    """
+
+    vertices: Ints
+    members: Ints
+    free: Bools
+    knots: tuple[tuple[Ints, Floats], ...]
+    triangles: Ints
+    sums: "csr_array[np.float64, tuple[int, int]]"
+    joints: Ints
+    weights: Floats
+
+
+def ring_around(patch: Patch, members: Ints, free: Bools, fine: Refinement) -> Ring:
+    """The ring of (members,) fine welded vertices, rising, of which (members,) may move."""
+    from scipy.sparse import csr_array
+
+    # Normals of members, and of anchors on a face that turns away, need all triangles around them.
+    knots = _knots(patch, fine)
+    needed = np.concatenate([members, *(corners for corners, _ in knots)])
+    faces = fine.triangles[np.isin(fine.triangles, needed).any(axis=1)]
+    around, local = np.unique(faces, return_inverse=True)
+    local = local.reshape(-1, 3)
+    sums = csr_array(
+        (np.ones(local.size), (local.reshape(-1), np.repeat(np.arange(len(local)), 3))),
+        shape=(len(around), len(local)),
+    )
+    weights = fine.dense_weights(around, fine.weights.shape[1])
+    joints = np.flatnonzero(weights.any(axis=0))
+    return Ring(
+        vertices=around,
+        members=np.searchsorted(around, members),
+        free=free,
+        knots=tuple((np.searchsorted(around, corners), shares) for corners, shares in knots),
+        triangles=local,
+        sums=sums,
+        joints=joints,
+        weights=np.ascontiguousarray(weights[:, joints]),
+    )
+
+
+def _knots(patch: Patch, fine: Refinement) -> list[tuple[Ints, Floats]]:
+    """Of the points that a patch's path goes through, the (corners,) welded vertices around each and their shares."""
+    if not isinstance(patch.path, Curve):
+        return [(anchor.vertices, anchor.barycentrics) for anchor in patch.anchors]
+    triangles = fine.surface.triangles
+    coarse = Blocks.of(fine.rest_positions[: len(fine.surface.positions)], triangles)
+    found = [coarse.closest_point(knot) for knot in patch.path.knots]
+    return [(triangles[triangle], shares) for triangle, shares, _ in found]
+
+
+def posed_displacements(
+    patch: Patch, ring: Ring, fine: Refinement, rig: Rig, clip: Clip | None, times: Floats, amplitudes: Floats
+) -> Floats:
+    """Displacements as the paper words them: (u, v), normals and patch of each posed frame, pulled back.
+
+    Args:
+        patch: The tool.
+        ring: Its members and what surrounds them.
+        fine: The refined surface.
+        rig: Of the mesh.
+        clip: The animation; none for the stored pose.
+        times: (frames,) seconds.
+        amplitudes: (frames, groups, modes), strength in the clip applied.
+
+    Returns:
+        (frames, members, 3) bind space: the posed displacement times the inverse of the blended matrix; 0
+        where that is singular.
+    """
+    moved = np.zeros((len(times), len(ring.members), 3))
+    acting = np.flatnonzero(amplitudes.any(axis=(1, 2)))
+    if not len(acting):
+        return moved
+    chunk = max(_POSED_AT_ONCE // len(ring.triangles), 1)
+    for part in (acting[k : k + chunk] for k in range(0, len(acting), chunk)):
+        moved[part] = _posed_at_once(patch, ring, fine, rig, clip, times[part], amplitudes[part])
+    return moved
+
+
+def _posed_at_once(
+    patch: Patch, ring: Ring, fine: Refinement, rig: Rig, clip: Clip | None, times: Floats, amplitudes: Floats
+) -> Floats:
+    """As `posed_displacements`, of few frames. Inside, frames are the last axis and x, y, z the first."""
+    blended, positions, normals = _posed_ring(ring, fine, rig, clip, times)
+    locate = _along_curves if isinstance(patch.path, Curve) else _along_segments
+    u, v, cosines, exists = locate(patch, ring, positions, normals)
+    normals = normals[:, ring.members]
+    places = patch.places(u, v, cosines)
+    lengths = places.times(ring.free[:, None] * exists).rises(patch.curve, amplitudes)
+    members, frames = np.nonzero(lengths)
+    linear = blended[:, :3, ring.members[members], frames].transpose(2, 0, 1)
+    pushed = lengths[members, frames, None] * normals[:, members, frames].T
+    moved = np.zeros((len(times), len(ring.members), 3))
+    moved[frames, members] = np.einsum("vij,vj->vi", inverses(linear), pushed)
+    return moved
+
+
+def _posed_ring(
+    ring: Ring, fine: Refinement, rig: Rig, clip: Clip | None, times: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """(3, 4, around, frames) blended matrices, (3, around, frames) world positions, and unit normals."""
+    matrices = joint_matrices(rig, clip, times, ring.joints)[:, :, :3].transpose(2, 3, 1, 0)
+    blended = np.matmul(ring.weights, np.ascontiguousarray(matrices))
+    bind = fine.positions[ring.vertices].T[:, :, None]
+    if len(fine.morph_deltas):
+        deltas = fine.morph_deltas[:, ring.vertices].transpose(2, 1, 0)
+        bind = bind + np.matmul(deltas, morph_weights(rig, clip, times).T)
+    positions = np.sum(blended[:, :3] * bind, axis=1) + blended[:, 3]
+    a, b, c = (positions[:, ring.triangles[:, k]] for k in range(3))
+    # A mirrored pose turns the winding inside out.
+    outward = np.sign(median(determinants(blended[:, :3].transpose(2, 3, 0, 1))))
+    faces = cross(b - a, c - a)
+    return blended, positions, outward * _units(np.stack([np.asarray(ring.sums @ each) for each in faces]))
+
+
+def _at_knots(ring: Ring, vectors: Floats) -> Floats:
+    """(knots, 3, frames) of (3, around, frames)."""
+    return np.stack([np.einsum("c,xcf->xf", shares, vectors[:, corners]) for corners, shares in ring.knots])
+
+
+def _along_segments(
+    patch: Patch, ring: Ring, positions: Floats, normals: Floats
+) -> tuple[Floats, Floats, Floats, Bools]:
+    """(members, frames) u, v and cosines with the patch's normal, and (frames,) whether there is a patch.
+
+    Args:
+        patch: A straight tool.
+        ring: Its members and what surrounds them.
+        positions: (3, around, frames) world space.
+        normals: (3, around, frames) unit.
+    """
+    placed = _placed(patch, ring, positions, normals)
+    relative = positions[:, ring.members] - placed.origin[:, None]
+    across = np.stack(cross(placed.along, placed.normal))
+    u = np.sum(relative * placed.along[:, None], axis=0) / placed.span
+    v = np.sum(relative * across[:, None], axis=0) / patch.half_width
+    return u, v, np.sum(normals[:, ring.members] * placed.normal[:, None], axis=0), placed.exists
+
+
+def _along_curves(patch: Patch, ring: Ring, positions: Floats, normals: Floats) -> tuple[Floats, Floats, Floats, Bools]:
+    """As `_along_segments`, of a tool with a path: through the points of the skin that it went through at rest."""
+    shape = (len(ring.members), positions.shape[2])
+    u, v, cosines, exists = np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros(shape[1], bool)
+    knots, facing = (_at_knots(ring, vectors).transpose(2, 0, 1) for vectors in (positions, normals))
+    apart = np.linalg.norm(np.diff(knots, axis=1), axis=2).min(axis=1) > _LEAST_SPAN * patch.span
+    facing = facing / np.maximum(np.linalg.norm(facing, axis=2, keepdims=True), _LEAST_MEAN)
+    for frame in np.flatnonzero(apart):
+        posed = replace(patch, path=curve_on(knots[frame], facing[frame]))
+        exists[frame] = True
+        u[:, frame], v[:, frame] = posed.coordinates(positions[:, ring.members, frame].T)
+        cosines[:, frame] = posed.cosines(u[:, frame], normals[:, ring.members, frame].T)
+    return u, v, cosines, exists
+
+
+@dataclass(frozen=True, slots=True)
+class _Placed:
+    """Where the patch is in posed frames, world space.
+
+    Attributes:
+        origin: (3, frames).
+        along: (3, frames) unit vector from origin to target.
+        normal: (3, frames) unit normal.
+        span: (frames,) distance of the anchors; 1 where there is no patch.
+        exists: (frames,) whether there is one: not where the anchors coincide or face opposite ways.
+    """
+
+    origin: Floats
+    along: Floats
+    normal: Floats
+    span: Floats
+    exists: Bools
+
+
+def _placed(patch: Patch, ring: Ring, positions: Floats, normals: Floats) -> _Placed:
+    """Place the patch by its anchors, from (3, around, frames) positions and normals."""
+    origin, target = _at_knots(ring, positions)
+    difference = target - origin
+    span = np.sqrt(np.sum(difference**2, axis=0))
+    apart = span > _LEAST_SPAN * patch.span
+    span = np.where(apart, span, 1.0)
+    along = difference / span
+    first, second = _at_knots(ring, normals)
+    mean = _units(first) + _units(second)
+    mean = mean - np.sum(mean * along, axis=0) * along
+    exists = apart & (np.sqrt(np.sum(mean**2, axis=0)) >= _LEAST_MEAN)
+    return _Placed(origin=origin, along=along, normal=_units(mean), span=span, exists=exists)
+
+
+def _units(vectors: Floats) -> Floats:
+    """(3, …) divided by their length; 0 stays 0."""
+    lengths = np.sqrt(np.sum(vectors * vectors, axis=0))
+    divided: Floats = vectors / np.where(lengths > 0, lengths, 1.0)
+    return divided
+
+
+def compress(
+    series: Iterable[Floats], tolerance: float, *, memory: Memory | None = None, where: str = ""
+) -> tuple[Floats, Floats]:
+    """Few shapes whose weighted sums give every frame of a series.
+
+    Args:
+        series: Parts of (frames, vertices, 3) displacements, one after another; each is looked at once, and let go.
+        tolerance: Greatest error of a coordinate, in the series' unit.
+        memory: That this may take.
+        where: What moves like that, for the message.
+
+    Returns:
+        (frames, shapes) weights in [-1, 1] and (shapes, vertices, 3). The fewest leading singular vectors
+        that keep the greatest error, checked in the maximum norm, in bounds, up to the 1/50 that the series is
+        simplified by; of each shape's weights the largest is positive.
+
+    Raises:
+        BakeError: There are more than 1,024 shapes to choose from.
+        TooMuchError: It would take more memory than there may be.
+    """
+    memory = memory or Memory()
+    spared = _SPARED_SHARE * tolerance
+    axes, parts, frames = np.zeros((0, 0)), [], 0
+    size: tuple[int, ...] = ()
+    for part in series:
+        size = part.shape[1:]
+        flat = part.reshape(len(part), -1)
+        axes = axes if len(axes) else np.zeros((0, flat.shape[1]))
+        coordinates = flat @ axes.T
+        rest = flat - coordinates @ axes
+        if np.abs(rest).max(initial=0.0) > spared:
+            _, values, fresh = np.linalg.svd(rest, full_matrices=False)
+            # No entry of what is left out exceeds the largest singular value of it.
+            fresh = fresh[values > spared]
+            axes = np.concatenate([axes, fresh])
+            coordinates = np.concatenate([coordinates, flat @ fresh.T], axis=1)
+        if len(axes) > _MOST_AXES:
+            raise BakeError(f"moves in more than {_MOST_AXES:,} ways, more than morph targets can follow", where=where)
+        frames += len(part)
+        refuse_large_series(memory, frames, flat.shape[1] // 3, len(axes), where=where)
+        parts.append(coordinates)
+    flat = np.concatenate([np.pad(each, ((0, 0), (0, len(axes) - each.shape[1]))) for each in parts])
+    left, values, right = np.linalg.svd(flat, full_matrices=False)
+    shapes = right @ axes
+    rank = 0
+    chunk = _checked_at_once(axes.shape[1])
+    for rows in (slice(start, start + chunk) for start in range(0, len(flat), chunk)):
+        wanted = flat[rows] @ axes
+        while (
+            np.abs(wanted - (left[rows, :rank] * values[:rank]) @ shapes[:rank]).max(initial=0.0) > tolerance - spared
+        ):
+            rank += 1
+    weights, shapes = left[:, :rank] * values[:rank], shapes[:rank]
+    peaks = weights[np.argmax(np.abs(weights), axis=0), np.arange(rank)]
+    return weights / peaks, (shapes * peaks[:, None]).reshape(rank, *size)
+
+
+def refuse_large_series(memory: Memory, frames: int, vertices: int, shapes: int, *, where: str) -> None:
+    """Check that `compress` can hold a series, which needs so many shapes.
+
+    Raises:
+        TooMuchError: It cannot.
+    """
+    width = 3 * vertices
+    # Axes and shapes; what is checked, as it is and as shapes give it; and coordinates, with what is made of them.
+    numbers = 2 * shapes * width + 2 * min(frames, _checked_at_once(width)) * width + 4 * frames * shapes
+    what = f"{frames:,} frames of {vertices:,} vertices, as {shapes:,} shapes,"
+    memory.check(_NUMBER_BYTES * numbers, what, where=where)
+
+
+def _checked_at_once(width: int) -> int:
+    """How many frames of so many coordinates are checked at once."""
+    return max(_CHECKED_AT_ONCE // max(width, 1), 1)

@@ -1,0 +1,353 @@
+"""Which edges are split: the surface is refined once, in bind space, until the triangles under regions show wrinkles.
+
+Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004, on mesh refinement. Differs: the
+paper refines the posed mesh on the fly; here refinement acts before skinning, and once, so that the skeleton
+survives; edges are compared with half an interval of the control curve (by default: `edges_per_interval: 2`), where
+the paper compares them with one; and edges are not split where hardly any of the height is left.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from wrinklecli.character.pose import transform
+from wrinklecli.character.rig import Rig
+from wrinklecli.character.surface import Surface
+from wrinklecli.numeric.around import Around
+from wrinklecli.numeric.arrays import (
+    Bools,
+    Floats,
+    Ints,
+    children,
+    distinct,
+    distinct_values,
+    flags_of,
+    unit,
+    vertex_normals,
+)
+from wrinklecli.numeric.blocks import Boxes
+from wrinklecli.numeric.nearest import balls
+from wrinklecli.numeric.red_green import Level
+from wrinklecli.numeric.subdivide import Subdivision, subdivide
+from wrinklecli.surface.prune import joint_distances, prune
+from wrinklecli.surface.region import Region
+from wrinklecli.surface.rest import Rest, carried_normals
+from wrinklecli.surface.rounding import hard_edges, rounded
+from wrinklecli.surface.storable import Storage, spread_weights
+from wrinklecli.tools.records import MAX_VERTICES, RefinementSettings, Scheme
+
+# Share of a wrinkle's height above which it shows.
+_LEAST_SHOWN = 0.01
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """A surface refined under its regions; old vertices first, then new ones, welded and glTF vertices alike.
+
+    Attributes:
+        surface: The coarse surface.
+        subdivision: How it was split.
+        positions: (vertices, 3) stored positions, bind space.
+        morph_deltas: (morph targets, vertices, 3).
+        bind_positions: (vertices, 3) positions with the morph weights of the rest pose, bind space.
+        blended: (vertices, 3, 4) bind to world space at rest.
+        rest_positions: (vertices, 3) world space at rest.
+        weights: (new vertices, joints) skin weights before pruning.
+        joints_pruned: (new vertices, influences) the joints that the file can store.
+        weights_pruned: (new vertices, influences).
+        corners: (triangles, 3) glTF vertices.
+        sources: (new glTF vertices, 3) coarse glTF vertices that each is mixed from.
+        shares: (new glTF vertices, 3) of each source, summing to 1.
+        primitives: (new glTF vertices,).
+        weld: (glTF vertices,) the welded vertex of each.
+        schemes: Of each region, how its new vertices are placed: as in the settings, but `midpoint` on a faceted mesh.
+        hard_shares: (regions,) of each patch's coarse edges, how many are hard.
+        departures: (regions,) how far new vertices leave the coarse surface at the most, over the tallest wrinkle.
+    """
+
+    surface: Surface
+    subdivision: Subdivision
+    positions: Floats
+    morph_deltas: Floats
+    bind_positions: Floats
+    blended: Floats
+    rest_positions: Floats
+    weights: Floats
+    joints_pruned: Ints
+    weights_pruned: Floats
+    corners: Ints
+    sources: Ints
+    shares: Floats
+    primitives: Ints
+    weld: Ints
+    schemes: tuple[Scheme, ...]
+    hard_shares: Floats
+    departures: Floats
+
+    @cached_property
+    def normals(self) -> Floats:
+        """(vertices, 3) unit normals of `bind_positions`, as `normals_at` of every vertex."""
+        return vertex_normals(self.bind_positions, self.triangles)
+
+    def normals_at(self, vertices: Ints) -> Floats:
+        """(chosen, 3) unit normals of `bind_positions`."""
+        return self.around.normals_at(self.bind_positions, vertices)
+
+    @cached_property
+    def around(self) -> Around:
+        """The triangles of each vertex."""
+        return Around.of(self.triangles, len(self.bind_positions))
+
+    @cached_property
+    def rest_normals(self) -> Floats:
+        """(vertices, 3) world space at rest, as `rest_normals_at` of every vertex."""
+        return carried_normals(self.blended, self.normals)
+
+    def rest_normals_at(self, vertices: Ints) -> Floats:
+        """(chosen, 3) world space at rest."""
+        return carried_normals(self.blended[vertices], self.normals_at(vertices))
+
+    @cached_property
+    def rest_balls(self) -> tuple[Floats, Floats]:
+        """(triangles, 3) middles of the triangles, world space at rest, and (triangles,) how far their corners are."""
+        return balls(self.rest_positions[self.triangles])
+
+    @cached_property
+    def rest_boxes(self) -> Boxes:
+        """Round the balls of triangles that follow one another."""
+        middles, radii = self.rest_balls
+        return Boxes.of(middles - radii[:, None], middles + radii[:, None])
+
+    @cached_property
+    def rest_size(self) -> float:
+        """Diagonal of the bounding box at rest, scene units."""
+        return float(np.linalg.norm(np.ptp(self.rest_positions, axis=0)))
+
+    @property
+    def pruned_count(self) -> int:
+        """How many new welded vertices have fewer joints in the file than their place on the surface asks for."""
+        return int(((self.weights > 0).sum(axis=1) > self.weights_pruned.shape[1]).sum())
+
+    @property
+    def triangles(self) -> Ints:
+        """(triangles, 3) welded vertices."""
+        return self.subdivision.triangles
+
+    @property
+    def triangle_primitives(self) -> Ints:
+        """(triangles,) the primitive of each triangle."""
+        return self.surface.primitives[self.subdivision.parents]
+
+    def dense_weights(self, vertices: Ints, joint_count: int) -> Floats:
+        """(vertices, joints) skin weights before pruning."""
+        old = len(self.surface.positions)
+        dense = np.zeros((len(vertices), joint_count))
+        is_old = vertices < old
+        dense[is_old] = self.surface.dense_weights(vertices[is_old], joint_count)
+        dense[~is_old] = self.weights[vertices[~is_old] - old]
+        return dense
+
+
+def refine(
+    surface: Surface,
+    rest: Rest,
+    regions: Sequence[Region],
+    rig: Rig,
+    *,
+    settings: RefinementSettings,
+    contacts: Bools,
+    influences: int,
+    poses: Floats,
+    tolerance: float,
+    max_vertices: int = MAX_VERTICES,
+) -> Refinement:
+    """Split the triangles under the regions until the control curves show.
+
+    An edge of a member triangle is split where |Δu| > 1/(n · 2^details · edges_per_interval); but not where less than a
+    hundredth of the height is left along all of it, at the patch's border or on faces that turn away, unless finer
+    splits need it.
+
+    Args:
+        surface: The coarse mesh.
+        rest: Its rest pose.
+        regions: Of all tools on it.
+        rig: Its joints.
+        settings: `refinement` of the tools file.
+        contacts: (vertices,) those that touch another mesh: an edge between two of them is not split.
+        influences: How many joints a vertex of the file can have.
+        poses: (poses, joints, 4, 4) of the asset's clips, bind to world space.
+        tolerance: Scene units. An edge is not split where the midpoint's skin weights, pruned to `influences`,
+            would move it further off in any pose.
+        max_vertices: How many may be added.
+    """
+    members = flags_of(np.concatenate([region.members for region in regions]), len(surface.triangles))
+    storage = Storage.of(
+        surface, rest, members, rig, regions, contacts=contacts, influences=influences, poses=poses, tolerance=tolerance
+    )
+    hard = hard_edges(surface, rest.bind_positions, regions)
+    normals, under = np.zeros((len(surface.positions), 3)), distinct_values(surface.triangles[members])
+    normals[under] = rest.normals_at(under)
+    subdivision = subdivide(
+        surface.triangles,
+        len(surface.positions),
+        wants=lambda level: _long_edges(level, regions, rest, normals, settings),
+        forbids=storage.forbidden,
+        shows=lambda level: _showing_edges(level, regions, rest, normals),
+        max_levels=settings.max_levels,
+        max_vertices=max_vertices,
+        near=members,
+        scheme="midpoint" if settings.scheme == "midpoint" else "butterfly",
+        hard=hard.vertices if settings.scheme == "butterfly" else None,
+        where=rig.names[rig.node],
+    )
+    blended = subdivision.interpolate(rest.blended.reshape(-1, 12)).reshape(-1, 3, 4)
+    placed = rounded(
+        surface,
+        subdivision,
+        regions,
+        blended=blended,
+        rest_places=transform(blended[None], subdivision.interpolate(rest.bind_positions))[0],
+        rest_normals=unit(subdivision.interpolate(normals)),
+        full=settings.scheme == "butterfly_full",
+    )
+    bind = placed.positions + np.tensordot(rest.morph_weights, placed.morph_deltas, axes=1)
+    old = len(surface.positions)
+    weights = _new_weights(surface, subdivision, len(rig.joints))
+    acting = np.flatnonzero(weights.any(axis=0))
+    joints_pruned, weights_pruned = prune(weights[:, acting], joint_distances(rig, regions, acting), influences)
+    joints_pruned = np.where(weights_pruned > 0, np.append(acting, 0)[joints_pruned], 0)
+    corners, sources, shares, primitives, weld = _split_corners(surface, subdivision)
+    faceted = hard.faceted & (settings.scheme == "butterfly")
+    return Refinement(
+        surface=surface,
+        subdivision=subdivision,
+        positions=placed.positions,
+        morph_deltas=placed.morph_deltas,
+        bind_positions=bind,
+        blended=blended,
+        rest_positions=np.concatenate([rest.positions, transform(blended[None, old:], bind[old:])[0]]),
+        weights=weights,
+        joints_pruned=joints_pruned,
+        weights_pruned=weights_pruned,
+        corners=corners,
+        sources=sources,
+        shares=shares,
+        primitives=primitives,
+        weld=weld,
+        schemes=tuple("midpoint" if each else settings.scheme for each in faceted),
+        hard_shares=hard.shares,
+        departures=placed.departures,
+    )
+
+
+def _long_edges(
+    level: Level, regions: Sequence[Region], rest: Rest, normals: Floats, settings: RefinementSettings
+) -> Bools:
+    """(edges,) those on a region that are too long along u for its control curve to show."""
+    last = level.number == settings.max_levels
+    wanted = np.zeros(len(level.edges), bool)
+    for region in regions:
+        faces = children(level.parents, region.members)
+        vertices, local = np.unique(level.triangles[faces], return_inverse=True)
+        u, v = region.coordinates(_rest_positions(level, vertices, rest))
+        u_faces, v_faces = u[local.reshape(-1, 3)], v[local.reshape(-1, 3)]
+        meets = (u_faces.max(axis=1) > 0) & (u_faces.min(axis=1) < 1)
+        meets &= (v_faces.max(axis=1) > -1) & (v_faces.min(axis=1) < 1)
+        # At the last level edges are only counted: those that show wrinkles, if not furrows as sharp, will do.
+        u = region.bowed(u, v) if last else region.stretched(u, v)
+        edges = distinct_values(level.triangle_edges[faces[meets]])
+        ends = np.searchsorted(vertices, level.edges[edges])
+        steps = np.abs(u[ends[:, 1]] - u[ends[:, 0]])
+        if last and not region.projected:
+            # What is left of wrinkles at the border of a region is as low as it takes not to be missed.
+            steps = steps * _shares_left(level, edges, region, rest, normals)
+        wanted[edges] |= steps > _greatest_step(region, settings)
+    return wanted
+
+
+def _showing_edges(level: Level, regions: Sequence[Region], rest: Rest, normals: Floats) -> Bools:
+    """(edges,) those along which a region leaves some of its height, from (coarse vertices, 3) normals at rest."""
+    shown = np.zeros(len(level.edges), bool)
+    for region in regions:
+        edges = distinct_values(level.triangle_edges[children(level.parents, region.members)])
+        # Projected anew each frame, any of them may come to lie on the region.
+        shown[edges] |= region.projected or _shares_left(level, edges, region, rest, normals) > _LEAST_SHOWN
+    return shown
+
+
+def _shares_left(level: Level, edges: Ints, region: Region, rest: Rest, normals: Floats) -> Floats:
+    """(edges,) the most that a region leaves of its height along edges; 0 before and behind it."""
+    vertices, ends = np.unique(level.edges[edges], return_inverse=True)
+    ends = ends.reshape(-1, 2)
+    places = _rest_positions(level, vertices, rest)
+    u, v = region.coordinates(places)
+    cosines = region.cosines(u, unit(level.of_vertices(vertices, normals)))
+    u, v, cosines = (each[ends] for each in (u, v, cosines))
+    within = (u.max(axis=1) > 0) & (u.min(axis=1) < 1)
+    # Ends to either side: the path runs between them, unless they are nearest to parts of it that are far apart.
+    lengths = np.linalg.norm(places[ends[:, 1]] - places[ends[:, 0]], axis=1) / region.half_width
+    between = np.maximum(np.abs(v).sum(axis=1) - lengths, 0.0) / 2.0
+    nearest = np.where(v[:, 0] * v[:, 1] > 0, np.abs(v).min(axis=1), between)
+    shares = region.share(np.full(len(edges), 0.5), nearest, cosines.max(axis=1))
+    return np.where(within, shares, 0.0)
+
+
+def _greatest_step(region: Region, settings: RefinementSettings) -> float:
+    """The largest |Δu| of an edge that shows the region's shape."""
+    return 1.0 / (region.intervals * settings.edges_per_interval)
+
+
+def _rest_positions(level: Level, vertices: Ints, rest: Rest) -> Floats:
+    """(vertices, 3) world positions at rest of some vertices of a level, on the coarse surface."""
+    blended = level.of_vertices(vertices, rest.blended.reshape(-1, 12)).reshape(1, -1, 3, 4)
+    positions: Floats = transform(blended, level.of_vertices(vertices, rest.bind_positions))[0]
+    return positions
+
+
+def _new_weights(surface: Surface, subdivision: Subdivision, joint_count: int) -> Floats:
+    """(new vertices, joints) skin weights, before pruning."""
+    old = len(surface.positions)
+    if subdivision.linear is None:
+        return np.zeros((0, joint_count))
+    split = distinct_values(subdivision.linear.columns[subdivision.linear.starts[old] :])
+    dense = spread_weights(surface, split, joint_count)
+    return subdivision.linear.of_rows(np.arange(old, subdivision.vertex_count), dense)
+
+
+def _split_corners(surface: Surface, subdivision: Subdivision) -> tuple[Ints, Ints, Floats, Ints, Ints]:
+    """Find the glTF vertices of the fine triangles: corners; new ones' sources, shares, primitives; weld.
+
+    A corner of a fine triangle is a mix of its coarse triangle's corners. Two corners are one glTF vertex
+    where they mix the same glTF vertices of one primitive in the same shares: so a UV seam stays a seam, and
+    what was one vertex along an edge stays one.
+    """
+    old_count = len(surface.weld)
+    changed = subdivision.changed
+    fine_corners = surface.corners[subdivision.parents]
+    parents = subdivision.parents[changed]
+    shares = subdivision.barycentrics[changed].reshape(-1, 3)
+    sources = np.repeat(surface.corners[parents], 3, axis=0)
+    is_new = (shares < 1.0).all(axis=1)
+    corners = sources[np.arange(len(sources)), np.argmax(shares, axis=1)]
+    # Shares are dyadic: whole numbers of 2^-levels, exact as keys. Unused sources count as none.
+    numerators = (shares[is_new] * 2**subdivision.levels).astype(np.intp)
+    used = np.where(numerators > 0, sources[is_new], old_count)
+    order = np.argsort(used, axis=1, kind="stable")
+    used, numerators = np.take_along_axis(used, order, 1), np.take_along_axis(numerators, order, 1)
+    primitive = np.repeat(surface.primitives[parents], 3)[is_new]
+    welded = subdivision.triangles[changed].reshape(-1)[is_new]
+    keys = np.column_stack([welded, primitive, used, numerators])
+    firsts, which = distinct(keys)
+    unique = keys[firsts]
+    corners[is_new] = old_count + which
+    fine_corners[changed] = corners.reshape(-1, 3)
+    picked = np.where(unique[:, 5:] > 0, unique[:, 2:5], 0)
+    return (
+        fine_corners,
+        picked,
+        unique[:, 5:] / 2**subdivision.levels,
+        unique[:, 1],
+        np.concatenate([surface.weld, unique[:, 0]]),
+    )

@@ -1,0 +1,270 @@
+"""Sites: points spread evenly over a surface, the strain around each, and when it is compressed most.
+
+Triangles are uneven and single ones noisy, so the loss is averaged as a tensor over a small neighbourhood of sites.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.numeric.arrays import Floats, Ints, distinct, unit
+from wrinklecli.surface.strain import Gauge, principal, strain
+from wrinklecli.surface.strained import StrainedPart
+
+# Radius of the neighbourhood over which strain is averaged, as a part of the diagonal of the mesh's box: 27 mm on a
+# person. It is at least the second number times a typical triangle's longest edge: less would tell single triangles
+# apart.
+_RADIUS = 0.015
+_OF_TRIANGLES = 0.6
+# Distance of neighbouring sites, as a part of that radius: a neighbourhood then has about a dozen.
+_SPACING = 0.5
+# More sites would take seconds; where there would be more, they move apart.
+_MOST_SITES = 12_000
+# A triangle is sampled at the centroids of at most 8 × 8 parts.
+_MOST_PARTS = 8
+# Cosine of normals above which two near points are of one sheet, not of two sides of a thin one.
+_SAME_SHEET = 0.3
+# Triangles times poses that are held at once: 2**18 take 60 MB.
+_CHUNK = 2**18
+
+
+@dataclass(frozen=True, slots=True)
+class Sites:
+    """Points spread evenly over a surface at rest.
+
+    Attributes:
+        positions: (sites, 3) world space at rest.
+        normals: (sites, 3) unit.
+        areas: (sites,) of the surface around each; their sum is that of the surface.
+        pieces: (sites,) which piece of the surface each is on.
+        gather: (sites, triangles) shares of the triangles at each site; rows sum to 1.
+        smooth: (sites, sites) shares of the sites in each one's neighbourhood; rows sum to 1.
+        near: (sites, sites) which are neighbours, on one sheet of the surface.
+        radius: Of the neighbourhoods, scene units.
+        spacing: About the distance of two neighbours, scene units.
+    """
+
+    positions: Floats
+    normals: Floats
+    areas: Floats
+    pieces: Ints
+    gather: csr_array
+    smooth: csr_array
+    near: csr_array
+    radius: float
+    spacing: float
+
+
+@dataclass(frozen=True, slots=True)
+class Peaks:
+    """The greatest compression of each site over some poses.
+
+    Attributes:
+        losses: (sites,) 1 − σ of the averaged strain; negative where a site is only ever stretched.
+        poses: (sites,) the pose of it.
+        clips: (poses,) its clip.
+        times: (poses,) its time, seconds.
+    """
+
+    losses: Floats
+    poses: Ints
+    clips: tuple[Clip, ...]
+    times: Floats
+
+
+def spread_sites(gauge: Gauge) -> Sites:
+    """Spread sites over a surface, so far apart as its size and its triangles ask for."""
+    corners = gauge.rest.positions[gauge.triangles]
+    crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.sqrt(np.sum(crosses**2, axis=1)) / 2.0
+    edges = np.sqrt(np.max(np.sum((corners - np.roll(corners, 1, axis=1)) ** 2, axis=2), axis=1))
+    size = float(np.linalg.norm(np.ptp(corners.reshape(-1, 3), axis=0)))
+    order = np.argsort(edges, kind="stable")
+    total = np.cumsum(areas[order])
+    typical = float(edges[order[np.searchsorted(total, total[-1] / 2.0)]])
+    radius = max(_RADIUS * size, _OF_TRIANGLES * typical)
+    while True:
+        spacing = _SPACING * radius
+        points, point_areas, parents = _points(corners, areas, edges, spacing)
+        normals = unit(crosses)[parents]
+        cell, count = _cells(points, normals, gauge.pieces[parents], spacing)
+        if count <= _MOST_SITES:
+            break
+        radius *= max(1.1, (count / _MOST_SITES) ** 0.5)
+    site_areas = np.asarray(np.bincount(cell, point_areas, count), np.float64)
+
+    def mean(values: Floats) -> Floats:
+        sums = [np.bincount(cell, point_areas * values[:, k], count) for k in range(3)]
+        return np.stack(sums, axis=1) / site_areas[:, None]
+
+    positions, site_normals = mean(points), unit(mean(normals))
+    near, smooth = _neighbours(positions, site_normals, site_areas, cell, gauge.triangles[parents], radius)
+    gather = csr_array((point_areas / site_areas[cell], (cell, parents)), shape=(count, len(areas)))
+    pieces = np.zeros(count, np.intp)
+    pieces[cell] = gauge.pieces[parents]
+    return Sites(positions, site_normals, site_areas, pieces, gather, smooth, near, radius, spacing)
+
+
+def _points(corners: Floats, areas: Floats, edges: Floats, spacing: float) -> tuple[Floats, Floats, Ints]:
+    """Centroids of equal parts of the triangles, no larger than the spacing: places, areas and triangles."""
+    parts = np.clip(np.ceil(edges / spacing), 1, _MOST_PARTS).astype(np.intp)
+    places, sizes, parents = [], [], []
+    for k in np.unique(parts):
+        chosen = np.flatnonzero(parts == k)
+        i, j = (each.ravel() for each in np.meshgrid(np.arange(k), np.arange(k), indexing="ij"))
+        up = i + j < k
+        down = i + j < k - 1
+        first = np.concatenate([i[up] + 1 / 3, i[down] + 2 / 3]) / k
+        second = np.concatenate([j[up] + 1 / 3, j[down] + 2 / 3]) / k
+        shares = np.stack([1.0 - first - second, first, second], axis=1)
+        places.append(np.einsum("pk,tkc->tpc", shares, corners[chosen]).reshape(-1, 3))
+        sizes.append(np.repeat(areas[chosen] / k**2, k**2))
+        parents.append(np.repeat(chosen, k**2))
+    return np.concatenate(places), np.concatenate(sizes), np.concatenate(parents)
+
+
+def _cells(points: Floats, normals: Floats, pieces: Ints, spacing: float) -> tuple[Ints, int]:
+    """(points,) the same number for those of one cube and piece that face one way, and how many there are."""
+    cubes = np.floor((points - points.min(axis=0)) / spacing).astype(np.intp)
+    facing = np.argmax(np.abs(normals), axis=1)
+    side = 2 * facing + (np.take_along_axis(normals, facing[:, None], 1)[:, 0] < 0)
+    keys = np.concatenate([cubes, side[:, None], pieces[:, None]], axis=1)
+    firsts, cell = distinct(keys)
+    return cell, len(firsts)
+
+
+def _neighbours(
+    positions: Floats, normals: Floats, areas: Floats, cell: Ints, corners: Ints, radius: float
+) -> tuple[csr_array, csr_array]:
+    """Which sites are neighbours, and the shares of those around each: over the surface, not through the air.
+
+    Args:
+        positions: (sites, 3)
+        normals: (sites, 3)
+        areas: (sites,)
+        cell: (points,) the site of each.
+        corners: (points, 3) the vertices of the triangle of each.
+        radius: Scene units.
+
+    Returns:
+        (sites, sites) 1 where two lie within the radius, on triangles that touch, and look the same way; and
+        (sites, sites) shares of those within the radius and three steps between neighbours, less the further away.
+    """
+    from scipy.sparse import eye_array
+    from scipy.spatial import cKDTree
+
+    count = len(positions)
+    close = cKDTree(positions).query_pairs(radius, output_type="ndarray")
+    pairs = close[np.einsum("pk,pk->p", normals[close[:, 0]], normals[close[:, 1]]) > _SAME_SHEET]
+    _, vertices = np.unique(corners, return_inverse=True)
+    touched = csr_array(
+        (np.ones(corners.size, np.int32), (np.repeat(cell, 3), vertices.reshape(-1))),
+        shape=(count, int(vertices.max()) + 1),
+    )
+    shared = touched[pairs[:, 0]].multiply(touched[pairs[:, 1]]).sum(axis=1)
+    pairs = pairs[np.asarray(shared) > 0]
+    near = _symmetric(pairs, np.ones(len(pairs), np.int32), count)
+    hop = csr_array(near + eye_array(count, dtype=np.int32))
+    reached = csr_array((hop @ hop @ hop) > 0)
+    if len(close):  # scipy has a sparse array for none
+        close = close[np.asarray(reached[close[:, 0], close[:, 1]]).reshape(-1).astype(bool)]
+    pairs = close
+    squared = np.sum((positions[pairs[:, 0]] - positions[pairs[:, 1]]) ** 2, axis=1) / radius**2
+    kernel = _symmetric(pairs, (1.0 - np.minimum(squared, 1.0)) ** 2, count) + eye_array(count)
+    weights = csr_array(kernel.multiply(areas[None]))
+    sums = np.asarray(weights.sum(axis=1)).reshape(-1)
+    return near, csr_array(weights.multiply(1.0 / sums[:, None]))
+
+
+def _symmetric(pairs: Ints, values: NDArray[Any], count: int) -> csr_array:
+    """(count, count) of values at pairs, either way round."""
+    both = np.concatenate([pairs, pairs[:, ::-1]])
+    return csr_array((np.concatenate([values, values]), (both[:, 0], both[:, 1])), shape=(count, count))
+
+
+def at_sites(gauge: Gauge, sites: Sites, clip: Clip | None, times: Floats) -> Floats:
+    """(frames, sites, 6) the averaged loss tensor around each site."""
+    area = _area(gauge, sites, clip)
+    averaged = np.zeros((len(times), len(sites.positions), 6))
+    averaged[:, area.sites] = _averaged(gauge, area, clip, times)
+    return averaged
+
+
+@dataclass(frozen=True, slots=True)
+class _Area:
+    """The sites whose surroundings a clip may strain.
+
+    Attributes:
+        part: The triangles; None for all.
+        sites: (area,) which sites.
+        gather: (touched sites, triangles of the part) as of `Sites`.
+        smooth: (area, touched sites) as of `Sites`.
+    """
+
+    part: StrainedPart | None
+    sites: Ints
+    gather: csr_array
+    smooth: csr_array
+
+
+def _area(gauge: Gauge, sites: Sites, clip: Clip | None) -> _Area:
+    # A joint alone strains little of a character.
+    part = None if clip is None else gauge.strained.of(clip)
+    if part is None:
+        return _Area(None, np.arange(len(sites.positions)), sites.gather, sites.smooth)
+    gather = sites.gather[:, part.triangles]
+    touched = np.flatnonzero(np.diff(gather.indptr))
+    smooth = sites.smooth[:, touched]
+    inside = np.flatnonzero(np.diff(smooth.indptr))
+    return _Area(part, inside, gather[touched], smooth[inside])
+
+
+def _averaged(gauge: Gauge, area: _Area, clip: Clip | None, times: Floats) -> Floats:
+    """(frames, area, 6) the averaged loss tensor around each of its sites."""
+    tensors = strain(gauge, clip, times, area.part)
+    rows = tensors.transpose(1, 0, 2).reshape(tensors.shape[1], 6 * len(times))
+    averaged: Floats = (area.smooth @ (area.gather @ rows)).reshape(len(area.sites), len(times), 6).transpose(1, 0, 2)
+    return averaged
+
+
+def scan(
+    gauge: Gauge,
+    sites: Sites,
+    clips: Sequence[Clip],
+    times: Sequence[Floats],
+    progress: Callable[[int], None] = lambda _done: None,
+) -> Peaks:
+    """Find the greatest compression of each site over clips.
+
+    Args:
+        gauge: Of the surface.
+        sites: On it.
+        clips: The animations.
+        times: Of each clip, (frames,) seconds.
+        progress: Called with the number of poses done.
+    """
+    count = len(sites.positions)
+    losses, poses = np.full(count, -np.inf), np.zeros(count, np.intp)
+    done, area = 0, _area(gauge, sites, None)
+    for clip, every in zip(clips, times, strict=True):
+        # Clips of one joint follow one another.
+        if gauge.strained.of(clip) is not area.part:
+            area = _area(gauge, sites, clip)
+        held = max(1, _CHUNK // max(area.gather.shape[1], len(area.sites), 1))
+        for part in (every[start : start + held] for start in range(0, len(every), held)):
+            found, _ = principal(_averaged(gauge, area, clip, part), sites.normals[area.sites])
+            best = found.argmax(axis=0)
+            highest, first = np.zeros(count), np.zeros(count, np.intp)
+            highest[area.sites], first[area.sites] = found[best, np.arange(len(area.sites))], best
+            # Among equal ones the first stays, in whatever chunks they come.
+            poses = np.where(highest > losses, done + first, poses)
+            losses = np.maximum(losses, highest)
+            done += len(part)
+            progress(done)
+    of_pose = tuple(clip for clip, part in zip(clips, times, strict=True) for _ in part)
+    return Peaks(losses, poses, of_pose, np.concatenate([np.zeros(0), *times]))
