@@ -10,7 +10,7 @@ from wrinklecli.baking.job import BakeOptions
 from wrinklecli.batch.build import bake_options
 from wrinklecli.batch.jobs import BatchJob
 from wrinklecli.batch.manifest import read_manifest, read_pattern
-from wrinklecli.batch.schema import OPTION_KEYS
+from wrinklecli.batch.manifest_schema import OPTION_KEYS
 from wrinklecli.cli import cli
 from wrinklecli.errors import ConfigError
 from wrinklecli.tools.records import Length

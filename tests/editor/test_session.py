@@ -12,8 +12,8 @@ from kit.limb import RADIUS, limb, limb_asset
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.posing import with_pose
 from wrinklecli.character.scene import pose_primitive, read_scene
-from wrinklecli.editor.baked import bake_saved
-from wrinklecli.editor.freely import POSE, FreePose
+from wrinklecli.editor.baked_file import bake_saved
+from wrinklecli.editor.free_pose import POSE, FreePose
 from wrinklecli.editor.session import Session
 from wrinklecli.errors import AssetError, ConfigError
 from wrinklecli.gltf.document import read_document

@@ -48,8 +48,8 @@ DOORS = {
     "distributed": {"batch/cluster"},
     "fsspec": {"batch/stores"},
     "viser": {"editor/page"},
-    "rich": {"editor/page/served"},
-    "websockets": {"editor/page/served"},
+    "rich": {"editor/page/server"},
+    "websockets": {"editor/page/server"},
     "click": {"cli"},
     "pytest": {"testing"},
 }

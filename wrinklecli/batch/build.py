@@ -11,8 +11,8 @@ from wrinklecli.baking.pipeline import bake
 from wrinklecli.baking.report import Report, as_json
 from wrinklecli.baking.timings import peak_memory
 from wrinklecli.baking.track import track
+from wrinklecli.batch.cache_keys import references
 from wrinklecli.batch.jobs import BatchJob, Outcome
-from wrinklecli.batch.keys import references
 from wrinklecli.batch.staging import Staged
 from wrinklecli.errors import BakeError
 from wrinklecli.files.outputs import Outputs

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from wrinklecli.batch import stores
-from wrinklecli.batch.keys import Parts
+from wrinklecli.batch.cache_keys import Parts
 from wrinklecli.errors import WrinkleError
 
 _VERSION = 1

@@ -13,7 +13,7 @@ from typing import Any
 
 from wrinklecli.batch import stores
 from wrinklecli.batch.jobs import BatchJob
-from wrinklecli.batch.schema import JOB_KEYS, MANIFEST_SCHEMA, OPTION_KEYS, OWN_KEYS
+from wrinklecli.batch.manifest_schema import JOB_KEYS, MANIFEST_SCHEMA, OPTION_KEYS, OWN_KEYS
 from wrinklecli.batch.tables import read_csv, read_json_lines
 from wrinklecli.errors import ConfigError
 from wrinklecli.tools.checked import Format, Place, check

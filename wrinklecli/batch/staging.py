@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 from wrinklecli.batch import stores
+from wrinklecli.batch.cache_keys import references
 from wrinklecli.batch.jobs import BatchJob
-from wrinklecli.batch.keys import references
 from wrinklecli.errors import AssetError, BakeError, WrinkleError
 from wrinklecli.files.workplace import Workplace
 from wrinklecli.gltf.uris import path_of

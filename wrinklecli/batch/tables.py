@@ -6,7 +6,7 @@ import json
 import re
 from typing import Any
 
-from wrinklecli.batch.schema import JOB_KEYS
+from wrinklecli.batch.manifest_schema import JOB_KEYS
 from wrinklecli.tools.yaml_tree import Node, Problem, printable
 
 _LIST_MARK = ";"  # between the parts of a cell

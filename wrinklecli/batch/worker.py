@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 from wrinklecli.batch.cache import Cache, Record
+from wrinklecli.batch.cache_keys import Parts, difference, key_of, parts_of, program
 from wrinklecli.batch.jobs import BatchJob, Outcome
-from wrinklecli.batch.keys import Parts, difference, key_of, parts_of, program
 from wrinklecli.batch.staging import Staged, send, staged
 from wrinklecli.batch.stores import StoreError
 from wrinklecli.errors import RefusedError, WrinkleError

@@ -86,10 +86,10 @@ def batch(
     pattern = manifest.lower().endswith(_MODELS)
     _refuse_usage(manifest, pattern=pattern, jobs=jobs, scheduler=scheduler, dashboard=dashboard, given=given)
 
+    from wrinklecli.batch.cache_keys import program
     from wrinklecli.batch.cluster import Workers
-    from wrinklecli.batch.keys import program
     from wrinklecli.batch.manifest import folder_of, read_manifest, read_pattern
-    from wrinklecli.batch.scheduler import looks, outcomes
+    from wrinklecli.batch.run import looks, outcomes
     from wrinklecli.batch.stores import join
     from wrinklecli.batch.worker import Settings
 

@@ -74,7 +74,7 @@ def edit(
 
         try:
             from wrinklecli.editor.page.page import Page
-            from wrinklecli.editor.page.served import Place, is_own
+            from wrinklecli.editor.page.server import Address, is_own
         except ImportError as error:
             raise WrinkleError(f"needs viser ({error}): pip install 'wrinklecli[edit]'", where="edit") from None
     ended = threading.Event()
@@ -83,7 +83,7 @@ def edit(
         ended.set()
 
     session = Session.open(asset, tools, **options)
-    page = Page(session, Place(host, port), heat=heat)
+    page = Page(session, Address(host, port), heat=heat)
     for each in (signal.SIGINT, signal.SIGTERM):
         signal.signal(each, end)
     address = f"http://{f'[{host}]' if ':' in host else host}:{page.port}"

@@ -13,12 +13,12 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip, clip_named
 from wrinklecli.character.scene import deforming_nodes
+from wrinklecli.editor.asset import LoadedAsset, ReadOptions
+from wrinklecli.editor.attached import AttachedTool, AttachedTools, PlayableMesh, ShownMesh
+from wrinklecli.editor.clip_cache import RecentResults, frame_times
 from wrinklecli.editor.edits import Draft, Edits, Step, length_of
-from wrinklecli.editor.freely import POSE, FreePose
-from wrinklecli.editor.laid import Laid, LaidMesh, LaidTool, ShownMesh
-from wrinklecli.editor.offered import Offer, guessed, offers_of, turned
-from wrinklecli.editor.played import Latest, frame_times
-from wrinklecli.editor.stage import Reading, Stage
+from wrinklecli.editor.free_pose import POSE, FreePose
+from wrinklecli.editor.proposals import Proposal, guessed, offers_of, turned
 from wrinklecli.editor.store import Store
 from wrinklecli.editor.told import control_curve, heights_over, warnings_of
 from wrinklecli.errors import WrinkleError
@@ -76,7 +76,7 @@ class Session(Edits):
         notes: What was made of the asset's motions, and what happened to the files, a line each, newest last.
     """
 
-    def __init__(self, asset: str, reading: Reading, store: Store) -> None:
+    def __init__(self, asset: str, reading: ReadOptions, store: Store) -> None:
         super().__init__(store)
         self.asset = asset
         self.reading = reading
@@ -84,10 +84,10 @@ class Session(Edits):
         self._posed: Clip | None = None
         self._watched_asset = Watched([asset, *reading.anims])
         self._stage = self._read_stage()
-        self._laid: tuple[object, Laid] | None = None
-        self._settled: tuple[object, Laid] | None = None
-        self._measured = Latest(4)
-        self._offers: list[Offer] | None = None
+        self._laid: tuple[object, AttachedTools] | None = None
+        self._settled: tuple[object, AttachedTools] | None = None
+        self._measured = RecentResults(4)
+        self._offers: list[Proposal] | None = None
         self._watched_tools = Watched([store.path])
 
     @classmethod
@@ -116,7 +116,7 @@ class Session(Edits):
         """
         path = os.fspath(asset)
         name = os.fspath(tools) if tools is not None else os.path.splitext(path)[0] + ".yaml"
-        reading = Reading(tuple(os.fspath(each) for each in anims), range_of_motion, allow_external, max_memory)
+        reading = ReadOptions(tuple(os.fspath(each) for each in anims), range_of_motion, allow_external, max_memory)
         session = cls(path, reading, Store(name))
         session.recover()
         return session
@@ -202,7 +202,7 @@ class Session(Edits):
             self._become(file.with_tool(values), f"{name} is new")
             return name
 
-    def offers(self) -> list[Offer]:
+    def offers(self) -> list[Proposal]:
         """What `suggest` finds for the asset. It may take seconds, beside what is shown meanwhile."""
         if self._offers is None:
             reading = self.reading
@@ -217,7 +217,7 @@ class Session(Edits):
             self._offers = offers_of(found)
         return self._offers
 
-    def accept(self, offer: Offer) -> str:
+    def accept(self, offer: Proposal) -> str:
         """Add a tool that was offered; its name."""
         with self._guarded():
             file = self._base.file
@@ -271,7 +271,7 @@ class Session(Edits):
                 if stage is self._stage:
                     self._settled = step, laid
 
-    def laid(self) -> Mapping[str, LaidTool]:
+    def laid(self) -> Mapping[str, AttachedTool]:
         """The tools that fit, mirrored ones too, by name; in a hurry as `meshes` shows them."""
         with self._guarded():
             return self._quick().tools
@@ -326,13 +326,13 @@ class Session(Edits):
         with self._lock, guarded(self.asset):
             yield
 
-    def _chosen_on(self, mesh: LaidMesh) -> Chosen:
+    def _chosen_on(self, mesh: PlayableMesh) -> Chosen:
         """A mesh, measured for first guesses."""
         return self._measured.of(mesh.ground, lambda: Chosen(self._stage.document, mesh.ground, self.clips))
 
-    def _read_stage(self) -> Stage:
+    def _read_stage(self) -> LoadedAsset:
         with guarded(self.asset):
-            stage = Stage.read(self.asset, self.reading)
+            stage = LoadedAsset.read(self.asset, self.reading)
         self.notes += [each for each in stage.notes if each not in self.notes]
         self._watched_asset = self._watched_asset.instead([self.asset, *stage.document.files, *self.reading.anims])
         return stage
@@ -346,7 +346,7 @@ class Session(Edits):
         chosen = (tool for tool, name in zip(settings.tools, names, strict=True) if name in step.solo)
         return replace(settings, tools=tuple(chosen))
 
-    def _quick(self) -> Laid:
+    def _quick(self) -> AttachedTools:
         """What tools make of the asset now, in a hurry: what was settled where it fits."""
         of = self._draft or self._base
         if self._settled is not None and self._settled[0] is of:

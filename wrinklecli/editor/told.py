@@ -7,8 +7,8 @@ import numpy as np
 from wrinklecli.baking.sample import ClipActivity, moving_clips
 from wrinklecli.baking.warnings import mesh_warnings, tool_warnings
 from wrinklecli.character.clip import Clip
-from wrinklecli.editor.laid import Laid, LaidTool
-from wrinklecli.editor.played import Played
+from wrinklecli.editor.attached import AttachedTool, AttachedTools
+from wrinklecli.editor.clip_cache import ClipCache
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.tools.records import ToolsFile
 
@@ -16,7 +16,7 @@ from wrinklecli.tools.records import ToolsFile
 _CURVE_POINTS = 200
 
 
-def control_curve(tool: LaidTool, played: Played, clip: Clip | None, time: float) -> Floats:
+def control_curve(tool: AttachedTool, played: ClipCache, clip: Clip | None, time: float) -> Floats:
     """(points, 2) a tool's control curve at a time of a clip, seconds: along it, and its height, scene units."""
     patch = tool.patch
     amplitudes, distance = played.at(tool.ground, patch, clip, time)
@@ -26,7 +26,7 @@ def control_curve(tool: LaidTool, played: Played, clip: Clip | None, time: float
     return np.stack([us * (distance if np.isfinite(distance) else 0.0), heights], axis=1)
 
 
-def heights_over(tool: LaidTool, played: Played, clip: Clip) -> tuple[Floats, Floats]:
+def heights_over(tool: AttachedTool, played: ClipCache, clip: Clip) -> tuple[Floats, Floats]:
     """(frames,) seconds of a clip and (frames,) the height of a tool's highest bump then, scene units."""
     patch, times = tool.patch, played.times(clip)
     seen = played.activity(tool.ground, patch, clip)
@@ -34,7 +34,9 @@ def heights_over(tool: LaidTool, played: Played, clip: Clip) -> tuple[Floats, Fl
     return times, strength * patch.curve.heights(seen.amplitudes).reshape(len(times), -1).max(axis=1)
 
 
-def warnings_of(laid: Laid, played: Played, clips: Sequence[Clip], settings: ToolsFile) -> dict[str, list[str]]:
+def warnings_of(
+    laid: AttachedTools, played: ClipCache, clips: Sequence[Clip], settings: ToolsFile
+) -> dict[str, list[str]]:
     """What `check` warns of, by the name of the tool that a line is about; of meshes by an empty name.
 
     Args:

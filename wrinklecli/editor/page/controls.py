@@ -6,12 +6,12 @@ from typing import Any
 
 import viser
 
-from wrinklecli.editor.page.desk import Line, Way
-from wrinklecli.editor.page.keys import GROUPS, NONE, KeyControl, as_written, key_controls, percent_of
+from wrinklecli.editor.page.key_controls import GROUPS, NONE, KeyControl, as_written, key_controls, percent_of
+from wrinklecli.editor.page.widgets import SetMode, TypedText
 from wrinklecli.tools.schema import TOOL_KEYS
 
 Steps = tuple[str | int, ...]
-Change = Callable[[Steps, Any, Way], None]
+Change = Callable[[Steps, Any, SetMode], None]
 """Called with the steps to a value within a tool, the value as a file has it, and how it was set."""
 
 _LENGTH, _MAPPING, _OWN = "a length", "by hand", "as below"
@@ -83,7 +83,7 @@ class ToolControls:
             made = self._plain(control, control.title)
             self._inputs[control.key] = made
             self._on(made, lambda: self._set(control, (control.key,), made.value))
-            line = Line(made)
+            line = TypedText(made)
 
             def show() -> None:
                 shown = self._shown(control, self._values.get(control.key))
@@ -190,7 +190,7 @@ class ToolControls:
             self._change((key,), value, "typed")
 
         self._on(made, written)
-        line = Line(made)
+        line = TypedText(made)
         self._shows.append(
             lambda: line.show(self._values["name"], json.dumps(self._values.get(key), ensure_ascii=False))
         )
@@ -218,7 +218,7 @@ class ToolControls:
                     each.visible = isinstance(value, Mapping)
                     each.value = (value or {}).get(part.key, part.default) if each.visible else part.default
 
-        def changed(way: Way = "slides") -> None:
+        def changed(way: SetMode = "slides") -> None:
             numbers = [round(float(each.value), 3) for each in made]
             if is_list:
                 count = next((k for k, number in enumerate(numbers) if number == 0), len(numbers))
@@ -270,6 +270,6 @@ class ToolControls:
         made.on_update(told)
 
 
-def _way(control: KeyControl) -> Way:
+def _way(control: KeyControl) -> SetMode:
     """How its widget sets the key."""
     return "slides" if control.slides else "at once" if control.kind in ("choice", "flag") else "typed"

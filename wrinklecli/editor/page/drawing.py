@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrinklecli.editor.laid import LaidMesh, LaidTool
+from wrinklecli.editor.attached import AttachedTool, PlayableMesh
 from wrinklecli.numeric.arrays import Floats, Ints, among, distinct, distinct_values, face_normals, unit
 from wrinklecli.numeric.nearest import distances_along
 from wrinklecli.review.preview.materials import Paint
@@ -53,7 +53,7 @@ class Body:
 
 
 @dataclass(frozen=True, slots=True)
-class Spots:
+class SurfacePoints:
     """Places on a body, which move with it.
 
     Attributes:
@@ -77,7 +77,7 @@ class Spots:
 
 
 @dataclass(frozen=True, slots=True)
-class Mark:
+class ToolOutline:
     """A tool, drawn on its body.
 
     Attributes:
@@ -92,14 +92,14 @@ class Mark:
 
     name: str
     colour: tuple[float, float, float]
-    spots: Spots
+    spots: SurfacePoints
     segments: Ints
     anchors: Ints
     edges: Ints
     lift: float
 
 
-def body_of(mesh: LaidMesh, paints: Sequence[Paint]) -> Body:
+def body_of(mesh: PlayableMesh, paints: Sequence[Paint]) -> Body:
     """A mesh with its tools, to be drawn.
 
     Args:
@@ -151,7 +151,7 @@ def _joined(triangles: Ints, points: Ints, normals: Floats, colours: Floats) -> 
     return used[firsts], numbers[np.searchsorted(used, triangles)]
 
 
-def mark_of(tool: LaidTool, mesh: LaidMesh, body: int, colour: tuple[float, float, float]) -> Mark:
+def mark_of(tool: AttachedTool, mesh: PlayableMesh, body: int, colour: tuple[float, float, float]) -> ToolOutline:
     """A tool, to be drawn on its mesh, the body of a number."""
     patch, surface = tool.carried.patch, mesh.ground.surface
     near = mesh.ground.rest.around.faces_of(distinct_values(surface.triangles[patch.members]))
@@ -176,10 +176,10 @@ def mark_of(tool: LaidTool, mesh: LaidMesh, body: int, colour: tuple[float, floa
     sides = np.arange(len(found) - 2 * _SIDE, len(found)).reshape(2, _SIDE)
     reached = np.cumprod(found[sides] >= 0, axis=1).sum(axis=1)
     edges = [int(side[count - 1]) for side, count in zip(sides, reached, strict=True) if count > 1]
-    return Mark(
+    return ToolOutline(
         name=patch.tool.name,
         colour=colour,
-        spots=Spots(body, faces[np.maximum(found, 0)], barycentrics),
+        spots=SurfacePoints(body, faces[np.maximum(found, 0)], barycentrics),
         segments=segments[(found[segments] >= 0).all(axis=1)],
         anchors=np.arange(lines.size, int(sides[0, 0])),
         edges=np.array(edges, np.intp),

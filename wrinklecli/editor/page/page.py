@@ -10,18 +10,18 @@ from typing import Any
 
 import viser
 
-from wrinklecli.editor.baked import Baked
+from wrinklecli.editor.baked_file import BakedFile
 from wrinklecli.editor.page.controls import Steps, ToolControls
-from wrinklecli.editor.page.desk import BAD, GOOD, Line, Way, add_group, on, on_set
-from wrinklecli.editor.page.hand import Hand
-from wrinklecli.editor.page.keeping import Keeping
+from wrinklecli.editor.page.file_buttons import FileButtons
 from wrinklecli.editor.page.keyboard import KEYBOARD
-from wrinklecli.editor.page.picture import Picture
 from wrinklecli.editor.page.player import Charts, Player
-from wrinklecli.editor.page.poser import Poser
-from wrinklecli.editor.page.proposals import Proposals
-from wrinklecli.editor.page.served import Place, serve
-from wrinklecli.editor.page.work import Work
+from wrinklecli.editor.page.pointer import Pointer
+from wrinklecli.editor.page.pose_panel import PosePanel
+from wrinklecli.editor.page.server import Address, serve
+from wrinklecli.editor.page.suggest_panel import SuggestPanel
+from wrinklecli.editor.page.viewport import Viewport
+from wrinklecli.editor.page.widgets import BAD, GOOD, SetMode, TypedText, add_group, on, on_set
+from wrinklecli.editor.page.work_queue import WorkQueue
 from wrinklecli.editor.session import EditedTool, Session
 from wrinklecli.errors import WrinkleError, counted
 
@@ -56,14 +56,14 @@ class Page:
         player: What says which moment is shown.
     """
 
-    def __init__(self, session: Session, place: Place, *, heat: bool = False) -> None:
+    def __init__(self, session: Session, place: Address, *, heat: bool = False) -> None:
         self._session = session
-        self._work = Work(self._fail)
+        self._work = WorkQueue(self._fail)
         # What takes seconds: a clip plays on meanwhile.
-        self._slow = Work(lambda error: self._work.put(object(), lambda: self._fail(error)))
+        self._slow = WorkQueue(lambda error: self._work.put(object(), lambda: self._fail(error)))
         self.server = serve(place)
-        self._hand = Hand(self._work, session, self)
-        self._picture = Picture(self.server, self._work, session, self._hand.drag)
+        self._hand = Pointer(self._work, session, self)
+        self._picture = Viewport(self.server, self._work, session, self._hand.drag)
         self._hand.listen(self.server, self._picture)
         self.chosen: str | None = None
         # What slides or is typed, and what makes an edit of it.
@@ -110,7 +110,7 @@ class Page:
         self._head = gui.add_html("")
         self._said = gui.add_html("")
         self.say("")
-        self._keeping = Keeping(gui, self._work, self._slow, self._session, self)
+        self._keeping = FileButtons(gui, self._work, self._slow, self._session, self)
         play = gui.add_panel()
         with play.add_tab("Play"):
             self.player = Player(self.server, self._work, self._session.clips, self._session.frame_times, self._show)
@@ -118,20 +118,20 @@ class Page:
             self._picture.add_widgets(gui, self._show, heat=heat)
             self.player.add_speed(gui)
         with play.add_tab("Pose"):
-            self._poser = Poser(gui, self._work, self._session, self.player)
+            self._poser = PosePanel(gui, self._work, self._session, self.player)
         play.float(x=15, y=-15, width=420)
         self._hand.add_button(gui)
         self._list = gui.add_folder("Tools")
         with self._list:
             self._hint = gui.add_html(_line(_HINT, "#666"))
-        self._proposals = Proposals(gui, self._work, self._slow, self._session, self)
+        self._proposals = SuggestPanel(gui, self._work, self._slow, self._session, self)
         self._panel: Any = gui.add_folder("Tool", visible=False)
         with self._panel:
             self._add_tool_panel(gui)
 
     def _add_tool_panel(self, gui: viser.GuiApi) -> None:
         self._name: Any = gui.add_text("name", "")
-        self._name_line = Line(self._name)
+        self._name_line = TypedText(self._name)
         on_set(self._name, self._work, "name", self._rename)
         tip = "Also make the tool of the other side: x negated, left and right exchanged in its name."
         self._twin: Any = gui.add_checkbox("both sides", initial_value=False, hint=tip)
@@ -167,8 +167,8 @@ class Page:
 
     # What is shown.
 
-    def compare(self, baked: Baked) -> None:
-        """Offer to show what was baked in place of what is edited, until that is another."""
+    def compare(self, baked: BakedFile) -> None:
+        """Proposal to show what was baked in place of what is edited, until that is another."""
         self._picture.compare(baked)
         self._show()
 
@@ -293,7 +293,7 @@ class Page:
 
     # What people do: editing.
 
-    def _changed(self, steps: Steps, value: Any, way: Way) -> None:
+    def _changed(self, steps: Steps, value: Any, way: SetMode) -> None:
         """Set a key of the chosen tool; called by widgets."""
         name = self.chosen
         if name is None:
@@ -302,7 +302,7 @@ class Page:
         def edit(draft: bool) -> None:
             self._session.set_value(name, steps, value, draft=draft)
 
-        actions: dict[Way, Callable[[], None]] = {
+        actions: dict[SetMode, Callable[[], None]] = {
             "slides": lambda: self.slide((name, *steps), edit),
             "typed": lambda: self._wait((name, *steps), _TYPES, lambda: edit(False)),
             "at once": lambda: self._edit(lambda: edit(False)),

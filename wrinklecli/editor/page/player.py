@@ -9,9 +9,9 @@ import viser
 from viser import uplot
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.editor.freely import POSE
-from wrinklecli.editor.page.desk import on, on_set
-from wrinklecli.editor.page.work import Work
+from wrinklecli.editor.free_pose import POSE
+from wrinklecli.editor.page.widgets import on, on_set
+from wrinklecli.editor.page.work_queue import WorkQueue
 from wrinklecli.numeric.arrays import Floats
 
 REST = "as stored"
@@ -35,7 +35,7 @@ class Player:
     def __init__(
         self,
         server: viser.ViserServer,
-        work: Work,
+        work: WorkQueue,
         clips: Sequence[Clip],
         frame_times: Callable[[str], Floats],
         show: Callable[[], None],
@@ -72,7 +72,7 @@ class Player:
         return float(self._time.value)
 
     def take(self, clips: Sequence[Clip]) -> None:
-        """Offer these clips from now on: the asset may have been exported again."""
+        """Proposal these clips from now on: the asset may have been exported again."""
         if len(clips) == len(self._clips) and all(each is self._clips.get(each.name) for each in clips):
             return
         shown = self._clip.value

@@ -12,7 +12,7 @@ from typing import TypeAlias
 Action: TypeAlias = Callable[[], None]
 
 
-class Work:
+class WorkQueue:
     """Things to do.
 
     Args:

@@ -5,17 +5,17 @@ from typing import Any, Literal, Protocol, TypeAlias
 
 import viser
 
-from wrinklecli.editor.baked import Baked
-from wrinklecli.editor.page.work import Work
+from wrinklecli.editor.baked_file import BakedFile
+from wrinklecli.editor.page.work_queue import WorkQueue
 
 GOOD, BAD, ASKS = "#1c7a3f", "#c92a2a", "#1f6fd6"
 """Colours of what the page says: it is done, it failed, something is to be done."""
 
-Way: TypeAlias = Literal["at once", "slides", "typed"]
+SetMode: TypeAlias = Literal["at once", "slides", "typed"]
 """How a widget sets a value: where it slides or is typed more follows, of which only the last is an edit."""
 
 
-class Desk(Protocol):
+class PageCommands(Protocol):
     """The page, for its parts."""
 
     @property
@@ -31,8 +31,8 @@ class Desk(Protocol):
     def choose(self, name: str | None, *, look: bool) -> None:
         """Show a tool, and let the cameras look at it."""
 
-    def compare(self, baked: Baked) -> None:
-        """Offer to show what was baked in place of what is edited."""
+    def compare(self, baked: BakedFile) -> None:
+        """Proposal to show what was baked in place of what is edited."""
 
     def slide(self, of: Hashable, edit: Callable[[bool], None]) -> None:
         """Show a draft of an edit."""
@@ -41,7 +41,7 @@ class Desk(Protocol):
         """Make an edit of what slides or is typed."""
 
 
-class Line:
+class TypedText:
     """A line of text that somebody types: what the program shows is put there only where that is something new.
 
     Args:
@@ -59,7 +59,7 @@ class Line:
             self.widget.value = value
 
 
-def add_group(gui: viser.GuiApi, work: Work, title: str, actions: Mapping[str, Callable[[], None]]) -> None:
+def add_group(gui: viser.GuiApi, work: WorkQueue, title: str, actions: Mapping[str, Callable[[], None]]) -> None:
     """A button for each action, in one row."""
 
     async def clicked(event: Any) -> None:
@@ -69,7 +69,7 @@ def add_group(gui: viser.GuiApi, work: Work, title: str, actions: Mapping[str, C
     gui.add_button_group(title, tuple(actions)).on_click(clicked)
 
 
-def on(register: Callable[[Any], object], work: Work, action: Callable[[], None]) -> None:
+def on(register: Callable[[Any], object], work: WorkQueue, action: Callable[[], None]) -> None:
     """Do something on each click of a button, or each stroke of a key."""
 
     async def told(_event: object) -> None:
@@ -78,7 +78,7 @@ def on(register: Callable[[Any], object], work: Work, action: Callable[[], None]
     register(told)
 
 
-def on_set(widget: Any, work: Work, key: str, action: Callable[[], None]) -> None:
+def on_set(widget: Any, work: WorkQueue, key: str, action: Callable[[], None]) -> None:
     """Do something where somebody has set a widget; what the program itself shows is no wish of anybody's."""
 
     async def told(event: Any) -> None:

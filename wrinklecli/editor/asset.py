@@ -19,8 +19,8 @@ from wrinklecli.character.joined import with_free_nodes
 from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.scene import deforming_nodes, scene_nodes
 from wrinklecli.character.skin import Skin, prepare
-from wrinklecli.editor.laid import Cluster, Laid, LaidMesh, LaidTool
-from wrinklecli.editor.played import Latest, Played
+from wrinklecli.editor.attached import AttachedTool, AttachedTools, Cluster, PlayableMesh
+from wrinklecli.editor.clip_cache import ClipCache, RecentResults
 from wrinklecli.effects.wrinkle.attach import attach_tools
 from wrinklecli.effects.wrinkle.carry import carry
 from wrinklecli.effects.wrinkle.patch import Patch
@@ -41,7 +41,7 @@ _PATCHES, _PLANS, _MESHES = 256, 24, 8
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class ReadOptions:
     """How an asset is read.
 
     Attributes:
@@ -57,7 +57,7 @@ class Reading:
     max_memory: int = MAX_MEMORY
 
 
-class Stage:
+class LoadedAsset:
     """An asset on which tools are laid. Several threads may ask.
 
     Args:
@@ -75,18 +75,18 @@ class Stage:
         notes: Sequence[str] = (),
     ) -> None:
         self.document, self.clips, self.made, self.notes = document, tuple(clips), made, tuple(notes)
-        self.played = Played()
+        self.played = ClipCache()
         self._neighbours = Neighbours(document)
         self._nodes = [node for node in scene_nodes(document) if "mesh" in document.items("nodes")[node]]
-        self._grounds, self._skins = Latest(2 * len(self._nodes)), Latest(len(self._nodes))
+        self._grounds, self._skins = RecentResults(2 * len(self._nodes)), RecentResults(len(self._nodes))
         self._patches, self._clusters, self._meshes = (
-            Latest(_PATCHES),
-            Latest(_PLANS),
-            Latest(len(self._nodes) + _MESHES),
+            RecentResults(_PATCHES),
+            RecentResults(_PLANS),
+            RecentResults(len(self._nodes) + _MESHES),
         )
 
     @classmethod
-    def read(cls, asset: str, reading: Reading) -> "Stage":
+    def read(cls, asset: str, reading: ReadOptions) -> "LoadedAsset":
         """An asset with its clips, those of other files and of its range of motion; joints without keys move freely.
 
         Raises:
@@ -100,7 +100,7 @@ class Stage:
         document = with_free_nodes(joined.document, joints)  # for the free pose
         return cls(document, joined.clips, frozenset(joined.range), (*notes, *joined.notes, *joined.warnings))
 
-    def laid(self, settings: ToolsFile, before: Laid | None = None) -> Laid:
+    def laid(self, settings: ToolsFile, before: AttachedTools | None = None) -> AttachedTools:
         """Lay the tools of a file; those that do not fit are named, with what a bake would say.
 
         Args:
@@ -147,9 +147,9 @@ class Stage:
                 clusters += self._planned(ground, group, settings, problems)
             for cluster in clusters:
                 for carried in cluster.plan.carried_patches:
-                    tools[carried.patch.tool.name] = LaidTool(ground, cluster.plan, carried)
+                    tools[carried.patch.tool.name] = AttachedTool(ground, cluster.plan, carried)
             meshes.append(self._mesh(ground, tuple(clusters)))
-        return Laid(tuple(meshes), tools, problems, hurried)
+        return AttachedTools(tuple(meshes), tools, problems, hurried)
 
     def _ground(self, node: int, settings: ToolsFile, tools: list[WrinkleTool]) -> Ground:
         bound_to = _bare(tools[0]) if settings.rest == "bind" and tools else None
@@ -191,7 +191,12 @@ class Stage:
         )
 
     def _carried_again(
-        self, ground: Ground, patches: Sequence[Patch], before: Laid, settings: ToolsFile, problems: dict[str, str]
+        self,
+        ground: Ground,
+        patches: Sequence[Patch],
+        before: AttachedTools,
+        settings: ToolsFile,
+        problems: dict[str, str],
     ) -> Iterator[Cluster]:
         """Tools on what was refined for those of their names before; others on the mesh as it is."""
         waiting = {patch.tool.name: patch for patch in patches}
@@ -212,13 +217,13 @@ class Stage:
         for patch in waiting.values():
             yield from self._planned(ground, [patch], coarse, problems)
 
-    def _mesh(self, ground: Ground, clusters: tuple[Cluster, ...]) -> LaidMesh:
-        def made() -> LaidMesh:
+    def _mesh(self, ground: Ground, clusters: tuple[Cluster, ...]) -> PlayableMesh:
+        def made() -> PlayableMesh:
             taken, apart = np.zeros(len(ground.surface.triangles), bool), []
             for cluster in clusters:
                 apart.append(cluster.apart_from(taken))
                 taken[cluster.parents] = True
-            return LaidMesh(ground, self._skin(ground), tuple(apart), self.played)
+            return PlayableMesh(ground, self._skin(ground), tuple(apart), self.played)
 
         return self._meshes.of((ground, clusters), made)
 

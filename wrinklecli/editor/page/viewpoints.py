@@ -6,7 +6,7 @@ so a few spots of the tool and the asset's own triangles say enough, at once.
 
 import numpy as np
 
-from wrinklecli.editor.page.drawing import Body, Mark
+from wrinklecli.editor.page.drawing import Body, ToolOutline
 from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.numeric.nearest import near_points, ray_distances
 from wrinklecli.review.preview.camera import VIEWS, Camera, camera_axes
@@ -35,7 +35,7 @@ def whole(points: Floats, side: str) -> Camera:
     return Camera.framing(points, axes, aspect=_ASPECT, margin=_MARGIN, tangent=_TANGENT)
 
 
-def close(mark: Mark, body: Body, points: Floats, hiding: Ints) -> Camera:
+def close(mark: ToolOutline, body: Body, points: Floats, hiding: Ints) -> Camera:
     """Sees a tool, from the side that shows most of it.
 
     Args:

@@ -7,8 +7,8 @@ from typing import Literal
 import numpy as np
 import viser
 
-from wrinklecli.editor.page.drawing import Body, DrawnMesh, Mark, Spots
-from wrinklecli.editor.page.painted import PaintedMesh
+from wrinklecli.editor.page.drawing import Body, DrawnMesh, SurfacePoints, ToolOutline
+from wrinklecli.editor.page.painted_mesh import PaintedMesh
 from wrinklecli.gltf.pixels import srgb
 from wrinklecli.numeric.arrays import Floats, vertex_normals
 
@@ -42,7 +42,7 @@ class _Painted:
             self.front, self.back, self.waiting = self.back, self.front, False
 
 
-class View:
+class DrawnScene:
     """Bodies and tools in the view of all tabs.
 
     Args:
@@ -60,8 +60,8 @@ class View:
         self._wires: dict[int, viser.MeshHandle] = {}
         self._lines: dict[str, viser.LineSegmentsHandle] = {}
         self._dots: dict[tuple[str, int], viser.IcosphereHandle] = {}
-        self._pointed: tuple[Spots, viser.IcosphereHandle] | None = None
-        self._marks: tuple[Mark, ...] = ()
+        self._pointed: tuple[SurfacePoints, viser.IcosphereHandle] | None = None
+        self._marks: tuple[ToolOutline, ...] = ()
         self._chosen: str | None = None
         self._size = 1.0
 
@@ -129,7 +129,7 @@ class View:
         for painted in self._painted.values():
             painted.turn()
 
-    def mark(self, marks: Sequence[Mark], chosen: str | None, points: Sequence[Floats]) -> None:
+    def mark(self, marks: Sequence[ToolOutline], chosen: str | None, points: Sequence[Floats]) -> None:
         """Draw these tools from now on, with dots to drag on the chosen one."""
         for name in [name for name in self._lines if name not in {mark.name for mark in marks}]:
             self._lines.pop(name).remove()
@@ -158,7 +158,7 @@ class View:
             if mark.name == chosen:
                 self._add_dots(mark, places)
 
-    def point_out(self, spot: Spots | None, points: Sequence[Floats]) -> None:
+    def point_out(self, spot: SurfacePoints | None, points: Sequence[Floats]) -> None:
         """Show a dot on a spot, which moves with it; none for None."""
         if self._pointed is not None:
             self._pointed[1].remove()
@@ -171,7 +171,7 @@ class View:
             )
             self._pointed = spot, dot
 
-    def _add_dots(self, mark: Mark, places: Floats) -> None:
+    def _add_dots(self, mark: ToolOutline, places: Floats) -> None:
         ends = places[mark.anchors]
         length = float(np.sqrt(np.sum((ends[-1] - ends[0]) ** 2)))
         radius = float(np.clip(_DOT * length, _LEAST_DOT * self._size, _MOST_DOT * self._size))

@@ -5,17 +5,17 @@ from typing import Any
 import numpy as np
 import viser
 
-from wrinklecli.editor.page.desk import ASKS, Desk, on
-from wrinklecli.editor.page.keys import as_written, key_controls
-from wrinklecli.editor.page.picture import Picture
-from wrinklecli.editor.page.work import Work
+from wrinklecli.editor.page.key_controls import as_written, key_controls
+from wrinklecli.editor.page.viewport import Viewport
+from wrinklecli.editor.page.widgets import ASKS, PageCommands, on
+from wrinklecli.editor.page.work_queue import WorkQueue
 from wrinklecli.editor.session import Session
 from wrinklecli.numeric.arrays import Floats
 
 _WIDTH = next(control for control in key_controls() if control.key == "width")
 
 
-class Hand:
+class Pointer:
     """The pointer on the mesh.
 
     Args:
@@ -24,11 +24,11 @@ class Hand:
         desk: The page.
     """
 
-    def __init__(self, work: Work, session: Session, desk: Desk) -> None:
+    def __init__(self, work: WorkQueue, session: Session, desk: PageCommands) -> None:
         self._work, self._session, self._desk = work, session, desk
         self._ends: list[Floats] | None = None  # of a new tool, as far as they have been clicked
 
-    def listen(self, server: viser.ViserServer, picture: Picture) -> None:
+    def listen(self, server: viser.ViserServer, picture: Viewport) -> None:
         """Take clicks on the picture of a server."""
         self._picture = picture
         clicks: Any = server.scene.on_click()

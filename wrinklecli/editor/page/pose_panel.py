@@ -6,10 +6,10 @@ from typing import Any
 import viser
 
 from wrinklecli.character.posing import posable
-from wrinklecli.editor.freely import POSE, FreePose
-from wrinklecli.editor.page.desk import add_group, on_set
+from wrinklecli.editor.free_pose import POSE, FreePose
 from wrinklecli.editor.page.player import Player
-from wrinklecli.editor.page.work import Work
+from wrinklecli.editor.page.widgets import add_group, on_set
+from wrinklecli.editor.page.work_queue import WorkQueue
 from wrinklecli.editor.session import Session
 from wrinklecli.gltf.document import Document
 
@@ -18,7 +18,7 @@ _MOST_DEGREES = 180.0
 _NOTHING = "–"
 
 
-class Poser:
+class PosePanel:
     """Widgets that pose what is shown.
 
     Args:
@@ -28,7 +28,7 @@ class Poser:
         player: Which shows it then.
     """
 
-    def __init__(self, gui: viser.GuiApi, work: Work, session: Session, player: Player) -> None:
+    def __init__(self, gui: viser.GuiApi, work: WorkQueue, session: Session, player: Player) -> None:
         self._session, self._player = session, player
         self._document: Document | None = None
         self._joint: Any = gui.add_dropdown("joint", (_NOTHING,), hint="Turned on from the stored pose.")
@@ -66,7 +66,7 @@ class Poser:
         words = f"<code>{html.escape(pose.options)}</code>" if pose.options else ""
         self._told.content = f'<div style="padding:2px 12px 6px;font-size:.85em;overflow-wrap:anywhere">{words}</div>'
 
-    def _listen(self, slider: Any, work: Work, axis: str) -> None:
+    def _listen(self, slider: Any, work: WorkQueue, axis: str) -> None:
         on_set(slider, work, f"pose {axis}", lambda: self._turn(axis, float(slider.value)))
 
     def _turn(self, axis: str, degrees: float) -> None:

@@ -3,7 +3,7 @@
 import pytest
 from jsonschema import Draft202012Validator
 
-from wrinklecli.editor.page.keys import ELSEWHERE, KeyControl, as_written, key_controls, percent_of
+from wrinklecli.editor.page.key_controls import ELSEWHERE, KeyControl, as_written, key_controls, percent_of
 from wrinklecli.tools.schema import TOOL_KEYS
 
 CONTROLS = {control.key: control for control in key_controls()}

@@ -27,7 +27,7 @@ _MOST_BYTES = 2**28
 Kept = TypeVar("Kept")
 
 
-class Latest:
+class RecentResults:
     """Results by what they were made from, the latest ones; several threads may ask.
 
     Args:
@@ -75,11 +75,11 @@ class _Poses:
     weights: Floats
 
 
-class Played:
+class ClipCache:
     """Clips as they are played. What is asked for again is kept."""
 
     def __init__(self) -> None:
-        self._times, self._poses, self._seen = Latest(64), Latest(16), Latest(256)
+        self._times, self._poses, self._seen = RecentResults(64), RecentResults(16), RecentResults(256)
 
     def times(self, clip: Clip) -> Floats:
         """(frames,) seconds, as `frame_times`."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from kit.limb import limb
 from wrinklecli.editor.page.drawing import Body, mark_of
-from wrinklecli.editor.page.sight import SIDES, close, whole
+from wrinklecli.editor.page.viewpoints import SIDES, close, whole
 from wrinklecli.editor.session import Session
 
 TOOL = "tools: [{name: a, origin: [-0.4, 0.25, 0], target: [0.4, 0.25, 0], width: 0.3}]\n"

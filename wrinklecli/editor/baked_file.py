@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from wrinklecli.baking.job import BakeOptions
 from wrinklecli.baking.pipeline import bake
 from wrinklecli.character.clip import Clip, read_clips
-from wrinklecli.editor.laid import LaidMesh, ShownMesh
+from wrinklecli.editor.asset import LoadedAsset
+from wrinklecli.editor.attached import PlayableMesh, ShownMesh
 from wrinklecli.editor.session import Session
-from wrinklecli.editor.stage import Stage
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.memory import Memory
@@ -16,7 +16,7 @@ from wrinklecli.tools.records import ToolsFile
 
 
 @dataclass(frozen=True, slots=True)
-class Baked:
+class BakedFile:
     """A baked file, read again.
 
     Attributes:
@@ -30,7 +30,7 @@ class Baked:
     told: str
     text: str
     document: Document
-    laid: tuple[LaidMesh, ...]
+    laid: tuple[PlayableMesh, ...]
     clips: dict[str, Clip]
 
     def plays(self, clip: str | None) -> bool:
@@ -43,7 +43,7 @@ class Baked:
         return [ShownMesh(each.node, each, each.posed(found, time)) for each in self.laid]
 
 
-def bake_saved(session: Session, progress: Progress = no_progress) -> Baked:
+def bake_saved(session: Session, progress: Progress = no_progress) -> BakedFile:
     """Bake the saved file of a session, beside it; it may run beside what is shown meanwhile.
 
     Raises:
@@ -61,6 +61,6 @@ def bake_saved(session: Session, progress: Progress = no_progress) -> Baked:
     with guarded(out):
         document = read_document(out, allow_external=reading.allow_external, memory=Memory(reading.max_memory))
         clips = read_clips(document)
-        laid = Stage(document, clips).laid(ToolsFile(path=out, tools=()))
+        laid = LoadedAsset(document, clips).laid(ToolsFile(path=out, tools=()))
     told = "\n".join((f"{out}: {report.summary}", *report.warnings))
-    return Baked(told, text, document, laid.meshes, {clip.name: clip for clip in clips})
+    return BakedFile(told, text, document, laid.meshes, {clip.name: clip for clip in clips})

@@ -12,7 +12,7 @@ import numpy as np
 from wrinklecli.baking.plan import Ground, MeshPlan
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.skin import Skin, pose, prepare
-from wrinklecli.editor.played import Played
+from wrinklecli.editor.clip_cache import ClipCache
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, children, distinct_values, vertex_normals
@@ -64,7 +64,7 @@ class Cluster:
 
 
 @dataclass(frozen=True, eq=False)
-class LaidMesh:
+class PlayableMesh:
     """A node's mesh with all tools on it: the same object as long as all is the same but the pose.
 
     Its vertices are those of the coarse mesh, welded, then the new ones of each cluster.
@@ -79,7 +79,7 @@ class LaidMesh:
     ground: Ground
     skin: Skin
     clusters: tuple[Cluster, ...]
-    played: Played
+    played: ClipCache
 
     @property
     def node(self) -> str:
@@ -163,7 +163,7 @@ class ShownMesh:
     """
 
     node: str
-    laid: LaidMesh
+    laid: PlayableMesh
     positions: Floats
 
     @property
@@ -177,7 +177,7 @@ class ShownMesh:
 
 
 @dataclass(frozen=True, slots=True)
-class LaidTool:
+class AttachedTool:
     """A tool on its mesh.
 
     Attributes:
@@ -197,7 +197,7 @@ class LaidTool:
 
 
 @dataclass(frozen=True, slots=True)
-class Laid:
+class AttachedTools:
     """What tools make of an asset.
 
     Attributes:
@@ -207,7 +207,7 @@ class Laid:
         hurried: Whether tools are on triangles that were not refined for them.
     """
 
-    meshes: tuple[LaidMesh, ...]
-    tools: dict[str, LaidTool]
+    meshes: tuple[PlayableMesh, ...]
+    tools: dict[str, AttachedTool]
     problems: dict[str, str]
     hurried: bool

@@ -16,7 +16,7 @@ from wrinklecli.errors import WrinkleError
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class Address:
     """Where the page is served.
 
     Attributes:
@@ -28,7 +28,7 @@ class Place:
     port: int = 0
 
 
-def serve(place: Place) -> viser.ViserServer:
+def serve(place: Address) -> viser.ViserServer:
     """Serve an empty page.
 
     Raises:

@@ -9,14 +9,14 @@ import numpy as np
 import viser
 
 from wrinklecli.character.scene import read_scene
-from wrinklecli.editor.baked import Baked
-from wrinklecli.editor.laid import ShownMesh
-from wrinklecli.editor.page.desk import add_group, on_set
-from wrinklecli.editor.page.drawing import Body, Mark, Spots, body_of, mark_of, picked
+from wrinklecli.editor.attached import ShownMesh
+from wrinklecli.editor.baked_file import BakedFile
+from wrinklecli.editor.page.drawing import Body, SurfacePoints, ToolOutline, body_of, mark_of, picked
+from wrinklecli.editor.page.drawn_scene import LOOKS, Drag, DrawnScene, Look
 from wrinklecli.editor.page.player import Player
-from wrinklecli.editor.page.scene import LOOKS, Drag, Look, View
-from wrinklecli.editor.page.sight import FOV, SIDES, close, whole
-from wrinklecli.editor.page.work import Work
+from wrinklecli.editor.page.viewpoints import FOV, SIDES, close, whole
+from wrinklecli.editor.page.widgets import add_group, on_set
+from wrinklecli.editor.page.work_queue import WorkQueue
 from wrinklecli.editor.session import Session
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.gltf.document import Document
@@ -51,10 +51,10 @@ class Hit:
 
     mesh: ShownMesh
     place: Floats
-    spot: Spots
+    spot: SurfacePoints
 
 
-class Picture:
+class Viewport:
     """The 3D view of all tabs, with the widgets that say how it looks.
 
     Args:
@@ -64,19 +64,19 @@ class Picture:
         drag: Called where a tool's dot is dragged.
     """
 
-    def __init__(self, server: viser.ViserServer, work: Work, session: Session, drag: Drag) -> None:
+    def __init__(self, server: viser.ViserServer, work: WorkQueue, session: Session, drag: Drag) -> None:
         self._server, self._work, self._session = server, work, session
         server.scene.set_up_direction("+y")
         server.scene.set_background_image(_background())
         _add_lights(server.scene)
-        self._view = View(server, "asset", drag)
-        self._rest_view = View(server, "rest", lambda *_: None)
+        self._view = DrawnScene(server, "asset", drag)
+        self._rest_view = DrawnScene(server, "rest", lambda *_: None)
         self._bodies: tuple[Body, ...] = ()
-        self._marks: dict[str, tuple[Patch, Mark]] = {}  # as long as the triangles are the same
+        self._marks: dict[str, tuple[Patch, ToolOutline]] = {}  # as long as the triangles are the same
         self._chosen: str | None = None
         self.shown: list[ShownMesh] = []
         self._document: Document | None = None
-        self._baked: Baked | None = None
+        self._baked: BakedFile | None = None
         self.read()
 
     def read(self) -> None:
@@ -88,13 +88,13 @@ class Picture:
         self._session.notes += unread
         self.shown = []  # so that all is drawn anew
 
-    def compare(self, baked: Baked) -> None:
-        """Offer to show what was baked in place of what is edited."""
+    def compare(self, baked: BakedFile) -> None:
+        """Proposal to show what was baked in place of what is edited."""
         self._baked, (self._baked_paints, _) = baked, _paints_of(baked.document)
         self._as_baked.visible = True
 
     def drop_old(self) -> None:
-        """Offer what was baked no more, where something else is edited by now."""
+        """Proposal what was baked no more, where something else is edited by now."""
         if self._baked is not None and self._baked.text != self._session.text:
             self._baked, self._as_baked.value, self._as_baked.visible = None, False, False
 
@@ -229,7 +229,7 @@ class Picture:
             if hit is not None and hit[0] < best:
                 best, triangle, barycentrics = hit
                 place = barycentrics @ mesh.laid.rest_positions[mesh.faces[triangle]]
-                found = Hit(mesh, place, Spots(number, np.array([triangle]), barycentrics[None]))
+                found = Hit(mesh, place, SurfacePoints(number, np.array([triangle]), barycentrics[None]))
         return found
 
     def point_out(self, hit: Hit | None) -> None:

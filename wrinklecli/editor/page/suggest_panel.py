@@ -4,14 +4,14 @@ from typing import Any
 
 import viser
 
-from wrinklecli.editor.offered import Offer
-from wrinklecli.editor.page.desk import ASKS, Desk, on
-from wrinklecli.editor.page.work import Work
+from wrinklecli.editor.page.widgets import ASKS, PageCommands, on
+from wrinklecli.editor.page.work_queue import WorkQueue
+from wrinklecli.editor.proposals import Proposal
 from wrinklecli.editor.session import Session
 from wrinklecli.gltf.document import Document
 
 
-class Proposals:
+class SuggestPanel:
     """Tools that are offered.
 
     Args:
@@ -22,7 +22,9 @@ class Proposals:
         desk: The page.
     """
 
-    def __init__(self, gui: viser.GuiApi, work: Work, slow: Work, session: Session, desk: Desk) -> None:
+    def __init__(
+        self, gui: viser.GuiApi, work: WorkQueue, slow: WorkQueue, session: Session, desk: PageCommands
+    ) -> None:
         self._gui, self._work, self._slow, self._session, self._desk = gui, work, slow, session, desk
         self._folder: Any = gui.add_folder("Suggested")
         self._offered: list[Any] = []
@@ -41,13 +43,13 @@ class Proposals:
         self._work.put("offers", lambda: self._show(offers))
 
     def drop_old(self) -> None:
-        """Offer nothing that was found in what the asset was before."""
+        """Proposal nothing that was found in what the asset was before."""
         if self._document is not self._session.document:
             for old in self._offered:
                 old.remove()
             self._offered.clear()
 
-    def _show(self, offers: list[Offer]) -> None:
+    def _show(self, offers: list[Proposal]) -> None:
         """A button for each offer."""
         self._document = None
         self.drop_old()
@@ -59,7 +61,7 @@ class Proposals:
             self._listen(button, offer)
         self._desk.say(f"{len(offers)} found: a click takes one" if offers else "nothing found that folds")
 
-    def _listen(self, button: Any, offer: Offer) -> None:
+    def _listen(self, button: Any, offer: Proposal) -> None:
         def accept() -> None:
             self._desk.settle()
             name = self._session.accept(offer)

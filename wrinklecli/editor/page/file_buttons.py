@@ -5,9 +5,9 @@ from typing import Any
 
 import viser
 
-from wrinklecli.editor.baked import Baked, bake_saved
-from wrinklecli.editor.page.desk import ASKS, Desk, add_group, on
-from wrinklecli.editor.page.work import Work
+from wrinklecli.editor.baked_file import BakedFile, bake_saved
+from wrinklecli.editor.page.widgets import ASKS, PageCommands, add_group, on
+from wrinklecli.editor.page.work_queue import WorkQueue
 from wrinklecli.editor.session import Session
 from wrinklecli.errors import ConfigError
 
@@ -19,7 +19,7 @@ class _EndedError(Exception):
     """Nobody waits for what is baked; nothing of it is written."""
 
 
-class Keeping:
+class FileButtons:
     """The files of a session.
 
     Args:
@@ -30,7 +30,9 @@ class Keeping:
         desk: The page.
     """
 
-    def __init__(self, gui: viser.GuiApi, work: Work, slow: Work, session: Session, desk: Desk) -> None:
+    def __init__(
+        self, gui: viser.GuiApi, work: WorkQueue, slow: WorkQueue, session: Session, desk: PageCommands
+    ) -> None:
         self._work, self._slow, self._session, self._desk = work, slow, session, desk
         self._told = 0  # of the session's notes
         actions = {"Save": self._save, "Bake": self._bake, "Undo": self._undo, "Redo": self._redo}
@@ -93,7 +95,7 @@ class Keeping:
             self._work.put("progress", lambda: self._show_progress("", 0, 1))
         self._work.put(object(), lambda: self._show_baked(baked))
 
-    def _show_baked(self, baked: Baked) -> None:
+    def _show_baked(self, baked: BakedFile) -> None:
         self._desk.compare(baked)
         self._desk.say(f"{baked.told}\nView, baked file: shows it in place")
 

@@ -11,7 +11,7 @@ from wrinklecli.tools.yaml_edit import ToolsText
 
 
 @dataclass(frozen=True, slots=True)
-class Offer:
+class Proposal:
     """A tool that `suggest` has found.
 
     Attributes:
@@ -41,12 +41,12 @@ def guessed(tool: WrinkleTool) -> dict[str, Any]:
     return values
 
 
-def offers_of(found: Suggestions) -> list[Offer]:
+def offers_of(found: Suggestions) -> list[Proposal]:
     """The tools of a file that `suggest` would write, each by itself."""
     file = ToolsText(found.text)
     defaults = {"rest_length": file.defaults.get("rest_length", "auto")} if found.text else {}
     return [
-        Offer(
+        Proposal(
             name=each.tool.name,
             why=f"{each.driver} shortens it by {100 * each.shortening:.0f} % in {each.clip}",
             values={**values, **{key: value for key, value in defaults.items() if key not in values}},

@@ -15,7 +15,7 @@ from typing import Any, BinaryIO, TypeAlias
 import wrinklecli
 from wrinklecli.batch import stores
 from wrinklecli.batch.jobs import BatchJob
-from wrinklecli.batch.schema import OPTION_KEYS
+from wrinklecli.batch.manifest_schema import OPTION_KEYS
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.uris import path_of
 
