@@ -42,7 +42,7 @@ DOORS = {
     "trimesh": {"baking/frame_files"},
     "ipctk": {"effects/contact/passing", "effects/contact/tissue"},
     "embreex": {"review/preview/preview", "review/preview/rays"},
-    "PIL": {"gltf/pixels", "review/preview/cards", "review/preview/preview", "review/preview/sheet"},
+    "PIL": {"gltf/pixels", "review/preview/cards", "review/preview/preview", "review/preview/sheet_layout"},
     "matplotlib": {"review/plot"},
     "dask": {"batch/cluster"},
     "distributed": {"batch/cluster"},

@@ -163,7 +163,7 @@ def preview(
     quiet: bool,
     **options: Any,
 ) -> None:
-    """Draw ASSET (glTF), baked or not: its tools in review, a contact sheet over time, or an animation.
+    """Draw ASSET (glTF), baked or not: its tools in review, a sheet over time, or an animation.
 
     Two assets are shown side by side, at the same moments and from the same places. The camera looks at the wrinkles,
     where there are any. Tools are drawn as their patch, the crests of their wrinkles, and their segment, from

@@ -17,7 +17,7 @@ from wrinklecli import cli
 from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.review.preview.camera import FACING, VIEWS
 from wrinklecli.review.preview.options import MOST_SIDE
-from wrinklecli.review.preview.sheet import MOST_PIXELS
+from wrinklecli.review.preview.sheet_layout import MOST_PIXELS
 from wrinklecli.review.preview.shown import INKS
 
 Json = dict[str, Any]

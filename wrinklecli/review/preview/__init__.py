@@ -1,1 +1,1 @@
-"""Assets in, pictures out: a contact sheet or an animation, traced by rays without a display."""
+"""Assets in, pictures out: a sheet or an animation, traced by rays without a display."""

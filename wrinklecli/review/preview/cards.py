@@ -8,7 +8,7 @@ from PIL import Image, ImageDraw
 
 from wrinklecli.review.preview.overlay import Placed
 from wrinklecli.review.preview.peaks import Fact
-from wrinklecli.review.preview.sheet import Bytes, Colour, code, fitting, font_of, tagged
+from wrinklecli.review.preview.sheet_layout import Bytes, Colour, code, fitting, font_of, tagged
 
 _PAGE, _CARD, _RULE = (238, 240, 243), (255, 255, 255), (214, 219, 226)
 _DARK, _GREY, _ALARM = (34, 40, 48), (92, 100, 112), (176, 70, 0)

@@ -1,4 +1,4 @@
-"""Pictures of assets, baked or not, with or without their tools: a review, a contact sheet or an animation.
+"""Pictures of assets, baked or not, with or without their tools: a review, a sheet or an animation.
 
 Assets are posed as an engine would pose them, then traced by rays. Nothing but the picture is written.
 """
@@ -21,7 +21,6 @@ from wrinklecli.gltf.images import files_of
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.review.preview.apply import PlannedTools, plan_tools
-from wrinklecli.review.preview.contact import contact
 from wrinklecli.review.preview.options import PreviewOptions
 from wrinklecli.review.preview.rays import leave_room
 
@@ -62,7 +61,7 @@ def preview(
     outputs: Outputs | None = None,
     progress: Progress = no_progress,
 ) -> Preview:
-    """Draw assets: a review of the tools, a contact sheet over time, or an animation.
+    """Draw assets: a review of the tools, a sheet over time, or an animation.
 
     Args:
         assets: .gltf or .glb; several are shown side by side, at the same moments and from the same places.
@@ -80,7 +79,8 @@ def preview(
     path = os.fspath(out)
     with part_of(outputs) as written, guarded(os.fspath(assets[0])):
         _refuse_missing()
-        from wrinklecli.review.preview.sheet import encode_animation, encode_picture
+        from wrinklecli.review.preview.sheet import draw_sheets
+        from wrinklecli.review.preview.sheet_layout import encode_animation, encode_picture
 
         kind = _kind(path)
         animated = kind != "png"
@@ -103,7 +103,7 @@ def preview(
 
             drawn = review(documents[0], planned, path, options, progress)
         else:
-            drawn = contact(documents, planned, path, options, animated=animated, progress=progress)
+            drawn = draw_sheets(documents, planned, path, options, animated=animated, progress=progress)
         if animated:
             data = encode_animation(drawn.images, kind, seconds=drawn.seconds)
         else:

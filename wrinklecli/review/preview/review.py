@@ -27,7 +27,7 @@ from wrinklecli.review.preview.shown import INKS, ShownAsset, read_shown, take_s
 
 if TYPE_CHECKING:
     from wrinklecli.review.preview.cards import Card
-    from wrinklecli.review.preview.sheet import Drawn
+    from wrinklecli.review.preview.sheet_layout import Drawn
 
 # Tools on a sheet at most: it has then sixteen rows.
 MOST_REVIEWED = 48
@@ -112,7 +112,7 @@ def review(
         WrinkleError: It would be too large, or tools cannot be baked.
     """
     from wrinklecli.review.preview.cards import CardSheet, cards_size
-    from wrinklecli.review.preview.sheet import Drawn, refuse_large
+    from wrinklecli.review.preview.sheet_layout import Drawn, refuse_large
 
     before, after, peaks, warnings = _read(document, planned, options, progress)
     misfits = [] if planned is None else find_misfits(planned, document)[:MOST_REVIEWED]

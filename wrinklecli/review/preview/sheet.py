@@ -1,236 +1,177 @@
-"""Sheets: labelled pictures in rows and columns above a legend, written as a picture or an animation. Uses Pillow."""
+"""Draw assets side by side, at some moments and from some sides, as one sheet or as the frames of an animation."""
 
-import io
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
-from itertools import pairwise, product
-from typing import Any
+from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
 
-from wrinklecli.errors import WrinkleError
-from wrinklecli.review.preview.options import MOST_SIDE
-from wrinklecli.review.preview.overlay import Placed
+from wrinklecli.baking.plan import MeshPlan
+from wrinklecli.errors import counted
+from wrinklecli.gltf.document import Document
+from wrinklecli.numeric.guard import Progress
+from wrinklecli.review.preview.apply import PlannedTools, apply_tools
+from wrinklecli.review.preview.framing import View, plan_views
+from wrinklecli.review.preview.grid import draw_grid
+from wrinklecli.review.preview.heat import HEAT, HEAT_TICKS, heat_colours
+from wrinklecli.review.preview.misfits import RED, Misfit, find_misfits, misfit_overlay, misfit_points
+from wrinklecli.review.preview.moments import Moment, frame_seconds, plan_moments
+from wrinklecli.review.preview.options import PreviewOptions
+from wrinklecli.review.preview.overlay import NOTHING, Overlay, Placed, placed_words
+from wrinklecli.review.preview.render import render
+from wrinklecli.review.preview.sheet_layout import Drawn, Legend, Sheet, refuse_large, sheet_size
+from wrinklecli.review.preview.shown import INKS, ShownAsset, read_shown, take_snapshot, tool_names
 
-Bytes = NDArray[np.uint8]
-Colour = tuple[float, float, float]
-
-# Pixels of a sheet, or of all frames of an animation: they are held in memory until the file is written.
-MOST_PIXELS = 2**28
-# Of a word: pixels beside its place, and lines below it, one after the other.
-_ASIDE, _STEPS = 7, (0.0, 0.9, -0.9, 1.8, -1.8)
-_GUTTER = 4  # pixels between pictures
-_DARK, _PALE = (60, 66, 74), (255, 255, 255)
-_WEBP_QUALITY = 90
-_PALETTE_FRAMES = 8  # of an animation, that its palette is made from
-
-
-@dataclass(frozen=True, slots=True)
-class Legend:
-    """What explains the colours of a sheet: a ramp with numbers, and names of colours.
-
-    Attributes:
-        title: Of the ramp; empty for none.
-        ramp: (colours, 3) sRGB, 0 to 1.
-        ticks: Numbers along the ramp: where, 0 to 1, and what.
-        names: Each with its colour.
-    """
-
-    title: str = ""
-    ramp: NDArray[np.float64] | None = None
-    ticks: tuple[tuple[float, str], ...] = ()
-    names: tuple[tuple[str, Colour], ...] = ()
+_COLUMNS = 3  # moments in a row of a sheet, of one asset
 
 
-@dataclass(frozen=True, slots=True)
-class Drawn:
-    """What was drawn.
-
-    Attributes:
-        images: A sheet, or the frames of an animation.
-        shown: What there is to see: how many moments, or tools.
-        views: As used; `facing` as the angles that it came to.
-        seconds: From one frame to the next.
-        warnings: A line each.
-    """
-
-    images: tuple[Image.Image, ...]
-    shown: str
-    views: tuple[str, ...]
-    seconds: float = 0.0
-    warnings: tuple[str, ...] = ()
-
-
-class Sheet:
-    """Pictures of one size in rows and columns, each with a label, and a legend below."""
-
-    def __init__(self, columns: int, rows: int, size: tuple[int, int], legend: Legend) -> None:
-        self._size = size
-        self._legend = legend
-        width, height = sheet_size(columns, rows, size, legend)
-        self.image = Image.new("RGB", (width, height), _PALE)
-        if height > rows * (size[1] + _GUTTER) - _GUTTER:
-            self._draw_legend(height - _legend_height(size))
-
-    def put(self, column: int, row: int, picture: Bytes, label: str, words: Sequence[Placed] = ()) -> None:
-        """Place a picture, its label in the top left corner, and words beside what they name."""
-        width, height = self._size
-        cell = tagged(picture, label, font_of(_font_size(self._size)), words)
-        self.image.paste(cell, (column * (width + _GUTTER), row * (height + _GUTTER)))
-
-    def _draw_legend(self, top: int) -> None:
-        font, pen = font_of(_font_size(self._size)), ImageDraw.Draw(self.image)
-        step = int(font.size)
-        left, line = step // 2 + 3, top + step // 2
-        if self._legend.ramp is not None:
-            pen.text((left, line), self._legend.title, fill=_DARK, font=font)
-            left += int(pen.textlength(self._legend.title, font=font)) + step
-            width = min(16 * step, self.image.width - left - 2 * step)
-            if width > 4 * step:
-                for x in range(width):
-                    colour = self._legend.ramp[x * len(self._legend.ramp) // width]
-                    pen.line((left + x, line + 1, left + x, line + step), fill=code(colour))
-                for place, text in self._legend.ticks:
-                    x = left + round(place * width)
-                    pen.line((x, line + step, x, line + step + 3), fill=_DARK)
-                    pen.text((x, line + step + 4), text, fill=_DARK, font=font, anchor="ma")
-                left += width + 2 * step
-        for name, colour in self._legend.names:
-            text = fitting(name, font, 16 * step)
-            room = 2 * step + int(pen.textlength(text, font=font))
-            if left + room > self.image.width:
-                break
-            pen.rectangle((left, line + 2, left + step - 2, line + step), fill=code(colour))
-            pen.text((left + step + 3, line), text, fill=_DARK, font=font)
-            left += room + step // 2
-
-
-def sheet_size(columns: int, rows: int, size: tuple[int, int], legend: Legend) -> tuple[int, int]:
-    """Width and height of a whole sheet, pixels."""
-    wanted = legend.ramp is not None or legend.names
-    width, height = columns * (size[0] + _GUTTER) - _GUTTER, rows * (size[1] + _GUTTER) - _GUTTER
-    return width, height + (_legend_height(size) if wanted else 0)
-
-
-def refuse_large(size: tuple[int, int], count: int, path: str) -> None:
-    """Check that a picture, or an animation of so many, can be written and held in memory."""
-    if max(size) > MOST_SIDE:
-        raise WrinkleError(f"would have {size[0]} × {size[1]} pixels; at most {MOST_SIDE} each way", where=path)
-    if size[0] * size[1] * count > MOST_PIXELS:
-        most = MOST_PIXELS // (size[0] * size[1])
-        raise WrinkleError(f"would have {count} frames; of {size[0]} × {size[1]} pixels, at most {most}", where=path)
-
-
-def _legend_height(size: tuple[int, int]) -> int:
-    return 3 * _font_size(size)
-
-
-def _font_size(size: tuple[int, int]) -> int:
-    return max(12, size[1] // 36)
-
-
-@cache
-def font_of(size: int) -> Any:
-    """A font that Pillow brings along, pixels."""
-    return ImageFont.load_default(float(size))
-
-
-def tagged(picture: Bytes, label: str, font: Any, words: Sequence[Placed] = ()) -> Image.Image:
-    """A picture with a label in its top left corner, where it fits, and words beside what they name."""
-    cell = Image.fromarray(picture)
-    if words:
-        _write_words(cell, words, font)
-    edge = font.size // 2
-    text = fitting(label, font, cell.width - 4 * edge)
-    if text and font.size + 2 * edge < cell.height:
-        pen = ImageDraw.Draw(cell)
-        left, top, right, bottom = pen.textbbox((edge + 3, edge), text, font=font)
-        pen.rectangle((left - 4, top - 3, right + 4, bottom + 3), fill=_PALE)
-        pen.text((edge + 3, edge), text, fill=_DARK, font=font)
-    return cell
-
-
-def _write_words(cell: Image.Image, words: Sequence[Placed], font: Any) -> None:
-    """Write words right or left of their places, or a little above or below: where none has been written yet."""
-    pen, taken = ImageDraw.Draw(cell), np.zeros((cell.height, cell.width), bool)
-    for word in words:
-        if word.anchor:
-            left, top, right, bottom = pen.textbbox(word.at, word.text, font=font, anchor=word.anchor)
-            taken[max(int(top), 0) : int(bottom) + 1, max(int(left), 0) : int(right) + 1] = True
-            _write(pen, word.at, word.text, word.colour, font, word.anchor)
-            continue
-        text = fitting(word.text, font, cell.width / 2)
-        width, height = math.ceil(font.getlength(text)), round(1.1 * font.size)
-        for side, down in product((_ASIDE, -_ASIDE - width), _STEPS):
-            left, top = round(word.at[0] + side), round(word.at[1] + height * (down - 0.5))
-            within = left >= 0 and left + width <= cell.width and top >= 0 and top + height <= cell.height
-            if within and not taken[top : top + height, left : left + width].any():
-                taken[top : top + height, left : left + width] = True
-                _write(pen, (left, top), text, word.colour, font, "la")
-                break
-
-
-def _write(pen: Any, at: tuple[float, float], text: str, colour: Colour, font: Any, anchor: str) -> None:
-    """A word that can be read on any ground."""
-    pen.text(at, text, fill=code(colour), font=font, anchor=anchor, stroke_width=2, stroke_fill=_PALE)
-
-
-def fitting(text: str, font: Any, width: float) -> str:
-    """A line of text, cut where it is wider than there is room."""
-    text = "".join(c if c.isprintable() else "?" for c in text[:200])
-    if font.getlength(text) <= width:
-        return text
-    while text and font.getlength(text + "…") > width:
-        text = text[:-1]
-    return text + "…" if text else ""
-
-
-def code(colour: Any) -> tuple[int, int, int]:
-    """An sRGB colour of 0 to 1 in whole numbers of 255."""
-    red, green, blue = (round(255 * float(c)) for c in colour)
-    return red, green, blue
-
-
-def encode_picture(image: Image.Image) -> bytes:
-    """A PNG."""
-    file = io.BytesIO()
-    image.save(file, "PNG")
-    return file.getvalue()
-
-
-def encode_animation(images: Sequence[Image.Image], kind: str, *, seconds: float) -> bytes:
-    """An endless animation.
+def draw_sheets(
+    documents: Sequence[Document],
+    planned: PlannedTools | None,
+    path: str,
+    options: PreviewOptions,
+    *,
+    animated: bool,
+    progress: Progress,
+) -> Drawn:
+    """Draw assets over time.
 
     Args:
-        images: Of one size.
-        kind: webp or gif.
-        seconds: From one image to the next.
+        documents: The assets.
+        planned: Tools to apply to the first, if there are any.
+        path: Of the picture, for messages.
+        options: What to show, and how.
+        animated: Whether every moment is an image of its own.
+        progress: Called with a stage's name, steps done and steps in all.
+
+    Raises:
+        AssetError: An asset has nothing to show, or lacks a clip.
+        WrinkleError: It would be too large, or tools cannot be baked.
     """
-    file = io.BytesIO()
-    # Of hundredths of a second for GIF; each image ends at the nearest one, so that rounding does not add up.
-    unit = 10 if kind == "gif" else 1
-    ends = [round(1000 * seconds * number / unit) * unit for number in range(len(images) + 1)]
-    durations = [max(stop - start, unit) for start, stop in pairwise(ends)]
-    if kind == "webp":
-        first, *others = images
-        options: dict[str, Any] = {"quality": _WEBP_QUALITY, "method": 4}
-    else:
-        palette = _palette(images)
-        first, *others = [each.quantize(palette=palette, dither=Image.Dither.NONE) for each in images]
-        options = {"optimize": False}
-    first.save(file, kind, save_all=True, append_images=others, duration=durations, loop=0, **options)
-    return file.getvalue()
+    moments = plan_moments(documents[0], options, animated=animated)
+    shown, plans, warnings = _read_shown(documents, planned, moments, options, progress)
+    misfits = [] if planned is None or options.hide_tools else find_misfits(planned, documents[0])
+    further = [misfit_points(misfits, shown[-1], moment) for moment in moments]
+    views = plan_views(shown, moments, options, progress, further=further)
+    together = 1 if animated else len(moments)
+    columns = min(options.columns or (_COLUMNS if len(shown) == 1 else 1), together)
+    layout = _Layout(together, columns, len(shown), len(views), beside=options.grid and len(moments) == 1)
+    legend = _legend(plans, misfits, heat=options.heat)
+    refuse_large(sheet_size(*layout.cells, options.picture_size, legend), len(moments) // together, path)
+    overlays = [misfit_overlay(misfits, shown[-1], moment) for moment in moments]
+    up = "y" if planned is None else planned.settings.up
+    sheets = _draw(shown, moments, views, overlays, layout, legend, options, up, progress)
+    return Drawn(
+        images=tuple(sheet.image for sheet in sheets),
+        seconds=frame_seconds(shown[0].document, moments, options),
+        shown=counted(len(moments), "moment"),
+        views=tuple(view.name for view in views),
+        warnings=warnings,
+    )
 
 
-def _palette(images: Sequence[Image.Image]) -> Image.Image:
-    """One palette for all images, so that colours do not flicker."""
-    chosen = images[:: math.ceil(len(images) / _PALETTE_FRAMES)]
-    width, height = chosen[0].size
-    together = Image.new("RGB", (width, height * len(chosen)))
-    for number, each in enumerate(chosen):
-        together.paste(each, (0, number * height))
-    return together.quantize(256, Image.Quantize.MEDIANCUT)
+def _read_shown(
+    documents: Sequence[Document],
+    planned: PlannedTools | None,
+    moments: Sequence[Moment],
+    options: PreviewOptions,
+    progress: Progress,
+) -> tuple[list[ShownAsset], tuple[MeshPlan, ...], tuple[str, ...]]:
+    """Apply the tools, if any, and read what can be seen: assets from left to right, tools to draw, and warnings."""
+    plans: tuple[MeshPlan, ...] = ()
+    if planned is not None and planned.plans:
+        clips = list(dict.fromkeys(moment.clip for moment in moments if moment.clip is not None))
+        documents = [*documents, apply_tools(planned, clips, progress)][0 if options.before else 1 :]
+        plans = () if options.hide_tools else planned.plans
+    elif options.before:
+        documents = [*documents, *documents]
+    labels = options.labels or (("before", "after") if options.before else [Path(each.path).stem for each in documents])
+    shown: list[ShownAsset] = []
+    warnings: list[str] = []
+    for document, label in zip(documents, labels, strict=True):
+        asset, unread = read_shown(document, label, plans if document is documents[-1] else ())
+        shown.append(asset)
+        warnings += unread
+    return shown, plans, tuple(dict.fromkeys(warnings))
+
+
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    """Where pictures lie on a sheet.
+
+    Attributes:
+        moments: On each sheet: all of them, or one where each sheet is a frame of an animation.
+        columns: Moments in a row.
+        assets: How many there are, side by side at each moment.
+        views: How many there are, each with rows of its own.
+        beside: Put views side by side, for there is one moment.
+    """
+
+    moments: int
+    columns: int
+    assets: int
+    views: int
+    beside: bool = False
+
+    @property
+    def rows(self) -> int:
+        """Of moments."""
+        return -(-self.moments // self.columns)
+
+    @property
+    def cells(self) -> tuple[int, int]:
+        """Columns and rows of pictures."""
+        if self.beside:
+            return self.assets * self.views, 1
+        return self.columns * self.assets, self.rows * self.views
+
+    def cell(self, moment: int, asset: int, view: int) -> tuple[int, int]:
+        """Column and row of a picture."""
+        if self.beside:
+            return view * self.assets + asset, 0
+        row, column = divmod(moment % self.moments, self.columns)
+        return column * self.assets + asset, view * self.rows + row
+
+
+def _legend(plans: Sequence[MeshPlan], misfits: Sequence[Misfit], *, heat: bool) -> Legend:
+    """What explains the colours: of the tools, and of compression."""
+    names = tuple((name, INKS[number % len(INKS)]) for number, name in enumerate(tool_names(plans)))
+    names += tuple((f"{each.name} (does not fit)", RED) for each in misfits)
+    if not heat:
+        return Legend(names=names)
+    top = HEAT[-1][0]
+    ticks = tuple((tick / top, f"{tick:.0%}") for tick in HEAT_TICKS)
+    return Legend("compressed by", heat_colours(np.linspace(0, top, 256)), ticks, names)
+
+
+def _draw(
+    shown: Sequence[ShownAsset],
+    moments: Sequence[Moment],
+    views: Sequence[View],
+    overlays: Sequence[Overlay],
+    layout: _Layout,
+    legend: Legend,
+    options: PreviewOptions,
+    up: str,
+    progress: Progress,
+) -> list[Sheet]:
+    """Draw all assets at all moments from all views."""
+    sheets: list[Sheet] = []
+    for number, moment in enumerate(moments):
+        if number % layout.moments == 0:
+            sheets.append(Sheet(*layout.cells, options.picture_size, legend))
+        for column, asset in enumerate(shown):
+            snapshot = take_snapshot(asset, moment, heat=options.heat)
+            for row, view in enumerate(views):
+                camera, size = view.cameras[number], options.picture_size
+                overlay = overlays[number] if asset is shown[-1] else NOTHING
+                words: list[Placed] = []
+                if options.grid:
+                    grid = draw_grid(asset, moment, camera, size, up=up)
+                    overlay, words = grid.overlay.joined(overlay), list(grid.labels)
+                picture = render(snapshot, camera, size=size, style=options.style, overlay=overlay)
+                label = "   ".join([asset.label, moment.label, *([view.name] if len(views) > 1 else [])])
+                words += placed_words(overlay, camera, size)
+                sheets[-1].put(*layout.cell(number, column, row), picture, label, words)
+        progress("drawing", number + 1, len(moments))
+    return sheets

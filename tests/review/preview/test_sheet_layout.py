@@ -8,7 +8,7 @@ from PIL import Image
 
 from kit.pictures import SIZE
 from wrinklecli.review.preview.heat import heat_colours
-from wrinklecli.review.preview.sheet import Legend, Sheet, encode_animation, sheet_size
+from wrinklecli.review.preview.sheet_layout import Legend, Sheet, encode_animation, sheet_size
 
 
 @pytest.mark.parametrize("label", ["", "x" * 500, "名前 ‮ \x1b[31m\n", "a"])
