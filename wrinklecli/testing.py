@@ -12,6 +12,7 @@ Where they differ the test fails, and the file that was obtained stays beside th
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -80,25 +81,21 @@ class WrinkleGolden:
         """
         from wrinklecli.errors import WrinkleError
         from wrinklecli.gltf.document import read_document
-        from wrinklecli.review.diff.diff import DEFAULT_FPS, DEFAULT_TOLERANCE, diff
+        from wrinklecli.review.diff.diff import DiffOptions, diff
 
         kept = self._folder / golden
         if kept.suffix.lower() != ".glb":
             raise ValueError(f"a golden is one file, a .glb, not {os.fspath(golden)!r}")
-        limit = DEFAULT_TOLERANCE if tolerance is None else _length(tolerance)
+        options = DiffOptions(posed=posed, clips=clips, allow_external=allow_external)
+        if tolerance is not None:
+            options = replace(options, tolerance=_length(tolerance))
+        if fps is not None:
+            options = replace(options, fps=fps)
         beside = kept.with_name(f"{kept.stem}.obtained{kept.suffix}")
         try:
             document = read_document(obtained, allow_external=allow_external)
             if kept.exists():
-                comparison = diff(
-                    kept,
-                    obtained,
-                    tolerance=limit,
-                    posed=posed,
-                    clips=clips,
-                    fps=DEFAULT_FPS if fps is None else fps,
-                    allow_external=allow_external,
-                )
+                comparison = diff(kept, obtained, options)
                 if comparison.same:
                     beside.unlink(missing_ok=True)
                     return

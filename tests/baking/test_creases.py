@@ -14,7 +14,6 @@ from kit.limb import RADIUS, limb, tool, waving_limb, write_tools
 from kit.player import Gltf
 from wrinklecli.baking.baked_body import read_bodies
 from wrinklecli.baking.baked_fold import fold_angles, fold_weights
-from wrinklecli.baking.job import BakeOptions
 from wrinklecli.baking.report import Report
 from wrinklecli.baking.track import track
 from wrinklecli.character.clip import read_clips
@@ -22,7 +21,7 @@ from wrinklecli.character.pose import morph_weights
 from wrinklecli.character.rig import read_rig
 from wrinklecli.errors import BakeError
 from wrinklecli.gltf.document import Document, read_document
-from wrinklecli.review.crossings import find_crossings
+from wrinklecli.review.crossings import crossings
 
 TOOL = {"bumps": 3, "max_height": "10%"}
 TOP = {"refinement": {"max_levels": 1}}
@@ -47,8 +46,7 @@ def folded() -> Baked:
 
 
 def test_nothing_crosses_in_a_resolved_fold_at_and_between_keys(folded: Baked) -> None:
-    options = BakeOptions(fps=25.0)
-    (clip,) = find_crossings(folded.out, options=options).data["clips"]
+    (clip,) = crossings(folded.out, fps=25.0).data["clips"]
     before, after = clip["totals"]
     assert before > 0
     assert after == 0
@@ -88,7 +86,7 @@ def test_the_joint_s_angle_tells_the_weights_of_the_joint_s_own_motion(folded: B
 
 def test_tracks_of_other_files_move_folds_too(folded: Baked, tmp_path: Path) -> None:
     track(folded.out, [folded.asset], tmp_path)
-    (clip,) = find_crossings(tmp_path / folded.asset.name).data["clips"]
+    (clip,) = crossings(tmp_path / folded.asset.name).data["clips"]
     tracked, baked = (read_document(path) for path in (tmp_path / folded.asset.name, folded.out))
     (one,), (other,) = read_clips(tracked), read_clips(baked)
     rigs = read_rig(tracked, 0), read_rig(baked, 0)
@@ -126,10 +124,10 @@ def test_a_clip_that_still_crosses_gets_targets_of_its_own(folded: Baked, tmp_pa
     warnings = wrinklecli.bake(folded.asset, shared_alone, tmp_path / "resolve.glb").warnings
     assert any("contact: {per_clip: true} gives it targets of its own" in line for line in warnings), warnings
     wrinklecli.bake(folded.asset, off, tmp_path / "off.glb")
-    crossings = [find_crossings(tmp_path / f"{name}.glb").data["clips"][0]["totals"] for name in ("resolve", "off")]
+    totals = [crossings(tmp_path / f"{name}.glb").data["clips"][0]["totals"] for name in ("resolve", "off")]
     # Shapes of other axes never leave more than there was without them.
-    assert crossings[0][0] == crossings[1][0]
-    assert crossings[0][1] <= crossings[1][1]
+    assert totals[0][0] == totals[1][0]
+    assert totals[0][1] <= totals[1][1]
     other = tool(name="crease_contact", origin=[-0.4, -RADIUS, 0.0], target=[0.4, -RADIUS, 0.0], bumps=1)
     tools, out = write_tools(tmp_path / "tools.yaml", aside, other, **TOP), tmp_path / "out.glb"
     report = wrinklecli.bake(folded.asset, tools, out)
@@ -137,7 +135,7 @@ def test_a_clip_that_still_crosses_gets_targets_of_its_own(folded: Baked, tmp_pa
     assert (shared["clip"], own["clip"]) == (None, "fold")
     assert own["crossing_frames"] == 0
     assert not own["left"]
-    (clip,) = find_crossings(out, options=BakeOptions(fps=25.0)).data["clips"]
+    (clip,) = crossings(out, fps=25.0).data["clips"]
     assert clip["totals"][0] > clip["totals"][1] == 0
     # A tool has the name that targets of contact have otherwise.
     document = read_document(out)
@@ -235,7 +233,7 @@ def test_clips_that_fold_about_other_axes_hardly_cross(tmp_path: Path) -> None:
     for contact in ("resolve", "off"):
         tools = write_tools(tmp_path / "tools.yaml", tool(**TOOL, contact=contact), sampling={"fps": 15}, **TOP)
         wrinklecli.bake(asset, tools, tmp_path / "out.glb")
-        clips = find_crossings(tmp_path / "out.glb").data["clips"]
+        clips = crossings(tmp_path / "out.glb").data["clips"]
         totals[contact] = [clip["totals"][1] for clip in clips]
     assert sum(totals["off"]) > 500
     assert sum(totals["resolve"]) <= 0.05 * sum(totals["off"]), totals

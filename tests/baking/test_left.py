@@ -18,7 +18,7 @@ from wrinklecli.effects.contact.crease import resolve
 from wrinklecli.effects.contact.fitting import fitted
 from wrinklecli.effects.contact.folding import Found
 from wrinklecli.numeric.arrays import Floats
-from wrinklecli.review.crossings import find_crossings
+from wrinklecli.review.crossings import crossings
 
 TOOL = tool(bumps=3, max_height="10%")
 TIMES = np.linspace(0.0, 1.0, 16)
@@ -55,7 +55,7 @@ def test_a_clip_that_would_cross_more_with_contact_is_left_without_and_a_line_sa
 
     left = left_in(worse, clip, TIMES, given_up)
     assert left is not None
-    entry = find_crossings(asset, files[1]).data["clips"][0]
+    entry = crossings(asset, files[1]).data["clips"][0]
     before, wrinkled = entry["counts"]
     assert (left.time, left.before, left.wrinkled) == (1.0, before[6], wrinkled[6])
     assert left.resolved == left.wrinkled > 0

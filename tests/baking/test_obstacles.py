@@ -12,7 +12,7 @@ from wrinklecli.baking.report import Report
 from wrinklecli.baking.track import track
 from wrinklecli.errors import BakeError
 from wrinklecli.numeric.crossings import Crossings
-from wrinklecli.review.crossings import find_crossings
+from wrinklecli.review.crossings import crossings
 
 
 def baked(folder: Path, *, joined: bool = False, **contact: object) -> tuple[int, int]:
@@ -97,7 +97,7 @@ def test_a_nose_wrinkles_beneath_glasses_though_no_joint_bends_it(rest_length: o
 
 def counts(path: Path) -> tuple[int, int]:
     """How often anything crosses, before wrinkles and after."""
-    (clip,) = find_crossings(path).data["clips"]
+    (clip,) = crossings(path).data["clips"]
     before, after = clip["totals"]
     return before, after
 

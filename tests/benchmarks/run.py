@@ -51,7 +51,6 @@ from kit.crowd import write_crowds, write_frames  # noqa: E402
 from kit.limb import limb_asset, nose, sleeved_limb, waving_limb, write_tools  # noqa: E402
 from kit.limb import tool as limb_tool  # noqa: E402
 from kit.tube import write_tube  # noqa: E402
-from wrinklecli.baking.job import BakeOptions  # noqa: E402
 from wrinklecli.baking.plan import MeshPlan, plan_mesh  # noqa: E402
 from wrinklecli.character.clip import Clip, read_clips  # noqa: E402
 from wrinklecli.character.pose import joint_matrices, morph_weights  # noqa: E402
@@ -61,7 +60,7 @@ from wrinklecli.effects.wrinkle.activity import activities  # noqa: E402
 from wrinklecli.effects.wrinkle.shapes import shapes_of  # noqa: E402
 from wrinklecli.effects.wrinkle.weights import weights_of  # noqa: E402
 from wrinklecli.gltf.document import read_document  # noqa: E402
-from wrinklecli.review.crossings import find_crossings  # noqa: E402
+from wrinklecli.review.crossings import crossings  # noqa: E402
 from wrinklecli.tools.read import load_tools  # noqa: E402
 from wrinklecli.tools.records import Length  # noqa: E402
 
@@ -639,7 +638,7 @@ def folded(
         seconds.append(time.process_time() - begun)
         (fold,) = report.data["folds"] if wanted == "resolve" else [fold]
         # Elsewhere a mesh, or the sleeve, may cross itself as ever.
-        clips = find_crossings(out, options=BakeOptions(clips=options.get("clips", ()))).data["clips"]
+        clips = crossings(out, clips=options.get("clips", ())).data["clips"]
         here = [
             part["counts"] for clip in clips for part in clip["places"] if (parts or fold["joint"]) in part["between"]
         ]

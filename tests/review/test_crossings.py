@@ -10,13 +10,13 @@ from kit.command import Wrinkle
 from kit.limb import LENGTH, RADIUS, limb, limb_asset, tool, write_tools
 from wrinklecli.baking.track import track
 from wrinklecli.errors import BakeError
-from wrinklecli.review.crossings import find_crossings
+from wrinklecli.review.crossings import crossings
 
 
 def test_a_fold_that_closes_crosses_and_wrinkles_add_to_it(tmp_path: Path) -> None:
     asset = limb(tmp_path / "limb.glb", angle=140.0, rings=16, sides=12)
     tools = write_tools(tmp_path / "tools.yaml", tool(bumps=3, max_height="15%"))
-    (bare,), (clip,) = find_crossings(asset).data["clips"], find_crossings(asset, tools).data["clips"]
+    (bare,), (clip,) = crossings(asset).data["clips"], crossings(asset, tools).data["clips"]
     (counts,) = bare["counts"]
     assert bare["totals"] == [sum(counts)]
     assert counts[0] == 0 < max(counts)
@@ -30,28 +30,28 @@ def test_a_fold_that_closes_crosses_and_wrinkles_add_to_it(tmp_path: Path) -> No
 
     # The baked file says the same of itself as of asset and tools together, but for float32.
     wrinklecli.bake(asset, tools, tmp_path / "out.glb")
-    (baked,) = find_crossings(tmp_path / "out.glb").data["clips"]
+    (baked,) = crossings(tmp_path / "out.glb").data["clips"]
     assert baked["counts"][0] == clip["counts"][0]
     assert baked["totals"][1] == pytest.approx(clip["totals"][1], rel=0.1)
 
     # A file that is rewritten tells no more what it was before.
     track(tmp_path / "out.glb", [tmp_path / "out.glb"], tmp_path / "tracked")
-    tracked = find_crossings(tmp_path / "tracked" / "out.glb")
+    tracked = crossings(tmp_path / "tracked" / "out.glb")
     assert tracked.data["states"] == ["asset"]
     assert tracked.data["clips"][0]["totals"] == [pytest.approx(baked["totals"][1], rel=0.1)]
     (line,) = tracked.warnings
     assert "rewritten since its bake" in line
     with pytest.raises(BakeError, match="bake from the original asset"):
-        find_crossings(tmp_path / "tracked" / "out.glb", tools)
+        crossings(tmp_path / "tracked" / "out.glb", tools)
 
 
 def test_an_open_limb_does_not_cross_but_what_passes_through_it_does(tmp_path: Path) -> None:
     asset = limb_asset(angle=20.0, rings=8, sides=8)
-    assert find_crossings(asset.write(tmp_path / "a.glb")).data["stored_pose"] == [0]
+    assert crossings(asset.write(tmp_path / "a.glb")).data["stored_pose"] == [0]
     # The same mesh once more, without the skin and a little higher.
     asset.append("nodes", {"name": "cape", "mesh": 0, "translation": [0.01, RADIUS, 0.02]})
     asset.gltf["scenes"][0]["nodes"].append(len(asset.gltf["nodes"]) - 1)
-    assert find_crossings(asset.write(tmp_path / "b.glb")).data["stored_pose"][0] > 0
+    assert crossings(asset.write(tmp_path / "b.glb")).data["stored_pose"][0] > 0
 
 
 def test_the_command_prints_tables_json_and_what_it_cannot_do(
@@ -78,5 +78,5 @@ def test_frames_that_are_hidden_cost_nothing(tmp_path: Path) -> None:
     tools = write_tools(tmp_path / "tools.yaml", tool(), refinement={"max_levels": 0})
     wrinklecli.bake(asset, tools, tmp_path / "frames.glb", mode="frames")
     wrinklecli.bake(asset, tools, tmp_path / "morphs.glb")
-    shown, morphed = (find_crossings(tmp_path / name).data["clips"][0] for name in ("frames.glb", "morphs.glb"))
+    shown, morphed = (crossings(tmp_path / name).data["clips"][0] for name in ("frames.glb", "morphs.glb"))
     assert shown["counts"][0][6] == morphed["counts"][1][6] > 0

@@ -17,15 +17,12 @@ def emit_crossings(asset: str, tools: str | None, *, as_json: bool, strict: bool
         tools: The YAML file of tools, if any.
         as_json: Print JSON instead of tables.
         strict: Refuse where there are warnings.
-        options: What is looked at, as of `check`.
+        options: Fields of `CheckOptions`.
     """
-    from wrinklecli.baking.job import BakeOptions
-    from wrinklecli.review.crossings import find_crossings
+    from wrinklecli.review.crossings import crossings
 
-    bake_keys = ("clips", "only", "fps", "max_levels", "max_vertices", "allow_external")
-    bake = BakeOptions(**{key: options.pop(key) for key in bake_keys})
     with Progress() as progress:
-        found = find_crossings(asset, tools, options=bake, progress=progress.show, **options)
+        found = crossings(asset, tools, progress=progress.show, **options)
     if as_json:
         emit_json(found.data)
     else:

@@ -2,13 +2,14 @@
 
 import os
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_array
 
 from wrinklecli.baking.estimate import refuse_many_samples
-from wrinklecli.baking.job import BakeOptions, Job, read_job
+from wrinklecli.baking.job import BakeOptions, Job, ToolsPaths, read_job
 from wrinklecli.baking.plan import MeshPlan, plan_meshes
 from wrinklecli.baking.sample import ClipActivity, Motion, sample_activities
 from wrinklecli.baking.warnings import mesh_warnings, tool_warnings
@@ -31,6 +32,55 @@ _MOST_MOTIONS = 12
 _VISIBLE = 1e-3
 # Decimal digits of measured numbers, as in the report of a bake.
 _DIGITS = 9
+
+
+@dataclass(frozen=True, slots=True)
+class CheckOptions:
+    """What `check` and `crossings` look at in an asset, and how they read it.
+
+    Attributes:
+        anims: Files with more clips, for joints of the same names.
+        range_of_motion: Look at the range of motion too, though the asset has clips.
+        pose: Joints to turn, by name, axis and degrees, for one pose in place of clips.
+        morphs: Names of morph targets and their weights in this pose.
+        clips: Names of the clips to look at; if empty, those of the tools file.
+        only: Names of the tools to look at; if empty, all.
+        fps: Overrides `sampling.fps`; for crossings, moments per second of each clip.
+        max_levels: Overrides `refinement.max_levels`.
+        max_vertices: Most vertices that refinement may add to a mesh.
+        allow_external: Read buffers and images outside the asset's folder too.
+        max_memory: Most bytes that reading the asset may take.
+    """
+
+    anims: Sequence[str | os.PathLike[str]] = ()
+    range_of_motion: bool = False
+    pose: Sequence[JointTurn] = ()
+    morphs: Sequence[MorphWeight] = ()
+    clips: Sequence[str] = ()
+    only: Sequence[str] = ()
+    fps: float | None = None
+    max_levels: int | None = None
+    max_vertices: int = MAX_VERTICES
+    allow_external: bool = False
+    max_memory: int = MAX_MEMORY
+
+    @property
+    def bake_options(self) -> BakeOptions:
+        """The options of a bake of the same clips and tools."""
+        return BakeOptions(
+            clips=self.clips,
+            only=self.only,
+            fps=self.fps,
+            max_levels=self.max_levels,
+            max_vertices=self.max_vertices,
+            allow_external=self.allow_external,
+            max_memory=self.max_memory,
+        )
+
+    @property
+    def motions(self) -> Motions:
+        """What moves the asset besides its own clips."""
+        return Motions(self.anims, self.range_of_motion or None, self.pose, self.morphs)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,20 +117,11 @@ class Check:
 
 def check(
     asset: str | os.PathLike[str],
-    tools: str | os.PathLike[str],
+    tools: ToolsPaths,
+    options: CheckOptions | None = None,
     *,
-    anims: Sequence[str | os.PathLike[str]] = (),
-    range_of_motion: bool = False,
-    pose: Sequence[JointTurn] = (),
-    morphs: Sequence[MorphWeight] = (),
-    clips: Sequence[str] = (),
-    only: Sequence[str] = (),
-    fps: float | None = None,
-    max_levels: int | None = None,
-    max_vertices: int = MAX_VERTICES,
-    allow_external: bool = False,
-    max_memory: int = MAX_MEMORY,
     progress: Progress = no_progress,
+    **named: Any,
 ) -> Check:
     """Attach tools, refine their meshes and run their control curves over the clips as a bake does; write nothing.
 
@@ -88,34 +129,18 @@ def check(
 
     Args:
         asset: The .gltf or .glb to read.
-        tools: The YAML file of tools.
-        anims: Files with more clips, for joints of the same names.
-        range_of_motion: Look at that too, though the asset has clips.
-        pose: Joints to turn, for one pose that is looked at in place of clips.
-        morphs: Weights of morph targets in this pose.
-        clips: This and the others as of `BakeOptions`.
-        only: As well.
-        fps: As well.
-        max_levels: As well.
-        max_vertices: As well.
-        allow_external: As well.
-        max_memory: As well.
+        tools: The YAML file of tools, or several that are merged.
+        options: What to look at; the defaults of `CheckOptions` if None.
         progress: Called with a stage's name, steps done and steps in all.
+        named: Single options by their names in `CheckOptions`, in place of those in `options`.
 
     Raises:
-        WrinkleError: What a bake would raise before it samples clips: of all tools that do not fit, a line each.
+        WrinkleError: A bake would raise this error before it samples clips; all tools that do not fit have a line each.
+        TypeError: `CheckOptions` lacks a name of `named`.
     """
+    options = replace(options or CheckOptions(), **named)
     with guarded(os.fspath(asset)):
-        options = BakeOptions(
-            clips=clips,
-            only=only,
-            fps=fps,
-            max_levels=max_levels,
-            max_vertices=max_vertices,
-            allow_external=allow_external,
-            max_memory=max_memory,
-        )
-        job = read_job(asset, tools, options, Motions(anims, range_of_motion or None, pose, morphs))
+        job = read_job(asset, tools, options.bake_options, options.motions)
         warnings = list(job.warnings)
         checked: list[CheckedTool] = []
         plans = plan_meshes(job)

@@ -3,23 +3,23 @@
 import os
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from wrinklecli.baking.job import BakeOptions
 from wrinklecli.baking.original import original, wrinkled
 from wrinklecli.character.clip import Clip, chosen_clips, clip_grid, read_clips
 from wrinklecli.character.crossings import Found, SceneSurface, read_scene_surface
-from wrinklecli.character.moved import Motions, moved
-from wrinklecli.character.posing import JointTurn, MorphWeight
+from wrinklecli.character.moved import moved
 from wrinklecli.character.scene import deforming_nodes
 from wrinklecli.errors import BakeError
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, distinct
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
-from wrinklecli.numeric.memory import MAX_MEMORY, Memory
+from wrinklecli.numeric.memory import Memory
+from wrinklecli.review.check import CheckOptions
 from wrinklecli.review.preview.apply import apply_tools, plan_tools
 
 VERSION = 1
@@ -46,41 +46,33 @@ class CrossingsFound:
     warnings: tuple[str, ...]
 
 
-def find_crossings(
+def crossings(
     asset: str | os.PathLike[str],
     tools: str | os.PathLike[str] | None = None,
+    options: CheckOptions | None = None,
     *,
-    anims: Sequence[str | os.PathLike[str]] = (),
-    range_of_motion: bool = False,
-    pose: Sequence[JointTurn] = (),
-    morphs: Sequence[MorphWeight] = (),
-    options: BakeOptions | None = None,
-    max_memory: int = MAX_MEMORY,
     progress: Progress = no_progress,
+    **named: Any,
 ) -> CrossingsFound:
     """Count the edges that pass through triangles at moments of each clip, of all meshes of a scene together.
 
-    Before is the asset without wrinkles, after is the asset with the tools' or with those that it carries.
+    The asset without wrinkles is counted, and the asset with those of the tools or with those that it carries.
 
     Args:
         asset: The .gltf or .glb to read.
         tools: The YAML file of tools, if any.
-        anims: Files with more clips, for joints of the same names.
-        range_of_motion: Look at that too, though the asset has clips.
-        pose: Joints to turn, for one pose that is looked at in place of clips.
-        morphs: Weights of morph targets in this pose.
-        options: Which clips and tools, and how finely they refine. `fps` gives so many moments of each clip's second.
-        max_memory: Bytes that reading may take.
+        options: What to look at; the defaults of `CheckOptions` if None.
         progress: Called with a stage's name, steps done and steps in all.
+        named: Single options by their names in `CheckOptions`, in place of those in `options`.
 
     Raises:
         WrinkleError: The asset or the tools file is at fault.
+        TypeError: `CheckOptions` lacks a name of `named`.
     """
-    options = options or BakeOptions()
+    options = replace(options or CheckOptions(), **named)
     with guarded(os.fspath(asset)):
-        document = read_document(asset, allow_external=options.allow_external, memory=Memory(max_memory))
-        motions = Motions(anims, range_of_motion or None, pose, morphs)
-        states, clips, warnings = _states(document, tools, motions, options, progress)
+        document = read_document(asset, allow_external=options.allow_external, memory=Memory(options.max_memory))
+        states, clips, warnings = _states(document, tools, options, progress)
         seen = [_Seen(read_scene_surface(state), state) for state in states]
         entries = []
         for number, clip in enumerate(clips, start=1):
@@ -95,7 +87,7 @@ def find_crossings(
         "clips": entries,
         "warnings": list(warnings),
     }
-    inputs = (*document.files, *(os.fspath(anim) for anim in anims))
+    inputs = (*document.files, *(os.fspath(anim) for anim in options.anims))
     return CrossingsFound(data, inputs if tools is None else (*inputs, os.fspath(tools)), warnings)
 
 
@@ -118,8 +110,7 @@ class _Seen:
 def _states(
     document: Document,
     tools: str | os.PathLike[str] | None,
-    motions: Motions,
-    options: BakeOptions,
+    options: CheckOptions,
     progress: Progress,
 ) -> tuple[list[Document], tuple[Clip, ...], tuple[str, ...]]:
     """The asset without wrinkles and with them, or as it is where it has none; clips to look at, and warnings.
@@ -136,12 +127,12 @@ def _states(
             raise
         before, carries = document, False
         rewritten = (f"{document.path}: {_REWRITTEN}",)
-    joined = moved(before, deforming_nodes(before), motions)
+    joined = moved(before, deforming_nodes(before), options.motions)
     clips = chosen_clips(joined.clips, joined.chosen(options.clips), where=document.path)
     if tools is None:
-        after = moved(document, deforming_nodes(document), motions).document if carries else None
+        after = moved(document, deforming_nodes(document), options.motions).document if carries else None
         return [joined.document, *([after] if after else [])], tuple(clips), rewritten
-    planned = plan_tools(joined.document, tools, options)
+    planned = plan_tools(joined.document, tools, options.bake_options)
     if planned.job is None:
         raise BakeError.of_all([BakeError(line) for line in planned.warnings])
     after = apply_tools(planned, [clip.name for clip in clips], progress)

@@ -8,6 +8,7 @@ import os
 import sys
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise
 from typing import Any
 
@@ -34,13 +35,26 @@ _MODES = ("points", "lines", "line loop", "line strip", "triangles", "triangle s
 KINDS = ("geometry", "indices", "morph targets", "animation", "skins", "images", "original", "other")
 
 
-def inspect(asset: str | os.PathLike[str], *, allow_external: bool = False, max_memory: int = MAX_MEMORY) -> Json:
+@dataclass(frozen=True, slots=True)
+class InspectOptions:
+    """How `inspect` reads an asset.
+
+    Attributes:
+        allow_external: Read buffers outside the asset's folder too, and count the bytes of images there.
+        max_memory: Most bytes that reading the asset may take.
+    """
+
+    allow_external: bool = False
+    max_memory: int = MAX_MEMORY
+
+
+def inspect(asset: str | os.PathLike[str], options: InspectOptions | None = None, **named: Any) -> Json:
     """Describe an asset.
 
     Args:
         asset: The .gltf or .glb to read.
-        allow_external: Read buffers outside the asset's folder too, and count the bytes of images there.
-        max_memory: Bytes that it may take.
+        options: How to read it; the defaults of `InspectOptions` if None.
+        named: Single options by their names in `InspectOptions`, in place of those in `options`.
 
     Returns:
         JSON values only. `bytes` are those stored, compressed where they are so; `original` is what a bake keeps to
@@ -50,9 +64,12 @@ def inspect(asset: str | os.PathLike[str], *, allow_external: bool = False, max_
 
     Raises:
         AssetError: The asset is malformed.
+        TypeError: `InspectOptions` lacks a name of `named`.
     """
+    options = replace(options or InspectOptions(), **named)
     with guarded(os.fspath(asset)):
-        return _describe(read_document(asset, allow_external=allow_external, memory=Memory(max_memory)))
+        memory = Memory(options.max_memory)
+        return _describe(read_document(asset, allow_external=options.allow_external, memory=memory))
 
 
 def _describe(document: Document) -> Json:

@@ -4,7 +4,8 @@ import json
 import os
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -27,9 +28,6 @@ from wrinklecli.tools.records import Length
 # On one machine the same bake gives the same bytes; between processors it may differ by eight float32 roundings at the
 # asset's size, or at its farthest coordinate where that is more.
 DEFAULT_TOLERANCE = Length(1e-4, percent=True)
-
-# Frames per second of the grid of times, which the clips' own keys join.
-DEFAULT_FPS = 30.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,17 +85,36 @@ class Comparison:
         return f"{verdict}: {what}{angle}; tolerance {self.tolerance:.3g}, {moments}"
 
 
+@dataclass(frozen=True, slots=True)
+class DiffOptions:
+    """What `diff` compares, and how exactly.
+
+    Attributes:
+        tolerance: The greatest distance at which two assets are the same: scene units, or per cent of the asset's
+            size. The same ratio holds for numbers that are not lengths. In per cent it is never below eight float32
+            roundings.
+        posed: Compare only posed positions.
+        clips: Names of the clips to compare; if empty, all clips and the stored pose.
+        fps: Frames per second of the times to compare at; the clips' own keys are compared too.
+        allow_external: Read buffers and images outside the assets' folders too.
+        max_memory: Most bytes that reading both assets may take.
+    """
+
+    tolerance: Length = DEFAULT_TOLERANCE
+    posed: bool = False
+    clips: Sequence[str] = ()
+    fps: float = 30.0
+    allow_external: bool = False
+    max_memory: int = MAX_MEMORY
+
+
 def diff(
     a: str | os.PathLike[str],
     b: str | os.PathLike[str],
+    options: DiffOptions | None = None,
     *,
-    tolerance: Length = DEFAULT_TOLERANCE,
-    posed: bool = False,
-    clips: Sequence[str] = (),
-    fps: float = DEFAULT_FPS,
-    allow_external: bool = False,
-    max_memory: int = MAX_MEMORY,
     progress: Progress = no_progress,
+    **named: Any,
 ) -> Comparison:
     """Compare two assets.
 
@@ -108,33 +125,30 @@ def diff(
     Args:
         a: The first .gltf or .glb, such as the golden.
         b: The second.
-        tolerance: The greatest distance at which they are the same: scene units, or per cent of the asset's size. The
-            same share holds for numbers that are no lengths. In per cent it is never below eight float32 roundings.
-        posed: Compare only posed positions.
-        clips: Names of the clips to compare; all, and the stored pose, where left out.
-        fps: Frames per second of the grid of times, which the clips' own keys join.
-        allow_external: Read buffers and images outside the assets' folders too.
-        max_memory: Bytes that both may take.
+        options: What to compare; the defaults of `DiffOptions` if None.
         progress: Called with a stage's name, steps done and steps in all.
+        named: Single options by their names in `DiffOptions`, in place of those in `options`.
 
     Raises:
         AssetError: An asset is missing or malformed, or neither has a clip of a name.
         BakeError: A clip has more than 200,000 frames.
+        TypeError: `DiffOptions` lacks a name of `named`.
 
     Example:
         >>> diff("knee.golden.glb", "knee.glb").same
         True
     """
-    memory = Memory(max_memory)
-    first, second = (_read(path, allow_external=allow_external, memory=memory) for path in (a, b))
+    options = replace(options or DiffOptions(), **named)
+    memory = Memory(options.max_memory)
+    first, second = (_read(path, allow_external=options.allow_external, memory=memory) for path in (a, b))
     both = f"{first.path} and {second.path}"
     with guarded(both):
-        _refuse_unknown(clips, (first, second), where=both)
+        _refuse_unknown(options.clips, (first, second), where=both)
         if _have_same_content(first, second):
             return Comparison((), None, None, 0, None, None)
         # Of what a bake passes through unread, the documents are compared all the same.
-        scenes = _read_scene(first, whole=posed), _read_scene(second, whole=posed)
-        return _compare((first, second), scenes, tolerance, posed, clips, fps, progress)
+        scenes = _read_scene(first, whole=options.posed), _read_scene(second, whole=options.posed)
+        return _compare((first, second), scenes, options, progress)
 
 
 def _read(path: str | os.PathLike[str], *, allow_external: bool, memory: Memory) -> Document:
@@ -171,26 +185,23 @@ def _have_same_content(a: Document, b: Document) -> bool:
 def _compare(
     documents: tuple[Document, Document],
     scenes: tuple[AnimatedScene, AnimatedScene],
-    tolerance: Length,
-    posed: bool,
-    clips: Sequence[str],
-    fps: float,
+    options: DiffOptions,
     progress: Progress,
 ) -> Comparison:
     boxes = [_joined(_stored_boxes(scene)) for scene in scenes]
     size = max(float(np.linalg.norm(np.ptp(box, axis=0))) for box in boxes)
-    limit = tolerance.resolve(size)
-    if tolerance.percent:
+    limit = options.tolerance.resolve(size)
+    if options.tolerance.percent:
         limit = max(limit, ROUNDINGS * max(float(np.abs(box).max()) for box in boxes))
     # Where there is nothing to see, numbers are all that is compared.
     share = limit / size if size and limit else DEFAULT_TOLERANCE.value / 100
     found: list[Difference] = []
-    if not posed:
+    if not options.posed:
         limits = Limits(limit or share, share, _scales(scenes[0]))
-        found += document_differences(*documents, limits, clips=clips)
-    moments, of_clips = common_moments(*scenes, clips, fps)
+        found += document_differences(*documents, limits, clips=options.clips)
+    moments, of_clips = common_moments(*scenes, options.clips, options.fps)
     # Comparing the documents has found these too.
-    found += of_clips if posed else []
+    found += of_clips if options.posed else []
     seen = compare_motion(*scenes, moments, limit, progress)
     return Comparison((*found, *seen.differences), limit, size, seen.times, seen.worst, seen.normal)
 

@@ -7,6 +7,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from wrinklecli.baking.baked_body import wrinkle_targets
 from wrinklecli.baking.driven import with_driven_wrinkles
@@ -60,22 +61,25 @@ def preview(
     *,
     outputs: Outputs | None = None,
     progress: Progress = no_progress,
+    **named: Any,
 ) -> Preview:
     """Draw assets: a review of the tools, a sheet over time, or an animation.
 
     Args:
         assets: .gltf or .glb; several are shown side by side, at the same moments and from the same places.
         out: A .png (a sheet), or a .webp or .gif (an animation).
-        options: What to show, and how.
-        outputs: What the picture is added to; left out, it is in its place at the end.
+        options: What to show, and how; the defaults of `PreviewOptions` if None.
+        outputs: Other files to write, to which the picture is added. If None, the file is written before returning.
         progress: Called with a stage's name, steps done and steps in all.
+        named: Single options by their names in `PreviewOptions`, in place of those in `options`.
 
     Raises:
         AssetError: An asset is at fault, or has nothing to show.
         WrinkleError: The tools file is at fault; the picture would be too large or cannot be written; or Pillow or
             embreex is missing.
+        TypeError: `PreviewOptions` lacks a name of `named`.
     """
-    options = options or PreviewOptions()
+    options = replace(options or PreviewOptions(), **named)
     path = os.fspath(out)
     with part_of(outputs) as written, guarded(os.fspath(assets[0])):
         _refuse_missing()
