@@ -10,8 +10,8 @@ from PIL import Image
 
 from kit.limb import limb_asset, tool, write_tools
 from wrinklecli import bake
-from wrinklecli.review.preview.options import PreviewOptions
 from wrinklecli.review.preview.preview import Preview, preview
+from wrinklecli.review.preview.preview_options import PreviewOptions
 from wrinklecli.review.preview.render import PAPER
 
 Bytes = NDArray[np.uint8]

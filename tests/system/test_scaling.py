@@ -19,7 +19,7 @@ from wrinklecli.baking import pipeline, placement, warnings
 from wrinklecli.character import contacts, rig, scene
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review.check import check
-from wrinklecli.review.diff import motion
+from wrinklecli.review.diff import compare_motion
 from wrinklecli.review.diff.diff import diff
 from wrinklecli.surface import refine
 
@@ -81,7 +81,7 @@ def test_instances_are_posed_a_few_times_each(monkeypatch: pytest.MonkeyPatch, t
         b = other.write(tmp_path / "b.glb")
         tally = Counter[str]()
         with monkeypatch.context() as patched:
-            counted(patched, tally, motion, "pose_primitive")
+            counted(patched, tally, compare_motion, "pose_primitive")
             counted(patched, tally, rig, "_stored_local")
             diff(a, b)
         calls.append(tally)
@@ -128,7 +128,7 @@ def test_frames_that_are_shown_in_turn_are_looked_at_when_they_change(
     for count in (10, 30):
         tally = Counter[str]()
         with monkeypatch.context() as patched:
-            counted(patched, tally, motion, "joint_matrices", amount=lambda _rig, _clip, times: len(times))
+            counted(patched, tally, compare_motion, "joint_matrices", amount=lambda _rig, _clip, times: len(times))
             assert diff(*write_frames(tmp_path, count)).same
         looked.append(tally["joint_matrices"])
     assert looked[1] <= 3.3 * looked[0]

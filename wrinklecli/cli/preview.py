@@ -26,7 +26,7 @@ from wrinklecli.cli.streams import command_outputs, job_outputs
 from wrinklecli.errors import WrinkleError
 from wrinklecli.files.outputs import Outputs
 from wrinklecli.files.watched import Watched
-from wrinklecli.review.preview.options import MOST_SIDE, PreviewOptions, Style
+from wrinklecli.review.preview.preview_options import MOST_SIDE, PreviewOptions, Style
 
 _LOOKS = 0.3  # seconds between two looks whether a file has changed
 _LEAST_SIDE = 16  # pixels of a picture's width or height

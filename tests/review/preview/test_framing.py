@@ -14,7 +14,7 @@ from wrinklecli.gltf.document import read_document
 from wrinklecli.review.preview.camera import FACING, parse_view
 from wrinklecli.review.preview.framing import View, plan_views
 from wrinklecli.review.preview.moments import Moment
-from wrinklecli.review.preview.options import PreviewOptions
+from wrinklecli.review.preview.preview_options import PreviewOptions
 from wrinklecli.review.preview.shown import ShownAsset, read_shown
 
 Json = dict[str, Any]

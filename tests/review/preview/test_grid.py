@@ -14,8 +14,8 @@ from wrinklecli.gltf.document import read_document
 from wrinklecli.review.preview.framing import plan_views
 from wrinklecli.review.preview.grid import draw_grid, ruler_step
 from wrinklecli.review.preview.moments import Moment
-from wrinklecli.review.preview.options import PreviewOptions
 from wrinklecli.review.preview.overlay import placed_words
+from wrinklecli.review.preview.preview_options import PreviewOptions
 from wrinklecli.review.preview.rays import first_hits, trace
 from wrinklecli.review.preview.shown import read_shown
 

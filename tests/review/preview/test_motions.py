@@ -9,8 +9,8 @@ from kit.limb import limb, tool, write_tools
 from wrinklecli.character.moved import Motions, moved
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review.preview.moments import plan_moments
-from wrinklecli.review.preview.options import PreviewOptions
 from wrinklecli.review.preview.preview import with_motions
+from wrinklecli.review.preview.preview_options import PreviewOptions
 
 SMALL = "--size=64x48"
 

@@ -16,7 +16,7 @@ from kit.pictures import SIZE, baked, draw, limb, near, picture
 from wrinklecli import cli
 from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.review.preview.camera import FACING, VIEWS
-from wrinklecli.review.preview.options import MOST_SIDE
+from wrinklecli.review.preview.preview_options import MOST_SIDE
 from wrinklecli.review.preview.sheet_layout import MOST_PIXELS
 from wrinklecli.review.preview.shown import INKS
 

@@ -13,8 +13,8 @@ from kit.pictures import SIZE, covered, draw, limb, picture, reds
 from wrinklecli.review.preview import render
 from wrinklecli.review.preview.camera import Camera, camera_axes
 from wrinklecli.review.preview.draw import Mark
-from wrinklecli.review.preview.materials import Texture
-from wrinklecli.review.preview.options import Style
+from wrinklecli.review.preview.paints import Texture
+from wrinklecli.review.preview.preview_options import Style
 from wrinklecli.review.preview.render import Snapshot
 
 

@@ -17,9 +17,9 @@ from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.review.check import check
 from wrinklecli.review.preview import review as reviewing
 from wrinklecli.review.preview.apply import plan_tools
-from wrinklecli.review.preview.options import PreviewOptions
 from wrinklecli.review.preview.peaks import Peak, baked_peaks, planned_peaks
 from wrinklecli.review.preview.preview import is_reviewed
+from wrinklecli.review.preview.preview_options import PreviewOptions
 from wrinklecli.review.preview.shown import INKS, read_shown
 
 Json = dict[str, Any]

@@ -11,7 +11,7 @@ from kit.pictures import BUMPY, SIZE, covered, draw, limb, picture, reds
 from wrinklecli.baking.job import BakeOptions
 from wrinklecli.review.preview.apply import apply_tools, plan_tools
 from wrinklecli.review.preview.moments import Moment
-from wrinklecli.review.preview.options import Style
+from wrinklecli.review.preview.preview_options import Style
 from wrinklecli.review.preview.shown import read_shown
 
 Json = dict[str, Any]

@@ -12,7 +12,7 @@ import numpy as np
 from wrinklecli.editor.attached import AttachedTool, PlayableMesh
 from wrinklecli.numeric.arrays import Floats, Ints, among, distinct, distinct_values, face_normals, unit
 from wrinklecli.numeric.nearest import distances_along
-from wrinklecli.review.preview.materials import Paint
+from wrinklecli.review.preview.paints import Paint
 
 # Stored normals that differ by less are one: an 8-bit normal's step.
 _NORMAL_STEP = 1 / 127

@@ -11,7 +11,7 @@ import numpy as np
 from wrinklecli.gltf.document import BIN_CHUNK, COMPONENT_TYPES, GLB_MAGIC, JSON_CHUNK, SIZE_TYPES, TRIANGLES
 from wrinklecli.gltf.pixels import jpeg_of
 from wrinklecli.numeric.arrays import Array, Floats, Ints
-from wrinklecli.review.preview.materials import Texture
+from wrinklecli.review.preview.paints import Texture
 
 _WRAPS = {"clamp": 33071, "mirror": 33648, "repeat": 10497}
 _ROUGH = 0.9

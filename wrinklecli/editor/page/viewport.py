@@ -23,7 +23,7 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.preview.camera import Camera
 from wrinklecli.review.preview.heat import point_colours
-from wrinklecli.review.preview.materials import Paint, read_paints
+from wrinklecli.review.preview.paints import Paint, read_paints
 from wrinklecli.review.preview.shown import INKS
 
 _SETTLES = 0.08  # seconds in which a browser reads a coloured mesh

@@ -18,10 +18,10 @@ from wrinklecli.gltf.images import read_image
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory
+from wrinklecli.review.diff.common_clips import AnimatedScene, common_clips
+from wrinklecli.review.diff.compare_motion import compare_motion
 from wrinklecli.review.diff.difference import ROUNDINGS, Difference, Limits
 from wrinklecli.review.diff.documents import document_differences
-from wrinklecli.review.diff.moments import AnimatedScene, common_moments
-from wrinklecli.review.diff.motion import compare_motion
 from wrinklecli.review.diff.surfaces import Worst, when
 from wrinklecli.tools.records import Length
 
@@ -199,10 +199,10 @@ def _compare(
     if not options.posed:
         limits = Limits(limit or share, share, _scales(scenes[0]))
         found += document_differences(*documents, limits, clips=options.clips)
-    moments, of_clips = common_moments(*scenes, options.clips, options.fps)
+    clips, of_clips = common_clips(*scenes, options.clips, options.fps)
     # Comparing the documents has found these too.
     found += of_clips if options.posed else []
-    seen = compare_motion(*scenes, moments, limit, progress)
+    seen = compare_motion(*scenes, clips, limit, progress)
     return Comparison((*found, *seen.differences), limit, size, seen.times, seen.worst, seen.normal)
 
 

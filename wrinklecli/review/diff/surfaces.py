@@ -1,4 +1,4 @@
-"""Posed primitives compared at the times of a moment: vertex by vertex, or as surfaces of other triangles."""
+"""Compare posed primitives at the times of a clip: vertex by vertex, or as surfaces with different triangles."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -7,8 +7,8 @@ import numpy as np
 
 from wrinklecli.character.scene import ScenePrimitive, pose_primitive
 from wrinklecli.numeric.arrays import Floats, Ints
+from wrinklecli.review.diff.common_clips import CommonClip
 from wrinklecli.review.diff.difference import Difference
-from wrinklecli.review.diff.moments import Moment
 from wrinklecli.review.diff.soups import Soup, farthest_apart
 
 # A function that is told how many more times are done; a part of a time is a fraction.
@@ -61,21 +61,21 @@ class Apart:
     total: int
 
 
-def untouched(primitive: ScenePrimitive, moment: Moment, time: float) -> Apart:
+def untouched(primitive: ScenePrimitive, common: CommonClip, time: float) -> Apart:
     """What comparing a primitive with itself would give."""
-    worst = Worst(0.0, "A", place_of(primitive), primitive.name, 0, moment.name, time)
+    worst = Worst(0.0, "A", place_of(primitive), primitive.name, 0, common.name, time)
     return Apart(worst, None if primitive.vertices.normals is None else 0.0, 0, len(primitive.vertices.positions))
 
 
 def compare_vertices(
-    one: ScenePrimitive, other: ScenePrimitive, moment: Moment, times: Floats, tolerance: float, advance: Advance
+    one: ScenePrimitive, other: ScenePrimitive, common: CommonClip, times: Floats, tolerance: float, advance: Advance
 ) -> Apart:
     """Compare two primitives of the same triangles, vertex by vertex.
 
     Args:
         one: Of the first asset.
         other: Of the second.
-        moment: What poses them.
+        common: What poses them.
         times: (frames,) seconds, of the moment's.
         tolerance: Scene units.
         advance: Told of the times that are done.
@@ -84,12 +84,12 @@ def compare_vertices(
     # A slice is not copied.
     used: Ints | slice = seen if len(seen) < len(one.vertices.positions) else slice(None)
     off = np.zeros(len(seen), bool)
-    worst, normal = untouched(one, moment, float(times[0])).worst, None
+    worst, normal = untouched(one, common, float(times[0])).worst, None
     step = max(1, _CHUNK // len(one.vertices.positions))
     for start in range(0, len(times), step):
         now = times[start : start + step]
         first, second = (
-            pose_primitive(primitive, clip, now) for primitive, clip in zip((one, other), moment.clips, strict=True)
+            pose_primitive(primitive, clip, now) for primitive, clip in zip((one, other), common.clips, strict=True)
         )
         squared = _squared_distances(first.positions, second.positions)[:, used]
         beyond = squared > tolerance**2
@@ -126,16 +126,20 @@ def _greatest_angle(first: Floats, second: Floats, used: Ints | slice) -> float:
 
 
 def compare_surfaces(
-    left_a: Sequence[ScenePrimitive], left_b: Sequence[ScenePrimitive], moment: Moment, times: Floats, advance: Advance
+    left_a: Sequence[ScenePrimitive],
+    left_b: Sequence[ScenePrimitive],
+    common: CommonClip,
+    times: Floats,
+    advance: Advance,
 ) -> Apart:
     """Compare primitives of other triangles by the distance of each one's vertices from the other's triangles.
 
     The arguments are those of `compare_vertices`.
     """
-    soups = [Soup.of(primitives, clip) for primitives, clip in zip((left_a, left_b), moment.clips, strict=True)]
+    soups = [Soup.of(primitives, clip) for primitives, clip in zip((left_a, left_b), common.clips, strict=True)]
     far = farthest_apart(soups[0], soups[1], times, advance)
     primitive, vertex = soups[far.side].vertex(far.vertex)
-    worst = Worst(far.distance, "AB"[far.side], place_of(primitive), primitive.name, vertex, moment.name, far.time)
+    worst = Worst(far.distance, "AB"[far.side], place_of(primitive), primitive.name, vertex, common.name, far.time)
     return Apart(worst, None, None, 0)
 
 

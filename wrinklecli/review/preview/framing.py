@@ -13,7 +13,7 @@ from wrinklecli.numeric.guard import Progress, no_progress
 from wrinklecli.review.preview.camera import FACING, VIEWS, Camera, camera_axes, parse_view
 from wrinklecli.review.preview.grid import snapped
 from wrinklecli.review.preview.moments import Moment
-from wrinklecli.review.preview.options import PreviewOptions
+from wrinklecli.review.preview.preview_options import PreviewOptions
 from wrinklecli.review.preview.rays import seen
 from wrinklecli.review.preview.shown import ShownAsset
 

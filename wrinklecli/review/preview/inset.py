@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from wrinklecli.review.preview.camera import Camera
-from wrinklecli.review.preview.options import Style
+from wrinklecli.review.preview.preview_options import Style
 from wrinklecli.review.preview.render import Bytes, Snapshot, render
 
 # Its sides at most, as a part of the picture's shorter one; and the least that is worth drawing, pixels.

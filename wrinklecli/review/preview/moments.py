@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from wrinklecli.character.clip import clip_named, read_clips
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import Document
-from wrinklecli.review.preview.options import PreviewOptions
+from wrinklecli.review.preview.preview_options import PreviewOptions
 
 MOST_MOMENTS = 10_000
 _SHEET_MOMENTS = 5  # of a clip: its middle, where many are at their greatest, is one

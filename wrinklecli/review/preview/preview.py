@@ -22,7 +22,7 @@ from wrinklecli.gltf.images import files_of
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.review.preview.apply import PlannedTools, plan_tools
-from wrinklecli.review.preview.options import PreviewOptions
+from wrinklecli.review.preview.preview_options import PreviewOptions
 from wrinklecli.review.preview.rays import leave_room
 
 _ENDINGS = {".png": "png", ".webp": "webp", ".gif": "gif"}

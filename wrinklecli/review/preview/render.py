@@ -14,9 +14,9 @@ from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints
 from wrinklecli.review.preview.camera import Camera, project
 from wrinklecli.review.preview.draw import INK, Mark, SeenMark, blend, draw_mark, edge_cover, seen_mark
 from wrinklecli.review.preview.light import REACH, light_up
-from wrinklecli.review.preview.materials import Texture, look_up
-from wrinklecli.review.preview.options import PLAIN, Style
 from wrinklecli.review.preview.overlay import NOTHING, Overlay, draw_overlay
+from wrinklecli.review.preview.paints import Texture, look_up
+from wrinklecli.review.preview.preview_options import PLAIN, Style
 from wrinklecli.review.preview.rays import Hits, TracedSurface, first_hits, trace
 
 Bytes = NDArray[np.uint8]

@@ -19,9 +19,9 @@ from wrinklecli.review.preview.framing import View, plan_views
 from wrinklecli.review.preview.inset import with_inset
 from wrinklecli.review.preview.misfits import RED, Misfit, find_misfits, misfit_overlay, misfit_points
 from wrinklecli.review.preview.moments import Moment
-from wrinklecli.review.preview.options import PreviewOptions
 from wrinklecli.review.preview.overlay import placed_words
 from wrinklecli.review.preview.peaks import Fact, Peak, baked_peaks, planned_peaks
+from wrinklecli.review.preview.preview_options import PreviewOptions
 from wrinklecli.review.preview.render import Snapshot, render
 from wrinklecli.review.preview.shown import INKS, ShownAsset, read_shown, take_snapshot
 

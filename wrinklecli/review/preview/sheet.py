@@ -16,8 +16,8 @@ from wrinklecli.review.preview.grid import draw_grid
 from wrinklecli.review.preview.heat import HEAT, HEAT_TICKS, heat_colours
 from wrinklecli.review.preview.misfits import RED, Misfit, find_misfits, misfit_overlay, misfit_points
 from wrinklecli.review.preview.moments import Moment, frame_seconds, plan_moments
-from wrinklecli.review.preview.options import PreviewOptions
 from wrinklecli.review.preview.overlay import NOTHING, Overlay, Placed, placed_words
+from wrinklecli.review.preview.preview_options import PreviewOptions
 from wrinklecli.review.preview.render import render
 from wrinklecli.review.preview.sheet_layout import Drawn, Legend, Sheet, refuse_large, sheet_size
 from wrinklecli.review.preview.shown import INKS, ShownAsset, read_shown, take_snapshot, tool_names

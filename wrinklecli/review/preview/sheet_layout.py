@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from wrinklecli.errors import WrinkleError
-from wrinklecli.review.preview.options import MOST_SIDE
 from wrinklecli.review.preview.overlay import Placed
+from wrinklecli.review.preview.preview_options import MOST_SIDE
 
 Bytes = NDArray[np.uint8]
 Colour = tuple[float, float, float]

@@ -21,8 +21,8 @@ from wrinklecli.gltf.pixels import linear_rgb
 from wrinklecli.numeric.arrays import Array, Floats, Ints, among, children, distinct_values, face_normals, unit
 from wrinklecli.review.preview.draw import Mark
 from wrinklecli.review.preview.heat import compressions, heat_colours
-from wrinklecli.review.preview.materials import Paint, Texture, read_paints
 from wrinklecli.review.preview.moments import Moment
+from wrinklecli.review.preview.paints import Paint, Texture, read_paints
 from wrinklecli.review.preview.render import Snapshot
 
 Colour = tuple[float, float, float]
@@ -70,7 +70,7 @@ class ShownPrimitive:
 
 
 @dataclass(frozen=True, slots=True)
-class PosedPrimitive:
+class VisiblePrimitive:
     """A primitive at a moment.
 
     Attributes:
@@ -163,7 +163,7 @@ class ShownAsset:
         """
         return None if name is None else clip_named(self.clips, name, where=self.document.path)
 
-    def posed(self, moment: Moment) -> Iterator[PosedPrimitive]:
+    def posed(self, moment: Moment) -> Iterator[VisiblePrimitive]:
         """The primitives that show at a moment.
 
         Raises:
@@ -176,7 +176,7 @@ class ShownAsset:
                 continue
             mirrored = bool(posed.mirrored[0])
             triangles = shown.source.triangles
-            yield PosedPrimitive(
+            yield VisiblePrimitive(
                 number=number,
                 shown=shown,
                 positions=posed.positions[0],

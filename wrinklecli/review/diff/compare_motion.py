@@ -16,8 +16,8 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.character.scene import ScenePrimitive, pose_primitive
 from wrinklecli.numeric.arrays import Bools, Floats, distinct_values
 from wrinklecli.numeric.guard import Progress
+from wrinklecli.review.diff.common_clips import AnimatedScene, CommonClip
 from wrinklecli.review.diff.difference import Difference
-from wrinklecli.review.diff.moments import AnimatedScene, Moment
 from wrinklecli.review.diff.surfaces import (
     Advance,
     Apart,
@@ -49,25 +49,25 @@ class Seen:
 
 
 def compare_motion(
-    a: AnimatedScene, b: AnimatedScene, moments: Sequence[Moment], tolerance: float, progress: Progress
+    a: AnimatedScene, b: AnimatedScene, clips: Sequence[CommonClip], tolerance: float, progress: Progress
 ) -> Seen:
     """Compare what both show at all moments.
 
     Args:
         a: The first asset.
         b: The second.
-        moments: The clips of both with their times, as of `common_moments`.
+        clips: The clips of both with their times, as of `common_clips`.
         tolerance: How far vertices may be apart, scene units.
         progress: Called with a stage's name, times done and times in all.
     """
-    total, done = sum(len(moment.times) for moment in moments), 0.0
+    total, done = sum(len(common.times) for common in clips), 0.0
 
     def advance(times: float) -> None:
         nonlocal done
         done += times
         progress("compare", round(done), total)
 
-    return _together([_compare_moment(a, b, moment, tolerance, advance) for moment in moments])
+    return _together([_compare_clip(a, b, common, tolerance, advance) for common in clips])
 
 
 def _together(several: Sequence[Seen]) -> Seen:
@@ -81,23 +81,23 @@ def _together(several: Sequence[Seen]) -> Seen:
     )
 
 
-def _compare_moment(a: AnimatedScene, b: AnimatedScene, moment: Moment, tolerance: float, advance: Advance) -> Seen:
+def _compare_clip(a: AnimatedScene, b: AnimatedScene, common: CommonClip, tolerance: float, advance: Advance) -> Seen:
     """Compare what both show in a clip."""
-    shown = [_shown(side.primitives, clip, moment.times) for side, clip in zip((a, b), moment.clips, strict=True)]
+    shown = [_shown(side.primitives, clip, common.times) for side, clip in zip((a, b), common.clips, strict=True)]
     # Times at which both show the same primitives go together.
     groups: dict[bytes, list[int]] = {}
     for frame, row in enumerate(np.packbits(np.concatenate(shown, axis=1), axis=1)):
         groups.setdefault(row.tobytes(), []).append(frame)
-    same_motion = _equal_clips(*moment.clips) and _equal_nodes(a.primitives, b.primitives)
+    same_motion = _equal_clips(*common.clips) and _equal_nodes(a.primitives, b.primitives)
     found: dict[str, Apart] = {}
     alone: dict[str, Difference] = {}
     for frames in groups.values():
-        times = moment.times[frames]
+        times = common.times[frames]
         primitives_a, primitives_b = (
             [side.primitives[k] for k in np.flatnonzero(each[frames[0]]).tolist()]
             for side, each in zip((a, b), shown, strict=True)
         )
-        pairs, left_a, left_b = _matched(primitives_a, primitives_b, moment, float(times[0]), tolerance)
+        pairs, left_a, left_b = _matched(primitives_a, primitives_b, common, float(times[0]), tolerance)
         share = 1.0 / max(len(pairs) + int(bool(left_a and left_b)), 1)
 
         def group_advance(done: float, share: float = share) -> None:
@@ -106,15 +106,15 @@ def _compare_moment(a: AnimatedScene, b: AnimatedScene, moment: Moment, toleranc
         results = []
         for one, other in pairs:
             if same_motion and _equal_primitives(one, other):
-                results.append(untouched(one, moment, float(times[0])))
+                results.append(untouched(one, common, float(times[0])))
                 group_advance(len(times))
             else:
-                results.append(compare_vertices(one, other, moment, times, tolerance, group_advance))
+                results.append(compare_vertices(one, other, common, times, tolerance, group_advance))
         if left_a and left_b:
-            results.append(compare_surfaces(left_a, left_b, moment, times, group_advance))
+            results.append(compare_surfaces(left_a, left_b, common, times, group_advance))
         else:
             for primitive in (*left_a, *left_b):
-                message = f"{when(moment.name, float(times[0]))}: only in {'A' if left_a else 'B'}"
+                message = f"{when(common.name, float(times[0]))}: only in {'A' if left_a else 'B'}"
                 alone.setdefault(place_of(primitive), Difference("pose", place_of(primitive), primitive.name, message))
         for result in results:
             key = result.worst.place
@@ -123,7 +123,7 @@ def _compare_moment(a: AnimatedScene, b: AnimatedScene, moment: Moment, toleranc
     beyond = [pose_difference(each) for each in found.values() if each.worst.distance > tolerance]
     normals = [each.normal for each in found.values() if each.normal is not None]
     worst = max((each.worst for each in found.values()), key=lambda each: each.distance, default=None)
-    return Seen(len(moment.times), worst, max(normals, default=None), (*alone.values(), *beyond))
+    return Seen(len(common.times), worst, max(normals, default=None), (*alone.values(), *beyond))
 
 
 def _shown(primitives: Sequence[ScenePrimitive], clip: Clip | None, times: Floats) -> Bools:
@@ -157,7 +157,7 @@ def _node_shown(rig: Rig, clip: Clip | None, times: Floats) -> Bools:
 def _matched(
     primitives_a: Sequence[ScenePrimitive],
     primitives_b: Sequence[ScenePrimitive],
-    moment: Moment,
+    common: CommonClip,
     time: float,
     tolerance: float,
 ) -> tuple[list[tuple[ScenePrimitive, ScenePrimitive]], list[ScenePrimitive], list[ScenePrimitive]]:
@@ -168,11 +168,11 @@ def _matched(
     waiting: dict[bytes, list[ScenePrimitive]] = {}
     for primitive in primitives_b:
         waiting.setdefault(_topology(primitive), []).append(primitive)
-    candidates = {key: _Candidates(found, moment.clips[1], time, tolerance) for key, found in waiting.items()}
+    candidates = {key: _Candidates(found, common.clips[1], time, tolerance) for key, found in waiting.items()}
     pairs, left_a = [], []
     for primitive in primitives_a:
         alike = candidates.get(_topology(primitive))
-        chosen = alike.take(primitive, moment.clips[0]) if alike is not None else None
+        chosen = alike.take(primitive, common.clips[0]) if alike is not None else None
         if chosen is None:
             left_a.append(primitive)
         else:

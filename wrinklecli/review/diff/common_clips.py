@@ -20,7 +20,7 @@ class AnimatedScene:
 
 
 @dataclass(frozen=True, slots=True)
-class Moment:
+class CommonClip:
     """A clip of both assets, or the stored pose, and when to look."""
 
     clips: tuple[Clip | None, Clip | None]
@@ -32,9 +32,9 @@ class Moment:
         return self.clips[0].name if self.clips[0] else None
 
 
-def common_moments(
+def common_clips(
     a: AnimatedScene, b: AnimatedScene, chosen: Sequence[str], fps: float
-) -> tuple[list[Moment], list[Difference]]:
+) -> tuple[list[CommonClip], list[Difference]]:
     """The stored pose and the clips that both have; and what of the clips differs.
 
     Args:
@@ -46,7 +46,7 @@ def common_moments(
     Raises:
         BakeError: A clip has more than 200,000 frames.
     """
-    moments: list[Moment] = []
+    found_clips: list[CommonClip] = []
     found: list[Difference] = []
     others = {clip.name: clip for clip in b.clips if not chosen or clip.name in chosen}
     one_switches = False
@@ -72,11 +72,11 @@ def common_moments(
         else:
             grids = [clip_grid(each, None, fps=fps) for each in (clip, other)]
             times = np.unique(np.concatenate([*grids, clip.key_times(), other.key_times()]))
-        moments.append(Moment((clip, other), times))
+        found_clips.append(CommonClip((clip, other), times))
     found += [Difference("structure", f"/animations/{clip.index}", clip.name, "only in B") for clip in others.values()]
     if not chosen and not one_switches:
-        moments.insert(0, Moment((None, None), np.zeros(1)))
-    return moments, found
+        found_clips.insert(0, CommonClip((None, None), np.zeros(1)))
+    return found_clips, found
 
 
 def _switch_times(scene: AnimatedScene, clip: Clip) -> Floats:
