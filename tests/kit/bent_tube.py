@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from wrinklecli.effects.contact.tissue import UNITS, Posed
+from wrinklecli.effects.contact.tissue import UNITS, SkinnedPose
 
 RINGS, SIDES = 16, 10
 
@@ -17,7 +17,7 @@ def tube(radius: float, *, length: float = 6 * UNITS) -> tuple[np.ndarray, np.nd
     return places.reshape(-1, 3), triangles
 
 
-def bent(rest: np.ndarray, angle: float, width: float, bump: float) -> Posed:
+def bent(rest: np.ndarray, angle: float, width: float, bump: float) -> SkinnedPose:
     """Bent about z by linear blend skinning, towards +y, with bumps that rise on the inside of the bend.
 
     Args:
@@ -32,4 +32,4 @@ def bent(rest: np.ndarray, angle: float, width: float, bump: float) -> Posed:
     matrices = (1 - share)[:, None, None] * np.eye(3) + share[:, None, None] * turned
     inside = np.clip(rest[:, 1] / np.abs(rest[:, 1]).max(), 0, 1)
     high = rest + bump * angle * inside[:, None] * np.exp(-((np.abs(rest[:, 0]) / 40 - 1) ** 2))[:, None] * [0, 1, 0]
-    return Posed(np.einsum("vij,vj->vi", matrices, high), matrices)
+    return SkinnedPose(np.einsum("vij,vj->vi", matrices, high), matrices)

@@ -16,7 +16,7 @@ from wrinklecli.effects.contact.crease import resolve
 from wrinklecli.effects.contact.fitting import fewest
 from wrinklecli.effects.contact.fold import RINGS
 from wrinklecli.effects.contact.folding import Found, free_rows
-from wrinklecli.effects.contact.tissue import FREE, SOFT, Posed, State, Tissue
+from wrinklecli.effects.contact.tissue import FREE, SOFT, SkinnedPose, SolverState, Tissue
 from wrinklecli.numeric.crossings import widened
 
 
@@ -35,7 +35,7 @@ def test_shapes_that_would_take_volume_away_are_more() -> None:
         moved[:, 0] = 0.0
         shares = np.where(other, 0.01, 1.0)
         rows = free_rows(tissue)
-        state = State(rest, Posed(rest, matrices))
+        state = SolverState(rest, SkinnedPose(rest, matrices))
         return Found(tissue, moved[rows], shares[rows], 0.0 * moved[rows], rest, matrices[rows], state)
 
     solved = [found(8), found(11)]

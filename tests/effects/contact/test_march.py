@@ -13,7 +13,7 @@ pytest.importorskip("ipctk", reason="needs the extra `contact`")
 
 from kit.bent_tube import SIDES, bent, tube
 from wrinklecli.effects.contact.march import march
-from wrinklecli.effects.contact.tissue import FREE, SOFT, Posed, Tissue
+from wrinklecli.effects.contact.tissue import FREE, SOFT, SkinnedPose, Tissue
 
 
 @pytest.mark.quick(1)
@@ -40,7 +40,7 @@ def test_a_folded_tube_touches_and_never_crosses(radius: float, width: float, bu
         assert not len(crossings.at(state.positions)[0])
         assert not state.correction[~free].any()
         first = number if first is None and len(crossings.at(posed.positions)[0]) else first
-        if state.converged and tissue.clear(posed.positions):
+        if state.converged and tissue.is_clear(posed.positions):
             # Where nothing touches, all is where the pose wants it.
             assert np.abs(state.correction).max() < 0.1
     assert marked.any() == (first is not None)
@@ -103,7 +103,7 @@ def test_what_cannot_collide_is_not_in_the_way() -> None:
         np.concatenate([apart, np.full(count, 900.0)]),
     )
     shrunk = [
-        Posed(beside(posed.positions, 1.0 - number / 6), np.concatenate([posed.matrices] * 2))
+        SkinnedPose(beside(posed.positions, 1.0 - number / 6), np.concatenate([posed.matrices] * 2))
         for number, posed in enumerate(poses)
     ]
     states = list(march(both, shrunk))
@@ -113,10 +113,10 @@ def test_what_cannot_collide_is_not_in_the_way() -> None:
         assert state.positions[:count] == pytest.approx(other.positions, abs=0.05)
 
 
-def _within(places: np.ndarray, own: np.ndarray, turn: float, bump: float) -> Posed:
+def _within(places: np.ndarray, own: np.ndarray, turn: float, bump: float) -> SkinnedPose:
     """A tube with bumps, and one round it without."""
     inner, outer = bent(places[own], turn, 150.0, bump), bent(places[~own], turn, 150.0, 0.0)
-    return Posed(*(np.concatenate(pair) for pair in zip(astuple(inner), astuple(outer), strict=True)))
+    return SkinnedPose(*(np.concatenate(pair) for pair in zip(astuple(inner), astuple(outer), strict=True)))
 
 
 def _crossing(crossings: Crossings, own: np.ndarray, positions: np.ndarray) -> np.ndarray:

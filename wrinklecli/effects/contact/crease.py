@@ -318,4 +318,4 @@ def _tissue(fold: Fold, apart: Floats) -> Tissue:
     through[fold.crossings.edges[edges]] = True
     colliding[(through & ~fold.own)[fold.triangles].any(axis=1)] = False
     tissue = Tissue(fold.rest_positions * UNITS / fold.radius, fold.triangles, colliding, free, fold.own, apart)
-    return tissue if fold.own.all() else tissue.loosened()
+    return tissue if fold.own.all() else tissue.without_close_meshes()

@@ -1,16 +1,16 @@
-"""Contact in a fold: a surface that touches itself and never crosses, marched from rest through a bend.
+"""March a surface from rest through a bend so that it touches itself and never crosses.
 
-The wrinkled, posed surface is what skinning asks for; the surface found is the nearest one to it that keeps apart:
+Skinning asks for a wrinkled, posed surface; the solver finds the nearest surface to it that keeps apart:
 
-    min over x of ½ Σ m |c|² + ½ ℓ² |∇c|² + ½ ℓ⁴ |Δc|² + ½ p ΔV² + κ/d̂³ B(x; d̂, d_min),   c = x − posed and wrinkled,
+    min over x of ½ Σ m |c|² + ½ ℓ² |∇c|² + ½ ℓ⁴ |Δc|² + ½ p ΔV² + κ/d̂³ B(x; d̂, d_min),   c = x − skinned positions,
 
-with B the barrier of all pairs nearer than d̂ + d_min, and ΔV what c takes away of the volume below. The rest pose
-crosses nothing, and no step lets anything pass through: so none ever crosses, however far skinning folds the surface
-through itself. Other meshes are of the same system, but so stiff that they give way only where they pass through
+where B is the barrier of all pairs nearer than d̂ + d_min, and ΔV the change of volume by c. The rest pose crosses
+nothing, and no step lets anything pass through, so the surface never crosses, however far skinning folds it through
+itself. Other meshes belong to the same system, but are so stiff that they give way only where they pass through
 themselves and would leave no room.
 
 Source: M. Li et al., *Incremental Potential Contact*, SIGGRAPH 2020, by its library ipctk. Differs: quasi-static, no
-friction, no material: what resists is the correction c, so nothing moves where nothing touches.
+friction, no material: the correction c itself is what resists, so nothing moves where nothing touches.
 """
 
 from collections.abc import Iterable, Iterator
@@ -19,36 +19,41 @@ from typing import Any
 
 import numpy as np
 
-from wrinklecli.effects.contact.response import Held, Pressed
-from wrinklecli.effects.contact.tissue import Posed, State, Tissue
+from wrinklecli.effects.contact.response import ContactForces, VolumeForces
+from wrinklecli.effects.contact.tissue import SkinnedPose, SolverState, Tissue
 from wrinklecli.numeric.arrays import Floats, inverses
 
-# Newton's steps of a frame at most, and the length of a step that ends them, solver's units: two fifths of the gap.
-# Where nothing touches any more all goes back to its pose.
-_STEPS, _SETTLED, _STILL = 32, 0.4, 0.001
-# What is not free is in its place, up to rounding.
+# Newton steps per pose, at most.
+_STEPS = 32
+# A step shorter than this ends a pose, solver's units: two fifths of the gap,
+_SETTLED = 0.4
+# or this where nothing is near any more and all vertices go back to their pose.
+_SETTLED_APART = 0.001
+# Vertices that are not free are in their places within this distance, solver's units: rounding.
 _ARRIVED = 1e-9
-# Solver's units that a step moves anything by at most: further, hardly one is free, and more has to be looked at.
+# Longest movement of a vertex in a step, solver's units: a longer step is hardly ever free, and costs more to check.
 _FARTHEST = 4.0
-# Halvings of a step that does not lower the energy.
+# Halvings of a step that does not lower the energy, at most.
 _HALVINGS = 12
+# Fraction of the first-order decrease in energy that a step must reach (Armijo).
+_DECREASE = 1e-4
 
 
-def march(tissue: Tissue, poses: Iterable[Posed], start: State | None = None) -> Iterator[State]:
-    """Follow poses one after another, each begun from the correction of the one before, carried by the skin.
+def march(tissue: Tissue, poses: Iterable[SkinnedPose], start: SolverState | None = None) -> Iterator[SolverState]:
+    """Solve poses one after another, each from the correction of the one before, which the skin carries along.
 
     Args:
         tissue: The surface.
-        poses: Near enough to each other for the surface to follow.
-        start: Where it begins; the first pose, which crosses nothing, where left out.
+        poses: Poses near enough to each other for the surface to follow.
+        start: State before the first pose. If None, the first pose must cross nothing, and begins the march.
     """
     state = start
     for posed in poses:
-        state = State(posed.positions, posed) if state is None else _step(tissue, state, posed)
+        state = SolverState(posed.positions, posed) if state is None else _solve(tissue, state, posed)
         yield state
 
 
-def _step(tissue: Tissue, state: State, posed: Posed) -> State:
+def _solve(tissue: Tissue, state: SolverState, posed: SkinnedPose) -> SolverState:
     """Move to the next pose."""
     carried, correction = np.zeros_like(posed.positions), state.correction
     rows = np.flatnonzero(correction.any(axis=1))
@@ -56,18 +61,18 @@ def _step(tissue: Tissue, state: State, posed: Posed) -> State:
     carried[rows] = np.einsum("vij,vj->vi", turns, correction[rows])
     wanted = posed.positions + carried
     if carried.any() and np.abs(wanted - state.positions).max() > _FARTHEST:
-        # What touches hardly moves on a straight way.
+        # A surface that touches hardly gets far on a straight step.
         return _newton(tissue, state.positions, posed, tissue.collisions(state.positions))
-    way = tissue.way(state.positions, wanted)
-    share = way.free_share()
-    positions = state.positions + share * (wanted - state.positions)
-    near = way.near(positions)
-    if share >= 1.0 and not len(near) and not carried.any():
-        return State(positions, posed)
+    step = tissue.step(state.positions, wanted)
+    fraction = step.free_fraction()
+    positions = state.positions + fraction * (wanted - state.positions)
+    near = step.collisions(positions)
+    if fraction >= 1.0 and not len(near) and not carried.any():
+        return SolverState(positions, posed)
     return _newton(tissue, positions, posed, near)
 
 
-def _newton(tissue: Tissue, positions: Floats, posed: Posed, near: Any) -> State:
+def _newton(tissue: Tissue, positions: Floats, posed: SkinnedPose, near: Any) -> SolverState:
     """Lower the energy by projected Newton steps, none of which lets anything pass through anything."""
     wanted = _Wanted(posed.positions, tissue.pieces.volumes(posed.positions))
     energy = _energy(tissue, positions, wanted, near)
@@ -76,37 +81,37 @@ def _newton(tissue: Tissue, positions: Floats, posed: Posed, near: Any) -> State
     for _ in range(_STEPS):
         direction, slope = _direction(tissue, positions, wanted, near)
         arriving = np.abs((posed.positions - positions)[held]).max(initial=0.0) > _ARRIVED
-        if not arriving and np.abs(direction).max() < (_SETTLED if len(near) else _STILL):
+        if not arriving and np.abs(direction).max() < (_SETTLED if len(near) else _SETTLED_APART):
             settled = True
             break
         part = _FARTHEST / max(float(np.abs(direction).max()), _FARTHEST)
-        way = tissue.way(positions, positions + part * direction)
-        share = part * way.free_share()
+        step = tissue.step(positions, positions + part * direction)
+        fraction = part * step.free_fraction()
         for _halving in range(_HALVINGS):
-            trial = positions + share * direction
-            trial_near = way.near(trial)
+            trial = positions + fraction * direction
+            trial_near = step.collisions(trial)
             trial_energy = _energy(tissue, trial, wanted, trial_near)
-            if trial_energy <= energy + 1e-4 * share * slope or (arriving and trial_energy < energy):
+            if trial_energy <= energy + _DECREASE * fraction * slope or (arriving and trial_energy < energy):
                 break
-            share /= 2.0
+            fraction /= 2.0
         else:
             break
         positions, near, energy = trial, trial_near, trial_energy
     if settled:
         if not len(near):
-            # To the bit: where nothing touches any more, contact moves nothing.
-            return State(posed.positions, posed)
+            # Exactly the pose: where nothing touches any more, contact moves nothing.
+            return SolverState(posed.positions, posed)
         positions = np.where(held[:, None], posed.positions, positions)
-    return State(positions, posed, settled, near)
+    return SolverState(positions, posed, settled, near)
 
 
 @dataclass(frozen=True, slots=True)
 class _Wanted:
-    """What a pose asks for.
+    """Where a pose asks for the vertices.
 
     Attributes:
         positions: (vertices, 3) solver's units.
-        volumes: (pieces,) under them.
+        volumes: (pieces,) volumes under them.
     """
 
     positions: Floats
@@ -121,28 +126,28 @@ def _energy(tissue: Tissue, positions: Floats, wanted: _Wanted, near: Any) -> fl
 
 
 def _direction(tissue: Tissue, positions: Floats, wanted: _Wanted, near: Any) -> tuple[Floats, float]:
-    """(vertices, 3) Newton's step, which takes what is not free to its place, and the slope of the energy along it."""
+    """(vertices, 3) Newton step, which takes vertices that are not free to their places, and the energy's slope."""
     free, touching = tissue.free, tissue.rows
     correction = positions - wanted.positions
     barrier = tissue.gradient(near, positions)
     direction = np.where(free[:, None], 0.0, -correction)
     gradients = tissue.pieces.gradients(positions)
-    more = tissue.pieces.volumes(positions) - wanted.volumes
-    pressed = Pressed(
+    excess = tissue.pieces.volumes(positions) - wanted.volumes
+    volume = VolumeForces(
         gradients[:, free],
-        tissue.gives(gradients[:, free]),
+        tissue.moves_under(gradients[:, free]),
         tissue.pressures,
-        more - np.tensordot(gradients, correction, axes=2),
+        excess - np.tensordot(gradients, correction, axes=2),
     )
     hessian = tissue.hessian(near, positions)
     numbers = np.flatnonzero(np.diff(hessian.indptr).reshape(-1, 3).any(axis=1) & free[touching])
     coordinates, rows = (3 * numbers[:, None] + np.arange(3)).reshape(-1), touching[numbers]
-    held = Held(
+    contacts = ContactForces(
         (np.cumsum(free) - 1)[rows],
         -barrier[rows] - (hessian[coordinates] @ direction[touching].reshape(-1)).reshape(-1, 3),
         hessian[coordinates][:, coordinates],
         correction[rows],
     )
-    direction[free] = tissue.response.settled(held, pressed) - correction[free]
-    gradient = tissue.stiffness @ correction + np.tensordot(tissue.pressures * more, gradients, axes=1) + barrier
+    direction[free] = tissue.response.equilibrium(contacts, volume) - correction[free]
+    gradient = tissue.stiffness @ correction + np.tensordot(tissue.pressures * excess, gradients, axes=1) + barrier
     return direction, float(np.sum(gradient * direction))

@@ -1,20 +1,33 @@
-"""What resists a correction of a surface, and what the surface does under forces."""
+"""What resists a correction of a surface, and how the surface moves under forces.
+
+The surface itself resists, and so do contacts and the volume under each piece that is free to move: a surface that only
+gave way would lose the volume that a contact squeezes away, where flesh bulges beside the contact. So each volume is
+held at that of the skinned pose, in which overlapping parts count twice.
+"""
 
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from wrinklecli.numeric.arrays import Floats, Ints
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, dot, pieces_of
 
-# Resistance of a contact that is left out of a step, against that of the surface round it.
-_HARDLY = 0.1
-# Forces whose moves are found at once: bounds the memory.
-_AT_ONCE = 64
+# Stiffness of a contact, relative to the surface round it, below which a step leaves a direction of the contact out.
+_LEAST_STIFFNESS = 0.1
+# Movements under unit forces are solved for this many forces at a time, to bound memory.
+_FORCES_AT_ONCE = 64
+# Least and greatest mass of a vertex relative to the median.
+_LEAST_MASS = 0.25
+_GREATEST_MASS = 4.0
+# Least area of a vertex relative to the median, where the area divides.
+_LEAST_AREA = 1e-3
+# Least and greatest cotangent, so that obtuse and thin triangles do not pull apart.
+_LEAST_COTANGENT = 0.05
+_GREATEST_COTANGENT = 5.0
 
 
 def stiffness_of(rest: Floats, triangles: Ints, *, soft: float, heavier: Floats) -> Any:
-    """(vertices, vertices) sparse, of the quadratic form Σ m |c|² + ℓ² |∇c|² + ℓ⁴ |Δc|².
+    """(vertices, vertices) sparse matrix of the quadratic form Σ m |c|² + ℓ² |∇c|² + ℓ⁴ |Δc|².
 
     Args:
         rest: (vertices, 3).
@@ -26,51 +39,96 @@ def stiffness_of(rest: Floats, triangles: Ints, *, soft: float, heavier: Floats)
 
     areas, laplacian = _areas(rest, triangles), _laplacian(rest, triangles)
     mean = float(np.median(areas))
-    masses = np.clip(areas / mean, 0.25, 4.0) * heavier
-    bent = laplacian @ sparse.diags_array(1.0 / np.maximum(areas, 1e-3 * mean)) @ laplacian
+    masses = np.clip(areas / mean, _LEAST_MASS, _GREATEST_MASS) * heavier
+    bent = laplacian @ sparse.diags_array(1.0 / np.maximum(areas, _LEAST_AREA * mean)) @ laplacian
     return (sparse.diags_array(masses) + soft**2 / mean * laplacian + soft**4 / mean * bent).tocsr()
 
 
-@dataclass(frozen=True, slots=True)
-class Held:
-    """What contacts do to free vertices.
+@dataclass(frozen=True)
+class Pieces:
+    """The connected pieces of a surface that are free to move, each with the triangles that its vertices deform.
 
     Attributes:
-        vertices: (touched,) of the free ones, rising.
-        forces: (touched, 3) on them.
-        resisting: (3 · touched, 3 · touched) sparse, not negative: by how much forces fall where they move.
-        off: (touched, 3) how far each is from its pose.
+        triangles: (triangles, 3) vertices for each piece.
+    """
+
+    triangles: tuple[Ints, ...]
+
+    @classmethod
+    def of(cls, triangles: Ints, free: Bools) -> "Pieces":
+        """Find the connected pieces of (triangles, 3) from the (vertices,) that are free."""
+        moving = triangles[free[triangles].any(axis=1)]
+        ends = moving[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+        labels = pieces_of(ends[free[ends].all(axis=1)], len(free))
+        # All free vertices of a triangle belong to one piece.
+        piece = np.where(free[moving], labels[moving], -1).max(axis=1)
+        return cls(tuple(moving[piece == each] for each in np.unique(piece)))
+
+    def volume_change(self, positions: Floats, wanted: Floats) -> float:
+        """The volume under all pieces at (vertices, 3) positions minus that at other positions."""
+        return float(np.sum(self.volumes(positions) - self.volumes(wanted)))
+
+    def volumes(self, positions: Floats) -> Floats:
+        """(pieces,) volumes between each piece and the origin; only differences of these mean anything."""
+        return np.array([np.sum(dot(*_sides(positions, each))) / 6.0 for each in self.triangles])
+
+    def gradients(self, positions: Floats) -> Floats:
+        """(pieces, vertices, 3) gradients of the volumes."""
+        gradients = np.zeros((len(self.triangles), *positions.shape))
+        for gradient, triangles in zip(gradients, self.triangles, strict=True):
+            for k in range(3):
+                _, across = _sides(positions, np.roll(triangles, -k, axis=1))
+                for axis, values in enumerate(across):
+                    gradient[:, axis] += np.bincount(triangles[:, k], values / 6.0, len(positions))
+        return gradients
+
+
+def _sides(positions: Floats, triangles: Ints) -> tuple[Floats, list[Floats]]:
+    """The first corner of each triangle and the cross product of the other two, both (3, triangles)."""
+    a, b, c = (positions[triangles[:, k]].T for k in range(3))
+    return a, cross(b, c)
+
+
+@dataclass(frozen=True, slots=True)
+class ContactForces:
+    """The barrier's forces on free vertices, to first order.
+
+    Attributes:
+        vertices: (touched,) sorted indices among the free vertices.
+        forces: (touched, 3).
+        hessian: (3 · touched, 3 · touched) sparse, positive semidefinite: how the forces fall as the vertices move.
+        off: (touched, 3) positions relative to the skinned ones.
     """
 
     vertices: Ints
     forces: Floats
-    resisting: Any
+    hessian: Any
     off: Floats
 
 
 @dataclass(frozen=True, slots=True)
-class Pressed:
-    """What keeps the volume of pieces.
+class VolumeForces:
+    """The forces that keep the volume of each piece, to first order.
 
     Attributes:
-        gradients: (pieces, free, 3) by how much volumes grow where vertices move.
-        gives: (pieces, free, 3) how vertices move under a pressure of 1 in each.
-        stiff: (pieces,) the force for each unit of volume.
-        more: (pieces,) than is wanted if all were in its pose, by the gradients.
+        gradients: (pieces, free, 3) gradients of the volumes.
+        moves: (pieces, free, 3) movements of the vertices under each gradient.
+        stiffness: (pieces,) force per unit of volume.
+        excess: (pieces,) volumes minus the wanted ones if all vertices were in their pose, by the gradients.
     """
 
     gradients: Floats
-    gives: Floats
-    stiff: Floats
-    more: Floats
+    moves: Floats
+    stiffness: Floats
+    excess: Floats
 
 
 class Response:
-    """What free vertices do under forces: the inverse of the stiffness, which never changes, with contacts added.
+    """How the free vertices move under forces: the inverse of the stiffness, which is constant, and contacts.
 
-    Contacts hold few vertices, and each of these mostly along one direction. What a force on one does to the others is
-    found once: so a step takes a dense system of those directions, and no factors of all. (Those of SuperLU took five
-    times as long, and a system of all coordinates of those that touch three times.)
+    Contacts hold few vertices, and most of these along one direction. The movements under a unit force on each are
+    solved for once, so a step solves a dense system of those directions and factorises nothing large. (Factors by
+    SuperLU in each step took five times as long, and a system of all coordinates of touching vertices three times.)
 
     Args:
         stiffness: (free, free) sparse.
@@ -82,58 +140,59 @@ class Response:
         self._factors = linear.splu(
             stiffness.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
         )
-        # Of vertices that once touched: their numbers here, and what a force on each does to each.
+        # Index of each vertex among those that ever touched, and the movements of all these under a unit force on each.
         self._known = np.full(stiffness.shape[0], -1, np.intp)
         self._vertices = np.zeros(0, np.intp)
         self._gains = np.zeros((0, 0))
 
-    def of(self, forces: Floats) -> Floats:
-        """(free, columns) how free vertices move under as many forces."""
+    def moves_under(self, forces: Floats) -> Floats:
+        """(free, columns) movements of the free vertices, one coordinate for each column of forces."""
         return np.asarray(self._factors.solve(np.asfortranarray(forces)))
 
-    def settled(self, held: Held, pressed: Pressed) -> Floats:
-        """(free, 3) how far vertices are from their pose where the forces that hold and press them are in balance.
+    def equilibrium(self, contacts: ContactForces, volume: VolumeForces) -> Floats:
+        """(free, 3) positions, relative to the skinned ones, at which the forces of contacts and volumes balance.
 
-        Forces change as linearly as contacts and volumes do near where vertices are now.
+        Forces change linearly, as they do near the vertices' current positions.
         """
-        numbers = self._of_each(held.vertices)
+        numbers = self._gain_indices(contacts.vertices)
         gains = self._gains[numbers[:, None], numbers]
-        # Along the directions that are held, H are contacts, G what forces do, and W what pressure does:
-        #     f = −H (G f + moved − W s),   s / stiff = more + ∇V · (moves under all forces)
-        vertices, directions = _directions(held.resisting, np.diag(gains))
+        # Along the held directions, let H be the Hessian of the contacts, G the gains and W the movements under
+        # pressure. The unknowns are the forces f of contacts and s of pressure:
+        #     f = −H (G f + moved − W s),   s / stiffness = excess + ∇V · (movements under all forces)
+        vertices, directions = _held_directions(contacts.hessian, np.diag(gains))
         count = len(vertices)
-        along = _columns(vertices, directions, len(held.vertices))
-        contacts = (along.T @ held.resisting @ along).tocsr()
-        given = pressed.gives[:, held.vertices].reshape(len(pressed.stiff), -1)
+        along = _direction_matrix(vertices, directions, len(contacts.vertices))
+        hessian = (along.T @ contacts.hessian @ along).tocsr()
+        given = volume.moves[:, contacts.vertices].reshape(len(volume.stiffness), -1)
         given_along = along.T @ given.T
         system = np.zeros((count + len(given), count + len(given)))
-        system[:count, :count] = contacts @ (gains[vertices[:, None], vertices] * (directions @ directions.T))
+        system[:count, :count] = hessian @ (gains[vertices[:, None], vertices] * (directions @ directions.T))
         system[np.diag_indices(count)] += 1.0
-        system[:count, count:] = -(contacts @ given_along)
+        system[:count, count:] = -(hessian @ given_along)
         system[count:, :count] = -given_along.T
-        system[count:, count:] = np.diag(1.0 / pressed.stiff) + np.tensordot(
-            pressed.gradients, pressed.gives, axes=((1, 2), (1, 2))
+        system[count:, count:] = np.diag(1.0 / volume.stiffness) + np.tensordot(
+            volume.gradients, volume.moves, axes=((1, 2), (1, 2))
         )
-        moved = along.T @ (gains @ held.forces - held.off).reshape(-1)
-        right = np.concatenate([-(contacts @ moved), pressed.more + given @ held.forces.reshape(-1)])
+        moved = along.T @ (gains @ contacts.forces - contacts.off).reshape(-1)
+        right = np.concatenate([-(hessian @ moved), volume.excess + given @ contacts.forces.reshape(-1)])
         solution = np.linalg.solve(system, right)
-        forces = -np.tensordot(solution[count:], pressed.gradients, axes=1)
-        forces[held.vertices] += held.forces + (along @ solution[:count]).reshape(-1, 3)
-        return self.of(forces)
+        forces = -np.tensordot(solution[count:], volume.gradients, axes=1)
+        forces[contacts.vertices] += contacts.forces + (along @ solution[:count]).reshape(-1, 3)
+        return self.moves_under(forces)
 
-    def _of_each(self, vertices: Ints) -> Ints:
-        """(vertices,) the numbers of some among those of which is known what a force on each does to each."""
+    def _gain_indices(self, vertices: Ints) -> Ints:
+        """(vertices,) rows of the vertices in `_gains`; adds the rows that are missing."""
         fresh = vertices[self._known[vertices] < 0]
         count = len(self._vertices)
         self._known[fresh] = np.arange(count, count + len(fresh))
         self._vertices = np.concatenate([self._vertices, fresh])
         grown = np.zeros((len(self._vertices), len(self._vertices)))
         grown[:count, :count] = self._gains
-        for k in range(0, len(fresh), _AT_ONCE):
-            some = fresh[k : k + _AT_ONCE]
+        for k in range(0, len(fresh), _FORCES_AT_ONCE):
+            some = fresh[k : k + _FORCES_AT_ONCE]
             units = np.zeros((len(self._known), len(some)))
             units[some, np.arange(len(some))] = 1.0
-            found = self.of(units)[self._vertices]
+            found = self.moves_under(units)[self._vertices]
             columns = self._known[some]
             grown[:, columns] = found
             grown[columns] = found.T
@@ -143,25 +202,25 @@ class Response:
         return found_numbers
 
 
-def _directions(contacts: Any, gains: Floats) -> tuple[Ints, Floats]:
-    """Where (3 · touched, 3 · touched) contacts resist more than hardly, against (touched,) gains under a force.
+def _held_directions(hessian: Any, gains: Floats) -> tuple[Ints, Floats]:
+    """Find the directions in which (3 · touched, 3 · touched) contacts are stiff relative to (touched,) gains.
 
     Returns:
-        (held,) which of the vertices that touch, rising, and (held, 3) unit directions.
+        (held,) sorted indices among the touching vertices, and (held, 3) unit directions.
     """
     count = len(gains)
-    entries = contacts.tocoo()
+    entries = hessian.tocoo()
     own = entries.row // 3 == entries.col // 3
     places = entries.row[own] * 3 + entries.col[own] % 3
     blocks = np.bincount(places, entries.data[own], 9 * count).reshape(-1, 3, 3)
     values, vectors = np.linalg.eigh(blocks)
-    held = values * gains[:, None] > _HARDLY
+    held = values * gains[:, None] > _LEAST_STIFFNESS
     vertices, which = np.nonzero(held)
     return vertices, vectors[vertices, :, which]
 
 
-def _columns(vertices: Ints, directions: Floats, count: int) -> Any:
-    """(3 · count, held) sparse: what each direction of a vertex is, in coordinates."""
+def _direction_matrix(vertices: Ints, directions: Floats, count: int) -> Any:
+    """(3 · count, held) sparse matrix that turns amounts along the held directions into coordinates."""
     import scipy.sparse as sparse
 
     rows = (3 * vertices[:, None] + np.arange(3)).reshape(-1)
@@ -170,17 +229,17 @@ def _columns(vertices: Ints, directions: Floats, count: int) -> Any:
 
 
 def _areas(positions: Floats, triangles: Ints) -> Floats:
-    """(vertices,) a third of the triangles of each."""
+    """(vertices,) a third of the area of the triangles round each vertex."""
     a, b, c = (positions[triangles[:, k]] for k in range(3))
     areas = np.sqrt(np.sum(np.cross(b - a, c - a) ** 2, axis=1)) / 6.0
     return np.asarray(np.bincount(triangles.reshape(-1), np.repeat(areas, 3), len(positions)), np.float64)
 
 
 def _laplacian(positions: Floats, triangles: Ints) -> Any:
-    """(vertices, vertices) sparse, of cotangents, whose quadratic form is the integral of a squared gradient.
+    """(vertices, vertices) sparse cotangent matrix, whose quadratic form is the integral of the squared gradient.
 
     Source: U. Pinkall, K. Polthier, *Computing Discrete Minimal Surfaces and Their Conjugates*, 1993. Differs:
-    cotangents are held between 0.05 and 5, so that obtuse and thin triangles do not pull apart.
+    cotangents are clamped.
     """
     import scipy.sparse as sparse
 
@@ -189,7 +248,8 @@ def _laplacian(positions: Floats, triangles: Ints) -> Any:
         a, b, c = (triangles[:, (k + i) % 3] for i in range(3))
         first, second = positions[b] - positions[a], positions[c] - positions[a]
         sine = np.sqrt(np.sum(np.cross(first, second) ** 2, axis=1))
-        half = np.clip(np.sum(first * second, axis=1) / np.maximum(sine, 1e-9), 0.05, 5.0) / 2.0
+        cotangent = np.sum(first * second, axis=1) / np.maximum(sine, 1e-9)
+        half = np.clip(cotangent, _LEAST_COTANGENT, _GREATEST_COTANGENT) / 2.0
         rows += [b, c]
         columns += [c, b]
         values += [half, half]

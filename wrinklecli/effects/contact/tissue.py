@@ -1,6 +1,6 @@
-"""What may touch in a fold: how it resists a correction, what comes near, and how far it may go, by ipctk.
+"""The surface of a fold as the solver sees it: how it resists corrections, what comes near it, how far it may move.
 
-All lengths are in units of the solver, of which a limb's radius has 70.
+Collisions are found by the library ipctk. All lengths are in solver's units: a limb's radius is 70 of them.
 """
 
 from dataclasses import dataclass, replace
@@ -10,45 +10,51 @@ from typing import Any
 import numpy as np
 
 from wrinklecli.effects.contact.passing import passing
-from wrinklecli.effects.contact.response import Response, stiffness_of
-from wrinklecli.effects.contact.volume import Pieces
+from wrinklecli.effects.contact.response import Pieces, Response, stiffness_of
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
 from wrinklecli.numeric.crossings import edges_of
 
 UNITS = 70.0
-"""Units of the solver in a limb's radius: lengths below are about millimetres of a knee."""
-
-# Length over which a correction fades, and how far from what crosses vertices are free, in such lengths. Five: at four
-# a tenth of the correction is left at the border.
-SOFT, FREE = 8.0, 5.0
-# Distance from which what comes near is held off, and that which is kept, at most; and as a share of short edges.
-_NEAR, _KEPT = 0.7, 0.3
-_OF_EDGE = 1 / 3
-# Stiffness of the barrier against that of the correction.
-_BARRIER = 10.0
-# How much heavier vertices get towards where they are no longer free: what is squeezed away bulges near the contact.
-_FARTHER = 8.0
-# Share of the squeezed volume that is lost: of 5 % of a limb 0.15 %.
+"""Solver's units in a limb's radius: one is about a millimetre of a knee."""
+# Length over which a correction fades, solver's units.
+SOFT = 8.0
+# Vertices may move up to this distance from a crossing, in units of SOFT. At 4, a tenth of the correction is left.
+FREE = 5.0
+# Stiffness of other meshes relative to the surface itself: they give way only where they would leave no room.
+_OTHER_STIFFNESS = 1000.0
+# Extra mass of a vertex at the border of the free region, relative to one at a crossing: volume that a contact squeezes
+# away then bulges near the contact.
+_EXTRA_MASS = 8.0
+# Fraction of the squeezed volume that is lost: 0.15 % of a limb where 5 % of the limb is squeezed.
 _LOST = 0.03
-# What a piece gives at least under pressure, solver's units: one without an inside gives nothing.
-_LEAST_GIVEN = 1e-9
-# Stiffness of other meshes against that of the surface itself.
-_STIFF = 1000.0
-# Other meshes that are nearer at rest than this share of what is held off lie on the surface: they never collide.
-_TIGHT = 0.1
-# Share of the distance that is gone at the first touch, and share of a step up to there that is taken.
-_CLOSE, _SAFE = 0.99, 0.9
-# Halvings of the distances until nothing is near at rest.
-_CLOSER = 8
+# Least movement of a piece under a unit of pressure, solver's units: a piece without an inside does not move.
+_LEAST_MOVEMENT = 1e-9
+
+# Barrier: gap below which it pushes two surfaces apart, solver's units,
+_BARRIER_GAP = 0.7
+# further gap that always remains, solver's units,
+_KEPT_GAP = 0.3
+# sum of both gaps relative to a short edge (the 5th percentile), at most,
+_GAPS_PER_EDGE = 1 / 3
+# and stiffness relative to that of the correction.
+_BARRIER_STIFFNESS = 10.0
+# The gaps are halved at most this often until nothing is within them at rest.
+_GAP_HALVINGS = 8
+# A triangle of another mesh lies on the surface, and never collides, if its gap at rest is below this fraction.
+_LYING_ON = 0.1
+# A straight step ends where this fraction of the distance to a collision is used up,
+_USED_UP = 0.99
+# and this fraction of the step up to there is taken.
+_SAFE = 0.9
 
 
 @dataclass(frozen=True, slots=True)
-class Posed:
-    """Where a pose wants the vertices.
+class SkinnedPose:
+    """Where skinning puts the vertices in a pose.
 
     Attributes:
-        positions: (vertices, 3) solver's units, turned into the frame of the fold.
-        matrices: (vertices, 3, 3) what turns bind space there.
+        positions: (vertices, 3) solver's units, in the coordinate frame of the fold.
+        matrices: (vertices, 3, 3) from bind space to that frame.
     """
 
     positions: Floats
@@ -56,39 +62,39 @@ class Posed:
 
 
 @dataclass(frozen=True, slots=True)
-class State:
-    """Where the vertices are.
+class SolverState:
+    """Where the solver puts the vertices in a pose.
 
     Attributes:
         positions: (vertices, 3) solver's units.
-        posed: What the pose wants.
-        converged: Whether the last step ended by itself, with all vertices that are not free in their places.
-        near: What is near, of ipctk; None where nothing is.
+        posed: The pose.
+        converged: True if the last step was short enough and all vertices that are not free are in their places.
+        near: The collisions in ipctk; None if nothing is near.
     """
 
     positions: Floats
-    posed: Posed
+    posed: SkinnedPose
     converged: bool = True
     near: Any = None
 
     @property
     def correction(self) -> Floats:
-        """(vertices, 3) from where the pose wants the vertices."""
+        """(vertices, 3) positions relative to the skinned ones, solver's units."""
         corrected: Floats = self.positions - self.posed.positions
         return corrected
 
 
 @dataclass(frozen=True)
 class Tissue:
-    """A surface that may touch itself: what resists, and what may collide.
+    """A surface that may touch itself, and other meshes that it may touch.
 
     Attributes:
         rest: (vertices, 3) solver's units.
         triangles: (triangles, 3).
-        colliding: (triangles,) those that may touch anything; others crossed at rest, or lie further off.
-        free: (vertices,) those that may leave their pose.
-        own: (vertices,) those that are not of other meshes, which only come in the way.
-        apart: (vertices,) how far each is at rest from what crosses without contact, solver's units.
+        colliding: (triangles,) True if the triangle may touch anything: it crosses nothing at rest and is near enough.
+        free: (vertices,) True if the solver may move the vertex.
+        own: (vertices,) False for vertices of other meshes.
+        apart: (vertices,) distance at rest from what crosses without contact, solver's units.
     """
 
     rest: Floats
@@ -98,10 +104,10 @@ class Tissue:
     own: Bools
     apart: Floats
 
-    def loosened(self) -> "Tissue":
-        """The same, but for triangles of other meshes that lie on it at rest: these it goes through ever after."""
-        share = _TIGHT * self._share
-        found = self._near(self.rest, share * _NEAR, share * _KEPT)
+    def without_close_meshes(self) -> "Tissue":
+        """A copy in which triangles of other meshes that lie on the surface at rest never collide."""
+        scale = _LYING_ON * self._gap_scale
+        found = self._near(self.rest, scale * _BARRIER_GAP, scale * _KEPT_GAP)
         edges, triangles = self.mesh.edges, self.mesh.faces
         pairs = [found[k].vertex_ids(edges, triangles) for k in range(len(found))]
         near = np.array([vertex for pair in pairs for vertex in pair if vertex >= 0], np.intp)
@@ -110,31 +116,31 @@ class Tissue:
         return replace(self, colliding=self.colliding & ~(on & ~self.own)[self.triangles].any(axis=1))
 
     @cached_property
-    def _share(self) -> float:
-        """Of the distances, at most, so that short edges keep apart."""
+    def _gap_scale(self) -> float:
+        """Factor on both gaps, at most 1, that makes them small enough for short edges."""
         edges = edges_of(self.triangles[(self.free & self.own)[self.triangles].any(axis=1)])
         lengths = np.sqrt(np.sum((self.rest[edges[:, 0]] - self.rest[edges[:, 1]]) ** 2, axis=1))
         short = float(np.percentile(lengths, 5)) if len(lengths) else 1.0
-        return min(1.0, _OF_EDGE * short / (_NEAR + _KEPT))
+        return min(1.0, _GAPS_PER_EDGE * short / (_BARRIER_GAP + _KEPT_GAP))
 
     @cached_property
-    def distances(self) -> tuple[float, float]:
-        """From where what comes near is held off, and what is kept: so that nothing is held off at rest."""
-        share = self._share
-        for _ in range(_CLOSER):
-            if not len(self._near(self.rest, share * _NEAR, share * _KEPT)):
+    def gaps(self) -> tuple[float, float]:
+        """The barrier's gap and the gap that is kept, solver's units; nothing is within them at rest."""
+        scale = self._gap_scale
+        for _ in range(_GAP_HALVINGS):
+            if not len(self._near(self.rest, scale * _BARRIER_GAP, scale * _KEPT_GAP)):
                 break
-            share /= 2.0
-        return share * _NEAR, share * _KEPT
+            scale /= 2.0
+        return scale * _BARRIER_GAP, scale * _KEPT_GAP
 
     @cached_property
     def rows(self) -> Ints:
-        """(touching,) the vertices of what may collide, rising: ipctk knows these alone."""
+        """(touching,) sorted vertices of the triangles that may collide; ipctk knows only these."""
         return distinct_values(self.triangles[self.colliding].reshape(-1))
 
     @cached_property
     def mesh(self) -> Any:
-        """Of ipctk, of `rows`: vertices without triangles would touch each other, wherever they are.
+        """The mesh in ipctk, of the vertices in `rows`; vertices without triangles would collide everywhere.
 
         Vertices that are not free do not collide with each other, nor do other meshes.
         """
@@ -153,90 +159,90 @@ class Tissue:
         return mesh
 
     def placed(self, positions: Floats) -> Floats:
-        """(touching, 3) of (vertices, 3), as ipctk wants them."""
+        """(touching, 3) of (vertices, 3), in the layout that ipctk asks for."""
         return np.asfortranarray(positions[self.rows])
 
     @cached_property
     def edges(self) -> Ints:
-        """(edges, 2) of the surface."""
+        """(edges, 2)."""
         return edges_of(self.triangles)
 
     @cached_property
     def barrier(self) -> Any:
-        """Of ipctk."""
+        """The barrier in ipctk."""
         import ipctk
 
-        near = self.distances[0]
-        return ipctk.BarrierPotential(near, _BARRIER / near**3)
+        gap = self.gaps[0]
+        return ipctk.BarrierPotential(gap, _BARRIER_STIFFNESS / gap**3)
 
     @cached_property
     def stiffness(self) -> Any:
-        """(vertices, vertices) sparse: mass, gradient and Laplacian of a correction."""
+        """(vertices, vertices) sparse matrix of the energy of a correction, see `stiffness_of`."""
         import scipy.sparse as sparse
 
-        heavier = 1.0 + _FARTHER * (self.apart / (FREE * SOFT)) ** 2
+        heavier = 1.0 + _EXTRA_MASS * (self.apart / (FREE * SOFT)) ** 2
         whole = stiffness_of(self.rest, self.triangles, soft=SOFT, heavier=heavier)
-        # Meshes are apart from each other, so a factor of each leaves the matrix symmetric.
-        return (sparse.diags_array(np.where(self.own, 1.0, _STIFF)) @ whole).tocsr()
+        # Meshes are not joined, so one factor for each leaves the matrix symmetric.
+        return (sparse.diags_array(np.where(self.own, 1.0, _OTHER_STIFFNESS)) @ whole).tocsr()
 
     @cached_property
     def pieces(self) -> Pieces:
-        """Those whose volume is kept."""
+        """The pieces of the surface whose volume is kept."""
         return Pieces.of(self.triangles, self.free & self.own)
 
     @cached_property
     def pressures(self) -> Floats:
-        """(pieces,) what resists a change of volume: so much more than a piece itself that hardly any is lost."""
+        """(pieces,) force per unit of lost volume, so stiff relative to the surface that hardly any volume is lost."""
         gradients = self.pieces.gradients(self.rest)[:, self.free]
-        gives = np.sum(gradients * self.gives(gradients), axis=(1, 2))
-        return np.asarray((1.0 / _LOST - 1.0) / np.maximum(gives, _LEAST_GIVEN))
+        movements = np.sum(gradients * self.moves_under(gradients), axis=(1, 2))
+        return np.asarray((1.0 / _LOST - 1.0) / np.maximum(movements, _LEAST_MOVEMENT))
 
-    def gives(self, forces: Floats) -> Floats:
-        """(several, free, 3) how free vertices move under as many forces."""
+    def moves_under(self, forces: Floats) -> Floats:
+        """(several, free, 3) movements of the free vertices under as many fields of forces."""
         columns = forces.transpose(1, 0, 2).reshape(-1, 3 * len(forces))
-        return self.response.of(columns).reshape(-1, len(forces), 3).transpose(1, 0, 2)
+        return self.response.moves_under(columns).reshape(-1, len(forces), 3).transpose(1, 0, 2)
 
     @cached_property
     def response(self) -> Response:
-        """Of free vertices to forces."""
+        """How the free vertices move under forces."""
         rows = np.flatnonzero(self.free)
         return Response(self.stiffness[rows][:, rows])
 
     def collisions(self, positions: Floats) -> Any:
-        """What is near at (vertices, 3)."""
-        return self._near(positions, *self.distances)
+        """The collisions, in ipctk, at (vertices, 3) positions."""
+        return self._near(positions, *self.gaps)
 
-    def clear(self, positions: Floats) -> bool:
-        """Whether nothing is near, nor crosses, at (vertices, 3)."""
-        # Long edges go through large triangles far from all their vertices.
+    def is_clear(self, positions: Floats) -> bool:
+        """True if nothing is near and nothing crosses at (vertices, 3) positions."""
+        # A long edge may cross a large triangle far from all their vertices.
         return not len(self.collisions(positions)) and not self.crosses(positions)
 
     def hessian(self, near: Any, positions: Floats) -> Any:
-        """(3 · touching, 3 · touching) sparse, of the barrier of what is near at (vertices, 3), made not negative."""
+        """(3 · touching, 3 · touching) sparse Hessian of the barrier at (vertices, 3), made positive semidefinite."""
         import ipctk
 
         return self.barrier.hessian(near, self.mesh, self.placed(positions), ipctk.PSDProjectionMethod.CLAMP).tocsr()
 
-    def forces(self, state: State) -> Floats:
-        """(vertices, 3) by which each is held off; 0 where nothing is near."""
+    def forces(self, state: SolverState) -> Floats:
+        """(vertices, 3) forces of the barrier; 0 where nothing is near."""
         if state.near is None:
             return np.zeros_like(state.positions)
         return -self.gradient(state.near, state.positions)
 
     def gradient(self, near: Any, positions: Floats) -> Floats:
-        """(vertices, 3) of the barrier of what is near at (vertices, 3)."""
+        """(vertices, 3) gradient of the barrier at (vertices, 3) positions."""
         gradient = np.zeros_like(positions)
         gradient[self.rows] = self.barrier.gradient(near, self.mesh, self.placed(positions)).reshape(-1, 3)
         return gradient
 
     def crosses(self, positions: Floats) -> bool:
-        """Whether anything crosses at (vertices, 3)."""
+        """True if anything crosses at (vertices, 3) positions."""
         import ipctk
 
         return bool(ipctk.has_intersections(self.mesh, self.placed(positions)))
 
     def crossing(self, positions: Floats) -> Bools | None:
-        """(vertices,) whether an edge or a triangle of each crosses at (vertices, 3); None where none does."""
+        """(vertices,) True for the corners of edges and triangles that cross at (vertices, 3); None if none do."""
         if not self.crosses(positions):
             return None
         counting = (self.free & self.own)[self.rows]
@@ -244,45 +250,45 @@ class Tissue:
         marked[self.rows] = passing(self.placed(positions), self.mesh.edges, self.mesh.faces, counting)
         return marked if marked.any() else None
 
-    def _near(self, positions: Floats, near: float, kept: float) -> Any:
+    def _near(self, positions: Floats, barrier_gap: float, kept_gap: float) -> Any:
         import ipctk
 
         found = ipctk.NormalCollisions()
-        found.build(self.mesh, self.placed(positions), near, kept)
+        found.build(self.mesh, self.placed(positions), barrier_gap, kept_gap)
         return found
 
-    def way(self, start: Floats, end: Floats) -> "_Way":
-        """The straight way from (vertices, 3) to others."""
-        return _Way(self, self.placed(start), self.placed(end))
+    def step(self, start: Floats, end: Floats) -> "_StraightStep":
+        """The straight step from (vertices, 3) positions to others."""
+        return _StraightStep(self, self.placed(start), self.placed(end))
 
 
-class _Way:
-    """A straight way of all vertices: what may come near on it is found once."""
+class _StraightStep:
+    """A straight step of all vertices. Candidates for collisions on it are found once."""
 
     def __init__(self, tissue: Tissue, start: Floats, end: Floats) -> None:
         import ipctk
 
         self._tissue, self._start, self._end = tissue, start, end
         self._candidates = ipctk.Candidates()
-        self._candidates.build(tissue.mesh, start, end, sum(tissue.distances) / 2.0)
+        self._candidates.build(tissue.mesh, start, end, sum(tissue.gaps) / 2.0)
 
-    def free_share(self) -> float:
-        """The part on which nothing comes too near; somewhat less where that is not all of it."""
+    def free_fraction(self) -> float:
+        """The fraction of the step without a collision: 1, or somewhat less than the way to the first collision."""
         import ipctk
 
-        share = self._candidates.compute_collision_free_stepsize(
+        fraction = self._candidates.compute_collision_free_stepsize(
             self._tissue.mesh,
             self._start,
             self._end,
-            self._tissue.distances[1],
-            ipctk.AdditiveCCD(conservative_rescaling=_CLOSE),
+            self._tissue.gaps[1],
+            ipctk.AdditiveCCD(conservative_rescaling=_USED_UP),
         )
-        return float(share) if share >= 1.0 else _SAFE * float(share)
+        return float(fraction) if fraction >= 1.0 else _SAFE * float(fraction)
 
-    def near(self, positions: Floats) -> Any:
-        """What is near at (vertices, 3) on it."""
+    def collisions(self, positions: Floats) -> Any:
+        """The collisions, in ipctk, at (vertices, 3) positions on the step."""
         import ipctk
 
         found = ipctk.NormalCollisions()
-        found.build(self._candidates, self._tissue.mesh, self._tissue.placed(positions), *self._tissue.distances)
+        found.build(self._candidates, self._tissue.mesh, self._tissue.placed(positions), *self._tissue.gaps)
         return found
