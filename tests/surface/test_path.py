@@ -69,7 +69,7 @@ def test_a_place_belongs_to_the_nearest_point_of_the_curve(steps: Any, across: f
     number = int(share * (len(made.points) - 1))
     sideways = np.cross(made.tangents[number], made.normals[number])
     found = made.locate(made.points[number] + across * sideways)
-    assert float(found.u) == pytest.approx(made.ways[number] / made.length, abs=1e-9)
+    assert float(found.u) == pytest.approx(made.arc_lengths[number] / made.length, abs=1e-9)
     assert float(found.across) == pytest.approx(across, abs=1e-9)
 
 

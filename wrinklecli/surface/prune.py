@@ -1,8 +1,8 @@
-"""Skin weights of new vertices, pruned to as many joints as a vertex of the file can have.
+"""Prunes skin weights of new vertices to as many joints as a vertex of the file can have.
 
-A midpoint hangs on the joints of both ends of its edge, which may be too many. Influences are dropped one by one, and
-each gives its weight to a joint that is near in the skeleton, but not across a bone that bends under a tool. (With the
-heaviest four simply kept, a hand's forearm was 29 % off.) `pruning_errors` says what pruning costs.
+A midpoint depends on the joints of both ends of its edge, which may be too many. Influences are dropped one by one, and
+each gives its weight to a joint that is near in the skeleton, but not across a bone that bends under a region. (Keeping
+the heaviest four moved a hand's forearm off by 29 %.) `pruning_errors` measures what pruning costs.
 
 The paper (C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004) refines the posed mesh, where nothing
 has to be pruned.
@@ -17,29 +17,29 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.surface.region import Region
 
-# Numbers of the products that are computed at once: bounds the memory.
+# Numbers in the products that are computed at once, to bound memory.
 _NUMBERS_AT_ONCE = 2**20
-# Skin weights of two anchors further apart than this differ by more than rounding.
-_SAME_SHARES = 1e-6
-# Length of a bone that bends under a tool, where others count 1.
-_BEND = 1000.0
+# Skin weights of two anchors that differ by less than this are equal up to rounding.
+_SAME_WEIGHTS = 1e-6
+# Length of a bone that bends under a region; other bones have length 1.
+_BENDING_LENGTH = 1000.0
 
 
 def pruning_errors(weights: Floats, positions: Floats, distances: Floats, influences: int, poses: Floats) -> Floats:
-    """(vertices,) how far pruned skin weights move vertices off, at the most.
+    """(vertices,) greatest distance by which pruned skin weights move each vertex off.
 
     Args:
         weights: (vertices, joints) skin weights before pruning.
         positions: (vertices, 3) bind space.
         distances: (joints, joints) in the skeleton.
-        influences: How many joints are kept.
+        influences: Number of joints kept.
         poses: (poses, joints, 4, 4) bind to world space.
     """
     joints, kept = prune(weights, distances, influences)
     change = weights.copy()
     for column in range(influences):
         change[np.arange(len(change)), joints[:, column]] -= kept[:, column]
-    # What moves a vertex is linear in its position times its weights: one product for all poses.
+    # A vertex's movement is linear in its position times its weights, so one product does for all poses.
     columns = poses[:, :, :3].transpose(1, 3, 2, 0).reshape(4 * len(distances), 3 * len(poses))
     homogeneous = np.concatenate([positions, np.ones((len(positions), 1))], axis=1)
     errors = np.zeros(len(weights))
@@ -52,15 +52,15 @@ def pruning_errors(weights: Floats, positions: Floats, distances: Floats, influe
 
 
 def joint_distances(rig: Rig, regions: Sequence[Region], chosen: Ints) -> Floats:
-    """(chosen, chosen) how far some of a rig's joints are apart in the skeleton.
+    """(chosen, chosen) distances of some of a rig's joints in the skeleton.
 
-    A bone counts 1, and a bone between a tool's two anchors, which bends when the tool wrinkles, far more: there
-    weights must not be mixed. Joints of separate trees are furthest.
+    A bone counts 1. A bone between two neighbouring anchors of a region bends with the region and counts far more, so
+    that weights are not moved across it. Joints of separate trees are furthest apart.
     """
     count = len(rig.parents)
     lengths = np.ones(count + 1)
-    lengths[sorted(_bending_nodes(rig, regions))] = _BEND
-    # The parent of all roots, and of itself, is one more node. above[k] holds ancestors of 2^k generations.
+    lengths[sorted(_bending_nodes(rig, regions))] = _BENDING_LENGTH
+    # One more node is the parent of all roots and of itself. above[k] holds the ancestors of 2^k generations.
     nowhere = count
     above = [np.append(np.where(rig.parents >= 0, rig.parents, nowhere), nowhere)]
     lengths[np.append(above[0][:-1] == nowhere, True)] = 0.0
@@ -81,7 +81,7 @@ def joint_distances(rig: Rig, regions: Sequence[Region], chosen: Ints) -> Floats
             lower, higher = np.where(apart, step[lower], lower), np.where(apart, step[higher], higher)
         common = np.where(lower == higher, lower, above[0][lower])
         apart = lengths[a] + lengths[b] - 2 * lengths[common]
-        distances[row] = np.where(common == nowhere, _BEND * count, apart)
+        distances[row] = np.where(common == nowhere, _BENDING_LENGTH * count, apart)
     return distances
 
 
@@ -95,29 +95,29 @@ def _chain(rig: Rig, node: int) -> list[int]:
 
 
 def _bending_nodes(rig: Rig, regions: Sequence[Region]) -> frozenset[int]:
-    """The nodes that move one anchor of a tool and not the next: below where their main joints part."""
+    """The nodes that move one anchor of a region and not the next: those below where the anchors' chains part."""
     nodes: set[int] = set()
     for before, after in (pair for region in regions for pair in pairwise(region.anchors)):
         difference = np.zeros(len(rig.joints))
         difference[after.joints] += after.weights
         difference[before.joints] -= before.weights
-        if np.ptp(difference) < _SAME_SHARES:
-            continue  # both anchors hang on the same joints: nothing bends between them
+        if np.ptp(difference) < _SAME_WEIGHTS:
+            continue  # both anchors depend on the same joints: nothing bends between them
         ends = (int(rig.joints[np.argmax(difference)]), int(rig.joints[np.argmin(difference)]))
         nodes |= set(_chain(rig, ends[0])) ^ set(_chain(rig, ends[1]))
     return frozenset(nodes)
 
 
 def prune(weights: Floats, distances: Floats, influences: int) -> tuple[Ints, Floats]:
-    """Leave each vertex as many joints as the file can store.
+    """Reduce each vertex to as many joints as the file can store.
 
-    Step by step that influence is dropped which costs least: its weight times the distance to the nearest joint
-    kept. That joint gets its weight; among equally near ones it is the heaviest.
+    Each step drops the influence that costs least: its weight times the distance to the nearest joint kept. That joint
+    takes over the weight; the heaviest does if several are equally near.
 
     Args:
         weights: (vertices, joints), rows summing to 1.
         distances: (joints, joints) in the skeleton.
-        influences: How many to keep.
+        influences: Number of joints to keep.
 
     Returns:
         (vertices, influences) joints and weights, heaviest first.

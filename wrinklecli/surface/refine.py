@@ -1,9 +1,9 @@
-"""Which edges are split: the surface is refined once, in bind space, until the triangles under regions show wrinkles.
+"""Refines a surface once, in bind space, until the triangles under each region can show its displacement.
 
-Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004, on mesh refinement. Differs: the
-paper refines the posed mesh on the fly; here refinement acts before skinning, and once, so that the skeleton
-survives; edges are compared with half an interval of the control curve (by default: `edges_per_interval: 2`), where
-the paper compares them with one; and edges are not split where hardly any of the height is left.
+Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004, on mesh refinement. Differs: the paper
+refines the posed mesh on the fly; here refinement acts once and before skinning, so that the skeleton survives. Edges
+are compared with half an interval of the region (by default: `edges_per_interval: 2`), where the paper compares them
+with one. Edges are not split where hardly any of the displacement is left.
 """
 
 from collections.abc import Sequence
@@ -35,36 +35,37 @@ from wrinklecli.surface.prune import joint_distances, prune
 from wrinklecli.surface.region import Region
 from wrinklecli.surface.rest import Rest, carried_normals
 from wrinklecli.surface.rounding import hard_edges, rounded
-from wrinklecli.surface.storable import Storage, spread_weights
+from wrinklecli.surface.storable import SplitLimits, spread_weights
 from wrinklecli.tools.records import MAX_VERTICES, RefinementSettings, Scheme
 
-# Share of a wrinkle's height above which it shows.
+# Fraction of a region's greatest displacement above which a displacement is visible.
 _LEAST_SHOWN = 0.01
 
 
 @dataclass(frozen=True)
 class Refinement:
-    """A surface refined under its regions; old vertices first, then new ones, welded and glTF vertices alike.
+    """A surface refined under its regions. New vertices follow the old ones, welded and glTF vertices alike.
 
     Attributes:
         surface: The coarse surface.
-        subdivision: How it was split.
+        subdivision: The splits.
         positions: (vertices, 3) stored positions, bind space.
         morph_deltas: (morph targets, vertices, 3).
-        bind_positions: (vertices, 3) positions with the morph weights of the rest pose, bind space.
+        bind_positions: (vertices, 3) positions under the morph weights of the rest pose, bind space.
         blended: (vertices, 3, 4) bind to world space at rest.
         rest_positions: (vertices, 3) world space at rest.
         weights: (new vertices, joints) skin weights before pruning.
         joints_pruned: (new vertices, influences) the joints that the file can store.
         weights_pruned: (new vertices, influences).
         corners: (triangles, 3) glTF vertices.
-        sources: (new glTF vertices, 3) coarse glTF vertices that each is mixed from.
-        shares: (new glTF vertices, 3) of each source, summing to 1.
+        sources: (new glTF vertices, 3) coarse glTF vertices from which each is mixed.
+        shares: (new glTF vertices, 3) weight of each source; a row sums to 1.
         primitives: (new glTF vertices,).
         weld: (glTF vertices,) the welded vertex of each.
-        schemes: Of each region, how its new vertices are placed: as in the settings, but `midpoint` on a faceted mesh.
-        hard_shares: (regions,) of each patch's coarse edges, how many are hard.
-        departures: (regions,) how far new vertices leave the coarse surface at the most, over the tallest wrinkle.
+        schemes: The scheme that places new vertices, for each region: the setting, or `midpoint` on a faceted mesh.
+        hard_shares: (regions,) fraction of the region's coarse edges that are hard.
+        departures: (regions,) greatest distance of new vertices from the coarse surface, over the greatest
+            displacement.
     """
 
     surface: Surface
@@ -102,21 +103,21 @@ class Refinement:
 
     @cached_property
     def rest_normals(self) -> Floats:
-        """(vertices, 3) world space at rest, as `rest_normals_at` of every vertex."""
+        """(vertices, 3) unit normals in world space at rest."""
         return carried_normals(self.blended, self.normals)
 
     def rest_normals_at(self, vertices: Ints) -> Floats:
-        """(chosen, 3) world space at rest."""
+        """(chosen, 3) unit normals in world space at rest."""
         return carried_normals(self.blended[vertices], self.normals_at(vertices))
 
     @cached_property
     def rest_balls(self) -> tuple[Floats, Floats]:
-        """(triangles, 3) middles of the triangles, world space at rest, and (triangles,) how far their corners are."""
+        """(triangles, 3) centres and (triangles,) radii of balls round the triangles, world space at rest."""
         return balls(self.rest_positions[self.triangles])
 
     @cached_property
     def rest_boxes(self) -> Boxes:
-        """Round the balls of triangles that follow one another."""
+        """Boxes round the balls of consecutive triangles."""
         middles, radii = self.rest_balls
         return Boxes.of(middles - radii[:, None], middles + radii[:, None])
 
@@ -127,7 +128,7 @@ class Refinement:
 
     @property
     def pruned_count(self) -> int:
-        """How many new welded vertices have fewer joints in the file than their place on the surface asks for."""
+        """Number of new welded vertices that have more joints than the file can store."""
         return int(((self.weights > 0).sum(axis=1) > self.weights_pruned.shape[1]).sum())
 
     @property
@@ -163,27 +164,27 @@ def refine(
     tolerance: float,
     max_vertices: int = MAX_VERTICES,
 ) -> Refinement:
-    """Split the triangles under the regions until the control curves show.
+    """Split the triangles under the regions until these can show their displacement.
 
-    An edge of a member triangle is split where |Δu| > 1/(n · 2^details · edges_per_interval); but not where less than a
-    hundredth of the height is left along all of it, at the patch's border or on faces that turn away, unless finer
-    splits need it.
+    An edge of a member triangle is split where |Δu| > 1/(intervals · edges_per_interval). An edge is not split where
+    less than a hundredth of the displacement is left along all of it, at a region's border or on faces that turn away,
+    unless finer splits need it.
 
     Args:
         surface: The coarse mesh.
         rest: Its rest pose.
-        regions: Of all tools on it.
-        rig: Its joints.
+        regions: All regions on the mesh.
+        rig: The mesh's joints.
         settings: `refinement` of the tools file.
-        contacts: (vertices,) those that touch another mesh: an edge between two of them is not split.
-        influences: How many joints a vertex of the file can have.
-        poses: (poses, joints, 4, 4) of the asset's clips, bind to world space.
-        tolerance: Scene units. An edge is not split where the midpoint's skin weights, pruned to `influences`,
-            would move it further off in any pose.
-        max_vertices: How many may be added.
+        contacts: (vertices,) True for vertices that touch another mesh: an edge between two of these is not split.
+        influences: Greatest number of joints of a vertex in the file.
+        poses: (poses, joints, 4, 4) poses of the asset's clips, bind to world space.
+        tolerance: Scene units. An edge is not split if the midpoint's skin weights, pruned to `influences`, would move
+            the midpoint further off in any pose.
+        max_vertices: Greatest number of new vertices.
     """
     members = flags_of(np.concatenate([region.members for region in regions]), len(surface.triangles))
-    storage = Storage.of(
+    limits = SplitLimits.of(
         surface, rest, members, rig, regions, contacts=contacts, influences=influences, poses=poses, tolerance=tolerance
     )
     hard = hard_edges(surface, rest.bind_positions, regions)
@@ -193,7 +194,7 @@ def refine(
         surface.triangles,
         len(surface.positions),
         wants=lambda level: _long_edges(level, regions, rest, normals, settings),
-        forbids=storage.forbidden,
+        forbids=limits.forbidden,
         shows=lambda level: _showing_edges(level, regions, rest, normals),
         max_levels=settings.max_levels,
         max_vertices=max_vertices,
@@ -245,7 +246,7 @@ def refine(
 def _long_edges(
     level: Level, regions: Sequence[Region], rest: Rest, normals: Floats, settings: RefinementSettings
 ) -> Bools:
-    """(edges,) those on a region that are too long along u for its control curve to show."""
+    """(edges,) edges on a region that are too long along u to show its displacement."""
     last = level.number == settings.max_levels
     wanted = np.zeros(len(level.edges), bool)
     for region in regions:
@@ -255,30 +256,30 @@ def _long_edges(
         u_faces, v_faces = u[local.reshape(-1, 3)], v[local.reshape(-1, 3)]
         meets = (u_faces.max(axis=1) > 0) & (u_faces.min(axis=1) < 1)
         meets &= (v_faces.max(axis=1) > -1) & (v_faces.min(axis=1) < 1)
-        # At the last level edges are only counted: those that show wrinkles, if not furrows as sharp, will do.
+        # The last level only counts edges: edges that show the displacement, if not its sharpest furrows, will do.
         u = region.bowed(u, v) if last else region.stretched(u, v)
         edges = distinct_values(level.triangle_edges[faces[meets]])
         ends = np.searchsorted(vertices, level.edges[edges])
         steps = np.abs(u[ends[:, 1]] - u[ends[:, 0]])
         if last and not region.projected:
-            # What is left of wrinkles at the border of a region is as low as it takes not to be missed.
-            steps = steps * _shares_left(level, edges, region, rest, normals)
+            # The little that is left at the border of a region is not missed.
+            steps = steps * _greatest_shares(level, edges, region, rest, normals)
         wanted[edges] |= steps > _greatest_step(region, settings)
     return wanted
 
 
 def _showing_edges(level: Level, regions: Sequence[Region], rest: Rest, normals: Floats) -> Bools:
-    """(edges,) those along which a region leaves some of its height, from (coarse vertices, 3) normals at rest."""
+    """(edges,) edges along which a region leaves some displacement, from (coarse vertices, 3) normals at rest."""
     shown = np.zeros(len(level.edges), bool)
     for region in regions:
         edges = distinct_values(level.triangle_edges[children(level.parents, region.members)])
-        # Projected anew each frame, any of them may come to lie on the region.
-        shown[edges] |= region.projected or _shares_left(level, edges, region, rest, normals) > _LEAST_SHOWN
+        # Any member may come to lie on a region onto which vertices are projected in each frame.
+        shown[edges] |= region.projected or _greatest_shares(level, edges, region, rest, normals) > _LEAST_SHOWN
     return shown
 
 
-def _shares_left(level: Level, edges: Ints, region: Region, rest: Rest, normals: Floats) -> Floats:
-    """(edges,) the most that a region leaves of its height along edges; 0 before and behind it."""
+def _greatest_shares(level: Level, edges: Ints, region: Region, rest: Rest, normals: Floats) -> Floats:
+    """(edges,) greatest fraction of a region's displacement along each edge; 0 before and behind the region."""
     vertices, ends = np.unique(level.edges[edges], return_inverse=True)
     ends = ends.reshape(-1, 2)
     places = _rest_positions(level, vertices, rest)
@@ -286,7 +287,7 @@ def _shares_left(level: Level, edges: Ints, region: Region, rest: Rest, normals:
     cosines = region.cosines(u, unit(level.of_vertices(vertices, normals)))
     u, v, cosines = (each[ends] for each in (u, v, cosines))
     within = (u.max(axis=1) > 0) & (u.min(axis=1) < 1)
-    # Ends to either side: the path runs between them, unless they are nearest to parts of it that are far apart.
+    # The path runs between ends on either side, unless these are nearest to parts of the path that are far apart.
     lengths = np.linalg.norm(places[ends[:, 1]] - places[ends[:, 0]], axis=1) / region.half_width
     between = np.maximum(np.abs(v).sum(axis=1) - lengths, 0.0) / 2.0
     nearest = np.where(v[:, 0] * v[:, 1] > 0, np.abs(v).min(axis=1), between)
@@ -295,12 +296,12 @@ def _shares_left(level: Level, edges: Ints, region: Region, rest: Rest, normals:
 
 
 def _greatest_step(region: Region, settings: RefinementSettings) -> float:
-    """The largest |Δu| of an edge that shows the region's shape."""
+    """Greatest |Δu| of an edge that shows the region's displacement."""
     return 1.0 / (region.intervals * settings.edges_per_interval)
 
 
 def _rest_positions(level: Level, vertices: Ints, rest: Rest) -> Floats:
-    """(vertices, 3) world positions at rest of some vertices of a level, on the coarse surface."""
+    """(vertices, 3) world positions at rest of some of a level's vertices, on the coarse surface."""
     blended = level.of_vertices(vertices, rest.blended.reshape(-1, 12)).reshape(1, -1, 3, 4)
     positions: Floats = transform(blended, level.of_vertices(vertices, rest.bind_positions))[0]
     return positions
@@ -317,11 +318,11 @@ def _new_weights(surface: Surface, subdivision: Subdivision, joint_count: int) -
 
 
 def _split_corners(surface: Surface, subdivision: Subdivision) -> tuple[Ints, Ints, Floats, Ints, Ints]:
-    """Find the glTF vertices of the fine triangles: corners; new ones' sources, shares, primitives; weld.
+    """Find the glTF vertices of the fine triangles: corners; sources, shares and primitives of new ones; weld.
 
-    A corner of a fine triangle is a mix of its coarse triangle's corners. Two corners are one glTF vertex
-    where they mix the same glTF vertices of one primitive in the same shares: so a UV seam stays a seam, and
-    what was one vertex along an edge stays one.
+    A corner of a fine triangle is a mix of its coarse triangle's corners. Two corners are one glTF vertex if they mix
+    the same glTF vertices of one primitive in the same shares. So a UV seam stays a seam, and one vertex along an edge
+    stays one.
     """
     old_count = len(surface.weld)
     changed = subdivision.changed
@@ -331,7 +332,7 @@ def _split_corners(surface: Surface, subdivision: Subdivision) -> tuple[Ints, In
     sources = np.repeat(surface.corners[parents], 3, axis=0)
     is_new = (shares < 1.0).all(axis=1)
     corners = sources[np.arange(len(sources)), np.argmax(shares, axis=1)]
-    # Shares are dyadic: whole numbers of 2^-levels, exact as keys. Unused sources count as none.
+    # Shares are multiples of 2^-levels, so their numerators are exact keys. Unused sources count as none.
     numerators = (shares[is_new] * 2**subdivision.levels).astype(np.intp)
     used = np.where(numerators > 0, sources[is_new], old_count)
     order = np.argsort(used, axis=1, kind="stable")

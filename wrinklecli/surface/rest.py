@@ -1,7 +1,7 @@
-"""The rest pose: where surface, normals and markers are when nothing wrinkles, as the tools file says.
+"""The rest pose, as the tools file asks for it: where the surface, normals and markers are when no effect acts.
 
-The paper (C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004) takes the mesh as it is modelled. Here it
-may also be the stored pose of the nodes, or a moment of a clip.
+The paper (C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004) takes the mesh as modelled. Here the rest
+pose may also be the stored pose of the nodes, or a moment of a clip.
 """
 
 from dataclasses import dataclass
@@ -25,14 +25,14 @@ class Rest:
     """A surface in its rest pose.
 
     Attributes:
-        clip: Whose pose it is; none for the stored pose.
+        clip: The clip whose pose it is; None for the stored pose.
         time: (1,) seconds of the clip.
         matrices: (joints, 4, 4) bind to world space.
         morph_weights: (morph targets,).
         bind_positions: (vertices, 3) stored positions plus weighted morph deltas, bind space.
         blended: (vertices, 3, 4) bind to world space.
         positions: (vertices, 3) world space.
-        triangles: (triangles, 3) of the surface.
+        triangles: (triangles, 3).
     """
 
     clip: Clip | None
@@ -45,22 +45,22 @@ class Rest:
     triangles: Ints
 
     def foot(self, point: Floats) -> tuple[Floats, Floats]:
-        """The point of the surface nearest to a (3,) one, world space, and the (3,) normal there."""
+        """(3,) nearest point of the surface to a (3,) point, world space, and the (3,) unit normal there."""
         triangle, barycentrics, place = self.blocks.closest_point(point)
         return place, unit(barycentrics @ self.normals_at(self.triangles[triangle]))
 
     @property
     def pose(self) -> Pose:
-        """As of any other moment."""
+        """The joint matrices and morph weights."""
         return Pose(self.matrices, self.morph_weights)
 
     @cached_property
     def normals(self) -> Floats:
-        """(vertices, 3) world space, as `normals_at` of every vertex."""
+        """(vertices, 3) unit normals of all vertices, world space."""
         return carried_normals(self.blended, vertex_normals(self.bind_positions, self.triangles))
 
     def normals_at(self, vertices: Ints) -> Floats:
-        """(chosen, 3) area-weighted bind normals of some vertices, carried to world space by the inverse transpose."""
+        """(chosen, 3) area-weighted bind normals, carried to world space by the inverse transpose."""
         return carried_normals(self.blended[vertices], self.around.normals_at(self.bind_positions, vertices))
 
     @cached_property
@@ -70,7 +70,7 @@ class Rest:
 
     @cached_property
     def blocks(self) -> Blocks:
-        """The triangles in world space, by neighbours."""
+        """The triangles in world space, grouped by neighbours."""
         return Blocks.of(self.positions, self.triangles)
 
 
@@ -101,10 +101,10 @@ def rest_pose(
 
 
 def _bind_matrices(surface: Surface, rig: Rig, stored: Floats, bind: Floats, tool: WrinkleTool) -> Floats:
-    """(joints, 4, 4) the stored matrix of the main joint of a tool's origin, for every joint."""
+    """(joints, 4, 4) stored matrix of the main joint at a tool's origin, repeated for every joint."""
     place = _asked_position(rig, None, np.zeros(1), tool, 0)
     main = 0
-    # The nearest vertex says which joint it is, but where vertices lie depends on the joint: a second round settles it.
+    # The nearest vertex decides the joint, but the joint decides where vertices lie: a second round settles it.
     for _ in range(2):
         posed = bind @ stored[main, :3, :3].T + stored[main, :3, 3]
         vertex = int(np.argmin(np.sum((posed - place) ** 2, axis=1)))
@@ -113,7 +113,7 @@ def _bind_matrices(surface: Surface, rig: Rig, stored: Floats, bind: Floats, too
 
 
 def asked_positions(rig: Rig, clip: Clip | None, time: Floats, tool: WrinkleTool) -> Floats:
-    """(points, 3) where a tool's points are asked for, at (1,) seconds of a clip if markers say where, world space.
+    """(points, 3) where a tool's points are asked for, world space; markers count at (1,) second of a clip.
 
     Raises:
         BakeError: A marker names no node, or several.
@@ -136,8 +136,5 @@ def _asked_position(rig: Rig, clip: Clip | None, time: Floats, tool: WrinkleTool
 
 
 def carried_normals(blended: Floats, normals: Floats) -> Floats:
-    """(vertices, 3) unit normals moved by the inverse transpose of (vertices, 3, 4) matrices.
-
-    Right for mirrored and scaled matrices too; 0 where the matrix is singular.
-    """
+    """(vertices, 3) unit normals moved by the inverse transpose of (vertices, 3, 4) matrices; 0 where singular."""
     return unit(np.einsum("vji,vj->vi", inverses(blended), normals))

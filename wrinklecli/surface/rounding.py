@@ -1,18 +1,18 @@
-"""Rounding: how far new vertices leave the coarse surface, so little that nothing but the wrinkles changes.
+"""Rounds the refined surface: moves new vertices off the coarse one, but so little that only the effects show.
 
-The butterfly scheme puts a new vertex beside its place on the coarse surface, so that the refined one is smooth. Of
-this offset only a part is made:
+The butterfly scheme puts a new vertex beside its place on the coarse surface, so that the refined surface is smooth.
+Only a part of this offset is applied:
 
 - Only along the surface's normal. The rest would slide the texture, whose coordinates are mixed linearly.
-- Only the share of the height that the tool has there. It is 0 at the patch's border, so that the triangles that close
-  the gaps to coarser ones lie in the old faces.
-- At most 15 % of the wrinkles' height. On a mesh that is coarse for its wrinkles more would show at rest.
+- Only the fraction of the displacement that the region has there. It is 0 at the region's border, so that the triangles
+  that close the gaps to coarser ones lie in the old faces.
+- At most 15 % of the region's greatest displacement. More would show at rest on a mesh that is coarse for its effect.
 - Nothing on hard edges, and stencils do not read across them: what the artist made flat stays flat.
 
-The asset's own morph deltas get the same share of theirs, in all directions: so they stay linear.
+The asset's own morph deltas get the same fraction of their offsets, in all directions, and so stay linear.
 
 Source: D. Zorin, P. Schröder, W. Sweldens, *Interpolating Subdivision for Meshes with Arbitrary Topology*, SIGGRAPH
-1996. Differs: theirs is the whole offset, as `scheme: butterfly_full` has it.
+1996. Differs: they apply the whole offset, as `scheme: butterfly_full` does.
 """
 
 from collections.abc import Sequence
@@ -35,18 +35,18 @@ from wrinklecli.numeric.arrays import (
 from wrinklecli.numeric.subdivide import Subdivision, two_rings
 from wrinklecli.surface.region import Region
 
-# Cosine of the angle between authored normals of one vertex beyond which the edge between them is hard: 5°. Seams of
-# smooth surfaces have equal ones, but for the half degree by which bytes round.
+# An edge is hard if authored normals of one vertex on its two sides enclose more than 5°. Smooth surfaces have equal
+# normals at seams, up to half a degree of rounding in bytes.
 _SAME_NORMAL = float(np.cos(np.radians(5.0)))
-# Cosine of the angle between the two faces of an edge beyond which it is hard, whatever the normals: 50°.
+# An edge is hard, whatever the normals, if its two faces enclose more than 50°.
 _SHARP = float(np.cos(np.radians(50.0)))
-# Share of a patch's edges that are hard beyond which all are: the mesh is meant to be faceted.
+# If more than this fraction of a region's edges is hard, all are: the mesh is meant to be faceted.
 _FACETED = 0.5
-# Greatest offset over the height of the tallest wrinkle, at a strength of 1.
+# Greatest offset over the region's greatest displacement at a strength of 1.
 _MOST = 0.15
-# Shares are multiples of this: what the rest pose rounds off does not reach the positions.
+# Applied fractions are multiples of this, so that rounding of the rest pose does not reach the positions.
 _STEP = 2.0**-16
-# Cosine of the coarse and the smooth surface's normal from which on the way along the one to the other grows no longer.
+# Offsets are divided by the cosine between the coarse and the smooth normal, or by this if it is greater.
 _LEAST_COSINE = 0.5
 
 
@@ -55,8 +55,8 @@ class HardEdges:
     """The coarse edges that keep their shape.
 
     Attributes:
-        vertices: (edges, 2) their welded vertices, the lower first.
-        shares: (regions,) of each patch's edges, how many are hard.
+        vertices: (edges, 2) welded vertices, the lower first.
+        shares: (regions,) fraction of each region's edges that are hard.
     """
 
     vertices: Ints
@@ -64,7 +64,7 @@ class HardEdges:
 
     @property
     def faceted(self) -> Bools:
-        """(regions,) those of which all edges count as hard."""
+        """(regions,) True if all edges of the region count as hard."""
         return self.shares > _FACETED
 
 
@@ -73,8 +73,8 @@ def hard_edges(surface: Surface, positions: Floats, regions: Sequence[Region]) -
 
     Args:
         surface: The coarse surface.
-        positions: (vertices, 3) of it, bind space.
-        regions: Where more than half of the edges of one are hard, all are.
+        positions: (vertices, 3) bind space.
+        regions: If more than half of a region's edges are hard, all are.
     """
     count = len(surface.positions)
     members = flags_of(np.concatenate([region.members for region in regions]), len(surface.triangles))
@@ -99,22 +99,22 @@ def hard_edges(surface: Surface, positions: Floats, regions: Sequence[Region]) -
         hard[pairs] |= np.sum(here[one] * across, axis=1) < _SAME_NORMAL
 
     edges = edges.reshape(-1, 3)
-    of_patches = [distinct_values(edges[children(faces, region.members)]) for region in regions]
-    shares = np.array([hard[each].mean() for each in of_patches])
+    of_regions = [distinct_values(edges[children(faces, region.members)]) for region in regions]
+    shares = np.array([hard[each].mean() for each in of_regions])
     for number in np.flatnonzero(shares > _FACETED):
-        hard[of_patches[number]] = True
+        hard[of_regions[number]] = True
     return HardEdges(np.stack(np.divmod(keys[hard], count), axis=1), shares)
 
 
 @dataclass(frozen=True, slots=True)
 class Rounded:
-    """Where the vertices of a refined surface lie, bind space.
+    """The placed vertices of a refined surface, bind space.
 
     Attributes:
         positions: (vertices, 3) stored positions.
         morph_deltas: (morph targets, vertices, 3).
-        departures: (regions,) how far a patch's new vertices leave the coarse surface at the most, over the height of
-            the tallest wrinkle there.
+        departures: (regions,) greatest distance of a region's new vertices from the coarse surface, over the greatest
+            displacement there.
     """
 
     positions: Floats
@@ -136,12 +136,12 @@ def rounded(
 
     Args:
         surface: The coarse surface.
-        subdivision: How it was split.
-        regions: Of all tools on it.
+        subdivision: The splits.
+        regions: All regions on the surface.
         blended: (vertices, 3, 4) bind to world space at rest.
         rest_places: (vertices, 3) places on the coarse surface, world space at rest.
-        rest_normals: (vertices, 3) of the coarse surface where a region is, world space at rest.
-        full: Make the whole offset.
+        rest_normals: (vertices, 3) normals of the coarse surface, world space at rest; needed only at regions.
+        full: True to apply the whole offset.
     """
     old = len(surface.positions)
     places, deltas = subdivision.interpolate(surface.positions), subdivision.interpolate(surface.morph_deltas)
@@ -152,14 +152,14 @@ def rounded(
     heights_rest = np.abs(heights) * np.linalg.norm(np.einsum("vij,vj->vi", blended[old:, :, :3], normals), axis=1)
 
     shares, tallest = np.full(len(heights), 1.0 if full else 0.0), np.zeros(len(heights))
-    on_patches = []
+    on_regions = []
     for region in regions:
         vertices = distinct_values(subdivision.triangles[children(subdivision.parents, region.members)])
         vertices = vertices[vertices >= old]
-        on_patches.append(vertices - old)
+        on_regions.append(vertices - old)
         u, v = region.coordinates(rest_places[vertices])
         share = region.presence(u, v, region.cosines(u, rest_normals[vertices]))
-        # Grows like the height at first, and towards its bound in the end.
+        # The offset grows like the height at first, and towards its bound in the end.
         excess = heights_rest[vertices - old] / (_MOST * region.nominal_height)
         share = np.rint(share / (1.0 + excess**4) ** 0.25 / _STEP) * _STEP
         shares[vertices - old] = np.maximum(shares[vertices - old], share)
@@ -167,21 +167,22 @@ def rounded(
 
     places[old:] = smooth[old:] if full else places[old:] + (shares * heights)[:, None] * normals
     deltas[:, old:] += shares[:, None] * (subdivision.positions(surface.morph_deltas) - deltas)[:, old:]
-    departures = [(shares * heights_rest)[each] / tallest[each] for each in on_patches]
+    departures = [(shares * heights_rest)[each] / tallest[each] for each in on_regions]
     return Rounded(places, deltas, np.array([each.max(initial=0.0) for each in departures]))
 
 
 def _heights(places: Floats, smooth: Floats, triangles: Ints, old: int) -> tuple[Floats, Floats]:
-    """(new vertices, 3) unit normals of the coarse surface, and (new vertices,) how high above it the smooth one lies.
+    """(new vertices, 3) unit normals of the coarse surface, and (new vertices,) heights of the smooth surface above it.
 
-    In the middle of a coarse face that is its normal, on an edge the mean of both faces'. Along it a vertex goes to the
-    plane that touches the smooth surface at the vertex's place there: a line to the vertex itself would lean.
+    The normal is that of the face in the middle of a coarse face, and the mean of both faces' on an edge. A vertex goes
+    along the normal to the plane that touches the smooth surface at the vertex's place there; a line to the vertex on
+    the smooth surface itself would lean.
 
     Args:
-        places: (vertices, 3) of the fine triangles' vertices on the coarse surface.
-        smooth: (vertices, 3) on the smooth surface.
+        places: (vertices, 3) fine vertices on the coarse surface.
+        smooth: (vertices, 3) fine vertices on the smooth surface.
         triangles: (triangles, 3).
-        old: How many of the vertices are coarse ones.
+        old: Number of coarse vertices, which come first.
     """
     new = np.arange(old, len(places))
     normals, smooth_normals = normals_at(places, triangles, new), normals_at(smooth, triangles, new)

@@ -1,7 +1,7 @@
-"""Which edges must not be split: those whose midpoint the file could not move as the surface moves there.
+"""Forbids splits of edges whose midpoint could not move as the surface does there.
 
-A midpoint hangs on the joints of both ends, which may be more than a vertex of the file can have; and where a mesh
-touches another, a midpoint of the one alone would leave a gap.
+A midpoint depends on the joints of both ends, which may be more than a vertex of the file can have. And where a mesh
+touches another, a new midpoint in only one of them would leave a gap.
 """
 
 from collections.abc import Sequence
@@ -19,18 +19,18 @@ from wrinklecli.surface.rest import Rest
 
 
 @dataclass(frozen=True, slots=True)
-class Storage:
-    """What a file can store of midpoints' skin weights, and how far that may move them off.
+class SplitLimits:
+    """The limits of a file on midpoints, near the regions.
 
     Attributes:
-        contacts: (coarse vertices,) those that touch another mesh.
-        near: (coarse triangles,) those at a region.
+        contacts: (coarse vertices,) True for vertices that touch another mesh.
+        near: (coarse triangles,) True for triangles at a region.
         bind_positions: (coarse vertices, 3) bind space at rest.
         weights: (coarse vertices, acting joints) skin weights near the regions; 0 elsewhere.
         distances: (acting joints, acting joints) in the skeleton.
         poses: (poses, acting joints, 4, 4) bind to world space.
-        influences: How many joints a vertex of the file can have.
-        tolerance: Scene units.
+        influences: Greatest number of joints of a vertex in the file.
+        tolerance: Greatest distance by which pruned weights may move a midpoint off, scene units.
     """
 
     contacts: Bools
@@ -55,8 +55,8 @@ class Storage:
         influences: int,
         poses: Floats,
         tolerance: float,
-    ) -> "Storage":
-        """Keep of the surface what is at (coarse triangles,) members, and of joints those that act there."""
+    ) -> "SplitLimits":
+        """Collect the vertices near the (coarse triangles,) members, and the joints that act there."""
         near = np.asarray(np.isin(surface.triangles, surface.triangles[members]).any(axis=1))
         used = distinct_values(surface.triangles[near])
         # Most joints move no vertex of a region.
@@ -73,7 +73,7 @@ class Storage:
         )
 
     def forbidden(self, level: Level) -> Bools:
-        """(edges,) those along another mesh, and those near a region whose midpoint has too many joints."""
+        """(edges,) edges along another mesh, and edges near a region whose midpoint has too many joints."""
         touching = np.zeros(max(int(level.edges.max(initial=0)) + 1, len(self.contacts)), bool)
         touching[: len(self.contacts)] = self.contacts
         found: Bools = touching[level.edges[:, 0]] & touching[level.edges[:, 1]]

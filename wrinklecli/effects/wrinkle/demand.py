@@ -168,7 +168,7 @@ class _Line:
         corners = surface.triangles[[triangle for triangle, _ in feet]]
         barycentrics = np.stack([found for _, found in feet])
         # Straight from place to place.
-        places = path.ways[::_EVERY] / path.length
+        places = path.arc_lengths[::_EVERY] / path.length
         us = np.linspace(0.0, 1.0, _POINTS * patch.curve.interval_count + 1)
         behind = np.clip(np.searchsorted(places, us), 1, len(places) - 1)
         t = ((us - places[behind - 1]) / (places[behind] - places[behind - 1]))[:, None]
