@@ -73,14 +73,14 @@ def test_every_job_comes_back_once_and_one_that_kills_fails_alone(monkeypatch: p
             raise distributed.KilledWorker("key", None, 3)
         return Outcome(job, "built")
 
-    monkeypatch.setattr(cluster, "work", work)
-    monkeypatch.setattr(cluster.time, "monotonic", lambda: next(now) * cluster._ROUND / 3)
+    monkeypatch.setattr(cluster, "run_job", work)
+    monkeypatch.setattr(cluster.time, "monotonic", lambda: next(now) * cluster._TASK_SECONDS / 3)
     monkeypatch.setattr(distributed, "get_worker", lambda: Client)
     monkeypatch.setattr(Client, "address", "tcp://a", raising=False)
     client = Client()
     looks: list[int] = []
     told: list[str] = []
-    sent = cluster._Sent(client, SETTINGS, lambda: looks.append(1) or 1, told.append)
+    sent = cluster._DaskRun(client, SETTINGS, lambda: looks.append(1) or 1, told.append)
     outcomes = list(sent.outcomes(JOBS))
     assert looks == [1, 1]
     assert told == ["the scheduler has no workers: it waits for some, with 50 jobs left"]

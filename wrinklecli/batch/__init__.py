@@ -1,5 +1,5 @@
-"""A manifest in, many bakes out: what to bake, what of it is new, who bakes it, and what came of each.
+"""Bake every job of a manifest: find the jobs that changed, hand them to workers, and report each outcome.
 
-This room runs the bakes of `baking`, one at a time here or many at once by Dask, and takes from a cache what was baked
-before. It does not know how a bake is made, nor how outcomes are shown to people.
+This room calls `baking` for each job, in this process or on workers of Dask, and keeps a cache of finished outputs. It
+does not know how a bake works, nor how outcomes are shown to people.
 """

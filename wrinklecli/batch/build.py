@@ -1,4 +1,4 @@
-"""The bake of one job by the same function as `wrinkle bake`, and the tracks of its clips: what was made, and where."""
+"""Bake one job by the function behind `wrinkle bake`, and track its other clips."""
 
 import os
 from collections.abc import Callable, Iterable
@@ -20,18 +20,19 @@ from wrinklecli.gltf.uris import path_of
 from wrinklecli.numeric.memory import MAX_MEMORY, held, parse_bytes
 from wrinklecli.tools.records import parse_length
 
-# The manifest's keys, by the names of `BakeOptions` where these differ.
+# The manifest's keys that `BakeOptions` calls otherwise.
 _NAMES = {"anim": "anims", "clip": "clips", "tool": "only"}
+_TRACK_FPS = 30.0  # frames per second of tracked clips if the job names none, as for `wrinkle track`
 
 
 @dataclass(frozen=True, slots=True)
 class Built:
-    """What a bake has made.
+    """A finished bake.
 
     Attributes:
-        outcome: What is said of it; its seconds are for others to tell.
-        files: Root (of `staging.ROOTS`), path from there and path here of each file; the main one last. None where
-            `out` is no file.
+        outcome: Outcome without its seconds.
+        files: Root (one of `staging.ROOTS`), path within it, and local path of each file; the main one last. Empty if
+            `out` is no regular file.
     """
 
     outcome: Outcome
@@ -41,40 +42,40 @@ class Built:
 def build(
     here: Staged, open_outputs: Callable[[], AbstractContextManager[Outputs]], own: Iterable[tuple[str, str]]
 ) -> Built:
-    """Bake a job; its outputs are in their places here at the end, in folders that are made where they are missing.
+    """Bake a job and put its outputs into their local places; missing folders are made.
 
     Args:
-        here: The job.
-        open_outputs: Opens what it writes into.
-        own: Root and path from there of files that it wrote before and that nobody has changed since.
+        here: Job with local paths.
+        open_outputs: Opens the outputs.
+        own: Root and path of files that the job wrote earlier and that nobody has changed since.
 
     Raises:
-        WrinkleError: As `bake` and `track`. Then nothing is written of the bake; of tracks, all or nothing.
+        WrinkleError: `bake` or `track` fails. Then nothing of the bake is written; of the tracks, all or nothing.
     """
     job = here.job
     options = bake_options(job)
     _make_folders(here)
-    _forget_peak()
+    _reset_peak_memory()
     with held(options.max_memory):
         with open_outputs() as outputs:
             outputs.own(os.path.join(here.roots[root][1], path) for root, path in own)
             for path in (job.report, job.timings):
                 if path is not None:
                     outputs.claim(path)
-            made = bake(job.asset, job.tools, job.out, options, outputs=outputs)
+            report = bake(job.asset, job.tools, job.out, options, outputs=outputs)
             if job.report is not None:
-                outputs.add_bytes(job.report, here.as_asked(as_json(made.data)).encode())
+                outputs.add_bytes(job.report, here.with_given_paths(as_json(report.data)).encode())
             if job.timings is not None:
-                outputs.add_bytes(job.timings, as_json(made.timings).encode())
+                outputs.add_bytes(job.timings, as_json(report.timings).encode())
         written = list(outputs.written)
-        warnings = list(made.warnings)
+        warnings = list(report.warnings)
         if job.anims and job.tracked is not None:
             with open_outputs() as outputs:
                 tracked = track(
                     job.out,
                     job.anims,
                     job.tracked,
-                    fps=options.fps or 30.0,
+                    fps=options.fps or _TRACK_FPS,
                     allow_external=options.allow_external,
                     max_memory=options.max_memory,
                     strict=options.strict,
@@ -86,25 +87,16 @@ def build(
         job,
         "built",
         peak_memory=peak_memory(),
-        summary=made.summary,
-        warnings=tuple(map(here.as_asked, warnings)),
-        residual=_residual(made),
-        tallest=made.data["tallest_wrinkle"],
+        summary=report.summary,
+        warnings=tuple(map(here.with_given_paths, warnings)),
+        residual=_residual(report),
+        tallest=report.data["tallest_wrinkle"],
     )
-    return Built(outcome, _files(here, written))
-
-
-def _make_folders(here: Staged) -> None:
-    """Make the folders that a job writes into. They stay where it fails: another job may be about to write there."""
-    for _, folder in here.roots.values():
-        try:
-            os.makedirs(folder or ".", exist_ok=True)
-        except OSError as error:
-            raise BakeError(f"cannot be written: {error.strerror}", where=folder) from error
+    return Built(outcome, _files_to_keep(here, written))
 
 
 def bake_options(job: BatchJob) -> BakeOptions:
-    """The options of a job as `bake` takes them."""
+    """Convert the options of a job to those of `bake`."""
     values: dict[str, Any] = {_NAMES.get(key, key): value for key, value in job.options.items()}
     if "max_error" in values:
         values["max_error"] = parse_length(values["max_error"])
@@ -112,15 +104,30 @@ def bake_options(job: BatchJob) -> BakeOptions:
     return BakeOptions(details=job.report is not None, **values)
 
 
-def _residual(made: Report) -> float | None:
-    proven = [clip["residual"]["position"] for clip in made.data["clips"] if clip.get("residual")]
+def _make_folders(here: Staged) -> None:
+    """Make the folders of the outputs. They stay if the job fails, as another job may be about to write there."""
+    for _, folder in here.roots.values():
+        try:
+            os.makedirs(folder or ".", exist_ok=True)
+        except OSError as error:
+            raise BakeError(f"cannot be written: {error.strerror}", where=folder) from error
+
+
+def _reset_peak_memory() -> None:
+    """Start a new count of the peak memory, if the system can: see `proc_pid_clear_refs(5)`."""
+    with suppress(OSError), open("/proc/self/clear_refs", "w") as file:
+        file.write("5")
+
+
+def _residual(report: Report) -> float | None:
+    proven = [clip["residual"]["position"] for clip in report.data["clips"] if clip.get("residual")]
     return max(proven, default=None)
 
 
-def _files(here: Staged, written: list[str]) -> list[tuple[str, str, str]]:
-    """What a cache has to keep: what was written, and what the outputs refer to, which may have been there."""
+def _files_to_keep(here: Staged, written: list[str]) -> list[tuple[str, str, str]]:
+    """List the files that the cache has to keep: the written ones, and others that the outputs refer to."""
     job = here.job
-    if not os.path.isfile(job.out):  # a pipe or a device, which has nothing to keep
+    if not os.path.isfile(job.out):  # a pipe or a device, which cannot be read again
         return []
     models = [job.out, *(path for path in written if here.roots.get("tracked") and _within(path, here, "tracked"))]
     for model in models:
@@ -138,12 +145,6 @@ def _files(here: Staged, written: list[str]) -> list[tuple[str, str, str]]:
 
 
 def _within(path: str, here: Staged, root: str) -> str | None:
-    """A path as seen from the folder of a root; none where it is outside."""
+    """Path relative to the folder of a root; None if it is outside."""
     relative = os.path.relpath(path, here.roots[root][1] or ".")
     return None if relative.split(os.sep)[0] == os.pardir else relative
-
-
-def _forget_peak() -> None:
-    """Begin to count the most memory held anew, where the system can: see `proc_pid_clear_refs(5)`."""
-    with suppress(OSError), open("/proc/self/clear_refs", "w") as file:
-        file.write("5")

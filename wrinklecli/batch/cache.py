@@ -1,16 +1,15 @@
-"""Outputs of earlier bakes by the keys of their jobs, in a folder or a store that many drivers and workers share.
+"""A cache of finished outputs, in a folder or a store that many processes share.
 
-    CACHEDIR.TAG            says to backups what this is
-    keys/ab/<key>.json      what a job has made: its files by digest, and what was said of them
-    files/ab/<digest>       their contents
-    outs/ab/<path>.json     what the output at a path was made from, to say what has changed since
+    CACHEDIR.TAG            tells backup programs to skip the folder
+    keys/ab/<key>.json      the record of a job: its files by digest, and its outcome
+    files/ab/<digest>       the contents of the files
+    outs/ab/<path>.json     the inputs of the output at a path, to say later what has changed
 
-Each is written whole, the record of a key after its files. What is damaged counts as unknown.
+Each file is written whole, and a record after the files that it names. A damaged entry counts as missing.
 """
 
 import hashlib
 import json
-import os
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -21,18 +20,18 @@ from wrinklecli.batch.cache_keys import Parts
 from wrinklecli.errors import WrinkleError
 
 _VERSION = 1
-# As bford.info/cachedir has it.
+# The signature is from bford.info/cachedir.
 _TAG = b"Signature: 8a477f597d28d172789f06886806bc55\n# A cache of wrinkle batch: it may be deleted at any time.\n"
 
 
 @dataclass(frozen=True, slots=True)
 class CachedFile:
-    """A file that a job has made.
+    """An output file.
 
     Attributes:
-        root: Which of the job's folders it is in, such as `out`.
-        path: From there.
-        digest: Of its content.
+        root: Name of the job's folder that holds it, such as `out`.
+        path: Path within that folder.
+        digest: SHA-256 of the content.
     """
 
     root: str
@@ -42,11 +41,11 @@ class CachedFile:
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """What a job has made.
+    """The outputs of a job.
 
     Attributes:
-        files: The main one last.
-        said: Of it, as JSON values.
+        files: Output files, the main one last.
+        said: Outcome as JSON values.
     """
 
     files: tuple[CachedFile, ...]
@@ -54,13 +53,13 @@ class Record:
 
 
 class Cache:
-    """A cache at a path or a URL."""
+    """A cache at a path or a URL. Methods that write raise WrinkleError if they cannot."""
 
     def __init__(self, place: str) -> None:
         self._place = place
 
     def open(self) -> None:
-        """Make sure that it can be written; raises as `keep`."""
+        """Make sure that the cache can be written."""
         tag = stores.join(self._place, "CACHEDIR.TAG")
         with suppress(OSError):
             if stores.read(tag) == _TAG:
@@ -68,18 +67,18 @@ class Cache:
         self._put(tag, _TAG)
 
     def find(self, key: str) -> Record | None:
-        """What the job of a key has made."""
-        found = self._read("keys", key)
+        """Look up the outputs of a job by its key."""
+        entry = self._read("keys", key)
         try:
-            if found is None or found["cache"] != _VERSION:
+            if entry is None or entry["cache"] != _VERSION:
                 return None
-            files = tuple(CachedFile(*map(str, each)) for each in found["files"])
-            return Record(files, dict(found["said"])) if files else None
+            files = tuple(CachedFile(*map(str, each)) for each in entry["files"])
+            return Record(files, dict(entry["said"])) if files else None
         except (KeyError, TypeError, ValueError):
             return None
 
     def content(self, file: CachedFile) -> bytes | None:
-        """The content of a file; none where it is lost or damaged."""
+        """Read the content of a file; None if it is lost or damaged."""
         try:
             data = stores.read(self._path("files", file.digest))
         except OSError:
@@ -87,15 +86,15 @@ class Cache:
         return data if hashlib.sha256(data).hexdigest() == file.digest else None
 
     def keep(self, key: str, files: Iterable[tuple[str, str, str]], said: Mapping[str, Any]) -> None:
-        """Keep what a job has made.
+        """Store the outputs of a job.
 
         Args:
-            key: Of the job.
-            files: Root, path from there, and where each is now; the main one last.
-            said: Of it, as JSON values.
+            key: Key of the job.
+            files: Root, path within it, and present place of each file; the main one last.
+            said: Outcome as JSON values.
 
         Raises:
-            OSError, WrinkleError: It cannot be written.
+            OSError: A file cannot be read.
         """
         kept = []
         for root, path, now in files:
@@ -105,13 +104,13 @@ class Cache:
             kept.append([root, path, digest])
         self._put(self._path("keys", key), json.dumps({"cache": _VERSION, "files": kept, "said": said}).encode())
 
-    def made_from(self, out: str) -> Parts | None:
-        """What the output at a path was made from when this cache saw it last."""
-        found = self._read("outs", _name_of(out))
-        return found.get("parts") if found is not None else None
+    def parts_of_output(self, out: str) -> Parts | None:
+        """The inputs that the output at a path was made from, as last noted."""
+        entry = self._read("outs", _name_of(out))
+        return entry.get("parts") if entry is not None else None
 
-    def note(self, out: str, parts: Parts) -> None:
-        """Say what the output at a path is made from; raises as `keep`."""
+    def note_output(self, out: str, parts: Parts) -> None:
+        """Note the inputs that the output at a path is made from."""
         self._put(self._path("outs", _name_of(out)), json.dumps({"out": out, "parts": parts}).encode())
 
     def _path(self, kind: str, name: str) -> str:
@@ -120,10 +119,10 @@ class Cache:
 
     def _read(self, kind: str, name: str) -> dict[str, Any] | None:
         try:
-            found = json.loads(stores.read(self._path(kind, name)))
+            entry = json.loads(stores.read(self._path(kind, name)))
         except (OSError, ValueError, RecursionError):
             return None
-        return found if isinstance(found, dict) else None
+        return entry if isinstance(entry, dict) else None
 
     def _put(self, path: str, data: bytes) -> None:
         try:
@@ -133,5 +132,4 @@ class Cache:
 
 
 def _name_of(out: str) -> str:
-    known = out if stores.is_url(out) else os.path.abspath(out)
-    return hashlib.sha256(known.encode("utf-8", "surrogateescape")).hexdigest()
+    return hashlib.sha256(stores.absolute(out).encode("utf-8", "surrogateescape")).hexdigest()

@@ -1,6 +1,6 @@
-"""What a job depends on, by content: from that a key, under which a cache knows its outputs.
+"""Cache keys: a digest of everything that the outputs of a job depend on.
 
-Times, folders and names of inputs do not matter; what is in them does, and who bakes them.
+The contents of the inputs count, and the version of this program. Times, folders and names of inputs do not.
 """
 
 import hashlib
@@ -17,23 +17,25 @@ from wrinklecli.batch import stores
 from wrinklecli.batch.jobs import BatchJob
 from wrinklecli.batch.manifest_schema import OPTION_KEYS
 from wrinklecli.errors import AssetError
+from wrinklecli.gltf.files import leaves_folder
 from wrinklecli.gltf.uris import path_of
 
 Parts: TypeAlias = dict[str, Any]
-"""What a key is made from, by what it is, as JSON values."""
+"""What a key is made from, by name, as JSON values."""
 
-# Of a .glb (glTF 2.0, §4.4): magic, version, length; length and kind of the JSON chunk.
+# Header of a .glb (glTF 2.0, §4.4): magic, version, length; length and kind of the JSON chunk.
 _HEADER = struct.Struct("<4sIIII")
-_MOST_JSON = 2**28  # bytes; the bake refuses what is larger before
-_MISSING = "missing"
-# The first two are told by what is in them; a bake that took more memory was refused, and makes nothing else of more.
-_NO_OPTIONS = ("anim", "frames_dir", "max_memory")
-_NAMES = ("out", "report", "timings")
+_MAX_JSON = 2**28  # bytes of JSON that are read; the bake refuses a larger asset
+_MISSING = "missing"  # stands for the digest of a missing file
+# Options that do not count by value: the contents of `anim` count, the names of `frames_dir` do not matter, and
+# `max_memory` only decides between a bake and an error.
+_IGNORED_OPTIONS = ("anim", "frames_dir", "max_memory")
+_NAMED_OUTPUTS = ("out", "report", "timings")  # their file names count: outputs refer to each other
 
 
 @cache
 def program() -> str:
-    """The version of this program: its number, and a digest of its source, which has the method's number too."""
+    """The version of this program: its number and a digest of its source."""
     folder = os.path.dirname(wrinklecli.__file__)
     digest = hashlib.sha256()
     for path in sorted(os.path.join(top, name) for top, _, names in os.walk(folder) for name in names):
@@ -43,43 +45,43 @@ def program() -> str:
     return f"{version('wrinklecli')}+{digest.hexdigest()[:16]}"
 
 
-def parts_of(job: BatchJob, asked: BatchJob) -> Parts:
-    """What the outputs of a job depend on.
+def parts_of(job: BatchJob, given: BatchJob) -> Parts:
+    """List what the outputs of a job depend on.
 
     Args:
-        job: Whose inputs are files here.
-        asked: The same as it was asked for.
+        job: Job with local inputs.
+        given: Job as the manifest has it.
 
     Raises:
-        AssetError: One cannot be read.
+        AssetError: An input cannot be read.
     """
     external = bool(job.options.get("allow_external", False))
     options = {
         key: value
         for key, value in job.options.items()
-        if key not in _NO_OPTIONS and value != OPTION_KEYS[key].get("default")
+        if key not in _IGNORED_OPTIONS and value != OPTION_KEYS[key].get("default")
     }
     parts: Parts = {
         "program": program(),
-        "asset": asset_digests(job.asset, external=external),
+        "asset": _asset_digests(job.asset, external=external),
         "tools": [_digest(path) for path in job.tools],
-        "anim": [asset_digests(path, external=external) for path in job.options.get("anim", ())],
-        "anims": [[os.path.basename(path), asset_digests(path, external=external)] for path in job.anims],
+        "anim": [_asset_digests(path, external=external) for path in job.options.get("anim", ())],
+        "anims": [[os.path.basename(path), _asset_digests(path, external=external)] for path in job.anims],
         "options": {**options, "frames": "frames_dir" in job.options},
-        "names": {name: os.path.basename(getattr(job, name) or "") for name in _NAMES},
+        "names": {name: os.path.basename(getattr(job, name) or "") for name in _NAMED_OUTPUTS},
     }
-    if job.report:  # it tells of them as they were given
-        parts["names"]["given"] = [asked.asset, *asked.tools]
+    if job.report:  # a report names the inputs as the manifest does
+        parts["names"]["given"] = [given.asset, *given.tools]
     return parts
 
 
 def key_of(parts: Parts) -> str:
-    """The key that parts make."""
+    """Digest the parts to a key."""
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 
 def difference(old: Parts | None, new: Parts) -> str:
-    """Why a job has to be baked, though its output was baked before: what has changed, in words."""
+    """Say in words what has changed since the output was baked."""
     if old is None:
         return "new"
     words = {"program": "wrinkle", "asset": "the asset", "tools": "the tools", "anim": "clips", "anims": "clips"}
@@ -87,32 +89,32 @@ def difference(old: Parts | None, new: Parts) -> str:
     return f"{', '.join(dict.fromkeys(changed))} changed" if changed else "the cache has lost it"
 
 
-def asset_digests(path: str, *, external: bool) -> dict[str, str]:
-    """Digests of a glTF asset and of every file that it refers to, by URI; its own is under an empty one.
+def _asset_digests(path: str, *, external: bool) -> dict[str, str]:
+    """Digest a glTF asset and every file that it refers to, by URI; the asset itself has an empty one.
 
     Raises:
-        AssetError: The asset cannot be read. Of another file, that is for the bake to say.
+        AssetError: The asset cannot be read. The bake reports other missing files.
     """
-    found = {"": _digest(path)}
+    digests = {"": _digest(path)}
     with stores.opened(path) as file:
         uris = references(file)
     for uri in uris:
-        place = _beside(path, uri, external=external)
+        place = _path_beside(path, uri, external=external)
         try:
-            found[uri] = _digest(place) if place else _MISSING
+            digests[uri] = _digest(place) if place else _MISSING
         except AssetError:
-            found[uri] = _MISSING
-    return found
+            digests[uri] = _MISSING
+    return digests
 
 
 def references(file: BinaryIO) -> list[str]:
-    """The URIs of buffers and images of an open glTF file; none where it cannot be understood."""
+    """List the URIs of buffers and images of an open glTF file; none if the file is damaged."""
     try:
         head = file.read(_HEADER.size)
         if head.startswith(b"glTF"):
-            text = file.read(min(_HEADER.unpack(head)[3], _MOST_JSON))
+            text = file.read(min(_HEADER.unpack(head)[3], _MAX_JSON))
         else:
-            text = head + file.read(_MOST_JSON)
+            text = head + file.read(_MAX_JSON)
         return list(dict.fromkeys(_uris(json.loads(text))))
     except (ValueError, struct.error, RecursionError, AttributeError, TypeError):
         return []
@@ -125,14 +127,12 @@ def _uris(gltf: Any) -> Iterator[str]:
             yield uri
 
 
-def _beside(asset: str, uri: str, *, external: bool) -> str | None:
-    """The file that a URI of an asset names; none that a bake would not read."""
+def _path_beside(asset: str, uri: str, *, external: bool) -> str | None:
+    """The file that a URI of an asset names; None if a bake would not read it."""
     try:
-        path = path_of(uri)
+        return None if leaves_folder(uri) and not external else os.path.join(os.path.dirname(asset), path_of(uri))
     except ValueError:
         return None
-    outside = os.path.isabs(path) or os.path.normpath(path).split(os.sep)[0] == os.pardir
-    return None if outside and not external else os.path.join(os.path.dirname(asset), path)
 
 
 def _digest(path: str) -> str:
@@ -140,5 +140,4 @@ def _digest(path: str) -> str:
         with stores.opened(path) as file:
             return hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
     except (OSError, ValueError) as error:
-        reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
-        raise AssetError(f"cannot be read: {reason}", where=path) from error
+        raise AssetError(f"cannot be read: {stores.reason_of(error)}", where=path) from error

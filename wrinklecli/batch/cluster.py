@@ -1,8 +1,8 @@
-"""Jobs by workers of Dask, on this machine or a cluster.
+"""Run jobs on workers of Dask, on this machine or a cluster.
 
-Source: distributed.readthedocs.io. Differs from its own way: a task is several jobs, of which its worker does as many
-as take half a second, since each task costs all processes together as much as a small bake's tenth; the rest comes
-back. A scheduler never holds a hundred thousand, and one that is lost is found out at once.
+Source: distributed.readthedocs.io. Differs: one task holds several jobs, because a task costs all processes together as
+much as a tenth of a small bake. A worker does as many jobs of a task as it can begin within half a second and gives the
+rest back. The scheduler never holds a hundred thousand tasks, and a lost scheduler is noticed at once.
 """
 
 import gc
@@ -20,30 +20,28 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 from wrinklecli.batch.jobs import BatchJob, Outcome
-from wrinklecli.batch.worker import Settings, work
+from wrinklecli.batch.worker import Settings, run_job
 from wrinklecli.errors import WrinkleError, counted
 
-# Tasks that a scheduler knows at a time: more than a cluster has workers, little memory.
-_WINDOW = 1_000
-# Jobs of a task at the most, and seconds after which its worker begins no other one.
-_MOST, _ROUND = 16, 0.5
-# Tasks for each thread that the jobs which are left are divided into, so that all threads end at about the same time.
-_TASKS = 4
+_MAX_TASKS = 1_000  # tasks at the scheduler at a time: more than a cluster has workers, and little memory
+_MAX_TASK_JOBS = 16  # jobs of one task
+_TASK_SECONDS = 0.5  # seconds after which a worker begins no other job of its task
+_TASKS_PER_THREAD = 4  # tasks that the remaining jobs are divided into, so that all threads end at about the same time
 _CONNECT = 10.0  # seconds for a scheduler to answer
-_PULSE = 0.5  # seconds between looks whether it is still there
-_RECOUNT = 5.0  # seconds between looks how many threads its workers have, which come and go
-_MOST_DEAD = 100  # workers that die one after another, while none ends a task
-_BEFORE_COLLECTION = 100_000  # of objects, as for the command line
-# What Dask's processes do beside their work: they look at themselves, for its dashboard, which takes a tenth of a
-# worker's time; and give memory back at once, which takes a twentieth. A bake bounds its memory itself.
+_PULSE = 0.5  # seconds between checks of the scheduler
+_RECOUNT = 5.0  # seconds between counts of the workers' threads, as workers come and go
+_MAX_DEAD = 100  # workers that may die one after another while no task ends
+_GC_THRESHOLD = 100_000  # objects before a garbage collection, as for the command line
+# Dask's processes measure themselves for its dashboard, which takes a tenth of a worker's time.
 _UNWATCHED = {
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.interval": "1s",
     "distributed.admin.system-monitor.interval": "10s",
 }
-_OF_WORKERS = {
+_FOR_WORKERS = {
+    # None: workers need not return memory at once, which takes a twentieth of their time; each bake has its own limit.
     "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None,
-    # One that died is begun again at once, and may take longer than 15 s on a busy machine.
+    # A worker that died starts again at once, but may need more than 15 s on a busy machine.
     "distributed.deploy.lost-worker-timeout": "5 minutes",
 }
 
@@ -52,11 +50,11 @@ Task: TypeAlias = tuple[BatchJob, ...]
 
 @dataclass(frozen=True, slots=True)
 class Workers:
-    """Who bakes.
+    """The processes that bake.
 
     Attributes:
-        count: Worker processes on this machine; one is this process.
-        scheduler: Address of a Dask scheduler in their place.
+        count: Worker processes on this machine; 1 is this process alone.
+        scheduler: Address of a Dask scheduler, whose workers are used instead.
         dashboard: Serve Dask's dashboard.
     """
 
@@ -66,49 +64,48 @@ class Workers:
 
 
 def refuse_without_dask(workers: Workers) -> None:
-    """Check that Dask is there, and what its dashboard needs.
+    """Check that Dask is installed, and also bokeh if the dashboard needs it.
 
     Raises:
-        WrinkleError: It is not.
+        WrinkleError: A library is missing.
     """
     if importlib.util.find_spec("distributed") is None:
         raise WrinkleError("more workers than one need dask.distributed: pip install 'wrinklecli[batch]'")
-    own = workers.scheduler is None
-    if own and workers.dashboard and importlib.util.find_spec("bokeh") is None:
+    if workers.scheduler is None and workers.dashboard and importlib.util.find_spec("bokeh") is None:
         raise WrinkleError("Dask's dashboard needs bokeh: pip install bokeh")
 
 
-def by_dask(
+def run_on_dask(
     jobs: Sequence[BatchJob], settings: Settings, workers: Workers, tell: Callable[[str], object]
 ) -> Iterator[Outcome]:
-    """Have jobs done by workers of Dask; see `scheduler.outcomes`."""
+    """Run jobs on workers of Dask; see `run.run_jobs`."""
     with _client(settings, workers) as (client, replace_dead):
         if workers.dashboard:
             tell(f"dashboard: {client.dashboard_link}")
-        # Of workers that this process has started itself, others follow at once.
-        of_workers = tell if workers.scheduler is not None else lambda _line: None
-        yield from _Sent(client, settings, replace_dead, of_workers).outcomes(jobs)
+        # Only other people's workers are worth a message: this process replaces its own at once.
+        tell_of_workers = tell if workers.scheduler is not None else lambda _line: None
+        yield from _DaskRun(client, settings, replace_dead, tell_of_workers).outcomes(jobs)
 
 
-def on_worker(task: Task, settings: Settings) -> list[Outcome]:
-    """Do jobs in a worker of Dask: the first, and those after it that begin soon enough; what comes of each."""
+def run_task(task: Task, settings: Settings) -> list[Outcome]:
+    """Run the first job of a task in a worker of Dask, and the next ones as long as there is time."""
     from distributed import get_worker
 
-    gc.set_threshold(_BEFORE_COLLECTION)
-    end = time.monotonic() + _ROUND
+    gc.set_threshold(_GC_THRESHOLD)
+    end = time.monotonic() + _TASK_SECONDS
     done: list[Outcome] = []
     for job in task:
         if done and time.monotonic() > end:
             break
-        done.append(replace(work(job, settings), worker=get_worker().address))
+        done.append(replace(run_job(job, settings), worker=get_worker().address))
     return done
 
 
 @contextmanager
 def _client(settings: Settings, workers: Workers) -> Iterator[tuple[Any, Callable[[], int]]]:
-    """A client of a scheduler that is there, or of one made for the time of the block; and what replaces dead workers.
+    """Connect to a scheduler, or to a new one that lives as long as the block; also give what replaces dead workers.
 
-    Elsewhere those who started workers do that.
+    Workers of an existing scheduler are replaced by whoever started them.
     """
     import distributed
 
@@ -116,8 +113,8 @@ def _client(settings: Settings, workers: Workers) -> Iterator[tuple[Any, Callabl
 
     for name in ("distributed", "tornado", "asyncio", "bokeh"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
-    warnings.filterwarnings("ignore", module="distributed")  # such as of a port that is taken: another one is told
-    cluster = _started(settings, workers) if workers.scheduler is None else None
+    warnings.filterwarnings("ignore", module="distributed")  # such as of a taken port: another one is reported
+    cluster = _start_cluster(settings, workers) if workers.scheduler is None else None
     try:
         try:
             client = untyped.Client(cluster or workers.scheduler, timeout=_CONNECT, set_as_default=False)
@@ -135,8 +132,8 @@ def _client(settings: Settings, workers: Workers) -> Iterator[tuple[Any, Callabl
                 cluster.close(timeout=5)
 
 
-def _started(settings: Settings, workers: Workers) -> Any:
-    """A scheduler in this process, with workers in others.
+def _start_cluster(settings: Settings, workers: Workers) -> Any:
+    """Start a scheduler in this process and workers in other processes.
 
     Raises:
         WrinkleError: They do not start.
@@ -146,11 +143,11 @@ def _started(settings: Settings, workers: Workers) -> Any:
 
     address = "127.0.0.1:8787" if workers.dashboard else "127.0.0.1:0"  # for this machine alone
     watched = {} if workers.dashboard else _UNWATCHED
-    dask.config.set(_OF_WORKERS | watched | {"distributed.scheduler.allowed-failures": settings.retries})
+    dask.config.set(_FOR_WORKERS | watched | {"distributed.scheduler.allowed-failures": settings.retries})
     start: Any = LocalCluster
     for attempt in range(settings.retries + 1):
         try:
-            # Memory is held by each bake itself; BLAS has one thread by Dask's own choice.
+            # Dask sets no memory limit, as each bake has its own; Dask gives BLAS one thread.
             return start(
                 n_workers=workers.count,
                 threads_per_worker=1,
@@ -158,14 +155,14 @@ def _started(settings: Settings, workers: Workers) -> Any:
                 silence_logs=logging.CRITICAL,
                 scheduler_kwargs={"dashboard": workers.dashboard, "dashboard_address": address},
             )
-        except (OSError, ValueError, RuntimeError) as error:  # one was killed before it began
+        except (OSError, ValueError, RuntimeError) as error:  # a worker was killed before it began
             if attempt == settings.retries:
                 raise WrinkleError(f"workers do not start: {str(error).splitlines()[0]}", where="Dask") from error
     raise AssertionError
 
 
 def _replace_dead(cluster: Any, count: int) -> int:
-    """Start others for workers that died before they had begun, for which Dask starts no other; how many did."""
+    """Start new workers for those that died before they began, which Dask does not replace; return their number."""
     from distributed.core import Status
 
     async def forget() -> int:
@@ -180,8 +177,11 @@ def _replace_dead(cluster: Any, count: int) -> int:
     return died
 
 
-class _Sent:
-    """Jobs that are with a scheduler, and those that wait."""
+class _DaskRun:
+    """The jobs at a scheduler, and the jobs that wait.
+
+    Methods that look at the scheduler raise WrinkleError if it is lost, or if workers die as they start.
+    """
 
     def __init__(
         self, client: Any, settings: Settings, replace_dead: Callable[[], int], tell: Callable[[str], object]
@@ -189,59 +189,55 @@ class _Sent:
         self._client = client
         self._replace_dead = replace_dead
         self._tell = tell
-        self._died = 0  # of workers, one after another
+        self._died = 0  # workers that died since a task ended
         self._settings = settings
         self._finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._waiting: deque[BatchJob] = deque()
-        self._left = 0  # jobs that wait or are in tasks, of which workers give back what they have no time for
+        self._remaining = 0  # jobs that wait or are in tasks
         self._tasks: dict[str, tuple[Task, Any]] = {}
         self._threads, self._counted = -1, -math.inf
 
     def outcomes(self, jobs: Sequence[BatchJob]) -> Iterator[Outcome]:
         self._waiting.extend(jobs)
-        self._left = len(jobs)
-        self._send_some()
+        self._remaining = len(jobs)
+        self._send_waiting()
         while self._tasks:
-            future = self._next()
+            future = self._next_finished()
             try:
                 done = self._done(future)
             except (OSError, CancelledError) as error:
-                # Done, and the scheduler was gone before it could pass on what came of it.
+                # The task is done, but the scheduler was lost before it could pass the outcomes on.
                 raise self._lost() from error
             self._died = 0
-            self._left -= len(done)
-            self._send_some()
+            self._remaining -= len(done)
+            self._send_waiting()
             yield from done
 
-    def _send_some(self) -> None:
-        """Send what waits, as far as the window allows; raises as `_next`."""
-        self._check()
-        while self._waiting and len(self._tasks) < _WINDOW:
+    def _send_waiting(self) -> None:
+        """Send waiting jobs, as many as the scheduler may hold."""
+        self._check_scheduler()
+        while self._waiting and len(self._tasks) < _MAX_TASKS:
             self._count_threads()
-            size = min(_MOST, math.ceil(self._left / (_TASKS * max(self._threads, 1))))
+            size = min(_MAX_TASK_JOBS, math.ceil(self._remaining / (_TASKS_PER_THREAD * max(self._threads, 1))))
             self._send(tuple(self._waiting.popleft() for _ in range(min(size, len(self._waiting)))))
 
     def _send(self, task: Task) -> None:
-        future = self._client.submit(on_worker, task, self._settings, pure=False)
+        future = self._client.submit(run_task, task, self._settings, pure=False)
         self._tasks[future.key] = task, future
         future.add_done_callback(self._finished.put)
 
     def _count_threads(self) -> None:
-        """Count the threads of the scheduler's workers, which come and go, and tell where all have gone."""
+        """Count the threads of the scheduler's workers now and then, and tell the user if all have gone."""
         if time.monotonic() < self._counted + _RECOUNT:
             return
-        with suppress(OSError):  # the scheduler is lost: the next look finds that out
+        with suppress(OSError):  # the scheduler is lost: the next check notices that
             before, self._threads = self._threads, sum(self._client.nthreads().values())
             if before and not self._threads:
-                self._tell(f"the scheduler has no workers: it waits for some, with {counted(self._left, 'job')} left")
+                jobs = counted(self._remaining, "job")
+                self._tell(f"the scheduler has no workers: it waits for some, with {jobs} left")
         self._counted = time.monotonic()
 
-    def _next(self) -> Any:
-        """The next task that is done.
-
-        Raises:
-            WrinkleError: The scheduler is lost, or workers die as they start.
-        """
+    def _next_finished(self) -> Any:
         while True:
             with suppress(queue.Empty):
                 future = self._finished.get(timeout=_PULSE)
@@ -249,12 +245,12 @@ class _Sent:
                     return future
                 if future.status != "cancelled":  # its worker has died since, and another one does the task again
                     future.add_done_callback(self._finished.put)
-            self._look_after_workers()
+            self._check_workers()
 
     def _result(self, future: Any) -> list[Outcome] | BaseException:
-        """What came of a task, or why nothing did.
+        """Ask for the outcomes of a task, or for the error that ended it.
 
-        A worker keeps it until it is asked for: if it has died meanwhile, another one does the task again.
+        A worker keeps outcomes until it is asked; if it has died meanwhile, another one does the task again.
         """
         from distributed import KilledWorker
 
@@ -262,7 +258,7 @@ class _Sent:
             try:
                 done: list[Outcome] = future.result(timeout=_PULSE)
             except TimeoutError:
-                self._look_after_workers()
+                self._check_workers()
             except KilledWorker as error:
                 return error
             else:
@@ -270,16 +266,14 @@ class _Sent:
         failed: BaseException = future.exception()
         return failed
 
-    def _look_after_workers(self) -> None:
-        """See that there are workers; raises as `_next`."""
-        self._check()
+    def _check_workers(self) -> None:
+        self._check_scheduler()
         self._died += self._replace_dead()
-        if self._died > _MOST_DEAD:
+        if self._died > _MAX_DEAD:
             raise WrinkleError(f"{self._died} workers died as they started: too little memory?", where="Dask")
         self._count_threads()
 
-    def _check(self) -> None:
-        """Raise if the scheduler is lost."""
+    def _check_scheduler(self) -> None:
         lost = any(future.status == "cancelled" for _, future in self._tasks.values())
         if lost or self._client.status != "running":
             raise self._lost()
@@ -292,12 +286,12 @@ class _Sent:
         )
 
     def _done(self, future: Any) -> list[Outcome]:
-        """What came of the jobs of a task that were done; the others wait or are sent again."""
+        """The outcomes of a task; jobs that its worker gave back wait again."""
         task, _ = self._tasks[future.key]
         done = self._result(future)
         if isinstance(done, BaseException) and len(task) == 1:
-            done = [Outcome(task[0], "failed", lines=(_why_not(task[0], done),))]
-        elif isinstance(done, BaseException):  # a job is at fault: each goes alone, and what was done is in the cache
+            done = [Outcome(task[0], "failed", lines=(_failure(task[0], done),))]
+        elif isinstance(done, BaseException):  # one job is at fault: send each alone; finished ones are in the cache
             done = []
             for job in task:
                 self._send((job,))
@@ -307,8 +301,8 @@ class _Sent:
         return done
 
 
-def _why_not(job: BatchJob, error: BaseException) -> str:
-    """Why no worker has done a job, in a line."""
+def _failure(job: BatchJob, error: BaseException) -> str:
+    """Say why no worker could do a job."""
     from distributed import KilledWorker
 
     if isinstance(error, KilledWorker):

@@ -1,7 +1,7 @@
-"""What is to be baked: a job, and what came of it."""
+"""A job of a batch and its outcome, as plain values that can be sent to other processes."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeAlias
 
 Result: TypeAlias = Literal["hit", "built", "refused", "failed", "bug"]
@@ -9,18 +9,18 @@ Result: TypeAlias = Literal["hit", "built", "refused", "failed", "bug"]
 
 @dataclass(frozen=True, slots=True)
 class BatchJob:
-    """One bake of a manifest, as plain values: it goes to other processes.
+    """One bake of a manifest. Every path may be a URL.
 
     Attributes:
-        where: Its place in the manifest, for messages.
-        asset: To read: a path or a URL, as all of these.
-        tools: Tools files, merged where there are several.
-        out: To write.
-        options: Of the bake, by the manifest's keys, paths in them as seen from here.
-        anims: Files that get the wrinkles of `out`, as `wrinkle track` does.
-        tracked: The folder for these.
-        report: To write, too.
-        timings: To write, too.
+        where: Place in the manifest, for messages.
+        asset: Asset to read.
+        tools: Tools files, merged if there are several.
+        out: Asset to write.
+        options: Options of the bake, by the manifest's keys.
+        anims: Files that get the wrinkles of `out`, as from `wrinkle track`.
+        tracked: Folder for the tracked files.
+        report: Report to write.
+        timings: Timings to write.
     """
 
     where: str
@@ -33,25 +33,67 @@ class BatchJob:
     report: str | None = None
     timings: str | None = None
 
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """All files that the job names to be read."""
+        return (self.asset, *self.tools, *self.anims, *self.options.get("anim", ()))
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """All files and folders that the job names to be written."""
+        named = (self.out, self.tracked, self.report, self.timings, self.options.get("frames_dir"))
+        return tuple(path for path in named if path)
+
+    def with_paths(
+        self,
+        *,
+        asset: Callable[[str], str],
+        tools: Callable[[str], str],
+        file: Callable[[str], str],
+        folder: Callable[[str], str],
+    ) -> "BatchJob":
+        """Replace every path by a function of it.
+
+        Args:
+            asset: For glTF files to read.
+            tools: For tools files.
+            file: For files to write.
+            folder: For folders to write into.
+        """
+        options = dict(self.options)
+        if "anim" in options:
+            options["anim"] = tuple(map(asset, options["anim"]))
+        if "frames_dir" in options:
+            options["frames_dir"] = folder(options["frames_dir"])
+        return replace(
+            self,
+            asset=asset(self.asset),
+            tools=tuple(map(tools, self.tools)),
+            anims=tuple(map(asset, self.anims)),
+            out=file(self.out),
+            report=file(self.report) if self.report else None,
+            timings=file(self.timings) if self.timings else None,
+            tracked=folder(self.tracked) if self.tracked else None,
+            options=options,
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of a job.
+    """The outcome of a job.
 
     Attributes:
-        job: The job.
-        result: `hit`: the cache knew it; `built`: baked; `refused` and `failed`, as a bake's exit codes 3 and 1;
-            `bug`: a fault of ours.
-        reason: Why it was, or would be, baked; for a hit, whether its files were in their places already.
-        seconds: It took.
-        key: Over all that it depends on; empty where that could not be read.
-        peak_memory: Bytes that its process held at most meanwhile, where the system says so.
-        summary: What was made, in a line.
-        warnings: A line each.
-        residual: Largest distance of the file from the method, scene units, where it was proved.
+        result: `hit` if the outputs were in the cache, `built` if they were baked; `refused` and `failed` stand for
+            the exit codes 3 and 1 of a bake, `bug` for a fault of this program.
+        reason: Why the job was (or would be) baked; for a hit, whether its files were in their places already.
+        seconds: Time that the job took.
+        key: Cache key of the job; empty if an input cannot be read.
+        peak_memory: Bytes, the largest memory of the process meanwhile; None if the system does not tell.
+        summary: One line about the output.
+        residual: Largest distance of the file from the method, scene units; None without proof.
         tallest: Height of the tallest wrinkle, scene units.
-        lines: What went wrong.
-        worker: Who did it; empty for this process.
+        lines: Error messages.
+        worker: Address of the worker; empty for this process.
     """
 
     job: BatchJob
@@ -69,5 +111,5 @@ class Outcome:
 
     @property
     def done(self) -> bool:
-        """Whether the job's files are there."""
+        """True if the job's files are in their places."""
         return self.result in ("hit", "built")

@@ -1,6 +1,6 @@
-"""What a manifest may say, as a JSON Schema: jobs, with the options of `wrinkle bake` by the same names.
+"""The JSON Schema of a manifest: jobs, with the options of `wrinkle bake` by the same names.
 
-`max-error` of the command line is `max_error` here. An option that may be repeated is a list here, or a single text.
+`max-error` of the command line is `max_error` here. An option that may be repeated is a text or a list of texts.
 """
 
 from wrinklecli.tools.json_schema import (
@@ -19,7 +19,7 @@ from wrinklecli.tools.json_schema import (
 from wrinklecli.tools.records import MAX_VERTICES
 
 MAX_JOBS = 100_000
-OWN_KEYS = ("asset", "lods")  # of each job; no defaults
+OWN_KEYS = ("asset", "lods")  # each job has its own; there are no defaults
 
 
 def _texts(accepted: str) -> Schema:

@@ -1,29 +1,23 @@
-"""All jobs: one after another in this process, or by workers of Dask, on this machine or a cluster."""
+"""Run all jobs of a batch: one after another in this process, or on workers of Dask."""
 
-import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
-from wrinklecli.batch import stores
 from wrinklecli.batch.cache import Cache
-from wrinklecli.batch.cluster import Workers, by_dask, refuse_without_dask
+from wrinklecli.batch.cluster import Workers, refuse_without_dask, run_on_dask
 from wrinklecli.batch.jobs import BatchJob, Outcome
-from wrinklecli.batch.worker import OpenOutputs, Settings, hit, look, work
+from wrinklecli.batch.stores import absolute
+from wrinklecli.batch.worker import OpenOutputs, Settings, fetch_job, run_job
 from wrinklecli.files.outputs import Outputs
 
-# Jobs are looked up in the cache before workers are started, which takes about so many seconds; and only until so many
-# have to be baked, as then there is work for them.
-_LOOK_HERE, _TO_BAKE = 3.0, 8
+# Jobs are looked up in the cache here before workers are started, for as many seconds as starting workers takes …
+_LOOKUP_SECONDS = 3.0
+# … or until this many jobs have to be baked, which is enough work for the workers to start with.
+_ENOUGH_TO_BAKE = 8
 
 
-def looks(jobs: Sequence[BatchJob], settings: Settings) -> Iterator[Outcome]:
-    """What would be done, job by job; nothing is."""
-    for job in jobs:
-        yield look(job, settings)
-
-
-def outcomes(
+def run_jobs(
     jobs: Sequence[BatchJob],
     settings: Settings,
     workers: Workers,
@@ -31,60 +25,38 @@ def outcomes(
     open_outputs: OpenOutputs = Outputs,
     tell: Callable[[str], object] = lambda _line: None,
 ) -> Iterator[Outcome]:
-    """Do all jobs, and give what comes of each as it comes. To stop is to ask for no more.
+    """Run all jobs and yield each outcome as it arrives. A caller that asks for no more outcomes stops the batch.
 
     Args:
-        jobs: The jobs.
-        settings: How they are done.
-        workers: Who does them.
-        open_outputs: Opens what this process writes into.
-        tell: Called with what people may want to know, a line.
+        jobs: Jobs in any order.
+        settings: Settings of all jobs.
+        workers: Processes that bake.
+        open_outputs: Opens the outputs that this process writes.
+        tell: Called with a line for the user.
 
     Raises:
-        WrinkleError: The cache cannot be written; Dask is missing, or its scheduler does not answer any more.
+        WrinkleError: The cache cannot be written, Dask is missing, or its scheduler does not answer.
     """
     if workers.scheduler is None and workers.count == 1:
         Cache(settings.cache).open()
         for job in jobs:
-            yield work(job, settings, open_outputs=open_outputs)
+            yield run_job(job, settings, open_outputs=open_outputs)
         return
     refuse_without_dask(workers)
     if workers.scheduler is not None:
-        jobs = [_absolute(job) for job in jobs]
-        settings = replace(settings, cache=_seen_from_anywhere(settings.cache))
+        # Workers of a cluster share the disks of this machine, but not its current folder.
+        paths = dict.fromkeys(("asset", "tools", "file", "folder"), absolute)
+        jobs = [job.with_paths(**paths) for job in jobs]
+        settings = replace(settings, cache=absolute(settings.cache))
     Cache(settings.cache).open()
-    rest: list[BatchJob] = []
-    end = time.monotonic() + _LOOK_HERE
+    to_bake: list[BatchJob] = []
+    end = time.monotonic() + _LOOKUP_SECONDS
     for job in jobs:
-        looked = len(rest) < _TO_BAKE and time.monotonic() < end
-        found = hit(job, settings, open_outputs=open_outputs) if looked else None
-        if found is None:
-            rest.append(job)
+        looks = len(to_bake) < _ENOUGH_TO_BAKE and time.monotonic() < end
+        outcome = fetch_job(job, settings, open_outputs=open_outputs) if looks else None
+        if outcome is None:
+            to_bake.append(job)
         else:
-            yield found
-    if rest:
-        yield from by_dask(rest, settings, workers, tell)
-
-
-def _absolute(job: BatchJob) -> BatchJob:
-    """A job whose paths are the same wherever they are read: workers of a cluster share disks, not folders."""
-    options = dict(job.options)
-    if "anim" in options:
-        options["anim"] = tuple(map(_seen_from_anywhere, options["anim"]))
-    if "frames_dir" in options:
-        options["frames_dir"] = _seen_from_anywhere(options["frames_dir"])
-    return replace(
-        job,
-        asset=_seen_from_anywhere(job.asset),
-        tools=tuple(map(_seen_from_anywhere, job.tools)),
-        out=_seen_from_anywhere(job.out),
-        options=options,
-        anims=tuple(map(_seen_from_anywhere, job.anims)),
-        tracked=_seen_from_anywhere(job.tracked) if job.tracked else None,
-        report=_seen_from_anywhere(job.report) if job.report else None,
-        timings=_seen_from_anywhere(job.timings) if job.timings else None,
-    )
-
-
-def _seen_from_anywhere(path: str) -> str:
-    return path if stores.is_url(path) else os.path.abspath(path)
+            yield outcome
+    if to_bake:
+        yield from run_on_dask(to_bake, settings, workers, tell)

@@ -1,4 +1,4 @@
-"""Files by path or by URL (fsspec): read, listed, and written whole or not at all."""
+"""Files by path or by URL (fsspec): they are read, listed, and written whole or not at all."""
 
 import errno
 import glob
@@ -13,42 +13,58 @@ from wrinklecli.errors import WrinkleError
 from wrinklecli.files.inputs import open_input
 
 _URL = re.compile(r"([a-z][a-z0-9+.-]+)://")
-# Stores where a file is there only when all of it is; elsewhere it is written under another name and renamed.
-_WHOLE = {"s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl", "oss", "oci", "r2", "memory"}
+# Stores in which a file appears only when it is complete; in others it is written under another name and renamed.
+_ATOMIC = {"s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl", "oss", "oci", "r2", "memory"}
 _PATTERN = re.compile(r"[*?\[]")
-# Numbers of errors that libraries of stores raise without one; and those that mean that it may work another time.
+# Numbers for errors that store libraries raise without a number.
 _NUMBERS = {FileNotFoundError: errno.ENOENT, PermissionError: errno.EACCES}
-_PASSING = {errno.EBUSY, errno.EAGAIN, getattr(errno, "EREMOTEIO", errno.EIO)}
+# Errors after which another try may succeed.
+_TEMPORARY = {errno.EBUSY, errno.EAGAIN, getattr(errno, "EREMOTEIO", errno.EIO)}
 
 
 class StoreError(WrinkleError):
-    """A store does not answer as it should: it may do so another time."""
+    """A store does not answer; it may answer later."""
+
+
+def reason_of(error: OSError | ValueError) -> str:
+    """The reason why a file cannot be read, without its path."""
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)
 
 
 def is_url(path: str) -> bool:
-    """Whether a path is one of fsspec's URLs."""
+    """True if a path is a URL for fsspec."""
     return _URL.match(path) is not None
 
 
 def is_pattern(path: str) -> bool:
-    """Whether a path stands for several."""
+    """True if a path may stand for several files."""
     return _PATTERN.search(path) is not None
 
 
 def plain(path: str) -> str:
-    """A path without `file://`, which says no more than a path does."""
+    """Remove `file://` from a path."""
     return path.removeprefix("file://") if path.startswith("file:///") else path
 
 
+def absolute(path: str) -> str:
+    """Make a path independent of the current folder; a URL stays as it is."""
+    return path if is_url(path) else os.path.abspath(path)
+
+
+def folder_of(path: str) -> str:
+    """The folder of a path or URL, without a slash at its end."""
+    return posixpath.dirname(path) if is_url(path) else os.path.dirname(path)
+
+
 def join(folder: str, path: str) -> str:
-    """A path as seen from a folder: itself where it is absolute or a URL."""
+    """Resolve a path from a folder; an absolute path or a URL stays as it is."""
     if is_url(path) or os.path.isabs(path):
         return plain(path)
     return posixpath.join(folder, path) if is_url(folder) else os.path.join(folder, path)
 
 
 def matches(pattern: str, folder: str) -> list[str]:
-    """The files that a pattern stands for, sorted, as seen from a folder; raises as `opened`."""
+    """Find the files that match a pattern, sorted, relative to a folder; raises as `opened`."""
     whole = join(folder, pattern)
     if not is_url(whole):
         return sorted(glob.glob(pattern, root_dir=folder or None, recursive=True))
@@ -60,7 +76,7 @@ def matches(pattern: str, folder: str) -> list[str]:
 
 @contextmanager
 def opened(path: str) -> Iterator[BinaryIO]:
-    """A file to read.
+    """Open a file to read.
 
     Raises:
         OSError: It cannot be read.
@@ -77,13 +93,13 @@ def opened(path: str) -> Iterator[BinaryIO]:
 
 
 def read(path: str) -> bytes:
-    """The bytes of a small file; raises as `opened`."""
+    """Read a small file; raises as `opened`."""
     with opened(path) as file:
         return file.read()
 
 
 def read_if_there(path: str) -> bytes | None:
-    """The bytes of a small file; none where there is no file."""
+    """Read a small file; None if there is none."""
     try:
         return read(path)
     except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
@@ -91,7 +107,7 @@ def read_if_there(path: str) -> bytes | None:
 
 
 def fetch(path: str, local: str) -> None:
-    """Copy the file of a URL to a path, making folders; raises as `opened`."""
+    """Copy the file of a URL to a local path, and make its folders; raises as `opened`."""
     os.makedirs(os.path.dirname(local), exist_ok=True)
     with opened(path) as source, open(local, "wb") as target:
         while block := source.read(2**20):
@@ -99,7 +115,7 @@ def fetch(path: str, local: str) -> None:
 
 
 def put(path: str, data: bytes) -> None:
-    """Write a file, all of it or nothing, making folders.
+    """Write a file completely or not at all, and make its folders.
 
     Raises:
         OSError: It cannot be written.
@@ -119,7 +135,7 @@ def put(path: str, data: bytes) -> None:
         return
     with _answering(path):
         system, inner = _system(path)
-        if path.partition("://")[0] in _WHOLE:
+        if path.partition("://")[0] in _ATOMIC:
             system.pipe_file(inner, data)
             return
         system.makedirs(posixpath.dirname(inner), exist_ok=True)
@@ -128,7 +144,7 @@ def put(path: str, data: bytes) -> None:
 
 
 def _system(url: str) -> tuple[Any, str]:
-    """The store of a URL, and the path in it.
+    """Open the store of a URL; also return the path within it.
 
     Raises:
         WrinkleError: A library is missing.
@@ -146,19 +162,19 @@ def _system(url: str) -> tuple[Any, str]:
 
 @contextmanager
 def _answering(url: str) -> Iterator[None]:
-    """Turn what libraries raise, each of its own kinds, into an `OSError` that has its reason, or a `StoreError`."""
+    """Turn errors of store libraries into an `OSError` that has its reason, or into a `StoreError`."""
     try:
         yield
     except (WrinkleError, MemoryError):
         raise
     except OSError as error:
-        own = type(error).__module__ != "builtins"  # as of aiohttp, whose connections break
-        if own or isinstance(error, ConnectionError | TimeoutError) or error.errno in _PASSING:
+        own = type(error).__module__ != "builtins"  # such as broken connections of aiohttp
+        if own or isinstance(error, ConnectionError | TimeoutError) or error.errno in _TEMPORARY:
             raise _unanswered(url, error) from error
         number = error.errno or _NUMBERS.get(type(error), errno.EIO)
-        said = next(iter((error.strerror or str(error)).splitlines()), "")
-        path_alone = said in url or " " not in said  # which is how some say that there is no such file
-        raise OSError(number, os.strerror(number) if path_alone else said) from error
+        reason = next(iter((error.strerror or str(error)).splitlines()), "")
+        is_path = reason in url or " " not in reason  # as some libraries report a missing file
+        raise OSError(number, os.strerror(number) if is_path else reason) from error
     except Exception as error:
         raise _unanswered(url, error) from error
 

@@ -1,4 +1,4 @@
-"""Manifests that are tables: CSV with a row of keys, and JSON lines; a job in each line."""
+"""Read manifests that are tables, with a job in each line: CSV with a row of keys, and JSON lines."""
 
 import csv
 import io
@@ -9,12 +9,12 @@ from typing import Any
 from wrinklecli.batch.manifest_schema import JOB_KEYS
 from wrinklecli.tools.yaml_tree import Node, Problem, printable
 
-_LIST_MARK = ";"  # between the parts of a cell
+_SEPARATOR = ";"  # between the items of a list in a cell
 _NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
 
 
 def read_csv(text: str) -> tuple[Node | None, list[Problem]]:
-    """The tree of a CSV file; lists are parted by semicolons, and an empty cell says nothing."""
+    """Read a CSV file. Semicolons separate the items of a list; an empty cell leaves its key unset."""
     jobs: list[Node] = []
     problems: list[Problem] = []
     rows = csv.reader(io.StringIO(text, newline=""), strict=True)
@@ -36,7 +36,7 @@ def read_csv(text: str) -> tuple[Node | None, list[Problem]]:
 
 
 def read_json_lines(text: str) -> tuple[Node | None, list[Problem]]:
-    """The tree of a file that has an object in each line; empty lines say nothing."""
+    """Read a file with a JSON object in each line; empty lines are skipped."""
     jobs: list[Node] = []
     problems: list[Problem] = []
     for line, each in enumerate(text.split("\n"), start=1):
@@ -63,10 +63,10 @@ def _tree(jobs: list[Node]) -> Node:
 
 
 def _cell(key: str, text: str) -> Any:
-    """The value of a cell: of the kind that its key takes."""
+    """Convert a cell to the type of its key."""
     kinds = JOB_KEYS.get(key, {}).get("type", "string")
     if "array" in kinds:
-        return [part.strip() for part in text.split(_LIST_MARK) if part.strip()]
+        return [part.strip() for part in text.split(_SEPARATOR) if part.strip()]
     if kinds == "boolean" and text.lower() in ("true", "false"):
         return text.lower() == "true"
     if _NUMBER.fullmatch(text) and ("number" in kinds or kinds == "integer"):
@@ -75,7 +75,7 @@ def _cell(key: str, text: str) -> Any:
 
 
 def _node(value: Any, line: int) -> Node:
-    """A value and all below it, on one line."""
+    """Make a node of a value, and nodes of all that it holds, on one line."""
     if isinstance(value, dict):
         return Node(value, line, "a mapping", {key: _node(each, line) for key, each in value.items()})
     if isinstance(value, list):

@@ -88,20 +88,21 @@ def batch(
 
     from wrinklecli.batch.cache_keys import program
     from wrinklecli.batch.cluster import Workers
-    from wrinklecli.batch.manifest import folder_of, read_manifest, read_pattern
-    from wrinklecli.batch.run import looks, outcomes
-    from wrinklecli.batch.stores import join
-    from wrinklecli.batch.worker import Settings
+    from wrinklecli.batch.manifest import read_manifest, read_pattern
+    from wrinklecli.batch.run import run_jobs
+    from wrinklecli.batch.stores import folder_of, join
+    from wrinklecli.batch.worker import Settings, check_job
 
     asked = {key: value for key, value in given.items() if value}
     every = (read_pattern if pattern else read_manifest)(manifest, asked)
     place = cache or (_CACHE if pattern else join(folder_of(manifest), _CACHE))
     settings = Settings(cache=place, program=program(), retries=retry)
+    done: Iterator[Outcome]
     if dry_run:
-        done = looks(every, settings)
+        done = (check_job(job, settings) for job in every)
     else:
         workers = Workers(jobs, scheduler, dashboard)
-        done = outcomes(every, settings, workers, open_outputs=job_outputs, tell=lambda line: say(f"note: {line}"))
+        done = run_jobs(every, settings, workers, open_outputs=job_outputs, tell=lambda line: say(f"note: {line}"))
     leave_at_signals()  # between jobs, and where workers do them, which end with it
     told = _Told(len(every), quiet=quiet, verbose=verbose, dry_run=dry_run)
     with _report(report, every, manifest) as write, told:
