@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.sparse import csr_array
 
 from kit.asset import Asset, attribute, stored
 from kit.limb import RADIUS, flat_limb, limb_asset
@@ -17,7 +16,6 @@ from wrinklecli.character.rig import read_rig
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review.check import check
 from wrinklecli.review.suggest.anatomy import believable
-from wrinklecli.review.suggest.basins import basins
 from wrinklecli.review.suggest.substance import named
 from wrinklecli.review.suggest.suggest import Suggestions, suggest
 
@@ -212,14 +210,6 @@ def test_low_poly_faces_get_no_bumps_shorter_than_they_are(tmp_path: Path) -> No
     usual, fewer = (suggested(tmp_path, each, count=1).tools[0] for each in (smooth, flat))
     assert fewer.tool.bumps < usual.tool.bumps
     assert fewer.span / fewer.tool.bumps > 2.0 / 12
-
-
-def test_a_slope_belongs_to_the_fold_above_it() -> None:
-    losses = np.array([0.1, 0.3, 0.5, 0.45, 0.48, 0.9, 0.3, 0.05, 0.2, 0.6])
-    count = len(losses)
-    chain = np.eye(count, k=1) + np.eye(count, k=-1)
-    found = basins(losses, csr_array(chain), least=0.1)
-    assert found.tolist() == [5, 5, 5, 5, 5, 5, 5, -1, 9, 9]
 
 
 def test_layers_of_one_mesh_are_told_apart(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from wrinklecli.gltf.document import read_document
 from wrinklecli.numeric.arrays import unit
 from wrinklecli.review.suggest.suggest import suggest
 from wrinklecli.surface.rest import rest_pose
-from wrinklecli.surface.sites import at_sites, scan, spread_sites
+from wrinklecli.surface.sites import at_sites, find_peaks, spread_sites
 from wrinklecli.surface.strain import Gauge, along_directions, principal, read_gauge, strain
 from wrinklecli.tools.records import ToolsFile
 
@@ -58,7 +58,7 @@ def test_squashing_loses_what_it_takes_away(tmp_path: Path) -> None:
         limb(tmp_path / "limb.glb", skinned=False, clip=None, morphs=1, morph_clip="LINEAR", rings=81)
     )
     sites = spread_sites(gauge)
-    tensors = at_sites(gauge, sites, clip, np.array([0.3]))[0]
+    tensors = at_sites(sites, clip, np.array([0.3]))[0]
     losses, directions = principal(tensors, sites.normals)
     near = np.abs(sites.positions[:, 0]) < 0.03
     assert losses[near] == pytest.approx(0.3, abs=0.01)
@@ -105,9 +105,9 @@ def test_the_greatest_loss_is_found_in_whatever_chunks_poses_come(
     gauge, clips = gauge_of(limb(tmp_path / "limb.glb"))
     sites = spread_sites(gauge)
     times = [np.linspace(0.0, 2.0, 23)]
-    whole = scan(gauge, sites, clips, times)
+    whole = find_peaks(sites, clips, times)
     monkeypatch.setattr("wrinklecli.surface.sites._CHUNK", 1)
-    single = scan(gauge, sites, clips, times)
+    single = find_peaks(sites, clips, times)
     assert (whole.poses == single.poses).all()
     assert np.abs(whole.losses - single.losses).max() < 1e-12
     assert whole.losses.max() > 0.5

@@ -26,7 +26,7 @@ def test_what_a_motion_strains_is_among_the_triangles_that_it_can() -> None:
         others = np.delete(whole, part.triangles, axis=1)
         assert np.abs(others).max(initial=0.0) < 1e-12
         assert strain(gauge, clip, times, part) == pytest.approx(whole[:, part.triangles], abs=1e-12)
-        averaged = at_sites(gauge, sites, clip, times)
+        averaged = at_sites(sites, clip, times)
         rows = whole.transpose(1, 0, 2).reshape(len(gauge.triangles), -1)
         expected = (sites.smooth @ (sites.gather @ rows)).reshape(-1, 3, 6).transpose(1, 0, 2)
         assert averaged == pytest.approx(expected, abs=1e-9)

@@ -1,6 +1,6 @@
-"""Sites: points spread evenly over a surface, the strain around each, and when it is compressed most.
+"""Sites: points spread evenly over a surface; the strain around each, and the pose that compresses it most.
 
-Triangles are uneven and single ones noisy, so the loss is averaged as a tensor over a small neighbourhood of sites.
+Triangles are uneven, and the strain of single ones is noisy. So the loss tensor is averaged over a small neighbourhood.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,19 +17,19 @@ from wrinklecli.surface.strain import Gauge, principal, strain
 from wrinklecli.surface.strained import StrainedPart
 
 # Radius of the neighbourhood over which strain is averaged, as a part of the diagonal of the mesh's box: 27 mm on a
-# person. It is at least the second number times a typical triangle's longest edge: less would tell single triangles
-# apart.
+# person.
 _RADIUS = 0.015
-_OF_TRIANGLES = 0.6
-# Distance of neighbouring sites, as a part of that radius: a neighbourhood then has about a dozen.
+# Least radius over a typical triangle's longest edge: a smaller one would show single triangles.
+_RADIUS_OF_TRIANGLES = 0.6
+# Distance of neighbouring sites over that radius: a neighbourhood then has about a dozen sites.
 _SPACING = 0.5
-# More sites would take seconds; where there would be more, they move apart.
+# Most sites of a mesh, which is measured in seconds; the radius grows where there would be more.
 _MOST_SITES = 12_000
-# A triangle is sampled at the centroids of at most 8 × 8 parts.
+# Most parts into which an edge of a triangle is divided for sampling.
 _MOST_PARTS = 8
-# Cosine of normals above which two near points are of one sheet, not of two sides of a thin one.
+# Least cosine of the normals of two near points of one sheet; the two sides of a thin sheet have less.
 _SAME_SHEET = 0.3
-# Triangles times poses that are held at once: 2**18 take 60 MB.
+# Triangles times poses in memory at once: 2**18 take 60 MB.
 _CHUNK = 2**18
 
 
@@ -38,17 +38,19 @@ class Sites:
     """Points spread evenly over a surface at rest.
 
     Attributes:
+        gauge: Measures the strain of the surface.
         positions: (sites, 3) world space at rest.
         normals: (sites, 3) unit.
-        areas: (sites,) of the surface around each; their sum is that of the surface.
-        pieces: (sites,) which piece of the surface each is on.
-        gather: (sites, triangles) shares of the triangles at each site; rows sum to 1.
-        smooth: (sites, sites) shares of the sites in each one's neighbourhood; rows sum to 1.
-        near: (sites, sites) which are neighbours, on one sheet of the surface.
-        radius: Of the neighbourhoods, scene units.
-        spacing: About the distance of two neighbours, scene units.
+        areas: (sites,) area of the surface around each, scene units squared; their sum is the surface's area.
+        pieces: (sites,) the connected piece that each is on, as `Gauge` numbers them.
+        gather: (sites, triangles) weights for averaging triangles at each site; rows sum to 1.
+        smooth: (sites, sites) weights for averaging each site's neighbourhood; rows sum to 1.
+        near: (sites, sites) 1 for neighbours on one sheet of the surface.
+        radius: Radius of the neighbourhoods, scene units.
+        spacing: Approximate distance of two neighbours, scene units.
     """
 
+    gauge: Gauge
     positions: Floats
     normals: Floats
     areas: Floats
@@ -65,10 +67,10 @@ class Peaks:
     """The greatest compression of each site over some poses.
 
     Attributes:
-        losses: (sites,) 1 − σ of the averaged strain; negative where a site is only ever stretched.
-        poses: (sites,) the pose of it.
-        clips: (poses,) its clip.
-        times: (poses,) its time, seconds.
+        losses: (sites,) 1 − σ of the averaged strain; negative for sites that are only stretched.
+        poses: (sites,) number of the pose with this loss.
+        clips: (poses,)
+        times: (poses,) seconds.
     """
 
     losses: Floats
@@ -78,7 +80,7 @@ class Peaks:
 
 
 def spread_sites(gauge: Gauge) -> Sites:
-    """Spread sites over a surface, so far apart as its size and its triangles ask for."""
+    """Spread sites over a surface, as far apart as its size and its triangles require."""
     corners = gauge.rest.positions[gauge.triangles]
     crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas = np.sqrt(np.sum(crosses**2, axis=1)) / 2.0
@@ -87,7 +89,7 @@ def spread_sites(gauge: Gauge) -> Sites:
     order = np.argsort(edges, kind="stable")
     total = np.cumsum(areas[order])
     typical = float(edges[order[np.searchsorted(total, total[-1] / 2.0)]])
-    radius = max(_RADIUS * size, _OF_TRIANGLES * typical)
+    radius = max(_RADIUS * size, _RADIUS_OF_TRIANGLES * typical)
     while True:
         spacing = _SPACING * radius
         points, point_areas, parents = _points(corners, areas, edges, spacing)
@@ -107,11 +109,15 @@ def spread_sites(gauge: Gauge) -> Sites:
     gather = csr_array((point_areas / site_areas[cell], (cell, parents)), shape=(count, len(areas)))
     pieces = np.zeros(count, np.intp)
     pieces[cell] = gauge.pieces[parents]
-    return Sites(positions, site_normals, site_areas, pieces, gather, smooth, near, radius, spacing)
+    return Sites(gauge, positions, site_normals, site_areas, pieces, gather, smooth, near, radius, spacing)
 
 
 def _points(corners: Floats, areas: Floats, edges: Floats, spacing: float) -> tuple[Floats, Floats, Ints]:
-    """Centroids of equal parts of the triangles, no larger than the spacing: places, areas and triangles."""
+    """Divide triangles into equal parts no longer than the spacing.
+
+    Returns:
+        (points, 3) centroids of the parts, (points,) their areas, and (points,) the triangle of each.
+    """
     parts = np.clip(np.ceil(edges / spacing), 1, _MOST_PARTS).astype(np.intp)
     places, sizes, parents = [], [], []
     for k in np.unique(parts):
@@ -129,7 +135,7 @@ def _points(corners: Floats, areas: Floats, edges: Floats, spacing: float) -> tu
 
 
 def _cells(points: Floats, normals: Floats, pieces: Ints, spacing: float) -> tuple[Ints, int]:
-    """(points,) the same number for those of one cube and piece that face one way, and how many there are."""
+    """(points,) a number for each cube, piece and direction that points face; and how many numbers there are."""
     cubes = np.floor((points - points.min(axis=0)) / spacing).astype(np.intp)
     facing = np.argmax(np.abs(normals), axis=1)
     side = 2 * facing + (np.take_along_axis(normals, facing[:, None], 1)[:, 0] < 0)
@@ -141,19 +147,19 @@ def _cells(points: Floats, normals: Floats, pieces: Ints, spacing: float) -> tup
 def _neighbours(
     positions: Floats, normals: Floats, areas: Floats, cell: Ints, corners: Ints, radius: float
 ) -> tuple[csr_array, csr_array]:
-    """Which sites are neighbours, and the shares of those around each: over the surface, not through the air.
+    """Find neighbouring sites, over the surface and not through the air.
 
     Args:
         positions: (sites, 3)
         normals: (sites, 3)
         areas: (sites,)
-        cell: (points,) the site of each.
-        corners: (points, 3) the vertices of the triangle of each.
-        radius: Scene units.
+        cell: (points,) the site of each point.
+        corners: (points, 3) vertices of the triangle of each point.
+        radius: Greatest distance of two neighbours, scene units.
 
     Returns:
-        (sites, sites) 1 where two lie within the radius, on triangles that touch, and look the same way; and
-        (sites, sites) shares of those within the radius and three steps between neighbours, less the further away.
+        (sites, sites) `near` and `smooth` of `Sites`. Neighbours are on triangles that touch and face the same way.
+        A site's neighbourhood has the sites within the radius and within three steps between neighbours.
     """
     from scipy.sparse import eye_array
     from scipy.spatial import cKDTree
@@ -182,28 +188,28 @@ def _neighbours(
 
 
 def _symmetric(pairs: Ints, values: NDArray[Any], count: int) -> csr_array:
-    """(count, count) of values at pairs, either way round."""
+    """(count, count) matrix with (pairs,) values at (pairs, 2) and at the transposed places."""
     both = np.concatenate([pairs, pairs[:, ::-1]])
     return csr_array((np.concatenate([values, values]), (both[:, 0], both[:, 1])), shape=(count, count))
 
 
-def at_sites(gauge: Gauge, sites: Sites, clip: Clip | None, times: Floats) -> Floats:
-    """(frames, sites, 6) the averaged loss tensor around each site."""
-    area = _area(gauge, sites, clip)
+def at_sites(sites: Sites, clip: Clip | None, times: Floats) -> Floats:
+    """(frames, sites, 6) the averaged loss tensor around each site; None for the stored pose."""
+    area = _strained_area(sites, clip)
     averaged = np.zeros((len(times), len(sites.positions), 6))
-    averaged[:, area.sites] = _averaged(gauge, area, clip, times)
+    averaged[:, area.sites] = _averaged(sites.gauge, area, clip, times)
     return averaged
 
 
 @dataclass(frozen=True, slots=True)
-class _Area:
-    """The sites whose surroundings a clip may strain.
+class _StrainedArea:
+    """The sites around which a clip can strain the surface.
 
     Attributes:
-        part: The triangles; None for all.
-        sites: (area,) which sites.
-        gather: (touched sites, triangles of the part) as of `Sites`.
-        smooth: (area, touched sites) as of `Sites`.
+        part: The triangles that it can strain; None for all.
+        sites: (area,) numbers of the sites.
+        gather: (touched sites, triangles of the part), rows and columns of `Sites.gather`.
+        smooth: (area, touched sites), rows and columns of `Sites.smooth`.
     """
 
     part: StrainedPart | None
@@ -212,59 +218,54 @@ class _Area:
     smooth: csr_array
 
 
-def _area(gauge: Gauge, sites: Sites, clip: Clip | None) -> _Area:
-    # A joint alone strains little of a character.
-    part = None if clip is None else gauge.strained.of(clip)
+def _strained_area(sites: Sites, clip: Clip | None) -> _StrainedArea:
+    # One joint strains little of a character.
+    part = None if clip is None else sites.gauge.strained.of(clip)
     if part is None:
-        return _Area(None, np.arange(len(sites.positions)), sites.gather, sites.smooth)
+        return _StrainedArea(None, np.arange(len(sites.positions)), sites.gather, sites.smooth)
     gather = sites.gather[:, part.triangles]
     touched = np.flatnonzero(np.diff(gather.indptr))
     smooth = sites.smooth[:, touched]
     inside = np.flatnonzero(np.diff(smooth.indptr))
-    return _Area(part, inside, gather[touched], smooth[inside])
+    return _StrainedArea(part, inside, gather[touched], smooth[inside])
 
 
-def _averaged(gauge: Gauge, area: _Area, clip: Clip | None, times: Floats) -> Floats:
-    """(frames, area, 6) the averaged loss tensor around each of its sites."""
+def _averaged(gauge: Gauge, area: _StrainedArea, clip: Clip | None, times: Floats) -> Floats:
+    """(frames, area, 6) the averaged loss tensor around each site of the area."""
     tensors = strain(gauge, clip, times, area.part)
     rows = tensors.transpose(1, 0, 2).reshape(tensors.shape[1], 6 * len(times))
     averaged: Floats = (area.smooth @ (area.gather @ rows)).reshape(len(area.sites), len(times), 6).transpose(1, 0, 2)
     return averaged
 
 
-def scan(
-    gauge: Gauge,
-    sites: Sites,
-    clips: Sequence[Clip],
-    times: Sequence[Floats],
-    progress: Callable[[int], None] = lambda _done: None,
+def find_peaks(
+    sites: Sites, clips: Sequence[Clip], times: Sequence[Floats], progress: Callable[[int], None] = lambda _done: None
 ) -> Peaks:
     """Find the greatest compression of each site over clips.
 
     Args:
-        gauge: Of the surface.
-        sites: On it.
+        sites: The points to look at.
         clips: The animations.
-        times: Of each clip, (frames,) seconds.
+        times: (frames,) seconds of each clip.
         progress: Called with the number of poses done.
     """
     count = len(sites.positions)
     losses, poses = np.full(count, -np.inf), np.zeros(count, np.intp)
-    done, area = 0, _area(gauge, sites, None)
+    done, area = 0, _strained_area(sites, None)
     for clip, every in zip(clips, times, strict=True):
-        # Clips of one joint follow one another.
-        if gauge.strained.of(clip) is not area.part:
-            area = _area(gauge, sites, clip)
-        held = max(1, _CHUNK // max(area.gather.shape[1], len(area.sites), 1))
-        for part in (every[start : start + held] for start in range(0, len(every), held)):
-            found, _ = principal(_averaged(gauge, area, clip, part), sites.normals[area.sites])
+        # Consecutive clips often move the same joint, and strain the same area.
+        if sites.gauge.strained.of(clip) is not area.part:
+            area = _strained_area(sites, clip)
+        size = max(1, _CHUNK // max(area.gather.shape[1], len(area.sites), 1))
+        for chunk in (every[start : start + size] for start in range(0, len(every), size)):
+            found, _ = principal(_averaged(sites.gauge, area, clip, chunk), sites.normals[area.sites])
             best = found.argmax(axis=0)
             highest, first = np.zeros(count), np.zeros(count, np.intp)
             highest[area.sites], first[area.sites] = found[best, np.arange(len(area.sites))], best
-            # Among equal ones the first stays, in whatever chunks they come.
+            # Of poses with equal losses the first one counts, whatever the chunks are.
             poses = np.where(highest > losses, done + first, poses)
             losses = np.maximum(losses, highest)
-            done += len(part)
+            done += len(chunk)
             progress(done)
-    of_pose = tuple(clip for clip, part in zip(clips, times, strict=True) for _ in part)
+    of_pose = tuple(clip for clip, every in zip(clips, times, strict=True) for _ in every)
     return Peaks(losses, poses, of_pose, np.concatenate([np.zeros(0), *times]))

@@ -1,10 +1,11 @@
 """Strain of a moving surface: how much each triangle is compressed in a pose, and along which direction.
 
-The deformation of a triangle from rest to a pose has two principal stretches in its plane. What is compressed by a
-principal stretch σ < 1 has lost 1 − σ of its length along that direction: this is what wrinkles give back.
+The deformation of a triangle from rest to a pose has two principal stretches in its plane. A principal stretch σ < 1
+compresses the triangle along its direction. The *loss* 1 − σ is the part of its length that is lost there, and that
+wrinkles give back.
 
-Source: principal stretches are those of the polar decomposition F = RU, such as in J. Bonet, R. D. Wood, *Nonlinear
-Continuum Mechanics for Finite Element Analysis*, 2nd ed. 2008, §4.6.
+Source: J. Bonet, R. D. Wood, *Nonlinear Continuum Mechanics for Finite Element Analysis*, 2nd ed. 2008, §4.6: principal
+stretches are the eigenvalues of U in the polar decomposition F = RU.
 """
 
 from dataclasses import dataclass
@@ -21,30 +22,29 @@ from wrinklecli.numeric.nearest import balls
 from wrinklecli.surface.rest import Rest
 from wrinklecli.surface.strained import StrainedPart, StrainedParts
 
-# A stretch beyond twice the length counts as twice: slivers of almost no area have any.
-_LONGEST = 2.0
-# Part of a mesh's area below which a piece of it is a small one.
+# Greatest stretch that counts, as a ratio of lengths: triangles of almost no area may have any.
+_MOST_STRETCH = 2.0
+# Part of the mesh's area below which a connected piece is a small one, such as a strand of hair.
 _SMALL_PIECE = 0.01
+# Least height of a triangle over its longest edge: of a lower one, the height has no digits left.
+_LEAST_HEIGHT = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
 class Gauge:
-    """What measures a surface's strain: its triangles at rest, laid flat.
+    """Measures the strain of a surface: its triangles that have an area at rest, each in a plane of its own.
 
     Attributes:
-        rig: Of the mesh.
-        surface: The mesh.
-        rest: Its rest pose.
         influences: (vertices, joints) skin weights.
-        triangles: (triangles, 3) those with an area at rest.
-        strained: Which of them clips may strain.
-        numbers: (triangles,) which of the surface's they are.
-        pieces: (triangles,) the same number for those that hang together: a shirt is another than the body below.
-        middles: (triangles, 3) their centroids at rest, world space.
-        radii: (triangles,) the greatest distance of a corner from there.
-        flat: (triangles, 3) length of the first edge, and the second along and across it.
-        tensors: (triangles, 3, 6) xx, yy, zz, xy, yz, zx of the products of the two in-plane axes: of the first by
-            itself, of the two (both ways), of the second by itself.
+        triangles: (triangles, 3) vertices at the corners.
+        strained: Finds the triangles that a clip can strain.
+        numbers: (triangles,) the number of each among the surface's triangles.
+        pieces: (triangles,) number of the connected piece; -1 for small pieces. A shirt is one piece, the body another.
+        middles: (triangles, 3) centroids at rest, world space.
+        radii: (triangles,) greatest distance of a corner from the centroid, scene units.
+        flat: (triangles, 3) length of the first edge a to b; length of the edge a to c along the first, and across it.
+        tensors: (triangles, 3, 6) components xx, yy, zz, xy, yz, zx of products of the plane's axes: the first with
+            itself, the first with the second plus the second with the first, the second with itself.
     """
 
     rig: Rig
@@ -62,13 +62,12 @@ class Gauge:
 
 
 def read_gauge(surface: Surface, rest: Rest, rig: Rig) -> Gauge:
-    """Lay the triangles of a surface flat; those without area are left out."""
+    """Prepare to measure a surface; triangles without area are left out."""
     normals = face_normals(rest.positions, surface.triangles)
     areas = np.sqrt(np.sum(normals**2, axis=1))
     a, b, c = (rest.positions[surface.triangles[:, k]] for k in range(3))
     longest = np.sqrt(np.max([np.sum((p - q) ** 2, axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0))
-    # Thinner than this, the height has no digits left, and there is no area to compress.
-    solid = areas > 1e-6 * longest**2
+    solid = areas > _LEAST_HEIGHT * longest**2
     solid &= np.sum((b - a) ** 2, axis=1) > 1e-12 * longest**2
     triangles = surface.triangles[solid]
     a, b, c, normals = a[solid], b[solid], c[solid], unit(normals[solid])
@@ -89,7 +88,7 @@ def read_gauge(surface: Surface, rest: Rest, rig: Rig) -> Gauge:
 
 
 def _pieces(triangles: Ints, areas: Floats, count: int) -> Ints:
-    """(triangles,) the same number for those that hang together by vertices; -1 for small ones, such as hair."""
+    """(triangles,) the number of the piece that shared vertices connect; -1 for small pieces."""
     pieces = pieces_of(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]]]), count)[triangles[:, 0]]
     sizes = np.bincount(pieces, areas, count)
     return np.where(sizes[pieces] < _SMALL_PIECE * areas.sum(), -1, pieces)
@@ -101,15 +100,15 @@ def posed(
     """Pose the welded vertices.
 
     Args:
-        gauge: Of the surface.
-        clip: The animation; none for the stored pose.
+        gauge: Measures the surface.
+        clip: None for the stored pose.
         times: (frames,) seconds.
-        weights: (frames, morph targets) in place of the clip's.
-        vertices: (vertices,) which; all where left out.
+        weights: (frames, morph targets), in place of the clip's.
+        vertices: (vertices,) numbers of those to pose; None for all.
 
     Returns:
-        (frames, vertices, 3) world space and (frames, vertices) scale against rest, by which an animation makes the
-        whole character larger.
+        (frames, vertices, 3) world-space positions, and (frames, vertices) scale relative to rest, by which the
+        animation enlarges the character.
     """
     rig, surface, rest = gauge.rig, gauge.surface, gauge.rest
     matrices = joint_matrices(rig, clip, times)
@@ -129,15 +128,18 @@ def posed(
 
 
 def strain(gauge: Gauge, clip: Clip | None, times: Floats, part: StrainedPart | None = None) -> Floats:
-    """(frames, triangles, 6) the loss tensor I − U of each triangle: its eigenvalues are 1 − σ, stretch is negative.
+    """Measure the loss tensor I − U of each triangle; its eigenvalues are 1 − σ, negative where it is stretched.
 
-    Written in world space at rest, in the triangle's plane; a character that is scaled as a whole loses nothing.
+    A character that an animation scales as a whole loses nothing.
 
     Args:
-        gauge: Of the surface.
-        clip: The animation; none for the stored pose.
+        gauge: Measures the surface.
+        clip: None for the stored pose.
         times: (frames,) seconds.
-        part: Of which triangles; of all where left out.
+        part: The triangles to measure; None for all.
+
+    Returns:
+        (frames, triangles, 6) components xx, yy, zz, xy, yz, zx in the triangle's plane at rest, world space.
     """
     triangles, flats, products, vertices = gauge.triangles, gauge.flat, gauge.tensors, None
     if part is not None:
@@ -156,7 +158,7 @@ def strain(gauge: Gauge, clip: Clip | None, times: Floats, part: StrainedPart | 
     )
     mean, half = (xx + yy) / 2.0, (xx - yy) / 2.0
     spread = np.sqrt(half**2 + xy**2)
-    losses = [1.0 - np.minimum(np.sqrt(np.maximum(mean + sign * spread, 0.0)), _LONGEST) for sign in (1.0, -1.0)]
+    losses = [1.0 - np.minimum(np.sqrt(np.maximum(mean + sign * spread, 0.0)), _MOST_STRETCH) for sign in (1.0, -1.0)]
     turn = (losses[0] - losses[1]) / 2.0 / np.where(spread > 0, spread, 1.0)
     middle = (losses[0] + losses[1]) / 2.0
     flat = np.stack([middle + turn * half, turn * xy, middle - turn * half], axis=2)
@@ -166,17 +168,17 @@ def strain(gauge: Gauge, clip: Clip | None, times: Floats, part: StrainedPart | 
 
 
 def principal(tensors: Floats, normals: Floats) -> tuple[Floats, Floats]:
-    """The greatest loss within tangent planes.
+    """Find the greatest loss within tangent planes.
 
     Args:
-        tensors: (…, points, 6).
-        normals: (points, 3) unit, of the planes.
+        tensors: (…, points, 6) loss tensors.
+        normals: (points, 3) unit normals of the planes.
 
     Returns:
-        (…, points) 1 − σ, and (…, points, 3) unit vectors along which that is.
+        (…, points) losses 1 − σ, and (…, points, 3) unit vectors of their directions.
     """
     first, second = tangents(normals)
-    # Six of a symmetric tensor's nine components are stored: those off the diagonal count twice.
+    # Six of a symmetric tensor's nine components are stored; the three off the diagonal count twice.
     twice = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
     mixed = (_product(first, second) + _product(second, first)) / 2.0
     xx, xy, yy = (
@@ -191,7 +193,7 @@ def principal(tensors: Floats, normals: Floats) -> tuple[Floats, Floats]:
 
 
 def along_directions(tensors: Floats, normals: Floats, direction: Floats) -> Floats:
-    """(points,) the loss of (points, 6) tensors along one direction, laid into each tangent plane."""
+    """(points,) losses of (points, 6) tensors along one (3,) direction, projected into each tangent plane."""
     x, y, z = unit(direction - (normals @ direction)[:, None] * normals).T
     products = np.stack([x * x, y * y, z * z, 2.0 * x * y, 2.0 * y * z, 2.0 * z * x], axis=1)
     losses: Floats = np.einsum("pk,pk->p", tensors, products)
@@ -199,12 +201,12 @@ def along_directions(tensors: Floats, normals: Floats, direction: Floats) -> Flo
 
 
 def tangents(normals: Floats) -> tuple[Floats, Floats]:
-    """Two (…, 3) unit vectors across unit normals and each other."""
+    """Two (…, 3) unit vectors, perpendicular to unit normals and to each other."""
     axis = np.eye(3)[np.argmin(np.abs(normals), axis=-1)]
     first = unit(np.cross(normals, axis))
     return first, np.cross(normals, first)
 
 
 def _product(first: Floats, second: Floats) -> Floats:
-    """(…, 6) xx, yy, zz, xy, yz, zx of first times second."""
+    """(…, 6) components xx, yy, zz, xy, yz, zx of the outer product of (…, 3) vectors."""
     return np.stack([first[..., i] * second[..., j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0))], -1)

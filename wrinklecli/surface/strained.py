@@ -1,4 +1,4 @@
-"""Which triangles of a mesh a clip can strain: what one moving node carries as a whole keeps its shape."""
+"""The triangles of a mesh that a clip can strain: what one moving node carries as a whole keeps its shape."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -11,19 +11,20 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
 from wrinklecli.numeric.arrays import Ints, distinct_values
 
-# Share of the triangles from which on it is not worth while to look at these alone.
-_MOST = 0.5
-_NONE = 2**60  # no node: a joint that has no part in a vertex
+# Part of a mesh's triangles from which on measuring all of them costs no more than selecting some.
+_WHOLE_MESH = 0.5
+# Stands for a node where a joint has no weight at a vertex; greater than the number of any node.
+_NO_NODE = 2**60
 
 
 @dataclass(frozen=True, slots=True)
 class StrainedPart:
-    """Triangles of a mesh, with vertices of their own numbers.
+    """Some triangles of a mesh, with vertices numbered anew.
 
     Attributes:
-        triangles: (chosen,) of the mesh.
-        vertices: (vertices,) of the mesh, at their corners.
-        corners: (chosen, 3) which of these.
+        triangles: (chosen,) numbers of triangles of the mesh.
+        vertices: (vertices,) numbers of vertices of the mesh, at the corners of these triangles.
+        corners: (chosen, 3) indices into `vertices`.
     """
 
     triangles: Ints
@@ -32,7 +33,7 @@ class StrainedPart:
 
 
 class StrainedParts:
-    """The triangles of a mesh that clips may strain, kept by what a clip moves: motions of one joint share them."""
+    """Finds the triangles that a clip can strain. Clips that move the same nodes and morph targets share one part."""
 
     def __init__(self, rig: Rig, surface: Surface, triangles: Ints) -> None:
         """`triangles` are (triangles, 3) of the surface."""
@@ -40,7 +41,7 @@ class StrainedParts:
         self._known: dict[object, StrainedPart | None] = {}
 
     def of(self, clip: Clip) -> StrainedPart | None:
-        """Those that a clip may strain; None where these are half of them or more."""
+        """The triangles that a clip can strain; None for half of the mesh or more."""
         if any(channel.path == "scale" for channel in clip.channels):
             return None
         nodes = frozenset(channel.node for channel in clip.channels if channel.path != "weights")
@@ -50,18 +51,18 @@ class StrainedParts:
         return self._known[nodes, targets]
 
     def _part(self, nodes: Collection[int], targets: tuple[int, ...]) -> StrainedPart | None:
-        """What nodes and morph targets may strain when they move."""
+        """The triangles that moving nodes and morph targets can strain."""
         surface, carriers = self._surface, _carriers(self._rig, nodes)
-        # By columns, which are few: several times as fast as along rows.
-        own = [np.where(w > 0, carriers[j], _NONE) for j, w in zip(surface.joints.T, surface.weights.T, strict=True)]
+        # Column by column, as there are few: several times as fast as row by row.
+        own = [np.where(w > 0, carriers[j], _NO_NODE) for j, w in zip(surface.joints.T, surface.weights.T, strict=True)]
         low = reduce(np.minimum, own)
-        high = reduce(np.maximum, [np.where(each == _NONE, -_NONE, each) for each in own])
+        high = reduce(np.maximum, [np.where(each == _NO_NODE, -_NO_NODE, each) for each in own])
         a, b, c = self._triangles.T
         strained = np.minimum(np.minimum(low[a], low[b]), low[c]) != np.maximum(np.maximum(high[a], high[b]), high[c])
         if targets:
             morphed = np.any(surface.morph_deltas[list(targets)], axis=(0, 2))
             strained |= morphed[a] | morphed[b] | morphed[c]
-        if strained.sum() >= _MOST * len(self._triangles):
+        if strained.sum() >= _WHOLE_MESH * len(self._triangles):
             return None
         chosen = np.flatnonzero(strained)
         vertices, corners = distinct_values(self._triangles[chosen]), np.zeros(len(surface.positions), np.intp)
@@ -70,7 +71,7 @@ class StrainedParts:
 
 
 def _carriers(rig: Rig, moving: Collection[int]) -> Ints:
-    """(joints,) of some moving nodes the nearest that each joint hangs on, or is; -1 where there is none."""
+    """(joints,) the nearest moving node that is the joint or an ancestor of it; -1 for none."""
     known = {-1: -1} | {node: node for node in moving}
 
     def carrier(node: int) -> int:
@@ -89,7 +90,7 @@ def _moving_targets(rig: Rig, clip: Clip) -> tuple[int, ...]:
     channel = clip.channel(rig.node, "weights")
     if channel is None:
         return ()
-    # The tangents of a cubic spline move too.
+    # The tangents of a cubic spline move a target too, whatever its keys are.
     if channel.interpolation == "CUBICSPLINE":
         return tuple(range(len(rig.morph_weights)))
     return tuple(np.flatnonzero((channel.values != rig.morph_weights).any(axis=0)).tolist())

@@ -10,9 +10,10 @@ from wrinklecli.character.scene import read_scene
 from wrinklecli.errors import counted
 from wrinklecli.gltf.document import Document
 from wrinklecli.review.suggest.cover import is_covered, layers_over
-from wrinklecli.review.suggest.folds import Fold, triangle_shares
+from wrinklecli.review.suggest.folds import Fold
 from wrinklecli.review.suggest.openings import is_rim, rims
 from wrinklecli.review.suggest.substance import is_faceted, read_makeup, substance_of
+from wrinklecli.surface.compression import triangle_shares
 from wrinklecli.tools.mirror import split_side
 
 # What a joint or a morph target of these words moves gets no wrinkles of ours: lips and lids slide, cheeks swell, tails
@@ -59,7 +60,7 @@ def choose_folds(document: Document, folds: Sequence[Fold], *, everything: bool 
             known[id(mesh)] = read_makeup(document, mesh.rig, mesh.gauge), layers_over(mesh, scene), rims(mesh)
         makeup, layers, edges = known[id(mesh)]
         where = mesh.rig.names[mesh.rig.node]
-        shares = triangle_shares(mesh, fold.region)
+        shares = triangle_shares(mesh.sites, fold.region)
         substance = substance_of(makeup, shares)
         if substance.kind == "hard" and not everything:
             left_out[where, f"hard, as {substance.why}"] += 1

@@ -14,16 +14,17 @@ from wrinklecli.character.pose import node_matrices
 from wrinklecli.effects.wrinkle.attach import attach_tools
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.errors import WrinkleError
-from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.arrays import Floats, unit
 from wrinklecli.review.suggest.draft import newly_named, pair_of, stem_and_side, tool_of, width_of, written_length
 from wrinklecli.review.suggest.folds import Fold
 from wrinklecli.review.suggest.measure import MeasuredMesh, pose_unscaled
 from wrinklecli.review.suggest.moments import Moment, deepest_moments, rising_tools
 from wrinklecli.review.suggest.room import highest
-from wrinklecli.review.suggest.segments import lay_segment
-from wrinklecli.review.suggest.trace import misalignment, trace
 from wrinklecli.surface.path import Curve
+from wrinklecli.surface.segments import lay_segment
 from wrinklecli.surface.sites import at_sites
+from wrinklecli.surface.strain import principal
+from wrinklecli.surface.trace import CLEAR_LOSS, trace
 from wrinklecli.tools.mirror import split_side
 from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
 
@@ -48,6 +49,8 @@ _RESTS = 0.7
 # Per cent of its rest distance that a segment across the middle of a face has at weight 1 of its morph target, the
 # first that shortens it. Between two brows skin hardly shortens, and yet its lines go across: the weight makes them.
 _FULL = (105.0, 110.0, 115.0, 120.0, 130.0)
+# Part of its height that a tool has at least at a place whose direction counts.
+_PRESENT = 0.25
 
 
 @dataclass(frozen=True, slots=True)
@@ -272,7 +275,7 @@ def _within_bones(fold: Fold) -> Fold:
     joint, *ends = node_matrices(rig, None, np.zeros(1), [node, *others])[0, :, :3, 3]
     lengths = [length for end in ends if (length := float(np.linalg.norm(end - joint))) > 0]
     region = replace(fold.region, length=min([fold.region.length, *(_OF_BONE * each for each in lengths)]))
-    laid = lay_segment(fold.mesh, region, [pose_unscaled(fold.mesh, fold.clip, fold.time)])
+    laid = lay_segment(fold.mesh.sites, region, [pose_unscaled(fold.mesh, fold.clip, fold.time)])
     return fold if laid is None else replace(fold, region=region, origin=laid[0], target=laid[1])
 
 
@@ -289,7 +292,9 @@ def _refined(fold: Fold) -> Fold | None:
         clip, time = _deepest(mesh, first[0])
         if clip is fold.clip and time == fold.time:
             break
-        ends = lay_segment(mesh, region, [pose_unscaled(mesh, fold.clip, fold.time), pose_unscaled(mesh, clip, time)])
+        ends = lay_segment(
+            mesh.sites, region, [pose_unscaled(mesh, fold.clip, fold.time), pose_unscaled(mesh, clip, time)]
+        )
         if ends is None:
             return None
         fold = replace(fold, origin=ends[0], target=ends[1])
@@ -325,15 +330,42 @@ def _curved(fold: Fold) -> Fold:
 def _askew(mesh: MeasuredMesh, patch: Patch, moment: tuple[Clip, float]) -> float:
     """Median angle of a tool with the strongest compression at a time of a clip, degrees."""
     clip, time = moment
-    return misalignment(mesh, patch, at_sites(mesh.gauge, mesh.sites, clip, np.array([time]))[0])
+    return _misalignment(mesh, patch, at_sites(mesh.sites, clip, np.array([time]))[0])
+
+
+def _misalignment(mesh: MeasuredMesh, patch: Patch, tensors: Floats) -> float:
+    """Median angle of a tool with the direction of the strongest compression, weighted by area, degrees.
+
+    Args:
+        mesh: The mesh.
+        patch: The attached tool.
+        tensors: (sites, 6) what a pose loses.
+    """
+    sites = mesh.sites
+    members = np.isin(mesh.gauge.numbers, patch.members)
+    under = np.flatnonzero(sites.gather[:, members].sum(axis=1))
+    u, v = patch.coordinates(sites.positions[under])
+    shares = np.abs(patch.magnitudes(u, v, sites.normals[under]) / patch.shape_strength)
+    on, u = under[shares > _PRESENT], u[shares > _PRESENT]
+    losses, directions = principal(tensors[on], sites.normals[on])
+    strained = losses > CLEAR_LOSS * losses.max(initial=0.0)
+    on, u, directions = on[strained], u[strained], directions[strained]
+    if not len(on):
+        return 0.0
+    along = patch.path.directions(u)
+    along = unit(along - np.sum(along * sites.normals[on], axis=1)[:, None] * sites.normals[on])
+    angles = np.degrees(np.arccos(np.clip(np.abs(np.sum(along * directions, axis=1)), 0.0, 1.0)))
+    order = np.argsort(angles, kind="stable")
+    total = np.cumsum(sites.areas[on][order])
+    return float(angles[order[np.searchsorted(total, 0.5 * total[-1])]])
 
 
 def _traced(fold: Fold, clip: Clip, time: float) -> tuple[Fold, Patch] | None:
     """A fold with a path along the strongest compression at a time of a clip, attached; none where that is no tool."""
     mesh, region = fold.mesh, fold.region
-    tensors = at_sites(mesh.gauge, mesh.sites, clip, np.array([time]))[0]
+    tensors = at_sites(mesh.sites, clip, np.array([time]))[0]
     first, second = (float(np.linalg.norm(end - region.centre)) for end in (fold.origin, fold.target))
-    points = trace(mesh, region, tensors, (first, second))
+    points = trace(mesh.sites, region, tensors, (first, second))
     if points is None:
         return None
     curved = replace(fold, origin=points[0], between=points[1:-1], target=points[-1])

@@ -18,10 +18,16 @@ from wrinklecli.character.pose import morph_weights, node_matrices
 from wrinklecli.character.rig import Rig
 from wrinklecli.numeric.arrays import Bools, Floats
 from wrinklecli.numeric.nearest import closest_point
-from wrinklecli.review.suggest.basins import basins
 from wrinklecli.review.suggest.measure import MeasuredMesh, pose_unscaled
-from wrinklecli.review.suggest.regions import Region, grow_region, is_buried, sites_with_twins
-from wrinklecli.review.suggest.segments import lay_segment
+from wrinklecli.surface.compression import (
+    CompressedRegion,
+    basins,
+    grow_region,
+    is_buried,
+    sites_with_twins,
+    triangle_shares,
+)
+from wrinklecli.surface.segments import lay_segment
 from wrinklecli.surface.sites import at_sites
 from wrinklecli.tools.mirror import split_side
 
@@ -64,7 +70,7 @@ class Fold:
     """
 
     mesh: MeasuredMesh
-    region: Region
+    region: CompressedRegion
     clip: Clip
     time: float
     origin: Floats
@@ -88,7 +94,7 @@ def find_folds(mesh: MeasuredMesh, progress: Callable[[float], None] = lambda _s
     """
     peaks, sites = mesh.peaks, mesh.sites
     summits = basins(peaks.losses, sites.near, LEAST_LOSS * _BASIN_LOSS)
-    twins = sites_with_twins(mesh)
+    twins = sites_with_twins(mesh.sites)
     seeds = np.unique(summits[summits >= 0])
     seeds = seeds[peaks.losses[seeds] >= LEAST_LOSS]
     seeds = seeds[np.argsort(-peaks.losses[seeds], kind="stable")][:_MOST_REGIONS]
@@ -100,7 +106,7 @@ def find_folds(mesh: MeasuredMesh, progress: Callable[[float], None] = lambda _s
         if pose not in known:
             if len(known) == _KNOWN_POSES:
                 known.clear()
-            known[pose] = at_sites(mesh.gauge, sites, clip, time)[0], pose_unscaled(mesh, clip, float(time[0]))
+            known[pose] = at_sites(sites, clip, time)[0], pose_unscaled(mesh, clip, float(time[0]))
         tensors, now = known[pose]
         fold = _fold(mesh, seed, clip, float(time[0]), tensors, now, summits == seed, twin=bool(twins[seed]))
         if fold is not None:
@@ -120,8 +126,8 @@ def _fold(
 ) -> Fold | None:
     """The fold about a seed, across x = 0 where it reaches there and what drives it has no side."""
     for across in (True, False):
-        region = grow_region(mesh, seed, tensors, free, twin=twin, across=across)
-        ends = None if region is None else lay_segment(mesh, region, [now])
+        region = grow_region(mesh.sites, seed, tensors, free, twin=twin, across=across)
+        ends = None if region is None else lay_segment(mesh.sites, region, [now])
         if region is None or ends is None:
             continue
         score = float(region.weights.sum()) * (_BURIED_SCORE if is_buried(mesh.sites, region) else 1.0)
@@ -130,13 +136,6 @@ def _fold(
         if not region.on_plane or by_morph or not split_side(driver)[1] or _OF_BOTH_SIDES.search(driver):
             return replace(fold, driver=driver, by_morph=by_morph)
     return None
-
-
-def triangle_shares(mesh: MeasuredMesh, region: Region) -> Floats:
-    """(triangles,) of the gauge, what part of a region's loss each has."""
-    shares: Floats = np.asarray((region.weights @ mesh.sites.smooth[region.members]) @ mesh.sites.gather)
-    total: Floats = shares / shares.sum()
-    return total
 
 
 def driver_of(fold: Fold) -> tuple[str, bool]:
@@ -170,10 +169,10 @@ def driver_of(fold: Fold) -> tuple[str, bool]:
     return rig.names[rig.joints[joint]], False
 
 
-def _joint_shares(mesh: MeasuredMesh, region: Region) -> Floats:
+def _joint_shares(mesh: MeasuredMesh, region: CompressedRegion) -> Floats:
     """(joints,) how much of a region follows each joint; their sum is 1."""
     corners = mesh.gauge.triangles
-    by_corner = np.repeat(triangle_shares(mesh, region) / 3.0, 3)
+    by_corner = np.repeat(triangle_shares(mesh.sites, region) / 3.0, 3)
     vertices = np.bincount(corners.ravel(), by_corner, len(mesh.surface.positions))
     shares: Floats = np.asarray(mesh.gauge.influences.T @ vertices)
     total: Floats = shares / shares.sum()

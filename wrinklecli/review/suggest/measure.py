@@ -16,7 +16,7 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.guard import Progress
 from wrinklecli.surface.rest import Rest, rest_pose
-from wrinklecli.surface.sites import Peaks, Sites, scan, spread_sites
+from wrinklecli.surface.sites import Peaks, Sites, find_peaks, spread_sites
 from wrinklecli.surface.strain import Gauge, posed, read_gauge
 from wrinklecli.tools.records import ToolsFile
 
@@ -200,7 +200,7 @@ def _measure(
     gauge, clips = moved.gauge, moved.clips
     sites = spread_sites(gauge)
     times = tuple(np.linspace(clip.start, clip.end, counts[clip.index]) for clip in clips)
-    peaks = scan(gauge, sites, clips, times, progress)
+    peaks = find_peaks(sites, clips, times, progress)
     primitives = document.items("meshes")[gauge.rig.mesh]["primitives"]
     flat = not any("NORMAL" in primitive["attributes"] for primitive in primitives)
     return MeasuredMesh(gauge.rig, gauge.surface, gauge.rest, gauge, sites, clips, times, peaks, moved.node.name, flat)

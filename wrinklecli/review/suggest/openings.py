@@ -4,7 +4,7 @@ import numpy as np
 
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.suggest.measure import MeasuredMesh
-from wrinklecli.review.suggest.regions import Region
+from wrinklecli.surface.compression import CompressedRegion
 
 # How near a rim is at most, as a part of the region's length, for what moves there to be the rim.
 _NEAR = 0.8
@@ -30,7 +30,7 @@ def rims(mesh: MeasuredMesh) -> Floats:
     return np.concatenate([ends, sites.positions[np.unique(pairs[facing])]])
 
 
-def is_rim(region: Region, points: Floats) -> bool:
+def is_rim(region: CompressedRegion, points: Floats) -> bool:
     """Whether a region lies on one of the (points, 3) of rims."""
     if not len(points):
         return False

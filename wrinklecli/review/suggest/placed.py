@@ -16,12 +16,12 @@ from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.suggest.draft import tool_of, width_of
-from wrinklecli.review.suggest.folds import Fold, triangle_shares
+from wrinklecli.review.suggest.folds import Fold
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.review.suggest.moments import deepest_moments, rising_tools
-from wrinklecli.review.suggest.regions import Region, grow_region
 from wrinklecli.review.suggest.room import highest
 from wrinklecli.review.suggest.substance import Makeup, is_faceted, read_makeup, substance_of
+from wrinklecli.surface.compression import CompressedRegion, grow_region, triangle_shares
 from wrinklecli.surface.sites import Peaks, at_sites, spread_sites
 from wrinklecli.surface.strain import read_gauge
 from wrinklecli.tools.records import Length, WrinkleTool
@@ -94,7 +94,7 @@ class Chosen:
         except WrinkleError:
             return None
 
-    def _region(self, patch: Patch, clip: Clip, time: float) -> Region | None:
+    def _region(self, patch: Patch, clip: Clip, time: float) -> CompressedRegion | None:
         """What the pose folds around the middle of a patch; none where that is not folded."""
         sites = self._mesh.sites
         away = np.sum((sites.positions - patch.path.middle) ** 2, axis=1)
@@ -102,13 +102,13 @@ class Chosen:
         if not facing.any():
             return None
         seed = int(np.argmin(np.where(facing, away, np.inf)))
-        tensors = at_sites(self._mesh.gauge, sites, clip, np.array([time]))[0]
+        tensors = at_sites(sites, clip, np.array([time]))[0]
         free = np.ones(len(sites.positions), bool)
-        return grow_region(self._mesh, seed, tensors, free, twin=False, across=False)
+        return grow_region(sites, seed, tensors, free, twin=False, across=False)
 
-    def _fold(self, region: Region, clip: Clip, time: float, origin: Floats, target: Floats) -> Fold:
+    def _fold(self, region: CompressedRegion, clip: Clip, time: float, origin: Floats, target: Floats) -> Fold:
         fold = Fold(self._mesh, region, clip, time, origin, target, score=0.0)
-        shares = triangle_shares(self._mesh, region)
+        shares = triangle_shares(self._mesh.sites, region)
         kind = substance_of(self._makeup, shares).kind
         material: Literal["skin", "cloth", "leather"] | None = None if kind == "hard" else kind
         facet = 3.0**0.5 * float(shares @ self._mesh.gauge.radii) if is_faceted(self._makeup, shares) else 0.0
