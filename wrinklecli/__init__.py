@@ -1,22 +1,53 @@
 """Dynamic wrinkles for animated glTF characters, baked: `wrinklecli.bake(asset, tools, out)`."""
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from wrinklecli.baking.job import BakeOptions as BakeOptions
     from wrinklecli.baking.pipeline import bake as bake
+    from wrinklecli.baking.track import track as track
+    from wrinklecli.errors import WrinkleError as WrinkleError
+    from wrinklecli.review.check import CheckOptions as CheckOptions
+    from wrinklecli.review.check import check as check
+    from wrinklecli.review.crossings import crossings as crossings
+    from wrinklecli.review.diff.diff import DiffOptions as DiffOptions
+    from wrinklecli.review.diff.diff import diff as diff
+    from wrinklecli.review.inspect import InspectOptions as InspectOptions
+    from wrinklecli.review.inspect import inspect as inspect
+    from wrinklecli.review.preview.preview import preview as preview
+    from wrinklecli.review.preview.preview_options import PreviewOptions as PreviewOptions
+    from wrinklecli.review.preview.preview_options import Style as Style
+    from wrinklecli.review.suggest.suggest import suggest as suggest
+    from wrinklecli.tools.records import Length as Length
 
-__all__ = ["BakeOptions", "bake"]
+# The module of each name. They are imported when a name is used, since `wrinkle --help` must not import numpy.
+_MODULES = {
+    "BakeOptions": "baking.job",
+    "CheckOptions": "review.check",
+    "DiffOptions": "review.diff.diff",
+    "InspectOptions": "review.inspect",
+    "Length": "tools.records",
+    "PreviewOptions": "review.preview.preview_options",
+    "Style": "review.preview.preview_options",
+    "WrinkleError": "errors",
+    "bake": "baking.pipeline",
+    "check": "review.check",
+    "crossings": "review.crossings",
+    "diff": "review.diff.diff",
+    "inspect": "review.inspect",
+    "preview": "review.preview.preview",
+    "suggest": "review.suggest.suggest",
+    "track": "baking.track",
+}
+__all__ = list(_MODULES)
 
 
 def __getattr__(name: str) -> Any:
-    # Lazily: importing the package for `wrinkle --help` must not import numpy.
-    if name == "bake":
-        from wrinklecli.baking.pipeline import bake
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"wrinklecli.{_MODULES[name]}"), name)
 
-        return bake
-    if name == "BakeOptions":
-        from wrinklecli.baking.job import BakeOptions
 
-        return BakeOptions
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_MODULES})

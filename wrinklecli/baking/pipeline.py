@@ -62,6 +62,12 @@ def bake(
         TypeError: `named` has a name that `BakeOptions` lacks.
         RefusedError: The error exceeds `max_error`, a limit of the engine cannot be held, or `strict` and there
             are warnings. Nothing is written.
+
+    Example:
+        >>> from wrinklecli import bake
+        >>> report = bake("samples/wrist.glb", "configs/wrist.yaml", "wrinkled.glb", clips=["flex"], fps=24)
+        >>> [tool["targets"] for tool in report.data["tools"]][0]
+        ['wrinkle_palm_side_1']
     """
     options = replace(options or BakeOptions(), **named)
     with part_of(outputs) as written:

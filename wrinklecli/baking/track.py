@@ -97,6 +97,12 @@ def track(
         ValueError: `max_error` is not above 1/256.
         AssetError: A file is malformed, the body carries no wrinkles, or no joint of any anchor is in an ANIM.
         BakeError: An output would overwrite an input, or cannot be written. All are computed before any is written.
+
+    Example:
+        >>> from wrinklecli import bake, track
+        >>> report = bake("samples/wrist.glb", "configs/wrist.yaml", "body.glb", clips=["flex"])
+        >>> [(made.path, made.clips) for made in track("body.glb", ["samples/wrist.glb"], "tracked")]
+        [('tracked/wrist.glb', ('flex', 'extend'))]
     """
     if not max_error > TABLE_ERROR:
         raise ValueError(f"max_error is {max_error}; the table of weights is right to 1/256")

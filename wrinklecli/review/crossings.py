@@ -68,6 +68,12 @@ def crossings(
     Raises:
         WrinkleError: The asset or the tools file is at fault.
         TypeError: `CheckOptions` lacks a name of `named`.
+
+    Example:
+        >>> from wrinklecli import crossings
+        >>> found = crossings("samples/wrist.glb", clips=["flex"], fps=1)
+        >>> found.data["clips"][0]["counts"]  # of the asset alone, in three moments of the clip
+        [[0, 0, 0]]
     """
     options = replace(options or CheckOptions(), **named)
     with guarded(os.fspath(asset)):

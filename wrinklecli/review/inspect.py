@@ -65,6 +65,11 @@ def inspect(asset: str | os.PathLike[str], options: InspectOptions | None = None
     Raises:
         AssetError: The asset is malformed.
         TypeError: `InspectOptions` lacks a name of `named`.
+
+    Example:
+        >>> from wrinklecli import inspect
+        >>> [clip["name"] for clip in inspect("samples/wrist.glb")["clips"]]
+        ['flex', 'extend']
     """
     options = replace(options or InspectOptions(), **named)
     with guarded(os.fspath(asset)):

@@ -135,7 +135,8 @@ def diff(
         TypeError: `DiffOptions` lacks a name of `named`.
 
     Example:
-        >>> diff("knee.golden.glb", "knee.glb").same
+        >>> from wrinklecli import diff
+        >>> diff("samples/wrist.glb", "samples/wrist.glb").same
         True
     """
     options = replace(options or DiffOptions(), **named)

@@ -78,6 +78,12 @@ def preview(
         WrinkleError: The tools file is at fault; the picture would be too large or cannot be written; or Pillow or
             embreex is missing.
         TypeError: `PreviewOptions` lacks a name of `named`.
+
+    Example:
+        >>> from wrinklecli import preview
+        >>> made = preview(["samples/wrist.glb"], "wrist.png", clips=["flex"], times=[0.5], size=(320, 240))
+        >>> made.size
+        (320, 240)
     """
     options = replace(options or PreviewOptions(), **named)
     path = os.fspath(out)

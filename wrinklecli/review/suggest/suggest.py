@@ -74,6 +74,14 @@ def suggest(
     Raises:
         AssetError: The asset or an anim is at fault, or the asset has wrinkles; it has no such clip or node.
         BakeError: Mesh and clips are too large to measure.
+
+    Example:
+        >>> from pathlib import Path
+        >>> from wrinklecli import suggest
+        >>> found = suggest("samples/wrist.glb", count=1)
+        >>> [(each.tool.name, each.clip) for each in found.tools]
+        [('hand', 'extend')]
+        >>> _ = Path("tools.yaml").write_text(found.text)
     """
     with guarded(os.fspath(asset)):
         document = read_document(asset, allow_external=allow_external, memory=Memory(max_memory))
