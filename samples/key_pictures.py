@@ -1,0 +1,266 @@
+"""Draws the pictures of configs/README.md: `python samples/key_pictures.py [DIR [KEY…]]`.
+
+A picture shows what one key of the tools file does: its panels differ in that key alone. The program itself wrinkles
+and draws them, on a sheet that this script makes or on a sample. Needs the extra `preview`.
+"""
+
+import json
+import math
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from _gltf import Character, Clip, Joint, to_glb
+from _shapes import Builder, Floats
+from wrinklecli import PreviewOptions, Style, preview
+
+HERE = Path(__file__).resolve().parent
+SHEET = (0.10, 0.05)  # metres: half the length along the segment, half the depth
+CORNER = (0.05, 0.04)  # metres, x and z: where `pinch` pulls to
+MOST = 40  # per cent by which `press` shortens the sheet
+PANEL = (248, 124)  # pixels
+CUT = 26  # pixels at the top of what the program draws, with its own label
+CAPTION, GUTTER = 20, 4  # pixels above a panel, and between panels
+COLOURS = 40  # in a picture's palette; grey clay needs no more
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What the panels of a picture have in common.
+
+    Attributes:
+        asset: Name of a sample, or of a sheet of `write_sheets`.
+        clip: Name of the clip that is shown.
+        view: Azimuth and elevation of the camera, degrees.
+        focus: The point in the middle of a panel, metres, in the stored pose.
+        radius: The distance around the focus that a panel shows, metres.
+        tool: Keys of the tool.
+        refinement: Keys of `refinement`.
+    """
+
+    asset: str
+    clip: str
+    view: str
+    focus: tuple[float, float, float]
+    radius: float
+    tool: Mapping[str, Any]
+    refinement: Mapping[str, Any] = field(default_factory=lambda: {"edges_per_interval": 4})
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """One panel of a picture.
+
+    Attributes:
+        caption: The line above the panel.
+        keys: More keys of the tool.
+        time: Seconds in the clip.
+        refinement: More keys of `refinement`.
+        wire: Draw the edges of the triangles.
+    """
+
+    caption: str
+    keys: Mapping[str, Any]
+    time: float = 0.75
+    refinement: Mapping[str, Any] = field(default_factory=dict)
+    wire: bool = False
+
+
+# The tool lies on the front edge of the sheet, so the edge shows a section through the middle of the wrinkles.
+CUT_OPEN = Look(
+    "sheet",
+    "press",
+    "0:24",
+    (0.0, 0.006, 0.025),
+    0.046,
+    {"origin": [-0.07, 0.0, 0.05], "target": [0.07, 0.0, 0.05], "width": 0.14},
+)
+# The tool lies in the middle of the sheet, and is seen from above.
+ENDS = {"origin": [-0.07, 0.0, 0.0], "target": [0.07, 0.0, 0.0]}
+WHOLE = Look("sheet", "press", "0:56", (0.0, 0.0, 0.004), 0.042, {**ENDS, "width": 0.08})
+ASIDE = replace(WHOLE, view="62:22", tool={**ENDS, "width": 0.08, "bumps": 2, "variation": 0})
+# A quarter of a circle about the corner to which `pinch` pulls.
+ARC = [
+    [CORNER[0] - 0.06 * math.cos(angle), 0.0, CORNER[1] - 0.06 * math.sin(angle)] for angle in np.linspace(0.0, 1.7, 5)
+]
+PINCHED = Look("sheet", "pinch", "0:80", (0.012, 0.0, 0.004), 0.05, {"width": 0.045, "bumps": 5, "variation": 0})
+COARSE = Look("coarse", "press", "0:40", (0.0, 0.0, 0.02), 0.038, {**CUT_OPEN.tool, "variation": 0}, {})
+FOREHEAD = Look(
+    "head",
+    "raise_brows",
+    "0:10",
+    (0.0, 0.258, 0.07),
+    0.05,
+    {
+        "name": "brow.L",
+        "origin": [0.033, 0.2402, 0.083],
+        "target": [0.027, 0.2881, 0.0639],
+        "width": 0.06,
+        "bumps": 5,
+        "profile": "skin",
+        "max_height": "4%",
+        "compressible": "35%",
+    },
+)
+RULED: Mapping[str, Any] = {"variation": 0, "max_height": "30%", "bumps": 3}
+LOW: Mapping[str, Any] = {"variation": 0, "bumps": 4}
+LAG = {"frequency": 2, "damping": 0.15}
+
+
+def of_key(key: str, values: Sequence[Any], more: Mapping[str, Any], time: float = 0.75) -> list[Panel]:
+    """A panel for each value of a key of the tool."""
+    return [Panel(f"{key}: {written(value)}", {**more, key: value}, time) for value in values]
+
+
+def shortened(key: str, values: Sequence[Any], shares: Sequence[int], more: Mapping[str, Any]) -> list[Panel]:
+    """A row for each value of a key; its panels show the sheet shorter by some per cents."""
+    return [
+        replace(panel, caption=f"{panel.caption}, {share} % shorter" if share else f"{panel.caption}, at rest")
+        for value in values
+        for share in shares
+        for panel in of_key(key, [value], more, share / MOST)
+    ]
+
+
+def refined(key: str, values: Sequence[Any], bumps: int) -> list[Panel]:
+    """A panel for each value of a key of `refinement`, with the triangles' edges."""
+    return [Panel(f"{key}: {written(value)}", {"bumps": bumps}, 0.75, {key: value}, wire=True) for value in values]
+
+
+def written(value: Any) -> str:
+    """A value as the tools file has it."""
+    return value if isinstance(value, str) else json.dumps(value).replace('"', "")
+
+
+PICTURES: dict[str, tuple[Look, list[Panel]]] = {
+    "path": (
+        PINCHED,
+        [
+            Panel("origin and target", {"origin": ARC[0], "target": ARC[-1]}),
+            Panel("path of five points", {"path": ARC}),
+        ],
+    ),
+    "width": (WHOLE, of_key("width", (0.02, 0.05, 0.09), RULED)),
+    "mirror": (FOREHEAD, of_key("mirror", ("none", "x"), {})),
+    "bumps": (CUT_OPEN, of_key("bumps", (2, 4, 8), {"variation": 0})),
+    "gap": (CUT_OPEN, of_key("gap", (0, 1, 3), RULED)),
+    "max_height": (CUT_OPEN, of_key("max_height", ("3%", "auto", "none"), LOW, 1.0)),
+    "strength": (CUT_OPEN, of_key("strength", (0.5, 1, -1), LOW)),
+    "attenuation": (ASIDE, of_key("attenuation", ("bell", "linear"), {})),
+    "material": (CUT_OPEN, of_key("material", ("none", "skin", "cloth", "leather"), {})),
+    "profile": (CUT_OPEN, of_key("profile", ("smooth", "skin", "cloth", "polyline"), RULED)),
+    "details": (CUT_OPEN, of_key("details", ([], [0.1], [0.4]), RULED)),
+    "strategy": (
+        CUT_OPEN,
+        shortened("strategy", ("everywhere", "origin", "both_ends"), (5, 10, 16), {**LOW, "max_height": "8%"}),
+    ),
+    "compressible": (CUT_OPEN, shortened("compressible", ("0%", "70%"), (5, 15, 35), LOW)),
+    "rest_length": (CUT_OPEN, shortened("rest_length", ("110%", "auto", "85%"), (0, 8, 24), LOW)),
+    "lag": (
+        replace(CUT_OPEN, clip="tap"),
+        [
+            Panel(f"{words}, at {time} s", {**LOW, "max_height": "none", "compressible": "70%", "lag": lag}, time)
+            for words, lag in (("lag: none", "none"), ("lag: {damping: 0.15, …}", LAG))
+            for time in (0.2, 0.42, 0.66)
+        ],
+    ),
+    "variation": (WHOLE, of_key("variation", (0, 0.3, 1), {"bumps": 5})),
+    "seed": (WHOLE, of_key("seed", (1, 2, 3), {"bumps": 5, "variation": 0.7})),
+    "branch": (WHOLE, of_key("branch", (0, 1), {"bumps": 6, "seed": 3, "variation": 0.5})),
+    "bow": (WHOLE, of_key("bow", (-1, 0, 1), {"variation": 0})),
+    "max_levels": (COARSE, refined("max_levels", (0, 1, 4), 6)),
+    "edges_per_interval": (COARSE, refined("edges_per_interval", (1, 2, 4), 3)),
+}
+
+
+def write_sheets(folder: Path) -> None:
+    """Write the sheets as assets."""
+    for each in (sheet("sheet", 50, 26), sheet("coarse", 10, 5)):
+        (folder / f"{each.name}.glb").write_bytes(to_glb(each))
+
+
+def sheet(name: str, columns: int, rows: int) -> Character:
+    """A level sheet. Clip `press` shortens it along x in 1 s, `tap` in 0.2 s, and `pinch` pulls all to one corner."""
+    wide, deep = SHEET
+    xs, zs = np.meshgrid(np.linspace(-wide, wide, columns + 1), np.linspace(deep, -deep, rows + 1))
+    builder = Builder()
+    ids = builder.add(np.stack([xs, 0.0 * xs, zs], axis=-1))
+    builder.grid(ids, (0.0, 0.0), (1.0, 1.0))
+    mesh = builder.mesh(border=ids[0], border_axis=2)
+    pressed: Floats = mesh.positions * [-MOST / 100, 0.0, 0.0]
+    pinched: Floats = (mesh.positions - [CORNER[0], 0.0, CORNER[1]]) * -0.4
+    times = np.linspace(0.0, 1.0, 31)
+    nothing, tapped = 0.0 * times, 0.6 * np.minimum(times / 0.2, 1.0)
+    return Character(
+        name=name,
+        mesh=mesh,
+        joints=(Joint("root", None, (0.0, 0.0, 0.0)),),
+        weights=np.ones((len(mesh.positions), 1)),
+        clips=(
+            Clip("press", times, weights=np.stack([times, nothing], axis=1)),
+            Clip("pinch", times, weights=np.stack([nothing, times], axis=1)),
+            Clip("tap", times, weights=np.stack([tapped, nothing], axis=1)),
+        ),
+        colour=(0.6, 0.6, 0.6),
+        material="clay",
+        roughness=1.0,
+        double_sided=True,
+        morphs={"press": pressed, "pinch": pinched},
+    )
+
+
+def draw(look: Look, panel: Panel, folder: Path) -> Image.Image:
+    """One panel, without its caption."""
+    tool = {"name": "tool", **look.tool, **panel.keys}
+    tools, out = folder / "tools.yaml", folder / "panel.png"
+    tools.write_text(json.dumps({"version": 1, "refinement": {**look.refinement, **panel.refinement}, "tools": [tool]}))
+    asset = next(path for path in (folder / f"{look.asset}.glb", HERE / f"{look.asset}.glb") if path.exists())
+    options = PreviewOptions(
+        tools=tools,
+        hide_tools=True,
+        clips=(look.clip,),
+        times=(panel.time,),
+        views=(look.view,),
+        focus=look.focus,
+        radius=look.radius,
+        follow=True,
+        size=(PANEL[0], PANEL[1] + 2 * CUT),
+        style=Style(clay=True, wire=panel.wire),
+    )
+    made = preview([asset], out, options)
+    for warning in made.warnings:
+        print(f"{panel.caption}: {warning}")
+    with Image.open(out) as picture:
+        return picture.convert("RGB").crop((0, CUT, PANEL[0], CUT + PANEL[1]))
+
+
+def table(look: Look, panels: list[Panel], folder: Path) -> Image.Image:
+    """All panels, each below its caption: two or four stand in one row, others in rows of three."""
+    columns = len(panels) if len(panels) in (2, 4) else 3
+    wide, high = PANEL[0] + GUTTER, PANEL[1] + CAPTION + GUTTER
+    picture = Image.new("RGB", (columns * wide - GUTTER, -(-len(panels) // columns) * high - GUTTER), "white")
+    pen, font = ImageDraw.Draw(picture), ImageFont.load_default(13.0)
+    for number, panel in enumerate(panels):
+        row, column = divmod(number, columns)
+        pen.text((column * wide + 4, row * high + 2), panel.caption, fill=(60, 66, 74), font=font)
+        picture.paste(draw(look, panel, folder), (column * wide, row * high + CAPTION))
+    return picture.quantize(COLOURS, dither=Image.Dither.NONE)
+
+
+def main(out: Path, keys: list[str]) -> None:
+    """Draw all pictures, or those of some keys, into a folder."""
+    out.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as folder:
+        write_sheets(Path(folder))
+        for key in keys or PICTURES:
+            table(*PICTURES[key], Path(folder)).save(out / f"key_{key}.png", optimize=True)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else HERE / "pictures", sys.argv[2:])
