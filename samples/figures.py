@@ -24,9 +24,9 @@ from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.pipeline import bake
 from wrinklecli.baking.plan import MeshPlan, plan_meshes
 from wrinklecli.character.clip import Clip, read_clips
-from wrinklecli.character.crossings import read_scene_surface
 from wrinklecli.character.pose import node_matrices
 from wrinklecli.character.rig import Rig
+from wrinklecli.character.scene_surface import read_scene_surface
 from wrinklecli.effects.wrinkle.curve import ControlCurve, plan_curve
 from wrinklecli.gltf.document import read_document
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, unit

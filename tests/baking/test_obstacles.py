@@ -11,7 +11,7 @@ from kit.player import Gltf
 from wrinklecli.baking.report import Report
 from wrinklecli.baking.track import track
 from wrinklecli.errors import BakeError
-from wrinklecli.numeric.crossings import Crossings
+from wrinklecli.numeric.intersections import Crossings
 from wrinklecli.review.crossings import crossings
 
 

@@ -40,7 +40,7 @@ DOORS = {
     "zstandard": {"baking/original"},
     "threadpoolctl": {"numeric/guard"},
     "trimesh": {"baking/frame_files"},
-    "ipctk": {"effects/contact/passing", "effects/contact/tissue"},
+    "ipctk": {"effects/contact/tissue"},
     "embreex": {"review/preview/preview", "review/preview/rays"},
     "PIL": {"gltf/pixels", "review/preview/cards", "review/preview/preview", "review/preview/sheet_layout"},
     "matplotlib": {"review/plot"},

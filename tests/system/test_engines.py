@@ -11,7 +11,7 @@ from kit.clients import assert_valid, compare_with_three, pose
 from kit.engines import babylon_pose, through_assimp, vtk_pose
 from kit.limb import RADIUS, blendshape_limb, limb_asset, tool
 from kit.player import Floats, Gltf
-from wrinklecli.numeric.crossings import Crossings
+from wrinklecli.numeric.intersections import Crossings
 
 TIMES = (0.0, 0.35, 0.5, 0.9, 1.3)
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from wrinklecli.baking.original import original, wrinkled
 from wrinklecli.character.clip import Clip, chosen_clips, clip_grid, read_clips
-from wrinklecli.character.crossings import Found, SceneSurface, read_scene_surface
 from wrinklecli.character.moved import moved
 from wrinklecli.character.scene import deforming_nodes
+from wrinklecli.character.scene_surface import CrossingPairs, SceneSurface, read_scene_surface
 from wrinklecli.errors import BakeError
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.shape import Json
@@ -168,7 +168,7 @@ def _describe_clip(seen: Sequence[_Seen], clip: Clip, fps: float | None) -> Json
     }
 
 
-def _by_place(surface: SceneSurface, frames: Sequence[Found]) -> Iterator[tuple[str, int, Floats]]:
+def _by_place(surface: SceneSurface, frames: Sequence[CrossingPairs]) -> Iterator[tuple[str, int, Floats]]:
     """For each two parts that cross their names, how often, and the middle of it in the stored pose."""
     edges = np.concatenate([np.zeros((0, 2), np.intp), *(each.edges for each in frames)])
     triangles = np.concatenate([np.zeros((0, 3), np.intp), *(each.triangles for each in frames)])

@@ -17,7 +17,7 @@ from wrinklecli.effects.contact.fitting import fewest
 from wrinklecli.effects.contact.fold import RINGS
 from wrinklecli.effects.contact.folding import Found, free_rows
 from wrinklecli.effects.contact.tissue import FREE, SOFT, SkinnedPose, SolverState, Tissue
-from wrinklecli.numeric.crossings import widened
+from wrinklecli.numeric.intersections import widened
 
 
 def test_shapes_that_would_take_volume_away_are_more() -> None:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from wrinklecli.numeric.crossings import Crossings
+from wrinklecli.numeric.intersections import Crossings
 
 pytest.importorskip("ipctk", reason="needs the extra `contact`")
 

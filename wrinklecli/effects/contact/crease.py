@@ -25,7 +25,7 @@ from wrinklecli.effects.contact.folding import (
 )
 from wrinklecli.effects.contact.tissue import FREE, SOFT, UNITS, Tissue
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, interpolated
-from wrinklecli.numeric.crossings import widened
+from wrinklecli.numeric.intersections import widened
 
 # Strides between two poses of a sweep that leans: what is between these the others tell.
 _LEANING_STRIDES = 2.0

@@ -16,14 +16,13 @@ from wrinklecli.character.obstacles import Obstacle
 from wrinklecli.character.pose import blend, joint_matrices, morph_weights, node_matrices, transform
 from wrinklecli.character.rig import Rig
 from wrinklecli.effects.contact.hinge import Hinge, hinge_of
-from wrinklecli.effects.contact.passing import passing
 from wrinklecli.effects.contact.rise import Rise, rise_of
 from wrinklecli.effects.wrinkle.activity import lengths_over_time
 from wrinklecli.effects.wrinkle.bending import bent_node
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, pieces_of
-from wrinklecli.numeric.crossings import Crossings
+from wrinklecli.numeric.intersections import Crossings
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import Contact
@@ -131,7 +130,7 @@ class Fold:
 
         Other meshes may cross each other.
         """
-        return passing(positions, self.crossings.edges, self.triangles, self.own)
+        return self.crossings.vertices_at(positions, self.own)
 
     def jammed(self, clip: Clip, times: Floats) -> set[str]:
         """Nodes with other meshes that pass through themselves at some of (frames,) seconds of a clip, not at rest."""

@@ -12,7 +12,7 @@ from wrinklecli.effects.contact.fold import Fold
 from wrinklecli.effects.contact.march import march
 from wrinklecli.effects.contact.tissue import UNITS, SkinnedPose, SolverState, Tissue
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, inverses, unit
-from wrinklecli.numeric.crossings import widened
+from wrinklecli.numeric.intersections import widened
 
 # Poses that are skipped together if nothing is near in the last one: 16° of a sweep, or an eighth of a second.
 _AHEAD = 4

@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from wrinklecli.effects.contact.passing import passing
 from wrinklecli.effects.contact.response import Pieces, Response, stiffness_of
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
-from wrinklecli.numeric.crossings import edges_of
+from wrinklecli.numeric.intersections import Crossings, edges_of
 
 UNITS = 70.0
 """Solver's units in a limb's radius: one is about a millimetre of a knee."""
@@ -163,6 +162,11 @@ class Tissue:
         return np.asfortranarray(positions[self.rows])
 
     @cached_property
+    def _crossings(self) -> Crossings:
+        """The trees of `mesh`."""
+        return Crossings.of(self.rest[self.rows], np.searchsorted(self.rows, self.triangles[self.colliding]))
+
+    @cached_property
     def edges(self) -> Ints:
         """(edges, 2)."""
         return edges_of(self.triangles)
@@ -247,7 +251,7 @@ class Tissue:
             return None
         counting = (self.free & self.own)[self.rows]
         marked = np.zeros(len(positions), bool)
-        marked[self.rows] = passing(self.placed(positions), self.mesh.edges, self.mesh.faces, counting)
+        marked[self.rows] = self._crossings.vertices_at(positions[self.rows], counting)
         return marked if marked.any() else None
 
     def _near(self, positions: Floats, barrier_gap: float, kept_gap: float) -> Any:

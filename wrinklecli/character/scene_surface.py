@@ -1,6 +1,6 @@
-"""What passes through itself or through something else in a scene, over time: surfaces of all nodes together.
+"""The welded surfaces of all nodes of a scene together, and what crosses on them over time.
 
-Each node's mesh is welded first, so that a seam is no border and what shares a point does not cross.
+Each node's mesh is welded first, so that seams are no borders and triangles that share a point do not cross.
 """
 
 from collections.abc import Sequence
@@ -16,19 +16,19 @@ from wrinklecli.character.skin import Skin, pose, prepare
 from wrinklecli.character.surface import has_triangles, read_surface
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, Ints
-from wrinklecli.numeric.crossings import Crossings
+from wrinklecli.numeric.intersections import Crossings
 
-# Coordinates that are posed at once: bounds the memory.
+# Coordinates that are posed at once. Bounds the memory.
 _COORDINATES = 2**22
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
-    """What crosses at one time.
+class CrossingPairs:
+    """Edges that pass through triangles at one time, by the vertices of `SceneSurface`.
 
     Attributes:
-        edges: (crossings, 2) vertices of `SceneSurface`.
-        triangles: (crossings, 3) that each passes through.
+        edges: (crossings, 2).
+        triangles: (crossings, 3) the triangle that each edge passes through.
     """
 
     edges: Ints
@@ -37,15 +37,15 @@ class Found:
 
 @dataclass(frozen=True, slots=True)
 class SceneSurface:
-    """The surfaces of all nodes of a scene, vertices of one behind those of another.
+    """The surfaces of all nodes of a scene, with the vertices of one behind those of another.
 
     Attributes:
-        rigs: What moves each.
-        starts: (rigs + 1,) the first vertex of each.
+        rigs: One for each surface.
+        starts: (rigs + 1,) the first vertex of each surface.
         positions: (vertices, 3) world space, in the stored pose.
         carriers: (vertices,) the node that carries most of each vertex.
-        crossings: What may cross.
-        skins: The vertices of each, ready to be posed.
+        crossings: Finds crossings among all surfaces.
+        skins: One for each surface.
     """
 
     rigs: tuple[Rig, ...]
@@ -56,21 +56,21 @@ class SceneSurface:
     skins: tuple[Skin, ...]
 
     def posed(self, clip: Clip | None, times: Floats) -> Floats:
-        """(frames, 3, vertices) at (frames,) seconds of a clip, world space; none for the stored pose."""
+        """(frames, 3, vertices) at (frames,) seconds of a clip, world space; without a clip in the stored pose."""
         return _posed(self.rigs, self.skins, clip, times)
 
-    def found(self, clip: Clip | None, times: Floats) -> list[Found]:
-        """What crosses at each of (frames,) seconds of a clip."""
-        every: list[Found] = []
+    def found(self, clip: Clip | None, times: Floats) -> list[CrossingPairs]:
+        """Find what crosses at each of (frames,) seconds of a clip."""
+        every: list[CrossingPairs] = []
         step = max(_COORDINATES // (3 * max(len(self.positions), 1)), 1)
         for k in range(0, len(times), step):
             for places in self.posed(clip, times[k : k + step]):
                 edges, triangles = self.crossings.at(places.T)
-                every.append(Found(self.crossings.edges[edges], self.crossings.triangles[triangles]))
+                every.append(CrossingPairs(self.crossings.edges[edges], self.crossings.triangles[triangles]))
         return every
 
     def owners(self, vertices: Ints) -> Ints:
-        """(vertices,) which of the rigs each is of."""
+        """(vertices,) the index of the rig of each vertex."""
         return np.searchsorted(self.starts, vertices, side="right") - 1
 
 

@@ -1,7 +1,6 @@
-"""Edges that pass through triangles of a surface that moves: what a fold shows where it goes through itself.
+"""Finds the edges of a moving surface that pass through its triangles.
 
-Candidates come from trees of bounding boxes, which are made once, at rest, and refitted to each pose. No pair is looked
-at twice, and nothing hangs on the order of the triangles but the numbers of what is found.
+Candidates come from trees of bounding boxes, which are built once at rest and refitted to each pose.
 
 Source: C. Ericson, *Real-Time Collision Detection*, 2005, §6.3 (descent of two hierarchies) and §5.3.4 (segments and
 triangles by signed volumes). Differs: all pairs of a level of the trees are compared at once.
@@ -11,23 +10,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct, flags_of
 
-# Pairs of boxes that are compared at once: bounds the memory.
+# Pairs of boxes that are compared at once. Bounds the memory.
 _PAIRS = 2**19
-# Bits of a coordinate in the order of the leaves.
+# Bits of each coordinate in the Morton order of the leaves.
 _BITS = 10
 
 
 @dataclass(frozen=True, slots=True)
 class Crossings:
-    """What may cross on a surface.
+    """The trees of a surface's edges and triangles.
 
     Attributes:
         triangles: (triangles, 3) vertices.
-        edges: (edges, 2) vertices, the lower first, each once, in rising order.
-        triangle_order: (triangles,) the leaves of a tree, neighbours beside each other,
-        edge_order: and (edges,) those of another.
+        edges: (edges, 2) vertices as `edges_of` sorts them.
+        triangle_order: (triangles,) the leaves of the tree of triangles, along a Morton curve.
+        edge_order: (edges,) the leaves of the tree of edges, likewise.
     """
 
     triangles: Ints
@@ -37,7 +36,7 @@ class Crossings:
 
     @classmethod
     def of(cls, positions: Floats, triangles: Ints) -> "Crossings":
-        """Plan the trees of (triangles, 3) over (vertices, 3) positions at rest."""
+        """Build the trees of (triangles, 3) from (vertices, 3) positions at rest."""
         edges = edges_of(triangles)
         return cls(triangles, edges, *(_morton_order(positions[each].mean(axis=1)) for each in (triangles, edges)))
 
@@ -48,8 +47,8 @@ class Crossings:
             positions: (vertices, 3).
 
         Returns:
-            (crossings,) an edge and (crossings,) a triangle that it passes through, ordered by edge and triangle. What
-            only touches, or shares a vertex, does not count.
+            (crossings,) edges and (crossings,) the triangles that they pass through, sorted by edge, then triangle.
+            Pairs that only touch or share a vertex do not count.
         """
         depth = max(len(self.triangles), len(self.edges), 1).bit_length()
         trees = [
@@ -61,10 +60,9 @@ class Crossings:
         while stack:
             level, edges, triangles = stack.pop()
             (low, high), (other_low, other_high) = (tree[level] for tree in trees)
-            meets = np.ones(len(edges), bool)
             for k in range(3):
-                meets &= (low[k][edges] <= other_high[k][triangles]) & (high[k][edges] >= other_low[k][triangles])
-            edges, triangles = edges[meets], triangles[meets]
+                meets = (low[k][edges] <= other_high[k][triangles]) & (high[k][edges] >= other_low[k][triangles])
+                edges, triangles = edges[meets], triangles[meets]
             if level == depth:
                 found.append(self._crossing(positions, self.edge_order[edges], self.triangle_order[triangles]))
                 continue
@@ -77,23 +75,32 @@ class Crossings:
         edges, triangles = crossing[np.lexsort(crossing.T[::-1])].T
         return edges, triangles
 
+    def vertices_at(self, positions: Floats, counting: Bools) -> Bools:
+        """(vertices,) True for the vertices of edges and triangles that cross at (vertices, 3) positions.
+
+        Only crossings of which at least one vertex is among the (vertices,) `counting` are marked.
+        """
+        edges, triangles = self.at(positions)
+        corners = np.concatenate([self.edges[edges], self.triangles[triangles]], axis=1)
+        return flags_of(corners[counting[corners].any(axis=1)], len(positions))
+
     def _crossing(self, positions: Floats, edges: Ints, triangles: Ints) -> Ints:
-        """(crossings, 2) those of (pairs,) edges and (pairs,) triangles that cross."""
+        """(crossings, 2) the pairs of (pairs,) edges and (pairs,) triangles that cross."""
         ends, corners = self.edges[edges], self.triangles[triangles]
-        apart = (ends[:, :, None] != corners[:, None, :]).all(axis=(1, 2))
+        apart = np.logical_and.reduce([ends[:, k] != corner for k in range(2) for corner in corners.T])
         edges, triangles, ends, corners = edges[apart], triangles[apart], ends[apart], corners[apart]
         crosses = pass_through(positions[ends], positions[corners])
         return np.stack([edges[crosses], triangles[crosses]], axis=1)
 
 
 def edges_of(triangles: Ints) -> Ints:
-    """(edges, 2) the edges of (triangles, 3), the lower vertex first, each once, in rising order."""
+    """(edges, 2) the distinct edges of (triangles, 3), sorted, the lower vertex of each first."""
     sides = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     return np.asarray(sides[distinct(sides)[0]], np.intp)
 
 
 def widened(edges: Ints, marked: Bools) -> Bools:
-    """(vertices,) those marked, and those that (edges, 2) join to them."""
+    """(vertices,) the marked vertices and their neighbours along (edges, 2)."""
     first, second = edges.T
     wider = marked.copy()
     wider[second[marked[first]]] = True
@@ -102,7 +109,7 @@ def widened(edges: Ints, marked: Bools) -> Bools:
 
 
 def pass_through(ends: Floats, corners: Floats) -> Bools:
-    """(pairs,) whether segments of (pairs, 2, 3) ends pass through triangles of (pairs, 3, 3) corners."""
+    """(pairs,) True where a segment of (pairs, 2, 3) ends passes through the triangle of (pairs, 3, 3) corners."""
     start, stop = ends[:, 0], ends[:, 1]
     a, b, c = (corners[:, k] for k in range(3))
     normal = np.cross(b - a, c - a)
@@ -111,16 +118,16 @@ def pass_through(ends: Floats, corners: Floats) -> Bools:
     ray = (stop - start)[passing]
     a, b, c = (each[passing] - start[passing] for each in (a, b, c))
     turns = [np.sign(np.sum(ray * np.cross(one, other), axis=1)) for one, other in ((a, b), (b, c), (c, a))]
-    # Along an edge that two triangles share, exactly one of them has to count: rounding decides which.
+    # A segment through an edge that two triangles share must cross exactly one of them: rounding decides which.
     passing[passing] = np.abs(turns[0] + turns[1] + turns[2]) == 3
     return np.asarray(passing)
 
 
 def _tree(corners: Floats, depth: int) -> list[tuple[Floats, Floats]]:
-    """For each level of a binary tree (3, boxes) least and greatest coordinates; the last has (things, n, 3) boxed."""
+    """(3, boxes) least and greatest coordinates for each level, root first, of a tree over (things, n, 3) corners."""
     low, high = np.full((3, 2**depth), np.inf), np.full((3, 2**depth), -np.inf)
     low[:, : len(corners)], high[:, : len(corners)] = corners.min(axis=1).T, corners.max(axis=1).T
-    # What a scale of 0 hides lies in one point, crosses nothing, and would meet all else that is hidden.
+    # A scale of 0 hides parts in one point, where they cross nothing but their boxes would all meet.
     hidden = (low == high).all(axis=0)
     low[:, hidden], high[:, hidden] = np.inf, -np.inf
     levels = [(low, high)]
@@ -131,7 +138,7 @@ def _tree(corners: Floats, depth: int) -> list[tuple[Floats, Floats]]:
 
 
 def _morton_order(points: Floats) -> Ints:
-    """(points,) in an order in which neighbours in space are mostly neighbours: bits of coordinates in turns."""
+    """(points,) the order along a Morton curve, which interleaves the bits of the coordinates."""
     low = points.min(axis=0, initial=np.inf)
     size = float((points - low).max(initial=0.0)) or 1.0
     cells = np.minimum((points - low) / size * 2**_BITS, 2**_BITS - 1).astype(np.int64)

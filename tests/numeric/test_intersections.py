@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wrinklecli.numeric.crossings import Crossings, edges_of, pass_through
+from wrinklecli.numeric.intersections import Crossings, edges_of, pass_through
 
 
 def every_crossing(positions: np.ndarray, triangles: np.ndarray) -> list[tuple[int, int]]:
@@ -24,7 +24,14 @@ def test_trees_find_what_a_look_at_every_pair_finds(seed: int, count: int) -> No
     crossings = Crossings.of(rest, triangles)
     for positions in (rest, rng.normal(size=(30, 3)) * [1, 1, 0.1]):
         found = [each.tolist() for each in crossings.at(positions)]
-        assert list(zip(*found, strict=True)) == every_crossing(positions, triangles)
+        every = every_crossing(positions, triangles)
+        assert list(zip(*found, strict=True)) == every
+        counting = rng.random(30) < 0.1
+        marked = set[int]()
+        for edge, triangle in every:
+            corners = {*crossings.edges[edge].tolist(), *triangles[triangle].tolist()}
+            marked |= corners if counting[list(corners)].any() else set()
+        assert set(np.flatnonzero(crossings.vertices_at(positions, counting)).tolist()) == marked
 
 
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
