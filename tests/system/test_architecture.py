@@ -33,7 +33,7 @@ ROOMS = [
 ]
 # Who may import a library: modules, or all of a folder. Any module may import those that are not here.
 DOORS = {
-    "yaml": {"tools/yaml_parts", "tools/yaml_tree"},
+    "yaml": {"tools/yaml_edit", "tools/yaml_tree"},
     "jsonschema_rs": {"tools/checked"},
     "pygltflib": {"gltf/edit"},
     "DracoPy": {"gltf/draco"},

@@ -1,10 +1,11 @@
 """Edits of a tools file's text: what they do not touch keeps every byte, and what they do reads as it was meant."""
 
+import difflib
 from collections.abc import Mapping
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kit.places import ROOT
@@ -147,6 +148,151 @@ def test_edits_do_what_they_say_and_nothing_else(name: str, edits: list[Any], da
     for line in text.splitlines():
         if line.startswith(("#", "version", "defaults")):
             assert line in file.text.splitlines()
+
+
+# Lines of a key, as people write them; those after the first are indented relative to it.
+KEY_LINES: dict[str, list[list[str]]] = {
+    "mirror": [["mirror: x"], ["mirror:   x       # both sides"]],
+    "origin": [["origin: [ 0.10, 0.6 , 1e-1 ]"], ["origin:", "  - 0.1", "  # up", "  - .60   # more", "  - -0", ""]],
+    "target": [["target: {marker: 'Knie.L'}"], ["target: {", "    marker: Knie,   # ä, and so on", "  }"]],
+    "width": [["width: 0.240"], ['width: "24%" # quoted'], ["width: >-", "  80%"], ["? width", ": 0.3"]],
+    "clips": [
+        ["clips:", "    walk: 0.8  # flatter", "", "    'my run': 1.0", '    "on": 0'],
+        ["clips: {walk: 0.80, 'my run': 1,   # no more", "        on: +1,}"],
+        ["clips: {" + ", ".join(f"walk {number}: 0.{number}0" for number in range(1, 60)) + "}  # long"],
+    ],
+    "details": [["details: []"], ["details: [0.20,", "# none", "     0.1 ]"]],
+    "enabled": [["enabled: True"], ["enabled: yes   # 日本"], ["enabled:", "  on"]],
+    "node": [["node: ~"], ["node:   # the only one"], ["node: |", "  body"], ["node: a long", "  name # of two lines"]],
+    "lag": [["lag: {frequency: 6, damping: 0.50}"], ["lag:", "  # slow", "  frequency: 3"]],
+}
+ENTRIES = st.sampled_from(sorted(KEY_LINES)).flatmap(
+    lambda key: st.tuples(st.just(key), st.sampled_from(KEY_LINES[key]))
+)
+
+
+@st.composite
+def written_files(draw: st.DrawFn) -> tuple[str, list[tuple[str, int | None, str | None]]]:
+    """A realistic file: its line break, and each line with the tool and the key that it belongs to."""
+    lines: list[tuple[str, int | None, str | None]] = []
+    beside: list[list[str]] = [
+        ["version: 1"],
+        ["up: z   # as Blender has it"],
+        ["defaults: { width:  80% }    # both"],
+        ["defaults:", "  lag: {frequency: 6,", "     damping: 1}", "  # and more", "  seed: 010"],
+        ["# A file as people write them: Fältchen.", "", ""],
+        ["sampling: {clips: [walk, 'my run'], fps: 3_0}"],
+    ]
+    above, below = (
+        draw(st.lists(st.sampled_from(beside), max_size=3)),
+        draw(st.lists(st.sampled_from(beside), max_size=1)),
+    )
+    lines += [(line, None, None) for each in above for line in each]
+    lines.append((draw(st.sampled_from(["tools:", "tools:   # of the left"])), None, None))
+    indent, wide = draw(st.sampled_from(["", "  ", "     "])), draw(st.integers(1, 3))
+    for tool in range(draw(st.integers(1, 4))):
+        lead = draw(st.sampled_from([[], [""], ["# The next one - or so."], ["", "# One.", "    # Two."]]))
+        lines += [(f"{indent}{line}" if line else line, None, None) for line in lead]
+        entries = [
+            ("name", [f'name: "tool {tool}"']),
+            *draw(st.lists(ENTRIES, max_size=5, unique_by=lambda each: each[0])),
+        ]
+        style = draw(st.sampled_from(["block", "own line", "flow"]))
+        inner = indent + " " * (wide + 1)
+        if style == "flow":
+            found = [
+                entry for entry in entries if len(entry[1]) == 1 and "#" not in entry[1][0] and ":" in entry[1][0][:9]
+            ]
+            text = ", ".join(line for _, [line] in found)
+            lines.append((f"{indent}-{' ' * wide}{{{text}}}   # in one line", tool, None))
+            continue
+        if style == "own line":
+            lines.append((f"{indent}-   # a tool - of {len(entries)} keys", None, None))
+        for number, (key, [first, *others]) in enumerate(entries):
+            dash = f"{indent}-{' ' * wide}" if style == "block" and not number else inner
+            lines.append((dash + first, tool, key))
+            lines += [(inner + line if line else line, tool, key) for line in others]
+            if draw(st.booleans()):
+                lines.append((draw(st.sampled_from(["", f"{inner}# What follows.", "# not indented"])), None, None))
+    return draw(st.sampled_from(["\n", "\r\n"])), lines + [(line, None, None) for each in below for line in each]
+
+
+@settings(max_examples=60)
+@given(written_files(), st.sampled_from([*KEY_LINES, "bumps", "name"]), VALUES, st.booleans(), st.data())
+def test_only_the_edited_lines_change(
+    file: tuple[str, list[tuple[str, int | None, str | None]]], key: str, value: Any, last: bool, data: st.DataObject
+) -> None:
+    newline, lines = file
+    text = newline.join(line for line, _, _ in lines) + newline * last
+    before = ToolsText(text)
+    number = data.draw(st.integers(0, len(before.tools) - 1))
+    edit = data.draw(st.sampled_from(["with_value", "without", "with_copy", "without_tool", "with_tool"]))
+    expected = [dict(each) for each in before.tools]
+    touched = key
+    if edit == "with_value":
+        after = before.with_value(number, [key], value)
+        expected[number][key] = value
+    elif edit == "without":
+        after = before.without(number, [key])
+        expected[number].pop(key, None)
+    elif edit == "with_copy":
+        after, touched = before.with_copy(number, "ä b"), "none"
+        expected.insert(number + 1, expected[number] | {"name": "ä b"})
+    elif edit == "without_tool":
+        after = before.without_tool(number)
+        del expected[number]
+    else:
+        after, touched = before.with_tool({"name": "new", key: value} if key != "name" else {"name": "new"}), "none"
+        expected.append({"name": "new", key: value} if key != "name" else {"name": "new"})
+    assert [*map(dict, after.tools)] == expected
+    assert after.beside == before.beside
+    if edit == "without_tool":
+        return
+    kept = [line for line, tool, of in lines if not (tool == number and of in (touched, None) and touched != "none")]
+    found = iter(after.text.split(newline))
+    for line in kept:
+        assert any(line == each for each in found), line
+
+
+@pytest.mark.parametrize("name", ["head", "head_keyed", "trousers", "wrist"])
+def test_of_a_config_only_the_lines_of_a_key_change(name: str) -> None:
+    file = ToolsText((ROOT / "configs" / f"{name}.yaml").read_text())
+    lines = file.text.splitlines()
+    for number, tool in enumerate(file.tools):
+        for key in tool:
+            changed = file.with_value(number, [key], "else").text.splitlines()
+            codes = difflib.SequenceMatcher(None, lines, changed, autojunk=False).get_opcodes()
+            [(start, end, at, behind)] = [code[1:] for code in codes if code[0] != "equal"]
+            assert changed[at].split("#")[0].split()[-1] == "else"
+            assert behind == at + 1
+            if isinstance(tool[key], dict) and "{" not in lines[start]:  # it stands below its key
+                start, end = start - 1, start
+            assert lines[start].lstrip(" -").startswith(f"{key}:")
+            assert end == start + 1
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("tools: [{name: a,\n  width: 1}]\n", "tools: [{name: a,\n  width: 1}, {name: b,\n        width: 1}]\n"),
+        ("tools:\n  - name: |-\n      a\n", "tools:\n  - name: |-\n      a\n\n  - name: b\n"),
+        ("tools:\n  -  &t\n    name: a\n    lag:\n      f: 1\n", None),
+    ],
+)
+def test_a_tool_is_copied_however_it_is_written(text: str, expected: str | None) -> None:
+    copy = ToolsText(text).with_copy(0, "b")
+    assert copy.tools == (ToolsText(text).tools[0], {**ToolsText(text).tools[0], "name": "b"})
+    assert copy.text.startswith(text.removesuffix("]\n"))
+    assert expected in (None, copy.text)
+
+
+def test_a_tool_in_brackets_gives_way_to_another() -> None:
+    file = ToolsText("tools: [{name: a,   # the first\n  width: 1}, {name: b}]\n")
+    changed = file.with_item(["{name: a,", "  width: 2}"], instead_of=0)
+    assert changed.tools == ({"name": "a", "width": 2}, {"name": "b"})
+    block = ["name: c", "clips:", "  walk: 1  # slow"]
+    assert file.with_item(block, instead_of=1).tools[1] == {"name": "c", "clips": {"walk": 1}}
+    assert file.with_item(block).tools[2] == {"name": "c", "clips": {"walk": 1}}
 
 
 @given(VALUES)

@@ -1,37 +1,33 @@
-"""A tools file's text edited in place: what an edit does not touch keeps every byte, comments and anchors too.
+"""Edits of a tools file's text: each edit replaces a few characters, and every other byte stays as it was.
 
-`yaml_parts` says between which characters each value stands, and an edit puts others there. Libraries that read a
-file and write it anew keep comments, but neither the spaces of a flow list, nor quotes, nor where lines break; and the
-most usual one reads YAML 1.2, which has other words for true than this program's files.
+PyYAML's events say between which characters each value stands, so comments, spaces, quotes, anchors and line ends
+outside an edit cannot change. `tests/benchmarks/README.md` says how ruamel.yaml did, which writes the file anew.
 """
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeAlias
 
+import yaml
+
 from wrinklecli.errors import ConfigError
-from wrinklecli.tools.yaml_parts import Part, dashes, read_parts
-from wrinklecli.tools.yaml_tree import Node, read_tree
+from wrinklecli.tools.yaml_tree import read_tree
 
 Steps: TypeAlias = Sequence[str | int]
 """Keys and indices that lead to a value within a tool, such as `("clips", "walk")`."""
+
+# Text that replaces the characters from a start to an end.
+_Change: TypeAlias = tuple[int, int, str]
 
 # Text that YAML reads as the same text without quotes: names, and percentages.
 _PLAIN = re.compile(r"[A-Za-z_](?:[A-Za-z0-9_. -]*[A-Za-z0-9_.-])?|[0-9]+(?:\.[0-9]+)?%")
 _WORDS = {"true", "yes", "on", "false", "no", "off", "null"}
 _ANCHOR = re.compile(r"&[^\s,\[\]{}]+[ \t]*")
-
-
-@dataclass(frozen=True, slots=True)
-class _Change:
-    """Text in place of some characters."""
-
-    start: int
-    end: int
-    text: str
+_BRACKET = re.compile(r"(&\S+\s+)?\{")
+_DASH = re.compile(r"^ *(-)", re.MULTILINE)
 
 
 def written(value: Any) -> str:
@@ -50,12 +46,93 @@ def written(value: Any) -> str:
     return repr(value)
 
 
+def with_part(values: Any, steps: Steps, value: Any) -> Any:
+    """A copy of values with another value at some steps; missing mappings are made."""
+    if not steps:
+        return value
+    first, *others = steps
+    if isinstance(first, int):
+        return [with_part(each, others, value) if k == first else each for k, each in enumerate(values)]
+    found = values if isinstance(values, Mapping) else {}
+    return {**found, first: with_part(found.get(first), others, value)}
+
+
+def _changed(text: str, changes: Sequence[_Change]) -> str:
+    for start, end, instead in sorted(changes, key=lambda change: change[0], reverse=True):
+        text = text[:start] + instead + text[end:]
+    return text
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """A value in the text.
+
+    Attributes:
+        start: Index of its first character; its anchor and tag belong to it.
+        end: Index behind its last character; comments and empty lines that follow a block do not belong to it.
+        kind: map, seq, scalar or alias.
+        flow: True in brackets.
+        anchor: Name of its anchor; of an alias, of the anchor that it repeats.
+        text: What a scalar says.
+        keys: Keys of a mapping, one for each of its items.
+        items: Values of a mapping or a sequence.
+    """
+
+    start: int
+    end: int
+    kind: str
+    flow: bool = False
+    anchor: str | None = None
+    text: str = ""
+    keys: tuple["_Part", ...] = ()
+    items: tuple["_Part", ...] = ()
+
+    def within(self) -> Iterator["_Part"]:
+        """This part and all below it, in the order of the text."""
+        yield self
+        for number, item in enumerate(self.items):
+            if self.keys:
+                yield from self.keys[number].within()
+            yield from item.within()
+
+    def number_of(self, step: str | int) -> int | None:
+        """The index of the item at a key or an index; None if this part itself has none there."""
+        found = range(len(self.items)) if isinstance(step, int) and self.kind == "seq" else [k.text for k in self.keys]
+        return found.index(step) if step in found else None  # type: ignore[arg-type]
+
+
+def _read_part(event: yaml.Event, events: Iterator[yaml.Event], text: str) -> _Part:
+    """The value that begins with an event; takes its other events."""
+    assert event.start_mark is not None
+    assert event.end_mark is not None
+    start, end = event.start_mark.index, event.end_mark.index
+    if isinstance(event, yaml.AliasEvent):
+        return _Part(start, end, "alias", anchor=event.anchor)
+    if isinstance(event, yaml.ScalarEvent):
+        if event.style in ("|", ">"):  # a block, which PyYAML ends where the next line begins
+            end = start + len(text[start:end].rstrip())
+        return _Part(start, end, "scalar", anchor=event.anchor, text=event.value)
+    assert isinstance(event, yaml.SequenceStartEvent | yaml.MappingStartEvent)
+    parts: list[_Part] = []
+    for each in events:
+        if isinstance(each, yaml.CollectionEndEvent):
+            end = each.end_mark.index if each.end_mark is not None else end
+            break
+        parts.append(_read_part(each, events, text))
+    if parts and not event.flow_style:
+        end = parts[-1].end
+    is_map = isinstance(event, yaml.MappingStartEvent)
+    keys, items = (parts[::2], parts[1::2]) if is_map else ([], parts)
+    kind = "map" if is_map else "seq"
+    return _Part(start, end, kind, bool(event.flow_style), event.anchor, "", tuple(keys), tuple(items))
+
+
 @dataclass(frozen=True)
 class ToolsText:
     """The text of a tools file.
 
     Attributes:
-        text: Of it; lines may end as they do on any system.
+        text: The YAML; lines may end as they do on any system.
         name: What messages call the file.
     """
 
@@ -63,66 +140,43 @@ class ToolsText:
     name: str = "<tools>"
 
     @cached_property
-    def _root(self) -> Part:
-        return read_parts(self.text, self.name)
-
-    @cached_property
-    def _dashes(self) -> list[int]:
-        return dashes(self.text)
-
-    @cached_property
-    def _tools(self) -> Part | None:
-        """What stands behind `tools`; None where the key is not there."""
-        for key, item in zip(self._root.keys, self._root.items, strict=True):
-            if self.text[key.start : key.end].strip("\"'") == "tools":
-                return item
-        return None
+    def _value(self) -> Any:
+        root, _ = read_tree(self.text)
+        return root.value if root is not None else None
 
     @cached_property
     def tools(self) -> tuple[Mapping[str, Any], ...]:
-        """What each tool of the file says itself, by key; empty where it is no mapping."""
-        return tuple(node.value if isinstance(node.value, dict) else {} for node in self._nodes)
+        """The keys that each tool of the file says itself; empty for a tool that is no mapping."""
+        tools = self._value.get("tools") if isinstance(self._value, dict) else None
+        return tuple(each if isinstance(each, dict) else {} for each in tools) if isinstance(tools, list) else ()
 
-    @cached_property
+    @property
     def is_empty(self) -> bool:
-        """Whether it is a mapping that names no tool, which the reader refuses, but an editor begins with."""
-        root, _ = read_tree(self.text)
-        return root is not None and isinstance(root.value, dict) and root.value.get("tools") in (None, [])
+        """True for a mapping that names no tool, which the reader refuses, but an editor begins with."""
+        return isinstance(self._value, dict) and self._value.get("tools") in (None, [])
 
-    @cached_property
-    def _nodes(self) -> tuple[Node, ...]:
-        root, _ = read_tree(self.text)
-        tools = root.children.get("tools") if root is not None else None
-        return tuple(tools.children.values()) if tools is not None and isinstance(tools.value, list) else ()
-
-    @cached_property
+    @property
     def beside(self) -> Mapping[str, Any]:
-        """What the file says beside its tools, by key."""
-        root, _ = read_tree(self.text)
-        value = root.value if root is not None and isinstance(root.value, dict) else {}
+        """The keys of the file without its tools."""
+        value = self._value if isinstance(self._value, dict) else {}
         return {key: each for key, each in value.items() if key != "tools"}
 
     @property
     def defaults(self) -> Mapping[str, Any]:
-        """What holds for tools that say nothing else, by key."""
+        """The keys that every tool inherits."""
         return self.beside.get("defaults") or {}
 
     @property
     def up(self) -> str:
-        """The axis that points up where the file says places."""
+        """The axis that points up where the file gives positions."""
         return str(self.beside.get("up", "y"))
-
-    def item(self, number: int) -> str:
-        """The text of one of the tools, from behind its dash."""
-        part = self._item(number)
-        return self.text[part.start : part.end]
 
     def with_value(self, number: int, steps: Steps, value: Any) -> "ToolsText":
         """The file with another value in one of its tools; the key is added where the tool itself has none.
 
         Args:
-            number: Of the tool.
-            steps: To the value.
+            number: Index of the tool.
+            steps: Keys and indices that lead to the value.
             value: Plain Python: text, numbers, lists, mappings.
 
         Raises:
@@ -131,33 +185,30 @@ class ToolsText:
         part = self._item(number)
         values: Any = self.tools[number]
         for depth, step in enumerate(steps):
-            below, last = self._below(part, step), depth + 1 == len(steps)
             values = values[step] if isinstance(step, int) else values.get(step)
-            if below is None or not (last or self._is_own(below)):
-                # What it repeats or is merged with is written out, to be changed here alone.
-                found = value if last else with_part(values, steps[depth + 1 :], value)
-                return self._inserted(part, str(step), found) if below is None else self._replaced(below, found)
-            part = below
-        return self._replaced(part, value)
-
-    def _is_own(self, part: Part) -> bool:
-        """Whether a part of a value can be changed without a change of what stands elsewhere."""
-        return part.kind in ("map", "seq") and not self._uses(part)
+            at, further = part.number_of(step), steps[depth + 1 :]
+            if at is not None and further and self._is_own(part.items[at]):
+                part = part.items[at]
+                continue
+            # A value that is repeated or merged from elsewhere is written out here, so that it changes here alone.
+            found = with_part(values, further, value)
+            return self._with(self._addition(part, str(step), found) if at is None else self._value_at(part, at, found))
+        raise ValueError("expected one step at least")
 
     def without(self, number: int, steps: Steps) -> "ToolsText":
-        """The file without a key of one of its tools; as it is where the tool itself has none.
+        """The file without a key of one of its tools; the same file where the tool itself has none.
 
         Raises:
             ConfigError: As for `with_value`.
         """
         part = self._item(number)
         for step in steps[:-1]:
-            below = self._below(part, step)
-            if below is None:
+            at = part.number_of(step)
+            if at is None:
                 return self
-            part = below
-        names = [self.text[key.start : key.end].strip("\"'") for key in part.keys]
-        return self._with([self._removal(part, names.index(str(steps[-1])))]) if steps[-1] in names else self
+            part = part.items[at]
+        at = part.number_of(steps[-1])
+        return self if at is None else self._with(self._removal(part, at))
 
     def with_tool(self, values: Mapping[str, Any]) -> "ToolsText":
         """The file with one more tool, at its end, a line for each of its keys.
@@ -168,44 +219,37 @@ class ToolsText:
         return self.with_item([f"{written(key)}: {written(value)}" for key, value in values.items()])
 
     def with_copy(self, number: int, name: str) -> "ToolsText":
-        """The file with a copy of one of its tools behind it, of another name and without its anchors.
+        """The file with a copy of one of its tools behind it, with another name and without anchors.
 
         Raises:
             ConfigError: The tool is an alias.
         """
-        part = self._item(number)
-        changes = [
-            _Change(each.start, each.start + len(found[0]), "")
-            for each in part.within()
-            if each.kind != "alias" and (found := _ANCHOR.match(self.text, each.start))
-        ]
-        body = _changed(self.text[part.start : part.end], changes, part.start)
-        copied = self._with(self._insertion(_lines(body), behind=number))
-        return copied.with_value(number + 1, ("name",), name)
+        anchored = (each.start for each in self._item(number).within() if each.anchor and each.kind != "alias")
+        gone = [(*found.span(), "") for at in anchored if (found := _ANCHOR.match(self.text, at))]
+        lines = ToolsText(_changed(self.text, gone), self.name).lines_of(number)
+        return self._with(*self._new_tool(lines, behind=number)).with_value(number + 1, ("name",), name)
 
     def with_item(self, lines: Sequence[str], *, instead_of: int | None = None) -> "ToolsText":
         """The file with one more tool at its end, or in place of another.
 
         Args:
-            lines: Of its text, without a dash; those after the first are indented against it.
-            instead_of: Number of the tool that goes.
+            lines: Lines of the tool without a dash; those after the first are indented relative to it.
+            instead_of: Index of the tool that goes.
 
         Raises:
             ConfigError: The file is no mapping, or others repeat what would go.
         """
         if instead_of is None:
-            return self._with(self._insertion(lines, behind=None))
+            return self._with(*self._new_tool(lines, behind=-1))
         part = self._item(instead_of)
-        text = self._newline.join([lines[0], *(" " * self._column(part.start) + line for line in lines[1:])])
-        if part.flow and len(lines) > 1:
-            text = "{" + ", ".join(lines) + "}"
-        return self._with([_Change(part.start, part.end, text), *self._moved_anchors(part.start, part.end)])
+        return self._with((part.start, part.end, self._indented(lines, self._column(part.start))))
 
     def lines_of(self, number: int) -> list[str]:
         """The lines of one of the tools, as `with_item` takes them."""
         part = self._item(number)
-        first, *others = _lines(self.item(number))
-        column = self._column(part.start)
+        first, *others = re.split(r"\r?\n", self.text[part.start : part.end])
+        indents = [len(each) - len(each.lstrip()) for each in others if not re.match(r"\s*(#|$)", each)]
+        column = min([self._column(part.start), *indents])
         return [first, *(line[column:] if not line[:column].strip() else line.lstrip() for line in others)]
 
     def without_tool(self, number: int) -> "ToolsText":
@@ -216,115 +260,50 @@ class ToolsText:
         """
         tools, part = self._tools, self._item(number)
         assert tools is not None
-        if len(tools.items) == 1 and not tools.flow:
-            start, end = self._lead(part), min(self._line_end(part.end) + len(self._newline), len(self.text))
-            changes = [_Change(self._behind_colon, self._behind_colon, " []"), _Change(start, end, "")]
-            return self._with([*changes, *self._moved_anchors(start, end)])
         if tools.flow:
-            start, end = tools.items[number - 1].end if number else part.start, part.end
-            if not number and len(tools.items) > 1:
-                end = tools.items[1].start
-        else:
-            start = self._lead(part)
-            last = number == len(tools.items) - 1
-            end = self._line_end(part.end) + len(self._newline) if last else self._lead(tools.items[number + 1])
-        return self._with([_Change(start, min(end, len(self.text)), ""), *self._moved_anchors(start, end)])
+            return self._with(self._removal(tools, number))
+        last = number == len(tools.items) - 1
+        end = self._line_end(part.end, behind=True) if last else self._lead(tools.items[number + 1])
+        none = [(self._behind_colon, self._behind_colon, " []")] if len(tools.items) == 1 else []
+        return self._with(*none, (self._lead(part), end, ""))
+
+    # The places of values in the text.
+
+    @cached_property
+    def _root(self) -> _Part:
+        events = yaml.parse(self.text, Loader=yaml.SafeLoader)
+        try:
+            for event in events:
+                if isinstance(event, yaml.DocumentStartEvent):
+                    return _read_part(next(events), events, self.text)
+        except (yaml.YAMLError, ValueError, RecursionError) as error:
+            raise ConfigError(f"cannot be read as YAML: {error}", where=self.name) from None
+        raise ConfigError("the file is empty", where=self.name)
+
+    @property
+    def _tools(self) -> _Part | None:
+        """The value of `tools`; None where the key is missing."""
+        at = self._root.number_of("tools")
+        return None if at is None else self._root.items[at]
 
     @property
     def _behind_colon(self) -> int:
-        """The place behind the colon of `tools`."""
-        keys = (key for key, item in zip(self._root.keys, self._root.items, strict=True) if item is self._tools)
-        return self.text.index(":", next(keys).end) + 1
+        """The index behind the colon of `tools`."""
+        at = self._root.number_of("tools")
+        assert at is not None
+        return self.text.index(":", self._root.keys[at].end) + 1
 
-    @property
-    def _newline(self) -> str:
-        return "\r\n" if "\r\n" in self.text else "\n"
-
-    def _item(self, number: int) -> Part:
+    def _item(self, number: int) -> _Part:
         tools = self._tools
         assert tools is not None
         part = tools.items[number]
         if part.kind != "map":
-            line = self.text.count("\n", 0, part.start) + 1
-            raise ConfigError("is no mapping of its own; write it out to edit it", where=f"{self.name}:{line}")
+            raise ConfigError("is no mapping of its own; write it out to edit it", where=self._place(part))
         return part
 
-    def _below(self, part: Part, step: str | int) -> Part | None:
-        """The value of a key, or the item of an index, that a part has itself."""
-        if isinstance(step, int):
-            return part.items[step] if part.kind == "seq" and step < len(part.items) else None
-        for key, item in zip(part.keys, part.items, strict=False):
-            if self.text[key.start : key.end].strip("\"'") == step:
-                return item
-        return None
-
-    def _replaced(self, part: Part, value: Any) -> "ToolsText":
-        """Another value in place of one; an anchor stays, unless others repeat it: the first of these takes it."""
-        text, start = written(value), part.start
-        if part.anchor is not None and part.kind != "alias" and not self._uses(part):
-            found = _ANCHOR.match(self.text[part.start :])
-            start += found.end() if found else 0
-        if self.text[start - 1 : start] == ":":
-            text = " " + text  # where nothing stood
-        return self._with([_Change(start, part.end, text), *self._moved_anchors(start, part.end)])
-
-    def _inserted(self, part: Part, key: str, value: Any) -> "ToolsText":
-        """A key behind the last of a mapping."""
-        text = f"{written(key)}: {written(value)}"
-        if part.flow or not part.items:
-            at = part.items[-1].end if part.items else self.text.index("{", part.start) + 1
-            return self._with([_Change(at, at, f", {text}" if part.items else text)])
-        at = self._line_end(part.end)
-        indent = " " * self._column(part.keys[0].start)
-        return self._with([_Change(at, at, f"{self._newline}{indent}{text}")])
-
-    def _removal(self, part: Part, number: int) -> _Change:
-        """A key of a mapping taken away, with the comment on its line."""
-        key, item = part.keys[number], part.items[number]
-        last = number == len(part.keys) - 1
-        if len(part.keys) == 1:
-            start, end, text = part.start, part.end, "{}"
-        elif part.flow and number:
-            start, end, text = part.items[number - 1].end, item.end, ""
-        elif number == 0:
-            start, end, text = key.start, part.keys[1].start, ""
-        else:
-            start, text = self._line_start(key.start), ""
-            end = self._line_end(item.end) + len(self._newline)
-            if last and end > len(self.text):
-                start, end = start - len(self._newline), len(self.text)
-        if self._moved_anchors(start, end):
-            line = self.text.count("\n", 0, start) + 1
-            raise ConfigError("others repeat this value by an alias; change it instead", where=f"{self.name}:{line}")
-        return _Change(start, end, text)
-
-    def _insertion(self, lines: Sequence[str], *, behind: int | None) -> list[_Change]:
-        """One more tool, behind another, whose lines have their indentation already, or at the end."""
-        tools, newline = self._tools, self._newline
-        new = newline + "  - " + f"{newline}    ".join(lines)
-        if tools is None:
-            at = self._line_end(self._root.end)
-            return [_Change(at, at, f"{newline}tools:{new}")]
-        if not tools.items:
-            at = self._line_end(tools.end)
-            return [_Change(self._behind_colon, tools.end, ""), _Change(at, at, new)]
-        part = tools.items[-1 if behind is None else behind]
-        if tools.flow:
-            body = lines[0] if lines[0].startswith("{") else "{" + ", ".join(lines) + "}"
-            return [_Change(part.end, part.end, f", {body}")]
-        dash = self._dash(part)
-        column = self._column(dash)
-        inner = self._column(part.start) if self._line_start(part.start) <= dash else column + 2
-        first = " " * column + "-" + " " * (inner - column - 1) + lines[0]
-        indent = " " * inner if behind is None else ""
-        at = self._line_end(part.end)
-        spaced = len(tools.items) == 1 or self.text[: self._lead(tools.items[-1])].endswith(newline * 2)
-        text = newline.join([first, *(indent + line for line in lines[1:])])
-        return [_Change(at, at, newline * (1 + spaced) + text)]
-
-    def _uses(self, part: Part) -> list[Part]:
+    def _uses(self, part: _Part) -> list[_Part]:
         """The aliases that repeat an anchored value."""
-        found: list[Part] = []
+        found: list[_Part] = []
         for each in self._root.within() if part.anchor is not None else ():
             if each.start > part.start and each.anchor == part.anchor:
                 if each.kind != "alias":
@@ -332,13 +311,57 @@ class ToolsText:
                 found.append(each)
         return found
 
-    def _moved_anchors(self, start: int, end: int) -> list[_Change]:
-        """What goes away between two characters, put where it is repeated first.
+    def _is_own(self, part: _Part) -> bool:
+        """True if a change within a part changes nothing elsewhere."""
+        return part.kind in ("map", "seq") and not self._uses(part)
+
+    def _place(self, part: _Part) -> str:
+        return f"{self.name}:{self.text.count(chr(10), 0, part.start) + 1}"
+
+    def _dash(self, part: _Part) -> tuple[int, int]:
+        """The indices of an item's dash and of the start of its line."""
+        found = [*_DASH.finditer(self.text, 0, part.start)][-1]
+        return found.start(1), found.start()
+
+    def _lead(self, part: _Part) -> int:
+        """The index where the line of an item's dash begins, or the comments right above it."""
+        _, start = self._dash(part)
+        while start > 0:
+            above = self._line_start(start - 1)
+            if not self.text[above:start].lstrip().startswith("#"):
+                break
+            start = above
+        return start
+
+    @property
+    def _newline(self) -> str:
+        return "\r\n" if "\r\n" in self.text else "\n"
+
+    def _line_start(self, at: int) -> int:
+        return self.text.rfind("\n", 0, at) + 1
+
+    def _line_end(self, at: int, *, behind: bool = False) -> int:
+        """The index of the end of a line, before its line break or behind it."""
+        end = self.text.find("\n", at)
+        if end < 0:
+            return len(self.text)
+        return end + 1 if behind else end - (self.text[end - 1 : end] == "\r")
+
+    def _column(self, at: int) -> int:
+        return at - self._line_start(at)
+
+    # Changes of the text.
+
+    def _with(self, *changes: _Change) -> "ToolsText":
+        """The file after changes; an anchored value that goes stands where it is repeated first instead.
 
         Raises:
-            ConfigError: It is more than a line.
+            ConfigError: Such a value is a block.
         """
-        changes: list[_Change] = []
+        moved = [each for start, end, _ in changes for each in self._moved_anchors(start, end)]
+        return ToolsText(_changed(self.text, [*changes, *moved]), self.name)
+
+    def _moved_anchors(self, start: int, end: int) -> Iterator[_Change]:
         reached = start
         for part in self._root.within():
             if part.anchor is None or part.kind == "alias" or part.start < reached or part.end > end:
@@ -348,63 +371,68 @@ class ToolsText:
                 continue
             text = self.text[part.start : part.end]
             if "\n" in text or (part.kind in ("map", "seq") and not part.flow):
-                line = self.text.count("\n", 0, part.start) + 1
-                message = f"holds the anchor &{part.anchor}, which others repeat; write these out first"
-                raise ConfigError(message, where=f"{self.name}:{line}")
-            changes.append(_Change(uses[0].start, uses[0].end, text))
+                message = f"holds the anchor &{part.anchor}, which others repeat by an alias; write these out first"
+                raise ConfigError(message, where=self._place(part))
+            yield (uses[0].start, uses[0].end, text)
             reached = part.end
-        return changes
 
-    def _with(self, changes: Sequence[_Change]) -> "ToolsText":
-        return ToolsText(_changed(self.text, changes), self.name)
+    def _value_at(self, parent: _Part, number: int, value: Any) -> _Change:
+        """Another value in place of an item; its anchor stays where nothing repeats it."""
+        part, text = parent.items[number], written(value)
+        start = part.start
+        if part.kind != "alias" and not self._uses(part) and (found := _ANCHOR.match(self.text, start)):
+            start = found.end()
+        return (start, part.end, " " * (self.text[start - 1 : start] == ":") + text)
 
-    def _dash(self, part: Part) -> int:
-        """The dash of an item of a block sequence."""
-        return max(dash for dash in self._dashes if dash < part.start)
+    def _addition(self, part: _Part, key: str, value: Any) -> _Change:
+        """A key behind the last one of a mapping."""
+        text = f"{written(key)}: {written(value)}"
+        if part.flow:
+            at = part.items[-1].end if part.items else self.text.index("{", part.start) + 1
+            return (at, at, f", {text}" if part.items else text)
+        at = self._line_end(part.end)
+        return (at, at, f"{self._newline}{' ' * self._column(part.keys[0].start)}{text}")
 
-    def _lead(self, part: Part) -> int:
-        """Where the line of an item begins, or the comments right above it."""
-        start = self._line_start(self._dash(part))
-        while start > 0:
-            above = self._line_start(start - 1)
-            if not self.text[above:start].lstrip().startswith("#"):
-                break
-            start = above
-        return start
+    def _removal(self, part: _Part, number: int) -> _Change:
+        """An item taken away: from brackets with its comma, from a block with its line and the comment there."""
+        starts = [each.start for each in part.keys or part.items]
+        start, end = starts[number], part.items[number].end
+        if len(starts) == 1:
+            return (part.start, part.end, "{}" if part.keys else "[]")
+        if part.flow and number + 1 < len(starts):
+            return (start, starts[number + 1], "")
+        if part.flow:
+            before = part.items[number - 1].end
+            # On a line of its own it leaves the comma before it, behind which a comment may stand.
+            return (start if "\n" in self.text[before:start] else before, end, "")
+        line = self._line_start(start)
+        if self.text[line:start].lstrip().startswith("-"):  # the dash stays
+            return (start, self._line_end(end), "")
+        return (line, self._line_end(end, behind=True), "")
 
-    def _column(self, at: int) -> int:
-        return at - self._line_start(at)
+    def _new_tool(self, lines: Sequence[str], *, behind: int) -> list[_Change]:
+        """One more tool behind another."""
+        tools, newline = self._tools, self._newline
+        if tools is None or not tools.items:
+            new = f"{newline}  - {self._indented(lines, 4)}"
+            at = self._line_end((tools or self._root).end)
+            if tools is None:
+                return [(at, at, f"{newline}tools:{new}")]
+            return [(self._behind_colon, tools.end, ""), (at, at, new)]
+        part = tools.items[behind]
+        if tools.flow:
+            return [(part.end, part.end, f", {self._indented(lines, self._column(part.start))}")]
+        dash, line = self._dash(part)
+        indent = self._column(part.start) if line == self._line_start(part.start) else dash - line + 2
+        text = f"{self.text[line:dash]}-".ljust(indent) + self._indented(lines, indent)
+        at = self._line_end(part.end)
+        spaced = len(tools.items) == 1 or self.text[: self._lead(tools.items[-1])].endswith(newline * 2)
+        return [(at, at, newline * (1 + spaced) + text)]
 
-    def _line_start(self, at: int) -> int:
-        return self.text.rfind("\n", 0, at) + 1
-
-    def _line_end(self, at: int) -> int:
-        """The end of a line, before what breaks it."""
-        if self.text[at - 1 : at] == "\n":
-            at -= 1  # text in a block of its own ends with its line
-        end = self.text.find("\n", at)
-        end = len(self.text) if end < 0 else end
-        return end - 1 if self.text[end - 1 : end] == "\r" else end
-
-
-def _lines(text: str) -> list[str]:
-    return re.split(r"\r?\n", text)
-
-
-def with_part(values: Any, steps: Steps, value: Any) -> Any:
-    """A copy of values with another one at some steps; mappings that are not there are made."""
-    first, *others = steps
-    if isinstance(first, int):
-        items = values if isinstance(values, Sequence) else ()
-        return [
-            with_part(each, others, value) if others else value if k == first else each for k, each in enumerate(items)
-        ]
-    found = values if isinstance(values, Mapping) else {}
-    return {**found, first: with_part(found.get(first), others, value) if others else value}
-
-
-def _changed(text: str, changes: Sequence[_Change], offset: int = 0) -> str:
-    """Text with some of its characters replaced, counted from an offset."""
-    for change in sorted(changes, key=lambda each: each.start, reverse=True):
-        text = text[: change.start - offset] + change.text + text[change.end - offset :]
-    return text
+    def _indented(self, lines: Sequence[str], indent: int) -> str:
+        """The lines of a tool as they stand behind a dash; in one line where all tools stand in brackets."""
+        tools = self._tools
+        if tools is not None and tools.items and tools.flow and not _BRACKET.match(lines[0]):
+            root, _ = read_tree("\n".join(lines))
+            return written(root.value if root is not None else None)
+        return self._newline.join([lines[0], *(" " * indent + line if line else line for line in lines[1:])])
