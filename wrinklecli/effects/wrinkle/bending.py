@@ -1,8 +1,8 @@
-"""Poses in which a tool's wrinkles are tall: its joint bent, or a morph target raised, whatever clips there are.
+"""Finds the motion that a tool's own wrinkles follow, and the pose in which they are tall, whatever clips there are.
 
-What follows from mesh and tools alone must not hang on clips. So a tool's own motion is found here: the joint that
-carries one of its ends and not the other turns about the patch's v axis, along which wrinkles run, or a morph target
-goes from 0 to 1. Not in the paper.
+Results that follow from mesh and tools alone must not depend on clips. So the joint that carries one of the tool's ends
+and not the other turns about the patch's v axis, along which wrinkles run, or a morph target goes from 0 to 1. Not in
+the paper.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,20 +21,19 @@ from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import RestLengthKeys, RestLengthMorph
 
 MOMENTS = 65
-"""At which a motion is looked at: a joint turns by 2.3° between two."""
-
-# Radians that a joint turns at most, to either side: 150°, a knee or an elbow.
+"""Moments of a motion that are looked at: a joint turns by 2.3° between two."""
+# Greatest turn of a joint to either side, radians: 150°, as knees and elbows turn.
 _MOST_TURN = np.radians(150.0)
-# Difference of the shares of both ends that a joint carries, below which it hardly bends what is between them.
+# A joint hardly bends the skin between two ends if the fractions of their weights that it carries differ by less.
 _LEAST_CARRIED = 0.1
-# Share of a tool's tallest that is as good as it. Full bumps stay full while a limb folds on.
+# Wrinkles this near to the tallest, as a fraction, are tall enough: full bumps stay full while a limb folds on.
 _TALLEST = 0.97
 
 
 def tallest_poses(patches: Sequence[Patch], rig: Rig, rest: Rest) -> list[Pose]:
-    """For each tool the first pose of its own motion in which its wrinkles are about as tall as that makes them.
+    """The first pose of each tool's own motion in which its wrinkles are about as tall as they become.
 
-    A tool that has no such motion, or whose rest length is keyed by hand, has the rest pose.
+    A tool that has no such motion, or whose rest length is keyed by hand, gets the rest pose.
     """
     return [_tallest_pose(patch, rig, rest) for patch in patches]
 
@@ -47,7 +46,7 @@ def _tallest_pose(patch: Patch, rig: Rig, rest: Rest) -> Pose:
     for motion in own_motions(patch, rig):
         amplitudes, _ = patch.curve.follow(*lengths_over_time(patch, rig, rest, motion, times))
         heights = patch.curve.heights(amplitudes).sum(axis=1)
-        # The first of several that are alike.
+        # Of several equal motions the first counts.
         if heights.max() * _TALLEST > tallest:
             tallest = float(heights.max())
             pose = pose_at(rig, motion, times[int(np.argmax(heights >= _TALLEST * tallest))])
@@ -67,13 +66,13 @@ def own_motions(patch: Patch, rig: Rig) -> Iterator[Clip]:
 
 
 def turns_of(patch: Patch, rig: Rig, node: int) -> tuple[Clip, Clip]:
-    """A node that turns about a patch's v axis, either way, by 150° within a second."""
+    """Motions of a second in which a node turns by 150° about a patch's v axis, either way."""
     axis = np.stack(cross(patch.along, patch.normal))
     return _turning(rig, node, axis), _turning(rig, node, -axis)
 
 
 def bent_node(patch: Patch, rig: Rig) -> int | None:
-    """The joint between a tool's ends: of those that carry the one more than the other, that nearest to its middle."""
+    """The joint that bends a tool: the one nearest to its middle of those that carry one end more than the other."""
     carried = [_carried_by(anchor, rig) for anchor in patch.anchors]
     shares = {
         node: [each.get(node, 0.0) for each in carried]
@@ -91,7 +90,7 @@ def bent_node(patch: Patch, rig: Rig) -> int | None:
 
 
 def _carried_by(anchor: Anchor, rig: Rig) -> dict[int, float]:
-    """The nodes that an anchor follows, and with which share of its weights."""
+    """The fraction of an anchor's weights that each node carries, directly or through its children."""
     shares: dict[int, float] = {}
     for joint, weight in zip(anchor.joints, anchor.weights, strict=True):
         node = int(rig.joints[joint])
@@ -102,16 +101,10 @@ def _carried_by(anchor: Anchor, rig: Rig) -> dict[int, float]:
 
 
 def _turning(rig: Rig, node: int, axis: Floats) -> Clip:
-    """A node that turns about a (3,) axis of world space at rest, further and further."""
+    """A motion in which a node turns steadily about a (3,) axis in world space at rest."""
     parent = int(rig.parents[node])
     world = np.eye(4) if parent < 0 else node_matrices(rig, None, np.zeros(1), [parent])[0, 0]
-    # A turn in the parent's space about what the parent takes to the axis.
+    # The axis in the parent's space that the parent takes to the wanted one.
     local = unit(np.linalg.pinv(world[:3, :3]) @ axis)
-    return motion_clip(
-        "",
-        [
-            turning(
-                node, unit_quaternions(rig.locals[node]["rotation"]), local, _MOST_TURN, np.linspace(0.0, 1.0, MOMENTS)
-            )
-        ],
-    )
+    stored = unit_quaternions(rig.locals[node]["rotation"])
+    return motion_clip("", [turning(node, stored, local, _MOST_TURN, np.linspace(0.0, 1.0, MOMENTS))])

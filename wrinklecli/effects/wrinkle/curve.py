@@ -1,18 +1,19 @@
-"""The control curve: how a tool's bumps share the shortening of its segment, and so how high each rises.
+"""The control curve: it shares the shortening of a tool's segment among the bumps, and so sets their heights.
 
 Source: C. Larboulette, M.-P. Cani, "Real-Time Dynamic Wrinkles", Computer Graphics International 2004, the
-section on the control curve: it keeps its length while its ends approach, and strategies order the bumps. What one
-bump makes of its share is its `profile`.
+section on the control curve: the curve keeps its length while its ends approach, and strategies order the bumps. The
+height of one bump for its shortening comes from its `profile`.
 
-Differs from the paper: `max_height` ends a bump's rise, in every strategy; what no bump can take is returned as
-unabsorbed. And the tissue, which the paper says is compressible to a small extent, may take a share c of every
-shortening itself: it is squeezed along the segment, with the bumps that the rest of the shortening makes.
+Differs from the paper: `max_height` ends a bump's rise, in every strategy; a shortening that no bump can take is
+returned as unabsorbed. And the tissue, which the paper calls compressible to a small extent, may take a fraction c of
+every shortening itself: it is squeezed along the segment, together with the bumps that the rest of the shortening
+makes.
 
-The rest length is l, the current distance of the anchors l', the shortening d = (1 - c) (l - l'), and D what one bump
-takes of it. The curve has n control intervals, two for each bump, of the current length x = (l - d)/n, not the rest
-one's: n·x + ΣD + unabsorbed = l. So a full bump keeps its height and absorbs more as x shrinks. Heights grow with d,
-but for one case that is the paper's own: a polyline with details, its chord below about half its length, trades its
-highest knot for lower ones.
+The rest length is l, the current distance of the anchors l', the shortening d = (1 - c) (l - l'), and D the part of d
+that one bump takes. The curve has n control intervals, two for each bump, of the current length x = (l - d)/n, not the
+rest one's: n·x + ΣD + unabsorbed = l. So a full bump keeps its height and absorbs more as x shrinks. Heights grow with
+d, except in one case that is the paper's own: a polyline with details, its chord below about half its length, trades
+its highest knot for lower ones.
 """
 
 import dataclasses
@@ -33,14 +34,14 @@ BumpProfile: TypeAlias = SmoothProfile | PolylineProfile
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Absorption:
-    """How the groups of bumps take up a shortening: first some that are full, then one that rises, then flat ones.
+    """The distribution of shortenings: some groups of bumps are full, the next one rises, and the others are flat.
 
     Attributes:
         intervals: (frames,) x, scene units.
-        capacities: (frames,) D of a full bump of width 1, scene units; inf where bumps have no greatest height.
-        rising: (frames,) which group rises; the number of groups where all are full.
-        shares: (frames,) D of a bump of width 1 in it, scene units.
-        unabsorbed: (frames,) what none could take, scene units: ≥ 0, and exactly 0 where some bump is not full.
+        capacities: (frames,) D of a full bump of width 1, scene units; inf if bumps have no greatest height.
+        rising: (frames,) index of the group that rises; the number of groups if all are full.
+        shares: (frames,) D of a bump of width 1 in that group, scene units.
+        unabsorbed: (frames,) shortening that no bump takes, scene units: exactly 0 if some bump is not full.
     """
 
     intervals: Floats
@@ -52,34 +53,34 @@ class Absorption:
 
 @dataclass(frozen=True, eq=False)
 class ControlCurve:
-    """A tool's control curve, planned once, evaluated for all frames at a time.
+    """A tool's control curve, planned once and evaluated for all frames at a time.
 
     Bumps that always rise together form a group; its height at u is Σ amplitudes[mode] · shapes[mode](u). All bumps are
-    similar: one of width w is w times as high as one of width 1, and takes w times as much of the shortening. So the
-    profile is asked of a bump of width 1, and amplitudes are its.
+    similar: a bump of width w is w times as high as one of width 1, and takes w times as much of the shortening. So the
+    profile and the amplitudes are those of a bump of width 1.
+
+    Arguments of methods: `distances` l', `rest_lengths` l and `shortenings` d are (frames,), `amplitudes` are (frames,
+    groups, modes), all in scene units; `us` are positions along the segment, 0 at the origin and 1 at the target.
 
     Attributes:
-        bumps: Where they lie on the segment.
-        peaks: (bumps,) greatest height of a bump over that on the segment, beside which it may be higher.
-        strategy: In which order bumps rise.
-        details: Share of a bump's shortening that goes to each finer level; their sum is below 1.
+        bumps: The layout of the bumps.
+        peaks: (bumps,) greatest height of each bump, beside the segment too, relative to its height on the segment.
+        details: Fraction of a bump's shortening that goes to each finer level; their sum is below 1.
         max_height: Greatest height of a bump's highest point, details included, scene units; inf for none.
-        compressible: c, the share of every shortening that the tissue takes itself, from 0 to below 1.
+        compressible: c, the fraction of every shortening that the tissue takes itself, from 0 to below 1.
         rest_length: The tool's rest length, scene units.
-        greatest_rest_length: The greatest that keyed rest lengths reach, scene units.
-        groups: Bump indices of each group, in rising order.
+        greatest_rest_length: Greatest rest length, if it is keyed, scene units.
+        groups: Bump indices of each group, in the order in which groups rise.
         profile: The shape of one bump, precomputed.
-        demand: (2, rows) roots of shares of the rest length, rising: by how much the ends are closer, and what the line
-            on the surface then asks the curve for (see module `demand`); None where it asks for just that.
-        greatest_amplitudes: (groups, modes) bounds of |amplitude|, scene units: reached at full shortening or
-            at `max_height`; exactly 0 for a group that never rises. Amplitudes of further modes, which only a
-            polyline with details has, can be negative; such modes' bounds are sampled, to 2 % or
-            0.3 % of the greatest of all.
+        greatest_amplitudes: (groups, modes) bounds of |amplitude|, scene units, which full shortening or `max_height`
+            reaches; exactly 0 for a group that never rises. Further modes, which only a polyline with details has, can
+            have negative amplitudes; their bounds are sampled, to 2 % or 0.3 % of the greatest of all.
+        demand: (2, rows) square roots, sorted: of the fraction of the rest length by which the ends approach, and of
+            the fraction that the line on the surface then asks for (see module `demand`). None if both are equal.
     """
 
     bumps: Bumps
     peaks: Floats
-    strategy: Strategy
     details: tuple[float, ...]
     max_height: float
     compressible: float
@@ -92,38 +93,33 @@ class ControlCurve:
 
     @property
     def interval_count(self) -> int:
-        """n, the control intervals of the segment."""
+        """The number n of control intervals of the segment."""
         return self.bumps.interval_count
 
     @cached_property
     def turned(self) -> Bools:
-        """(bumps,) those that are the mirror image of the profile: behind the middle, so that all lean towards it."""
+        """(bumps,) True for mirrored bumps: those behind the middle, so that all lean towards it."""
         return self.profile.leans & (self.bumps.starts + self.bumps.ends > 1.0 + 1e-9)
 
     @cached_property
     def limit(self) -> float:
-        """Greatest height of a bump of width 1 on the segment, scene units: the highest then has `max_height`."""
+        """Greatest height of a bump of width 1 on the segment, scene units: the highest bump then has `max_height`."""
         return self.max_height / float((self.bumps.widths * self.peaks).max())
 
     @cached_property
     def sizes(self) -> Floats:
-        """(groups,) sum of the widths of each group's bumps."""
+        """(groups,) total width of each group's bumps."""
         return np.array([self.bumps.widths[list(group)].sum() for group in self.groups])
 
     @property
     def greatest_height(self) -> float:
-        """Of all bumps, scene units."""
+        """Greatest height of any bump, scene units."""
         return float(self.heights(self.greatest_amplitudes[None]).max(initial=0.0))
 
     def shortening(self, distances: Floats, rest_lengths: Floats) -> Floats:
-        """(frames,) d = (1 − c) max((1 − 1e-5) l − l', 0), scene units: the shortening that makes wrinkles.
+        """(frames,) d = (1 − c) max((1 − 1e-5) l − l', 0), scene units; neither stretching nor rounding counts.
 
-        Neither stretching nor rounding noise does. In place of the maximum stands what the surface asks for, if it
-        asks for more or less.
-
-        Args:
-            distances: (frames,) current lengths l', scene units.
-            rest_lengths: (frames,) rest lengths l, scene units.
+        If the surface asks for more or less than the ends' approach, that replaces the maximum.
         """
         gone = np.maximum(TAUT * rest_lengths - distances, 0.0)
         if self.demand is not None:
@@ -131,19 +127,14 @@ class ControlCurve:
         return (1.0 - self.compressible) * gone
 
     def asked(self, shares: Floats) -> Floats:
-        """(…,) of the rest length that the surface asks for where the ends are closer by (…,) shares of it."""
+        """(…,) fractions of the rest length that the surface asks for if the ends approach by (…,) shares of it."""
         if self.demand is None:
             return shares
         asked: Floats = np.interp(np.sqrt(shares), *self.demand) ** 2
         return asked
 
     def absorb(self, shortenings: Floats, rest_lengths: Floats) -> Absorption:
-        """Distribute shortenings over the groups of bumps by the tool's strategy.
-
-        Args:
-            shortenings: (frames,) d, scene units, from 0 to the rest length.
-            rest_lengths: (frames,) l, scene units.
-        """
+        """Distribute shortenings, from 0 to the rest lengths, over the groups of bumps."""
         intervals = self.intervals(rest_lengths, shortenings)
         capacities = self.profile.capacity(intervals, self.limit)
         sizes = self.sizes
@@ -151,23 +142,23 @@ class ControlCurve:
         rising = np.zeros(len(shortenings), np.intp)
         for bumps in before[1:]:
             rising += shortenings > bumps * capacities
-        # Capacities may be infinite, but not where they are full.
-        left = np.maximum(shortenings - before[rising] * np.where(rising > 0, capacities, 0.0), 0.0)
+        # Capacities may be infinite, but not those of full groups.
+        remaining = np.maximum(shortenings - before[rising] * np.where(rising > 0, capacities, 0.0), 0.0)
         all_full = rising == len(self.groups)
         return Absorption(
             intervals=intervals,
             capacities=capacities,
             rising=rising,
-            shares=np.where(all_full, 0.0, left / np.append(sizes, 1.0)[rising]),
-            unabsorbed=np.where(all_full, left, 0.0),
+            shares=np.where(all_full, 0.0, remaining / np.append(sizes, 1.0)[rising]),
+            unabsorbed=np.where(all_full, remaining, 0.0),
         )
 
     def amplitudes(self, absorbed: Absorption) -> Floats:
-        """(frames, groups, modes) amplitudes of each group's modes, scene units."""
+        """(frames, groups, modes) amplitudes, scene units."""
         count = len(self.groups)
         amplitudes = np.zeros((len(absorbed.rising), count, self.greatest_amplitudes.shape[1]))
         full, partly = np.flatnonzero(absorbed.rising > 0), np.flatnonzero(absorbed.rising < count)
-        # Few frames at a time are asked for, mostly of one kind: the profile's cost then is that of being asked at all.
+        # Calls have few frames, mostly of one kind, so their cost is that of calling the profile at all.
         if len(full):
             heights = self.profile.fullest(absorbed.capacities[full], absorbed.intervals[full], self.limit)
             for number in range(absorbed.rising.max()):
@@ -179,12 +170,7 @@ class ControlCurve:
         return amplitudes
 
     def follow(self, distances: Floats, rest_lengths: Floats) -> tuple[Floats, Floats]:
-        """All steps in one: (frames, groups, modes) amplitudes and (frames,) unabsorbed lengths, scene units.
-
-        Args:
-            distances: (frames,) current lengths l', scene units.
-            rest_lengths: (frames,) rest lengths l, scene units.
-        """
+        """(frames, groups, modes) amplitudes and (frames,) unabsorbed lengths, scene units."""
         shortenings = self.shortening(distances, rest_lengths)
         acting = np.flatnonzero(shortenings)
         amplitudes = np.zeros((len(shortenings), *self.greatest_amplitudes.shape))
@@ -195,14 +181,7 @@ class ControlCurve:
         return amplitudes, unabsorbed
 
     def shapes(self, us: Floats) -> Floats:
-        """Heights per unit of amplitude.
-
-        Args:
-            us: (points,) positions along the segment; 0 is the origin, 1 the target.
-
-        Returns:
-            (groups, modes, points), 0 outside the group's bumps.
-        """
+        """(groups, modes, points) heights per unit of amplitude at (points,) us; 0 outside the group's bumps."""
         widths = self.bumps.widths[:, None]
         taus = (us - self.bumps.starts[:, None]) * (self.interval_count / 2) / widths
         inside = (taus > 0) & (taus < 1)
@@ -210,15 +189,10 @@ class ControlCurve:
         of_bumps = self.profile.shapes(np.where(self.turned[:, None], 1.0 - taus, taus)) * (inside * widths)
         return np.stack([of_bumps[:, group].sum(axis=1) for group in self.groups])
 
-    def rises(self, us: Floats, amplitudes: Floats) -> Floats:
-        """Heights of the curve where every frame has points of its own; `shapes` where they share them.
+    def heights_at(self, us: Floats, amplitudes: Floats) -> Floats:
+        """(points, frames) heights at (points, frames) us, scene units; 0 outside all bumps.
 
-        Args:
-            us: (points, frames) positions along the segment.
-            amplitudes: (frames, groups, modes), scene units.
-
-        Returns:
-            (points, frames), scene units; 0 outside all bumps.
+        Where all frames share their points, `shapes` is cheaper.
         """
         bumps, taus = self.bumps.locate(us)
         inside = (taus > 0) & (taus < 1)
@@ -230,9 +204,9 @@ class ControlCurve:
         return heights
 
     def stretched(self, us: Floats) -> Floats:
-        """(…,) us, (…,) along the curve, with each bump warped towards where its profile is the smooth one.
+        """(…,) us at which `smooth` bumps have the height of this curve at (…,) us.
 
-        Before its ends and behind them as within, mirrored: an edge across a foot is as short as one across a furrow.
+        Beyond the ends the map is mirrored, so that an edge across a bump's foot is as short as one across a furrow.
         """
         before, behind = us < 0.0, us > 1.0
         within = np.where(before, -us, np.where(behind, 2.0 - us, us))
@@ -245,7 +219,7 @@ class ControlCurve:
         return np.where(before, -placed, np.where(behind, 2.0 - placed, placed))
 
     def phases(self, us: Floats) -> Floats:
-        """(…,) where (…,) us are among the bumps: k + 1/2 on the crest of bump k, k and k + 1 at its feet."""
+        """(…,) positions of (…,) us among the bumps: k + 1/2 on the crest of bump k, k and k + 1 at its feet."""
         bumps, taus = self.bumps.locate(us)
         taus = taus.clip(0.0, 1.0)
         crests = np.where(self.turned, 1.0 - self.profile.crest, self.profile.crest)[bumps]
@@ -254,26 +228,20 @@ class ControlCurve:
         return phases
 
     def heights(self, amplitudes: Floats) -> Floats:
-        """(frames, bumps) height of each bump's highest point, on the segment or beside it, scene units.
-
-        Args:
-            amplitudes: (frames, groups, modes), scene units.
-        """
+        """(frames, bumps) height of each bump's highest point, on the segment or beside it, scene units."""
         return self.profile.highest(amplitudes)[:, self.groups_of_bumps] * (self.bumps.widths * self.peaks)
 
     def lengths(self, amplitudes: Floats, distances: Floats) -> Floats:
-        """(frames,) arc length of the control curve, scene units: l − unabsorbed, if all is right, where d > 0.
+        """(frames,) arc length of the control curve, scene units: l − unabsorbed where d > 0.
 
-        Args:
-            amplitudes: (frames, groups, modes), scene units.
-            distances: (frames,) of the curve's ends, l − d, scene units: l' where the tissue takes nothing.
+        Its ends are (frames,) distances l − d apart, scene units: l' if the tissue takes nothing.
         """
         intervals = (distances / self.interval_count)[:, None]
         excess = self.profile.excess(amplitudes, intervals)[:, self.groups_of_bumps] * self.bumps.widths
         return np.asarray(distances + excess.sum(axis=1), np.float64)
 
     def intervals(self, rest_lengths: Floats, shortenings: Floats) -> Floats:
-        """(frames,) x = (l − d)/n; where d = 0, l' may be longer, but nothing rises there."""
+        """(frames,) x = (l − d)/n, scene units. Where d = 0, l' may be longer than l, but no bump rises."""
         return np.maximum(TAUT * rest_lengths - shortenings, 0.0) / self.interval_count
 
     @cached_property
@@ -304,15 +272,15 @@ def plan_curve(
     Args:
         bumps: Number of bumps, ≥ 1.
         gap: Flat intervals between neighbouring bumps, ≥ 0.
-        strategy: In which order bumps rise.
-        details: Shares of the finer levels, each > 0, their sum < 1.
+        strategy: The order in which bumps rise.
+        details: Fractions for the finer levels, each > 0, their sum < 1.
         profile: The shape of a bump.
-        max_height: Greatest height of a bump's highest point, scene units, ≥ 0; inf for none.
-        compressible: c, the share of every shortening that the tissue takes itself, from 0 to below 1.
-        rest_length: The tool's rest length, scene units, > 0.
-        greatest_rest_length: The greatest that keyed rest lengths reach, scene units; else `rest_length`.
-        widths: (bumps,) of each bump over their mean; else all are equal.
-        peaks: (bumps,) greatest height of a bump over that on the segment; else 1.
+        max_height: As in `ControlCurve`, ≥ 0.
+        compressible: As in `ControlCurve`.
+        rest_length: Scene units, > 0.
+        greatest_rest_length: Greatest keyed rest length, scene units; None for `rest_length`.
+        widths: (bumps,) widths over their mean; None for equal ones.
+        peaks: As in `ControlCurve`; None for 1.
     """
     ruled = np.ones(bumps)
     widths, peaks = ruled if widths is None else widths, ruled if peaks is None else peaks
@@ -330,7 +298,6 @@ def plan_curve(
     curve = ControlCurve(
         bumps=Bumps(widths, gap),
         peaks=peaks,
-        strategy=strategy,
         details=details,
         max_height=max_height,
         compressible=compressible,
@@ -345,12 +312,12 @@ def plan_curve(
 
 def _greatest_amplitudes(curve: ControlCurve) -> Floats:
     """(groups, modes) bounds of |amplitude|, scene units."""
-    # Heights grow with d/l, and at the same d/l with l: the greatest are those where the ends meet.
+    # Heights grow with d/l, and at the same d/l with l, so they are greatest where the ends meet.
     lengths = np.array([curve.greatest_rest_length])
     absorbed = curve.absorb(curve.shortening(np.zeros(1), lengths), lengths)
     numbers = np.arange(len(curve.groups))
     shares = np.where(numbers < absorbed.rising, absorbed.capacities, 0.0)
     shares = np.where(numbers == absorbed.rising, absorbed.shares, shares)
-    # The ends meet but for the rounding of the bumps' sum.
+    # The ends meet up to the rounding of the bumps' sum.
     taken = (shares[curve.groups_of_bumps] * curve.bumps.widths).sum() + absorbed.unabsorbed
     return curve.profile.bounds(shares, curve.intervals(lengths, taken), curve.limit)

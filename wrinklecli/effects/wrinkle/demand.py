@@ -1,16 +1,17 @@
-"""What the line under a path asks its control curve for while a joint bends, so that the surface keeps its length.
+"""The demand of a path: how much its control curve must take up for the skin to keep its length in a bend.
 
-The control curve keeps its length above a straight line. Skin on the inside of a bend is no straight line: whatever
-rises above a concave line gets shorter, linear blend skinning shrinks heights there, distances of anchors cut the
-corners of what lies between, and edges of the mesh cut those of the wrinkles. So the joint below a path is turned, the
-lengths of its line with wrinkles of all heights are measured, and the curve takes up as much as leaves the line as long
-as it was. Above a straight line of short edges that is the shortening itself: there, and where nothing bends, the curve
-is exact as it is.
+The control curve keeps its length above a straight line. Skin on the inside of a bend is no straight line: heights
+above a concave line make it shorter, linear blend skinning shrinks heights there, the distance of two anchors cuts the
+corners of the skin between them, and edges of the mesh cut the corners of wrinkles. So the joint below a path is
+turned, the length of the path's line is measured under wrinkles of all heights, and the curve takes up as much as keeps
+the line as long as it was. Above a straight line of short edges this equals the shortening itself: there, and where
+nothing bends, the curve is exact without a demand.
 
-It is measured twice. `demand_of` knows the coarse surface alone, and takes wrinkles for smooth; that says how far a
-tool will rise before its mesh is refined. `demanding` then has the line on which the path cuts the refined mesh.
+The demand is measured twice. `demand_of` knows only the coarse surface and takes wrinkles for smooth; its result tells
+the tool's greatest height before the mesh is refined. `demanding` then measures the line on which the path cuts the
+refined mesh.
 
-Not in the paper, whose tools are straight; those stay as they are there.
+Not in the paper, whose tools are straight; straight tools have no demand.
 """
 
 from dataclasses import dataclass, replace
@@ -33,29 +34,25 @@ from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import RestLengthKeys, RestLengthMorph
 
-# Where along a path the joint is that bends it: one beside an end turns all of it.
+# Least and greatest u of a joint that bends a path: a joint beside an end turns all of it.
 _BETWEEN = (0.1, 0.9)
-# Every so many of a path's samples is a place of the line.
+# The line uses every second sample of a path.
 _EVERY = 2
-# Points of the line on each control interval: its length is right to 1e-3 of what wrinkles add.
+# Points of the line per control interval: the length that wrinkles add is right to 1e-3.
 _POINTS = 16
-# Wrinkles whose line is measured: roots of the share of the rest length that they take up.
+# Wrinkles under which the line is measured: square roots of the fraction of the rest length that they take up.
 _TRIED = np.linspace(0.0, 0.985, 65)
-# Share by which ends come closer from one row to the next, at least.
+# Least approach of the ends from one row of the demand to the next, as a fraction of the rest length.
 _LEAST_STEP = 1e-4
-# Edges on a control interval, at least, of a mesh that shows its bumps: by fewer, crests are missed, and higher bumps
-# in their stead would be spikes.
+# Least number of edges per control interval of a mesh that shows its bumps. With fewer, crests are missed, and the
+# higher bumps that this would ask for are spikes.
 _LEAST_EDGES = 2.0
 
 
 def demand_of(patch: Patch, surface: Surface, rest: Rest, rig: Rig) -> Floats | None:
-    """(2, rows) as `ControlCurve.demand`, of smooth wrinkles; None for straight tools, and where no joint bends a path.
+    """(2, rows) `ControlCurve.demand` for smooth wrinkles; None for straight tools and paths that no joint bends.
 
-    Args:
-        patch: The tool; its members are not looked at.
-        surface: The coarse mesh.
-        rest: Its rest pose.
-        rig: Its joints.
+    The patch's members are not read.
     """
     path = patch.path
     if not isinstance(path, Curve) or isinstance(patch.tool.rest_length, RestLengthKeys | RestLengthMorph):
@@ -71,16 +68,10 @@ def demand_of(patch: Patch, surface: Surface, rest: Rest, rig: Rig) -> Floats | 
 
 
 def demanding(carried: CarriedPatch, fine: Refinement, rest: Rest, rig: Rig) -> CarriedPatch:
-    """A tool whose curve takes up what the line asks for on a refined mesh, whose edges cut corners.
+    """Replace a tool's demand by that of the refined mesh, whose edges cut corners.
 
-    As it was, for smooth wrinkles, where the tool is projected anew in each frame, and where the mesh is too coarse for
-    its bumps.
-
-    Args:
-        carried: The tool.
-        fine: The refined mesh.
-        rest: The rest pose.
-        rig: The mesh's joints.
+    The demand for smooth wrinkles stays if the tool is projected anew in each frame, or the mesh is too coarse for the
+    tool's bumps.
     """
     patch = carried.patch
     node = bent_node(patch, rig)
@@ -94,7 +85,7 @@ def demanding(carried: CarriedPatch, fine: Refinement, rest: Rest, rig: Rig) -> 
 
 
 def _demand(patch: Patch, line: "_Line", rest: Rest, rig: Rig, node: int) -> Floats | None:
-    """(2, rows) what a line asks for while a node turns; None where that is nothing at all."""
+    """(2, rows) demand of a line while a node turns; None if there is none."""
     times, motion, shares = _bend(patch, rig, rest, node)
     if not len(times):
         return None
@@ -106,7 +97,7 @@ def _demand(patch: Patch, line: "_Line", rest: Rest, rig: Rig, node: int) -> Flo
     roots, asked = [0.0], [0.0]
     for points, directions, share in zip(*line.posed(rig, motion, times), shares, strict=True):
         found = np.maximum.accumulate(line.lengths(points, directions, heights))
-        # Beyond what wrinkles of any height make up for, or make longer at once, nothing is asked for.
+        # There is no demand if the line is long enough without wrinkles, or if no wrinkles make it long enough.
         if found[0] < wanted < found[-1]:
             roots.append(float(np.sqrt(share)))
             asked.append(max(asked[-1], float(np.interp(wanted, found, _TRIED))))
@@ -116,16 +107,16 @@ def _demand(patch: Patch, line: "_Line", rest: Rest, rig: Rig, node: int) -> Flo
 
 
 def _unlimited(curve: ControlCurve) -> ControlCurve:
-    """A curve of incompressible tissue, whose bumps have no greatest height unless one rises after another."""
+    """The curve for incompressible tissue, whose bumps have no greatest height unless they rise one after another."""
     height = np.inf if len(curve.groups) == 1 else curve.max_height
     return replace(curve, compressible=0.0, max_height=height, demand=None)
 
 
 def _bend(patch: Patch, rig: Rig, rest: Rest, node: int) -> tuple[Floats, Clip, Floats]:
-    """The turn that brings a tool's ends together, as long as it does.
+    """The turn that brings a tool's ends together, as far as it does.
 
     Returns:
-        (rows,) times, the motion, and (rows,) the share by which the ends are closer than the rest length, rising.
+        (rows,) times, the motion, and (rows,) sorted fractions of the rest length by which the ends approach.
     """
     times = np.linspace(0.0, 1.0, MOMENTS)
     turns = turns_of(patch, rig, node)
@@ -141,16 +132,16 @@ def _bend(patch: Patch, rig: Rig, rest: Rest, node: int) -> tuple[Floats, Clip, 
 
 @dataclass(frozen=True, slots=True)
 class _Line:
-    """The line of the surface under a path: points, each mixed of a few vertices that joints move and wrinkles raise.
+    """The line of the surface under a path: points mixed from a few vertices, which joints move and wrinkles raise.
 
     Attributes:
         weights: (vertices, joints) skin weights.
         stored: (1 + morph targets, vertices, 3) positions and morph deltas, bind space.
-        directions: (vertices, 3) what each moves by for a height of 1, bind space.
+        directions: (vertices, 3) displacement for a height of 1, bind space.
         shapes: (groups, modes, vertices) heights per unit of amplitude.
         rest_points: (vertices, 3) world space at rest.
-        corners: (points, k) the vertices that each point is mixed of.
-        shares: (points, k) of each, summing to 1.
+        corners: (points, k) vertices from which each point is mixed.
+        shares: (points, k) weight of each; a row sums to 1.
     """
 
     weights: Floats
@@ -163,11 +154,11 @@ class _Line:
 
     @classmethod
     def of_path(cls, patch: Patch, path: Curve, surface: Surface, rest: Rest, joint_count: int) -> "_Line | None":
-        """The line below a path at rest, with smooth wrinkles; none where its joints are singular there."""
+        """The line below a path at rest, under smooth wrinkles; None if its blended matrices are singular."""
         feet = [rest.blocks.closest_point(point)[:2] for point in path.points[::_EVERY]]
         corners = surface.triangles[[triangle for triangle, _ in feet]]
         barycentrics = np.stack([found for _, found in feet])
-        # Straight from place to place.
+        # The line is straight between the path's samples.
         places = path.arc_lengths[::_EVERY] / path.length
         us = np.linspace(0.0, 1.0, _POINTS * patch.curve.interval_count + 1)
         behind = np.clip(np.searchsorted(places, us), 1, len(places) - 1)
@@ -196,7 +187,7 @@ class _Line:
 
     @classmethod
     def of_mesh(cls, carried: CarriedPatch, fine: Refinement, joint_count: int) -> "_Line | None":
-        """The line on which v = 0 cuts a refined mesh; none where its edges are too long to show the bumps."""
+        """The line on which v = 0 cuts a refined mesh; None if its edges are too long to show the bumps."""
         patch = carried.patch
         triangles = fine.triangles[children(fine.subdivision.parents, patch.members)]
         edges = np.unique(np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
@@ -204,7 +195,7 @@ class _Line:
         edges = edges.reshape(-1, 2)
         u, v = patch.coordinates(fine.rest_positions[used])
         longest = 1.0 / (_LEAST_EDGES * patch.curve.interval_count) * (1.0 + 1e-9)
-        # Where places jump from one part of the path to another there is no line.
+        # There is no line where places jump from one part of the path to another.
         cut = ((v[edges] >= 0.0).sum(axis=1) == 1) & (np.abs(np.diff(u[edges], axis=1)[:, 0]) <= longest)
         edges = edges[cut]
         if len(edges) < 2:
@@ -238,29 +229,23 @@ class _Line:
 
     @property
     def rest_length(self) -> float:
-        """Its length at rest, scene units."""
+        """Length at rest, scene units."""
         points = np.einsum("pk,pkx->px", self.shares, self.rest_points[self.corners])
         return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
     def heights(self, amplitudes: Floats) -> Floats:
-        """(points, tried, k) how high (tried, groups, modes) wrinkles raise the vertices of each point, scene units."""
+        """(points, tried, k) heights of each point's vertices under (tried, groups, modes) amplitudes, scene units."""
         of_vertices: Floats = np.einsum("tgm,gmv->vt", amplitudes, self.shapes)
         return of_vertices[self.corners].transpose(0, 2, 1)
 
     def posed(self, rig: Rig, motion: Clip, times: Floats) -> tuple[Floats, Floats]:
-        """(frames, vertices, 3) where (frames,) seconds of a motion take the vertices, and their directions."""
+        """(frames, vertices, 3) positions at (frames,) seconds of a motion, and directions, both in world space."""
         blended = blend(self.weights, joint_matrices(rig, motion, times))
         morphed = self.stored[0] + np.tensordot(morph_weights(rig, motion, times), self.stored[1:], axes=1)
         return transform(blended, morphed), np.einsum("fvij,vj->fvi", blended[..., :3], self.directions)
 
     def lengths(self, points: Floats, directions: Floats, heights: Floats) -> Floats:
-        """(tried,) lengths of the line, scene units.
-
-        Args:
-            points: (vertices, 3) in a frame.
-            directions: (vertices, 3) what each moves by for a height of 1.
-            heights: (points, tried, k) as `heights`.
-        """
+        """(tried,) lengths of the line under `heights`, from (vertices, 3) posed points and directions, scene units."""
         shares = self.shares[..., None]
         ground = (shares * points[self.corners]).sum(axis=1)
         raised = np.matmul(heights, shares * directions[self.corners])
@@ -269,7 +254,7 @@ class _Line:
 
 
 def _between(us: Floats, edges: Ints, shares: Floats, u: float) -> tuple[Ints, Floats]:
-    """(1, 4) vertices and shares of the point at u on a line of (cuts,) rising us, or of its end."""
+    """(1, 4) vertices and weights of the point at u on a line of (cuts,) sorted us, or of the line's nearest end."""
     behind = int(np.clip(np.searchsorted(us, u), 1, len(us) - 1))
     t = float(np.clip((u - us[behind - 1]) / max(us[behind] - us[behind - 1], 1e-300), 0.0, 1.0))
     mixed = np.concatenate([(1.0 - t) * shares[behind - 1], t * shares[behind]])

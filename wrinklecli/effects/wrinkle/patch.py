@@ -9,9 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.effects.wrinkle.bow import bowed
 from wrinklecli.effects.wrinkle.curve import ControlCurve
-from wrinklecli.effects.wrinkle.places import Places
+from wrinklecli.effects.wrinkle.places import Places, bowed
 from wrinklecli.effects.wrinkle.variation import Variation, attenuation
 from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.surface.anchor import Anchor

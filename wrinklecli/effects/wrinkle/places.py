@@ -1,7 +1,8 @@
-"""Where points of a patch are on its control curve, and what they have of its height: twice where two bumps become one.
+"""Places: where points of a patch lie on its control curve, and how much of the curve's height they get.
 
-With a curve c of heights, a point's is its factor times (1 − s) c(us) + s c(joined_us). So furrows that wander and
-bumps that merge are in the fixed places of points, and a curve's height is as linear in its amplitudes as it was.
+The height of a point is its factor times (1 − s) c(us) + s c(joined_us), where c is the control curve and s > 0 only
+where two bumps merge. Bent crests, wandering furrows and merging bumps are thus in the fixed places of the points, and
+heights stay linear in the curve's amplitudes.
 """
 
 from dataclasses import dataclass, replace
@@ -11,19 +12,19 @@ import numpy as np
 from wrinklecli.effects.wrinkle.curve import ControlCurve
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
 
-# Share of the height from which a bump that two have become is one.
+# Two merging bumps count as one where the joined bump has more than this fraction of the height.
 _ONE = 0.7
 
 
 @dataclass(frozen=True, slots=True)
 class Places:
-    """Of (…,) points.
+    """The places of (…,) points on a control curve.
 
     Attributes:
-        us: (…,) where each is on the curve: along the patch, where wrinkles are straight and ruled.
-        factors: (…,) on the curve's height.
-        joined: (…,) s, what a bump that two have become has of that; None where no two do.
-        joined_us: (…,) where each is on that one's curve.
+        us: (…,) coordinate on the curve; equal to the patch's u for straight, regular wrinkles.
+        factors: (…,) factors on the curve's height.
+        joined: (…,) s, the fraction of the height that the joined bump has; None if no bumps merge.
+        joined_us: (…,) coordinate on the joined bump's curve.
     """
 
     us: Floats
@@ -32,18 +33,18 @@ class Places:
     joined_us: Floats | None = None
 
     def times(self, factors: Floats | Bools) -> "Places":
-        """With (…,) further factors."""
+        """Multiply the factors by (…,) others."""
         return replace(self, factors=self.factors * factors)
 
     def of(self, chosen: Bools | Ints) -> "Places":
-        """Some of (points,)."""
+        """Select some of (points,)."""
         parts = (None if each is None else each[chosen] for each in (self.joined, self.joined_us))
         return Places(self.us[chosen], self.factors[chosen], *parts)
 
     def phases(self, curve: ControlCurve) -> Floats:
-        """(triangles, 3) where corners are among a curve's bumps, as it has them; on two that have become one, of that.
+        """(triangles, 3) `ControlCurve.phases` of the corners, on the joined bump where two bumps count as one.
 
-        NaN where they become it, within a triangle.
+        NaN for triangles within which two bumps become one.
         """
         phases = curve.phases(self.us)
         if self.joined is None or self.joined_us is None:
@@ -61,17 +62,32 @@ class Places:
             found[..., on] = (1.0 - share) * found[..., on] + share * curve.shapes(self.joined_us[on])
         return found
 
-    def rises(self, curve: ControlCurve, amplitudes: Floats) -> Floats:
-        """Heights where every frame has points of its own; `shapes` where they share them.
+    def heights(self, curve: ControlCurve, amplitudes: Floats) -> Floats:
+        """(points, frames) heights of (points, frames) places under (frames, groups, modes) amplitudes, scene units.
 
-        Args:
-            curve: The control curve.
-            amplitudes: (frames, groups, modes), scene units.
-
-        Returns:
-            (points, frames) as the places are, scene units.
+        Where all frames share their places, `shapes` is cheaper.
         """
-        heights = curve.rises(self.us, amplitudes)
+        heights = curve.heights_at(self.us, amplitudes)
         if self.joined is not None and self.joined_us is not None and self.joined.any():
-            heights = (1.0 - self.joined) * heights + self.joined * curve.rises(self.joined_us, amplitudes)
+            heights = (1.0 - self.joined) * heights + self.joined * curve.heights_at(self.joined_us, amplitudes)
         return self.factors * heights
+
+
+def bowed(u: Floats, v: Floats, bow: float, bumps: int) -> Floats:
+    """(…,) places on the control curve if crests bend like an arc: u - bow v² / 2B, less over the first and last bump.
+
+    Places rise strictly with u and keep both borders, so that no bump is cut off. Not in the paper, whose wrinkles are
+    straight.
+
+    Args:
+        u: (…,) along the patch; values outside 0 to 1 stay.
+        v: (…,) across it.
+        bow: From -1 to 1; at 1 the ends of crests lie half a bump further towards the target.
+        bumps: B.
+    """
+    fade = min(1.0 / bumps, 0.5)
+    t = np.clip(np.minimum(u, 1.0 - u) / fade, 0.0, 1.0)
+    # A smoothstep over a bump has a slope of 1.5 B at most: places rise at least a quarter as fast as u, also if B = 1.
+    share = min(1.0, 0.5 * bumps) * t * t * (3.0 - 2.0 * t)
+    shifted: Floats = u - bow * np.minimum(v * v, 1.0) / (2.0 * bumps) * share
+    return shifted

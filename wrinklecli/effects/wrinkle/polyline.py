@@ -1,7 +1,7 @@
-"""The paper's discrete bump, and how high its knots rise: from the shortening that it takes up and its chord.
+"""The paper's discrete bump, and the heights of its knots for the shortening that it takes up.
 
-Details have a closed form: a raised point keeps two lengths' sum, so it lies on an ellipse whose foci are the segment's
-ends. With details knots do not rise in proportion; what they do then is written as a few modes.
+Details have a closed form: the sum of a raised point's distances from both ends of its segment is given, so the point
+lies on an ellipse with these ends as foci. With details knots do not rise in proportion, so a few modes describe them.
 
 Source: C. Larboulette, M.-P. Cani, "Real-Time Dynamic Wrinkles", Computer Graphics International 2004, the
 section on the control curve.
@@ -17,18 +17,26 @@ import numpy as np
 from wrinklecli.numeric.arrays import Floats
 
 MODE_ERROR = 1e-4
-"""Largest error of a polyline's knots as rebuilt from its modes, of the tallest knot."""
+"""Greatest error of knots rebuilt from modes, relative to the tallest knot."""
+# Distances, and shortenings at each, at which knot heights are sampled for the modes.
+_SAMPLED_DISTANCES = 33
+_SAMPLED_SHORTENINGS = 33
+# Largest entries of a mode that differ by less than this are equal up to rounding.
+_SAME = 1e-9
+# Steps of regula falsi for the capacity, at most, and relative error of the squared height that ends them.
+_CAPACITY_STEPS = 60
+_CAPACITY_ERROR = 1e-14
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PolylineProfile:
-    """The paper's discrete bump, as a few modes: with details, its knots do not rise in proportion.
+    """The paper's discrete bump as a few modes, and its methods as `SmoothProfile` has them.
 
     Attributes:
         details: Shares of the finer levels.
         modes: (modes, knots) heights of a bump's knots, both ends included, greatest |height| 1.
         projection: (modes, knots) from knot heights to amplitudes.
-        sampled_amplitudes: (modes,) greatest |amplitude| over what the tool can reach, scene units.
+        sampled_amplitudes: (modes,) greatest |amplitude| that the tool can reach, scene units.
     """
 
     details: tuple[float, ...]
@@ -38,21 +46,21 @@ class PolylineProfile:
 
     @property
     def leans(self) -> bool:
-        """Whether it differs from its mirror image."""
+        """False: the bump is its own mirror image."""
         return False
 
     @property
     def sharp(self) -> bool:
-        """Whether it turns more sharply here than there, but for its knots."""
+        """False: apart from its knots, no part turns more sharply than others."""
         return False
 
     @property
     def crest(self) -> float:
-        """τ of its highest point, without details."""
+        """The τ of the highest point, without details."""
         return 0.5
 
     def amplitudes(self, shortenings: Floats, intervals: Floats, max_height: float) -> Floats:
-        """(..., modes) from D and x; scene units."""
+        """(..., modes) amplitudes from D and x."""
         # The limit holds where x is too long for a full bump, and trims the last bit.
         if self.details:
             shortenings = np.minimum(shortenings, self.capacity(intervals, max_height))
@@ -60,21 +68,21 @@ class PolylineProfile:
         return np.asarray(np.einsum("...k,mk->...m", heights, self.projection), np.float64)
 
     def fullest(self, capacities: Floats, intervals: Floats, max_height: float) -> Floats:
-        """(..., modes) of a bump whose highest knot is at `max_height`, from its D and x; scene units."""
+        """(..., modes) amplitudes of a bump whose highest knot is at `max_height`, from its D and x."""
         return self.amplitudes(capacities, intervals, max_height)
 
     def capacity(self, intervals: Floats, max_height: float) -> Floats:
-        """D of a bump whose highest knot is at `max_height`, from x; scene units."""
+        """(…,) D of a bump whose highest knot is at `max_height`."""
         return polyline_capacity(self.details, intervals, max_height)
 
     def bounds(self, shortenings: Floats, intervals: Floats, max_height: float) -> Floats:
-        """(..., modes) of |amplitude| on the way to these D and x; scene units."""
-        # A mode may turn round on its way, so its end is no bound; its samples are.
+        """(..., modes) greatest |amplitude| on the way to D at x."""
+        # A mode may turn round on the way, so its end is no bound; its samples are.
         reached = np.abs(self.amplitudes(shortenings, intervals, max_height))
         return np.where(shortenings[..., None] > 0, np.maximum(self.sampled_amplitudes, reached), 0.0)
 
     def excess(self, amplitudes: Floats, intervals: Floats) -> Floats:
-        """Arc length of a bump less its chord, from (..., modes) amplitudes and x; scene units."""
+        """(…,) arc length of a bump minus its chord, from (..., modes) amplitudes."""
         rises = np.diff(self._heights(amplitudes))
         chords = np.broadcast_to(2 * intervals[..., None] / rises.shape[-1], rises.shape)
         # √(c² + r²) − c = r²/(√(c² + r²) + c), exact for small r.
@@ -83,7 +91,7 @@ class PolylineProfile:
         return np.asarray((rises * slopes).sum(axis=-1), np.float64)
 
     def highest(self, amplitudes: Floats) -> Floats:
-        """Height of the highest knot, from (..., modes) amplitudes; scene units."""
+        """(…,) height of the highest knot, from (..., modes) amplitudes."""
         return np.asarray(self._heights(amplitudes).max(axis=-1), np.float64)
 
     def shapes(self, taus: Floats) -> Floats:
@@ -92,7 +100,7 @@ class PolylineProfile:
         return np.stack([np.interp(taus, knots, mode) for mode in self.modes])
 
     def warped(self, taus: Floats) -> Floats:
-        """(…,) τ: nothing is warped."""
+        """(…,) τ itself."""
         return taus
 
     def _heights(self, amplitudes: Floats) -> Floats:
@@ -100,12 +108,7 @@ class PolylineProfile:
 
 
 def plan_polyline(details: tuple[float, ...], samples: Floats) -> PolylineProfile:
-    """Reduce sampled knot heights to the fewest modes that keep within `MODE_ERROR`.
-
-    Args:
-        details: Shares of the finer levels.
-        samples: (samples, knots) heights of a bump's knots, scene units.
-    """
+    """Reduce (samples, knots) heights of a bump's knots to the fewest modes that keep within `MODE_ERROR`."""
     vectors = np.linalg.svd(samples, full_matrices=False)[2]
     limit = MODE_ERROR * samples.max()
     for count in range(1, len(vectors) + 1):
@@ -115,7 +118,7 @@ def plan_polyline(details: tuple[float, ...], samples: Floats) -> PolylineProfil
             break
     # The sign of a singular vector is arbitrary: make its largest entry (the first within rounding) 1.
     sizes = np.abs(kept)
-    peaks = np.argmax(sizes > sizes.max(axis=1, keepdims=True) * (1 - 1e-9), axis=1)
+    peaks = np.argmax(sizes > sizes.max(axis=1, keepdims=True) * (1 - _SAME), axis=1)
     scales = kept[np.arange(len(kept)), peaks][:, None]
     projection = kept * scales
     sampled = np.abs(np.einsum("sk,mk->sm", samples, projection)).max(axis=0)
@@ -129,33 +132,24 @@ def reachable_heights(
 
     Args:
         details: Shares of the finer levels.
-        max_height: Of a bump, scene units.
-        greatest: The greatest taut length, scene units.
-        reached: The greatest d, scene units.
+        max_height: Greatest height of a bump, scene units.
+        greatest: Greatest taut length, scene units.
+        reached: Greatest d, scene units.
         interval_count: n.
         sharing: Sum of the widths of the first group's bumps, which share all of d.
     """
-    distances = (greatest - reached) + reached * np.linspace(0.0, 1.0, 33, endpoint=False)
+    distances = (greatest - reached) + reached * np.linspace(0.0, 1.0, _SAMPLED_DISTANCES, endpoint=False)
     intervals = distances / interval_count
     # A tool that never rises still needs a shape.
     limit = max_height if max_height > 0 else math.inf
     greatest_shares = np.minimum((greatest - distances) / sharing, polyline_capacity(details, intervals, limit))
-    shares = greatest_shares[:, None] * np.linspace(0.0, 1.0, 34)[1:] ** 2
+    shares = greatest_shares[:, None] * np.linspace(0.0, 1.0, _SAMPLED_SHORTENINGS + 1)[1:] ** 2
     heights = polyline_heights(details, shares, intervals[:, None])
     return heights.reshape(-1, heights.shape[-1])
 
 
 def polyline_heights(details: tuple[float, ...], shortenings: Floats, intervals: Floats) -> Floats:
-    """Knots of the paper's discrete bump.
-
-    Args:
-        details: Shares of the finer levels.
-        shortenings: (...) D, scene units.
-        intervals: (...) x, scene units.
-
-    Returns:
-        (..., 2^(levels + 1) + 1) heights at equal steps from end to end, scene units.
-    """
+    """(..., 2^(levels + 1) + 1) heights of the knots at equal steps from end to end, from (...) D and x."""
     shortenings, steps = np.broadcast_arrays(shortenings[..., None], intervals[..., None])
     apexes = (1 - math.fsum(details)) * shortenings
     heights: Floats = np.sqrt(apexes * (steps + apexes / 4)) * np.array([0.0, 1.0, 0.0])
@@ -164,7 +158,7 @@ def polyline_heights(details: tuple[float, ...], shortenings: Floats, intervals:
         lengths = np.hypot(rises, steps)
         totals = lengths.sum(axis=-1, keepdims=True)
         parts = np.divide(lengths, totals, out=np.zeros_like(lengths), where=totals > 0)
-        # Half axes a, b of the ellipse through the new point, the foci at the segment's ends; `added` is e.
+        # a and b are the half axes of the ellipse through the new point, with the segment's ends as foci; `added` is e.
         added = share * shortenings * parts
         a, b = (lengths + added) / 2, np.sqrt(added * (2 * lengths + added)) / 2
         spans = np.hypot(b * rises, a * steps)
@@ -177,7 +171,7 @@ def polyline_heights(details: tuple[float, ...], shortenings: Floats, intervals:
 
 
 def polyline_capacity(details: tuple[float, ...], intervals: Floats, max_height: float) -> Floats:
-    """D at which a bump's highest knot is at `max_height`, from x; scene units, same shape.
+    """(…,) D at which a bump's highest knot is at `max_height`, from x; scene units.
 
     Regula falsi in the Illinois form on (D, height²), nearly straight for small D and convex for large.
     """
@@ -196,17 +190,17 @@ def polyline_capacity(details: tuple[float, ...], intervals: Floats, max_height:
 
     low_misses, high_misses = np.minimum(misses(lows), 0.0), np.maximum(misses(highs), 0.0)
     side = np.zeros(lows.shape, np.intp)
-    for _ in range(60):
+    for _ in range(_CAPACITY_STEPS):
         spans = high_misses - low_misses
         fractions = np.divide(-low_misses, spans, out=np.zeros_like(spans), where=spans > 0)
         guesses = np.clip(lows + fractions * (highs - lows), lows, highs)
         found = misses(guesses)
         above = found > 0
-        # The end that stays for a second time counts half, or it would stay for good.
+        # An end that stays for a second time counts half, or it would stay for good.
         low_misses = np.where(above, np.where(side == 1, low_misses / 2, low_misses), found)
         high_misses = np.where(above, found, np.where(side == -1, high_misses / 2, high_misses))
         lows, highs = np.where(above, lows, guesses), np.where(above, guesses, highs)
         side = np.where(above, 1, -1)
-        if np.abs(found).max(initial=0.0) < 1e-14:
+        if np.abs(found).max(initial=0.0) < _CAPACITY_ERROR:
             break
     return np.asarray(guesses, np.float64)

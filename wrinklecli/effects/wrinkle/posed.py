@@ -1,9 +1,9 @@
 """Displacements projected anew in each posed frame (`attachment: patch`), and the few shapes that give them all.
 
-The paper's wording taken literally, C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004, on mesh
-deformation: (u, v) and normals are those of the undeformed posed surface, anew each frame. Differs: only members of the
-patch at rest are projected; normals are area-weighted; the posed displacement is pulled back to bind space, as morph
-targets act before skinning.
+This takes the paper literally, C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004, on mesh deformation:
+(u, v) and normals are those of the undeformed posed surface, anew in each frame. Differs: only members of the patch at
+rest are projected; normals are area-weighted; the posed displacement is pulled back to bind space, as morph targets act
+before skinning.
 """
 
 from collections.abc import Iterable
@@ -26,11 +26,11 @@ from wrinklecli.surface.refine import Refinement
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-# Triangles times frames that are posed at once: what stays in a core's cache.
+# Triangles times frames that are posed at once, so that they stay in a core's cache.
 _POSED_AT_ONCE = 2**16
-# Anchors of a posed patch nearer than this share of their distance at rest coincide.
+# Anchors of a posed patch coincide if their distance is below this, relative to that at rest.
 _LEAST_SPAN = 1e-9
-# Length of the mean of their normals, across the segment, below which they face opposite ways.
+# Normals of two anchors face opposite ways if their mean, projected across the segment, is shorter than this.
 _LEAST_MEAN = 1e-6
 # Share of the tolerance of `compress` that the series may be simplified by before shapes are chosen.
 _SPARED_SHARE = 0.02
@@ -44,17 +44,17 @@ _MOST_AXES = 1024
 
 @dataclass(frozen=True, slots=True)
 class Ring:
-    """The vertices of a patch's members and of all triangles around these: what posed normals need.
+    """The vertices of a patch's members and of all triangles around them, which posed normals need.
 
     Attributes:
-        vertices: (around,) fine welded vertices, rising.
-        members: (members,) numbers in `vertices`.
-        free: (members,) those that may move: not what touches another mesh.
-        knots: Of the points that the patch's path goes through, the anchors among them, (corners,) numbers in
-            `vertices` of those around each, and their (corners,) shares.
-        triangles: (triangles, 3) numbers in `vertices`.
+        vertices: (around,) sorted fine welded vertices.
+        members: (members,) indices into `vertices`.
+        free: (members,) False for vertices that touch another mesh, which must not move.
+        knots: (corners,) indices into `vertices` and their (corners,) weights, for each point that the patch's path
+            goes through, the anchors among them.
+        triangles: (triangles, 3) indices into `vertices`.
         sums: (around, triangles) 1 where a triangle has a vertex.
-        joints: (joints,) into the rig's, that move any of the vertices.
+        joints: (joints,) indices of the rig's joints that move any of the vertices.
         weights: (around, joints) skin weights.
     """
 
@@ -69,7 +69,7 @@ class Ring:
 
 
 def ring_around(patch: Patch, members: Ints, free: Bools, fine: Refinement) -> Ring:
-    """The ring of (members,) fine welded vertices, rising, of which (members,) may move."""
+    """Make the ring of (members,) sorted fine welded vertices, of which (members,) are free to move."""
     from scipy.sparse import csr_array
 
     # Normals of members, and of anchors on a face that turns away, need all triangles around them.
@@ -97,7 +97,7 @@ def ring_around(patch: Patch, members: Ints, free: Bools, fine: Refinement) -> R
 
 
 def _knots(patch: Patch, fine: Refinement) -> list[tuple[Ints, Floats]]:
-    """Of the points that a patch's path goes through, the (corners,) welded vertices around each and their shares."""
+    """The (corners,) welded vertices around each point that a patch's path goes through, and their weights."""
     if not isinstance(patch.path, Curve):
         return [(anchor.vertices, anchor.barycentrics) for anchor in patch.anchors]
     triangles = fine.surface.triangles
@@ -109,20 +109,18 @@ def _knots(patch: Patch, fine: Refinement) -> list[tuple[Ints, Floats]]:
 def posed_displacements(
     patch: Patch, ring: Ring, fine: Refinement, rig: Rig, clip: Clip | None, times: Floats, amplitudes: Floats
 ) -> Floats:
-    """Displacements as the paper words them: (u, v), normals and patch of each posed frame, pulled back.
+    """(frames, members, 3) displacements by (u, v), normals and patch of each posed frame, in bind space.
+
+    Each is the posed displacement times the inverse of the blended matrix, and 0 where that is singular.
 
     Args:
         patch: The tool.
-        ring: Its members and what surrounds them.
+        ring: Its ring.
         fine: The refined surface.
-        rig: Of the mesh.
-        clip: The animation; none for the stored pose.
+        rig: The mesh's joints.
+        clip: The animation; None for the stored pose.
         times: (frames,) seconds.
         amplitudes: (frames, groups, modes), strength in the clip applied.
-
-    Returns:
-        (frames, members, 3) bind space: the posed displacement times the inverse of the blended matrix; 0
-        where that is singular.
     """
     moved = np.zeros((len(times), len(ring.members), 3))
     acting = np.flatnonzero(amplitudes.any(axis=(1, 2)))
@@ -137,13 +135,13 @@ def posed_displacements(
 def _posed_at_once(
     patch: Patch, ring: Ring, fine: Refinement, rig: Rig, clip: Clip | None, times: Floats, amplitudes: Floats
 ) -> Floats:
-    """As `posed_displacements`, of few frames. Inside, frames are the last axis and x, y, z the first."""
+    """`posed_displacements` of few frames. Inside, frames are the last axis and x, y, z the first."""
     blended, positions, normals = _posed_ring(ring, fine, rig, clip, times)
     locate = _along_curves if isinstance(patch.path, Curve) else _along_segments
     u, v, cosines, exists = locate(patch, ring, positions, normals)
     normals = normals[:, ring.members]
     places = patch.places(u, v, cosines)
-    lengths = places.times(ring.free[:, None] * exists).rises(patch.curve, amplitudes)
+    lengths = places.times(ring.free[:, None] * exists).heights(patch.curve, amplitudes)
     members, frames = np.nonzero(lengths)
     linear = blended[:, :3, ring.members[members], frames].transpose(2, 0, 1)
     pushed = lengths[members, frames, None] * normals[:, members, frames].T
@@ -171,31 +169,45 @@ def _posed_ring(
 
 
 def _at_knots(ring: Ring, vectors: Floats) -> Floats:
-    """(knots, 3, frames) of (3, around, frames)."""
+    """(knots, 3, frames) values at the knots of (3, around, frames) vectors."""
     return np.stack([np.einsum("c,xcf->xf", shares, vectors[:, corners]) for corners, shares in ring.knots])
 
 
 def _along_segments(
     patch: Patch, ring: Ring, positions: Floats, normals: Floats
 ) -> tuple[Floats, Floats, Floats, Bools]:
-    """(members, frames) u, v and cosines with the patch's normal, and (frames,) whether there is a patch.
+    """Project members onto a straight tool, placed by its anchors in each frame.
 
     Args:
         patch: A straight tool.
-        ring: Its members and what surrounds them.
+        ring: Its ring.
         positions: (3, around, frames) world space.
         normals: (3, around, frames) unit.
+
+    Returns:
+        (members, frames) u, v and cosines between the members' normals and the patch's, and (frames,) False where the
+        anchors coincide or face opposite ways, so that there is no patch.
     """
-    placed = _placed(patch, ring, positions, normals)
-    relative = positions[:, ring.members] - placed.origin[:, None]
-    across = np.stack(cross(placed.along, placed.normal))
-    u = np.sum(relative * placed.along[:, None], axis=0) / placed.span
+    origin, target = _at_knots(ring, positions)
+    difference = target - origin
+    span = np.sqrt(np.sum(difference**2, axis=0))
+    apart = span > _LEAST_SPAN * patch.span
+    span = np.where(apart, span, 1.0)
+    along = difference / span
+    first, second = _at_knots(ring, normals)
+    mean = _units(first) + _units(second)
+    mean = mean - np.sum(mean * along, axis=0) * along
+    exists = apart & (np.sqrt(np.sum(mean**2, axis=0)) >= _LEAST_MEAN)
+    normal = _units(mean)
+    relative = positions[:, ring.members] - origin[:, None]
+    across = np.stack(cross(along, normal))
+    u = np.sum(relative * along[:, None], axis=0) / span
     v = np.sum(relative * across[:, None], axis=0) / patch.half_width
-    return u, v, np.sum(normals[:, ring.members] * placed.normal[:, None], axis=0), placed.exists
+    return u, v, np.sum(normals[:, ring.members] * normal[:, None], axis=0), exists
 
 
 def _along_curves(patch: Patch, ring: Ring, positions: Floats, normals: Floats) -> tuple[Floats, Floats, Floats, Bools]:
-    """As `_along_segments`, of a tool with a path: through the points of the skin that it went through at rest."""
+    """`_along_segments` of a tool with a path, through the points of the skin that the path met at rest."""
     shape = (len(ring.members), positions.shape[2])
     u, v, cosines, exists = np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros(shape[1], bool)
     knots, facing = (_at_knots(ring, vectors).transpose(2, 0, 1) for vectors in (positions, normals))
@@ -209,42 +221,8 @@ def _along_curves(patch: Patch, ring: Ring, positions: Floats, normals: Floats) 
     return u, v, cosines, exists
 
 
-@dataclass(frozen=True, slots=True)
-class _Placed:
-    """Where the patch is in posed frames, world space.
-
-    Attributes:
-        origin: (3, frames).
-        along: (3, frames) unit vector from origin to target.
-        normal: (3, frames) unit normal.
-        span: (frames,) distance of the anchors; 1 where there is no patch.
-        exists: (frames,) whether there is one: not where the anchors coincide or face opposite ways.
-    """
-
-    origin: Floats
-    along: Floats
-    normal: Floats
-    span: Floats
-    exists: Bools
-
-
-def _placed(patch: Patch, ring: Ring, positions: Floats, normals: Floats) -> _Placed:
-    """Place the patch by its anchors, from (3, around, frames) positions and normals."""
-    origin, target = _at_knots(ring, positions)
-    difference = target - origin
-    span = np.sqrt(np.sum(difference**2, axis=0))
-    apart = span > _LEAST_SPAN * patch.span
-    span = np.where(apart, span, 1.0)
-    along = difference / span
-    first, second = _at_knots(ring, normals)
-    mean = _units(first) + _units(second)
-    mean = mean - np.sum(mean * along, axis=0) * along
-    exists = apart & (np.sqrt(np.sum(mean**2, axis=0)) >= _LEAST_MEAN)
-    return _Placed(origin=origin, along=along, normal=_units(mean), span=span, exists=exists)
-
-
 def _units(vectors: Floats) -> Floats:
-    """(3, …) divided by their length; 0 stays 0."""
+    """(3, …) vectors divided by their length; 0 stays 0."""
     lengths = np.sqrt(np.sum(vectors * vectors, axis=0))
     divided: Floats = vectors / np.where(lengths > 0, lengths, 1.0)
     return divided

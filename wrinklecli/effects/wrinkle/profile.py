@@ -1,18 +1,18 @@
-"""The shape of one bump and how high it rises: from the shortening that it takes up and its chord to its heights.
+"""The shape of one bump, and its height for the shortening that it takes up.
 
 Source: C. Larboulette, M.-P. Cani, "Real-Time Dynamic Wrinkles", Computer Graphics International 2004, the
 section on the control curve: a raised control point between two neighbours absorbs a shortening D by
 h = √(Dx + D²/4), x the current control interval.
 
 Differs from the paper, whose discrete curve is the profile `polyline`, in a module of that name:
-- `smooth` (the default) raises A·g(τ) over a bump, with A solved so that the true arc length is kept. C¹,
-  flat at a bump's ends, never negative, linear in A: one shape serves all heights, and details cost no more.
+- `smooth` (the default) raises A·g(τ) over a bump, with A solved so that the true arc length is kept. It is C¹, flat at
+  a bump's ends, never negative and linear in A, so one shape serves all heights and details cost no more.
   Rejected: Catmull-Rom through the control points dips 12 % below the surface; PCHIP kinks at the patch's end; a
   cubic B-spline does not end at 0; one factor for the whole curve makes full bumps breathe.
-- `skin` and `cloth` are `smooth` with the place on the bump warped: skin has round crests and narrow furrows, cloth
-  leans. A warp keeps all of the above: these, too, are fixed shapes times A.
+- `skin` and `cloth` are `smooth` with τ warped: skin has round crests and narrow furrows, cloth leans. A warp keeps all
+  of the above, so these too are fixed shapes times A.
 
-Lengths are in scene units: D of the bump, x of an interval (a bump spans two), A of its height.
+Lengths are in scene units: D of the bump, x of an interval (a bump spans two), A of the bump's height.
 """
 
 import math
@@ -28,18 +28,25 @@ from wrinklecli.numeric.interpolant import Interpolant, interpolate
 
 Profile = Literal["smooth", "skin", "cloth", "polyline"]
 
-# tan(πμ) over tan(πτ) of skin: at half its depth, τ = 1/8, a furrow then is a quarter as wide as its crests are apart;
-# that of `smooth` is half as wide.
+# tan(πμ) over tan(πτ) of skin. At half its depth, τ = 1/8, a furrow is then a quarter as wide as the distance of two
+# crests; that of `smooth` is half as wide.
 _NARROW = 1.0 / math.tan(math.pi / 8.0)
-# How far the crest of cloth is off the middle of its bump, of half its width.
+# Distance of cloth's crest from the middle of its bump, relative to half the bump's width.
 _LEAN = 0.3
-
+# Replaces a divisor of 0.
 _LEAST = 1e-300
-"""In place of a divisor that is 0."""
+# Newton steps for A, at most; they are quadratic, so a step of _STEP_ERROR leaves an error of its square.
+_NEWTON_STEPS = 40
+# Relative length of a step that ends them.
+_STEP_ERROR = 1e-9
+# Quadrature of the arc length: step in y = ln(τ/(1 − τ)), its error e^(−2π (π/4) / step) being below 1e-13,
+_QUADRATURE_STEP = 0.16
+# and greatest |y|, its error e^(−end) being below 1e-13.
+_QUADRATURE_END = 32.0
 
-# Over a bump, lengths enter only as two parts of a whole: its chord 2x, and D or A. Its part c in [0, 1]
-# is mapped to q = 1 − c^¼, which makes both maps between A and D smooth on [0, 1]: the root at D = 0 is
-# factored out (√q), and the c² log c of a vanishing chord becomes (1 − q)⁸ log(1 − q).
+# Over a bump, lengths enter only as two parts of a whole: the chord 2x, and D or A. The chord's fraction c in [0, 1] is
+# mapped to q = 1 − c^¼, which makes both maps between A and D smooth on [0, 1]: the root at D = 0 is factored out (√q),
+# and the c² log c of a vanishing chord becomes (1 − q)⁸ log(1 − q).
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,11 +54,11 @@ class SmoothProfile:
     """A bump A g(μ(τ)), τ ∈ [0, 1], g = sin²(πμ) + Σₖ rₖ sin²(2ᵏπμ), rₖ = 2⁻ᵏ √(sₖ/(1 − Σs)).
 
     Attributes:
-        kind: Which μ; see `_warped`.
+        kind: The profile, which chooses μ; see `_warped`.
         ratios: (levels + 1,) 1, r₁, r₂, …
         peak: Greatest value of g.
-        to_amplitude: Over q, of A / (whole √q), whole = 2x + D.
-        to_shortening: Over q, of D / (whole q²), whole = 2x + A.
+        to_amplitude: A / (whole √q) over q, with whole = 2x + D.
+        to_shortening: D / (whole q²) over q, with whole = 2x + A.
     """
 
     kind: Profile
@@ -62,49 +69,49 @@ class SmoothProfile:
 
     @property
     def leans(self) -> bool:
-        """Whether it differs from its mirror image."""
+        """True if the bump differs from its mirror image."""
         return self.kind == "cloth"
 
     @property
     def sharp(self) -> bool:
-        """Whether it turns more sharply here than there."""
+        """True if some parts of the bump turn more sharply than those of `smooth`."""
         return self.kind != "smooth"
 
     @property
     def crest(self) -> float:
-        """τ of its highest point, without details."""
+        """The τ of the highest point, without details."""
         return float(_unwarped(self.kind, np.array(0.5)))
 
     def amplitudes(self, shortenings: Floats, intervals: Floats, max_height: float) -> Floats:
-        """(..., 1) A of mean over τ of √((2x)² + (A g')²) = 2x + D, from D and x; scene units."""
+        """(..., 1) the A that solves: mean over τ of √((2x)² + (A g')²) = 2x + D."""
         wholes, q = _parts(2 * intervals, shortenings)
-        rises = wholes * np.sqrt(q) * self.to_amplitude(q)
-        return np.minimum(rises, max_height / self.peak)[..., None]
+        amplitudes = wholes * np.sqrt(q) * self.to_amplitude(q)
+        return np.minimum(amplitudes, max_height / self.peak)[..., None]
 
     def fullest(self, _: Floats, intervals: Floats, max_height: float) -> Floats:
-        """(..., 1) A of a bump whose highest point is at `max_height`, from its D and x; scene units."""
+        """(..., 1) A of a bump whose highest point is at `max_height`."""
         return np.full((*intervals.shape, 1), max_height / self.peak)
 
     def capacity(self, intervals: Floats, max_height: float) -> Floats:
-        """D of a bump whose highest point is at `max_height`, from x; scene units."""
+        """(…,) D of a bump whose highest point is at `max_height`."""
         if math.isinf(max_height):
             return np.full_like(intervals, math.inf)
         return self._shortenings(max_height / self.peak, intervals)
 
     def bounds(self, shortenings: Floats, intervals: Floats, max_height: float) -> Floats:
-        """(..., 1) of A on the way to these D and x; scene units."""
+        """(..., 1) greatest A on the way to D at x."""
         return self.amplitudes(shortenings, intervals, max_height)
 
     def excess(self, amplitudes: Floats, intervals: Floats) -> Floats:
-        """Arc length of a bump less its chord, from (..., 1) amplitudes and x; scene units."""
+        """(…,) arc length of a bump minus its chord, from (..., 1) amplitudes."""
         return self._shortenings(amplitudes[..., 0], intervals)
 
     def highest(self, amplitudes: Floats) -> Floats:
-        """Height of the highest point, from (..., 1) amplitudes; scene units."""
+        """(…,) height of the highest point, from (..., 1) amplitudes."""
         return np.asarray(self.peak * amplitudes[..., 0], np.float64)
 
     def shapes(self, taus: Floats) -> Floats:
-        """(1, ...) g(μ(τ))."""
+        """(1, ...) g(μ(τ)), heights at τ for amplitude 1."""
         places = self.warped(taus)
         return sum(
             (ratio * np.sin(2**level * np.pi * places) ** 2 for level, ratio in enumerate(self.ratios)),
@@ -112,7 +119,7 @@ class SmoothProfile:
         )[None]
 
     def warped(self, taus: Floats) -> Floats:
-        """(…,) μ(τ), rising from 0 to 1 with τ: where `smooth` is as far on its bump."""
+        """(…,) μ(τ), the place on the bump of `smooth` that has the same height; it rises with τ from 0 to 1."""
         return _warped(self.kind, taus)[0]
 
     def _shortenings(self, amplitudes: Floats | float, intervals: Floats) -> Floats:
@@ -121,9 +128,8 @@ class SmoothProfile:
 
 
 def _parts(chords: Floats, others: Floats | float) -> tuple[Floats, Floats]:
-    """The whole, chord + other, and q = 1 − (chord / whole)^¼ without cancellation; 0 where the whole is."""
+    """The whole, chord + other, and q = 1 − (chord / whole)^¼ without cancellation; both 0 if the whole is 0."""
     wholes = chords + others
-    # Where nothing is, both are 0, and so is q.
     divisors = np.maximum(wholes, _LEAST)
     roots = np.sqrt(chords / divisors)
     parts: Floats = others / divisors
@@ -133,7 +139,7 @@ def _parts(chords: Floats, others: Floats | float) -> tuple[Floats, Floats]:
 
 
 def _warped(kind: Profile, taus: Floats) -> tuple[Floats, Floats]:
-    """(…,) μ(τ), rising from 0 to 1 with τ, and dμ/dτ."""
+    """(…,) μ(τ), which rises with τ from 0 to 1, and dμ/dτ."""
     if kind == "skin":
         # tan πμ = k tan πτ
         sines, cosines = np.sin(np.pi * taus), np.cos(np.pi * taus)
@@ -155,7 +161,7 @@ def _unwarped(kind: Profile, places: Floats) -> Floats:
 
 @lru_cache(maxsize=16)  # all tools of most files have the same details
 def plan_smooth(details: tuple[float, ...], kind: Profile = "smooth") -> SmoothProfile:
-    """Solve A for all D and x at once: build the interpolants of a smooth bump with these details."""
+    """Build the interpolants of a smooth bump with these details, which solve A for all D and x at once."""
     levels = np.arange(len(details) + 1)
     ratios = np.sqrt(np.array([1.0, *(np.array(details) / (1 - math.fsum(details)))])) / 2**levels
     # sin²(2ᵏπτ) = (1 − T_m(c))/2 with m = 2ᵏ, c = cos 2πτ; and d²T_m/dτ² = −(2πm)² T_m.
@@ -164,7 +170,7 @@ def plan_smooth(details: tuple[float, ...], kind: Profile = "smooth") -> SmoothP
     bends = series * np.arange(len(series)) ** 2.0
     turns = [np.real(chebyshev.chebroots(c)) for c in (chebyshev.chebder(series), bends) if len(c) > 1]
     points = np.arccos(np.clip(np.concatenate(turns), -1.0, 1.0)) / (2 * np.pi)
-    # A turning point is at a root; the real part of a complex one is a harmless further candidate.
+    # A turning point is at a root; the real part of a complex root is a harmless further candidate.
     candidates = np.concatenate([points, [0.5]])
     peak = float(max(sum(r * np.sin(2**k * np.pi * candidates) ** 2 for k, r in enumerate(ratios))))
     breaks = np.sort(np.concatenate([[0.0], points, [0.5]]))
@@ -176,23 +182,23 @@ def plan_smooth(details: tuple[float, ...], kind: Profile = "smooth") -> SmoothP
     slopes *= stretches
 
     def excess(amplitudes: Floats, chords: Floats) -> tuple[Floats, Floats]:
-        # Arc length less chord, and its derivative by A; s²/(√(c² + s²) + c) has no cancellation. (`hypot` is slower.)
-        rises = amplitudes[:, None] * slopes
-        arcs = np.sqrt(rises * rises + (chords * chords)[:, None])
+        # Arc length minus chord, and its derivative by A; s²/(√(c² + s²) + c) has no cancellation. (`hypot` is slower.)
+        heights = amplitudes[:, None] * slopes
+        arcs = np.sqrt(heights * heights + (chords * chords)[:, None])
         return (
-            np.einsum("sq,q->s", rises * (rises / (arcs + chords[:, None])), weights),
-            np.einsum("sq,q->s", slopes * (rises / arcs), weights),
+            np.einsum("sq,q->s", heights * (heights / (arcs + chords[:, None])), weights),
+            np.einsum("sq,q->s", slopes * (heights / arcs), weights),
         )
 
     def amplitudes(q: Floats) -> Floats:
         chords, shortenings = (1 - q) ** 4, q * (2 - q) * (1 + (1 - q) ** 2)
-        # Jensen: at this A the curve is too long; the length is convex in A, so Newton comes down from there.
+        # By Jensen the curve is too long at this A; the length is convex in A, so Newton's method comes down from it.
         guesses = np.sqrt(shortenings * (1 + chords)) / np.einsum("q,q->", slopes, weights)
-        for _ in range(40):
+        for _ in range(_NEWTON_STEPS):
             lengths, derivatives = excess(guesses, chords)
             steps = (lengths - shortenings) / derivatives
             guesses = guesses - steps
-            if np.max(np.abs(steps) / guesses) < 1e-9:  # Quadratic: the step after would be 1e-18.
+            if np.max(np.abs(steps) / guesses) < _STEP_ERROR:
                 break
         return np.asarray(guesses / np.sqrt(q), np.float64)
 
@@ -206,15 +212,14 @@ def _quadrature(breaks: Floats) -> tuple[Floats, Floats]:
     """Nodes and weights of the mean over τ of a function on [0, 1], or of one with period 1, symmetric about ½.
 
     Nodes crowd exponentially at the breaks: √(c² + (A g')²) has a rounded kink at each zero of g', of a width
-    c/A that goes to 0. The trapezoid rule in y, τ = 1/(1 + e⁻ʸ) within a panel, resolves all widths alike.
+    c/A that goes to 0. The trapezoid rule in y, τ = 1/(1 + e⁻ʸ) within a panel, resolves all widths equally well.
 
     Args:
-        breaks: (panels + 1,) rising from 0 to 1, or to ½: zeros of g', and of g'' where g' may nearly vanish.
+        breaks: (panels + 1,) sorted, from 0 to 1, or to ½: zeros of g', and of g'' where g' may nearly vanish.
     """
-    step, end = 0.16, 32.0  # Errors e^(−2π (π/4) / step) and e^(−end), both below 1e-13.
-    ys = np.arange(-end, end + step / 2, step)
+    ys = np.arange(-_QUADRATURE_END, _QUADRATURE_END + _QUADRATURE_STEP / 2, _QUADRATURE_STEP)
     fractions = 1 / (1 + np.exp(-ys))
     widths = np.diff(breaks)
     taus = breaks[:-1, None] + widths[:, None] * fractions
-    weights = step / breaks[-1] * widths[:, None] * fractions * fractions[::-1]
+    weights = _QUADRATURE_STEP / breaks[-1] * widths[:, None] * fractions * fractions[::-1]
     return taus.reshape(-1), weights.reshape(-1)

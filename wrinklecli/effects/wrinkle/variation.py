@@ -1,13 +1,13 @@
-"""Irregular wrinkles: a warp of the patch's coordinates and a height along each crest, from a seed.
+"""Irregular wrinkles: a warp of the patch's coordinates and a height along each crest, drawn from a seed.
 
-Real wrinkles are no ruled cylinders: they are unequal, wander, swell, end at places of their own, and some merge with a
-neighbour. A tool's `variation` a, from 0 to 1, says how much. All of it is in its fixed shapes: it adds no morph
-target, and nothing at run time.
+Real wrinkles are no ruled cylinders: they are unequal, wander, swell and end at different places, and some merge with a
+neighbour. A tool's `variation` a, from 0 to 1, sets the amount. The irregularity is part of the fixed shapes, so it
+adds no morph target, and costs nothing at run time.
 
 On the centre line, v = 0, the warp is the identity. There bumps have unequal widths, and heights in proportion: they
 are similar, so every bump of a group takes up the same strain, as the wrinkles of an inextensible sheet do (E. Cerda,
-L. Mahadevan, *Geometry and Physics of Wrinkling*, Physical Review Letters 90, 2003: amplitude over wavelength hangs on
-the strain alone), and the formula of one bump gives all their lengths exactly, whatever its profile.
+L. Mahadevan, *Geometry and Physics of Wrinkling*, Physical Review Letters 90, 2003: amplitude over wavelength depends
+on the strain alone). So the formula of one bump gives all their lengths exactly, whatever the profile.
 
 Not in the paper, whose bumps are equal.
 
@@ -29,64 +29,79 @@ from wrinklecli.numeric.arrays import Floats, Ints
 
 Attenuation = Literal["bell", "linear"]
 
-# What a variation of 1 does. Widths of bumps differ by this share, before they are made to fill the segment.
+# All amounts are those of a variation of 1. Bumps' widths differ by this fraction before they are scaled to fill the
+# segment.
 _WIDTH = 0.35
-# How far a furrow goes astray, as a share of the mean distance of two crests, and how steeply: the tangent of its angle
-# to the ruled line. Steeper ones read as crumpled paper.
-_WANDER, _STEEPEST = 0.45, 0.6
-# What a bump keeps of its width, as a share, where its furrows approach each other.
+# Farthest that a furrow wanders, relative to the mean distance of two crests,
+_WANDER = 0.45
+# and tangent of its greatest angle to the ruled line: steeper furrows read as crumpled paper.
+_STEEPEST = 0.6
+# Fraction of its width that a bump keeps where its furrows approach each other.
 _LEAST_WIDTH = 0.4
-# How far inside the patch a crest may end and how much it swells on its way there, as shares of half the width and of
-# its height; and how much narrower it is at its ends.
-_SHORTER, _SWELL, _TAPER = 0.45, 0.18, 0.45
-# From which |v| two bumps become one, over which length, more where a patch is narrow, and how high that is, over the
-# wider of the two.
-_MERGING, _MERGED_OVER, _MERGED_HEIGHT = (0.0, 0.2), (0.45, 0.7), 1.6
-# How near the furrow between them their crests come on the way, as `_SWAY`, and from which share of the way that is
-# filled: it is narrow then.
-_TOGETHER, _FILLED_FROM = 0.7, 0.25
-# How much of a gap between them they take over.
-_CLOSED = 0.9
-# Where the surface turns away, crests end at places of their own too: the cosine of vertex and patch normal at which
-# they do is greater by up to this. It is reached so far from the centre line, as a share of half the width.
-_TURNED, _TURNED_FROM = 0.35, 0.4
-# Waves along v of a furrow, radians over half the width: half of the longest is 0.7 of a patch; the second is half as
-# long, and lower.
-_WAVE, _SECOND = 2.2, 0.5
-# Waves along v of a swelling, over half a patch.
-_SWELLINGS = (0.5, 1.0)
-# How far a crest is off the middle between its furrows, as a share of half its width.
-_SWAY = 0.4
-# How much a furrow goes with the one before it.
+# Waves of a furrow along v, radians over half the patch's width: half of the longest wave is 0.7 of a patch.
+_WAVE = 2.2
+# The second wave is half as long and has this relative height.
+_SECOND_WAVE = 0.5
+# Correlation of a furrow with the one before it: this fraction of the latter is added.
 _ALIKE = 0.8
-# Points that are placed at once: bounds the memory, which grows with bumps too.
+# Distance of a crest from the middle between its furrows, relative to half the bump's width.
+_SWAY = 0.4
+
+# A crest may end this far inside the patch, relative to half the patch's width,
+_SHORTER = 0.45
+# swell by this fraction of its height,
+_SWELL = 0.18
+# in so many waves along v over half a patch, between these two numbers,
+_SWELLINGS = (0.5, 1.0)
+# and be narrower at its ends by this fraction.
+_TAPER = 0.45
+# Where the surface turns away, crests end at different places too: the cosine between vertex and patch normal at which
+# they end is greater by up to this,
+_TURNED = 0.35
+# in full from this |v| on.
+_TURNED_FROM = 0.4
+
+# |v| at which two bumps begin to merge, between these two numbers,
+_MERGING = (0.0, 0.2)
+# length along v over which they merge, longer where a patch is narrow,
+_MERGED_OVER = (0.45, 0.7)
+# and height of the joined bump relative to the wider of the two.
+_MERGED_HEIGHT = 1.6
+# Merging crests lean towards each other by this, as `_SWAY`.
+_TOGETHER = 0.7
+# The furrow between them, narrow by then, fills up from this fraction of the way on.
+_FILLED_FROM = 0.25
+# Fraction of a gap between them that they close.
+_CLOSED = 0.9
+
+# Points that are placed at once, to bound memory, which grows with the number of bumps too.
 _AT_ONCE = 2**14
 # Values of v at which bounds are measured.
 _LINES = np.linspace(-1.0, 1.0, 129)
 
 
 def attenuation(kind: Attenuation, v: Floats) -> Floats:
-    """(…,) what is left of a height at (…,) v: all on the centre line, nothing from |v| = 1 on."""
+    """(…,) fraction of the height that remains at (…,) v: 1 on the centre line, 0 from |v| = 1 on."""
     spread = np.minimum(np.abs(v), 1.0)
     if kind == "linear":
         return 1.0 - spread
     squared = spread**2
-    left: Floats = 1.0 + squared * (-22.0 + squared * (17.0 - 4.0 * squared)) / 9.0
-    return left
+    remaining: Floats = 1.0 + squared * (-22.0 + squared * (17.0 - 4.0 * squared)) / 9.0
+    return remaining
 
 
 @dataclass(frozen=True, slots=True)
 class Merger:
-    """Two neighbouring bumps that become one on a side of the patch: their crests bend towards each other and meet.
+    """Two neighbouring bumps that merge on one side of the patch: their crests bend towards each other and meet.
 
-    First the furrow between them gets narrow. Then they fade into a bump as wide as they are together, which fills it.
+    First the furrow between them becomes narrow. Then they fade into one bump as wide as both, which fills it.
 
     Attributes:
-        left: The first of the two.
-        wider: The one of the two that is as wide as the other or wider: the joined bump is its shape, drawn out.
-        side: Of the patch, −1 or 1: the sign of v.
-        start: |v| where it begins.
-        over: Up to where they are one, from there.
+        left: Index of the first of the two.
+        wider: Index of the wider one, whose stretched shape the joined bump has.
+        side: Sign of v on that side, −1 or 1.
+        start: |v| at which merging begins.
+        over: Length along v over which the bumps merge.
     """
 
     left: int
@@ -96,29 +111,29 @@ class Merger:
     over: float
 
     def together(self, v: Floats) -> Floats:
-        """(…,) how much of the way towards each other their crests have come, from 0 to 1, at (…,) v."""
+        """(…,) fraction, at (…,) v, of the way that the crests have come towards each other."""
         return _smoothstep((self.side * v - self.start) / self.over)
 
     def share(self, v: Floats) -> Floats:
-        """(…,) what the joined bump has of the height, from 0 to 1, at (…,) v."""
+        """(…,) fraction of the height, at (…,) v, that the joined bump has."""
         return _smoothstep(((self.side * v - self.start) / self.over - _FILLED_FROM) / (1.0 - _FILLED_FROM))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Variation:
-    """How a tool's wrinkles differ from ruled ones.
+    """The differences between a tool's wrinkles and ruled ones.
 
     Attributes:
         kind: How crests fade towards their ends.
-        bumps: Where they lie on the centre line.
-        wander: (bumps + 1, waves) of the furrows before, between and behind the bumps; 0 of the first and the last.
-        sway: (bumps, waves) of each crest between its furrows, as a share of half the bump's width.
-        reaches: (2, bumps) |v| where each crest ends, for v < 0 and for v ≥ 0.
-        turns: (2, bumps) how much sooner each ends where the surface turns away, as a cosine, on both sides.
-        swells: (3, bumps) share of the height, radians over half a patch, and radians at the centre line.
-        tapers: (bumps,) how much narrower each is at its ends, from 0 to below 1.
-        mergers: Pairs of bumps; none has two.
-        turned: −1 where v counts the other way, for a mirrored tool; else 1.
+        bumps: Their places on the centre line.
+        wander: (bumps + 1, waves) amplitudes of the furrows before, between and behind the bumps; 0 for the outermost.
+        sway: (bumps, waves) amplitudes of each crest between its furrows, relative to half the bump's width.
+        reaches: (2, bumps) |v| at which each crest ends, for v < 0 and for v ≥ 0.
+        turns: (2, bumps) increase of the cosine at which each crest ends where the surface turns away, on both sides.
+        swells: (3, bumps) fraction of the height, radians over half a patch, and radians at the centre line.
+        tapers: (bumps,) fraction by which each crest is narrower at its ends, below 1.
+        mergers: Pairs of bumps; no bump is in two.
+        turned: −1 if v counts the other way, for a mirrored tool; else 1.
     """
 
     kind: Attenuation
@@ -134,7 +149,7 @@ class Variation:
 
     @property
     def peaks(self) -> Floats:
-        """(bumps,) the greatest height of each crest over that on the centre line."""
+        """(bumps,) greatest height of each crest, relative to its height on the centre line."""
         heights = np.stack([self._height(bump, _LINES) for bump in range(self.bumps.count)])
         peaks: Floats = heights.max(axis=1)
         widths = self.bumps.widths
@@ -146,20 +161,20 @@ class Variation:
         return peaks
 
     def furrows(self, v: Floats) -> tuple[Floats, Floats]:
-        """(bumps, lines) u where each bump starts, and where it ends, on (lines,) v."""
+        """(bumps, lines) u at which each bump starts, and u at which it ends, on (lines,) v."""
         return self._furrows(self.turned * v)
 
     def places(self, u: Floats, v: Floats) -> tuple[Places, Floats]:
-        """Where the points of a patch are on the centre line's curve, and what they have of its height.
+        """Map points of a patch to places on the centre line's curve.
 
         Args:
             u: (…,) along the segment.
             v: (…,) across it.
 
         Returns:
-            Places: their ũ rises strictly with u, is u itself where v = 0, and where u is not between 0 and 1; their
-            factors are 1 where v = 0, and 0 in gaps; nothing is joined where v = 0;
-            (…,) how much sooner a crest ends where the surface turns away, as a cosine; 0 where v = 0.
+            Places whose us rise strictly with u, and are u itself where v = 0 and where u is not between 0 and 1. Their
+            factors are 1 where v = 0, and 0 in gaps. Nothing is joined where v = 0.
+            (…,) increase of the cosine at which a crest ends where the surface turns away; 0 where v = 0.
         """
         flat_u, lines = u.reshape(-1), self.turned * v.reshape(-1)
         found = np.zeros((5, len(flat_u)))
@@ -170,11 +185,11 @@ class Variation:
         return (Places(us, factors, joined, joined_us) if self.mergers else Places(us, factors)), turned
 
     def _places(self, us: Floats, lines: Floats) -> Floats:
-        """(5, points) us, factors, joined, joined_us and turned of `places`, of (points,) u and v."""
+        """(5, points) us, factors, joined, joined_us and turned of `places`, for (points,) u and v."""
         starts, ends = self._furrows(lines)
         bumps, points = np.sum(us >= starts[1:], axis=0), np.arange(len(us))
         start, end = starts[bumps, points], ends[bumps, points]
-        # From −1 to 1 over the bump: bent so that the crest is beside the middle, and narrower.
+        # `side` goes from −1 to 1 over the bump. Bending it moves the crest off the middle and makes it narrower.
         side = np.clip((2.0 * us - start - end) / (end - start), -1.0, 1.0)
         sway = _waving(self.sway, lines)[bumps, points]
         taper = self.tapers[bumps] * np.minimum(self._spread(bumps, lines) ** 2, 1.0)
@@ -220,19 +235,19 @@ class Variation:
         return starts, ends
 
     def _spread(self, bump: int | Ints, lines: Floats) -> Floats:
-        """(lines,) how far out on a crest, or each on its own, lines are: −1 and 1 where it ends."""
+        """(lines,) position along a crest, or along one crest per line: −1 and 1 at its ends."""
         spread: Floats = lines / np.where(lines < 0, *self.reaches[:, bump])
         return spread
 
     def _height(self, bump: int | Ints, lines: Floats) -> Floats:
-        """(lines,) height of a crest, or each of its own, over that on the centre line."""
+        """(lines,) height of a crest, or of one crest per line, relative to its height on the centre line."""
         share, turn, phase = self.swells[:, bump]
         swelling = (1.0 + share * np.sin(turn * lines + phase)) / (1.0 + share * np.sin(phase))
         height: Floats = attenuation(self.kind, self._spread(bump, lines)) * swelling
         return height
 
     def _joined_height(self, merger: Merger, lines: Floats) -> Floats:
-        """(lines,) height of what two bumps become over that of the wider on the centre line."""
+        """(lines,) height of the joined bump relative to that of the wider one on the centre line."""
         return _MERGED_HEIGHT * self._height(merger.wider, lines)
 
 
@@ -251,18 +266,18 @@ def plan_variation(
     """Draw the irregularity of a tool's wrinkles.
 
     Args:
-        seed: What it hangs on: the tool's name, or its `seed`.
+        seed: The tool's `seed`, or its name.
         amount: a, above 0 and up to 1.
-        branch: Chance of a bump to merge with its neighbour on a side of the patch, from 0 to 1; only bumps that rise
-            together do.
+        branch: Probability that a bump merges with its neighbour on one side of the patch. Only bumps that rise
+            together merge.
         bumps: Number of bumps.
         gap: Flat intervals between neighbouring bumps.
         aspect: Half the width of the patch over the segment's length.
         kind: How crests fade.
-        strategy: In which order bumps rise.
-        mirrored: Whether v counts the other way, as it does on a mirrored patch.
+        strategy: The order in which bumps rise.
+        mirrored: True if v counts the other way, as on a mirrored patch.
     """
-    widths = 1.0 + _WIDTH * amount * _unlike(drawn(seed, "widths", bumps))
+    widths = 1.0 + _WIDTH * amount * _well_spread(drawn(seed, "widths", bumps))
     ruled = Bumps(widths * (bumps / widths.sum()), gap)
     starts, ends = ruled.starts, ruled.ends
     together = {pair for group in group_bumps(bumps, strategy) for pair in pairwise(sorted(group))}
@@ -290,15 +305,9 @@ def plan_variation(
 
 
 def drawn(seed: str, what: str, *shape: int) -> Floats:
-    """Numbers from −1 to below 1, spread evenly, the same on every machine.
-
-    Args:
-        seed: What they hang on.
-        what: Numbers of another name are others.
-        shape: How many.
-    """
+    """Numbers of a shape from −1 to below 1, evenly distributed, the same for a seed and a name on every machine."""
     digest = hashlib.shake_128(f"{what} {seed}".encode()).digest(8 * math.prod(shape))
-    bits = np.frombuffer(digest, "<u8") >> np.uint64(11)  # 53, what a float holds exactly
+    bits = np.frombuffer(digest, "<u8") >> np.uint64(11)  # 53 bits, which a float holds exactly
     numbers: Floats = bits.reshape(shape).astype(np.float64) * 2.0**-52 - 1.0
     return numbers
 
@@ -309,10 +318,10 @@ def _smoothstep(t: Floats) -> Floats:
     return step
 
 
-def _unlike(numbers: Floats) -> Floats:
-    """As many numbers from −1 to 1 in the same order, however few: one in each equal part, and more towards both ends.
+def _well_spread(numbers: Floats) -> Floats:
+    """As many numbers in the same order, one in each equal part of −1 to 1, and more of them towards both ends.
 
-    As they are, four numbers may be all but equal, which reads as ruled.
+    Four numbers may be nearly equal as drawn, and equal widths read as ruled.
     """
     ranks = np.argsort(np.argsort(numbers, kind="stable"), kind="stable")
     spread: Floats = np.sin(np.pi / 2.0 * ((2.0 * ranks + 1.0 + numbers) / len(numbers) - 1.0))
@@ -322,7 +331,7 @@ def _unlike(numbers: Floats) -> Floats:
 def _mergers(
     seed: str, branch: float, widths: Floats, aspect: float, together: set[tuple[int, int]]
 ) -> tuple[Merger, ...]:
-    """Pairs of neighbouring bumps of (bumps,) widths, along u, of those that rise together."""
+    """Draw pairs of neighbouring bumps, of (bumps,) widths along u, from the pairs that rise together."""
     bumps = len(widths)
     chances, sides, starts = drawn(seed, "mergers", 3, bumps)
     found: list[Merger] = []
@@ -333,7 +342,7 @@ def _mergers(
         if merges:
             start = low + (high - low) * (1.0 + float(starts[bump])) / 2.0
             wider = bump + int(widths[bump + 1] > widths[bump])
-            # Crests go about half a bump to the side.
+            # Crests move sideways by about half a bump.
             over = float(np.clip(0.5 * widths[wider] / (_STEEPEST * aspect), *_MERGED_OVER))
             found.append(Merger(bump, wider, side=1.0 if sides[bump] > 0 else -1.0, start=start, over=over))
         bump += 1 + merges
@@ -341,14 +350,14 @@ def _mergers(
 
 
 def _wandering(numbers: Floats, amount: float, starts: Floats, ends: Floats, aspect: float) -> Floats:
-    """(bumps + 1, waves) of the furrows, from as many random numbers, as large as all bounds allow."""
+    """(bumps + 1, waves) amplitudes of the furrows: the drawn numbers, scaled up to the first bound."""
     moving: Floats = numbers.copy()
     for furrow in range(1, len(moving)):
         moving[furrow] += _ALIKE * moving[furrow - 1]
     moving[[0, -1]] = 0.0
     moves = _waving(moving, _LINES)
     farthest = np.abs(moves).max()
-    if farthest == 0.0:  # of one bump
+    if farthest == 0.0:  # a single bump has no furrow inside
         return moving
     steepest = np.abs(np.diff(moves, axis=1)).max() / (_LINES[1] - _LINES[0])
     narrowest = (-np.diff(moves, axis=0) / (ends - starts)[:, None]).max()
@@ -362,7 +371,7 @@ def _wandering(numbers: Floats, amount: float, starts: Floats, ends: Floats, asp
 
 
 def _swaying(numbers: Floats, amount: float, widths: Floats, aspect: float) -> Floats:
-    """(bumps, waves) of the crests between their furrows, from as many random numbers, as large as bounds allow."""
+    """(bumps, waves) amplitudes of the crests: the drawn numbers, scaled up to the first bound."""
     moves = _waving(numbers, _LINES)
     farthest = np.abs(moves).max(axis=1)
     steepest = np.abs(np.diff(moves, axis=1)).max(axis=1) / (_LINES[1] - _LINES[0]) * widths / 2.0
@@ -372,8 +381,8 @@ def _swaying(numbers: Floats, amount: float, widths: Floats, aspect: float) -> F
 
 
 def _waving(amplitudes: Floats, lines: Floats) -> Floats:
-    """(rows, lines) sums of four waves with (rows, 4) amplitudes, on (lines,) v; all are 0 on the centre line."""
+    """(rows, lines) sums of four waves with (rows, 4) amplitudes, at (lines,) v; all are 0 on the centre line."""
     at = _WAVE * lines
-    waves = [np.sin(at), 1.0 - np.cos(at), _SECOND * np.sin(2.0 * at), _SECOND * (1.0 - np.cos(2.0 * at))]
-    # Same bytes: BLAS sums in another order where there are more lines.
+    waves = [np.sin(at), 1.0 - np.cos(at), _SECOND_WAVE * np.sin(2.0 * at), _SECOND_WAVE * (1.0 - np.cos(2.0 * at))]
+    # einsum keeps the bytes: BLAS sums in another order if there are more lines.
     return np.asarray(np.einsum("rw,wl->rl", amplitudes, np.stack(waves)), np.float64)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from kit.carried import carry_patch
 from kit.limb import limb_asset, tool
 from kit.prepared import prepare
-from wrinklecli.effects.wrinkle.bow import bowed
+from wrinklecli.effects.wrinkle.places import bowed
 
 
 @given(st.floats(-1, 1), st.integers(1, 64), st.floats(-1.5, 1.5))
