@@ -151,7 +151,7 @@ def test_what_a_fold_hides_at_its_peak_is_shown_before_it(tmp_path: Path, angle:
     assert peak.moment.time == pytest.approx(1.0)
     ((moment, view),) = reviewing.moments_and_views(after, peak, PreviewOptions())
     assert (moment.time < 0.9) == hidden
-    assert view.share > 0.55
+    assert view.visible > 0.55
 
 
 def test_a_card_tells_where_it_is_and_what_clip_however_long_its_name(tmp_path: Path) -> None:

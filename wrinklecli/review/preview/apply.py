@@ -1,6 +1,6 @@
-"""Tools applied to an asset in memory, as a bake would: nothing is proved, and no file is written.
+"""Apply tools to an asset in memory, as a bake would; nothing is proved, and no file is written.
 
-Where a bake refuses tools that do not fit, a preview is to show where they are: they are left out, and named.
+A bake refuses tools that do not fit. A preview leaves them out, and names them, so that it can show where they are.
 """
 
 import os
@@ -22,12 +22,7 @@ from wrinklecli.tools.records import ToolsFile, WrinkleTool
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """A tool that does not fit.
-
-    Attributes:
-        tool: As the file has it.
-        reason: The line that a bake would refuse it with.
-    """
+    """A tool that does not fit, and the line with which a bake would refuse it."""
 
     tool: WrinkleTool
     reason: str
@@ -39,10 +34,10 @@ class PlannedTools:
 
     Attributes:
         settings: The tools file, with all tools that were asked for.
-        job: The asset and the tools that fit; None where none does.
-        plans: These on each of its meshes.
+        job: The asset and the tools that fit; None if no tool fits.
+        plans: One for each mesh that has tools that fit.
         misfits: The tools that do not fit.
-        warnings: A line each, of misfits those that a bake would refuse them with.
+        warnings: A line each, first the reasons of the misfits.
     """
 
     settings: ToolsFile
@@ -53,17 +48,12 @@ class PlannedTools:
 
     @property
     def tool_count(self) -> int:
-        """How many tools there are, whether they fit or not."""
+        """The number of tools, with those that do not fit."""
         return len(self.misfits) + sum(len(plan.carried_patches) for plan in self.plans)
 
 
 def plan_tools(asset: Document, tools: str | os.PathLike[str], options: BakeOptions) -> PlannedTools:
-    """Attach tools to an asset and refine it, without those that do not fit.
-
-    Args:
-        asset: With all clips.
-        tools: The YAML file of tools.
-        options: Which of them, and how to read.
+    """Attach the tools of a YAML file that fit to an asset with all its clips, and refine it for them.
 
     Raises:
         WrinkleError: The asset or the tools file is at fault.
@@ -72,7 +62,7 @@ def plan_tools(asset: Document, tools: str | os.PathLike[str], options: BakeOpti
     settings = load_tools(tools)
     wanted = [tool for tool in settings.tools if not options.only or tool.name in options.only]
     settings, asked = replace(settings, tools=tuple(wanted)), options
-    # Tools can be found not to fit at one stage after another: where they name a mesh, at their ends, on their patch.
+    # A tool may fail at one of several stages: its mesh, its ends or its patch.
     while not wanted or len(misfits) < len(wanted):
         try:
             job = read_job(asset, tools, asked)
@@ -96,10 +86,10 @@ def _without(tools: Sequence[WrinkleTool], misfits: Sequence[Refused]) -> list[W
 
 
 def _at_fault(error: WrinkleError, tools: Sequence[WrinkleTool]) -> list[Refused] | None:
-    """The tools that an error is about, each with its first line; None where a line is about something else."""
+    """The tools that an error names, each with its first line; None if a line is about something else."""
     found: dict[str, Refused] = {}
     for place, line in zip(error.places, error.lines, strict=True):
-        # A key may be inherited by several; a mirrored tool is at the place of its source, and a word further.
+        # Several tools may inherit a key; the place of a mirrored tool is its source's place and one more word.
         of_place = [tool for tool in tools if place in tool.places.values()]
         around = [tool for tool in tools if place.startswith(tool.where)]
         if not of_place and around:
@@ -112,15 +102,9 @@ def _at_fault(error: WrinkleError, tools: Sequence[WrinkleTool]) -> list[Refused
 
 
 def apply_tools(planned: PlannedTools, clips: Sequence[str], progress: Progress = no_progress) -> Document:
-    """Bake planned tools into some clips of their asset, in memory.
+    """The asset as a bake of planned tools, of which at least one fits, would leave it.
 
-    Args:
-        planned: The tools; at least one fits.
-        clips: Names of the clips that get weights.
-        progress: Called with a stage's name, steps done and steps in all.
-
-    Returns:
-        The asset as a bake would leave it.
+    Only the clips of these names get weights.
 
     Raises:
         WrinkleError: The tools cannot be baked.

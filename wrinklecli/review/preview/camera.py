@@ -1,4 +1,4 @@
-"""Cameras: how points of the world fall into a picture, and what views are called."""
+"""Cameras project world positions into a picture; views are named or are two angles."""
 
 from dataclasses import dataclass
 
@@ -6,8 +6,12 @@ import numpy as np
 
 from wrinklecli.numeric.arrays import Floats
 
-TANGENT = float(np.tan(np.radians(12.0)))  # of half the vertical field of view: a long lens, little distortion
+# Tangent of half the vertical field of view, which is 24 degrees: a long lens distorts little.
+TANGENT = float(np.tan(np.radians(12.0)))
+# Elevation of the views from above and below, degrees; at 90 an azimuth would have no meaning.
+_POLE = 89.9
 
+# The name of the view that shows most of the wrinkles.
 FACING = "facing"
 # Azimuth and elevation, degrees.
 VIEWS = {
@@ -15,17 +19,17 @@ VIEWS = {
     "right": (90.0, 0.0),
     "back": (180.0, 0.0),
     "left": (-90.0, 0.0),
-    "top": (0.0, 89.9),
-    "bottom": (0.0, -89.9),
+    "top": (0.0, _POLE),
+    "bottom": (0.0, -_POLE),
     "oblique": (35.0, 15.0),
 }
 
 
 def parse_view(text: str) -> tuple[float, float]:
-    """Azimuth and elevation, degrees, of a name of `VIEWS` or `azimuth:elevation`.
+    """Read a name of `VIEWS`, or `azimuth:elevation`, as azimuth and elevation in degrees.
 
     Raises:
-        ValueError: It is neither.
+        ValueError: The text is neither.
     """
     if text in VIEWS:
         return VIEWS[text]
@@ -45,10 +49,10 @@ class Camera:
     """A camera that looks at a point: a long lens, or parallel rays.
 
     Attributes:
-        centre: (3,) what it looks at, world space.
+        centre: (3,) point that it looks at, world space.
         axes: (3, 3) rows: right, up, and backwards (from the centre to the eye).
-        reach: Half the height of what it sees at its centre, scene units.
-        tangent: Of half the vertical field of view; 0 for parallel rays.
+        reach: Half the height of the visible area at its centre, scene units.
+        tangent: Tangent of half the vertical field of view; 0 for parallel rays.
     """
 
     centre: Floats
@@ -60,14 +64,14 @@ class Camera:
     def framing(
         cls, points: Floats, axes: Floats, *, aspect: float, margin: float = 1.12, tangent: float = TANGENT
     ) -> "Camera":
-        """Sees all points, as close as that allows.
+        """Place a camera as near as possible so that it sees all of (n, 3) world-space points.
 
         Args:
             points: (n, 3) world space.
-            axes: (3, 3) see `camera_axes`.
+            axes: (3, 3) as `camera_axes` gives them.
             aspect: Width over height of the picture.
-            margin: Of the distance.
-            tangent: Of half the vertical field of view; 0 for parallel rays.
+            margin: Factor of the distance, for room around the points.
+            tangent: Tangent of half the vertical field of view; 0 for parallel rays.
         """
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
         local = (points - middle) @ axes.T
@@ -83,26 +87,24 @@ class Camera:
 
     @property
     def eye(self) -> Floats:
-        """(3,) where it stands; rays that are not parallel go there."""
+        """(3,) position of the eye, world space; rays must not be parallel."""
         found: Floats = self.centre + self.axes[2] * self.reach / self.tangent
         return found
 
     def project(self, points: Floats, size: tuple[int, int]) -> Floats:
-        """(…, 2) pixels, from the left and the top, of (…, 3) world positions in front of the eye."""
+        """(…, 2) pixels from the left and the top, of (…, 3) world positions in front of the eye."""
         return project(self.local(points), size, self.tangent)
 
     def local(self, points: Floats) -> Floats:
-        """(…, 3) world positions in the camera's axes, about its centre, over its reach."""
+        """(…, 3) world positions in camera space: along its axes, from its centre, divided by its reach."""
         placed: Floats = (points - self.centre) @ self.axes.T / self.reach
         return placed
 
 
 def camera_axes(azimuth: float, elevation: float) -> Floats:
-    """(3, 3) a camera's axes as rows: right, up, backwards.
+    """(3, 3) rows: right, up and backwards, of a camera at an azimuth and an elevation in degrees.
 
-    Args:
-        azimuth: Degrees about +y; 0 sees an asset's front (from +z), 90 sees it from +x.
-        elevation: Degrees above the horizon.
+    Azimuth 0 sees an asset's front (from +z), 90 sees it from +x; elevation is above the horizon.
     """
     a, e = np.radians(azimuth), np.radians(elevation)
     back = np.array([np.sin(a) * np.cos(e), np.sin(e), np.cos(a) * np.cos(e)])
@@ -111,7 +113,7 @@ def camera_axes(azimuth: float, elevation: float) -> Floats:
 
 
 def project(local: Floats, size: tuple[int, int], tangent: float) -> Floats:
-    """(…, 2) pixels, from the left and the top, of (…, 3) positions in a camera's axes, over its reach."""
+    """(…, 2) pixels from the left and the top, of (…, 3) positions in camera space."""
     width, height = size
     depths = np.maximum(1 - tangent * local[..., 2:], 1e-9)
     flat = local[..., :2] * (1, -1) / depths

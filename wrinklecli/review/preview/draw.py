@@ -1,4 +1,4 @@
-"""Lines drawn over a surface in a picture: rectangles, segments and ends of tools, and the triangles' edges."""
+"""Draw tools (patches, crests, segments and their ends) and the triangles' edges on a surface in a picture."""
 
 from dataclasses import dataclass
 
@@ -8,26 +8,45 @@ from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints
 from wrinklecli.review.preview.camera import project
 from wrinklecli.review.preview.rays import unit_rows
 
-# Half the width of a crest's line, pixels, and how opaque it is.
-_CREST, _CREST_SHOWN = 1.2, 0.6
-INK = np.array((0.05, 0.07, 0.12), np.float32)  # of wires, sRGB
+# Colour of the triangles' edges, sRGB.
+INK = np.array((0.05, 0.07, 0.12), np.float32)
+# Half the width of a crest's line, pixels.
+_CREST = 1.2
+# Opacity of a crest's line.
+_CREST_OPACITY = 0.6
+# Half the width of a patch's outline, pixels.
+_OUTLINE = 1.2
+# Half the width of its segment, pixels.
+_SEGMENT = 1.7
+# Opacity of a patch's outline.
+_OUTLINE_OPACITY = 0.8
+# Radius of the dot at the origin, pixels.
+_DOT = 5.0
+# Radius of the ring around the target, pixels.
+_RING = 4.2
+# Half the width of its line, pixels.
+_RING_LINE = 1.8
+# Radius inside which no line is drawn, pixels.
+_RING_INSIDE = 3.0
+# Least value of a length that is divided by: any float32 above 0.
+_TINY = 1e-30
 
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """A rectangle drawn on the surface, with a segment from one end to the other along its middle.
+    """A tool's patch on the surface: a rectangle with a segment along its middle.
 
     Attributes:
-        name: Of the tool.
-        triangles: (triangles,) those that it may lie on, rising.
-        inside: (triangles,) those that the rectangle may cover; on others only its ends show.
-        places: (triangles, 3, 2) of their corners, along the segment and across it, scene units.
+        name: The tool's name.
+        triangles: (triangles,) sorted numbers of those that it may lie on.
+        inside: (triangles,) True for those that the rectangle may cover; on others only its ends show.
+        places: (triangles, 3, 2) places of their corners along the segment and across it, scene units.
         span: Length of the segment, scene units.
-        half_width: Of the rectangle, scene units.
+        half_width: Half the width of the rectangle, scene units.
         colour: sRGB.
-        tint: How opaque its inside is.
-        phases: (triangles, 3) of their corners among the tool's bumps: k + 1/2 on the crest of bump k. NaN where no
-            wrinkle shows; None where no crests are drawn.
+        tint: Opacity of its inside.
+        phases: (triangles, 3) places of their corners among the tool's bumps: k + 1/2 on the crest of bump k. NaN where
+            no wrinkle shows; None to draw no crests.
     """
 
     name: str
@@ -42,26 +61,25 @@ class Mark:
 
 
 @dataclass(frozen=True, slots=True)
-class SeenMark:
+class ProjectedMark:
     """A mark as a camera sees it.
 
     Attributes:
-        mark: In the scene.
-        rows: (all triangles,) into those of the mark; -1 elsewhere.
-        rates: (triangles, 2) how fast its places change, along and across, over a pixel.
+        rows: (all triangles,) rows of the mark's triangles; -1 for others.
+        rates: (triangles, 2) change of its places, along and across, over a pixel.
         pixels: (triangles, 2, 2) pixels for each unit along and across.
-        passing: (triangles,) how fast its phases change over a pixel; NaN where no crest is drawn.
+        phase_rates: (triangles,) change of its phases over a pixel; NaN where no crest is drawn.
     """
 
     mark: Mark
     rows: Ints
     rates: Array
     pixels: Array
-    passing: Array
+    phase_rates: Array
 
 
-def seen_mark(mark: Mark, local: Floats, size: tuple[int, int], tangent: float) -> SeenMark:
-    """A mark on (triangles, 3, 3) corners in a camera's axes, over its reach."""
+def project_mark(mark: Mark, local: Floats, size: tuple[int, int], tangent: float) -> ProjectedMark:
+    """Project a mark on (triangles, 3, 3) corners in camera space."""
     rows = np.full(len(local), -1, np.intp)
     rows[mark.triangles] = np.arange(len(mark.triangles))
     shown, placed = (
@@ -69,60 +87,56 @@ def seen_mark(mark: Mark, local: Floats, size: tuple[int, int], tangent: float) 
         for corners in (project(local[mark.triangles], size, tangent), mark.places)
     )
     rates = np.sqrt(np.sum((placed @ _inverses(shown)) ** 2, axis=2))
-    passing = np.full(len(rates), np.nan)
+    phase_rates = np.full(len(rates), np.nan)
     if mark.phases is not None:
         steps = mark.phases[:, 1:] - mark.phases[:, :1]
-        passing = np.sqrt(np.sum((steps[:, None] @ _inverses(shown))[:, 0] ** 2, axis=1))
-    return SeenMark(mark, rows, np.maximum(rates, 1e-30), shown @ _inverses(placed), passing)
+        phase_rates = np.sqrt(np.sum((steps[:, None] @ _inverses(shown))[:, 0] ** 2, axis=1))
+    return ProjectedMark(mark, rows, np.maximum(rates, _TINY), shown @ _inverses(placed), phase_rates)
 
 
 def _inverses(matrices: Array) -> Array:
-    """(n, 2, 2) inverses; where there is none, as of a triangle seen edge-on, something huge."""
+    """(n, 2, 2) inverses; huge numbers for singular matrices, such as those of triangles seen edge-on."""
     (a, b), (c, d) = np.moveaxis(matrices, 0, 2)
     determinants = a * d - b * c
-    least = 1e-9 * np.abs(matrices).max(axis=(1, 2), initial=0.0) ** 2 + 1e-30
+    least = 1e-9 * np.abs(matrices).max(axis=(1, 2), initial=0.0) ** 2 + _TINY
     safe = np.where(np.abs(determinants) > least, determinants, least)
     inverses: Array = np.stack([np.stack([d, -b], 1), np.stack([-c, a], 1)], 1) / safe[:, None, None]
     return inverses
 
 
 def blend(colours: Array, opacities: Array, ink: Array, rows: Ints | slice = slice(None)) -> None:
-    """Lay an ink over some colours, in place."""
+    """Blend an ink over some colours, in place."""
     colours[rows] += opacities[:, None] * (ink - colours[rows])
 
 
-def edge_cover(projected: Array, places: Array, found: Ints) -> Array:
-    """How much of each sub-pixel an edge of its triangle covers, 0 to 1; lines are as thin as a pixel.
+def edge_cover(projected: Array, places: Array, triangles: Ints) -> Array:
+    """(hits,) part of each sub-pixel that an edge of its triangle covers, 0 to 1; lines are a pixel wide.
 
     Args:
         projected: (triangles, 3, 2) corners, sub-pixels.
         places: (hits, 2) middles of the sub-pixels.
-        found: (hits,) their triangles.
+        triangles: (hits,) their triangles.
     """
-    nearest = np.full(len(found), np.inf, np.float32)
+    nearest = np.full(len(triangles), np.inf, np.float32)
     for i in range(3):
-        along = unit_rows(projected[:, (i + 1) % 3] - projected[:, i])[found]
-        offsets = places - projected[found, i]
+        along = unit_rows(projected[:, (i + 1) % 3] - projected[:, i])[triangles]
+        offsets = places - projected[triangles, i]
         nearest = np.minimum(nearest, np.abs(offsets[:, 0] * along[:, 1] - offsets[:, 1] * along[:, 0]))
     covered: Array = np.clip(np.float32(1.4) - nearest, 0, 1)
     return covered
 
 
-def draw_mark(colours: Array, drawn: SeenMark, found: Ints, weights: Array) -> None:
-    """Draw a mark, in place: a tint, an outline, its crests, and a segment from a dot where it begins to a ring.
+def draw_mark(colours: Array, drawn: ProjectedMark, triangles: Ints, weights: Array) -> None:
+    """Draw a mark on (hits, 3) sRGB colours, in place: a tint, an outline, crests, and a segment from a dot to a ring.
 
-    Args:
-        colours: (hits, 3) sRGB.
-        drawn: The mark.
-        found: (hits,) their triangles.
-        weights: (hits, 3) barycentric.
+    `triangles` and `weights` are the triangles and barycentric coordinates of the hits.
     """
     mark = drawn.mark
-    rows = drawn.rows[found]
+    rows = drawn.rows[triangles]
     here = np.flatnonzero(rows >= 0)
     rows = rows[here]
     places = np.einsum("pi,pia->pa", weights[here], mark.places[rows])
-    # Distances in pixels: lines are as wide on a slope as on the level.
+    # Distances are pixels, so that lines on a slope are not narrower.
     along, across = places[:, 0], np.abs(places[:, 1])
     by_along, by_across = drawn.rates[rows].T
     depth = np.minimum(np.minimum(along, mark.span - along) / by_along, (mark.half_width - across) / by_across)
@@ -132,14 +146,14 @@ def draw_mark(colours: Array, drawn: SeenMark, found: Ints, weights: Array) -> N
         for x in (0.0, mark.span)
     )
     tint = np.where(depth > 0, mark.tint, 0.0)
-    lines = np.maximum(0.8 * np.clip(1.2 - np.abs(depth), 0, 1), np.clip(1.7 - beside, 0, 1))
+    lines = np.maximum(_OUTLINE_OPACITY * np.clip(_OUTLINE - np.abs(depth), 0, 1), np.clip(_SEGMENT - beside, 0, 1))
     if mark.phases is not None:
         phases = np.einsum("pi,pi->p", weights[here], mark.phases[rows])
-        off = np.abs(phases - np.floor(phases) - 0.5) / np.maximum(drawn.passing[rows], 1e-30)
-        crests = np.where((depth > 0) & (off < _CREST), _CREST_SHOWN * np.minimum(_CREST - off, 1.0), 0.0)
+        off = np.abs(phases - np.floor(phases) - 0.5) / np.maximum(drawn.phase_rates[rows], _TINY)
+        crests = np.where((depth > 0) & (off < _CREST), _CREST_OPACITY * np.minimum(_CREST - off, 1.0), 0.0)
         lines = np.maximum(lines, crests)
-    # A ring surrounds nothing but the surface.
-    covered = np.where(mark.inside[rows], np.where(end < 3.0, tint, np.maximum(tint, lines)), 0.0)
-    ends = np.maximum(np.clip(5.0 - start, 0, 1), np.clip(1.8 - np.abs(end - 4.2), 0, 1))
+    # Inside the ring only the surface shows.
+    covered = np.where(mark.inside[rows], np.where(end < _RING_INSIDE, tint, np.maximum(tint, lines)), 0.0)
+    ends = np.maximum(np.clip(_DOT - start, 0, 1), np.clip(_RING_LINE - np.abs(end - _RING), 0, 1))
     covered = np.maximum(covered, ends).astype(np.float32)
     blend(colours, covered, np.array(mark.colour, np.float32), here)

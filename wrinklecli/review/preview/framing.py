@@ -1,4 +1,4 @@
-"""Where a preview looks from: what to frame at each moment, and from which side."""
+"""Place the cameras of a preview: what to frame at each moment, and from which side."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,21 +14,32 @@ from wrinklecli.review.preview.camera import FACING, VIEWS, Camera, camera_axes,
 from wrinklecli.review.preview.grid import snapped
 from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.preview_options import PreviewOptions
-from wrinklecli.review.preview.rays import seen
+from wrinklecli.review.preview.rays import visible
 from wrinklecli.review.preview.shown import ShownAsset
 
-_DEFAULT, _GRID = "oblique", ("front", "right", "top")
-
-# Part of the greatest displacement shown below which a vertex is not framed.
+# View of an asset without wrinkles.
+_DEFAULT = "oblique"
+# Views of a grid.
+_GRID = ("front", "right", "top")
+# Vertices that the wrinkles move by less than this part of the greatest displacement are not framed.
 _LEAST_WRINKLE = 0.05
-# Factors of the distance: wrinkles are shown with what is around them, a whole figure with room for a label.
-_WRINKLES_MARGIN, _FIGURE_MARGIN = 1.35, 1.12
-_DIRECTIONS = 128  # in which a cloud of points is bounded, to frame it
-# Views that may face the wrinkles, degrees; from higher up one loses sight of which part of the body it is.
-_AZIMUTHS, _ELEVATIONS = range(-165, 181, 15), range(-60, 61, 15)
-_JUDGED_MOMENTS, _JUDGED_SPOTS = 4, 200  # moments, and vertices of each primitive, by which these views are judged
-_ASIDE = 0.7  # cosine of normal and view beyond which there is nothing to be gained
-_LEVEL = 0.25  # how much of its score a view from straight above or below would lose
+# Factor of the camera's distance from wrinkles, which are shown with what is around them.
+_WRINKLES_MARGIN = 1.35
+# Factor of the camera's distance from a whole figure, which leaves room for a label.
+_FIGURE_MARGIN = 1.12
+# Directions in which the bounds of a cloud of points are found, to frame it.
+_DIRECTIONS = 128
+# Views that may face the wrinkles, degrees; from higher up one cannot tell which part of the body it is.
+_AZIMUTHS = range(-165, 181, 15)
+_ELEVATIONS = range(-60, 61, 15)
+# Moments by which these views are judged.
+_JUDGED_MOMENTS = 4
+# Vertices of each primitive by which these views are judged.
+_JUDGED_VERTICES = 200
+# Cosine between normal and view above which a vertex counts fully.
+_FACES = 0.7
+# Part of its score that a view from straight above or below loses.
+_LEVEL = 0.25
 
 
 @dataclass(frozen=True)
@@ -36,8 +47,9 @@ class _Wrinkles:
     """Where the wrinkles are.
 
     Attributes:
-        masks: For each primitive of each asset, (vertices,) what they move at these moments, or could if they do not.
-        totals: (moments,) how much they move it in all; 0 throughout where they do not.
+        masks: For each primitive of each asset, (vertices,) True for those that the wrinkles move at the moments, or
+            could move if no wrinkle shows.
+        totals: (moments,) sum of all displacements; 0 throughout if no wrinkle shows.
     """
 
     masks: list[list[Bools]]
@@ -45,7 +57,7 @@ class _Wrinkles:
 
     @cached_property
     def known(self) -> bool:
-        """Whether there are any."""
+        """True if there are wrinkles."""
         return any(bool(mask.any()) for masks in self.masks for mask in masks)
 
 
@@ -54,16 +66,16 @@ class View:
     """A side from which assets are seen.
 
     Attributes:
-        name: Of `VIEWS`, or azimuth:elevation.
+        name: A name of `VIEWS`, or azimuth:elevation.
         cameras: One for each moment.
-        seen: Of a view that faces the wrinkles, how much of them is seen, bind units times vertices.
-        share: Of what could be seen of them, were they not turned away nor hidden.
+        score: For a view that faces the wrinkles, the sum of their visible displacements, bind units times vertices.
+        visible: Ratio of that score to the score of wrinkles that nothing hides and that all face the view.
     """
 
     name: str
     cameras: tuple[Camera, ...]
-    seen: float = 0.0
-    share: float = 1.0
+    score: float = 0.0
+    visible: float = 1.0
 
 
 def plan_views(
@@ -74,17 +86,10 @@ def plan_views(
     *,
     further: Sequence[Floats] = (),
 ) -> list[View]:
-    """Place cameras, which all assets share.
+    """Place cameras for the views of the options, which all assets share; `FACING` becomes azimuth:elevation.
 
-    Args:
-        assets: To show.
-        moments: To show.
-        options: Views, focus, radius and whether to follow; where no view is named, `FACING` where there are wrinkles.
-        progress: Called with a stage's name, steps done and steps in all.
-        further: For each moment, (points, 3) that are to be seen too.
-
-    Returns:
-        What is asked for, `FACING` as the angles that it came to.
+    If the options name no view, assets with wrinkles are seen from `FACING`. `further` has, for each moment,
+    (points, 3) world-space points that must be visible too.
 
     Raises:
         AssetError: There is nothing to see, or `FACING` was asked for and there are no wrinkles.
@@ -92,7 +97,7 @@ def plan_views(
     wrinkles = _wrinkles(assets, moments)
     bounds, centres = [], np.zeros((len(moments), 3))
     for number, moment in enumerate(moments):
-        points, middle = _sight(assets, moment, None if options.grid else wrinkles)
+        points, middle = _points_to_frame(assets, moment, None if options.grid else wrinkles)
         bounds.append(np.concatenate([points, *further[number : number + 1]]))
         if options.follow:
             centres[number] = middle
@@ -116,7 +121,7 @@ def plan_views(
 
 
 def _camera(points: Floats, view: str, margin: float, options: PreviewOptions) -> Camera:
-    """A camera that sees (points, 3) about what it looks at, or as far about it as is asked for."""
+    """A camera that sees (points, 3) relative to the point that it looks at, or the radius of the options."""
     aspect = options.picture_size[0] / options.picture_size[1]
     camera = Camera.framing(points, camera_axes(*parse_view(view)), aspect=aspect, margin=margin)
     if options.radius is not None:
@@ -143,8 +148,8 @@ def _wrinkles(assets: Sequence[ShownAsset], moments: Sequence[Moment]) -> _Wrink
     return _Wrinkles([[each > _LEAST_WRINKLE * greatest for each in amounts] for amounts in found], totals)
 
 
-def _sight(assets: Sequence[ShownAsset], moment: Moment, wrinkles: _Wrinkles | None) -> tuple[Floats, Floats]:
-    """What to frame at a moment: (points, 3) that bound what the wrinkles move, or everything, and its (3,) middle."""
+def _points_to_frame(assets: Sequence[ShownAsset], moment: Moment, wrinkles: _Wrinkles | None) -> tuple[Floats, Floats]:
+    """(points, 3) that bound the part that the wrinkles move at a moment, or everything; and its (3,) middle."""
     points = [np.zeros((0, 3))]
     for number, asset in enumerate(assets):
         for posed in asset.posed(moment):
@@ -162,7 +167,7 @@ def _sight(assets: Sequence[ShownAsset], moment: Moment, wrinkles: _Wrinkles | N
 
 
 def _bounds(points: Floats) -> Floats:
-    """Those of (points, 3) that are furthest in some direction: enough to frame them, and few."""
+    """The (points, 3) that are furthest in some direction: they are few, and framing them frames all."""
     numbers = np.arange(_DIRECTIONS) + 0.5
     heights = 1 - 2 * numbers / _DIRECTIONS
     angles = np.pi * (1 + np.sqrt(5)) * numbers
@@ -173,10 +178,10 @@ def _bounds(points: Floats) -> Floats:
 
 
 def _facing(assets: Sequence[ShownAsset], moments: Sequence[Moment], wrinkles: _Wrinkles) -> View:
-    """The view, without cameras yet, from which most of the wrinkles are seen when they are tallest.
+    """The view, without cameras yet, from which most of the wrinkles are visible when they are tallest.
 
     Raises:
-        AssetError: There are none.
+        AssetError: There are no wrinkles.
     """
     if not wrinkles.known:
         others = ", ".join(VIEWS)
@@ -187,32 +192,32 @@ def _facing(assets: Sequence[ShownAsset], moments: Sequence[Moment], wrinkles: _
     scores, whole = np.zeros(len(angles)), 0.0
     for moment in (moments[number] for number in chosen):
         for asset, masks in zip(assets, wrinkles.masks, strict=True):
-            visible = list(asset.posed(moment))
-            everything = np.concatenate([np.zeros((0, 3, 3)), *(posed.positions[posed.triangles] for posed in visible)])
-            for posed in visible:
-                spots = np.flatnonzero(masks[posed.number])
-                stride = max(len(spots) // _JUDGED_SPOTS, 1)
-                spots = spots[::stride]
-                if not len(spots):
+            shown = list(asset.posed(moment))
+            everything = np.concatenate([np.zeros((0, 3, 3)), *(posed.positions[posed.triangles] for posed in shown)])
+            for posed in shown:
+                vertices = np.flatnonzero(masks[posed.number])
+                stride = max(len(vertices) // _JUDGED_VERTICES, 1)
+                vertices = vertices[::stride]
+                if not len(vertices):
                     continue
-                weights = np.full(len(spots), float(stride))
+                weights = np.full(len(vertices), float(stride))
                 if wrinkles.totals.any():
-                    weights *= posed.shown.displacements(asset.clip(moment.clip), moment.time)[spots]
-                normals = vertex_normals(posed.positions, posed.triangles)[spots]
-                free = seen(everything, posed.positions[spots], normals, backs)
-                scores += (free * np.minimum(backs @ normals.T, _ASIDE)) @ weights
-                whole += _ASIDE * float(weights.sum())
+                    weights *= posed.shown.displacements(asset.clip(moment.clip), moment.time)[vertices]
+                normals = vertex_normals(posed.positions, posed.triangles)[vertices]
+                free = visible(everything, posed.positions[vertices], normals, backs)
+                scores += (free * np.minimum(backs @ normals.T, _FACES)) @ weights
+                whole += _FACES * float(weights.sum())
     levels = np.cos(np.radians([elevation for _, elevation in angles]))
     best = int(np.argmax(scores * (1 - _LEVEL + _LEVEL * levels)))
     if not scores[best] > 0:
-        return View(_DEFAULT, (), share=0.0)
-    # What does not move is not seen, though it may face us.
-    seen_now = float(scores[best]) if wrinkles.totals.any() else 0.0
-    return View(f"{angles[best][0]}:{angles[best][1]}", (), seen_now, float(scores[best]) / whole)
+        return View(_DEFAULT, (), visible=0.0)
+    # Wrinkles that do not show have no score, although their vertices may face the view.
+    score = float(scores[best]) if wrinkles.totals.any() else 0.0
+    return View(f"{angles[best][0]}:{angles[best][1]}", (), score, float(scores[best]) / whole)
 
 
 def _followed(asset: ShownAsset, moments: Sequence[Moment], focus: Floats) -> Floats:
-    """(moments, 3) where the vertex is that lies nearest to a point in the stored pose."""
+    """(moments, 3) positions of the vertex that is nearest to a point in the stored pose."""
     best, which = np.inf, (0, 0)
     for number, shown in enumerate(asset.primitives):
         positions = pose_primitive(shown.source, None, np.zeros(1)).positions[0]

@@ -1,6 +1,6 @@
-"""A grid with a ruler, axes and the names of joints over a picture, to read coordinates off it.
+"""Draw a grid, a ruler, axes and the names of joints over a picture, to read coordinates off it.
 
-Coordinates are those of a tools file: world space in scene units, with its up axis.
+Coordinates are those of a tools file: world space in scene units, with the file's up axis.
 """
 
 import math
@@ -14,46 +14,56 @@ from wrinklecli.character.pose import node_matrices
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.preview.camera import Camera
 from wrinklecli.review.preview.moments import Moment
-from wrinklecli.review.preview.overlay import Colour, Dot, Overlay, Placed, Stroke, Word
+from wrinklecli.review.preview.overlay import Dot, Overlay, Placed, Stroke, Word
+from wrinklecli.review.preview.paints import Colour
 from wrinklecli.review.preview.shown import ShownAsset
 
-# Rows: where x, y and z of a tools file point, in glTF's axes.
+# For each up axis of a tools file, rows: where its x, y and z point in glTF's axes.
 _AXES = {"y": np.eye(3), "z": np.array(((1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0)))}
 _NAMES = "xyz"
-_INKS: tuple[Colour, ...] = ((0.80, 0.16, 0.16), (0.16, 0.55, 0.16), (0.16, 0.33, 0.88))  # sRGB, of x, y and z
-_RULE, _INK, _BONE = (0.74, 0.78, 0.83), (0.25, 0.29, 0.34), (0.36, 0.12, 0.55)
-_STEPS = 8  # labels of a ruler, about, and
-_SPACE = 64  # pixels between two of them at least
+# Colours of the x, y and z axes, sRGB.
+_INKS: tuple[Colour, ...] = ((0.80, 0.16, 0.16), (0.16, 0.55, 0.16), (0.16, 0.33, 0.88))
+# Colour of the lines of the grid, sRGB.
+_RULE = (0.74, 0.78, 0.83)
+# Colour of the ruler's ticks and numbers, sRGB.
+_INK = (0.25, 0.29, 0.34)
+# Colour of joints and their names, sRGB.
+_BONE = (0.36, 0.12, 0.55)
+# Half the greatest number of labels of a ruler.
+_STEPS = 8
+# Least distance between two labels, pixels.
+_SPACE = 64
+# Greatest number of steps on the longer side of a box's floor.
 _FLOOR_STEPS = 6
-_PARTS = {1: 5, 2: 4, 5: 5}  # of a step, by its first digit
-_TICK = 5  # pixels
-_DEEP = -1e3  # behind everything, in a camera's axes over its reach
+# Number of parts into which ticks divide a step, by the step's first digit.
+_PARTS = {1: 5, 2: 4, 5: 5}
+# Length of a small tick, pixels.
+_TICK = 5
+# Depth of the grid in camera space: behind everything.
+_DEEP = -1e3
+# Widths of the line of coordinate 0, which is an axis, and of the others, pixels.
+_AXIS_WIDTH = 1.3
+_LINE_WIDTH = 0.9
+# Greatest component by which a view direction may be off an axis and still be turned along it.
+_SNAP = 0.005
+# Relative error up to which numbers count as whole.
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """What is drawn over a picture.
-
-    Attributes:
-        overlay: Lines, joints and their names.
-        labels: Of the ruler.
-    """
+    """Lines, joints and their names to draw over a picture, and the ruler's numbers."""
 
     overlay: Overlay
     labels: tuple[Placed, ...]
 
 
 def draw_grid(asset: ShownAsset, moment: Moment, camera: Camera, size: tuple[int, int], *, up: str) -> Grid:
-    """A grid for a camera with parallel rays: ruled at the borders where it looks along an axis, else on a box.
+    """A grid for a camera with parallel rays: rulers at the borders if it looks along an axis, else a ruled box.
 
-    Args:
-        asset: What is seen.
-        moment: When.
-        camera: From where.
-        size: Of the picture, pixels.
-        up: Axis of the tools file.
+    `size` is the picture's, in pixels; `up` is the up axis of the tools file.
     """
-    shown = [_seen_along(camera.axes[k], up) for k in (0, 1)]
+    shown = [_axis_along(camera.axes[k], up) for k in (0, 1)]
     joints = _joints(asset, moment)
     if shown[0] is not None and shown[1] is not None:
         ruled = [_ruled(camera, size, _AXES[up], k, *found) for k, found in enumerate(shown) if found]
@@ -66,52 +76,53 @@ def draw_grid(asset: ShownAsset, moment: Moment, camera: Camera, size: tuple[int
 
 
 def snapped(camera: Camera) -> Camera:
-    """The camera, turned by the least to look along an axis where it all but does."""
+    """The camera with parallel rays, turned along an axis if it looks almost along it."""
     near = np.round(camera.axes)
-    axes = near if np.abs(near - camera.axes).max() < 0.005 else camera.axes
+    axes = near if np.abs(near - camera.axes).max() < _SNAP else camera.axes
     return Camera(camera.centre, axes, camera.reach, 0.0)
 
 
 def ruler_step(span: float, count: int) -> float:
-    """1, 2 or 5 times a power of ten, so that at most so many steps are in a span."""
+    """The least step of 1, 2 or 5 times a power of ten of which at most `count` fit into a span."""
     power = 10.0 ** math.floor(math.log10(span / count))
-    return next(digit * power for digit in (1, 2, 5, 10) if digit * power * count >= span * (1 - 1e-9))
+    return next(digit * power for digit in (1, 2, 5, 10) if digit * power * count >= span * (1 - _ROUNDING))
 
 
-def _seen_along(direction: Floats, up: str) -> tuple[int, float] | None:
-    """The axis of a tools file that a direction is along, and 1 or -1; None where it is along none."""
+def _axis_along(direction: Floats, up: str) -> tuple[int, float] | None:
+    """Number of the tools file's axis along which a direction points, and 1 or -1; None if it points along none."""
     along = _AXES[up] @ direction
     number = int(np.argmax(np.abs(along)))
-    return (number, float(np.sign(along[number]))) if abs(along[number]) > 1 - 1e-9 else None
+    return (number, float(np.sign(along[number]))) if abs(along[number]) > 1 - _ROUNDING else None
 
 
 def _ticks(low: float, high: float, step: float) -> Iterator[float]:
-    """Multiples of a step from low to high."""
-    yield from (number * step for number in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1))
+    """The multiples of a step from low to high."""
+    first, last = math.ceil(low / step - _ROUNDING), math.floor(high / step + _ROUNDING)
+    yield from (number * step for number in range(first, last + 1))
 
 
 def _label(value: float, step: float) -> str:
-    """A multiple of a step with no more digits than it needs."""
-    digits = max(0, -math.floor(math.log10(step) + 1e-9))
+    """A multiple of a step, with no more digits than the step needs."""
+    digits = max(0, -math.floor(math.log10(step) + _ROUNDING))
     return f"{value + 0.0:.{digits}f}" if digits < 7 and abs(value) < 1e7 else f"{value:g}"
 
 
 def _ruled(camera: Camera, size: tuple[int, int], axes: Floats, across: int, number: int, sign: float) -> Grid:
-    """Lines at even coordinates along one border of a picture, from side to side, with ticks and labels there.
+    """Lines across the picture at even coordinates, with ticks and labels along one border.
 
     Args:
-        camera: That looks along an axis.
-        size: Of the picture, pixels.
-        axes: (3, 3) of the tools file.
+        camera: Looks along an axis.
+        size: Width and height of the picture, pixels.
+        axes: (3, 3) axes of the tools file, rows.
         across: 0 for the lower border, 1 for the left one.
-        number: Of the axis along it.
-        sign: -1 where that axis points left, or down.
+        number: Number of the axis along that border.
+        sign: -1 if that axis points left, or down.
     """
     width, height = size
     reach = camera.reach * (width / height if across == 0 else 1.0)
     middle = float(axes[number] @ camera.centre)
     step = ruler_step(2 * reach, max(min(size[across] // _SPACE, 2 * _STEPS), 2))
-    pixels = height / 2 / camera.reach  # for each unit
+    pixels = height / 2 / camera.reach  # of a scene unit
     other = np.array((0.0, 0.0, _DEEP))
     strokes, labels = [], []
 
@@ -123,43 +134,43 @@ def _ruled(camera: Camera, size: tuple[int, int], axes: Floats, across: int, num
 
     far = (1.0 if across == 0 else width / height) * 1.01
     tick = 2 * _TICK / height
-    for value in _ticks(
-        middle - reach, middle + reach, step / _PARTS[round(step / 10 ** math.floor(math.log10(step) + 1e-9))]
-    ):
+    digit = round(step / 10 ** math.floor(math.log10(step) + _ROUNDING))
+    for value in _ticks(middle - reach, middle + reach, step / _PARTS[digit]):
         strokes.append(line(value, -far, -far + tick, _INK, 1.0, 1.0))
     # The line of coordinate 0 is the other axis.
     beside = next(k for k in range(3) if abs(axes[k] @ camera.axes[1 - across]) > 0.5)
     for value in _ticks(middle - reach, middle + reach, step):
         zero = abs(value) < step / 2
-        strokes.append(line(value, -far, far, _INKS[beside] if zero else _RULE, 1.3 if zero else 0.9, 0.45))
+        colour, weight = (_INKS[beside], _AXIS_WIDTH) if zero else (_RULE, _LINE_WIDTH)
+        strokes.append(line(value, -far, far, colour, weight, 0.45))
         strokes.append(line(value, -far, -far + 2 * tick, _INK, 1.2, 1.0))
         at = size[across] / 2 + (1, -1)[across] * sign * (value - middle) * pixels
         if _SPACE / 2 < (at if across == 0 else height - at) < size[across] - _SPACE / 2:
             labels.append(_beside(across, at, height, _label(value, step), _INK))
-    # The end to which the axis points has its name, in place of a number.
+    # At the end to which the axis points stands its name, and no number.
     end = size[across] - _SPACE / 4 if (sign > 0) == (across == 0) else _SPACE / 4
     labels.append(_beside(across, end, height, f"+{_NAMES[number]}", _INKS[number]))
     return Grid(Overlay(strokes), tuple(labels))
 
 
 def _beside(across: int, at: float, height: int, text: str, colour: Colour) -> Placed:
-    """A label of the ruler at the lower border of a picture (`across` 0) or at the left one."""
+    """A label of the ruler at the lower border (`across` 0) or the left one."""
     if across == 0:
         return Placed((at, height - 2 * _TICK - 3), text, colour, "ms")
     return Placed((2 * _TICK + 4, at), text, colour, "lm")
 
 
 def _boxed(asset: ShownAsset, moment: Moment, camera: Camera, size: tuple[int, int], up: str) -> Grid:
-    """The floor of a box round the asset, ruled, with coordinates along two of its edges and up one."""
+    """The ruled floor of a box around the asset, with coordinates along two of its edges and one upright edge."""
     axes = _AXES[up]
     positions = np.concatenate([posed.positions for posed in asset.posed(moment)]) @ axes.T
     low, high = positions.min(axis=0), positions.max(axis=0)
     upright = next(k for k in range(3) if axes[k, 1] > 0.5)
     first, second = (k for k in range(3) if k != upright)
-    # A flat asset has no height, and one at a point nothing at all.
+    # The floor of an asset that is an upright line has no extent.
     widest = max(float((high - low)[[first, second]].max()), 1e-3 * camera.reach)
     step = ruler_step(widest, _FLOOR_STEPS)
-    # The corner of the floor that is nearest to the eye, where its two edges begin.
+    # The two edges begin at the corner of the floor that is nearest to the eye.
     eye = axes @ camera.axes[2]
     near = np.where(eye > 0, high, low)
     near[upright] = low[upright]
@@ -170,7 +181,8 @@ def _boxed(asset: ShownAsset, moment: Moment, camera: Camera, size: tuple[int, i
             ends[:, along] = value
             ends[:, across] = low[across], high[across]
             zero = abs(value) < step / 2
-            strokes.append(Stroke(ends @ axes, _INKS[across] if zero else _RULE, 1.3 if zero else 0.9, 0.25))
+            colour, weight = (_INKS[across], _AXIS_WIDTH) if zero else (_RULE, _LINE_WIDTH)
+            strokes.append(Stroke(ends @ axes, colour, weight, 0.25))
             words.append(Word(np.where(np.arange(3) == along, value, near) @ axes, _label(value, step), _INKS[along]))
     post = near.copy()
     leftmost = min(
@@ -180,7 +192,7 @@ def _boxed(asset: ShownAsset, moment: Moment, camera: Camera, size: tuple[int, i
     post[[first, second]] = leftmost
     ends = np.tile(post, (2, 1))
     ends[:, upright] = low[upright], high[upright]
-    strokes.append(Stroke(ends @ axes, _INKS[upright], 1.3, 0.25))
+    strokes.append(Stroke(ends @ axes, _INKS[upright], _AXIS_WIDTH, 0.25))
     for value in _ticks(low[upright], high[upright], ruler_step(2 * camera.reach, max(size[1] // _SPACE, 2))):
         place = np.where(np.arange(3) == upright, value, post) @ axes
         words.append(Word(place, f"{value:.6g}", _INKS[upright]))
@@ -191,7 +203,7 @@ def _boxed(asset: ShownAsset, moment: Moment, camera: Camera, size: tuple[int, i
 
 
 def _joints(asset: ShownAsset, moment: Moment) -> Overlay:
-    """The joints of all skins, each with its name, and lines from one to the next."""
+    """The joints of all skins with their names, and lines from each to its parent joint."""
     skinned = [shown.source.rig for shown in asset.primitives if shown.source.rig.skinned]
     nodes = sorted({int(joint) for rig in skinned for joint in rig.joints})
     if not nodes:
@@ -207,7 +219,7 @@ def _joints(asset: ShownAsset, moment: Moment) -> Overlay:
         if parent >= 0:
             strokes.append(Stroke(np.array([places[parent], places[node]]), _BONE, 1.3, 0.6))
     dots = [Dot(places[node], _BONE, 2.2) for node in nodes]
-    # Converters put a word and a colon before all names, and there is little room.
+    # A prefix with a colon that all names share, as converters write it, is left out to save room.
     head, colon, _ = rig.names[nodes[0]].rpartition(":")
     shared = len(head + colon) if all(rig.names[node].startswith(head + colon) for node in nodes) else 0
     words = [Word(places[node], rig.names[node][shared:], _BONE) for node in nodes]

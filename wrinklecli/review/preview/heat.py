@@ -1,14 +1,13 @@
-"""Compression as a colour: how much shorter each place of a surface is than in the stored pose."""
+"""Show compression as a colour: how much shorter each place of a surface is than in the stored pose."""
 
 import numpy as np
 
 from wrinklecli.character.scene import ScenePrimitive, pose_primitive
 from wrinklecli.gltf.pixels import linear_rgb
 from wrinklecli.numeric.arrays import Floats, Ints, face_normals
+from wrinklecli.review.preview.paints import Colour
 
-Colour = tuple[float, float, float]
-
-# Compression, 1 - the smallest principal stretch, and its colour, sRGB.
+# Compression, which is 1 minus the smallest principal stretch, and its colour, sRGB. Darker is more.
 HEAT: tuple[tuple[float, Colour], ...] = (
     (0.0, (0.84, 0.84, 0.82)),
     (0.1, (0.98, 0.90, 0.55)),
@@ -17,23 +16,19 @@ HEAT: tuple[tuple[float, Colour], ...] = (
     (0.65, (0.50, 0.06, 0.36)),
     (0.8, (0.16, 0.03, 0.28)),
 )
+# Compressions that a legend names.
 HEAT_TICKS = (0.0, 0.2, 0.4, 0.6, 0.8)
 
 
 def heat_colours(losses: Floats) -> Floats:
-    """(…, 3) sRGB of compressions."""
+    """(…, 3) sRGB colours of (…) compressions."""
     stops = [loss for loss, _ in HEAT]
     channels = [np.interp(losses, stops, [colour[k] for _, colour in HEAT]) for k in range(3)]
     return np.stack(channels, axis=-1)
 
 
 def compressions(primitive: ScenePrimitive, positions: Floats) -> Floats:
-    """(vertices,) compression against the stored pose, the mean of the triangles around each place.
-
-    Args:
-        primitive: Of the scene.
-        positions: (vertices, 3) where its vertices are now, world space.
-    """
+    """(vertices,) compression against the stored pose, of (vertices, 3) world-space positions."""
     stored = pose_primitive(primitive, None, np.zeros(1)).positions[0]
     # Vertices of a seam are one place.
     _, places = np.unique(primitive.vertices.positions, axis=0, return_inverse=True)
@@ -42,12 +37,12 @@ def compressions(primitive: ScenePrimitive, positions: Floats) -> Floats:
 
 
 def point_colours(rest: Floats, posed: Floats, triangles: Ints) -> Floats:
-    """(points, 3) linear RGB of compression, of (points, 3) at rest and now, and their (triangles, 3)."""
+    """(points, 3) linear RGB of the compression from (points, 3) rest positions to posed ones."""
     return linear_rgb(heat_colours(_means(rest, posed, triangles, np.arange(len(rest)))))
 
 
 def _means(rest: Floats, posed: Floats, triangles: Ints, places: Ints) -> Floats:
-    """(places,) compression of the triangles around each place, the mean by area; (vertices,) have places."""
+    """(places,) area-weighted mean compression of the triangles around each place; `places` is (vertices,)."""
     losses = compression(rest[triangles], posed[triangles])
     areas = np.sqrt(np.sum(face_normals(rest, triangles) ** 2, axis=1))
     into = places[triangles].ravel()
@@ -57,14 +52,12 @@ def _means(rest: Floats, posed: Floats, triangles: Ints, places: Ints) -> Floats
 
 
 def compression(rest: Floats, posed: Floats) -> Floats:
-    """(triangles,) 1 - the smallest principal stretch of each triangle, at least 0; 0 where it has no area at rest.
+    """(triangles,) 1 minus the smallest principal stretch, at least 0; 0 for a triangle without area at rest.
 
-    Args:
-        rest: (triangles, 3, 3) corners.
-        posed: (triangles, 3, 3).
+    `rest` and `posed` are (triangles, 3, 3) corners.
 
-    Source: principal stretches squared are the eigenvalues of the product of the posed metric of a triangle's edges
-        and the inverse of that at rest.
+    Source: the squares of the principal stretches are the eigenvalues of the product of the posed metric of a
+        triangle's edges and the inverse of the metric at rest.
     """
     before, after = (_metric(corners) for corners in (rest, posed))
     a, b, c = before.T
@@ -80,6 +73,6 @@ def compression(rest: Floats, posed: Floats) -> Floats:
 
 
 def _metric(corners: Floats) -> Floats:
-    """(triangles, 3) products of the edges from the first corner: of one, of both, of the other."""
+    """(triangles, 3) dot products e·e, e·f and f·f of the edges e and f from the first corner."""
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     return np.stack([np.sum(p * q, axis=1) for p, q in ((first, first), (first, second), (second, second))], axis=1)

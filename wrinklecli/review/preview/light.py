@@ -1,4 +1,4 @@
-"""Light on a surface: a raking key light with soft shadows, a fill light, and a sky that near things hide."""
+"""Light a surface with a raking key light with soft shadows, a fill light, and a sky that near things hide."""
 
 import numpy as np
 from scipy.ndimage import uniform_filter
@@ -6,45 +6,54 @@ from scipy.ndimage import uniform_filter
 from wrinklecli.numeric.arrays import Array, Ints
 from wrinklecli.review.preview.rays import LIFT, Hits, TracedSurface, unit_rows
 
-# Neighbours per axis that deal out a set of light rays among them; a box filter of this size joins it again.
+# Pixels along each axis that share one set of light rays; a box filter of this size blends their results.
 REACH = 4
-_AMBIENT_RAYS = 8  # per pixel: 128 after the filter
+# Rays to the sky for each pixel; the filter makes 128 of them.
+_AMBIENT_RAYS = 8
+# Rays to the key light for each pixel; the filter makes 64 of them.
 _SHADOW_RAYS = 4
-# Camera axes: right, up, backwards.
+# Direction to the key light in camera axes (right, up, backwards): from the side, so that it shows relief.
 _KEY = np.array((-0.62, 0.62, 0.48), np.float32)
+# Direction to the fill light in camera axes, from the other side.
 _FILL = np.array((0.75, 0.05, 0.65), np.float32)
-_LIGHTS = np.array([(0.78, 0.75, 0.72), (0.126, 0.133, 0.14), (0.228, 0.235, 0.24)], np.float32)  # key, fill, sky
-_SOFTNESS = np.float32(0.12)  # radius of the key light at unit distance
+# Linear RGB of the key light, the fill light and the sky: the key light is a little warmer.
+_LIGHTS = np.array([(0.78, 0.75, 0.72), (0.126, 0.133, 0.14), (0.228, 0.235, 0.24)], np.float32)
+# Radius of the key light at unit distance.
+_SOFTNESS = np.float32(0.12)
+# Brightness of the highlight, linear.
 _SHINE = 0.10
-_FAR = np.float32(1.2)  # occluders count up to here, over half the picture's height
-# A ray that went inside leaves the curve that it began on, if normals there have such a cosine, and it is no longer.
-_SAME_CURVE, _SOON = np.float32(0.8), np.float32(0.4)
+# Distance up to which triangles hide the sky, over half the picture's height.
+_FAR = np.float32(1.2)
+# A shadow ray that enters the surface stays on its curve, and is not shadowed, if normals there have at least this
+# cosine
+_SAME_CURVE = np.float32(0.8)
+# and the ray is shorter than this, over half the picture's height.
+_SOON = np.float32(0.4)
+# Inverse of the golden ratio, whose multiples spread angles evenly.
 _GOLDEN = 0.6180339887498949
-_PLASTIC = 0.7548776662466927  # goes with the golden ratio as that with whole numbers: no pattern with it
+# Inverse of the plastic number, whose multiples form no pattern with those of the golden ratio.
+_PLASTIC = 0.7548776662466927
 
 
 def light_up(
     surface: TracedSurface, hits: Hits, shape: tuple[int, int], first: int, *, from_right: bool = False
 ) -> tuple[Array, Array]:
-    """The light that hits get: diffuse, to be multiplied by their colour, and mirrored, to be added.
+    """Light hits: (hits, 3) diffuse light, to multiply their colours by, and (hits,) shine to add, both linear.
 
     Args:
         surface: The triangles.
-        hits: Of a band of pixels, in any order.
-        shape: Rows and columns of the band.
-        first: Row of the picture that the band begins with.
-        from_right: Whether the key light is on the right, and the fill light on the left.
-
-    Returns:
-        (hits, 3) and (hits,), linear.
+        hits: In any order.
+        shape: Rows and columns of the band of pixels.
+        first: Row of the picture at which the band begins.
+        from_right: Put the key light on the right, and the fill light on the left.
     """
     width = shape[1]
-    # One hit of each pixel speaks for it.
+    # Light is traced for one hit of each pixel.
     firsts = np.full(shape[0] * width, -1, np.intp)
     firsts[hits.pixels[::-1]] = np.arange(len(hits.pixels))[::-1]
     pixels = np.flatnonzero(firsts >= 0)
     sets = (pixels // width + first) % REACH * REACH + pixels % width % REACH
-    # Parallel rays in a row are a third faster, for what they find in the caches.
+    # Parallel rays one after another are a third faster, because of the caches.
     order = np.argsort(sets, kind="stable")
     pixels, sets = pixels[order], sets[order]
     chosen = hits.only(firsts[pixels])
@@ -64,28 +73,23 @@ def light_up(
 
 
 def _starts(surface: TracedSurface, hits: Hits) -> Array:
-    """(hits, 3) where light rays start: just above the curved surface that the vertex normals suggest.
+    """(hits, 3) points where light rays start: just above the curved surface that the vertex normals suggest.
 
     Source: J. Hanika, Hacking the Shadow Terminator, Ray Tracing Gems II, 2021.
     """
-    found, weights, sides = hits.found, hits.weights, hits.sides
-    corners = surface.corners[found]
-    points = np.einsum("pi,pia->pa", weights, corners)
-    normals = surface.normals[found] * sides[..., None]
+    corners = surface.corners[hits.triangles]
+    points = np.einsum("pi,pia->pa", hits.weights, corners)
+    normals = surface.normals[hits.triangles] * hits.sides[..., None]
     below = np.minimum(np.einsum("pia,pia->pi", points[:, None] - corners, normals), 0)
-    lifts = np.einsum("pi,pia->pa", weights * below, normals)
-    starts: Array = points - lifts + LIFT * sides * surface.faces[found]
+    lifts = np.einsum("pi,pia->pa", hits.weights * below, normals)
+    starts: Array = points - lifts + LIFT * hits.sides * surface.faces[hits.triangles]
     return starts
 
 
 def _openness(surface: TracedSurface, points: Array, normals: Array, sets: Ints) -> Array:
-    """(hits,) openness to the sky, 0 to 1: an occluder counts the less the further off it is.
+    """(hits,) openness to the sky, 0 to 1; a triangle hides less of it the farther away it is.
 
-    Args:
-        surface: The triangles.
-        points: (hits, 3) where rays start, just above the surface.
-        normals: (hits, 3) unit.
-        sets: (hits,) number of each hit's set of rays, 0 to REACH² - 1.
+    Rays start at (hits, 3) points just above the surface; `sets` has the number of each one's set, 0 to REACH² - 1.
     """
     tangents, bitangents = _basis(normals)
     openness = np.zeros(len(points), np.float32)
@@ -94,23 +98,23 @@ def _openness(surface: TracedSurface, points: Array, normals: Array, sets: Ints)
         directions = x * tangents
         directions += y * bitangents
         directions += np.sqrt(1 - square) * normals
-        # Lengths are even from 0 to FAR: the share of rays that hit falls to 0 in a straight line.
+        # Lengths are even from 0 to _FAR, so that the part of the rays that hit falls linearly to 0.
         free = surface.rays.run(points, directions, dists=_FAR * length[:, 0], query="OCCLUDED") < 0
         openness += free / np.float32(_AMBIENT_RAYS)
     return openness
 
 
 def _lit(surface: TracedSurface, points: Array, hits: Hits, sets: Ints, key: Array) -> Array:
-    """(hits,) how much of the key light, in direction (1, 3), is seen, 0 to 1; none from what faces away from it.
+    """(hits,) visible part of the key light in direction (1, 3), 0 to 1; 0 for normals that face away from it.
 
-    A normal may face the light where its triangle does not, as the triangle is but a chord of a curved surface. Such a
-    ray goes inside, and where it soon comes out again of the same curve hides nothing.
+    A normal may face the light although its triangle does not, because triangles are chords of a curved surface. A ray
+    from there enters the surface, and is not shadowed if it soon leaves the same curve again.
     """
     facing_it = np.flatnonzero(hits.normals @ key[0] > 0)
     points, sets, sides = points[facing_it], sets[facing_it], hits.sides[facing_it]
-    found, normals = hits.found[facing_it], hits.normals[facing_it]
-    outwards = sides * surface.faces[found]
-    inside = np.einsum("pi,pia->pa", hits.weights[facing_it], surface.corners[found]) - LIFT * outwards
+    triangles, normals = hits.triangles[facing_it], hits.normals[facing_it]
+    outwards = sides * surface.faces[triangles]
+    inside = np.einsum("pi,pia->pa", hits.weights[facing_it], surface.corners[triangles]) - LIFT * outwards
     across = np.concatenate(_basis(key))
     free = np.zeros(len(points), np.float32)
     for disc in _discs(_SHADOW_RAYS):
@@ -118,9 +122,9 @@ def _lit(surface: TracedSurface, points: Array, hits: Hits, sets: Ints, key: Arr
         starts = points.copy()
         below = np.flatnonzero(np.einsum("pi,pi->p", outwards, directions) < 0)
         met = surface.rays.run(inside[below], directions[below], output=True)
-        left = sides[below] * surface.faces[met["primID"]]
-        alike = np.einsum("pi,pi->p", left, normals[below]) > _SAME_CURVE
-        ways = np.einsum("pi,pi->p", left, directions[below])
+        exits = sides[below] * surface.faces[met["primID"]]
+        alike = np.einsum("pi,pi->p", exits, normals[below]) > _SAME_CURVE
+        ways = np.einsum("pi,pi->p", exits, directions[below])
         leaving = np.flatnonzero((met["primID"] >= 0) & (ways > 0) & alike & (met["tfar"] < _SOON))
         out = below[leaving]
         starts[out] = inside[out] + (met["tfar"][leaving, None] + LIFT) * directions[out]
@@ -131,7 +135,7 @@ def _lit(surface: TracedSurface, points: Array, hits: Hits, sets: Ints, key: Arr
 
 
 def _smooth(values: Array, places: Ints, shape: tuple[int, int]) -> Array:
-    """Join the ray sets of neighbours: a box filter of a grid, over the places that have a value; all places."""
+    """Blend the ray sets of neighbours by a box filter over the pixels that have a value."""
     sums, counts = np.zeros((2, *shape), np.float32)
     sums.ravel()[places] = values
     counts.ravel()[places] = 1
@@ -141,7 +145,7 @@ def _smooth(values: Array, places: Ints, shape: tuple[int, int]) -> Array:
 
 
 def _basis(normals: Array) -> tuple[Array, Array]:
-    """Two unit vectors across each normal, continuous but for one pole (Duff et al. 2017)."""
+    """Two unit vectors across each normal, continuous except at one pole (Duff et al. 2017)."""
     x, y, z = normals.T
     sign = np.copysign(np.float32(1), z)
     a = -1 / (sign + z)
@@ -150,10 +154,9 @@ def _basis(normals: Array) -> tuple[Array, Array]:
 
 
 def _discs(count: int) -> Array:
-    """Points spread evenly over the unit disc, (count, REACH², 4): x, y, the squared radius, a length of 0 to 1.
+    """(count, REACH², 4) points of the unit disc: x, y, the squared radius, and a length of 0 to 1.
 
-    Any one of the sets covers the disc, and all together cover it more finely (a golden-angle spiral, dealt
-    out in turn).
+    The points of a golden-angle spiral are dealt out in turn, so that each of the REACH² sets covers the disc evenly.
     """
     numbers = np.arange(count * REACH**2)
     squares = (numbers + 0.5) / len(numbers)

@@ -1,4 +1,4 @@
-"""Tools that do not fit their asset: where their points were asked for, and how far the mesh is from there."""
+"""Show tools that do not fit their asset: the points that they name, and how far the mesh is from there."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,10 +19,15 @@ from wrinklecli.surface.anchor import is_far, segment_at
 from wrinklecli.surface.rest import Rest, asked_positions, rest_pose
 from wrinklecli.tools.records import ToolsFile, WrinkleTool
 
-# Times the asset's size: an end further off lies outside the picture.
+# Colour of tools that do not fit, sRGB.
+RED = (0.89, 0.0, 0.0)
+# Distance from the mesh from which on an end is not framed, over the asset's size.
 _FARTHEST = 1.0
-_PAST = 60  # degrees
-RED = (0.89, 0.0, 0.0)  # sRGB
+# Angle by which a view looks past the ends, so that their distance from the mesh shows, degrees.
+_PAST = 60
+# Views are multiples of this angle, degrees, and their elevation is at most _HIGHEST.
+_STEP = 15
+_HIGHEST = 30
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,26 +35,26 @@ class LostEnd:
     """A point of a tool's path, such as an end, and the place of a mesh that is nearest to it at rest.
 
     Attributes:
-        offset: (3,) from the place to the end, world space at rest.
-        node: That has the mesh.
-        primitive: Its number in the mesh.
-        vertices: (3,) glTF vertices of the primitive, around the place.
-        shares: (3,) of them.
-        normal: (3,) of the surface there.
-        far: Whether it is too far from the mesh to be taken there.
+        offset: (3,) vector from the place to the point, world space at rest.
+        node: Index of the mesh's node.
+        primitive: Index in the mesh.
+        vertices: (3,) glTF vertices of the triangle around the place.
+        barycentrics: (3,) coordinates of the place in the triangle.
+        normal: (3,) surface normal at the place.
+        far: True if the point is too far from the mesh to be attached.
     """
 
     offset: Floats
     node: int
     primitive: int
     vertices: Ints
-    shares: Floats
+    barycentrics: Floats
     normal: Floats
     far: bool
 
     @property
     def distance(self) -> float:
-        """From the mesh, scene units."""
+        """Distance from the mesh, scene units."""
         return float(np.linalg.norm(self.offset))
 
 
@@ -58,8 +63,7 @@ class Misfit:
     """A tool that does not fit.
 
     Attributes:
-        refused: The tool, with what a bake would say of it.
-        ends: All points of its path; none where a place is not known.
+        ends: All points of its path; none if a point's place is unknown.
     """
 
     refused: Refused
@@ -67,37 +71,37 @@ class Misfit:
 
     @property
     def name(self) -> str:
-        """Of the tool."""
+        """The tool's name."""
         return self.refused.tool.name
 
     @property
     def view(self) -> str:
-        """As azimuth:elevation: past the side of the mesh that its ends are nearest to, so that they stand off it."""
+        """The view, as azimuth:elevation, that looks past the side of the mesh to which the ends are nearest."""
         x, y, z = sum((each.normal for each in self.ends), np.array((0.0, 0.0, 1e-9)))
         azimuth, elevation = np.degrees([np.arctan2(x, z), np.arctan2(y, np.hypot(x, z))])
-        turned = (round(azimuth / 15) * 15 + _PAST + 180) % 360 - 180
-        return f"{turned}:{15 * round(min(max(elevation, -30), 30) / 15)}"
+        turned = (round(azimuth / _STEP) * _STEP + _PAST + 180) % 360 - 180
+        return f"{turned}:{_STEP * round(min(max(elevation, -_HIGHEST), _HIGHEST) / _STEP)}"
 
     def places(self, asset: ShownAsset, moment: Moment) -> Floats:
-        """(ends, 2, 3) of each end the nearest place of the mesh and the point asked for, which moves along with it."""
+        """(ends, 2, 3) for each end the nearest place of the mesh, and the point, which moves along with that place."""
         found = []
         for end in self.ends:
             for posed in asset.posed(moment):
                 source = posed.shown.source
                 if (source.rig.node, source.primitive) == (end.node, end.primitive):
-                    place = end.shares @ posed.positions[end.vertices]
+                    place = end.barycentrics @ posed.positions[end.vertices]
                     found.append([place, place + end.offset])
         return np.array(found).reshape(-1, 2, 3)
 
 
 def find_misfits(planned: PlannedTools, document: Document) -> list[Misfit]:
-    """The tools that do not fit an asset, with their ends."""
+    """Find the ends of the tools that do not fit an asset."""
     meshes = _Meshes(document, planned.settings)
     return [Misfit(refused, meshes.ends_of(refused.tool)) for refused in planned.misfits]
 
 
 class _Meshes:
-    """The meshes of a document at rest, each read when it is asked for."""
+    """The meshes of a document at rest; each is read when a tool needs it."""
 
     def __init__(self, document: Document, settings: ToolsFile) -> None:
         self._document = document
@@ -106,7 +110,7 @@ class _Meshes:
         self._clips = read_clips(document) if settings.tools else ()
 
     def ends_of(self, tool: WrinkleTool) -> tuple[LostEnd, ...]:
-        """All points of a tool's path; none where a marker is no node, or the meshes cannot be posed."""
+        """All points of a tool's path; none if a marker is not a node, or the meshes cannot be posed."""
         ends: list[LostEnd] = []
         nodes = [index for index, node in enumerate(self._document.items("nodes")) if "mesh" in node]
         named = [index for index in nodes if self._document.items("nodes")[index].get("name") == tool.node]
@@ -120,7 +124,7 @@ class _Meshes:
             return ()
         for number, point in enumerate(points):
             around = [(rest.blocks.closest_point(point), node, surface, rest) for node, _, surface, rest in rested]
-            (triangle, shares, place), node, surface, rest = min(
+            (triangle, barycentrics, place), node, surface, rest = min(
                 around, key=lambda each: float(np.linalg.norm(each[0][2] - point))
             )
             primitive = int(surface.primitives[triangle])
@@ -130,8 +134,8 @@ class _Meshes:
                     node=node,
                     primitive=primitive,
                     vertices=surface.corners[triangle] - surface.vertex_starts[primitive],
-                    shares=shares,
-                    normal=shares @ rest.normals_at(surface.triangles[triangle]),
+                    barycentrics=barycentrics,
+                    normal=barycentrics @ rest.normals_at(surface.triangles[triangle]),
                     far=is_far(float(np.linalg.norm(point - place)), segment_at(points, number)),
                 )
             )
@@ -146,7 +150,7 @@ class _Meshes:
 
 
 def misfit_overlay(misfits: Sequence[Misfit], asset: ShownAsset, moment: Moment) -> Overlay:
-    """Draw tools that do not fit: a dashed segment between the points asked for, and each one's way to the mesh."""
+    """Draw tools that do not fit: a dashed line through their points, and a line from each far point to the mesh."""
     strokes: list[Stroke] = []
     dots: list[Dot] = []
     words: list[Word] = []
@@ -170,10 +174,7 @@ def misfit_overlay(misfits: Sequence[Misfit], asset: ShownAsset, moment: Moment)
 
 
 def misfit_points(misfits: Sequence[Misfit], asset: ShownAsset, moment: Moment) -> Floats:
-    """(points, 3) that a picture of tools that do not fit is to show; of an end that is very far off the mesh's place.
-
-    Otherwise the asset would be a speck.
-    """
+    """(points, 3) to frame; ends that are very far from the mesh are left out, or the asset would be a speck."""
     if not misfits:
         return np.zeros((0, 3))
     pairs = np.concatenate([np.zeros((0, 2, 3)), *(misfit.places(asset, moment) for misfit in misfits)])

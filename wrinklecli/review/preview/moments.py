@@ -1,4 +1,4 @@
-"""Moments that a preview shows: which times of which clips."""
+"""Choose the moments that a preview shows: times of clips."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,34 +8,35 @@ from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import Document
 from wrinklecli.review.preview.preview_options import PreviewOptions
 
+# The greatest number of moments of one picture.
 MOST_MOMENTS = 10_000
-_SHEET_MOMENTS = 5  # of a clip: its middle, where many are at their greatest, is one
+# Moments of a clip on a sheet; an odd number, because many clips are at their greatest in their middle.
+_SHEET_MOMENTS = 5
+# Frames per second of an animation.
 _ANIMATION_FPS = 15.0
 
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """A clip (none for the stored pose) at a time in seconds."""
+    """A time in seconds of a clip, or the stored pose if `clip` is None."""
 
     clip: str | None
     time: float
 
     @property
     def label(self) -> str:
-        """In words."""
+        """The moment in words."""
         return "as stored" if self.clip is None else f"{self.clip} {self.time:.2f} s"
 
 
 def plan_moments(document: Document, options: PreviewOptions, *, animated: bool) -> list[Moment]:
     """Choose the moments to show of an asset.
 
-    Args:
-        document: The asset.
-        options: Which they are; the first clip where they name none, the stored pose where the asset has no clip.
-        animated: Whether in an animation, which takes as many as it needs to move.
+    Without a clip in the options this is the asset's first clip, or the stored pose of an asset without clips. An
+    animation (`animated`) gets more moments than a sheet.
 
     Raises:
-        AssetError: There is no clip of a name.
+        AssetError: The asset lacks a clip that the options name.
         WrinkleError: There are too many moments.
     """
     fps = options.fps or _ANIMATION_FPS
@@ -55,7 +56,7 @@ def plan_moments(document: Document, options: PreviewOptions, *, animated: bool)
                     f"clip {clip.name!r} of {length:.4g} s would have {count:.6g} moments; at most {MOST_MOMENTS}",
                     where=document.path,
                 )
-            # The last moment is left out: where a clip is a cycle, it is the first.
+            # The last moment is left out, because it is the first one again if the clip is a cycle.
             spread = [clip.start + number / fps for number in range(max(round(count), 1))]
         else:
             count = options.frames or _SHEET_MOMENTS
@@ -68,7 +69,7 @@ def plan_moments(document: Document, options: PreviewOptions, *, animated: bool)
 
 
 def frame_seconds(document: Document, moments: Sequence[Moment], options: PreviewOptions) -> float:
-    """Seconds from one frame of an animation to the next: so many in each clip's own length, else the usual."""
+    """Seconds from one frame of an animation to the next, so that `frames` of a clip last as long as the clip."""
     if options.fps:
         return 1 / options.fps
     if options.frames is None or options.times or moments[0].clip is None:

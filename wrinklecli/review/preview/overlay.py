@@ -1,4 +1,4 @@
-"""What is drawn over a picture, and is no part of its surface: strokes, dots and words at places of the world."""
+"""Draw strokes, dots and words at places of the world over a picture of a surface."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,13 +8,15 @@ import numpy as np
 
 from wrinklecli.numeric.arrays import Array, Floats
 from wrinklecli.review.preview.camera import Camera, project
+from wrinklecli.review.preview.paints import Colour
 from wrinklecli.review.preview.rays import TracedSurface, in_sight
 
-Colour = tuple[float, float, float]
-
-# Points of a stroke for each pixel of its length, and how many it has at the most: of what leaves the picture little is
-# drawn.
-_POINTS, _MOST_POINTS = 2.0, 4096
+# Points of a stroke for each pixel of its length, so that it has no gaps.
+_POINTS = 2.0
+# The greatest number of points of a stroke, because one that leaves the picture may be very long.
+_MOST_POINTS = 4096
+# Coordinates of a dot beyond which it is not drawn, pixels: it is far outside any picture.
+_OUTSIDE = 1e6
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,8 +27,8 @@ class Stroke:
         ends: (2, 3) world space.
         colour: sRGB.
         width: Pixels.
-        behind: How opaque it is where the surface hides it; elsewhere 1.
-        dash: Pixels of its dashes and of the gaps between them; 0 for none.
+        behind: Opacity where the surface hides it; elsewhere 1.
+        dash: Length of its dashes and of the gaps between them, pixels; 0 for a solid line.
     """
 
     ends: Floats
@@ -38,13 +40,12 @@ class Stroke:
 
 @dataclass(frozen=True, slots=True)
 class Dot:
-    """A small sign at a place, seen through the surface.
+    """A small sign that shows through the surface.
 
     Attributes:
         place: (3,) world space.
         colour: sRGB.
         radius: Pixels.
-        kind: A disc, a ring, or a cross.
     """
 
     place: Floats
@@ -59,9 +60,8 @@ class Word:
 
     Attributes:
         place: (3,) world space.
-        text: The name.
         colour: sRGB.
-        always: Whether it is written at the border where the place lies beyond it.
+        always: If the place lies outside the picture, write the name at its border.
     """
 
     place: Floats
@@ -72,20 +72,14 @@ class Word:
 
 @dataclass(frozen=True, slots=True)
 class Overlay:
-    """All of them; words are for who lays out the sheet to write.
-
-    Attributes:
-        strokes: Lines.
-        dots: Signs.
-        words: Names.
-    """
+    """Strokes and dots for `draw_overlay`, and words that the sheet's layout writes."""
 
     strokes: Sequence[Stroke] = ()
     dots: Sequence[Dot] = ()
     words: Sequence[Word] = ()
 
     def joined(self, other: "Overlay") -> "Overlay":
-        """These and then others."""
+        """This overlay, and the other one on top of it."""
         return Overlay((*self.strokes, *other.strokes), (*self.dots, *other.dots), (*self.words, *other.words))
 
 
@@ -98,9 +92,8 @@ class Placed:
 
     Attributes:
         at: Pixels from the left and the top, of the place that it names.
-        text: The word.
         colour: sRGB.
-        anchor: Which point of it is just there, as Pillow calls it; empty for beside it, where there is room.
+        anchor: Pillow's name of the point of the word that lies there; if empty, the word stands beside the place.
     """
 
     at: tuple[float, float]
@@ -110,7 +103,7 @@ class Placed:
 
 
 def placed_words(overlay: Overlay, camera: Camera, size: tuple[int, int]) -> list[Placed]:
-    """The words of an overlay that name places in a picture."""
+    """The words of an overlay that lie in a picture of a size in pixels."""
     placed = []
     for word in overlay.words:
         x, y = (float(each) for each in camera.project(word.place, size))
@@ -120,13 +113,9 @@ def placed_words(overlay: Overlay, camera: Camera, size: tuple[int, int]) -> lis
 
 
 def draw_overlay(picture: Array, overlay: Overlay, camera: Camera, surface: TracedSurface) -> None:
-    """Draw strokes and dots over a (height, width, 3) picture of 8-bit sRGB, in place; strokes first.
+    """Draw strokes, then dots, over a (height, width, 3) picture of 8-bit sRGB, in place.
 
-    Args:
-        picture: To draw on.
-        overlay: What to draw.
-        camera: That sees the picture.
-        surface: That can hide strokes, in the camera's axes.
+    The camera sees the picture; the surface, in camera space, may hide strokes.
     """
     size = (picture.shape[1], picture.shape[0])
     for stroke in overlay.strokes:
@@ -148,7 +137,7 @@ def draw_overlay(picture: Array, overlay: Overlay, camera: Camera, surface: Trac
 
 def _draw_dot(picture: Array, dot: Dot, place: Floats) -> None:
     one = np.ones(1)
-    if not (np.isfinite(place).all() and (np.abs(place) < 1e6).all()):
+    if not (np.isfinite(place).all() and (np.abs(place) < _OUTSIDE).all()):
         return
     if dot.kind == "disc":
         _splat(picture, place[None], one, dot.radius, dot.colour)
@@ -163,7 +152,7 @@ def _draw_dot(picture: Array, dot: Dot, place: Floats) -> None:
 
 
 def _splat(picture: Array, places: Floats, opacities: Floats, radius: float, colour: Colour) -> None:
-    """Lay discs of a radius at (points, 2) pixels over a picture, in place: each pixel takes the most opaque."""
+    """Draw discs of a radius at (points, 2) pixels, in place; where discs overlap, the most opaque one counts."""
     height, width = picture.shape[:2]
     reach = int(np.ceil(radius + 1))
     corners = np.floor(places).astype(np.intp)

@@ -1,22 +1,22 @@
-"""Base colours of a surface: of materials, of vertices and from textures, which are looked up between pixels."""
+"""Read the base colours of a surface from materials, vertices and textures, and look textures up between pixels."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrinklecli.character.scene import ScenePrimitive
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document
-from wrinklecli.gltf.pixels import linear_rgb, read_pixels
+from wrinklecli.gltf.pixels import Bytes, linear_rgb, read_pixels
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Array, Floats, Ints
 
-Bytes = NDArray[np.uint8]
+Colour = tuple[float, float, float]
 
-# Sampler properties, glTF 2.0 §5.26.
+# How a texture goes on beyond its border, by the numbers of a sampler (glTF 2.0 §5.26); others mean "repeat".
 _WRAPS = {33071: "clamp", 33648: "mirror"}
+# Linear values of the 256 sRGB ones.
 _DECODED = linear_rgb(np.arange(256) / 255.0).astype(np.float32)
 
 
@@ -35,12 +35,12 @@ class Texture:
 
 @dataclass(frozen=True, slots=True)
 class Paint:
-    """What colours a primitive.
+    """The base colours of a primitive.
 
     Attributes:
         colours: (vertices, 3) base colours, linear RGB.
-        coordinates: (vertices, 2) in its texture.
-        texture: It multiplies the colours; None for none.
+        coordinates: (vertices, 2) texture coordinates.
+        texture: Multiplies the colours, if there is one.
     """
 
     colours: Floats
@@ -49,10 +49,7 @@ class Paint:
 
 
 def read_paints(document: Document, primitives: Sequence[ScenePrimitive]) -> tuple[list[Paint], list[str]]:
-    """Read what colours the primitives of a scene.
-
-    Returns:
-        The paint of each, and a warning for each whose texture cannot be read.
+    """Read the paint of each primitive, and a warning for each one whose texture cannot be read.
 
     Raises:
         AssetError: Colours of vertices are malformed.
@@ -79,7 +76,7 @@ def read_paints(document: Document, primitives: Sequence[ScenePrimitive]) -> tup
 
 
 def _texture_info(document: Document, primitive: Json) -> Json:
-    """What a primitive's material says of its base colour's texture; empty where it has none."""
+    """The texture entry of a primitive's base colour; empty if there is none."""
     if "material" not in primitive:
         return {}
     material = document.item("materials", primitive["material"], user=document.path)
@@ -88,11 +85,11 @@ def _texture_info(document: Document, primitive: Json) -> Json:
 
 
 def _read_texture(document: Document, info: Json) -> Texture:
-    """The texture of a base colour.
+    """Read the texture of a base colour.
 
     Raises:
-        AssetError: The file of the image is missing or out of bounds.
-        ValueError: The image is of no kind that is read, or damaged.
+        AssetError: The image file is missing, or outside the asset's folder.
+        ValueError: The image is damaged, or its format is unknown.
     """
     where = document.where("textures")
     texture = document.item("textures", info.get("index"), user=where)
@@ -110,10 +107,10 @@ def _read_texture(document: Document, info: Json) -> Texture:
 
 
 def _texture_coordinates(document: Document, primitive: Json, info: Json, count: int) -> Floats:
-    """(vertices, 2) where in the texture each vertex is.
+    """(vertices, 2) texture coordinates.
 
     Raises:
-        AssetError: The file does not say.
+        AssetError: The primitive has none.
     """
     transform = info.get("extensions", {}).get("KHR_texture_transform", {})
     name = f"TEXCOORD_{transform.get('texCoord', info.get('texCoord', 0))}"
@@ -128,17 +125,17 @@ def _texture_coordinates(document: Document, primitive: Json, info: Json, count:
 
 
 def _vertex_colours(document: Document, primitive: Json, count: int) -> Floats:
-    """(vertices, 3) linear RGB factors; white where there are none."""
+    """(vertices, 3) linear RGB factors; white for a primitive without COLOR_0."""
     if "COLOR_0" not in primitive["attributes"]:
         return np.ones((count, 3))
     return np.clip(_attribute(document, primitive, "COLOR_0", count, 3), 0.0, 1.0)
 
 
 def _attribute(document: Document, primitive: Json, name: str, count: int, size: int) -> Floats:
-    """(vertices, size) the first numbers of an attribute.
+    """(vertices, size) first numbers of an attribute.
 
     Raises:
-        AssetError: It has others.
+        AssetError: The attribute is malformed.
     """
     values = document.accessor(primitive["attributes"][name])
     if values.ndim != 2 or len(values) != count or values.shape[1] < size or not np.isfinite(values).all():
@@ -147,29 +144,29 @@ def _attribute(document: Document, primitive: Json, name: str, count: int, size:
 
 
 def look_up(texture: Texture, places: Floats) -> Array:
-    """(places, 3) linear RGB of a texture at (places, 2) coordinates, mixed from the four nearest pixels."""
+    """(places, 3) linear RGB of a texture at (places, 2) coordinates, interpolated between the four nearest pixels."""
     rows, columns = texture.pixels.shape[:2]
     scaled = places * (columns, rows) - 0.5
     floor = np.floor(scaled)
-    shares = (scaled - floor).astype(np.float32)
+    fractions = (scaled - floor).astype(np.float32)
     mixed = np.zeros((len(places), 3), np.float32)
-    for right, down, share in _neighbours(shares):
+    for right, down, weight in _neighbours(fractions):
         x = _wrapped(floor[:, 0] + right, columns, texture.wraps[0])
         y = _wrapped(floor[:, 1] + down, rows, texture.wraps[1])
-        mixed += share[:, None] * _DECODED[texture.pixels[y, x]]
+        mixed += weight[:, None] * _DECODED[texture.pixels[y, x]]
     return mixed
 
 
-def _neighbours(shares: Array) -> Iterator[tuple[int, int, Array]]:
-    """The four pixels about a place, with their shares."""
+def _neighbours(fractions: Array) -> Iterator[tuple[int, int, Array]]:
+    """The four pixels around a place, as steps right and down, and their weights."""
     for right in (0, 1):
         for down in (0, 1):
-            across = shares[:, 0] if right else 1 - shares[:, 0]
-            yield right, down, across * (shares[:, 1] if down else 1 - shares[:, 1])
+            across = fractions[:, 0] if right else 1 - fractions[:, 0]
+            yield right, down, across * (fractions[:, 1] if down else 1 - fractions[:, 1])
 
 
 def _wrapped(indices: Floats, count: int, wrap: str) -> Ints:
-    """Pixels that stand for those beyond the border."""
+    """Pixel indices, where those beyond the border are wrapped."""
     if wrap == "clamp":
         inside = np.clip(indices, 0, count - 1)
     elif wrap == "repeat":

@@ -1,4 +1,4 @@
-"""The moment at which each tool's wrinkles are tallest, and what an artist wants to know of the tool there."""
+"""Find the moment at which each tool's wrinkles are tallest, and the facts that an artist wants to know about it."""
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
@@ -26,22 +26,20 @@ from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.shown import ShownAsset, ShownPrimitive
 from wrinklecli.tools.records import identifier
 
-_FPS = 30.0  # of the grid on which the peaks of a baked file are looked for
-# Heights that differ by less are equal: bumps are at their limit, and the greatest shortening is the peak.
+# Frames per second of the grid on which the peaks of a baked file are found.
+_FPS = 30.0
+# Heights of at least this part of the greatest are equal to it: the bumps are at their limit, and the greatest
+# shortening is the peak.
 _EQUAL = 0.999
-# Share of the rest length that it takes no notice of, as the warnings of a bake.
+# Shortenings up to this part of the rest length are not mentioned, as in the warnings of a bake.
 _VISIBLE = 1e-3
-_OTHERS = 3  # further clips that are named
+# Number of further clips that are named.
+_OTHERS = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Fact:
-    """A few words below a picture.
-
-    Attributes:
-        text: The words.
-        alarming: Whether they say that something is amiss.
-    """
+    """A few words below a picture; `alarming` if something is wrong."""
 
     text: str
     alarming: bool = False
@@ -52,11 +50,11 @@ class Peak:
     """A tool where its wrinkles are tallest.
 
     Attributes:
-        name: Of the tool.
-        node: That has its mesh.
-        moment: When they are tallest; the stored pose where no clip raises them.
-        raised: Whether a clip raises them; otherwise they are to be shown at their full height.
-        facts: Rows of what is to be said of it, at least one.
+        name: The tool's name.
+        node: Index of its mesh's node.
+        moment: The stored pose if no clip raises the wrinkles.
+        raised: True if a clip raises them; otherwise they are shown at their full height.
+        facts: At least one row.
     """
 
     name: str
@@ -66,17 +64,12 @@ class Peak:
     facts: tuple[tuple[Fact, ...], ...]
 
     def owns(self, morph_target: str) -> bool:
-        """Whether a bake gives this name to a target of the tool."""
+        """True if a bake gives this name to a target of the tool."""
         return re.fullmatch(rf"wrinkle_{re.escape(identifier(self.name))}_\d+", morph_target) is not None
 
 
 def planned_peaks(plans: Sequence[MeshPlan], clips: Sequence[Clip], *, fps: float) -> list[Peak]:
-    """The peaks of tools that are attached to an asset, on the grid of frames joined with the clips' own key times.
-
-    Args:
-        plans: The tools on each mesh.
-        clips: Of the asset, to look at.
-        fps: Frames per second of the grid.
+    """The peaks of attached tools, at the frames of a grid and at the clips' own key times.
 
     Raises:
         BakeError: Clips are too long.
@@ -102,12 +95,7 @@ def planned_peaks(plans: Sequence[MeshPlan], clips: Sequence[Clip], *, fps: floa
 
 
 def baked_peaks(asset: ShownAsset, clips: Sequence[Clip]) -> list[Peak]:
-    """The peaks of the tools that were baked into an asset, as its weight tracks have them.
-
-    Args:
-        asset: The baked asset.
-        clips: Of it, to look at.
-    """
+    """The peaks of the tools that were baked into an asset, by its weight tracks in these clips."""
     driven = _driven_tools(asset)
     peaks = []
     for node, shown in asset.wrinkled.items():
@@ -147,7 +135,7 @@ def baked_peaks(asset: ShownAsset, clips: Sequence[Clip]) -> list[Peak]:
 
 
 def baked_tool_count(document: Document) -> int:
-    """How many tools were baked into an asset, as far as its extras tell."""
+    """The number of tools that were baked into an asset, by its extras."""
     count = 0
     for node in document.items("nodes"):
         extras = node.get("extras")
@@ -158,7 +146,7 @@ def baked_tool_count(document: Document) -> int:
 
 
 def _driven_tools(asset: ShownAsset) -> dict[tuple[int, str], BakedTool]:
-    """By node and name, the tools whose anchors the extras tell; none where they are not what a bake writes."""
+    """By node and name, the tools whose anchors are in the extras; none if a bake did not write the extras."""
     nodes = asset.document.items("nodes")
     try:
         bodies = read_bodies(asset.document)
@@ -174,7 +162,7 @@ def _driven_tools(asset: ShownAsset) -> dict[tuple[int, str], BakedTool]:
 
 
 def _tools_on(asset: ShownAsset, node: int, rigs: Iterable[Rig]) -> Iterator[tuple[str, list[str]]]:
-    """The tools that were baked into a node, by name, with the names of their morph targets on some meshes."""
+    """The names of the tools that were baked into a node, with the names of their morph targets in these rigs."""
     there = {name for rig in rigs for name in rig.morph_names}
     entry = asset.document.items("nodes")[node]["extras"]["wrinkle"]
     for tool in entry["tools"]:
@@ -190,7 +178,7 @@ def _tools_on(asset: ShownAsset, node: int, rigs: Iterable[Rig]) -> Iterator[tup
 
 
 def _reaches(shown: ShownPrimitive, targets: Sequence[str]) -> tuple[Ints, Floats]:
-    """(found,) numbers of some morph targets on a primitive, and (found,) how far they move a vertex, bind units."""
+    """(found,) numbers of morph targets on a primitive, and (found,) their greatest displacements, bind units."""
     names = shown.source.rig.morph_names
     rows = [row for row, number in enumerate(shown.shape_numbers.tolist()) if names[number] in targets]
     lengths: Floats = np.sqrt(np.sum(shown.shapes[rows] ** 2, axis=2)).max(axis=1, initial=0.0)
@@ -198,7 +186,7 @@ def _reaches(shown: ShownPrimitive, targets: Sequence[str]) -> tuple[Ints, Float
 
 
 def _shortening(tool: BakedTool, asset: ShownAsset, rig: Rig, clip: Clip, times: Floats) -> Json:
-    """At which of (frames,) times of a clip a tool is shortest, and by how much of its rest length."""
+    """The time, of (frames,) times of a clip, at which a tool is shortest, and its shortening over the rest length."""
     nodes = NamedNodes.of(asset.document.items("nodes"))
     distances, rest_lengths = segment_lengths(tool, rig, nodes.joints, clip, times)
     shares = 1.0 - distances / rest_lengths
@@ -209,28 +197,22 @@ def _shortening(tool: BakedTool, asset: ShownAsset, rig: Rig, clip: Clip, times:
 
 
 def _peak(data: Json, node: int, clips: Sequence[Json]) -> Peak:
-    """The peak of a tool.
-
-    Args:
-        data: What is known of it, by the keys of `check`.
-        node: With its mesh.
-        clips: What each clip makes of it, by the keys of `check`.
-    """
+    """The peak of a tool on a node; `data` and `clips` have the keys of `check`, as far as they are known."""
     tallest = max((each["height"] for each in clips), default=0.0)
-    rising = [each for each in clips if each["height"] >= _EQUAL * tallest > 0]
-    best = max(rising, key=_shortest, default=None)
+    tallest_clips = [each for each in clips if each["height"] >= _EQUAL * tallest > 0]
+    best = max(tallest_clips, key=_shortest, default=None)
     moment = Moment(None, 0.0) if best is None else Moment(best["name"], best["time"])
     further = [row for row in (tuple(_lie(data)), tuple(_others(best, clips))) if row]
     return Peak(data["name"], node, moment, best is not None, (tuple(_figures(data, best)), *further))
 
 
 def _shortest(clip: Json) -> float:
-    """The greatest shortening of a clip, a share of the rest length; -1 where it is not known."""
+    """The greatest shortening of a clip, over the rest length; -1 if unknown."""
     return float((clip.get("shortening") or (-1.0, -1.0))[1])
 
 
 def _figures(data: Json, best: Json | None) -> Iterator[Fact]:
-    """What a tool does at its peak."""
+    """The facts of a tool at its peak."""
     if best is None:
         yield Fact("no clip raises it: shown at its full height", alarming=True)
         return
@@ -245,7 +227,7 @@ def _figures(data: Json, best: Json | None) -> Iterator[Fact]:
 
 
 def _lie(data: Json) -> Iterator[Fact]:
-    """How a tool lies on its mesh."""
+    """The facts of a tool on its mesh."""
     if "bumps" in data:
         yield Fact(f"{data['bumps']} bump{'s' * (data['bumps'] != 1)}, {data['strategy']}")
     if "width" in data:
@@ -257,7 +239,7 @@ def _lie(data: Json) -> Iterator[Fact]:
 
 
 def _others(best: Json | None, clips: Sequence[Json]) -> Iterator[Fact]:
-    """By how much other clips shorten a tool."""
+    """The shortenings of a tool in other clips."""
     found = sorted((each for each in clips if each is not best and _shortest(each) > _VISIBLE), key=_shortest)[::-1]
     if found:
         more = f" and {len(found) - _OTHERS} more" if len(found) > _OTHERS else ""

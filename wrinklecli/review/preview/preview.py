@@ -1,7 +1,4 @@
-"""Pictures of assets, baked or not, with or without their tools: a review, a sheet or an animation.
-
-Assets are posed as an engine would pose them, then traced by rays. Nothing but the picture is written.
-"""
+"""Draw assets, baked or not, with or without their tools, as a review, a sheet or an animation."""
 
 import os
 from collections.abc import Sequence
@@ -25,20 +22,21 @@ from wrinklecli.review.preview.apply import PlannedTools, plan_tools
 from wrinklecli.review.preview.preview_options import PreviewOptions
 from wrinklecli.review.preview.rays import leave_room
 
+# The kinds of pictures by the endings of file names.
 _ENDINGS = {".png": "png", ".webp": "webp", ".gif": "gif"}
 
 
 @dataclass(frozen=True, slots=True)
 class Preview:
-    """What was drawn.
+    """A picture that was drawn.
 
     Attributes:
         path: The file.
-        size: Of its picture, or of each frame, pixels.
-        shown: What there is to see: how many moments, or tools.
-        views: As used; `facing` as the angles that it came to.
+        size: Width and height of the picture, or of each frame, pixels.
+        shown: The number of moments, or of tools, in words.
+        views: Views as they were used; `facing` as azimuth:elevation.
         warnings: A line each.
-        notes: What motions were made, and what of the anims was left out or renamed, a line each.
+        notes: A line for each motion that was made, and each part of the anims that was left out or renamed.
     """
 
     path: str
@@ -50,7 +48,7 @@ class Preview:
 
     @property
     def summary(self) -> str:
-        """In a line."""
+        """The picture in a line."""
         return f"{self.size[0]} × {self.size[1]} pixels, {self.shown}, seen from {', '.join(self.views)}"
 
 
@@ -135,7 +133,7 @@ def _refuse_missing() -> None:
 
 
 def _kind(path: str) -> str:
-    """The kind of file, by the end of its name."""
+    """The kind of picture, by the ending of the file's name."""
     kind = _ENDINGS.get(Path(path).suffix.lower())
     if kind is None:
         raise WrinkleError(f"ends in none of {', '.join(_ENDINGS)}", where=path)
@@ -145,7 +143,7 @@ def _kind(path: str) -> str:
 def _read_assets(
     assets: Sequence[str | os.PathLike[str]], out: str, options: PreviewOptions, outputs: Outputs
 ) -> list[Moved]:
-    """Read assets and what moves them; none of the files, nor the tools, may be written to."""
+    """Read assets and their motions, and protect all files that are read."""
     outputs.claim(out)
     outputs.protect([*assets, *options.anims, *([] if options.tools is None else [options.tools])])
     memory = Memory(options.max_memory)
@@ -156,15 +154,15 @@ def _read_assets(
     for document in documents:
         joined.append(moved(document, deforming_nodes(document), motions, driven=wrinkle_targets(document)))
         outputs.protect([*files_of(document), *joined[-1].beside])
-        # What is shown beside an asset moves as it does.
+        # The second asset is shown in the same motions.
         motions = replace(motions, range_of_motion=bool(joined[0].range))
     return joined
 
 
 def with_motions(options: PreviewOptions, joined: Moved, *, animated: bool) -> PreviewOptions:
-    """Options that show, where they name no clip, the pose asked for, the first clip of other files, or a few motions.
+    """Choose what to show if the options name no clip: the pose, the first clip of other files, or a few motions.
 
-    The last of an asset without clips. Where there is none of these, its own clips are shown as ever.
+    The motions are those of an asset without clips. An asset with clips of its own keeps the options.
     """
     clips = joined.chosen(options.clips)
     of_anims = [name for name in joined.further if name not in joined.range]
@@ -175,7 +173,7 @@ def with_motions(options: PreviewOptions, joined: Moved, *, animated: bool) -> P
 
 
 def _planned(document: Document, options: PreviewOptions) -> PlannedTools | None:
-    """The tools to show on an asset, attached to it."""
+    """Attach the tools to an asset, if there are any."""
     if options.tools is None:
         return None
     bake = BakeOptions(
@@ -190,7 +188,7 @@ def _planned(document: Document, options: PreviewOptions) -> PlannedTools | None
 def is_reviewed(
     documents: Sequence[Document], planned: PlannedTools | None, options: PreviewOptions, *, animated: bool
 ) -> bool:
-    """Whether to draw a review: asked for, or a sheet of an asset with several tools or clips, and no shot named."""
+    """True for a review: if the options ask for one, or no shot and there are several tools or clips on a sheet."""
     from wrinklecli.review.preview.peaks import baked_tool_count
 
     if options.review or animated or len(documents) > 1 or options.names_a_shot:

@@ -1,4 +1,4 @@
-"""Options of a preview: what to show of assets, and how."""
+"""The options of a preview. This module imports little, so that `wrinkle preview --help` is quick."""
 
 import os
 from collections.abc import Sequence
@@ -7,9 +7,12 @@ from dataclasses import dataclass
 from wrinklecli.numeric.memory import MAX_MEMORY
 from wrinklecli.tools.records import MAX_VERTICES
 
-# Pixels of a picture; with a grid, there are three side by side.
-USUAL_SIZE, GRID_SIZE = (800, 600), (620, 620)
-MOST_SIDE = 16_383  # pixels of a picture's width or height: the most that WebP holds
+# Width and height of a picture, pixels.
+USUAL_SIZE = (800, 600)
+# Width and height of a picture with a grid, pixels: three of them stand side by side.
+GRID_SIZE = (620, 620)
+# The greatest width or height of a whole picture, pixels: WebP holds no more.
+MOST_SIDE = 16_383
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,9 +21,9 @@ class Style:
 
     Attributes:
         wire: Draw the triangles' edges too.
-        clay: Draw all in grey, whatever the colours.
+        clay: Draw everything in grey.
         backfaces: Draw triangles that are seen from behind in red.
-        lit_from_right: Turn the light round, so that the mirror image of a thing is drawn as its mirror image.
+        lit_from_right: Mirror the lights, so that left and right tools look alike.
     """
 
     wire: bool = False
@@ -37,34 +40,33 @@ class PreviewOptions:
     """What to show of assets, and how.
 
     Attributes:
-        tools: A YAML file of tools, which are applied to the one asset and drawn on it.
-        only: Names of tools; all where left out.
+        tools: A YAML file of tools to apply to the one asset and to draw on it.
+        only: Names of the tools to show; if empty, all.
         review: Show every tool close up, before and after, at its peak.
         before: Show the asset without the tools beside it.
         hide_tools: Apply the tools, but do not draw them.
         anims: Files with more clips, for joints of the same names.
-        range_of_motion: Bend joints and raise morph targets, one at a time, though there are clips; without any,
-            a few such motions are shown.
+        range_of_motion: Bend joints and raise morph targets, one at a time, though there are clips. An asset without
+            clips is shown in a few such motions anyway.
         pose: Joints to turn, by name, axis and degrees, for one pose that is shown in place of clips.
         morphs: Names of morph targets and their weights in this pose.
-        clips: Names; the first of the first asset where left out.
+        clips: Names of the clips to show; if empty, the first of the first asset.
         rest: Show the stored pose, and no clip.
-        times: Seconds; where left out, moments are spread over each clip.
-        frames: How many moments of each clip.
-        fps: Moments per second: of the clip, and of the animation.
+        times: Seconds; if empty, moments are spread over each clip.
+        frames: How many moments of each clip to show.
+        fps: Moments per second of the clip, and of the animation.
         views: Names of `VIEWS`, `facing` (the wrinkles' side) or azimuth:elevation in degrees.
-        focus: (3,) the point to look at, world space; where left out, the wrinkles, or else all.
+        focus: (3,) point to look at, world space; if None, the wrinkles, or all if there are none.
         radius: How far around that point the camera sees, scene units.
-        follow: The camera moves with the wrinkles, or with the skin that is at `focus` in the stored pose.
-        size: Width and height of each picture, pixels; where left out, as suits what is shown.
+        follow: Move the camera with the wrinkles, or with the skin that is at `focus` in the stored pose.
+        size: Width and height of each picture, pixels; if None, the kind of picture decides.
         columns: Moments in a row of a sheet.
         labels: One for each asset, or for before and after.
-        grid: Draw axes, a ruler and the names of joints, over the stored pose where no moment is named.
+        grid: Draw axes, a ruler and the names of joints; over the stored pose unless a moment is named.
         heat: Colour the surface by its compression against the stored pose.
-        style: How to draw.
         allow_external: Read buffers and images outside the asset's folder too.
-        max_memory: Bytes that reading may take.
-        max_vertices: That tools may add to a mesh.
+        max_memory: Most bytes that reading may take.
+        max_vertices: Most vertices that tools may add to a mesh.
     """
 
     tools: str | os.PathLike[str] | None = None
@@ -97,16 +99,16 @@ class PreviewOptions:
 
     @property
     def picture_size(self) -> tuple[int, int]:
-        """Width and height of each picture, pixels, where nothing else is known of what is shown."""
+        """Width and height of each picture, pixels."""
         return self.size or (GRID_SIZE if self.grid else USUAL_SIZE)
 
     @property
     def names_a_moment(self) -> bool:
-        """Whether any of them says when something is to be shown, or in which pose."""
+        """True if an option says at which moment, or in which pose, to show the assets."""
         return any((self.clips, self.times, self.frames, self.fps, self.rest, self.pose, self.morphs))
 
     @property
     def names_a_shot(self) -> bool:
-        """Whether any of them says when, or how, or beside what something is to be shown."""
+        """True if an option asks for more than a review can show: a moment, a view, a place, a grid or labels."""
         shots = (self.grid, self.views, self.focus, self.radius, self.follow, self.labels)
         return self.names_a_moment or any(shots)

@@ -1,4 +1,4 @@
-"""Rays: which triangle a pixel of a picture sees, and what hides a point of the surface. The door to Embree.
+"""Trace rays with Embree: find the triangle that a pixel sees, and what hides a point of the surface.
 
 The same triangles give the same hits: rays follow fixed patterns.
 """
@@ -11,27 +11,26 @@ import numpy as np
 from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, unit
 from wrinklecli.review.preview.camera import TANGENT
 
-# Above the surface, over half the picture's height: where rays that leave it start.
+# How far above the surface rays start that leave it, over half the picture's height.
 LIFT = np.float32(2e-4)
-# What lies no deeper below the surface than this is seen on it.
+# How deep below the surface a point may lie and still count as visible, over half the picture's height.
 _NEAR = 0.01
-# Bytes that Embree takes: 130 MB for two threads, and 120 for a triangle; twice as much, as it depends on the machine.
+# Bytes that Embree takes; measured were 130 MB with two threads, twice as much is kept, as it depends on the machine.
 _EMBREE = 2**28
+# Bytes that Embree takes for a triangle; measured were 120.
 _EMBREE_TRIANGLE = 240
 
 
 @dataclass(frozen=True, slots=True)
 class TracedSurface:
-    """Triangles in a camera's axes, over its reach, float32.
-
-    The eye is at (0, 0, 1 / tangent), or rays are parallel.
+    """Triangles in camera space, float32. The eye is at (0, 0, 1 / tangent), or rays are parallel.
 
     Attributes:
-        rays: What finds the triangles that rays hit.
+        rays: Embree's scene, which finds the triangles that rays hit.
         corners: (triangles, 3, 3) positions.
         normals: (triangles, 3, 3) unit normals of the corners.
         faces: (triangles, 3) unit normals of the triangles.
-        tangent: Of half the camera's vertical field of view; 0 for parallel rays.
+        tangent: Tangent of half the camera's vertical field of view; 0 for parallel rays.
     """
 
     rays: Any
@@ -42,13 +41,7 @@ class TracedSurface:
 
 
 def trace(corners: Floats, normals: Floats, tangent: float = TANGENT) -> TracedSurface:
-    """Make triangles ready for rays.
-
-    Args:
-        corners: (triangles, 3, 3) in a camera's axes, over its reach.
-        normals: (triangles, 3, 3) unit normals of the corners, in a camera's axes.
-        tangent: Of half the camera's vertical field of view; 0 for parallel rays.
-    """
+    """Prepare (triangles, 3, 3) corners and their unit normals, in camera space, for rays."""
     return TracedSurface(
         rays=_traced(corners),
         corners=np.ascontiguousarray(corners, np.float32),
@@ -59,7 +52,7 @@ def trace(corners: Floats, normals: Floats, tangent: float = TANGENT) -> TracedS
 
 
 def _traced(corners: Floats) -> Any:
-    """What finds the triangles that rays hit."""
+    """Build Embree's scene."""
     from embreex.mesh_construction import TriangleMesh
     from embreex.rtcore_scene import EmbreeScene
 
@@ -70,25 +63,25 @@ def _traced(corners: Floats) -> Any:
 
 
 def leave_room(triangles: int = 0) -> None:
-    """Check that Embree can have its memory: where it cannot, it takes the process down.
+    """Check that Embree can have its memory, because without it Embree ends the process.
 
     Raises:
-        MemoryError: It cannot.
+        MemoryError: There is too little memory.
     """
     np.empty(_EMBREE + _EMBREE_TRIANGLE * triangles, np.uint8)
 
 
 @dataclass(frozen=True, slots=True)
 class Hits:
-    """Where primary rays meet a surface.
+    """Points at which primary rays meet a surface.
 
     Attributes:
-        pixels: (hits,) of a band, row after row.
+        pixels: (hits,) numbers in a band of the picture, row after row.
         middles: (hits, 2) where the rays pass, pixels of the whole picture.
-        shares: (hits,) of the pixel that each stands for.
+        areas: (hits,) part of the pixel that each stands for.
         directions: (hits, 3) unit, from the eye.
         depths: (hits,) distance from the eye.
-        found: (hits,) triangles.
+        triangles: (hits,) numbers of triangles.
         weights: (hits, 3) barycentric.
         sides: (hits, 1) -1 where the triangle is seen from behind, else 1.
         normals: (hits, 3) unit, towards the eye's side.
@@ -96,20 +89,20 @@ class Hits:
 
     pixels: Ints
     middles: Array
-    shares: Array
+    areas: Array
     directions: Array
     depths: Array
-    found: Ints
+    triangles: Ints
     weights: Array
     sides: Array
     normals: Array
 
     def only(self, chosen: Bools | Ints) -> "Hits":
-        """Some of them."""
+        """The chosen hits."""
         return Hits(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
     def joined(self, others: "Hits") -> "Hits":
-        """These and then others."""
+        """These hits, followed by others."""
         both = ((getattr(self, field.name), getattr(others, field.name)) for field in fields(self))
         return Hits(*(np.concatenate(each) for each in both))
 
@@ -119,9 +112,9 @@ def first_hits(surface: TracedSurface, size: tuple[int, int], first: int, pixels
 
     Args:
         surface: The triangles.
-        size: Of the picture.
-        first: Row of the picture that the band begins with.
-        pixels: (pixels,) of the band to trace.
+        size: Width and height of the picture, pixels.
+        first: Row of the picture at which the band begins.
+        pixels: (pixels,) numbers of the pixels to trace in the band.
         offsets: (rays, 2) of the rays of a pixel from its middle, down and across, pixels.
     """
     width, height = size
@@ -151,10 +144,10 @@ def first_hits(surface: TracedSurface, size: tuple[int, int], first: int, pixels
     return Hits(
         pixels=np.repeat(pixels, len(offsets))[hit],
         middles=middles[hit].astype(np.float32),
-        shares=np.full(len(hit), 1 / len(offsets), np.float32),
+        areas=np.full(len(hit), 1 / len(offsets), np.float32),
         directions=directions,
         depths=traced["tfar"][hit],
-        found=found,
+        triangles=found,
         weights=weights,
         sides=sides,
         normals=unit_rows(normals) * sides,
@@ -162,7 +155,7 @@ def first_hits(surface: TracedSurface, size: tuple[int, int], first: int, pixels
 
 
 def in_sight(surface: TracedSurface, points: Floats) -> Bools:
-    """(points,) whether no triangle lies between (points, 3) in a camera's axes, over its reach, and its eye."""
+    """(points,) True if no triangle lies between (points, 3) points in camera space and the eye."""
     towards = np.zeros((len(points), 3))
     towards[:, 2] = 1.0
     if surface.tangent:
@@ -172,12 +165,12 @@ def in_sight(surface: TracedSurface, points: Floats) -> Bools:
     return np.asarray(free)
 
 
-def seen(corners: Floats, points: Floats, normals: Floats, directions: Floats) -> Bools:
-    """(directions, points) whether nothing lies between points of a surface and a far eye.
+def visible(corners: Floats, points: Floats, normals: Floats, directions: Floats) -> Bools:
+    """(directions, points) True if nothing lies between points of a surface and a far eye.
 
     Args:
         corners: (triangles, 3, 3) of everything, scene units.
-        points: (points, 3) on it.
+        points: (points, 3) on the surface.
         normals: (points, 3) unit.
         directions: (directions, 3) unit, towards the eye.
     """
@@ -191,7 +184,7 @@ def seen(corners: Floats, points: Floats, normals: Floats, directions: Floats) -
 
 
 def unit_rows(vectors: Array) -> Array:
-    """(n, k) float32 vectors divided by their length; 0 stays 0."""
+    """(n, k) float32 vectors divided by their length; a zero vector stays zero."""
     lengths = np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
     units: Array = vectors / np.maximum(lengths, np.float32(1e-30))[:, None]
     return units

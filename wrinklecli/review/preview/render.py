@@ -1,50 +1,53 @@
-"""Triangles to a picture, by rays: no display, no graphics card.
-
-A raking key light with soft shadows, a fill light and ambient occlusion show relief. The same triangles give the same
-picture.
-"""
+"""Render triangles by rays, without a display or a graphics card. The same triangles give the same picture."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from wrinklecli.gltf.pixels import srgb
+from wrinklecli.gltf.pixels import Bytes, srgb
 from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints
 from wrinklecli.review.preview.camera import Camera, project
-from wrinklecli.review.preview.draw import INK, Mark, SeenMark, blend, draw_mark, edge_cover, seen_mark
+from wrinklecli.review.preview.draw import INK, Mark, ProjectedMark, blend, draw_mark, edge_cover, project_mark
 from wrinklecli.review.preview.light import REACH, light_up
 from wrinklecli.review.preview.overlay import NOTHING, Overlay, draw_overlay
 from wrinklecli.review.preview.paints import Texture, look_up
 from wrinklecli.review.preview.preview_options import PLAIN, Style
 from wrinklecli.review.preview.rays import Hits, TracedSurface, first_hits, trace
 
-Bytes = NDArray[np.uint8]
-
-PAPER = (0.93, 0.94, 0.95)  # background, sRGB
-
-_SAMPLES = 2  # per axis of a pixel: primary rays, where one is not enough
-_BAND = 2**16  # pixels at a time: caches hold their arrays, and memory does not grow with the picture
-# Neighbours that differ by more are sampled more finely: depth over half the picture's height, cosine of normals.
-_STEP, _CREASE = np.float32(0.03), np.float32(0.94)
-_CLAY = 0.62  # linear grey
-_ALBEDO = np.float32(0.9)  # of a base colour of 1: nothing real reflects all
-_BACKFACE = (0.9, 0.03, 0.02)  # linear RGB
-_ENCODED = srgb(np.linspace(0, 1, 1 << 14, dtype=np.float32))  # by table: a power for each pixel takes 0.2 s
+# Background, sRGB.
+PAPER = (0.93, 0.94, 0.95)
+# Primary rays along each axis of a pixel where one ray is not enough.
+_SAMPLES = 2
+# Pixels that are rendered at once: caches hold their arrays, and memory does not grow with the picture.
+_BAND = 2**16
+# Step in depth between neighbours from which they get more rays, over half the picture's height.
+_STEP = np.float32(0.03)
+# Cosine between the normals of neighbours below which they get more rays.
+_CREASE = np.float32(0.94)
+# Grey of a picture without colours, linear.
+_CLAY = 0.62
+# Part of the light that a base colour of 1 reflects: nothing real reflects all.
+_ALBEDO = np.float32(0.9)
+# Colour of triangles that are seen from behind, linear RGB.
+_BACKFACE = (0.9, 0.03, 0.02)
+# Opacity of the triangles' edges.
+_WIRE = np.float32(0.75)
+# Linear values 0 to 1 in sRGB; a power for each pixel would take 0.2 s.
+_ENCODED = srgb(np.linspace(0, 1, 1 << 14, dtype=np.float32))
 
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """An asset at a moment: triangles without any order, world space, scene units.
+    """The triangles of an asset at a moment.
 
     Attributes:
-        corners: (triangles, 3, 3) positions.
+        corners: (triangles, 3, 3) positions, world space.
         normals: (triangles, 3, 3) unit normals of the corners.
         colours: (triangles, 3, 3) base colours of the corners, linear RGB.
-        coordinates: (triangles, 3, 2) of the corners in their texture.
+        coordinates: (triangles, 3, 2) texture coordinates of the corners.
         texture_numbers: (triangles,) into `textures`; -1 for none.
         textures: They multiply the colours.
-        marks: To draw on it.
+        marks: Tools to draw on the triangles.
     """
 
     corners: Floats
@@ -58,40 +61,27 @@ class Snapshot:
 
 @dataclass(frozen=True, slots=True)
 class _Scene:
-    """A snapshot in a camera's axes.
+    """A snapshot in camera space.
 
     Attributes:
-        surface: Its triangles.
-        snapshot: What is seen.
         colours: (triangles, 3, 3) base colours of the corners, linear RGB, float32.
-        projected: (triangles, 3, 2) where the corners are, sub-pixels; None where no wires are drawn.
-        marks: On the triangles.
+        projected: (triangles, 3, 2) corners in the picture, sub-pixels; None if no wires are drawn.
     """
 
     surface: TracedSurface
     snapshot: Snapshot
     colours: Array
     projected: Array | None
-    marks: tuple[SeenMark, ...]
+    marks: tuple[ProjectedMark, ...]
 
 
 def render(
     snapshot: Snapshot, camera: Camera, *, size: tuple[int, int], style: Style = PLAIN, overlay: Overlay = NOTHING
 ) -> Bytes:
-    """A picture of a snapshot: key light with soft shadow, fill light, ambient occlusion.
+    """Render a picture of a snapshot, of a width and height in pixels: (height, width, 3) sRGB.
 
     Both sides of a triangle are shaded, its normals turned with it. Light rays start from the curved surface that the
     vertex normals suggest, so that coarse meshes get no false dark edges.
-
-    Args:
-        snapshot: The triangles.
-        camera: Where from.
-        size: Width and height, pixels.
-        style: How.
-        overlay: Strokes and dots to draw over it.
-
-    Returns:
-        (height, width, 3) sRGB.
     """
     width, height = size
     scene = _scene(snapshot, camera, size, style)
@@ -115,14 +105,14 @@ def _scene(snapshot: Snapshot, camera: Camera, size: tuple[int, int], style: Sty
         snapshot=snapshot,
         colours=snapshot.colours.astype(np.float32),
         projected=projected,
-        marks=tuple(seen_mark(mark, local, size, camera.tangent) for mark in snapshot.marks),
+        marks=tuple(project_mark(mark, local, size, camera.tangent) for mark in snapshot.marks),
     )
 
 
 def _band(scene: _Scene, size: tuple[int, int], style: Style, top: int, bottom: int) -> Bytes:
-    """(rows, width, 3) some rows of pixels, sRGB."""
+    """(rows, width, 3) sRGB pixels of the rows from `top` to `bottom`."""
     width, height = size
-    # The filter that joins light rays looks beyond the band.
+    # The filter that blends light rays looks beyond the band.
     first, last = max(top - REACH, 0), min(bottom + REACH, height)
     shape = (last - first, width)
     hits = _sampled(scene, size, style, shape, first)
@@ -130,27 +120,19 @@ def _band(scene: _Scene, size: tuple[int, int], style: Style, top: int, bottom: 
     colours = np.clip(_base_colours(scene, hits, style) * light + shine[:, None], 0, 1)
     colours = _ENCODED[(colours * (len(_ENCODED) - 1) + 0.5).astype(np.intp)]
     if scene.projected is not None:
-        blend(colours, np.float32(0.75) * edge_cover(scene.projected, _SAMPLES * hits.middles, hits.found), INK)
+        blend(colours, _WIRE * edge_cover(scene.projected, _SAMPLES * hits.middles, hits.triangles), INK)
     for mark in scene.marks:
-        draw_mark(colours, mark, hits.found, hits.weights)
+        draw_mark(colours, mark, hits.triangles, hits.weights)
 
     count = shape[0] * width
-    bare = 1 - np.bincount(hits.pixels, hits.shares, count)
-    channels = [np.bincount(hits.pixels, hits.shares * colours[:, k], count) + bare * PAPER[k] for k in range(3)]
+    bare = 1 - np.bincount(hits.pixels, hits.areas, count)
+    channels = [np.bincount(hits.pixels, hits.areas * colours[:, k], count) + bare * PAPER[k] for k in range(3)]
     picture = np.stack(channels, axis=1).reshape(*shape, 3)[top - first : bottom - first]
     return np.asarray((255 * np.clip(picture, 0, 1) + 0.5).astype(np.uint8))
 
 
 def _sampled(scene: _Scene, size: tuple[int, int], style: Style, shape: tuple[int, int], first: int) -> Hits:
-    """What the pixels of a band see: one hit each, and more where there is more to see.
-
-    Args:
-        scene: The triangles.
-        size: Of the picture.
-        style: How it is drawn.
-        shape: Rows and columns of the band.
-        first: Row of the picture that the band begins with.
-    """
+    """Trace a ray for each pixel of a band of `shape` rows and columns, and more rays for the uneven ones."""
     hits = first_hits(scene.surface, size, first, np.arange(shape[0] * shape[1]), np.zeros((1, 2)))
     uneven = _uneven(scene, hits, shape, style)
     offsets = (np.stack(np.divmod(np.arange(_SAMPLES**2), _SAMPLES), axis=1) + 0.5) / _SAMPLES - 0.5
@@ -159,15 +141,15 @@ def _sampled(scene: _Scene, size: tuple[int, int], style: Style, shape: tuple[in
 
 
 def _uneven(scene: _Scene, hits: Hits, shape: tuple[int, int], style: Style) -> Bools:
-    """(pixels,) those that one ray does not do justice: at outlines and creases, or with texture, wires or marks."""
+    """(pixels,) True for pixels that need more rays: outlines, creases, texture, wires and marks."""
     seen = np.zeros(shape, bool)
     seen.ravel()[hits.pixels] = True
     if style.wire:
         fine = seen.copy()
     else:
-        detailed = (scene.snapshot.texture_numbers[hits.found] >= 0) & (not style.clay)
+        detailed = (scene.snapshot.texture_numbers[hits.triangles] >= 0) & (not style.clay)
         for drawn in scene.marks:
-            detailed |= drawn.rows[hits.found] >= 0
+            detailed |= drawn.rows[hits.triangles] >= 0
         fine = np.zeros(shape, bool)
         fine.ravel()[hits.pixels] = detailed
     depths, normals = np.zeros(shape, np.float32), np.zeros((*shape, 3), np.float32)
@@ -184,7 +166,7 @@ def _uneven(scene: _Scene, hits: Hits, shape: tuple[int, int], style: Style) -> 
 
 
 def _neighbouring(axis: int) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
-    """Places of a grid that have a neighbour after them, and these."""
+    """Index a grid by the places that have a neighbour after them along an axis, and by these neighbours."""
     every, before, after = slice(None), slice(None, -1), slice(1, None)
     return ((before, every), (after, every)) if axis == 0 else ((every, before), (every, after))
 
@@ -195,12 +177,12 @@ def _base_colours(scene: _Scene, hits: Hits, style: Style) -> Array:
     if not style.clay:
         base[:] = 0
         for i in range(3):
-            base += _ALBEDO * hits.weights[:, i, None] * scene.colours[hits.found, i]
-        numbers = scene.snapshot.texture_numbers[hits.found]
+            base += _ALBEDO * hits.weights[:, i, None] * scene.colours[hits.triangles, i]
+        numbers = scene.snapshot.texture_numbers[hits.triangles]
         for number, texture in enumerate(scene.snapshot.textures):
             here = np.flatnonzero(numbers == number)
             if len(here):
-                coordinates = scene.snapshot.coordinates[hits.found[here]]
+                coordinates = scene.snapshot.coordinates[hits.triangles[here]]
                 places = np.einsum("pi,pia->pa", hits.weights[here], coordinates)
                 base[here] *= look_up(texture, places)
     if style.backfaces:

@@ -1,48 +1,68 @@
-"""A review: every tool of an asset close up, before and after, when its wrinkles are tallest, on one sheet."""
+"""Draw a review: every tool of an asset close up, before and after, when its wrinkles are tallest, on one sheet."""
 
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from wrinklecli.character.clip import chosen_clips
 from wrinklecli.errors import AssetError, counted, listed, nearest
 from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.pixels import Bytes
 from wrinklecli.numeric.guard import Progress
 from wrinklecli.review.preview.apply import PlannedTools, apply_tools
 from wrinklecli.review.preview.camera import Camera, camera_axes, parse_view
+from wrinklecli.review.preview.cards import Card, CardSheet, Picture, cards_size
 from wrinklecli.review.preview.framing import View, plan_views
-from wrinklecli.review.preview.inset import with_inset
 from wrinklecli.review.preview.misfits import RED, Misfit, find_misfits, misfit_overlay, misfit_points
 from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.overlay import placed_words
 from wrinklecli.review.preview.peaks import Fact, Peak, baked_peaks, planned_peaks
-from wrinklecli.review.preview.preview_options import PreviewOptions
+from wrinklecli.review.preview.preview_options import PreviewOptions, Style
 from wrinklecli.review.preview.render import Snapshot, render
+from wrinklecli.review.preview.sheet_layout import Drawn, refuse_large
 from wrinklecli.review.preview.shown import INKS, ShownAsset, read_shown, take_snapshot
 
-if TYPE_CHECKING:
-    from wrinklecli.review.preview.cards import Card
-    from wrinklecli.review.preview.sheet_layout import Drawn
-
-# Tools on a sheet at most: it has then sixteen rows.
+# The greatest number of tools on a sheet, which then has sixteen rows.
 MOST_REVIEWED = 48
-# Up to so many cards: in how many columns, and the size of their pictures, pixels. Sheets are as wide as a screen.
+# For at most so many cards the number of columns, and the size of the pictures, pixels. Sheets are as wide as a screen.
 _LAYOUTS = ((1, 1, (760, 570)), (2, 1, (640, 420)), (6, 2, (444, 320)), (MOST_REVIEWED, 3, (300, 225)))
-# Share of its wrinkles below which a tool is hidden, and parts of the way to its peak where it is looked at then: the
-# nearest where it is in plain sight, else where so many times as much of it is seen.
-_HIDDEN, _PLAIN, _MORE = 0.55, 0.7, 1.2
+# A tool is hidden at its peak if less than this part of its wrinkles is visible. It is then shown earlier,
+_HIDDEN = 0.55
+# at the first of these parts of the time to its peak
 _EARLIER = (0.85, 0.7, 0.55, 0.4)
-_UNSEEN = 0.2  # share of its wrinkles below which there is nothing to judge
-# Letters and rows of a line that stands below a card's pictures; and letters of a clip's name from which it does.
-_REASON, _REASON_ROWS = 92, 3
+# at which this part of its wrinkles is visible,
+_PLAIN = 0.7
+# or else at the one at which at least this many times as much of them is visible.
+_MORE = 1.2
+# Part of its wrinkles below which a tool is out of sight.
+_OUT_OF_SIGHT = 0.2
+# Letters of a row below a card's pictures.
+_ROW = 92
+# The greatest number of rows of a text below a card's pictures.
+_MOST_ROWS = 3
+# Letters of a clip's name beyond which it gets rows of its own.
 _LONG_NAME = 40
-_BRIGHTEST = 0.65  # linear RGB, of a base colour
-_MARGINS = {"close": 1.8, "whole": 1.1}  # of the distance, of a tool that does not fit
+# The greatest base colour, linear RGB: white, as assets without textures are, would show no relief in the light.
+_BRIGHTEST = 0.65
+# Factors of the camera's distance in the two pictures of a tool that does not fit.
+_MARGINS = {"close": 1.8, "whole": 1.1}
+# The greatest side of an inset, over the shorter side of its picture.
+_INSET = 0.36
+# The least side of an inset, pixels.
+_LEAST_INSET = 32
+# There is an inset if it shows at least this many times as much as the picture: otherwise one sees where one is.
+_INSET_SHOWS = 2.0
+# Factor of the camera's distance in an inset.
+_INSET_MARGIN = 1.05
+# Colours of an inset's edge, and of the frame in it, 8-bit sRGB.
+_EDGE = (150, 156, 165)
+_FRAME = (200, 30, 30)
+# Pixels around the asset in an inset, and the least half side of the frame.
+_INSET_GAP = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,11 +70,11 @@ class _Shot:
     """A tool to draw.
 
     Attributes:
-        number: Of its card.
+        number: Number of its card.
         peak: The tool.
         ink: Number of its colour.
-        moment: When it is shown: its peak, unless its wrinkles are hidden then.
-        view: From which side, and with which camera.
+        moment: Its peak, or an earlier moment if its wrinkles are hidden then.
+        view: One view with one camera.
     """
 
     number: int
@@ -65,15 +85,15 @@ class _Shot:
 
     @property
     def aside(self) -> str:
-        """When, and from where; in which clip, unless its name needs rows of its own."""
+        """The moment and the view; without the clip's name if it needs rows of its own."""
         when = f"{self.moment.time:.2f} s" if _clip_rows(self.peak) else self.moment.label
         return f"{when}, from {self.view.name}"
 
     @property
     def facts(self) -> list[Sequence[Fact]]:
-        """What is to be said of it."""
+        """Rows of facts."""
         first, *others = card_facts(self.peak)
-        if self.view.share < _UNSEEN:
+        if self.view.visible < _OUT_OF_SIGHT:
             first = (*first, Fact("out of sight", alarming=True))
         elif self.moment != self.peak.moment:
             first = (*first, Fact(f"hidden at {self.peak.moment.time:.2f} s"))
@@ -81,43 +101,35 @@ class _Shot:
 
 
 def card_facts(peak: Peak) -> list[Sequence[Fact]]:
-    """What is to be said of a tool, from whichever side it is seen."""
+    """Rows of facts about a tool that hold for all views."""
     figures, *others = peak.facts
     return [figures, *_clip_rows(peak), *others]
 
 
 def _clip_rows(peak: Peak) -> list[Sequence[Fact]]:
-    """The name of a tool's clip where it is too long to stand beside the tool's."""
+    """The name of a tool's clip in rows, if it is too long to stand beside the tool's."""
     name = peak.moment.clip or ""
     if len(name) <= _LONG_NAME:
         return []
-    return [[Fact(row)] for row in textwrap.wrap(f"in clip {name}", _REASON)[:_REASON_ROWS]]
+    return [[Fact(row)] for row in textwrap.wrap(f"in clip {name}", _ROW)[:_MOST_ROWS]]
 
 
 def review(
     document: Document, planned: PlannedTools | None, path: str, options: PreviewOptions, progress: Progress
-) -> "Drawn":
-    """Draw a review of an asset.
+) -> Drawn:
+    """Draw a review of the planned tools of an asset; without them, of the tools that were baked into it.
 
-    Args:
-        document: The asset.
-        planned: Tools to apply to it; where there are none, those that were baked into it are shown.
-        path: Of the picture, for messages.
-        options: Tools and clips to look at; views (the side that shows a tool, where none is named), columns, labels,
-            heat and style; and the size of pictures, which is otherwise chosen by their number.
-        progress: Called with a stage's name, steps done and steps in all.
+    Messages name the picture by `path`. Without views in the options, each tool is seen from the side that shows it
+    best. Without a size, the number of tools decides.
 
     Raises:
         AssetError: There are no wrinkles, or nothing to see.
-        WrinkleError: It would be too large, or tools cannot be baked.
+        WrinkleError: The picture would be too large, or tools cannot be baked.
     """
-    from wrinklecli.review.preview.cards import CardSheet, cards_size
-    from wrinklecli.review.preview.sheet_layout import Drawn, refuse_large
-
     before, after, peaks, warnings = _read(document, planned, options, progress)
     misfits = [] if planned is None else find_misfits(planned, document)[:MOST_REVIEWED]
     shown = peaks[: MOST_REVIEWED - len(misfits)]
-    warnings += _missing(peaks[len(shown) :], len(peaks))
+    warnings += _left_out(peaks[len(shown) :], len(peaks))
     count = len(shown) * max(len(options.views), 1) + len(misfits)
     columns, size = _layout(count, options)
     rows = max(len(facts) for facts in (*map(card_facts, shown), *map(_refusal, misfits)))
@@ -139,27 +151,27 @@ def review(
 
 
 def moments_and_views(after: ShownAsset, peak: Peak, options: PreviewOptions) -> Iterator[tuple[Moment, View]]:
-    """When and from where to look at a tool: at its peak, or before it where a fold hides it then from all sides."""
+    """Choose the moment and the views of a tool: its peak, or a moment before it if a fold hides it then."""
     alone = _alone(after, peak)
     views = plan_views([alone], [peak.moment], options)
     clip = alone.clip(peak.moment.clip)
-    if clip is None or views[0].share >= _HIDDEN:
+    if clip is None or views[0].visible >= _HIDDEN:
         yield from ((peak.moment, view) for view in views)
         return
     start = clip.start if clip.start < peak.moment.time else clip.end
-    best, least = (peak.moment, views[0]), _MORE * views[0].seen
+    best, least = (peak.moment, views[0]), _MORE * views[0].score
     for part in _EARLIER:
         moment = replace(peak.moment, time=start + part * (peak.moment.time - start))
         (view,) = plan_views([alone], [moment], options)
-        if view.seen > least:
-            best, least = (moment, view), view.seen
-            if view.share >= _PLAIN:
+        if view.score > least:
+            best, least = (moment, view), view.score
+            if view.visible >= _PLAIN:
                 break
     yield best
 
 
-def _missing(missed: Sequence[Peak], count: int) -> list[str]:
-    """A warning of those of so many tools that are not shown."""
+def _left_out(missed: Sequence[Peak], count: int) -> list[str]:
+    """A warning if some of the tools, `count` in all, are not shown."""
     if not missed:
         return []
     names = f"{missed[0].name}, … {missed[-1].name}" if len(missed) > 2 else ", ".join(each.name for each in missed)
@@ -169,10 +181,10 @@ def _missing(missed: Sequence[Peak], count: int) -> list[str]:
 def _read(
     document: Document, planned: PlannedTools | None, options: PreviewOptions, progress: Progress
 ) -> tuple[ShownAsset, ShownAsset, list[Peak], list[str]]:
-    """The asset without and with wrinkles, its tools at their peaks, and warnings.
+    """Read the asset without and with wrinkles, its tools at their peaks, and warnings.
 
     Raises:
-        AssetError: It has no wrinkles, or no clip or tool of a name.
+        AssetError: The asset has no wrinkles, or lacks a clip or a tool that the options name.
     """
     if planned is None:
         after, warnings = read_shown(document, "", ())
@@ -186,13 +198,13 @@ def _read(
         return before, before, [], []
     clips = chosen_clips(planned.job.clips, options.clips, where=document.path)
     peaks = planned_peaks(planned.plans, clips, fps=planned.job.settings.sampling.fps)
-    raising = dict.fromkeys(peak.moment.clip for peak in peaks[:MOST_REVIEWED] if peak.moment.clip is not None)
-    after, warnings = read_shown(apply_tools(planned, list(raising), progress), "", ())
+    needed = dict.fromkeys(peak.moment.clip for peak in peaks[:MOST_REVIEWED] if peak.moment.clip is not None)
+    after, warnings = read_shown(apply_tools(planned, list(needed), progress), "", ())
     return before, after, peaks, warnings
 
 
 def _named(peaks: list[Peak], names: Sequence[str], document: Document) -> list[Peak]:
-    """Those of some names; all where there are none."""
+    """The peaks of the named tools; all without names."""
     known = [peak.name for peak in peaks]
     for name in names:
         if name not in known:
@@ -203,7 +215,7 @@ def _named(peaks: list[Peak], names: Sequence[str], document: Document) -> list[
 
 
 def _title(document: Document, planned: PlannedTools | None, count: int) -> str:
-    """Of the sheet."""
+    """The sheet's title."""
     of = "" if planned is None else f" with {Path(planned.settings.path).name}"
     each = "where" if count == 1 else "each where"
     return f"{Path(document.path).name}{of}: {counted(count, 'tool')}, {each} its wrinkles are tallest; scene units"
@@ -211,9 +223,9 @@ def _title(document: Document, planned: PlannedTools | None, count: int) -> str:
 
 def _cards(
     before: ShownAsset, after: ShownAsset, shots: Sequence[_Shot], options: PreviewOptions
-) -> Iterator[tuple[int, "Card"]]:
-    """The cards of tools, with their numbers, in any order."""
-    # Tools that are tallest at the same moment share what is posed for it.
+) -> Iterator[tuple[int, Card]]:
+    """The cards of tools with their numbers, in any order."""
+    # Tools that are tallest at the same moment share its snapshots.
     together: dict[tuple[Moment, int], list[_Shot]] = {}
     for shot in shots:
         together.setdefault((shot.moment, -1 if shot.peak.raised else shot.ink), []).append(shot)
@@ -225,28 +237,26 @@ def _cards(
 
 
 def _toned(snapshot: Snapshot, options: PreviewOptions) -> Snapshot:
-    """A snapshot in which white, as assets without textures are, is so dim that relief shows in the light."""
+    """A snapshot whose colours are dimmed to _BRIGHTEST, unless they show compression."""
     return snapshot if options.heat else replace(snapshot, colours=np.minimum(snapshot.colours, _BRIGHTEST))
 
 
 def _layout(count: int, options: PreviewOptions) -> tuple[int, tuple[int, int]]:
-    """In how many columns so many cards are, and the size of their pictures."""
+    """The number of columns for so many cards, and the size of their pictures."""
     columns, size = next((row[1:] for row in _LAYOUTS if count <= row[0]), _LAYOUTS[-1][1:])
     return min(options.columns or columns, count), options.size or size
 
 
 def _alone(after: ShownAsset, peak: Peak) -> ShownAsset:
-    """An asset with the wrinkles of one tool to look at; at their full height, where no clip raises them."""
+    """The asset with the wrinkles of one tool; at their full height if no clip raises them."""
     return after.of_targets(lambda node, name: node == peak.node and peak.owns(name), raised=not peak.raised)
 
 
-def _card(shot: _Shot, snapshots: Sequence[Snapshot], options: PreviewOptions) -> "Card":
-    """A tool's pictures, before and after, and what is to be said of it."""
-    from wrinklecli.review.preview.cards import Card, Picture
-
+def _card(shot: _Shot, snapshots: Sequence[Snapshot], options: PreviewOptions) -> Card:
+    """A tool's pictures, before and after, and its facts."""
     marked = replace(snapshots[0], marks=tuple(m for m in snapshots[0].marks if m.name == shot.peak.name))
     camera = shot.view.cameras[0]
-    # Tools of the left and the right are seen from opposite sides: so they look alike.
+    # Left and right tools are seen from opposite sides; with mirrored lights they look alike.
     style = replace(options.style, lit_from_right=bool(camera.axes[2, 0] < 0))
     pictures = [render(each, camera, size=options.picture_size, style=style) for each in (marked, snapshots[1])]
     pictures[0] = with_inset(pictures[0], snapshots[0], camera, style)
@@ -259,15 +269,50 @@ def _card(shot: _Shot, snapshots: Sequence[Snapshot], options: PreviewOptions) -
     )
 
 
+def with_inset(pixels: Bytes, snapshot: Snapshot, camera: Camera, style: Style) -> Bytes:
+    """A (height, width, 3) picture with the whole asset in its lower left corner, and a frame there around its view.
+
+    The picture itself if it shows most of the asset, or is too small.
+    """
+    height, width = pixels.shape[:2]
+    side = round(_INSET * min(height, width))
+    far = Camera.framing(snapshot.corners.reshape(-1, 3), camera.axes, aspect=1.0, margin=_INSET_MARGIN)
+    if far.reach < _INSET_SHOWS * camera.reach * max(1.0, width / height) or side < _LEAST_INSET:
+        return pixels
+    small = render(replace(snapshot, marks=()), far, size=(side, side), style=style)
+    drawn = np.flatnonzero((small != small[0, 0]).any(axis=(0, 2)))
+    corners = (
+        camera.centre + camera.reach * np.array([[-width / height, 1.0], [width / height, -1.0]]) @ camera.axes[:2]
+    )
+    ends = far.project(corners, (side, side))
+    middle, reach = ends.mean(axis=0), np.ptp(ends, axis=0) / 2.0
+    low, high = (
+        np.clip(np.round(middle + sign * np.maximum(reach, _INSET_GAP)), 0, side - 1).astype(int)
+        for sign in (-1.0, 1.0)
+    )
+    _outline(small[low[1] : high[1] + 1, low[0] : high[0] + 1], _FRAME)
+    first = max(min(int(drawn.min(initial=side)), low[0]) - _INSET_GAP, 0)
+    last = min(max(int(drawn.max(initial=0)), high[0]) + _INSET_GAP + 1, side)
+    small = small[:, first:last]
+    _outline(small, _EDGE)
+    joined = pixels.copy()
+    joined[height - side :, : small.shape[1]] = small
+    return joined
+
+
+def _outline(pixels: Bytes, colour: tuple[int, int, int]) -> None:
+    """Draw the outermost pixels of a picture, in place."""
+    for edge in (pixels[:1], pixels[-1:], pixels[:, :1], pixels[:, -1:]):
+        edge[:] = colour
+
+
 def _refusal(misfit: Misfit) -> list[Sequence[Fact]]:
-    """What is to be said of a tool that does not fit: the line that a bake would refuse it with, in rows."""
-    return [[Fact(row, alarming=True)] for row in textwrap.wrap(misfit.refused.reason, _REASON)[:_REASON_ROWS]]
+    """The line with which a bake would refuse a tool that does not fit, in rows."""
+    return [[Fact(row, alarming=True)] for row in textwrap.wrap(misfit.refused.reason, _ROW)[:_MOST_ROWS]]
 
 
-def _misfit_cards(asset: ShownAsset, misfits: Sequence[Misfit], options: PreviewOptions) -> Iterator["Card"]:
-    """For each tool that does not fit where its ends were asked for, from near and with all of the asset."""
-    from wrinklecli.review.preview.cards import Card, Picture
-
+def _misfit_cards(asset: ShownAsset, misfits: Sequence[Misfit], options: PreviewOptions) -> Iterator[Card]:
+    """A card of each tool that does not fit: the points that it names, close up and with the whole asset."""
     if not misfits:
         return
     stored, size = Moment(None, 0.0), options.picture_size
@@ -277,11 +322,11 @@ def _misfit_cards(asset: ShownAsset, misfits: Sequence[Misfit], options: Preview
         points = misfit_points([misfit], asset, stored)
         overlay = misfit_overlay([misfit], asset, stored)
         pictures = []
-        for tag, framed in (("close", points), ("whole", np.concatenate([whole, points]))):
+        for label, framed in (("close", points), ("whole", np.concatenate([whole, points]))):
             axes = camera_axes(*parse_view(misfit.view))
             camera = Camera.framing(
-                framed if len(framed) else whole, axes, aspect=size[0] / size[1], margin=_MARGINS[tag]
+                framed if len(framed) else whole, axes, aspect=size[0] / size[1], margin=_MARGINS[label]
             )
             picture = render(snapshot, camera, size=size, style=options.style, overlay=overlay)
-            pictures.append(Picture(picture, tag, placed_words(overlay, camera, size)))
+            pictures.append(Picture(picture, label, placed_words(overlay, camera, size)))
         yield Card(misfit.name, RED, "does not fit", _refusal(misfit), pictures)

@@ -22,7 +22,8 @@ from wrinklecli.review.preview.render import render
 from wrinklecli.review.preview.sheet_layout import Drawn, Legend, Sheet, refuse_large, sheet_size
 from wrinklecli.review.preview.shown import INKS, ShownAsset, read_shown, take_snapshot, tool_names
 
-_COLUMNS = 3  # moments in a row of a sheet, of one asset
+# Moments in a row of a sheet of one asset.
+_COLUMNS = 3
 
 
 def draw_sheets(
@@ -34,19 +35,13 @@ def draw_sheets(
     animated: bool,
     progress: Progress,
 ) -> Drawn:
-    """Draw assets over time.
+    """Draw assets over time, side by side; the first with its planned tools.
 
-    Args:
-        documents: The assets.
-        planned: Tools to apply to the first, if there are any.
-        path: Of the picture, for messages.
-        options: What to show, and how.
-        animated: Whether every moment is an image of its own.
-        progress: Called with a stage's name, steps done and steps in all.
+    Messages name the picture by `path`. Every moment of an animation is an image of its own.
 
     Raises:
         AssetError: An asset has nothing to show, or lacks a clip.
-        WrinkleError: It would be too large, or tools cannot be baked.
+        WrinkleError: The picture would be too large, or tools cannot be baked.
     """
     moments = plan_moments(documents[0], options, animated=animated)
     shown, plans, warnings = _read_shown(documents, planned, moments, options, progress)
@@ -77,7 +72,7 @@ def _read_shown(
     options: PreviewOptions,
     progress: Progress,
 ) -> tuple[list[ShownAsset], tuple[MeshPlan, ...], tuple[str, ...]]:
-    """Apply the tools, if any, and read what can be seen: assets from left to right, tools to draw, and warnings."""
+    """Apply the tools, and read the assets from left to right; return them, the plans to draw, and warnings."""
     plans: tuple[MeshPlan, ...] = ()
     if planned is not None and planned.plans:
         clips = list(dict.fromkeys(moment.clip for moment in moments if moment.clip is not None))
@@ -97,14 +92,14 @@ def _read_shown(
 
 @dataclass(frozen=True, slots=True)
 class _Layout:
-    """Where pictures lie on a sheet.
+    """The places of pictures on a sheet.
 
     Attributes:
-        moments: On each sheet: all of them, or one where each sheet is a frame of an animation.
+        moments: Number of moments on each sheet; 1 if each sheet is a frame of an animation.
         columns: Moments in a row.
-        assets: How many there are, side by side at each moment.
-        views: How many there are, each with rows of its own.
-        beside: Put views side by side, for there is one moment.
+        assets: Number of assets, which stand side by side at each moment.
+        views: Number of views, each with rows of its own.
+        beside: Put the views side by side, because there is one moment.
     """
 
     moments: int
@@ -114,8 +109,7 @@ class _Layout:
     beside: bool = False
 
     @property
-    def rows(self) -> int:
-        """Of moments."""
+    def _rows(self) -> int:
         return -(-self.moments // self.columns)
 
     @property
@@ -123,18 +117,18 @@ class _Layout:
         """Columns and rows of pictures."""
         if self.beside:
             return self.assets * self.views, 1
-        return self.columns * self.assets, self.rows * self.views
+        return self.columns * self.assets, self._rows * self.views
 
     def cell(self, moment: int, asset: int, view: int) -> tuple[int, int]:
         """Column and row of a picture."""
         if self.beside:
             return view * self.assets + asset, 0
         row, column = divmod(moment % self.moments, self.columns)
-        return column * self.assets + asset, view * self.rows + row
+        return column * self.assets + asset, view * self._rows + row
 
 
 def _legend(plans: Sequence[MeshPlan], misfits: Sequence[Misfit], *, heat: bool) -> Legend:
-    """What explains the colours: of the tools, and of compression."""
+    """Explain the colours of the tools, and of compression."""
     names = tuple((name, INKS[number % len(INKS)]) for number, name in enumerate(tool_names(plans)))
     names += tuple((f"{each.name} (does not fit)", RED) for each in misfits)
     if not heat:

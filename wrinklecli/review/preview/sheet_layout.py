@@ -1,4 +1,4 @@
-"""Sheets: labelled pictures in rows and columns above a legend, written as a picture or an animation. Uses Pillow."""
+"""Lay out labelled pictures in rows and columns above a legend, and encode sheets and animations with Pillow."""
 
 import io
 import math
@@ -9,52 +9,61 @@ from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from wrinklecli.errors import WrinkleError
+from wrinklecli.gltf.pixels import Bytes
+from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.preview.overlay import Placed
+from wrinklecli.review.preview.paints import Colour
 from wrinklecli.review.preview.preview_options import MOST_SIDE
 
-Bytes = NDArray[np.uint8]
-Colour = tuple[float, float, float]
-
-# Pixels of a sheet, or of all frames of an animation: they are held in memory until the file is written.
+# The greatest number of pixels of a sheet, or of all frames of an animation, which are in memory until the end.
 MOST_PIXELS = 2**28
-# Of a word: pixels beside its place, and lines below it, one after the other.
-_ASIDE, _STEPS = 7, (0.0, 0.9, -0.9, 1.8, -1.8)
-_GUTTER = 4  # pixels between pictures
-_DARK, _PALE = (60, 66, 74), (255, 255, 255)
+# Distance between a place and its word, pixels.
+_ASIDE = 7
+# Lines by which a word may stand below its place, in the order in which they are tried.
+_STEPS = (0.0, 0.9, -0.9, 1.8, -1.8)
+# Pixels between pictures.
+_GUTTER = 4
+# Colour of text, 8-bit sRGB.
+_DARK = (60, 66, 74)
+# Colour of the ground, 8-bit sRGB.
+_PALE = (255, 255, 255)
+# Quality of a lossy WebP, 0 to 100.
 _WEBP_QUALITY = 90
-_PALETTE_FRAMES = 8  # of an animation, that its palette is made from
+# Frames of an animation from which its palette is made.
+_PALETTE_FRAMES = 8
+# Letters of a text that are looked at.
+_MOST_LETTERS = 200
 
 
 @dataclass(frozen=True, slots=True)
 class Legend:
-    """What explains the colours of a sheet: a ramp with numbers, and names of colours.
+    """Explains the colours of a sheet by a ramp with numbers, and by names.
 
     Attributes:
-        title: Of the ramp; empty for none.
+        title: Title of the ramp.
         ramp: (colours, 3) sRGB, 0 to 1.
-        ticks: Numbers along the ramp: where, 0 to 1, and what.
-        names: Each with its colour.
+        ticks: Places along the ramp, 0 to 1, and their numbers.
+        names: Names and their colours.
     """
 
     title: str = ""
-    ramp: NDArray[np.float64] | None = None
+    ramp: Floats | None = None
     ticks: tuple[tuple[float, str], ...] = ()
     names: tuple[tuple[str, Colour], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Drawn:
-    """What was drawn.
+    """A sheet, or the frames of an animation.
 
     Attributes:
-        images: A sheet, or the frames of an animation.
-        shown: What there is to see: how many moments, or tools.
-        views: As used; `facing` as the angles that it came to.
-        seconds: From one frame to the next.
+        images: One sheet, or all frames.
+        shown: The number of moments, or of tools, in words.
+        views: Views as they were used; `facing` as azimuth:elevation.
+        seconds: Time from one frame to the next.
         warnings: A line each.
     """
 
@@ -66,7 +75,7 @@ class Drawn:
 
 
 class Sheet:
-    """Pictures of one size in rows and columns, each with a label, and a legend below."""
+    """Pictures of one size in rows and columns, each with a label, above a legend."""
 
     def __init__(self, columns: int, rows: int, size: tuple[int, int], legend: Legend) -> None:
         self._size = size
@@ -77,7 +86,7 @@ class Sheet:
             self._draw_legend(height - _legend_height(size))
 
     def put(self, column: int, row: int, picture: Bytes, label: str, words: Sequence[Placed] = ()) -> None:
-        """Place a picture, its label in the top left corner, and words beside what they name."""
+        """Place a picture with its label, and words beside the places that they name."""
         width, height = self._size
         cell = tagged(picture, label, font_of(_font_size(self._size)), words)
         self.image.paste(cell, (column * (width + _GUTTER), row * (height + _GUTTER)))
@@ -100,7 +109,7 @@ class Sheet:
                     pen.text((x, line + step + 4), text, fill=_DARK, font=font, anchor="ma")
                 left += width + 2 * step
         for name, colour in self._legend.names:
-            text = fitting(name, font, 16 * step)
+            text = cut_to(16 * step, name, font)
             room = 2 * step + int(pen.textlength(text, font=font))
             if left + room > self.image.width:
                 break
@@ -117,7 +126,7 @@ def sheet_size(columns: int, rows: int, size: tuple[int, int], legend: Legend) -
 
 
 def refuse_large(size: tuple[int, int], count: int, path: str) -> None:
-    """Check that a picture, or an animation of so many, can be written and held in memory."""
+    """Check that `count` pictures of a size can be written, and held in memory."""
     if max(size) > MOST_SIDE:
         raise WrinkleError(f"would have {size[0]} × {size[1]} pixels; at most {MOST_SIDE} each way", where=path)
     if size[0] * size[1] * count > MOST_PIXELS:
@@ -135,17 +144,17 @@ def _font_size(size: tuple[int, int]) -> int:
 
 @cache
 def font_of(size: int) -> Any:
-    """A font that Pillow brings along, pixels."""
+    """Pillow's own font, of a size in pixels."""
     return ImageFont.load_default(float(size))
 
 
 def tagged(picture: Bytes, label: str, font: Any, words: Sequence[Placed] = ()) -> Image.Image:
-    """A picture with a label in its top left corner, where it fits, and words beside what they name."""
+    """A picture with a label in its top left corner, if it fits, and words beside the places that they name."""
     cell = Image.fromarray(picture)
     if words:
         _write_words(cell, words, font)
     edge = font.size // 2
-    text = fitting(label, font, cell.width - 4 * edge)
+    text = cut_to(cell.width - 4 * edge, label, font)
     if text and font.size + 2 * edge < cell.height:
         pen = ImageDraw.Draw(cell)
         left, top, right, bottom = pen.textbbox((edge + 3, edge), text, font=font)
@@ -155,7 +164,7 @@ def tagged(picture: Bytes, label: str, font: Any, words: Sequence[Placed] = ()) 
 
 
 def _write_words(cell: Image.Image, words: Sequence[Placed], font: Any) -> None:
-    """Write words right or left of their places, or a little above or below: where none has been written yet."""
+    """Write words right or left of their places, or a little above or below, so that none covers another."""
     pen, taken = ImageDraw.Draw(cell), np.zeros((cell.height, cell.width), bool)
     for word in words:
         if word.anchor:
@@ -163,7 +172,7 @@ def _write_words(cell: Image.Image, words: Sequence[Placed], font: Any) -> None:
             taken[max(int(top), 0) : int(bottom) + 1, max(int(left), 0) : int(right) + 1] = True
             _write(pen, word.at, word.text, word.colour, font, word.anchor)
             continue
-        text = fitting(word.text, font, cell.width / 2)
+        text = cut_to(cell.width / 2, word.text, font)
         width, height = math.ceil(font.getlength(text)), round(1.1 * font.size)
         for side, down in product((_ASIDE, -_ASIDE - width), _STEPS):
             left, top = round(word.at[0] + side), round(word.at[1] + height * (down - 0.5))
@@ -175,13 +184,13 @@ def _write_words(cell: Image.Image, words: Sequence[Placed], font: Any) -> None:
 
 
 def _write(pen: Any, at: tuple[float, float], text: str, colour: Colour, font: Any, anchor: str) -> None:
-    """A word that can be read on any ground."""
+    """Write a word that can be read on any ground."""
     pen.text(at, text, fill=code(colour), font=font, anchor=anchor, stroke_width=2, stroke_fill=_PALE)
 
 
-def fitting(text: str, font: Any, width: float) -> str:
-    """A line of text, cut where it is wider than there is room."""
-    text = "".join(c if c.isprintable() else "?" for c in text[:200])
+def cut_to(width: float, text: str, font: Any) -> str:
+    """A line of text, cut to a width in pixels."""
+    text = "".join(c if c.isprintable() else "?" for c in text[:_MOST_LETTERS])
     if font.getlength(text) <= width:
         return text
     while text and font.getlength(text + "…") > width:
@@ -190,28 +199,22 @@ def fitting(text: str, font: Any, width: float) -> str:
 
 
 def code(colour: Any) -> tuple[int, int, int]:
-    """An sRGB colour of 0 to 1 in whole numbers of 255."""
+    """An sRGB colour of 0 to 1 as 8-bit numbers."""
     red, green, blue = (round(255 * float(c)) for c in colour)
     return red, green, blue
 
 
 def encode_picture(image: Image.Image) -> bytes:
-    """A PNG."""
+    """Encode a PNG."""
     file = io.BytesIO()
     image.save(file, "PNG")
     return file.getvalue()
 
 
 def encode_animation(images: Sequence[Image.Image], kind: str, *, seconds: float) -> bytes:
-    """An endless animation.
-
-    Args:
-        images: Of one size.
-        kind: webp or gif.
-        seconds: From one image to the next.
-    """
+    """Encode an endless animation, a webp or a gif, of images that follow each other after these seconds."""
     file = io.BytesIO()
-    # Of hundredths of a second for GIF; each image ends at the nearest one, so that rounding does not add up.
+    # Milliseconds; GIF counts hundredths of a second. Ends are rounded, not durations, so that errors do not add up.
     unit = 10 if kind == "gif" else 1
     ends = [round(1000 * seconds * number / unit) * unit for number in range(len(images) + 1)]
     durations = [max(stop - start, unit) for start, stop in pairwise(ends)]
@@ -227,7 +230,7 @@ def encode_animation(images: Sequence[Image.Image], kind: str, *, seconds: float
 
 
 def _palette(images: Sequence[Image.Image]) -> Image.Image:
-    """One palette for all images, so that colours do not flicker."""
+    """Make one palette for all images, so that colours do not flicker."""
     chosen = images[:: math.ceil(len(images) / _PALETTE_FRAMES)]
     width, height = chosen[0].size
     together = Image.new("RGB", (width, height * len(chosen)))

@@ -1,8 +1,8 @@
-"""What of an asset a preview shows: its triangles at a moment, coloured, and marked with its tools.
+"""Read the visible parts of an asset, and pose them: triangles at a moment, coloured, and marked with tools.
 
-Of materials, base colours and their textures show; everything is opaque and seen from both sides. Normals are the
-file's own, morphed, skinned and renormalised, so that shading seams show as they would in an engine; primitives without
-NORMAL are shaded flat.
+Materials show their base colours and textures only; everything is opaque and two-sided. Normals are the file's own,
+morphed, skinned and renormalised, so that shading seams show as in an engine. Primitives without NORMAL are shaded
+flat.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -22,16 +22,14 @@ from wrinklecli.numeric.arrays import Array, Floats, Ints, among, children, dist
 from wrinklecli.review.preview.draw import Mark
 from wrinklecli.review.preview.heat import compressions, heat_colours
 from wrinklecli.review.preview.moments import Moment
-from wrinklecli.review.preview.paints import Paint, Texture, read_paints
+from wrinklecli.review.preview.paints import Colour, Paint, Texture, read_paints
 from wrinklecli.review.preview.render import Snapshot
 
-Colour = tuple[float, float, float]
-
-# That a triangle takes while it is drawn, Embree's among them.
+# Bytes that a triangle takes while it is drawn, with Embree's.
 _TRIANGLE_BYTES = 1250
-# Share of a tool's height below which no crest is drawn.
+# Crests are drawn where the height is at least this part of the tool's.
 _LOW = 0.05
-# Of tools, sRGB: told apart on skin, on cloth and by most who confuse colours.
+# Colours of tools, sRGB: they differ on skin, on cloth, and for most people who confuse colours.
 INKS: tuple[Colour, ...] = (
     (0.86, 0.08, 0.24),
     (0.00, 0.42, 0.84),
@@ -46,14 +44,14 @@ INKS: tuple[Colour, ...] = (
 
 @dataclass(frozen=True, slots=True)
 class ShownPrimitive:
-    """What of a primitive does not change with time.
+    """The parts of a primitive that do not change with time.
 
     Attributes:
         source: The primitive in the scene, which can be posed.
         paint: Its base colours.
-        shapes: (shapes, vertices, 3) of the wrinkles' morph targets.
-        shape_numbers: (shapes,) of these among all morph targets.
-        marks: Of the tools on it.
+        shapes: (shapes, vertices, 3) displacements of the wrinkles' morph targets, bind units.
+        shape_numbers: (shapes,) their numbers among all morph targets.
+        marks: The tools on it.
     """
 
     source: ScenePrimitive
@@ -63,7 +61,7 @@ class ShownPrimitive:
     marks: tuple[Mark, ...]
 
     def displacements(self, clip: Clip | None, time: float) -> Floats:
-        """(vertices,) how far the wrinkles move each vertex, bind units."""
+        """(vertices,) distance by which the wrinkles move each vertex, bind units."""
         weights = morph_weights(self.source.rig, clip, np.array([time]))[0, self.shape_numbers]
         moved = np.tensordot(weights, self.shapes, axes=1)
         return np.asarray(np.sqrt(np.sum(moved**2, axis=1)))
@@ -71,15 +69,14 @@ class ShownPrimitive:
 
 @dataclass(frozen=True, slots=True)
 class VisiblePrimitive:
-    """A primitive at a moment.
+    """A primitive that is visible at a moment.
 
     Attributes:
-        number: Of the primitive in its asset.
-        shown: What is posed.
+        number: Index of the primitive in its asset.
         positions: (vertices, 3) world space, scene units.
         normals: (vertices, 3) unit; None for flat shading.
-        triangles: (triangles, 3) of the primitive, as they wind there.
-        mirrored: Whether they wind the other way than stored.
+        triangles: (triangles, 3) in the winding order of this moment.
+        mirrored: True if that is not the stored winding order.
     """
 
     number: int
@@ -92,14 +89,7 @@ class VisiblePrimitive:
 
 @dataclass(frozen=True, slots=True)
 class ShownAsset:
-    """An asset to show.
-
-    Attributes:
-        label: What to call it.
-        document: The asset.
-        clips: Of it.
-        primitives: Of its scene, those with triangles.
-    """
+    """An asset to show, and the primitives of its scene that have triangles."""
 
     label: str
     document: Document
@@ -108,7 +98,7 @@ class ShownAsset:
 
     @property
     def wrinkled(self) -> dict[int, list[ShownPrimitive]]:
-        """The primitives that carry wrinkles, by their node; those of a split mesh by that which tells of the tools."""
+        """The primitives that carry wrinkles, by node; parts of a split mesh by the node with the extras."""
         bodies = bodies_of_parts(self.document)
         found: dict[int, list[ShownPrimitive]] = {}
         for shown in self.primitives:
@@ -117,7 +107,7 @@ class ShownAsset:
         return found
 
     def without_wrinkles(self) -> "ShownAsset":
-        """The asset as it is where all its wrinkles' weights are 0."""
+        """The asset with the weights of all wrinkles 0."""
         primitives = []
         for shown in self.primitives:
             skin, rows = shown.source.skin, 1 + shown.shape_numbers
@@ -130,11 +120,11 @@ class ShownAsset:
         return replace(self, primitives=tuple(primitives))
 
     def of_targets(self, chosen: Callable[[int, str], bool], *, raised: bool) -> "ShownAsset":
-        """The asset with no other wrinkles than those of some morph targets.
+        """The asset with the wrinkles of chosen morph targets only.
 
         Args:
-            chosen: Whether a morph target, by its node (as of `wrinkled`) and its name, is one of them.
-            raised: Let their stored weights be 1.
+            chosen: True for the node (a key of `wrinkled`) and the name of a morph target to keep.
+            raised: Set their stored weights to 1.
         """
         bodies = bodies_of_parts(self.document)
         primitives = []
@@ -156,15 +146,15 @@ class ShownAsset:
         return replace(self, primitives=tuple(primitives))
 
     def clip(self, name: str | None) -> Clip | None:
-        """The clip of a name.
+        """The clip of a name; None for None.
 
         Raises:
-            AssetError: There is none.
+            AssetError: There is no such clip.
         """
         return None if name is None else clip_named(self.clips, name, where=self.document.path)
 
     def posed(self, moment: Moment) -> Iterator[VisiblePrimitive]:
-        """The primitives that show at a moment.
+        """Pose the primitives that are visible at a moment.
 
         Raises:
             AssetError: There is no such clip.
@@ -194,16 +184,9 @@ def tool_names(plans: Sequence[MeshPlan]) -> list[str]:
 def read_shown(
     document: Document, label: str, plans: Sequence[MeshPlan], *, refined: bool = True
 ) -> tuple[ShownAsset, list[str]]:
-    """Read what of an asset can be seen.
+    """Read an asset to show, and a warning for each primitive whose texture cannot be read.
 
-    Args:
-        document: The asset.
-        label: What to call it.
-        plans: Of the tools to draw on it.
-        refined: Whether they were baked into it.
-
-    Returns:
-        The asset, and a warning for each primitive whose texture cannot be read.
+    The tools of the plans are drawn on it; `refined` says that they were baked into it.
 
     Raises:
         AssetError: A mesh, a skin or the hierarchy is malformed.
@@ -224,12 +207,12 @@ def read_shown(
 
 
 def _refuse_many(document: Document, count: int) -> None:
-    """Check that so many triangles may be drawn at once."""
+    """Check that memory suffices to draw so many triangles at once."""
     document.memory.check(_TRIANGLE_BYTES * count, f"{count:,} triangles to draw", where=document.path)
 
 
 def _marks(source: ScenePrimitive, plans: Sequence[MeshPlan], refined: bool) -> Iterator[Mark]:
-    """The tools on a primitive, before or after it was refined for them."""
+    """The tools on a primitive, which may have been refined for them."""
     names = tool_names(plans)
     for plan in plans:
         if plan.rig.node != source.rig.node:
@@ -239,13 +222,13 @@ def _marks(source: ScenePrimitive, plans: Sequence[MeshPlan], refined: bool) -> 
         if refined and primitive.changed:
             parents = fine.subdivision.parents[fine.triangle_primitives == source.primitive]
             welded = primitive.weld[primitive.triangles]
-        else:  # as the file has it, in its order
+        else:  # as stored in the file
             parents = np.flatnonzero(fine.surface.primitives == source.primitive)
             welded = primitive.weld[source.triangles]
         outwards = fine.rest_normals[welded].sum(axis=1)
         for carried in plan.carried_patches:
             patch = carried.patch
-            # Around the members too, for the ends of the segment lie on the rectangle's edge.
+            # Triangles around the members too, because the ends of the segment lie on the rectangle's edge.
             around = plan.rest.around.faces_of(distinct_values(fine.surface.triangles[patch.members]))
             triangles = children(parents, around)
             inside = among(parents[triangles], patch.members)
@@ -267,10 +250,10 @@ def _marks(source: ScenePrimitive, plans: Sequence[MeshPlan], refined: bool) -> 
 
 
 def take_snapshot(asset: ShownAsset, moment: Moment, *, heat: bool) -> Snapshot:
-    """All triangles of an asset at a moment, coloured as its materials say, or by compression.
+    """All triangles of an asset at a moment, in the colours of its materials, or coloured by compression (`heat`).
 
     Raises:
-        TooMuchError: There are too many.
+        TooMuchError: There are too many triangles.
     """
     visible = list(asset.posed(moment))
     _refuse_many(asset.document, sum(len(posed.triangles) for posed in visible))
@@ -299,7 +282,7 @@ def take_snapshot(asset: ShownAsset, moment: Moment, *, heat: bool) -> Snapshot:
         numbers.append(np.full(len(triangles), number))
         for mark in posed.shown.marks:
             places = mark.places[:, ::-1] if posed.mirrored else mark.places
-            tint = 0.0 if heat else mark.tint  # colours that mean something stay as they are
+            tint = 0.0 if heat else mark.tint  # a tint would falsify the colours of compression
             marks.append(replace(mark, triangles=mark.triangles + start, places=places, tint=tint))
         start += len(triangles)
     return Snapshot(
@@ -314,5 +297,5 @@ def take_snapshot(asset: ShownAsset, moment: Moment, *, heat: bool) -> Snapshot:
 
 
 def _joined(parts: Sequence[Array], *shape: int) -> Array:
-    """The parts, one after the other; where nothing shows, none of this shape."""
+    """The parts one after another; an empty array with rows of this shape if there are none."""
     return np.concatenate(parts) if parts else np.zeros((0, *shape))
