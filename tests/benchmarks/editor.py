@@ -71,19 +71,19 @@ def felt(asset: Path, tools: Path) -> Felt:
     """Measure an asset; the tools file is written to."""
     session = Session.open(asset, tools)
     if not session.tools():
-        session.accept(session.offers()[0])
+        session.accept(session.proposals()[0])
     page = Page(session, Address())
     tab = connect(f"ws://127.0.0.1:{page.port}", subprotocols=[f"viser-v{viser.__version__}"], max_size=None)
     threading.Thread(target=lambda: [None for _ in tab], daemon=True).start()
     tool, clip = session.tools()[0].name, session.clips[0].name
     times = session.frame_times(clip)
     page.choose(tool, look=False)
-    session.settle()
-    (place, *_) = session.laid()[tool].patch.anchors
+    session.refine()
+    (place, *_) = session.attached_tools()[tool].patch.anchors
     shown = session.meshes(clip, float(times[0]))
 
     def moved(number: int, *, draft: bool) -> None:
-        along = number * 1e-3 * session.laid()[tool].patch.along
+        along = number * 1e-3 * session.attached_tools()[tool].patch.along
         session.move_point(tool, 0, (place.position + along).tolist(), draft=draft)
 
     jobs: dict[str, Callable[[int], object]] = {
@@ -103,10 +103,10 @@ def felt(asset: Path, tools: Path) -> Felt:
         for what, job in jobs.items():
             clock[what], processor[what] = _medians(job, _TIMES)
             page.settle()
-        clock["refined"], processor["refined"] = _medians(lambda _: session.settle(), 1)
+        clock["refined"], processor["refined"] = _medians(lambda _: session.refine(), 1)
     tab.close()
     page.close()
-    triangles = sum(len(mesh.laid.ground.surface.triangles) for mesh in shown)
+    triangles = sum(len(mesh.source.ground.surface.triangles) for mesh in shown)
     return Felt(asset.stem, triangles, sum(len(mesh.positions) for mesh in shown), clock, processor)
 
 

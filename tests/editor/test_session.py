@@ -62,7 +62,7 @@ def test_what_was_baked_is_shown_in_place_and_of_it_the_original_edited(session:
     assert baked.text == session.text
     assert not baked.plays(POSE)
     (edited,), (written,) = session.meshes("fold", 0.4), baked.meshes("fold", 0.4)
-    tallest = max(tool.patch.greatest_height for tool in session.laid().values())
+    tallest = max(tool.patch.greatest_height for tool in session.attached_tools().values())
     assert len(written.faces) == len(edited.faces)
     assert cKDTree(written.positions).query(edited.positions)[0].max() < 0.01 * tallest
     out = tmp_path / "limb_wrinkled.glb"
@@ -84,7 +84,7 @@ def test_an_asset_with_wrinkles_that_no_record_tells_of_is_shown_as_it_is(tmp_pa
 
 
 def test_a_free_pose_is_that_of_preview(session: Session, tmp_path: Path) -> None:
-    pose = FreePose().turned("joint_1", "z", 50.0).turned("joint_1", "x", 20.0)
+    pose = FreePose().with_turn("joint_1", "z", 50.0).with_turn("joint_1", "x", 20.0)
     session.take_pose(pose)
     (shown,), (stored,) = session.meshes(POSE, 0.0, wrinkled=False), session.meshes(None, 0.0, wrinkled=False)
     posed = with_pose(read_document(tmp_path / "limb.glb"), [("joint_1", "x", 20.0), ("joint_1", "z", 50.0)], [])
@@ -95,8 +95,8 @@ def test_a_free_pose_is_that_of_preview(session: Session, tmp_path: Path) -> Non
     assert session.curve("crease", POSE, 0.0) is not None
     assert session.heights("crease", POSE) is None
     with pytest.raises(AssetError, match="has no joint 'joint_9'"):
-        session.take_pose(pose.turned("joint_9", "x", 1.0))
-    session.take_pose(pose.turned("joint_1", "x", 0.0).turned("joint_1", "z", 0.0))
+        session.take_pose(pose.with_turn("joint_9", "x", 1.0))
+    session.take_pose(pose.with_turn("joint_1", "x", 0.0).with_turn("joint_1", "z", 0.0))
     assert np.array_equal(session.meshes(POSE, 0.0, wrinkled=False)[0].positions, stored.positions)
 
 
@@ -107,7 +107,7 @@ def test_a_tool_between_two_places_wrinkles_at_once(session: Session) -> None:
     curve = session.curve(name, "fold", 1.0)
     assert curve is not None
     assert curve[:, 1].max() > 0.005
-    anchors = [anchor.position for anchor in session.laid()[name].patch.anchors]
+    anchors = [anchor.position for anchor in session.attached_tools()[name].patch.anchors]
     assert np.linalg.norm(anchors, axis=1) == pytest.approx([np.hypot(RADIUS, 0.3)] * 2, rel=0.03)
 
 
@@ -129,12 +129,12 @@ def test_every_step_can_be_undone_and_done_again(session: Session) -> None:
 def test_a_draft_is_no_step(session: Session) -> None:
     before = session.meshes("fold", 1.0)[0]
     session.set_value("crease", ("bumps",), 5, draft=True)
-    assert not session.settled
+    assert not session.is_refined
     assert session.tools()[0].values["bumps"] == 5
     assert np.abs(session.meshes("fold", 1.0)[0].positions - before.positions).max() > 0.005
     assert session.text == TOOLS
     session.drop_draft()
-    assert session.meshes("fold", 1.0)[0].laid is before.laid
+    assert session.meshes("fold", 1.0)[0].source is before.source
     assert not session.undo()
 
 
@@ -142,16 +142,24 @@ def test_a_draft_of_one_side_leaves_the_other_as_it_is(tmp_path: Path) -> None:
     (tmp_path / "tools.yaml").write_text(TOOLS.replace("crease", "crease.L").replace("far", "crease.R"))
     session = Session.open(limb(tmp_path / "limb.glb", rings=20, sides=12), tmp_path / "tools.yaml")
     session.set_value("crease.L", ("bumps",), 5, draft=True)
-    assert set(session.laid()) == {"crease.L", "across", "crease.R"}
+    assert set(session.attached_tools()) == {"crease.L", "across", "crease.R"}
     session.mirror("across", "z")
     session.set_value("across.L", ("bumps",), 3, draft=True)
-    assert [session.laid()[name].patch.tool.bumps for name in ("across.L", "across.R", "crease.R")] == [3, 2, 2]
+    assert [session.attached_tools()[name].patch.tool.bumps for name in ("across.L", "across.R", "crease.R")] == [
+        3,
+        2,
+        2,
+    ]
     session.set_value("across.L", ("bumps",), 3)
-    assert [session.laid()[name].patch.tool.bumps for name in ("across.L", "across.R", "crease.R")] == [3, 3, 2]
+    assert [session.attached_tools()[name].patch.tool.bumps for name in ("across.L", "across.R", "crease.R")] == [
+        3,
+        3,
+        2,
+    ]
     session.solo(["across.L"])
-    assert set(session.laid()) == {"across.L", "across.R"}
+    assert set(session.attached_tools()) == {"across.L", "across.R"}
     session.solo(["crease.L"])
-    assert set(session.laid()) == {"crease.L"}
+    assert set(session.attached_tools()) == {"crease.L"}
 
 
 def test_a_frame_that_is_looked_up_is_the_one_that_is_computed(session: Session) -> None:
@@ -188,7 +196,7 @@ def test_a_tool_with_a_partner_names_its_side(session: Session) -> None:
 
 
 def test_what_suggest_finds_is_accepted_one_by_one(session: Session, tmp_path: Path) -> None:
-    offers = session.offers()
+    offers = session.proposals()
     assert offers
     assert "joint_1 shortens it by" in offers[0].why
     first = session.accept(offers[0])
@@ -228,7 +236,7 @@ def test_an_asset_that_is_exported_again_gets_the_same_tools(session: Session, t
     (tmp_path / "limb.glb").write_bytes(b"glTF")
     session.refresh()
     assert session.refresh()
-    assert session.meshes("fold", 0.5)[0].laid is after.laid
+    assert session.meshes("fold", 0.5)[0].source is after.source
     limb(tmp_path / "limb.glb", rings=16, sides=12, root={"translation": [9, 0, 0]})
     session.refresh()
     assert session.refresh()

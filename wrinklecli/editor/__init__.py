@@ -1,5 +1,5 @@
-"""`wrinkle edit`: tools drawn on a mesh and tuned while it moves, and saved as the tools file that is baked.
+"""`wrinkle edit`: draw tools on a mesh, tune them while it moves, and save the tools file.
 
-An asset and a tools file come in; the same file goes out, changed where it was edited and nowhere else. The session
-knows no page, the page no method; nothing of a bake is done here in another way than a bake does it.
+An asset and a tools file come in; the same file goes out, changed only where it was edited. A session does not know the
+page, and the page does not know the method; all wrinkles are computed by the functions of a bake.
 """

@@ -1,8 +1,8 @@
-"""An asset on which tools are laid: each attached and refined by itself, or with those that it lies together with.
+"""An asset to which tools can be attached, one by one or in overlapping groups.
 
-The functions of a bake attach, refine and carry the tools. Those that lie together are planned together; what others
-have is kept, so an edit takes the time of the tools that it touches. In a hurry these are carried anew on the triangles
-that are there, and refined later.
+Tools are attached, refined and carried by the functions of a bake. Only overlapping tools are planned together, and
+finished plans are kept, so that an edit costs the time of the tools that it touches. While someone drags, changed tools
+are carried on the triangles that are there, and refined later.
 """
 
 from collections.abc import Iterator, Sequence
@@ -30,24 +30,22 @@ from wrinklecli.numeric.arrays import Bools, Ints, distinct_values, flags_of
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory
 from wrinklecli.tools.records import Length, ToolsFile, WrinkleTool
 
-# Of a bake, as long as no option says otherwise.
-_MAX_ERROR = Length(1.0, percent=True)
-# Rings of triangles around a tool's members that its refinement may read or split: tools whose rings meet are planned
-# together.
-_RINGS = 4
-# Kept for undone steps: patches and plans beside one for each tool, meshes beside one for each node. A plan may take
-# 10 MB.
-_PATCHES, _PLANS, _MESHES = 256, 24, 8
+_MAX_ERROR = Length(1.0, percent=True)  # the default of a bake
+_RINGS = 4  # rings of triangles around a tool that its refinement may read or split; tools whose rings meet overlap
+# Results that are kept for undone steps, beside those in use:
+_KEPT_PATCHES = 256
+_KEPT_PLANS = 24  # a plan may take 10 MB
+_KEPT_MESHES = 8
 
 
 @dataclass(frozen=True, slots=True)
 class ReadOptions:
-    """How an asset is read.
+    """Options for reading an asset.
 
     Attributes:
         anims: Files with more clips.
-        range_of_motion: Whether it is moved through that too, though it has clips.
-        allow_external: Whether buffers and images outside the asset's folder are read.
+        range_of_motion: Also move an asset with clips through its range of motion.
+        allow_external: Read buffers and images outside the asset's folder.
         max_memory: Bytes that reading may take.
     """
 
@@ -58,75 +56,62 @@ class ReadOptions:
 
 
 class LoadedAsset:
-    """An asset on which tools are laid. Several threads may ask.
+    """An asset to which tools can be attached. Several threads may use it.
 
-    Args:
-        document: With all clips.
-        clips: Of it.
-        made: Names of those that are a range of motion.
-        notes: What was made of its motions, a line each.
+    Attributes:
+        document: Asset with all clips.
+        range_clips: Names of the clips that are a range of motion.
+        notes: Lines about the asset's motions.
     """
 
     def __init__(
         self,
         document: Document,
         clips: Sequence[Clip],
-        made: frozenset[str] = frozenset(),
+        range_clips: frozenset[str] = frozenset(),
         notes: Sequence[str] = (),
     ) -> None:
-        self.document, self.clips, self.made, self.notes = document, tuple(clips), made, tuple(notes)
-        self.played = ClipCache()
+        self.document, self.clips, self.range_clips, self.notes = document, tuple(clips), range_clips, tuple(notes)
+        self.cache = ClipCache()
         self._neighbours = Neighbours(document)
         self._nodes = [node for node in scene_nodes(document) if "mesh" in document.items("nodes")[node]]
-        self._grounds, self._skins = RecentResults(2 * len(self._nodes)), RecentResults(len(self._nodes))
-        self._patches, self._clusters, self._meshes = (
-            RecentResults(_PATCHES),
-            RecentResults(_PLANS),
-            RecentResults(len(self._nodes) + _MESHES),
-        )
+        self._grounds = RecentResults(2 * len(self._nodes))
+        self._skins = RecentResults(len(self._nodes))
+        self._patches = RecentResults(_KEPT_PATCHES)
+        self._clusters = RecentResults(_KEPT_PLANS)
+        self._meshes = RecentResults(len(self._nodes) + _KEPT_MESHES)
 
     @classmethod
-    def read(cls, asset: str, reading: ReadOptions) -> "LoadedAsset":
-        """An asset with its clips, those of other files and of its range of motion; joints without keys move freely.
+    def read(cls, asset: str, options: ReadOptions) -> "LoadedAsset":
+        """Read an asset, the clips of other files and its range of motion; joints without keys can be posed.
 
         Raises:
-            WrinkleError: It is at fault.
+            WrinkleError: A file is at fault.
         """
-        memory = Memory(reading.max_memory)
-        document, notes = _unbaked(read_document(asset, allow_external=reading.allow_external, memory=memory))
-        motions = Motions(reading.anims, reading.range_of_motion or None)
+        memory = Memory(options.max_memory)
+        document, notes = _unbaked(read_document(asset, allow_external=options.allow_external, memory=memory))
+        motions = Motions(options.anims, options.range_of_motion or None)
         joined = moved(document, deforming_nodes(document), motions)
         joints = {joint for skin in joined.document.items("skins") for joint in skin.get("joints", [])}
         document = with_free_nodes(joined.document, joints)  # for the free pose
         return cls(document, joined.clips, frozenset(joined.range), (*notes, *joined.notes, *joined.warnings))
 
-    def laid(self, settings: ToolsFile, before: AttachedTools | None = None) -> AttachedTools:
-        """Lay the tools of a file; those that do not fit are named, with what a bake would say.
+    def attach(self, settings: ToolsFile, before: AttachedTools | None = None) -> AttachedTools:
+        """Attach the tools of a file; a tool that does not fit gets the message of a bake as its problem.
 
         Args:
-            settings: The file.
-            before: What was laid before: then in a hurry. Tools that have changed are carried on what was refined for
-                them before, and new ones on the mesh as it is.
+            settings: Tools file.
+            before: Earlier result. If given, changed tools are carried on the triangles that were refined for them
+                before, and new tools on the coarse mesh, to save time.
 
         Raises:
-            WrinkleError: The asset is at fault, or what the file says beside the tools.
+            WrinkleError: The asset is at fault, or the file beside its tools.
         """
-        self._patches.count, self._clusters.count = (each + len(settings.tools) for each in (_PATCHES, _PLANS))
-        by_node: dict[int, list[WrinkleTool]] = {}
+        self._patches.count = _KEPT_PATCHES + len(settings.tools)
+        self._clusters.count = _KEPT_PLANS + len(settings.tools)
         problems: dict[str, str] = {}
-        for tool in settings.tools:
-            why = why_left_out(tool, self.document)
-            if why is not None:
-                problems[tool.name] = f"{tool.name}: is left out, as {why}"
-                continue
-            try:
-                alone = replace(settings, tools=(tool,))
-                check_clip_names(alone, (), tuple(clip for clip in self.clips if clip.name not in self.made))
-                found, _ = tools_by_node(self.document, alone)
-                by_node.setdefault(next(iter(found)), []).append(_quick(tool))
-            except WrinkleError as error:
-                problems[tool.name] = error.lines[0]
-        meshes, tools, hurried = [], {}, False
+        by_node = self._tools_by_node(settings, problems)
+        meshes, tools, provisional = [], {}, False
         for node in self._nodes:
             ground = self._ground(node, settings, by_node.get(node, []))
             patches: list[Patch] = []
@@ -135,41 +120,60 @@ class LoadedAsset:
                     patches.append(self._patch(tool, ground, settings))
                 except WrinkleError as error:
                     problems[tool.name] = error.lines[0]
-            groups = _groups_of(ground, patches)
+            groups = _overlapping(ground, patches)
             clusters: list[Cluster] = []
             if before is not None:
-                known = [self._clusters.get(_key(ground, group, settings)) is not None for group in groups]
-                waiting = [patch for group, there in zip(groups, known, strict=True) if not there for patch in group]
-                groups = [group for group, there in zip(groups, known, strict=True) if there]
+                planned = [self._clusters.get(_key(ground, group, settings)) is not None for group in groups]
+                waiting = [patch for group, known in zip(groups, planned, strict=True) if not known for patch in group]
+                groups = [group for group, known in zip(groups, planned, strict=True) if known]
                 clusters += self._carried_again(ground, waiting, before, settings, problems)
-                hurried |= bool(waiting)
+                provisional |= bool(waiting)
             for group in groups:
                 clusters += self._planned(ground, group, settings, problems)
             for cluster in clusters:
                 for carried in cluster.plan.carried_patches:
                     tools[carried.patch.tool.name] = AttachedTool(ground, cluster.plan, carried)
             meshes.append(self._mesh(ground, tuple(clusters)))
-        return AttachedTools(tuple(meshes), tools, problems, hurried)
+        return AttachedTools(tuple(meshes), tools, problems, provisional)
+
+    def _tools_by_node(self, settings: ToolsFile, problems: dict[str, str]) -> dict[int, list[WrinkleTool]]:
+        """Find the node of each tool, and add the problems of tools that a bake refuses or leaves out."""
+        by_node: dict[int, list[WrinkleTool]] = {}
+        file_clips = tuple(clip for clip in self.clips if clip.name not in self.range_clips)
+        for tool in settings.tools:
+            why = why_left_out(tool, self.document)
+            if why is not None:
+                problems[tool.name] = f"{tool.name}: is left out, as {why}"
+                continue
+            try:
+                alone = replace(settings, tools=(tool,))
+                check_clip_names(alone, (), file_clips)
+                (node,), _ = tools_by_node(self.document, alone)
+                # Contact takes too long to be shown while a tool is edited.
+                by_node.setdefault(node, []).append(replace(tool, contact=None))
+            except WrinkleError as error:
+                problems[tool.name] = error.lines[0]
+        return by_node
 
     def _ground(self, node: int, settings: ToolsFile, tools: list[WrinkleTool]) -> Ground:
-        bound_to = _bare(tools[0]) if settings.rest == "bind" and tools else None
+        bound_to = _without_places(tools[0]) if settings.rest == "bind" and tools else None
         key = (node, settings.rest, bound_to)
         if settings.rest == "bind" and not tools:
             settings = replace(settings, rest="stored")
-        return self._grounds.of(
+        return self._grounds.get_or_make(
             key, lambda: read_ground(self.document, node, tools, settings, self.clips, neighbours=self._neighbours)
         )
 
     def _patch(self, tool: WrinkleTool, ground: Ground, settings: ToolsFile) -> Patch:
-        return self._patches.of(
-            (_bare(tool), ground, settings.up),
+        return self._patches.get_or_make(
+            (_without_places(tool), ground, settings.up),
             lambda: attach_tools([tool], ground.surface, ground.rest, ground.rig, up=settings.up)[0],
         )
 
     def _planned(
         self, ground: Ground, patches: Sequence[Patch], settings: ToolsFile, problems: dict[str, str]
     ) -> Iterator[Cluster]:
-        """Tools that lie together, planned; where they cannot be, without those that are at fault by themselves."""
+        """Plan overlapping tools; if that fails, plan those that can be planned alone."""
         try:
             yield self._cluster(ground, patches, settings)
         except WrinkleError as error:
@@ -186,8 +190,8 @@ class LoadedAsset:
                 problems |= dict.fromkeys((each.tool.name for each in patches), error.lines[0])
 
     def _cluster(self, ground: Ground, patches: Sequence[Patch], settings: ToolsFile) -> Cluster:
-        return self._clusters.of(
-            _key(ground, patches, settings), lambda: Cluster.of(plan_on(ground, patches, settings, _MAX_ERROR))
+        return self._clusters.get_or_make(
+            _key(ground, patches, settings), lambda: Cluster.from_plan(plan_on(ground, patches, settings, _MAX_ERROR))
         )
 
     def _carried_again(
@@ -198,7 +202,7 @@ class LoadedAsset:
         settings: ToolsFile,
         problems: dict[str, str],
     ) -> Iterator[Cluster]:
-        """Tools on what was refined for those of their names before; others on the mesh as it is."""
+        """Carry tools on the triangles that were refined for tools of the same names, and new tools on the mesh."""
         waiting = {patch.tool.name: patch for patch in patches}
         for mesh in before.meshes:
             for cluster in mesh.clusters if mesh.ground is ground else ():
@@ -212,7 +216,7 @@ class LoadedAsset:
                     except WrinkleError as error:
                         problems[carried.patch.tool.name] = error.lines[0]
                 if again:
-                    yield Cluster.of(replace(cluster.plan, carried_patches=tuple(again)), cluster)
+                    yield Cluster.from_plan(replace(cluster.plan, carried_patches=tuple(again)), cluster)
         coarse = replace(settings, refinement=replace(settings.refinement, max_levels=0))
         for patch in waiting.values():
             yield from self._planned(ground, [patch], coarse, problems)
@@ -221,39 +225,34 @@ class LoadedAsset:
         def made() -> PlayableMesh:
             taken, apart = np.zeros(len(ground.surface.triangles), bool), []
             for cluster in clusters:
-                apart.append(cluster.apart_from(taken))
+                apart.append(cluster.without(taken))
                 taken[cluster.parents] = True
-            return PlayableMesh(ground, self._skin(ground), tuple(apart), self.played)
+            return PlayableMesh(ground, self._skin(ground), tuple(apart), self.cache)
 
-        return self._meshes.of((ground, clusters), made)
+        return self._meshes.get_or_make((ground, clusters), made)
 
     def _skin(self, ground: Ground) -> Skin:
-        """The vertices of a coarse mesh, ready to be posed."""
+        """Prepare the coarse vertices to be posed."""
 
         def made() -> Skin:
             surface, acting = ground.surface, distinct_values(ground.surface.joints)
             weights = surface.dense_weights(np.arange(len(surface.positions)), len(ground.rig.joints))
             return prepare(weights[:, acting], surface.positions, surface.morph_deltas)
 
-        return self._skins.of(ground.rig.node, made)
+        return self._skins.get_or_make(ground.rig.node, made)
 
 
 def _key(ground: Ground, patches: Sequence[Patch], settings: ToolsFile) -> tuple[object, ...]:
-    return (tuple(_bare(each.tool) for each in patches), ground, settings.refinement, settings.up)
+    return (tuple(_without_places(each.tool) for each in patches), ground, settings.refinement, settings.up)
 
 
-def _bare(tool: WrinkleTool) -> WrinkleTool:
-    """A tool without its places in the file, which any edit above it moves."""
+def _without_places(tool: WrinkleTool) -> WrinkleTool:
+    """Forget a tool's places in the file, which change with any edit above it."""
     return replace(tool, where="", places={})
 
 
-def _quick(tool: WrinkleTool) -> WrinkleTool:
-    """A tool without what takes too long to be shown while it is edited."""
-    return replace(tool, contact=None)
-
-
-def _groups_of(ground: Ground, patches: Sequence[Patch]) -> list[list[Patch]]:
-    """Patches in groups, so that refinement under those of one reads nothing of another's."""
+def _overlapping(ground: Ground, patches: Sequence[Patch]) -> list[list[Patch]]:
+    """Group patches, so that the refinement for one group reads nothing of another."""
     groups: list[tuple[list[int], Bools]] = []
     for number, patch in enumerate(patches):
         near = flags_of(_around(ground, patch.members), len(ground.surface.triangles))
@@ -269,14 +268,14 @@ def _groups_of(ground: Ground, patches: Sequence[Patch]) -> list[list[Patch]]:
 
 
 def _around(ground: Ground, triangles: Ints) -> Ints:
-    """(triangles,) some of the mesh with the rings of others around them."""
+    """Add the rings of triangles around some (triangles,) of a mesh."""
     for _ in range(_RINGS):
         triangles = ground.rest.around.faces_of(distinct_values(ground.surface.triangles[triangles]))
     return triangles
 
 
 def _unbaked(document: Document) -> tuple[Document, tuple[str, ...]]:
-    """What an asset was before wrinkles were baked into it, and notes; of one that cannot be restored, tools tell."""
+    """Restore the original of a baked asset, and say so; if that fails, each tool has a problem that says why."""
     if not wrinkled(document.gltf):
         return document, ()
     try:

@@ -1,32 +1,38 @@
-"""A mesh with tools on it: which of its triangles each group of tools refines, and where all are at a moment.
+"""Tools attached to the meshes of an asset, ready to be shown at any moment.
 
-What lies under no tool is the asset's own; so a mesh is put together from it and the parts that tools have refined, and
-one of these is exchanged for another without a look at the rest.
+A mesh is put together from the asset's own triangles and from the parts that groups of tools have refined, so that one
+part can be exchanged without touching the rest.
 """
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from wrinklecli.baking.plan import Ground, MeshPlan
+from wrinklecli.baking.sample import ClipActivity, moving_clips
+from wrinklecli.baking.warnings import mesh_warnings, tool_warnings
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.skin import Skin, pose, prepare
 from wrinklecli.editor.clip_cache import ClipCache
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
 from wrinklecli.effects.wrinkle.patch import Patch
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, children, distinct_values, vertex_normals
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, children, distinct_values
+from wrinklecli.tools.records import ToolsFile
+
+_CURVE_POINTS = 200  # points of a drawn control curve
 
 
 @dataclass(frozen=True, eq=False)
 class Cluster:
-    """Tools that lie together on a mesh, planned together.
+    """Tools that overlap on a mesh and are planned together.
 
     Attributes:
-        plan: Of these tools alone.
-        parents: (triangles,) of the coarse mesh, rising, that they move or refine.
-        triangles: (triangles,) of the refined mesh, rising, in place of these.
-        skin: The new vertices, ready to be posed.
+        plan: Plan of these tools alone.
+        parents: (triangles,) of the coarse mesh, sorted, that the tools move or refine.
+        triangles: (triangles,) of the refined mesh, sorted, that replace `parents`.
+        skin: Vertices that refinement has added, ready to be posed.
     """
 
     plan: MeshPlan
@@ -35,8 +41,8 @@ class Cluster:
     skin: Skin
 
     @classmethod
-    def of(cls, plan: MeshPlan, before: "Cluster | None" = None) -> "Cluster":
-        """What of a refined mesh differs from the coarse one; and what did before, so that faces seldom change."""
+    def from_plan(cls, plan: MeshPlan, before: "Cluster | None" = None) -> "Cluster":
+        """Find the triangles that differ from the coarse mesh, and keep those of `before`, so that faces stay."""
         fine, old = plan.fine, len(plan.fine.surface.positions)
         moved = np.zeros(len(fine.positions), bool)
         moved[old:] = True
@@ -52,11 +58,11 @@ class Cluster:
 
     @property
     def old_count(self) -> int:
-        """Vertices of the coarse mesh, which the refined one begins with."""
+        """Number of coarse vertices, with which the refined mesh begins."""
         return len(self.plan.fine.surface.positions)
 
-    def apart_from(self, taken: Bools) -> "Cluster":
-        """It without what is at (triangles,) of the coarse mesh that others show already; in a hurry some may."""
+    def without(self, taken: Bools) -> "Cluster":
+        """Leave out (triangles,) of the coarse mesh that other clusters show; provisional ones may overlap."""
         if not taken[self.parents].any():
             return self
         parents = self.parents[~taken[self.parents]]
@@ -65,30 +71,28 @@ class Cluster:
 
 @dataclass(frozen=True, eq=False)
 class PlayableMesh:
-    """A node's mesh with all tools on it: the same object as long as all is the same but the pose.
+    """A node's mesh with its tools; the same object as long as only the pose changes.
 
-    Its vertices are those of the coarse mesh, welded, then the new ones of each cluster.
+    Its vertices are the welded coarse ones, followed by the new ones of each cluster.
 
     Attributes:
-        ground: The mesh at rest.
-        skin: Its vertices, ready to be posed.
-        clusters: Its tools.
-        played: Where poses and heights come from.
+        ground: Coarse mesh at rest.
+        skin: Coarse vertices, ready to be posed.
     """
 
     ground: Ground
     skin: Skin
     clusters: tuple[Cluster, ...]
-    played: ClipCache
+    cache: ClipCache
 
     @property
     def node(self) -> str:
-        """The name of the node."""
+        """Name of the node."""
         return self.ground.rig.names[self.ground.rig.node]
 
     @cached_property
     def kept(self) -> Ints:
-        """(triangles,) of the coarse mesh that are shown as they are, rising."""
+        """(triangles,) of the coarse mesh, sorted, that no cluster replaces."""
         kept = np.ones(len(self.ground.surface.triangles), bool)
         for cluster in self.clusters:
             kept[cluster.parents] = False
@@ -96,7 +100,7 @@ class PlayableMesh:
 
     @cached_property
     def faces(self) -> Ints:
-        """(triangles, 3) vertices: of the coarse mesh's triangles that are kept, then of those of each cluster."""
+        """(triangles, 3) vertices: the kept coarse triangles, then those of each cluster."""
         parts = [self.ground.surface.triangles[self.kept]]
         for cluster, shift in zip(self.clusters, self.shifts, strict=True):
             faces = cluster.plan.fine.triangles[cluster.triangles]
@@ -105,7 +109,7 @@ class PlayableMesh:
 
     @cached_property
     def parents(self) -> Ints:
-        """(triangles,) the triangle of the coarse mesh that each of `faces` is, or is a part of."""
+        """(triangles,) the coarse triangle that each of `faces` is a part of."""
         split = [each.plan.fine.subdivision.parents[each.triangles] for each in self.clusters]
         return np.concatenate([self.kept, *split])
 
@@ -117,28 +121,22 @@ class PlayableMesh:
 
     @cached_property
     def shifts(self) -> list[int]:
-        """What is added to the numbers of each cluster's new vertices."""
+        """Offset from the vertex numbers of each cluster's plan to those of this mesh, for new vertices."""
         counts = [each.skin.weights.shape[1] for each in self.clusters]
         shifts: list[int] = np.cumsum([0, *counts])[:-1].tolist()
         return shifts
 
     def posed(self, clip: Clip | None, time: float, *, wrinkled: bool = True) -> Floats:
-        """(vertices, 3) at a time of a clip, seconds, world space; in the stored pose where there is no clip.
-
-        Args:
-            clip: The animation.
-            time: Seconds.
-            wrinkled: With wrinkles.
-        """
+        """(vertices, 3) in world space at a time of a clip, seconds, or in the stored pose if there is no clip."""
         rig, old = self.ground.rig, len(self.ground.surface.positions)
-        matrices, weights = self.played.pose(self.ground, clip, time)
+        matrices, weights = self.cache.pose(self.ground, clip, time)
         skins = (self.skin, *(each.skin for each in self.clusters))
         ends = np.cumsum([0, *(each.weights.shape[1] for each in skins)])
         offsets = np.zeros((1, 3, int(ends[-1])))
         for cluster, shift in zip(self.clusters, self.shifts, strict=True):
             plan = cluster.plan
             for carried in plan.carried_patches if wrinkled else ():
-                amplitudes, _ = self.played.at(self.ground, carried.patch, clip, time)
+                amplitudes, _ = self.cache.amplitudes(self.ground, carried.patch, clip, time)
                 moved = displacements(carried, plan.fine, rig, plan.rest, clip, np.array([time]), amplitudes)[0]
                 offsets[0][:, np.where(carried.vertices < old, carried.vertices, carried.vertices + shift)] += moved.T
         parts = [
@@ -147,33 +145,28 @@ class PlayableMesh:
         ]
         return np.concatenate(parts, axis=1).T
 
-    def normals(self, positions: Floats) -> Floats:
-        """(vertices, 3) unit normals of (vertices, 3) positions."""
-        return vertex_normals(positions, self.faces)
-
 
 @dataclass(frozen=True, slots=True)
 class ShownMesh:
     """A node's mesh at a moment.
 
     Attributes:
-        node: Name of the node.
-        laid: What of it does not change with time; another object whenever faces do.
+        source: Mesh that was posed; another object whenever faces change.
         positions: (vertices, 3) world space, scene units.
     """
 
-    node: str
-    laid: PlayableMesh
+    source: PlayableMesh
     positions: Floats
 
     @property
-    def faces(self) -> Ints:
-        """(triangles, 3) vertices; the same array as long as `laid` is the same object."""
-        return self.laid.faces
+    def node(self) -> str:
+        """Name of the node."""
+        return self.source.node
 
-    def normals(self) -> Floats:
-        """(vertices, 3) unit, area-weighted."""
-        return self.laid.normals(self.positions)
+    @property
+    def faces(self) -> Ints:
+        """(triangles, 3) vertices; the same array as long as `source` is the same object."""
+        return self.source.faces
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,9 +174,8 @@ class AttachedTool:
     """A tool on its mesh.
 
     Attributes:
-        ground: The mesh.
-        plan: Of the tool and those that lie with it.
-        carried: The tool, on the refined surface.
+        plan: Plan of the tool and of those that overlap it.
+        carried: Tool on the refined surface.
     """
 
     ground: Ground
@@ -192,22 +184,59 @@ class AttachedTool:
 
     @property
     def patch(self) -> Patch:
-        """It, attached."""
+        """The tool's patch on the coarse mesh."""
         return self.carried.patch
+
+    def control_curve(self, cache: ClipCache, clip: Clip | None, time: float) -> Floats:
+        """(points, 2) place along the control curve and height above it at a time, scene units."""
+        amplitudes, distance = cache.amplitudes(self.ground, self.patch, clip, time)
+        us = np.linspace(0.0, 1.0, _CURVE_POINTS)
+        strength = self.patch.clip_strength(clip) * self.patch.shape_strength
+        heights = strength * np.einsum("gm,gmv->v", amplitudes[0], self.patch.curve.shapes(us))
+        return np.stack([us * (distance if np.isfinite(distance) else 0.0), heights], axis=1)
+
+    def heights(self, cache: ClipCache, clip: Clip) -> tuple[Floats, Floats]:
+        """(frames,) seconds of a clip, and (frames,) height of the highest bump, scene units."""
+        times, sampled = cache.times(clip), cache.activity(self.ground, self.patch, clip)
+        strength = abs(self.patch.clip_strength(clip) * self.patch.shape_strength)
+        return times, strength * self.patch.curve.heights(sampled.amplitudes).reshape(len(times), -1).max(axis=1)
 
 
 @dataclass(frozen=True, slots=True)
 class AttachedTools:
-    """What tools make of an asset.
+    """All tools of a file on the meshes of an asset.
 
     Attributes:
-        meshes: Of all nodes of the scene.
-        tools: Those that fit, by name.
-        problems: What is wrong with the others, a line each, by name.
-        hurried: Whether tools are on triangles that were not refined for them.
+        meshes: Meshes of all nodes of the scene.
+        tools: Tools that fit, by name.
+        problems: One line for each tool that does not fit, by name.
+        provisional: Some tools are on triangles that were not refined for them.
     """
 
     meshes: tuple[PlayableMesh, ...]
     tools: dict[str, AttachedTool]
     problems: dict[str, str]
-    hurried: bool
+    provisional: bool
+
+    def warnings(self, cache: ClipCache, clips: Sequence[Clip], settings: ToolsFile) -> dict[str, list[str]]:
+        """Collect the warnings of `check` by tool; those about whole meshes have an empty name."""
+        found: dict[str, list[str]] = {}
+        for tool in self.tools.values():
+            sampled = [
+                ClipActivity(clip, cache.times(clip), cache.activity(tool.ground, tool.patch, clip))
+                for clip in moving_clips(tool.plan, clips)
+            ]
+            lines = tool_warnings(tool.plan, tool.carried, sampled, up=settings.up)
+            _add_by_name(found, [tool.patch.tool.name], lines)
+        for plan in {id(each.plan): each.plan for each in self.tools.values()}.values():
+            names = [each.patch.tool.name for each in plan.carried_patches]
+            _add_by_name(found, names, mesh_warnings(plan, settings, clips, tracks=False))
+        return found
+
+
+def _add_by_name(found: dict[str, list[str]], names: Iterable[str], lines: Iterable[str]) -> None:
+    """Add each line to the name that it begins with."""
+    for line in lines:
+        name = next((each for each in names if line.startswith((f"{each}: ", f"{each} and "))), "")
+        if line not in found.setdefault(name, []):
+            found[name].append(line)

@@ -1,4 +1,4 @@
-"""The saved tools baked, as `wrinkle bake` does it, and what the written file itself shows at a moment."""
+"""Bake the saved tools as `wrinkle bake` does, and play the written file."""
 
 import os
 from dataclasses import dataclass
@@ -20,47 +20,46 @@ class BakedFile:
     """A baked file, read again.
 
     Attributes:
-        told: What was made, in lines.
-        text: Of the tools file that was baked.
-        document: The file.
-        laid: Its meshes, whose wrinkles are morph targets like others.
-        clips: Its own, by name.
+        summary: Lines about the bake.
+        text: Tools file that was baked.
+        sources: Meshes of the file, whose wrinkles are morph targets.
+        clips: Clips of the file, by name.
     """
 
-    told: str
+    summary: str
     text: str
     document: Document
-    laid: tuple[PlayableMesh, ...]
+    sources: tuple[PlayableMesh, ...]
     clips: dict[str, Clip]
 
     def plays(self, clip: str | None) -> bool:
-        """Whether it has a clip; it has the stored pose, where that is None, but no made-up motion."""
+        """True if the file has a clip, or None is asked for: the stored pose. Clips that `wrinkle` made up are not."""
         return clip is None or clip in self.clips
 
     def meshes(self, clip: str | None, time: float) -> list[ShownMesh]:
         """All meshes at a time of a clip, seconds, as the file plays it."""
-        found = None if clip is None else self.clips[clip]
-        return [ShownMesh(each.node, each, each.posed(found, time)) for each in self.laid]
+        played = None if clip is None else self.clips[clip]
+        return [ShownMesh(each, each.posed(played, time)) for each in self.sources]
 
 
 def bake_saved(session: Session, progress: Progress = no_progress) -> BakedFile:
-    """Bake the saved file of a session, beside it; it may run beside what is shown meanwhile.
+    """Bake the saved tools file of a session into the file's folder. The session may be used meanwhile.
 
     Raises:
-        WrinkleError: As `wrinkle bake`.
+        WrinkleError: The bake fails.
     """
-    reading, asset = session.reading, os.path.splitext(os.path.basename(session.asset))[0]
+    options, asset = session.read_options, os.path.splitext(os.path.basename(session.asset))[0]
     out, text = os.path.join(os.path.dirname(session.path), f"{asset}_wrinkled.glb"), session.saved_text
-    options = BakeOptions(
-        anims=reading.anims,
-        allow_external=reading.allow_external,
-        max_memory=reading.max_memory,
-        replace=True,  # as `stage` shows it
+    bake_options = BakeOptions(
+        anims=options.anims,
+        allow_external=options.allow_external,
+        max_memory=options.max_memory,
+        replace=True,  # the editor too shows the original of a baked asset
     )
-    report = bake(session.asset, session.path, out, options, progress=progress)
+    report = bake(session.asset, session.path, out, bake_options, progress=progress)
     with guarded(out):
-        document = read_document(out, allow_external=reading.allow_external, memory=Memory(reading.max_memory))
+        document = read_document(out, allow_external=options.allow_external, memory=Memory(options.max_memory))
         clips = read_clips(document)
-        laid = LoadedAsset(document, clips).laid(ToolsFile(path=out, tools=()))
-    told = "\n".join((f"{out}: {report.summary}", *report.warnings))
-    return BakedFile(told, text, document, laid.meshes, {clip.name: clip for clip in clips})
+        attached = LoadedAsset(document, clips).attach(ToolsFile(path=out, tools=()))
+    summary = "\n".join((f"{out}: {report.summary}", *report.warnings))
+    return BakedFile(summary, text, document, attached.meshes, {clip.name: clip for clip in clips})

@@ -1,13 +1,12 @@
-"""Poses of meshes and heights of tools over the clips, at the times at which an editor plays: looked up, not computed.
+"""Poses and wrinkle heights of clips at the times at which the editor plays them.
 
-A clip is sampled once for each mesh and each tool, as a bake samples it; a frame that plays takes a row of that. Other
-times, where somebody scrubs, are computed as they come.
+A clip is sampled once for each mesh and each tool, as a bake samples it, and a frame that plays is one row of the
+samples. Times between frames, as when someone scrubs, are computed on demand.
 """
 
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
@@ -19,22 +18,22 @@ from wrinklecli.effects.wrinkle.activity import Activity, activities, tissues
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.numeric.arrays import Floats, distinct_values
 
-# Frames per second of a clip that is played, and of one clip at most.
-FPS, _MOST_FRAMES = 30.0, 10_000
-# Bytes of one mesh's matrices over a clip beyond which they are computed frame by frame.
-_MOST_BYTES = 2**28
+_FPS = 30.0  # frames per second of a clip that plays
+_MAX_FRAMES = 10_000  # frames of one clip; a longer clip plays at fewer frames per second
+_MAX_POSE_BYTES = 2**28  # bytes of one mesh's joint matrices over a clip; larger ones are computed frame by frame
+_MATRIX_BYTES = 128  # bytes of a 4x4 matrix
+_KEPT_TIMES = 64  # clips whose frame times are kept
+_KEPT_POSES = 16  # pairs of mesh and clip whose poses are kept
+_KEPT_ACTIVITIES = 256  # triples of tool, mesh and clip whose activities are kept
 
 Kept = TypeVar("Kept")
 
 
 class RecentResults:
-    """Results by what they were made from, the latest ones; several threads may ask.
-
-    Args:
-        count: How many are kept.
+    """The most recent results by key. Several threads may use it.
 
     Attributes:
-        count: The same, which may change.
+        count: Number of results that are kept; it may be changed.
     """
 
     def __init__(self, count: int) -> None:
@@ -42,17 +41,17 @@ class RecentResults:
         self._values: OrderedDict[Hashable, Any] = OrderedDict()
 
     def get(self, key: Hashable) -> Any:
-        """What was made from a key; None where it is not kept."""
+        """Look up a result; None if it is not kept."""
         with self._lock:
             if key in self._values:
                 self._values.move_to_end(key)
             return self._values.get(key)
 
-    def of(self, key: Hashable, make: Callable[[], Kept]) -> Kept:
-        """What was made from a key, be it now; two threads that ask at once may both make it."""
-        found: Kept | None = self.get(key)
-        if found is not None:
-            return found
+    def get_or_make(self, key: Hashable, make: Callable[[], Kept]) -> Kept:
+        """Look up a result, or make and keep it; two threads that ask at once may both make it."""
+        kept: Kept | None = self.get(key)
+        if kept is not None:
+            return kept
         made = make()
         with self._lock:
             self._values[key] = made
@@ -62,68 +61,63 @@ class RecentResults:
 
 
 def frame_times(clip: Clip) -> Floats:
-    """(frames,) seconds at which a clip is played: 30 a second, fewer of a very long one, its end among them."""
+    """(frames,) seconds at which a clip plays, with its end; a very long clip has fewer than 30 a second."""
     seconds = clip.end - clip.start
-    return clip_grid(clip, None, fps=min(FPS, _MOST_FRAMES / seconds) if seconds > 0 else FPS)
-
-
-@dataclass(frozen=True, slots=True)
-class _Poses:
-    """What moves a mesh over a clip: (frames, joints, 4, 4) matrices and (frames, morph targets) weights."""
-
-    matrices: Floats
-    weights: Floats
+    return clip_grid(clip, None, fps=min(_FPS, _MAX_FRAMES / seconds) if seconds > 0 else _FPS)
 
 
 class ClipCache:
-    """Clips as they are played. What is asked for again is kept."""
+    """Samples of clips, of which the recent ones are kept."""
 
     def __init__(self) -> None:
-        self._times, self._poses, self._seen = RecentResults(64), RecentResults(16), RecentResults(256)
+        self._times = RecentResults(_KEPT_TIMES)
+        self._poses = RecentResults(_KEPT_POSES)
+        self._activities = RecentResults(_KEPT_ACTIVITIES)
 
     def times(self, clip: Clip) -> Floats:
         """(frames,) seconds, as `frame_times`."""
-        return self._times.of(clip.name, lambda: frame_times(clip))
+        return self._times.get_or_make(clip.name, lambda: frame_times(clip))
 
     def pose(self, ground: Ground, clip: Clip | None, time: float) -> tuple[Floats, Floats]:
-        """(1, acting joints, 4, 4) matrices from bind to world space, and (1, morph targets) weights.
+        """Pose a mesh.
 
-        The acting joints are those that any vertex follows, rising.
+        Returns:
+            (1, acting joints, 4, 4) matrices from bind to world space, and (1, morph targets) weights. The acting
+            joints are those with influence on any vertex, sorted.
         """
         acting = distinct_values(ground.surface.joints)
-        frame = None if clip is None else self._frame(clip, time)
-        times = np.array([time])
-        if clip is None or frame is None or 128 * len(acting) * len(self.times(clip)) > _MOST_BYTES:
+
+        def posed(times: Floats) -> tuple[Floats, Floats]:
             return joint_matrices(ground.rig, clip, times, acting), morph_weights(ground.rig, clip, times)
-        every = self.times(clip)
-        found = self._poses.of(
-            (ground, clip.name),
-            lambda: _Poses(joint_matrices(ground.rig, clip, every, acting), morph_weights(ground.rig, clip, every)),
-        )
-        return found.matrices[frame : frame + 1], found.weights[frame : frame + 1]
+
+        frame = None if clip is None else self._frame(clip, time)
+        if clip is None or frame is None or _MATRIX_BYTES * len(acting) * len(self.times(clip)) > _MAX_POSE_BYTES:
+            return posed(np.array([time]))
+        matrices, weights = self._poses.get_or_make((ground, clip.name), lambda: posed(self.times(clip)))
+        return matrices[frame : frame + 1], weights[frame : frame + 1]
 
     def activity(self, ground: Ground, patch: Patch, clip: Clip) -> Activity:
-        """What a clip makes of a tool, at the times at which it is played."""
-        return self._seen.of(
+        """Sample a tool over a clip, at its frame times."""
+        return self._activities.get_or_make(
             (patch.tool, ground, clip.name),
             lambda: activities([patch], ground.rig, ground.rest, clip, self.times(clip))[0],
         )
 
-    def at(self, ground: Ground, patch: Patch, clip: Clip | None, time: float) -> tuple[Floats, float]:
-        """(1, groups, modes) amplitudes of a tool at a time, without strength, and its anchors' distance."""
+    def amplitudes(self, ground: Ground, patch: Patch, clip: Clip | None, time: float) -> tuple[Floats, float]:
+        """(1, groups, modes) amplitudes of a tool at a time, without strength, and the distance of its anchors."""
         frame = None if clip is None else self._frame(clip, time)
         if clip is not None and (frame is not None or patch.tool.lag is not None):
-            seen = self.activity(ground, patch, clip)
+            sampled = self.activity(ground, patch, clip)
             if frame is not None:
-                return seen.amplitudes[frame : frame + 1], float(seen.distances[frame])
-            late = [seen.tissue]  # it has followed the clip up to here already
+                return sampled.amplitudes[frame : frame + 1], float(sampled.distances[frame])
+            lagging = [sampled.tissue]  # the spring has followed the clip already
         else:
-            late = tissues([patch], ground.rig, ground.rest, clip)
-        (now,) = activities([patch], ground.rig, ground.rest, clip, np.array([time]), lagging=late)
+            lagging = tissues([patch], ground.rig, ground.rest, clip)
+        (now,) = activities([patch], ground.rig, ground.rest, clip, np.array([time]), lagging=lagging)
         return now.amplitudes, float(now.distances[0])
 
     def _frame(self, clip: Clip, time: float) -> int | None:
-        """The number of the frame that is shown at just this time."""
+        """Number of the frame at exactly this time."""
         times = self.times(clip)
         frame = int(np.searchsorted(times, time))
         return frame if frame < len(times) and times[frame] == time else None

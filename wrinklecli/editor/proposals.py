@@ -1,6 +1,6 @@
-"""Tools that the editor offers, as keys of a tools file: a first guess between two places, and what `suggest` finds."""
+"""Tools that the editor proposes, as keys of a tools file: a first guess for a new tool, and the tools of `suggest`."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,9 +15,9 @@ class Proposal:
     """A tool that `suggest` has found.
 
     Attributes:
-        name: As it found it; the file may have one of this name.
-        why: What folds there, in a line.
-        values: Its keys, Y-up.
+        name: Name from `suggest`; a tool of the file may have the same.
+        why: One line about the clip that folds the place.
+        values: Keys of the tool, Y-up.
     """
 
     name: str
@@ -25,8 +25,8 @@ class Proposal:
     values: Mapping[str, Any]
 
 
-def guessed(tool: WrinkleTool) -> dict[str, Any]:
-    """What a tool of `suggest.placed` says beside its name and its ends."""
+def proposed_keys(tool: WrinkleTool) -> dict[str, Any]:
+    """The keys of a tool from `suggest.placed`, without its name and its ends."""
     values: dict[str, Any] = {"width": tool.width.value}
     if tool.material is not None:
         values["material"] = tool.material
@@ -41,8 +41,8 @@ def guessed(tool: WrinkleTool) -> dict[str, Any]:
     return values
 
 
-def offers_of(found: Suggestions) -> list[Proposal]:
-    """The tools of a file that `suggest` would write, each by itself."""
+def proposals_of(found: Suggestions) -> list[Proposal]:
+    """Make a proposal of each tool that `suggest` has found."""
     file = ToolsText(found.text)
     defaults = {"rest_length": file.defaults.get("rest_length", "auto")} if found.text else {}
     return [
@@ -55,18 +55,14 @@ def offers_of(found: Suggestions) -> list[Proposal]:
     ]
 
 
-def turned(values: Mapping[str, Any], up: str) -> dict[str, Any]:
-    """Keys with Y-up places, in the axes of a file."""
-
-    def place(point: Sequence[float]) -> list[float]:
-        return [*in_axes(point, up)]
-
-    found = dict(values)
+def to_axes(values: Mapping[str, Any], up: str) -> dict[str, Any]:
+    """Convert Y-up places in the keys of a tool to the axes of a file."""
+    turned = dict(values)
     for key in ("origin", "target"):
-        if key in found:
-            found[key] = place(found[key])
-    if "path" in found:
-        found["path"] = [place(point) for point in found["path"]]
-    if up == "z" and found.get("mirror") in ("y", "z"):
-        found["mirror"] = {"y": "z", "z": "y"}[found["mirror"]]
-    return found
+        if key in turned:
+            turned[key] = list(in_axes(turned[key], up))
+    if "path" in turned:
+        turned["path"] = [list(in_axes(point, up)) for point in turned["path"]]
+    if up == "z" and turned.get("mirror") in ("y", "z"):
+        turned["mirror"] = {"y": "z", "z": "y"}[turned["mirror"]]
+    return turned

@@ -1,6 +1,6 @@
-"""What `wrinkle edit` edits: an asset with its tools file, and what these show at every moment.
+"""An editing session: an asset and its tools file, and what they show at any moment.
 
-What is shown follows from the present step of the file alone. Methods may be called from several threads.
+All that is shown follows from the current step of the file. Methods may be called from several threads.
 """
 
 import os
@@ -18,9 +18,8 @@ from wrinklecli.editor.attached import AttachedTool, AttachedTools, PlayableMesh
 from wrinklecli.editor.clip_cache import RecentResults, frame_times
 from wrinklecli.editor.edits import Draft, Edits, Step, length_of
 from wrinklecli.editor.free_pose import POSE, FreePose
-from wrinklecli.editor.proposals import Proposal, guessed, offers_of, turned
+from wrinklecli.editor.proposals import Proposal, proposals_of, proposed_keys, to_axes
 from wrinklecli.editor.store import Store
-from wrinklecli.editor.told import control_curve, heights_over, warnings_of
 from wrinklecli.errors import WrinkleError
 from wrinklecli.files.watched import Watched
 from wrinklecli.gltf.document import Document
@@ -33,20 +32,20 @@ from wrinklecli.tools.mirror import exchange_sides
 from wrinklecli.tools.records import ToolsFile, identifier, in_axes
 from wrinklecli.tools.schema import TOOL_KEYS
 
+_KEPT_MEASURED = 4  # meshes whose measurements for first guesses are kept
+
 
 @dataclass(frozen=True, slots=True)
 class EditedTool:
     """A tool of the file.
 
     Attributes:
-        name: Of it.
-        values: What holds for it, by key: its own, else the file's defaults, else the schema's.
+        values: Values by key: the tool's own, else the file's defaults, else the schema's.
         own: Keys that the tool itself has.
-        enabled: Whether it is baked.
-        solo: Whether it is among those that are shown alone.
-        partner: Name of the tool that its `mirror` makes; None for none.
-        problem: Why it does not fit the asset; None where it does.
-        length: From point to point as the file has them, scene units; 0 where they are markers.
+        solo: The tool is among those that are shown alone.
+        partner: Name of the tool that its `mirror` makes.
+        problem: Reason why the tool does not fit the asset.
+        length: Distance from point to point as the file has them, scene units; 0 if they are markers.
     """
 
     name: str
@@ -60,34 +59,29 @@ class EditedTool:
 
 
 class Session(Edits):
-    """An asset and its tools, being edited. Made by `Session.open`.
+    """An asset and its tools, being edited; made by `Session.open`.
 
-    What is dragged is shown at once, on the triangles that are there.
-
-    Args:
-        asset: Its path.
-        reading: How it is read, as of `open`.
-        store: The tools file.
+    A draft is shown at once, on the triangles that are there.
 
     Attributes:
-        asset: Its path.
-        reading: How it is read.
-        pose: What `POSE` shows, which may be named wherever a clip may.
-        notes: What was made of the asset's motions, and what happened to the files, a line each, newest last.
+        asset: Path of the asset.
+        pose: Pose of the clip `POSE`, which may be named wherever a clip may.
+        notes: Lines about the asset's motions and about changes of the files, the newest last.
     """
 
-    def __init__(self, asset: str, reading: ReadOptions, store: Store) -> None:
+    def __init__(self, asset: str, read_options: ReadOptions, store: Store) -> None:
         super().__init__(store)
         self.asset = asset
-        self.reading = reading
+        self.read_options = read_options
         self.pose = FreePose()
-        self._posed: Clip | None = None
-        self._watched_asset = Watched([asset, *reading.anims])
-        self._stage = self._read_stage()
-        self._laid: tuple[object, AttachedTools] | None = None
-        self._settled: tuple[object, AttachedTools] | None = None
-        self._measured = RecentResults(4)
-        self._offers: list[Proposal] | None = None
+        self._pose_clip: Clip | None = None
+        self._watched_asset = Watched([asset, *read_options.anims])
+        self._loaded = self._load()
+        # The step or draft that the tools are of, and the tools: the last ones shown, and the last refined ones.
+        self._shown: tuple[object, AttachedTools] | None = None
+        self._refined: tuple[object, AttachedTools] | None = None
+        self._measured = RecentResults(_KEPT_MEASURED)
+        self._proposals: list[Proposal] | None = None
         self._watched_tools = Watched([store.path])
 
     @classmethod
@@ -101,73 +95,76 @@ class Session(Edits):
         allow_external: bool = False,
         max_memory: int = MAX_MEMORY,
     ) -> "Session":
-        """Read an asset and its tools, and what an earlier session has not saved of these: a step that can be undone.
+        """Read an asset and its tools, and recover unsaved edits of an earlier session as a step that can be undone.
 
-        Args:
-            asset: The .gltf or .glb.
-            tools: The YAML file; it need not be there yet. Beside the asset, with its name, where left out.
-            anims: Files with more clips.
-            range_of_motion: Move it through that too, though it has clips.
-            allow_external: Read buffers and images outside the asset's folder too.
-            max_memory: Bytes that reading the asset may take.
+        The tools file need not exist; without `tools` it is the asset's path with the ending .yaml. The other options
+        are those of `ReadOptions`.
 
         Raises:
-            WrinkleError: One of the files is at fault.
+            WrinkleError: A file is at fault.
         """
         path = os.fspath(asset)
         name = os.fspath(tools) if tools is not None else os.path.splitext(path)[0] + ".yaml"
-        reading = ReadOptions(tuple(os.fspath(each) for each in anims), range_of_motion, allow_external, max_memory)
-        session = cls(path, reading, Store(name))
+        options = ReadOptions(tuple(os.fspath(each) for each in anims), range_of_motion, allow_external, max_memory)
+        session = cls(path, options, Store(name))
         session.recover()
         return session
 
-    # What there is.
+    # The asset and its tools.
 
     @property
     def clips(self) -> tuple[Clip, ...]:
-        """All clips: of the asset, of other files, of the range of motion; each has name, start and end."""
-        return self._stage.clips
+        """All clips: of the asset, of other files, of the range of motion."""
+        return self._loaded.clips
 
     @property
-    def made(self) -> frozenset[str]:
-        """Names of the clips that are a range of motion, which no file has."""
-        return self._stage.made
+    def range_clips(self) -> frozenset[str]:
+        """Names of the clips that are a range of motion; no file has them."""
+        return self._loaded.range_clips
 
     @property
     def document(self) -> Document:
-        """The asset, with all clips."""
-        return self._stage.document
+        """The asset with all clips."""
+        return self._loaded.document
 
     def take_pose(self, pose: FreePose) -> None:
-        """Let `POSE` be this.
+        """Set the pose of the clip `POSE`.
 
         Raises:
-            AssetError: There is no joint or morph target of a name.
+            AssetError: A joint or morph target does not exist.
         """
         with self._guarded():
-            self.pose, self._posed = pose, pose.clip(self._stage.document)
+            self.pose, self._pose_clip = pose, pose.clip(self._loaded.document)
 
     def frame_times(self, clip: str) -> Floats:
-        """(frames,) seconds at which a clip is played: meshes at just these times are cheap."""
+        """(frames,) seconds at which a clip plays; meshes at exactly these times are cheap."""
         return frame_times(clip_named(self.clips, clip, where=self.asset))
 
     def tools(self) -> tuple[EditedTool, ...]:
-        """The tools of the file, in its order, disabled ones too; a mirrored one is its source's partner."""
+        """The tools of the file in its order, with disabled ones. A mirrored tool is its source's partner."""
         with self._guarded():
-            file, solo, problems = self._base.file, self._base.solo, self._quick().problems
+            file, solo, problems = self._base.file, self._base.solo, self._attached().problems
             schema = {key: each["default"] for key, each in TOOL_KEYS.items() if "default" in each}
-            found = []
+            tools = []
             for number, own in enumerate(file.tools):
                 if self._draft is not None and self._draft.number == number:
                     own = self._draft.values
                 values = schema | dict(file.defaults) | dict(own)
                 name, mirrored = str(own.get("name", "")), values.get("mirror") not in (None, "none")
                 partner = exchange_sides(name) if mirrored else None
-                problem = problems.get(name) or (problems.get(partner) if partner else None)
-                enabled = bool(values.get("enabled"))
-                shown = name in solo
-                found.append(EditedTool(name, values, frozenset(own), enabled, shown, partner, problem, length_of(own)))
-            return tuple(found)
+                tools.append(
+                    EditedTool(
+                        name=name,
+                        values=values,
+                        own=frozenset(own),
+                        enabled=bool(values.get("enabled")),
+                        solo=name in solo,
+                        partner=partner,
+                        problem=problems.get(name) or (problems.get(partner) if partner else None),
+                        length=length_of(own),
+                    )
+                )
+            return tuple(tools)
 
     # Edits.
 
@@ -176,11 +173,11 @@ class Session(Edits):
 
         Args:
             origin: (3,) world space.
-            target: (3,)
-            node: Name of the node whose mesh was touched.
+            target: (3,) world space.
+            node: Name of the node whose mesh was clicked.
 
         Returns:
-            Its name.
+            The name of the tool.
         """
         with self._guarded():
             file = self._base.file
@@ -188,41 +185,43 @@ class Session(Edits):
             sides = dict(zip("xyz", in_axes((np.add(origin, target) / 2.0).tolist(), file.up), strict=True))
             name = self._new_name("wrinkle" + ("" if axis not in sides else ".L" if sides[axis] > 0 else ".R"))
             span = float(np.linalg.norm(np.subtract(target, origin)))
-            deforming = deforming_nodes(self._stage.document)
-            meshes = [mesh for mesh in self._quick().meshes if mesh.ground.rig.node in deforming]
-            touched = [mesh for mesh in meshes if node in (None, mesh.node)]
+            deforming = deforming_nodes(self._loaded.document)
+            meshes = [mesh for mesh in self._attached().meshes if mesh.ground.rig.node in deforming]
+            clicked = [mesh for mesh in meshes if node in (None, mesh.node)]
             values: dict[str, Any] = {"name": name}
             if node is not None and len(deforming) > 1:
                 values["node"] = node
             values |= {"origin": self._written_place(origin, span), "target": self._written_place(target, span)}
-            if touched:
-                values |= guessed(self._chosen_on(touched[0]).tool(np.array(origin, float), np.array(target, float)))
+            if clicked:
+                guess = self._measured_mesh(clicked[0]).tool(np.array(origin, float), np.array(target, float))
+                values |= proposed_keys(guess)
             else:
                 values["width"] = float(f"{span:.2g}")
             self._become(file.with_tool(values), f"{name} is new")
             return name
 
-    def offers(self) -> list[Proposal]:
-        """What `suggest` finds for the asset. It may take seconds, beside what is shown meanwhile."""
-        if self._offers is None:
-            reading = self.reading
+    def proposals(self) -> list[Proposal]:
+        """The tools that `suggest` finds for the asset. The first call may take seconds; others may go on meanwhile."""
+        if self._proposals is None:
+            options = self.read_options
             found = suggest(
                 self.asset,
-                anims=reading.anims,
-                range_of_motion=reading.range_of_motion,
-                allow_external=reading.allow_external,
-                max_memory=reading.max_memory,
+                anims=options.anims,
+                range_of_motion=options.range_of_motion,
+                allow_external=options.allow_external,
+                max_memory=options.max_memory,
             )
             self.notes += [*found.notes, *([f"{self.asset}: {found.reason}"] if found.reason else [])]
-            self._offers = offers_of(found)
-        return self._offers
+            self._proposals = proposals_of(found)
+        return self._proposals
 
-    def accept(self, offer: Proposal) -> str:
-        """Add a tool that was offered; its name."""
+    def accept(self, proposal: Proposal) -> str:
+        """Add a proposed tool, and return its name."""
         with self._guarded():
-            file = self._base.file
-            name = offer.name if identifier(offer.name) not in self._taken_names() else self._new_name(offer.name)
-            values = turned(offer.values, file.up) | {"name": name}
+            file, name = self._base.file, proposal.name
+            if identifier(name) in self._taken_names():
+                name = self._new_name(name)
+            values = to_axes(proposal.values, file.up) | {"name": name}
             if file.defaults.get("mirror") not in (None, "none"):
                 values.setdefault("mirror", "none")
             self._become(file.with_tool(values), f"{name} is accepted")
@@ -231,21 +230,20 @@ class Session(Edits):
     # The files.
 
     def refresh(self) -> bool:
-        """Take up what others have written: the asset, exported again, and the tools file; to be called now and then.
+        """Read files that others have changed: the asset and the tools file. To be called from time to time.
 
-        Tools are attached again, and those that no longer fit have a `problem`. What cannot be read, or not be merged,
-        is said in `notes`, and all stays as it is.
+        Tools are attached to the new asset. If a file cannot be read or merged, `notes` say so, and nothing changes.
 
         Returns:
-            Whether anything has changed, be it the notes.
+            True if anything has changed, even if only `notes`.
         """
         asset, tools = self._watched_asset.changed(), self._watched_tools.changed()
         try:
             if asset:
-                stage = self._read_stage()  # beside what is shown meanwhile
+                loaded = self._load()  # without the lock: the old asset is shown meanwhile
                 with self._lock:
-                    self._stage, self._laid, self._settled, self._offers = stage, None, None, None
-                    self.pose, self._posed = FreePose(), None
+                    self._loaded, self._shown, self._refined, self._proposals = loaded, None, None, None
+                    self.pose, self._pose_clip = FreePose(), None
                 self.notes.append(f"{self.asset}: was exported again")
             if tools:
                 self.merge()
@@ -256,89 +254,88 @@ class Session(Edits):
     # What is shown.
 
     @property
-    def settled(self) -> bool:
-        """Whether tools are shown as they are baked: refined for what they are now."""
-        return self._draft is None and self._settled is not None and self._settled[0] is self._base
+    def is_refined(self) -> bool:
+        """True if tools are shown as they are baked: on triangles that were refined for them."""
+        return self._draft is None and self._refined is not None and self._refined[0] is self._base
 
-    def settle(self) -> None:
-        """Refine for what tools are now. It takes a while, and may run beside what is shown meanwhile."""
+    def refine(self) -> None:
+        """Refine the mesh for the current tools. This takes a while; others may go on meanwhile."""
         with self._lock:
-            step, stage, settings = self._base, self._stage, self._shown_settings(self._base)
-        if self._settled is None or self._settled[0] is not step:
+            step, loaded, settings = self._base, self._loaded, self._shown_settings(self._base)
+        if self._refined is None or self._refined[0] is not step:
             with guarded(self.asset):
-                laid = stage.laid(settings)
+                attached = loaded.attach(settings)
             with self._lock:
-                if stage is self._stage:
-                    self._settled = step, laid
+                if loaded is self._loaded:
+                    self._refined = step, attached
 
-    def laid(self) -> Mapping[str, AttachedTool]:
-        """The tools that fit, mirrored ones too, by name; in a hurry as `meshes` shows them."""
+    def attached_tools(self) -> Mapping[str, AttachedTool]:
+        """The tools that fit, with mirrored ones, by name; they are provisional until `refine`."""
         with self._guarded():
-            return self._quick().tools
+            return self._attached().tools
 
     def meshes(self, clip: str | None, time: float, *, wait: bool = True, wrinkled: bool = True) -> list[ShownMesh]:
-        """All meshes at a time of a clip, seconds; in the stored pose where the clip is None.
+        """All meshes at a time of a clip, or in the stored pose if `clip` is None.
 
         Args:
-            clip: Its name.
-            time: Those of `frame_times` are cheap.
-            wait: Until tools are refined for what they are now, unless they are drafts; else `settle` is to be called,
-                and until then they are shown on the triangles that are there.
-            wrinkled: With wrinkles.
+            clip: Name of the clip.
+            time: Seconds; the times of `frame_times` are cheap.
+            wait: Wait until the mesh is refined for the current tools, unless there is a draft. If False, tools are
+                shown on the triangles that are there until `refine` is called.
+            wrinkled: Add the wrinkles.
         """
         if wait and self._draft is None:
-            self.settle()
+            self.refine()
         with self._guarded():
             found = self._clip(clip)
-            return [
-                ShownMesh(each.node, each, each.posed(found, time, wrinkled=wrinkled)) for each in self._quick().meshes
-            ]
+            return [ShownMesh(each, each.posed(found, time, wrinkled=wrinkled)) for each in self._attached().meshes]
 
     def curve(self, tool: str, clip: str | None, time: float) -> Floats | None:
-        """(points, 2) a tool's control curve at a moment, as `control_curve`; None where it does not fit."""
+        """(points, 2) of a tool's control curve at a moment, scene units; None if the tool does not fit."""
         with self._guarded():
-            found = self._quick().tools.get(tool)
-            return None if found is None else control_curve(found, self._stage.played, self._clip(clip), time)
+            found = self._attached().tools.get(tool)
+            return None if found is None else found.control_curve(self._loaded.cache, self._clip(clip), time)
 
     def heights(self, tool: str, clip: str) -> tuple[Floats, Floats] | None:
-        """(frames,) seconds and (frames,) a tool's greatest height then, scene units.
+        """(frames,) seconds, and (frames,) the greatest height of a tool at each, scene units.
 
-        None where it does not fit, and for a clip of one moment.
+        None if the tool does not fit, and for a clip of one moment.
         """
         with self._guarded():
-            found, at = self._quick().tools.get(tool), self._clip(clip)
+            found, at = self._attached().tools.get(tool), self._clip(clip)
             if found is None or at is None or at.end <= at.start:
                 return None
-            return heights_over(found, self._stage.played, at)
+            return found.heights(self._loaded.cache, at)
 
     def warnings(self) -> dict[str, list[str]]:
-        """What `check` warns of, by tool; of meshes by an empty name. It settles, and may take seconds at first."""
-        self.settle()
-        assert self._settled is not None
-        laid = self._settled[1]
+        """The warnings of `check` by tool, those about whole meshes under an empty name; may take seconds."""
+        self.refine()
+        assert self._refined is not None
         with guarded(self.asset):
-            return warnings_of(laid, self._stage.played, self.clips, self._settings_of(self._base.file))
+            return self._refined[1].warnings(self._loaded.cache, self.clips, self._settings_of(self._base.file))
 
-    # Within.
+    # Internals.
 
     @contextmanager
     def _guarded(self) -> Iterator[None]:
         with self._lock, guarded(self.asset):
             yield
 
-    def _chosen_on(self, mesh: PlayableMesh) -> Chosen:
-        """A mesh, measured for first guesses."""
-        return self._measured.of(mesh.ground, lambda: Chosen(self._stage.document, mesh.ground, self.clips))
+    def _measured_mesh(self, mesh: PlayableMesh) -> Chosen:
+        """A mesh with the measurements that first guesses need."""
+        return self._measured.get_or_make(mesh.ground, lambda: Chosen(self._loaded.document, mesh.ground, self.clips))
 
-    def _read_stage(self) -> LoadedAsset:
+    def _load(self) -> LoadedAsset:
         with guarded(self.asset):
-            stage = LoadedAsset.read(self.asset, self.reading)
-        self.notes += [each for each in stage.notes if each not in self.notes]
-        self._watched_asset = self._watched_asset.instead([self.asset, *stage.document.files, *self.reading.anims])
-        return stage
+            loaded = LoadedAsset.read(self.asset, self.read_options)
+        self.notes += [each for each in loaded.notes if each not in self.notes]
+        self._watched_asset = self._watched_asset.instead(
+            [self.asset, *loaded.document.files, *self.read_options.anims]
+        )
+        return loaded
 
     def _shown_settings(self, step: Step, draft: Draft | None = None) -> ToolsFile:
-        """The tools of a step that are shown, or with those of a draft of it."""
+        """The shown tools of a step, or of a draft that follows it."""
         settings = self._settings_of(step.file) if draft is None else draft.settings
         if not step.solo:
             return settings
@@ -346,24 +343,22 @@ class Session(Edits):
         chosen = (tool for tool, name in zip(settings.tools, names, strict=True) if name in step.solo)
         return replace(settings, tools=tuple(chosen))
 
-    def _quick(self) -> AttachedTools:
-        """What tools make of the asset now, in a hurry: what was settled where it fits."""
-        of = self._draft or self._base
-        if self._settled is not None and self._settled[0] is of:
-            return self._settled[1]
-        if self._laid is None or self._laid[0] is not of:
-            # What is dragged is carried on from where it was a moment ago.
-            drags = self._laid is not None and self._laid[1].hurried
-            before = self._laid if drags else self._settled or self._laid
-            self._laid = (
-                of,
-                self._stage.laid(self._shown_settings(self._base, self._draft), None if before is None else before[1]),
-            )
-            if not self._laid[1].hurried and of is self._base:
-                self._settled = self._laid
-        return self._laid[1]
+    def _attached(self) -> AttachedTools:
+        """Attach the current tools, quickly: refined if that was done already, else provisionally."""
+        current = self._draft or self._base
+        if self._refined is not None and self._refined[0] is current:
+            return self._refined[1]
+        if self._shown is None or self._shown[0] is not current:
+            # A drag goes on from the tools of a moment ago.
+            dragged = self._shown is not None and self._shown[1].provisional
+            before = self._shown if dragged else self._refined or self._shown
+            settings = self._shown_settings(self._base, self._draft)
+            self._shown = current, self._loaded.attach(settings, None if before is None else before[1])
+            if not self._shown[1].provisional and current is self._base:
+                self._refined = self._shown
+        return self._shown[1]
 
     def _clip(self, name: str | None) -> Clip | None:
         if name == POSE:
-            return self._posed
+            return self._pose_clip
         return None if name is None else clip_named(self.clips, name, where=self.asset)

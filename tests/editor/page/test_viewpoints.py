@@ -16,9 +16,9 @@ def test_a_tool_is_seen_from_its_side_and_all_of_the_asset_from_any(tmp_path: Pa
     (tmp_path / "limb.yaml").write_text("version: 1\n" + TOOL)
     session = Session.open(limb(tmp_path / "limb.glb", rings=20, sides=12))
     (mesh,) = session.meshes(None, 0.0)
-    mark = mark_of(session.laid()["a"], mesh.laid, 0, (1.0, 0.0, 0.0))
+    mark = mark_of(session.attached_tools()["a"], mesh.source, 0, (1.0, 0.0, 0.0))
     body = Body(mesh.faces, ())
-    camera = close(mark, body, mesh.positions, mesh.laid.ground.surface.triangles)
+    camera = close(mark, body, mesh.positions, mesh.source.ground.surface.triangles)
     assert camera.axes[2, 1] > 0.4
     spots = mark.spots.on(body, mesh.positions)
     assert np.abs(camera.local(spots)[:, :2]).max() < 1

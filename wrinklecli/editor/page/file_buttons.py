@@ -97,7 +97,7 @@ class FileButtons:
 
     def _show_baked(self, baked: BakedFile) -> None:
         self._desk.compare(baked)
-        self._desk.say(f"{baked.told}\nView, baked file: shows it in place")
+        self._desk.say(f"{baked.summary}\nView, baked file: shows it in place")
 
     def _show_progress(self, stage: str, done: int, total: int) -> None:
         self._progress.visible = bool(stage)

@@ -144,7 +144,7 @@ class Page:
             "Delete": self._delete,
         }
         add_group(gui, self._work, "tool", actions)
-        clips = [clip.name for clip in self._session.clips if clip.name not in self._session.made]
+        clips = [clip.name for clip in self._session.clips if clip.name not in self._session.range_clips]
         self._controls = ToolControls(gui, self._changed, self._unset, clips)
         self._told = gui.add_html("")  # below what a hand is at, which must not move
         self._charts = Charts(gui)
@@ -192,7 +192,7 @@ class Page:
                 self._name_line.show(tool.name, tool.name)
                 self._twin.value = tool.partner is not None
                 self._told.content = self._told_of(tool)
-                laid = self._session.laid().get(tool.name)
+                laid = self._session.attached_tools().get(tool.name)
                 span = tool.length if laid is None else laid.patch.span
                 self._controls.show(tool.values, sorted(tool.own), span or 1.0)
         self._picture.read()
@@ -203,13 +203,13 @@ class Page:
         self._show()
         self._work.put_later("chart", 0.0, self._chart)
         self._keeping.tell()
-        if not self._session.settled:
+        if not self._session.is_refined:
             self._slow.put("settle", self._refine)
             self._slow.put_later("warn", _WARNS, self._warn)
 
     def _refine(self) -> None:
         """Refine for what tools are now, beside all else."""
-        self._session.settle()
+        self._session.refine()
         self._work.put("refined", self._show)
 
     def _warn(self) -> None:
@@ -264,7 +264,7 @@ class Page:
     def _chart(self) -> None:
         """Draw the chosen tool's curves."""
         clip, over = self.player.clip, None
-        laid = self._session.laid().get(self.chosen) if self.chosen else None
+        laid = self._session.attached_tools().get(self.chosen) if self.chosen else None
         if self.chosen is not None and laid is not None:
             patch = laid.carried.patch
             self._charts.show_reach(patch.span, patch.greatest_height)

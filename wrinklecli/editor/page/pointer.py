@@ -88,7 +88,7 @@ class Pointer:
             self._work.put("let go", self._desk.settle)
 
     def _move(self, name: str, kind: str, number: int, origin: Floats, direction: Floats) -> None:
-        hit, laid = self._picture.hit(origin, direction), self._session.laid().get(name)
+        hit, laid = self._picture.hit(origin, direction), self._session.attached_tools().get(name)
         if hit is None or laid is None:
             return
         place, patch = hit.place, laid.patch

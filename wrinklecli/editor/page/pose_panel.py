@@ -70,10 +70,10 @@ class PosePanel:
         on_set(slider, work, f"pose {axis}", lambda: self._turn(axis, float(slider.value)))
 
     def _turn(self, axis: str, degrees: float) -> None:
-        self._become(self._session.pose.turned(self._joint.value, axis, degrees))
+        self._become(self._session.pose.with_turn(self._joint.value, axis, degrees))
 
     def _raise(self) -> None:
-        self._become(self._session.pose.raised(self._morph.value, float(self._weight.value)))
+        self._become(self._session.pose.with_weight(self._morph.value, float(self._weight.value)))
 
     def _reset(self) -> None:
         self._become(FreePose())

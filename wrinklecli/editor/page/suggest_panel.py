@@ -39,7 +39,7 @@ class SuggestPanel:
         self._slow.put("offers", self._look)
 
     def _look(self) -> None:
-        offers = self._session.offers()
+        offers = self._session.proposals()
         self._work.put("offers", lambda: self._show(offers))
 
     def drop_old(self) -> None:

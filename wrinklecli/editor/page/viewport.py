@@ -115,7 +115,7 @@ class Viewport:
         before = self.shown
         self.shown = self._meshes(player.clip, player.time)
         pairs = list(zip(self.shown, before, strict=False))
-        same = len(before) == len(self.shown) and all(new.laid is old.laid for new, old in pairs)
+        same = len(before) == len(self.shown) and all(new.source is old.source for new, old in pairs)
         # What is dragged moves other vertices of the triangles that are there.
         alike = len(before) == len(self.shown) and all(np.array_equal(new.faces, old.faces) for new, old in pairs)
         with self._server.atomic():
@@ -138,7 +138,7 @@ class Viewport:
     @property
     def _is_baked(self) -> bool:
         """Whether the shown meshes are of the baked file."""
-        return self._baked is not None and any(mesh.laid in self._baked.laid for mesh in self.shown)
+        return self._baked is not None and any(mesh.source in self._baked.sources for mesh in self.shown)
 
     @property
     def _points(self) -> list[Floats]:
@@ -149,7 +149,7 @@ class Viewport:
         look: Look = self._look.value
         wire, beside = bool(self._wire.value), bool(self._beside.value)
         paints = self._baked_paints if self._is_baked else self._paints
-        self._bodies = tuple(body_of(mesh.laid, paints[mesh.laid.ground.rig.node]) for mesh in self.shown)
+        self._bodies = tuple(body_of(mesh.source, paints[mesh.source.ground.rig.node]) for mesh in self.shown)
         with self._server.atomic():
             self._view.dress(self._bodies, self._points, look, wire=wire)
             self._mark()
@@ -170,22 +170,22 @@ class Viewport:
         if self._look.value != "heat":
             return []
         pairs = zip(self.shown, points, strict=False)
-        return [point_colours(mesh.laid.rest_positions, places, mesh.faces) for mesh, places in pairs]
+        return [point_colours(mesh.source.rest_positions, places, mesh.faces) for mesh, places in pairs]
 
     def _mark(self) -> None:
         """Draw the tools on the shown meshes."""
         marks = []
-        for number, (name, tool) in enumerate(() if self._is_baked else self._session.laid().items()):
+        for number, (name, tool) in enumerate(() if self._is_baked else self._session.attached_tools().items()):
             patch, mark = self._marks.get(name, (None, None))
             if mark is None or patch is not tool.patch:
                 body = self._body_of(tool.plan.rig.node)
-                mark = mark_of(tool, self.shown[body].laid, body, INKS[number % len(INKS)])
+                mark = mark_of(tool, self.shown[body].source, body, INKS[number % len(INKS)])
                 self._marks[name] = tool.patch, mark
             marks.append(mark)
         self._view.mark(marks, self._chosen, self._points)
 
     def _body_of(self, node: int) -> int:
-        return next(k for k, mesh in enumerate(self.shown) if mesh.laid.ground.rig.node == node)
+        return next(k for k, mesh in enumerate(self.shown) if mesh.source.ground.rig.node == node)
 
     def _everything(self) -> Floats:
         """(points, 3) all that is shown; the world's origin where nothing is."""
@@ -203,7 +203,7 @@ class Viewport:
         if mark is not None:
             body = mark.spots.body
             mesh = self.shown[body]
-            self._point_cameras(close(mark, self._bodies[body], mesh.positions, mesh.laid.ground.surface.triangles))
+            self._point_cameras(close(mark, self._bodies[body], mesh.positions, mesh.source.ground.surface.triangles))
 
     def _point_cameras(self, wanted: Camera) -> None:
         position, distance = wanted.eye, float(np.linalg.norm(wanted.eye - wanted.centre)) or 1.0
@@ -228,7 +228,7 @@ class Viewport:
             hit = picked(origin, direction, mesh.positions, mesh.faces)
             if hit is not None and hit[0] < best:
                 best, triangle, barycentrics = hit
-                place = barycentrics @ mesh.laid.rest_positions[mesh.faces[triangle]]
+                place = barycentrics @ mesh.source.rest_positions[mesh.faces[triangle]]
                 found = Hit(mesh, place, SurfacePoints(number, np.array([triangle]), barycentrics[None]))
         return found
 
@@ -238,11 +238,11 @@ class Viewport:
 
     def tool_at(self, mesh: ShownMesh, place: Floats) -> str | None:
         """The tool of the file whose patch, or whose partner's, is at a (3,) place at rest."""
-        laid = self._session.laid()
+        laid = self._session.attached_tools()
         for tool in self._session.tools():
             for name in (tool.name, tool.partner):
                 found = laid.get(name) if name else None
-                if found is None or found.plan.rig.node != mesh.laid.ground.rig.node:
+                if found is None or found.plan.rig.node != mesh.source.ground.rig.node:
                     continue
                 patch = found.carried.patch
                 u, v = patch.coordinates(place)
