@@ -5,7 +5,9 @@ import sys
 from pathlib import Path
 from subprocess import run
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from kit.places import ROOT
 
@@ -44,3 +46,28 @@ def test_figures_are_drawn_from_the_program(tmp_path: Path) -> None:
     run([sys.executable, ROOT / "samples" / "figures.py", tmp_path], check=True, env={"PYTHONPATH": str(ROOT)})
     kept = {path.name for path in (ROOT / "samples" / "pictures").glob("method_*.svg")}
     assert {path.name for path in tmp_path.iterdir()} == kept
+
+
+def test_keys_have_small_pictures_beside_their_description() -> None:
+    page = (ROOT / "configs" / "README.md").read_text(encoding="utf-8")
+    pictures = sorted((ROOT / "samples" / "pictures").glob("key_*.png"))
+    sizes = [path.stat().st_size for path in pictures]
+    assert max(sizes) <= 40_000
+    assert sum(sizes) <= 600_000
+    for path in pictures:
+        key = path.stem.removeprefix("key_")
+        section = next(part for part in page.split("\n## ") if path.name in part)
+        assert f"| `{key}` |" in section, "a picture stands in the section of its key"
+
+
+@pytest.mark.slow
+def test_pictures_of_keys_are_drawn_from_the_program(tmp_path: Path) -> None:
+    script = ROOT / "samples" / "key_pictures.py"
+    run([sys.executable, script, tmp_path], check=True, env={"PYTHONPATH": str(ROOT)})
+    kept = sorted((ROOT / "samples" / "pictures").glob("key_*.png"))
+    assert sorted(path.name for path in tmp_path.iterdir()) == [path.name for path in kept]
+    for path in kept:
+        pair = [np.array(Image.open(each).convert("L"), float) for each in (path, tmp_path / path.name)]
+        assert pair[0].shape == pair[1].shape
+        # Grey levels of 255. Other processors round rays and the palette differently by less than one.
+        assert np.abs(pair[0] - pair[1]).mean() < 1, f"{path.name} is old: make -C samples keys"

@@ -730,23 +730,38 @@ def readme_tables() -> dict[str, dict[str, str]]:
         ("rest", FILE["rest"]["then"]["properties"]),
         ("sampling", FILE["sampling"]["properties"]),
         ("refinement", FILE["refinement"]["properties"]),
-        ("tools", TOOL),
         ("marker", TOOL["origin"]["properties"]),
         (
             "Rest lengths",
             TOOL["rest_length"]["then"]["properties"] | TOOL["rest_length"]["else"]["then"]["properties"],
         ),
+        ("Tissue that lags", TOOL["lag"]["then"]["properties"]),
         ("Folds that touch", TOOL["contact"]["then"]["properties"]),
     ],
 )
 def test_the_reference_names_every_key_and_its_default(heading, keys):
-    expected = {key: entry.get("default", "required") for key, entry in keys.items()}
-    expected |= {key: {} for key in ("sampling", "refinement") if key in keys}  # none of their keys given
-    expected |= {key: None for key in ("path",) if key in keys}  # in place of what is required
-    written = {key: yaml.safe_load(default.strip("`")) for key, default in readme_tables()[heading].items()}
+    assert list(written_defaults(readme_tables()[heading]).items()) == list(defaults_of(keys).items())
+
+
+def test_the_reference_names_every_key_of_a_tool_once():
+    sections = ("Where", "How many", "How high", "Of what stuff", "When", "How irregular", "Contact", "On and off")
+    tables = [readme_tables()[heading] for heading in sections]
+    assert sum(map(len, tables)) == len(TOOL)
+    assert {key: each for table in tables for key, each in written_defaults(table).items()} == defaults_of(TOOL)
+
+
+def defaults_of(keys: dict[str, Any]) -> dict[str, Any]:
+    """The defaults of the schema."""
+    defaults = {key: entry.get("default", "required") for key, entry in keys.items()}
+    defaults |= {key: {} for key in ("sampling", "refinement") if key in keys}  # none of their keys given
+    return defaults | {key: None for key in ("path",) if key in keys}  # in place of what is required
+
+
+def written_defaults(table: dict[str, str]) -> dict[str, Any]:
+    """The defaults of a table of the reference."""
+    written = {key: yaml.safe_load(default.strip("`")) for key, default in table.items()}
     written |= {key: None for key, default in written.items() if default == "none"}
-    written |= {key: "off" for key, default in written.items() if key == "contact" and default is False}  # YAML 1.1
-    assert list(written.items()) == list(expected.items())
+    return written | {key: "off" for key in ("contact",) if written.get(key) is False}  # YAML 1.1
 
 
 def test_the_examples_of_the_reference_are_valid():
