@@ -1,4 +1,4 @@
-"""Pruned skin weights keep their sums, move between near joints, and say how far they move a vertex off."""
+"""Pruned skin weights keep their sums, move between near joints, and the error that pruning makes is measured."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 
 
 def distances_of(prepared: Prepared) -> Floats:
-    """Of all joints."""
+    """(joints, joints) distances of all joints."""
     return joint_distances(prepared.rig, prepared.patches, np.arange(len(prepared.rig.joints)))
 
 
@@ -26,7 +26,7 @@ def weight_rows(draw: st.DrawFn) -> tuple[Floats, Floats, int]:
     )
     weights = np.array(shares, float)
     apart = np.array(draw(st.lists(st.integers(1, 30), min_size=joints, max_size=joints)))
-    # Joints hang on a star: through its middle, distances add up.
+    # Joints form a star: distances through its middle add up.
     distances = (apart[:, None] + apart) * ~np.eye(joints, dtype=bool)
     return weights / weights.sum(axis=1, keepdims=True), distances.astype(float), draw(st.integers(1, 5))
 
@@ -55,12 +55,12 @@ def test_one_influence_too_many_goes_where_it_costs_least() -> None:
     distances = np.abs(places[:, None] - places)
     joints, kept = prune(np.array([[0.4, 0.2, 0.25, 0.15]]), distances, 3)
     assert joints.tolist() == [[0, 2, 3]]
-    # Joint 1 costs 0.2 wherever it goes, joint 3 costs 1.2; of 0 and 2, equally near, the heavier takes it.
+    # Joint 1 costs 0.2 wherever it goes, joint 3 costs 1.2; joints 0 and 2 are equally near, so the heavier takes it.
     assert kept == pytest.approx(np.array([[0.6, 0.25, 0.15]]), abs=1e-15)
 
 
 def test_pruning_never_mixes_across_the_bending_bone_if_it_need_not() -> None:
-    """Of influences on both sides of the fold, a side is merged with itself before it goes to the other."""
+    """Influences lie on both sides of the fold; a side is merged with itself before it goes to the other."""
     prepared = prepare(limb_asset(rings=9, sides=8, joints=6), tool(origin=[-0.3, RADIUS, 0], target=[0.3, RADIUS, 0]))
     distances = distances_of(prepared)
     bent = int(np.argmax(np.diff(distances[0])))  # the bone between joint `bent` and the next
@@ -74,21 +74,21 @@ def test_pruning_never_mixes_across_the_bending_bone_if_it_need_not() -> None:
 
 
 def test_bones_between_the_anchors_are_long() -> None:
-    # Joints 0 … 4 of a limb from -1 to 1: the anchors at ±0.4 hang on joints 1 and 3.
+    # Joints 0 … 4 of a limb from -1 to 1: the anchors at ±0.4 depend on joints 1 and 3.
     prepared = prepare(limb_asset(rings=9, sides=8, joints=5))
     distances = distances_of(prepared)
     bones = np.diagonal(distances, 1)
     assert bones[[0, 3]].tolist() == [1.0, 1.0]
     assert (bones[[1, 2]] > 100).all()
     assert np.array_equal(distances, distances.T)
-    # Along a chain lengths add up.
+    # Lengths add up along a chain.
     ends = np.concatenate([[0.0], np.cumsum(bones)])
     assert np.array_equal(distances, np.abs(ends[:, None] - ends))
 
 
 @pytest.mark.parametrize("start", np.linspace(-0.99, -0.85, 8).tolist())
 def test_no_bone_bends_between_anchors_on_one_joint(start: float) -> None:
-    """Whatever their shares of it sum to: 1, or a rounding more or less."""
+    """The weights of either anchor sum to 1 or, by rounding, to a little more or less."""
     ends = {"origin": [start, RADIUS, 0.01], "target": [start + 0.09, RADIUS, -0.02]}
     prepared = prepare(limb_asset(rings=9, sides=8, joints=3), tool(**ends, width=0.1))
     assert np.diagonal(distances_of(prepared), 1).tolist() == [1.0, 1.0]

@@ -36,7 +36,7 @@ def test_corner_attributes_are_linear_on_each_coarse_triangle(options: dict[str,
     uvs = attribute(prepared, "TEXCOORD_0")
     corners = prepared.surface.corners[fine.subdivision.parents]
     wanted = np.einsum("fck,fkx->fcx", fine.subdivision.barycentrics, uvs[corners])
-    # Shares are multiples of powers of two and UVs are float32: sums are exact but for one rounding.
+    # Shares are multiples of powers of two and UVs are float32, so sums are exact but for one rounding.
     assert refined_attribute(fine, uvs)[fine.corners] == pytest.approx(wanted, abs=1e-15)
 
 
@@ -113,11 +113,11 @@ def test_edges_are_as_short_along_u_as_the_curve_needs(edges_per_interval: int, 
     u, v = patch.coordinates(fine.rest_positions)
     heights = patch.magnitudes(np.full(len(u), 0.5), v, fine.rest_normals)
     edges = np.unique(np.sort(fine.triangles[member][:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)), axis=0)
-    # Beside the segment, and where less than a hundredth of the height is left, no step is too long.
+    # No step is too long beside the segment, and where less than a hundredth of the height remains.
     shows = (u[edges].max(axis=1) > 1e-6) & (u[edges].min(axis=1) < 1 - 1e-6) & (heights[edges].min(axis=1) > 0.01)
     steps = np.abs(np.diff(u[edges]))[shows]
     assert len(steps) > 30
-    # Two intervals for each bump, each halved by a level of details.
+    # A bump has two intervals, and each level of details halves them.
     assert steps.max() <= 1 / (6 * 2 ** len(details) * edges_per_interval) + 1e-12
     # A green triangle's edge may be half as long as a red one's, and an edge is halved only where it must be.
     assert steps.max() > 1 / (6 * 2 ** len(details) * edges_per_interval) / 2.5
@@ -157,7 +157,7 @@ def test_weights_of_all_vertices_sum_to_1(joints: int) -> None:
 
 
 def test_edge_whose_weights_cannot_be_stored_is_left_whole() -> None:
-    """Adjacent rings hang on different pairs of joints, so midpoints between them need more than two."""
+    """Adjacent rings depend on different pairs of joints, so midpoints between them need more than two."""
     asset = limb_asset(rings=7, sides=6, joints=9)
     prepared = prepare(asset)
     times = np.linspace(0, 2, 9)

@@ -1,4 +1,4 @@
-"""Where new vertices lie: on their place's normal, near the coarse surface, and at hard edges and borders on it."""
+"""New vertices lie on the normal of their place, near the coarse surface, and on it at hard edges and borders."""
 
 from collections.abc import Callable
 from typing import Any
@@ -31,7 +31,7 @@ FACETED: dict[str, Build] = {
 
 
 def places_of(fine: Refinement) -> Floats:
-    """(vertices, 3) on the coarse surface: where the texture coordinates are mixed."""
+    """(vertices, 3) places on the coarse surface, where the texture coordinates are mixed."""
     return fine.subdivision.interpolate(fine.surface.positions)
 
 
@@ -40,7 +40,7 @@ def new_vertices(fine: Refinement) -> Ints:
 
 
 def slips_and_departures(prepared: Prepared, fine: Refinement) -> tuple[Floats, Floats]:
-    """(new vertices,) each, over the tallest wrinkle: along the coarse surface from the place, and away from it."""
+    """(new vertices,) offsets along the coarse surface, and away from it, both over the tallest wrinkle."""
     new, places = new_vertices(fine), places_of(fine)
     coarse = fine.surface.positions[fine.surface.triangles]
     nearest, distances = np.zeros((len(new), 3)), np.full(len(new), np.inf)
@@ -54,7 +54,7 @@ def slips_and_departures(prepared: Prepared, fine: Refinement) -> tuple[Floats, 
 
 
 def shares_of(fine: Refinement, prepared: Prepared) -> Floats:
-    """(new vertices,) of the tool's height there."""
+    """(new vertices,) fraction of the tool's height at each."""
     new, patch = new_vertices(fine), prepared.patch
     u, v = patch.coordinates(places_of(fine)[new])
     return patch.presence(u, v, fine.rest_normals[new] @ patch.normal)
@@ -68,14 +68,14 @@ def test_texture_does_not_slide_and_the_surface_stays_near(name: str) -> None:
     assert len(slips) > 100
     assert np.quantile(slips, 0.99) <= 0.02
     assert departures.max() <= 0.15
-    # What is reported is the way from the place, which is no shorter than the one to the nearest point.
+    # The report gives the distance from the place, which is no shorter than that to the nearest point.
     assert departures.max() - 1e-9 <= fine.departures[0] <= 0.15
     assert (fine.departures[0] > 0.05) == (name in SMOOTH)
 
 
 @pytest.mark.parametrize("name", ["low-poly", "coarse"])
 def test_the_whole_scheme_leaves_the_surface_further(name: str) -> None:
-    """As the default did once: the case is one."""
+    """The scheme `butterfly_full` applies the whole offset, unlike the default."""
     prepared = prepare(SMOOTH[name](), refinement={"scheme": "butterfly_full"})
     fine = prepared.refined()
     assert np.array_equal(fine.positions, fine.subdivision.positions(fine.surface.positions))
@@ -85,7 +85,7 @@ def test_the_whole_scheme_leaves_the_surface_further(name: str) -> None:
 
 
 def test_a_fine_surface_is_as_round_as_the_whole_scheme_makes_it() -> None:
-    """Where all of the height is left, and in proportion to it elsewhere."""
+    """Offsets are whole where all of the height remains, and proportional to it elsewhere."""
     prepared = prepare(limb_asset(rings=24, sides=32), refinement={"max_levels": 1})
     fine = prepared.refined()
     new = new_vertices(fine)
@@ -113,7 +113,7 @@ def test_new_vertices_lie_on_hard_edges(name: str) -> None:
 
 @pytest.mark.parametrize("flipped", [False, True])
 def test_an_edge_is_hard_where_its_faces_meet_at_more_than_50_degrees(flipped: bool) -> None:
-    """Whatever the normals say, and however the faces are wound."""
+    """Sharp edges are hard whatever the normals say, and however the faces are wound."""
     hard = {}
     for sides in (7, 8):
         asset = limb_asset(rings=7, sides=sides)
@@ -135,7 +135,7 @@ def test_offsets_end_at_the_border_of_the_patch() -> None:
     outside = (u <= 0) | (u >= 1) | (np.abs(v) >= 1)
     assert outside.sum() > 10
     assert np.array_equal(fine.positions[new][outside], places[new][outside])
-    # Within, they grow gently: no offset is beyond what the height that is left there allows.
+    # Inside, offsets grow gently: none is beyond what the height that remains there allows.
     offsets = np.linalg.norm(fine.positions[new] - places[new], axis=1)
     assert (offsets <= 0.15 * prepared.patch.greatest_height * shares_of(fine, prepared) + 1e-4).all()
 
@@ -157,7 +157,7 @@ def test_green_triangles_at_the_border_lie_in_the_old_faces() -> None:
 
 
 def with_morphs(asset: Asset, factor: float = 1.0) -> Asset:
-    """With the deltas of its first morph target multiplied."""
+    """The asset with the deltas of its first morph target multiplied."""
     (target,) = asset.gltf["meshes"][0]["primitives"][0]["targets"]
     accessor = asset.gltf["accessors"][target["POSITION"]]
     view = asset.gltf["bufferViews"][accessor["bufferView"]]
@@ -179,7 +179,7 @@ def test_morph_deltas_get_the_same_share_in_all_directions() -> None:
     assert shares.max() > 0.8
     assert shares.min() > -1e-9
     assert fine.morph_deltas[:, old:] == pytest.approx(flat + shares[:, None] * (full - flat), abs=1e-12)
-    # Nothing of them at the border either.
+    # The deltas have no offset at the border either.
     border = shares_of(fine, prepared) == 0
     assert np.array_equal(fine.morph_deltas[:, old:][:, border], flat[:, border])
 
@@ -203,7 +203,7 @@ def test_a_faceted_patch_takes_midpoints(name: str) -> None:
 
 
 def test_seams_of_smooth_surfaces_are_not_hard() -> None:
-    """With normals that two programs rounded in their own ways."""
+    """The asset with normals that two programs rounded differently."""
     asset = limb_asset(rings=12, sides=10)
     normals = attribute(asset, 0, "NORMAL")
     normals += np.random.default_rng(0).uniform(-0.02, 0.02, normals.shape)

@@ -13,58 +13,45 @@ class Region(Protocol):
     @property
     def members(self) -> Ints:
         """(members,) sorted coarse triangles that the effect may deform."""
-        ...
 
     @property
     def anchors(self) -> Sequence[Anchor]:
         """Points on the surface; joints between two neighbouring anchors bend the region."""
-        ...
 
     @property
     def half_width(self) -> float:
         """Distance from the middle of the region at which |v| is 1, scene units."""
-        ...
 
     @property
     def intervals(self) -> float:
         """Number of equal intervals along u that the triangles must be able to show."""
-        ...
 
     @property
     def projected(self) -> bool:
         """True if vertices are projected onto the region in each frame, so that any member may come to lie on it."""
-        ...
 
     @property
     def nominal_height(self) -> float:
         """Greatest displacement at a strength of 1, scene units."""
-        ...
 
     @property
     def greatest_height(self) -> float:
         """Greatest displacement, scene units."""
-        ...
 
     def coordinates(self, positions: Floats) -> tuple[Floats, Floats]:
         """(…,) u and v at (…, 3) world positions at rest."""
-        ...
 
     def cosines(self, u: Floats, normals: Floats) -> Floats:
         """(…,) cosines between (…, 3) unit normals of the surface and the region's normals at (…,) u."""
-        ...
 
     def bowed(self, u: Floats, v: Floats) -> Floats:
         """(…,) the u at which points on the middle line are displaced as points at (…,) u and v are."""
-        ...
 
     def stretched(self, u: Floats, v: Floats) -> Floats:
         """(…,) a coordinate along which edges of equal length show the displacement equally well."""
-        ...
 
     def share(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
         """(…,) fraction of the full displacement at points, from the cosines of their normals; 0 outside the region."""
-        ...
 
     def presence(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
         """(…,) as `share`, but fading to 0 at both ends of the region too."""
-        ...

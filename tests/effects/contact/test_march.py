@@ -1,4 +1,4 @@
-"""Contact by property: a tube that folds through itself touches and never crosses, and moves nowhere else."""
+"""Contact by property: a tube that folds through itself touches, never crosses, and moves nowhere else."""
 
 from dataclasses import astuple
 
@@ -41,10 +41,10 @@ def test_a_folded_tube_touches_and_never_crosses(radius: float, width: float, bu
         assert not state.correction[~free].any()
         first = number if first is None and len(crossings.at(posed.positions)[0]) else first
         if state.converged and tissue.is_clear(posed.positions):
-            # Where nothing touches, all is where the pose wants it.
+            # Where nothing touches, all vertices are where the pose wants them.
             assert np.abs(state.correction).max() < 0.1
     assert marked.any() == (first is not None)
-    # The same again, to the bit.
+    # A second march gives the same bits.
     again = list(march(tissue_of(), poses[: (first or 0) + 2]))
     same = list(march(tissue, poses[: (first or 0) + 2]))
     assert np.array_equal(again[-1].positions, same[-1].positions)
@@ -81,7 +81,7 @@ def test_a_tube_stays_in_a_sleeve_that_bends_with_it(radius: float, gap: float, 
 
 
 def test_what_cannot_collide_is_not_in_the_way() -> None:
-    """Another limb of the same mesh that folds through itself: its vertices belong to no triangle that collides."""
+    """Another limb of the same mesh folds through itself: its vertices belong to no triangle that collides."""
     rest, triangles = tube(60.0)
     count = len(rest)
     turns = np.radians(np.arange(0.0, 91.0, 15.0))
@@ -114,13 +114,13 @@ def test_what_cannot_collide_is_not_in_the_way() -> None:
 
 
 def _within(places: np.ndarray, own: np.ndarray, turn: float, bump: float) -> SkinnedPose:
-    """A tube with bumps, and one round it without."""
+    """A pose of a tube with bumps, and of a smooth tube round it."""
     inner, outer = bent(places[own], turn, 150.0, bump), bent(places[~own], turn, 150.0, 0.0)
     return SkinnedPose(*(np.concatenate(pair) for pair in zip(astuple(inner), astuple(outer), strict=True)))
 
 
 def _crossing(crossings: Crossings, own: np.ndarray, positions: np.ndarray) -> np.ndarray:
-    """The vertices of what crosses, but of a sleeve that crosses itself."""
+    """True for vertices that take part in a crossing, other than of the sleeve with itself."""
     edges, triangles = crossings.at(positions)
     ends, corners = crossings.edges[edges], crossings.triangles[triangles]
     counts = own[ends[:, 0]] | own[corners[:, 0]]

@@ -44,7 +44,7 @@ def detail_lists(draw) -> tuple[float, ...]:
     return tuple(total * share / math.fsum(shares) for share in shares)
 
 
-# Of most tests: a profile takes up to half a second to plan, and those of a few details are planned once.
+# Most tests use these: a profile takes up to half a second to plan, so those of a few details are planned once.
 FEW_DETAILS = st.sampled_from([(), (0.2,), (0.9,), (0.05, 0.3), (0.4, 0.2, 0.3)])
 
 
@@ -75,12 +75,12 @@ def frames_of(curve: ControlCurve, count: int = 9) -> tuple[Floats, Floats]:
 
 
 def ends_of(curve: ControlCurve, distances: Floats, rest: Floats) -> Floats:
-    """(frames,) how far the curve's ends are apart before the tissue squeezes it."""
+    """(frames,) distance of the curve's ends before the tissue squeezes it."""
     return TAUT * rest - (1 - curve.compressible) * (TAUT * rest - distances)
 
 
 def absorb(curve: ControlCurve, shortenings: Floats, rest: Floats) -> tuple[Floats, Floats]:
-    """(frames, bumps) shortening of each bump, and (frames,) what none could take."""
+    """(frames, bumps) shortening of each bump, and (frames,) shortening that no bump takes."""
     absorbed = curve.absorb(shortenings, rest)
     shares = np.zeros((len(shortenings), curve.bumps.count))
     for number, group in enumerate(curve.groups):
@@ -90,7 +90,7 @@ def absorb(curve: ControlCurve, shortenings: Floats, rest: Floats) -> tuple[Floa
 
 
 def amplitudes_of(curve: ControlCurve, shares: Floats, rest: Floats, unabsorbed: Floats | float = 0.0) -> Floats:
-    """(frames, groups, modes) as the profile gives them for (frames, bumps) shortenings."""
+    """(frames, groups, modes) amplitudes that the profile gives for (frames, bumps) shortenings."""
     intervals = curve.intervals(rest, shares.sum(axis=1) + unabsorbed)
     return curve.profile.amplitudes(groups_of(curve, shares), intervals[:, None], curve.max_height)
 
@@ -317,7 +317,7 @@ def test_the_smooth_profile_is_flat_at_bump_ends_and_never_negative(curve):
 
 @pytest.mark.parametrize(("profile", "width"), [("smooth", 0.5), ("skin", 0.25)])
 def test_furrows_are_as_wide_at_half_their_depth_as_said(profile, width):
-    """Of the distance of two crests."""
+    """Half-depth widths are relative to the distance of two crests."""
     us = np.linspace(0.25, 0.75, 20001)
     ((heights,),) = plan(bumps=2, profile=profile).shapes(us)
     assert (heights < 0.5).mean() == pytest.approx(width, abs=1e-3)

@@ -1,4 +1,4 @@
-"""Displacements projected anew each frame, and the few shapes that they are compressed to."""
+"""Displacements projected anew in each frame, and the few shapes to which they are compressed."""
 
 from typing import Any
 
@@ -18,7 +18,7 @@ from wrinklecli.numeric.memory import Memory
 @pytest.mark.parametrize("root", ROOTS[:4], ids=str)
 @pytest.mark.parametrize("profile", ["smooth", "polyline"])
 def test_projected_anew_at_rest_is_carried_by_the_skin(root: Any, profile: str) -> None:
-    """Unrefined and placed by a similarity, where area-weighted normals are the same before and after skinning."""
+    """An unrefined mesh under a similarity, for which area-weighted normals are equal before and after skinning."""
     results = []
     for attachment in ("skin", "patch"):
         prepared = prepare(
@@ -45,7 +45,7 @@ def test_a_path_laid_anew_at_rest_is_carried_by_the_skin_and_bends_with_it() -> 
     carried_by_skin, laid_anew = results
     assert np.abs(carried_by_skin).max() > 0.01, "the case is one"
     assert laid_anew[0] == pytest.approx(carried_by_skin[0], abs=1e-9)
-    # Bent by 10 degrees it is about there, and as high.
+    # Bent by 10 degrees, the wrinkle is about there, and as high.
     assert laid_anew[1] == pytest.approx(carried_by_skin[1], abs=0.2 * np.abs(carried_by_skin[1]).max())
     assert not np.allclose(laid_anew[1], carried_by_skin[1], atol=1e-4)
 

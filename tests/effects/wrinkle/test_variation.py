@@ -20,14 +20,14 @@ from wrinklecli.effects.wrinkle.weights import group_starts
 from wrinklecli.numeric.arrays import Floats
 
 NODES, WEIGHTS = legendre.leggauss(200)
-# From values at Chebyshev points to slopes of the polynomial through them, at the nodes.
+# Matrix from values at Chebyshev points to slopes, at the nodes, of the polynomial through them.
 POINTS = chebyshev.chebpts2(65)
 SLOPES = chebyshev.chebval(NODES, chebyshev.chebder(np.linalg.inv(chebyshev.chebvander(POINTS, 64)))).T
 
 
 @dataclass(frozen=True)
 class Case:
-    """A variation and what it was drawn for."""
+    """A variation and the arguments that it was drawn for."""
 
     variation: Variation
     amount: float
@@ -93,7 +93,7 @@ def test_wandering_is_bounded(case: Case) -> None:
     st.floats(0.01, 0.6),
 )
 def test_the_line_from_end_to_end_keeps_its_length(case: Case, strategy: Any, profile: Any, shortening: float) -> None:
-    """Of the curve as it is drawn: a polynomial through it on each half of a bump."""
+    """Lengths of the curve as drawn, from a polynomial through it on each half of a bump."""
     variation = case.variation
     curve = plan_curve(
         bumps=len(variation.bumps.widths),
@@ -116,7 +116,7 @@ def test_the_line_from_end_to_end_keeps_its_length(case: Case, strategy: Any, pr
         heights = np.einsum("gm,gmu->u", amplitudes, curve.shapes(us))
         length += np.sum(WEIGHTS * np.hypot((high - low) * chord / 2, SLOPES @ heights))
     assert length == pytest.approx(TAUT - unabsorbed, abs=1e-9)
-    # At all shortenings, those close behind the start of a group of bumps among them.
+    # Shortenings are spread, and some lie close behind the start of a group of bumps.
     shortenings = np.unique(np.clip(group_starts(curve, 1.0)[:, None] + [0.0, 1e-9, 1e-4, 0.01, 0.1], 0.0, 1.0))
     amplitudes, unabsorbed = curve.follow(1.0 - shortenings, np.ones(len(shortenings)))
     lengths = curve.lengths(amplitudes, np.minimum(1.0 - shortenings, TAUT))
@@ -125,7 +125,7 @@ def test_the_line_from_end_to_end_keeps_its_length(case: Case, strategy: Any, pr
 
 @given(cases(), st.sampled_from(["everywhere", "origin", "both_ends"]), st.sampled_from([(), (0.2,), (0.1, 0.3)]))
 def test_polylines_keep_their_length_too(case: Case, strategy: Any, details: tuple[float, ...]) -> None:
-    """To rounding where one mode says all, with details as far as their few modes do."""
+    """Lengths are exact up to rounding if one mode describes all, and up to the modes' error with details."""
     curve = plan_curve(
         bumps=len(case.variation.bumps.widths),
         gap=case.gap,
@@ -201,7 +201,7 @@ def test_the_crests_of_bumps_that_merge_come_together_and_are_one_from_there_on(
     assert (counts[:met] == 2).all()
     apart = np.array([np.ptp(each) for each in crests[:met]])
     assert apart[-1] < 0.7 * apart[0]
-    # Nothing jumps, from line to line or along one.
+    # Nothing jumps, from line to line or along a line.
     assert np.abs(np.diff(heights, axis=0)).max() < 0.05 * heights.max()
     assert np.abs(np.diff(heights, axis=1)).max() < 0.05 * heights.max()
 
@@ -213,7 +213,7 @@ def test_only_bumps_that_rise_together_merge(strategy: Any, pairs: set[int]) -> 
 
 
 def test_numbers_hang_on_the_seed_alone() -> None:
-    """As written here, whatever the machine and the version of numpy."""
+    """Numbers are these, whatever the machine and the version of numpy."""
     assert drawn("brow.L", "widths", 2).tolist() == [-0.9309475801023188, 0.5465316222986099]
     spread = drawn("", "any", 10_000)
     assert np.abs(np.histogram(spread, 10, (-1.0, 1.0))[0] - 1000).max() < 120
