@@ -17,8 +17,8 @@ from kit.samples import BACK, BROW, PALM, Editor, edited, sample
 from wrinklecli.baking import morphs as encode
 from wrinklecli.baking import proof
 from wrinklecli.baking.budget import BUDGETS, storage
-from wrinklecli.baking.job import Engine
 from wrinklecli.character import weight_track
+from wrinklecli.choices import Engine
 from wrinklecli.cli import main
 from wrinklecli.errors import RefusedError
 

@@ -13,10 +13,11 @@ from kit.asset import ARRAY_BUFFER, Array, Asset, Json
 from kit.clients import assert_valid
 from kit.documents import arrays, assert_tight, same_bits, written
 from kit.limb import limb_asset
+from wrinklecli.choices import Storage
 from wrinklecli.errors import BakeError
 from wrinklecli.gltf import new_data
 from wrinklecli.gltf.document import Document, read_document
-from wrinklecli.gltf.edit import VERTEX_DATA, EditedDocument, Storage, index_type
+from wrinklecli.gltf.edit import VERTEX_DATA, EditedDocument, index_type
 from wrinklecli.gltf.writer import write
 
 

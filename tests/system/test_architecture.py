@@ -16,6 +16,7 @@ PACKAGE = TESTS.parent / "wrinklecli"
 # The way of the data. A room is a folder, or a module beside the folders.
 ROOMS = [
     "errors",
+    "choices",
     "files",
     "numeric",
     "tools",

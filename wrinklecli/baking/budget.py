@@ -31,7 +31,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrinklecli.baking.job import Engine
 from wrinklecli.baking.plan import MeshPlan, poses_of
 from wrinklecli.baking.remix import (
     keyed_at_turns,
@@ -46,9 +45,9 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import blend, morph_weights, transform
 from wrinklecli.character.surface import dense_influences, read_vertices
 from wrinklecli.character.weight_track import widen
+from wrinklecli.choices import Engine, Storage
 from wrinklecli.errors import RefusedError
 from wrinklecli.gltf.document import Document
-from wrinklecli.gltf.edit import Storage
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools
 

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from wrinklecli.baking.job import Mode
 from wrinklecli.baking.left import Left, left_in
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.remix import summed, with_times
@@ -14,6 +13,7 @@ from wrinklecli.baking.sample import Motion, sample_clips, takes_of
 from wrinklecli.baking.targets import AnySet, CreaseSet, Lift, TargetSet, named_targets, of_tools
 from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip, clip_grid
 from wrinklecli.character.pose import pose_at
+from wrinklecli.choices import Mode
 from wrinklecli.effects.wrinkle.activity import further_activities, lengths_over_time
 from wrinklecli.effects.wrinkle.shapes import Sample, Shape, make_shapes
 from wrinklecli.effects.wrinkle.weights import weights_of

@@ -3,24 +3,21 @@
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, TypeAlias
+from typing import Any, TypeAlias
 
 from wrinklecli.baking.original import original
 from wrinklecli.baking.parts import PARTS
 from wrinklecli.character.clip import Clip, chosen_clips, unknown_clip
 from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.scene import deforms
+from wrinklecli.choices import Engine, FrameFormat, Mode, Storage, Tracks
 from wrinklecli.errors import BakeError, ConfigError, listed, nearest
 from wrinklecli.gltf.document import Document, read_document
-from wrinklecli.gltf.edit import Storage
 from wrinklecli.gltf.images import files_of
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory
 from wrinklecli.tools.merged import load_merged
 from wrinklecli.tools.records import MAX_VERTICES, Length, RestLengthKeys, ToolsFile, WrinkleTool
-
-Mode: TypeAlias = Literal["morph", "frames"]
-Engine: TypeAlias = Literal["three", "unity", "spec8", "vtk", "godot3"]
 
 ToolsPaths: TypeAlias = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
 
@@ -69,9 +66,9 @@ class BakeOptions:
     edges_per_interval: int | None = None
     max_vertices: int = MAX_VERTICES
     accessors: Storage = "sparse"
-    tracks: Literal["all", "none"] = "all"
+    tracks: Tracks = "all"
     frames_dir: str | os.PathLike[str] | None = None
-    frames_format: Literal["obj", "ply", "glb"] = "obj"
+    frames_format: FrameFormat = "obj"
     allow_external: bool = False
     max_memory: int = MAX_MEMORY
     morph_tangents: bool = False

@@ -11,7 +11,7 @@ from wrinklecli.baking.creases import sample_with_creases
 from wrinklecli.baking.estimate import refuse_too_much
 from wrinklecli.baking.frame_files import export_frames
 from wrinklecli.baking.frames import Frames, encode_frames
-from wrinklecli.baking.job import BakeOptions, Job, Mode, ToolsPaths, read_job, tools_paths
+from wrinklecli.baking.job import BakeOptions, Job, ToolsPaths, read_job, tools_paths
 from wrinklecli.baking.morphs import encode_morphs, own_target_bytes
 from wrinklecli.baking.original import seal
 from wrinklecli.baking.plan import MeshPlan, plan_meshes
@@ -21,6 +21,7 @@ from wrinklecli.baking.sample import Motion
 from wrinklecli.baking.split import split_meshes, weighed
 from wrinklecli.baking.targets import AnySet
 from wrinklecli.baking.timings import StageClock, make_timings
+from wrinklecli.choices import Mode
 from wrinklecli.errors import BakeError, RefusedError
 from wrinklecli.files.outputs import Outputs, part_of
 from wrinklecli.gltf.edit import EditedDocument

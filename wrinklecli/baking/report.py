@@ -8,13 +8,14 @@ import numpy as np
 
 from wrinklecli.baking.budget import BUDGETS, texture_bytes
 from wrinklecli.baking.extras import METHOD
-from wrinklecli.baking.job import Job, Mode
+from wrinklecli.baking.job import Job
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.proof import Residual
 from wrinklecli.baking.sample import ClipActivity, Motion
 from wrinklecli.baking.targets import AnySet, CreaseSet, TargetSet, of_folds, of_tools, targets_of
 from wrinklecli.baking.warnings import fold_warnings, mesh_warnings, tool_warnings
 from wrinklecli.character.clip import KEY_GAP, Clip
+from wrinklecli.choices import Mode
 from wrinklecli.effects.contact.hinge import Hinge
 from wrinklecli.effects.wrinkle.activity import Activity
 from wrinklecli.effects.wrinkle.patch import Patch

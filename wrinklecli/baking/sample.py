@@ -7,12 +7,12 @@ from functools import partial
 
 import numpy as np
 
-from wrinklecli.baking.job import Mode
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.targets import AnySet, TargetSet, named_targets
 from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip, clip_grid, motion_breaks
 from wrinklecli.character.pose import Pose, pose_at
 from wrinklecli.character.rig import moving_nodes
+from wrinklecli.choices import Mode
 from wrinklecli.drive.lag import LaggingTissue
 from wrinklecli.effects.wrinkle.activity import (
     Activity,

@@ -3,6 +3,9 @@
 `max-error` of the command line is `max_error` here. An option that may be repeated is a text or a list of texts.
 """
 
+from typing import get_args
+
+from wrinklecli.choices import Engine, FrameFormat, Mode, Storage, Tracks
 from wrinklecli.tools.json_schema import (
     FLAG,
     LENGTH,
@@ -28,7 +31,7 @@ def _texts(accepted: str) -> Schema:
 
 
 OPTION_KEYS: dict[str, Schema] = {
-    "mode": key_of(one_of("morph", "frames"), "Keep the skin, or write a mesh for each frame.", default="morph"),
+    "mode": key_of(one_of(*get_args(Mode)), "Keep the skin, or write a mesh for each frame.", default="morph"),
     "anim": key_of(_texts("a path or a list of paths"), "Files whose clips get into `out` too."),
     "clip": key_of(_texts("a name or a list of names"), "Bake only these clips."),
     "tool": key_of(_texts("a name or a list of names"), "Bake only these tools."),
@@ -37,14 +40,14 @@ OPTION_KEYS: dict[str, Schema] = {
     "max_levels": key_of(whole(0, 8), "Overrides refinement.max_levels; 0 does not refine."),
     "edges_per_interval": key_of(whole(1, 16), "Overrides refinement.edges_per_interval."),
     "max_vertices": key_of(whole(0, 100_000_000), "Refuse tools that would add more.", default=MAX_VERTICES),
-    "accessors": key_of(one_of("sparse", "dense", "based"), "Of morph targets.", default="sparse"),
-    "tracks": key_of(one_of("all", "none"), "none: targets without weight tracks.", default="all"),
+    "accessors": key_of(one_of(*get_args(Storage)), "Of morph targets.", default="sparse"),
+    "tracks": key_of(one_of(*get_args(Tracks)), "none: targets without weight tracks.", default="all"),
     "draft": key_of(FLAG, "A quick look: no proof, one level less.", default=False),
     "split": key_of(FLAG, "Meshes in parts, each with the morph targets alone that move it.", default=False),
     "morph_tangents": key_of(FLAG, "Add TANGENT to targets.", default=False),
-    "engine": key_of(one_of("three", "unity", "spec8", "vtk", "godot3"), "Hold targets to what it plays, or refuse."),
+    "engine": key_of(one_of(*get_args(Engine)), "Hold targets to what it plays, or refuse."),
     "frames_dir": key_of(TEXT, "Also write a file for each frame into this folder."),
-    "frames_format": key_of(one_of("obj", "ply", "glb"), "Of these files.", default="obj"),
+    "frames_format": key_of(one_of(*get_args(FrameFormat)), "Of these files.", default="obj"),
     "report": key_of(TEXT, "Write what was made and how exact it is (JSON)."),
     "timings": key_of(TEXT, "Write what it took (JSON)."),
     "allow_external": key_of(FLAG, "Read files outside the asset's folder too.", default=False),

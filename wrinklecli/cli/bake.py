@@ -1,9 +1,10 @@
 """`wrinkle bake`."""
 
-from typing import Any
+from typing import Any, get_args
 
 import click
 
+from wrinklecli.choices import Engine, FrameFormat, Mode, Storage, Tracks
 from wrinklecli.cli.depfile import dependencies
 from wrinklecli.cli.options import (
     FILE,
@@ -33,7 +34,7 @@ from wrinklecli.cli.streams import command_outputs
 @click.option("-o", "--output", type=FILE, metavar="OUT", help="The .glb or .gltf to write.")
 @click.option(
     "--mode",
-    type=click.Choice(["morph", "frames"]),
+    type=click.Choice(get_args(Mode)),
     default="morph",
     show_default=True,
     help="morph: keep the skin, add morph targets and their weights. frames: a posed mesh for each frame.",
@@ -57,7 +58,7 @@ from wrinklecli.cli.streams import command_outputs
 @max_vertices_option()
 @click.option(
     "--accessors",
-    type=click.Choice(["sparse", "dense", "based"]),
+    type=click.Choice(get_args(Storage)),
     default="sparse",
     show_default=True,
     help="Of morph targets. dense: for readers without sparse accessors; based: sparse, with zeros below for Godot 3,"
@@ -65,7 +66,7 @@ from wrinklecli.cli.streams import command_outputs
 )
 @click.option(
     "--tracks",
-    type=click.Choice(["all", "none"]),
+    type=click.Choice(get_args(Tracks)),
     default="all",
     show_default=True,
     help="none: write targets and extras, but no weight tracks.",
@@ -80,14 +81,14 @@ from wrinklecli.cli.streams import command_outputs
 @click.option("--morph-tangents", is_flag=True, help="Add TANGENT to targets where the mesh has tangents.")
 @click.option(
     "--engine",
-    type=click.Choice(["three", "unity", "spec8", "vtk", "godot3"]),
+    type=click.Choice(get_args(Engine)),
     help="Hold targets to what it plays, or refuse. three: 256 targets, 4 joints a vertex; unity: weights from 0 to 1"
     " (the asset's own are only reported); spec8: 8 targets at a time; vtk (f3d too): 4 targets, based; godot3: based.",
 )
 @click.option("--frames-dir", type=FILE, metavar="DIR", help="Also write a file for each frame into DIR.")
 @click.option(
     "--frames-format",
-    type=click.Choice(["obj", "ply", "glb"]),
+    type=click.Choice(get_args(FrameFormat)),
     default="obj",
     show_default=True,
     help="Of the files in DIR.",

@@ -10,11 +10,12 @@ import copy
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, Literal, TypeAlias
+from typing import Any
 
 import numpy as np
 import pygltflib
 
+from wrinklecli.choices import Storage
 from wrinklecli.errors import BakeError
 from wrinklecli.gltf.document import COMPONENT_TYPES, SIZE_TYPES, Document
 from wrinklecli.gltf.kept import KeptBytes, PlacedViews
@@ -33,10 +34,6 @@ from wrinklecli.numeric.arrays import Array, nonzero_rows
 
 VERTEX_DATA: int = pygltflib.ARRAY_BUFFER
 INDEX_DATA: int = pygltflib.ELEMENT_ARRAY_BUFFER
-
-Storage: TypeAlias = Literal["sparse", "dense", "based"]
-"""How deltas are stored: where it is smaller only those that are not 0 (sparse); always all (dense); or like sparse,
-in place of zeros that are stored once, for readers that cannot do without a buffer view below (based)."""
 
 _BASE_COMPONENTS = 3  # of the vectors below those that are stored `based`; others are dense there
 _SPARSE_JSON_BYTES = 130  # by which the JSON of a sparse accessor and its views is longer than a dense one's

@@ -15,6 +15,7 @@ import numpy as np
 from wrinklecli.character.pose import transform
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
+from wrinklecli.choices import Scheme
 from wrinklecli.numeric.around import Around
 from wrinklecli.numeric.arrays import (
     Bools,
@@ -36,7 +37,7 @@ from wrinklecli.surface.region import Region
 from wrinklecli.surface.rest import Rest, carried_normals
 from wrinklecli.surface.rounding import hard_edges, rounded
 from wrinklecli.surface.storable import SplitLimits, spread_weights
-from wrinklecli.tools.records import MAX_VERTICES, RefinementSettings, Scheme
+from wrinklecli.tools.records import MAX_VERTICES, RefinementSettings
 
 # Fraction of a region's greatest displacement above which a displacement is visible.
 _LEAST_SHOWN = 0.01

@@ -26,9 +26,9 @@ def whole(low: int, high: int) -> Schema:
     return expects(f"a whole number from {low} to {high}", type="integer", minimum=low, maximum=high)
 
 
-def one_of(*words: str) -> Schema:
-    """One of these words."""
-    return expects(" or ".join([", ".join(words[:-1]), words[-1]]), enum=list(words))
+def one_of(*words: str, none: bool = False) -> Schema:
+    """One of these words, or null where `none` is one of them and YAML's own null says the same."""
+    return expects(" or ".join([", ".join(words[:-1]), words[-1]]), enum=[*words, *([None] if none else [])])
 
 
 def list_of(items: Schema, low: int, high: int | None, accepted: str) -> Schema:

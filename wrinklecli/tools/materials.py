@@ -5,7 +5,9 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
+
+from wrinklecli.choices import MaterialName, Profile
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +27,7 @@ class Material:
     bump_width: float
     bump_height: float
     compressible: float
-    profile: Literal["smooth", "skin", "cloth", "polyline"]
+    profile: Profile
     details: tuple[float, ...]
     variation: float
 
@@ -46,7 +48,7 @@ class Material:
 
 # Those of a tool without a material.
 _PLAIN_BUMPS, _PLAIN_HEIGHT = 4, 0.25
-MATERIALS: Mapping[str, Material] = {
+MATERIALS: Mapping[MaterialName, Material] = {
     "skin": Material(bump_width=0.33, bump_height=0.13, compressible=0.87, profile="skin", details=(), variation=0.3),
     "cloth": Material(bump_width=0.25, bump_height=0.38, compressible=0.0, profile="cloth", details=(), variation=1.0),
     "leather": Material(
@@ -55,12 +57,12 @@ MATERIALS: Mapping[str, Material] = {
 }
 
 
-def bump_height(material: str | None) -> float:
+def bump_height(material: MaterialName | None) -> float:
     """Highest point of a bump of `max_height: auto`, as a part of its width at rest."""
     return _PLAIN_HEIGHT if material is None else MATERIALS[material].bump_height
 
 
-def usual_bumps(material: str | None, gap: int = 0) -> int:
+def usual_bumps(material: MaterialName | None, gap: int = 0) -> int:
     """Bumps of a tool that does not say how many."""
     return _PLAIN_BUMPS if material is None else MATERIALS[material].bumps(gap)
 

@@ -9,8 +9,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
+from wrinklecli.choices import Attachment, Attenuation, MaterialName, Profile, RestPose, Scheme, Snap, Strategy, Up
+
 Position: TypeAlias = tuple[float, float, float]
-Scheme: TypeAlias = Literal["butterfly", "midpoint", "butterfly_full"]
 
 # New vertices of a mesh at most, unless an option allows more: ten times a real-time character. No key of the file.
 MAX_VERTICES = 200_000
@@ -202,22 +203,22 @@ class WrinkleTool:
     origin: Position | Marker
     target: Position | Marker
     between: tuple[Position | Marker, ...] = ()
-    snap: Literal["surface", "vertex"] = "surface"
+    snap: Snap = "surface"
     width: Length
-    material: Literal["skin", "cloth", "leather"] | None = None
-    strategy: Literal["everywhere", "origin", "both_ends"] = "everywhere"
+    material: MaterialName | None = None
+    strategy: Strategy = "everywhere"
     bumps: int = 4
     gap: int = 0
     max_height: Literal["auto"] | Length | None = "auto"
     compressible: float = 0.0
     details: tuple[float, ...] = ()
-    profile: Literal["smooth", "skin", "cloth", "polyline"] = "smooth"
+    profile: Profile = "smooth"
     bow: float = 0.0
     variation: float = 0.3
     seed: int | None = None
     branch: float = 0.25
-    attenuation: Literal["bell", "linear"] = "bell"
-    attachment: Literal["skin", "patch"] = "skin"
+    attenuation: Attenuation = "bell"
+    attachment: Attachment = "skin"
     strength: float = 1.0
     clips: Mapping[str, float] = field(default_factory=dict, hash=False)
     rest_length: Literal["auto"] | Length | RestLengthKeys | RestLengthMorph = "auto"
@@ -275,8 +276,8 @@ class ToolsFile:
 
     path: str
     version: int = 1
-    up: Literal["y", "z"] = "y"
-    rest: Literal["stored", "bind"] | RestFrame = "stored"
+    up: Up = "y"
+    rest: RestPose | RestFrame = "stored"
     sampling: Sampling = field(default_factory=Sampling)
     refinement: RefinementSettings = field(default_factory=RefinementSettings)
     tools: tuple[WrinkleTool, ...]

@@ -4,6 +4,20 @@ Source: JSON Schema, draft 2020-12. What the schema has no words for (order, sum
 it reads the values.
 """
 
+from typing import get_args
+
+from wrinklecli.choices import (
+    Attachment,
+    Attenuation,
+    Axis,
+    MaterialName,
+    Profile,
+    RestPose,
+    Scheme,
+    Snap,
+    Strategy,
+    Up,
+)
 from wrinklecli.tools.json_schema import (
     FLAG,
     LENGTH,
@@ -50,7 +64,7 @@ _REST = if_mapping(
         },
         required=("clip",),
     ),
-    expects("stored, bind or {clip: NAME, time: 0}", enum=["stored", "bind"]),
+    expects(f"{', '.join(get_args(RestPose))} or {{clip: NAME, time: 0}}", enum=[*get_args(RestPose)]),
 )
 
 _CLIPS: Schema = {
@@ -77,7 +91,7 @@ _REFINEMENT = mapping_of(
             whole(1, 16), "Edges on each control interval, half a bump; more is smoother. Default 2.", default=2
         ),
         "scheme": key_of(
-            one_of("butterfly", "midpoint", "butterfly_full"),
+            one_of(*get_args(Scheme)),
             "butterfly rounds a little, midpoint keeps the shape, butterfly_full rounds all. Default butterfly.",
             default="butterfly",
         ),
@@ -167,24 +181,24 @@ TOOL_KEYS = {
         "Points of a curve on the surface that wrinkles run across, in place of origin and target.",
     ),
     "snap": key_of(
-        one_of("surface", "vertex"),
+        one_of(*get_args(Snap)),
         "Anchors go to the nearest point of the surface, or vertex. Default surface.",
         default="surface",
     ),
     "mirror": key_of(
-        expects("x, y, z or none", enum=["x", "y", "z", "none", None]),
+        one_of(*get_args(Axis), "none", none=True),
         "Also make the tool of the other side: this coordinate, as the file writes it, negated, left and right "
         "exchanged in names. Default none.",
         default=None,
     ),
     "width": key_of(LENGTH, "Full width across the segment: a length or a percentage. Required."),
     "material": key_of(
-        expects("skin, cloth, leather or none", enum=["skin", "cloth", "leather", "none", None]),
+        one_of(*get_args(MaterialName), "none", none=True),
         "Gives bumps, auto heights, compressible, details, profile and variation other defaults. Default none.",
         default=None,
     ),
     "strategy": key_of(
-        one_of("everywhere", "origin", "both_ends"),
+        one_of(*get_args(Strategy)),
         "Which bumps rise first: all alike, from the origin, from both ends. Default everywhere.",
         default="everywhere",
     ),
@@ -213,7 +227,7 @@ TOOL_KEYS = {
         default=[],
     ),
     "profile": key_of(
-        one_of("smooth", "skin", "cloth", "polyline"),
+        one_of(*get_args(Profile)),
         "Shape of a bump: smooth; skin, with narrow furrows; cloth, which leans; polyline, the paper's. Default "
         "smooth, or the material's.",
         default="smooth",
@@ -238,10 +252,10 @@ TOOL_KEYS = {
         number(0, 1), "Chance of a bump to merge with its neighbour, where variation is. Default 0.25.", default=0.25
     ),
     "attenuation": key_of(
-        one_of("bell", "linear"), "How a wrinkle fades across the width. Default bell.", default="bell"
+        one_of(*get_args(Attenuation)), "How a wrinkle fades across the width. Default bell.", default="bell"
     ),
     "attachment": key_of(
-        one_of("skin", "patch"),
+        one_of(*get_args(Attachment)),
         "Wrinkles stay on the skin, or the patch is projected anew. Default skin.",
         default="skin",
     ),
@@ -289,7 +303,7 @@ TOOLS_SCHEMA: Schema = {
         {
             "version": key_of(expects("1, the only version so far", const=1), "Version of this format. Required: 1."),
             "up": key_of(
-                one_of("y", "z"),
+                one_of(*get_args(Up)),
                 "Axis of the positions: y (glTF) or z (as Blender shows them). Default y.",
                 default="y",
             ),

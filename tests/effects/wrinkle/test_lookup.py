@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from wrinklecli.effects.wrinkle.bumps import Strategy
+from wrinklecli.choices import Profile, Strategy
 from wrinklecli.effects.wrinkle.curve import ControlCurve, plan_curve
 from wrinklecli.effects.wrinkle.lookup import TABLE_ERROR, tabulate_curve, tabulate_weights
-from wrinklecli.effects.wrinkle.profile import Profile
 from wrinklecli.effects.wrinkle.weights import weights_of
 
 Floats = NDArray[np.float64]

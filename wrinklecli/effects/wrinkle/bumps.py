@@ -7,13 +7,11 @@ between them.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 
+from wrinklecli.choices import Strategy
 from wrinklecli.numeric.arrays import Floats, Ints
-
-Strategy = Literal["everywhere", "origin", "both_ends"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,15 +18,13 @@ Lengths are in scene units: D of the bump, x of an interval (a bump spans two), 
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
 
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from wrinklecli.choices import Profile
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.interpolant import Interpolant, interpolate
-
-Profile = Literal["smooth", "skin", "cloth", "polyline"]
 
 # tan(πμ) over tan(πτ) of skin. At half its depth, τ = 1/8, a furrow is then a quarter as wide as the distance of two
 # crests; that of `smooth` is half as wide.

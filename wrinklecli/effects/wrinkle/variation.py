@@ -19,15 +19,13 @@ import hashlib
 import math
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
 
 import numpy as np
 
-from wrinklecli.effects.wrinkle.bumps import Bumps, Strategy, group_bumps
+from wrinklecli.choices import Attenuation, Strategy
+from wrinklecli.effects.wrinkle.bumps import Bumps, group_bumps
 from wrinklecli.effects.wrinkle.places import Places
 from wrinklecli.numeric.arrays import Floats, Ints
-
-Attenuation = Literal["bell", "linear"]
 
 # All amounts are those of a variation of 1. Bumps' widths differ by this fraction before they are scaled to fill the
 # segment.

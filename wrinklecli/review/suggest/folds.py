@@ -8,7 +8,6 @@ import math
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from wrinklecli.character.bones import Part
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import morph_weights, node_matrices
 from wrinklecli.character.rig import Rig
+from wrinklecli.choices import MaterialName
 from wrinklecli.numeric.arrays import Bools, Floats
 from wrinklecli.numeric.nearest import closest_point
 from wrinklecli.review.suggest.measure import MeasuredMesh, pose_unscaled
@@ -76,7 +76,7 @@ class Fold:
     origin: Floats
     target: Floats
     score: float
-    material: Literal["skin", "cloth", "leather"] | None = None
+    material: MaterialName | None = None
     facet: float = 0.0
     widest: float = math.inf
     between: Floats = field(default_factory=lambda: np.zeros((0, 3)))

@@ -3,13 +3,13 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 
 from wrinklecli.baking.plan import Ground
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import moving_nodes
+from wrinklecli.choices import MaterialName
 from wrinklecli.effects.wrinkle.attach import attach_tools
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.errors import WrinkleError
@@ -110,7 +110,7 @@ class Chosen:
         fold = Fold(self._mesh, region, clip, time, origin, target, score=0.0)
         shares = triangle_shares(self._mesh.sites, region)
         kind = substance_of(self._makeup, shares).kind
-        material: Literal["skin", "cloth", "leather"] | None = None if kind == "hard" else kind
+        material: MaterialName | None = None if kind == "hard" else kind
         facet = 3.0**0.5 * float(shares @ self._mesh.gauge.radii) if is_faceted(self._makeup, shares) else 0.0
         return replace(fold, material=material, facet=facet)
 

@@ -12,13 +12,14 @@ from typing import Any, Literal
 import numpy as np
 
 from wrinklecli.character.rig import Rig
+from wrinklecli.choices import MaterialName
 from wrinklecli.errors import shortened
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats, unit
 from wrinklecli.surface.strain import Gauge
 
-Kind = Literal["skin", "cloth", "leather", "hard"]
+Kind = MaterialName | Literal["hard"]
 
 # Words of names, singular; the kind that stands first wins. Hair, eyes and teeth are parts of a body that no fold
 # crosses. Among them those of Ready Player Me (`Wolf3D_Outfit_Footwear`), Daz (`EyeMoisture`, `Fingernails`) and

@@ -1,0 +1,27 @@
+"""The words that tools files, manifests and options choose from: each set of words is spelled here alone.
+
+The types are for mypy. The schemas and the command line take the words from them by `typing.get_args`.
+"""
+
+from typing import Literal, TypeAlias
+
+# A tools file.
+Up: TypeAlias = Literal["y", "z"]
+RestPose: TypeAlias = Literal["stored", "bind"]
+Scheme: TypeAlias = Literal["butterfly", "midpoint", "butterfly_full"]
+Snap: TypeAlias = Literal["surface", "vertex"]
+Axis: TypeAlias = Literal["x", "y", "z"]
+MaterialName: TypeAlias = Literal["skin", "cloth", "leather"]
+Strategy: TypeAlias = Literal["everywhere", "origin", "both_ends"]
+Profile: TypeAlias = Literal["smooth", "skin", "cloth", "polyline"]
+Attenuation: TypeAlias = Literal["bell", "linear"]
+Attachment: TypeAlias = Literal["skin", "patch"]
+
+# A bake.
+Mode: TypeAlias = Literal["morph", "frames"]
+Engine: TypeAlias = Literal["three", "unity", "spec8", "vtk", "godot3"]
+Storage: TypeAlias = Literal["sparse", "dense", "based"]
+"""How deltas are stored: sparse where that is smaller; dense, all of them; or based, sparse upon zeros that are stored
+once, for readers that need a buffer view there."""
+Tracks: TypeAlias = Literal["all", "none"]
+FrameFormat: TypeAlias = Literal["obj", "ply", "glb"]
