@@ -1,5 +1,5 @@
-"""A welded mesh, its rig and where a tool is asked for in; what lies on the mesh at rest, and how it deforms, out.
+"""Takes a welded mesh, its rig and the places of tools; gives what lies on the mesh at rest, and how the mesh deforms.
 
-The rest pose, anchors, paths, strain, and the refinement that splits triangles where an effect needs them. This room
-knows no effect: what asks for split edges is a `Region`, whatever it is.
+The room holds the rest pose, anchors, paths, strain, and the refinement that splits triangles where an effect needs
+finer ones. It knows no effect: an effect asks for split edges through a `Region`.
 """

@@ -180,7 +180,7 @@ class Curve:
         relative, points = positions - self.points[0], self.points - self.points[0]
         ahead = relative @ self.tangents.T - np.einsum("sx,sx->s", points, self.tangents)
         apart = np.sum(relative**2, axis=1)[:, None] - 2.0 * relative @ points.T + np.sum(points**2, axis=1)
-        # A place belongs to a piece if it is ahead of its first plane and behind its second, or to what is past an end.
+        # A place belongs to a piece if it is ahead of its first plane and behind its second, or to the end it is past.
         between = np.zeros((len(positions), last + 2), bool)
         between[:, 0], between[:, -1] = ahead[:, 0] < 0, ahead[:, -1] >= 0
         between[:, 1:-1] = (ahead[:, :-1] >= 0) & (ahead[:, 1:] < 0)

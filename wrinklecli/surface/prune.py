@@ -2,7 +2,7 @@
 
 A midpoint depends on the joints of both ends of its edge, which may be too many. Influences are dropped one by one, and
 each gives its weight to a joint that is near in the skeleton, but not across a bone that bends under a region. (Keeping
-the heaviest four moved a hand's forearm off by 29 %.) `pruning_errors` measures what pruning costs.
+the heaviest four moved a hand's forearm off by 29 %.) `pruning_errors` measures the cost.
 
 The paper (C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004) refines the posed mesh, where nothing
 has to be pruned.

@@ -3,7 +3,7 @@
 Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004, on mesh refinement. Differs: the paper
 refines the posed mesh on the fly; here refinement acts once and before skinning, so that the skeleton survives. Edges
 are compared with half an interval of the region (by default: `edges_per_interval: 2`), where the paper compares them
-with one. Edges are not split where hardly any of the displacement is left.
+with one. Edges are not split where hardly any of the displacement remains.
 """
 
 from collections.abc import Sequence
@@ -45,7 +45,7 @@ _LEAST_SHOWN = 0.01
 
 @dataclass(frozen=True)
 class Refinement:
-    """A surface refined under its regions. New vertices follow the old ones, welded and glTF vertices alike.
+    """A surface refined under its regions. New vertices follow the old ones, both among welded and glTF vertices.
 
     Attributes:
         surface: The coarse surface.
@@ -168,7 +168,7 @@ def refine(
     """Split the triangles under the regions until these can show their displacement.
 
     An edge of a member triangle is split where |Δu| > 1/(intervals · edges_per_interval). An edge is not split where
-    less than a hundredth of the displacement is left along all of it, at a region's border or on faces that turn away,
+    less than a hundredth of the displacement remains along all of it, at a region's border or on faces that turn away,
     unless finer splits need it.
 
     Args:
@@ -263,7 +263,7 @@ def _long_edges(
         ends = np.searchsorted(vertices, level.edges[edges])
         steps = np.abs(u[ends[:, 1]] - u[ends[:, 0]])
         if last and not region.projected:
-            # The little that is left at the border of a region is not missed.
+            # The little that remains at the border of a region is not missed.
             steps = steps * _greatest_shares(level, edges, region, rest, normals)
         wanted[edges] |= steps > _greatest_step(region, settings)
     return wanted

@@ -79,7 +79,7 @@ def test_no_two_crests_cross_and_borders_stay(case: Case) -> None:
 @given(cases(branching=False))
 def test_wandering_is_bounded(case: Case) -> None:
     variation = case.variation
-    starts, ends = variation.furrows(np.linspace(-1.0, 1.0, 129))
+    starts, ends = variation.furrows(variation.turned * np.linspace(-1.0, 1.0, 129))
     assert np.abs(starts - variation.bumps.starts[:, None]).max() <= 0.45 * case.amount / len(starts) * (1 + 1e-12)
     assert (ends - starts >= 0.39 * (variation.bumps.ends - variation.bumps.starts)[:, None]).all()
     assert variation.bumps.widths.mean() == pytest.approx(1.0)

@@ -29,7 +29,7 @@ _OPEN = 1.5
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """The solution of a pose: what contact adds to the free vertices of the fold's own mesh.
+    """The solution of a pose: the move that contact gives the free vertices of the fold's own mesh.
 
     Methods evaluate another (free, 3) move, in bind space, against it.
 

@@ -10,7 +10,7 @@ itself. Other meshes belong to the same system, but are so stiff that they give 
 themselves and would leave no room.
 
 Source: M. Li et al., *Incremental Potential Contact*, SIGGRAPH 2020, by its library ipctk. Differs: quasi-static, no
-friction, no material: the correction c itself is what resists, so nothing moves where nothing touches.
+friction, no material: only the correction c itself resists, so nothing moves where nothing touches.
 """
 
 from collections.abc import Iterable, Iterator
@@ -107,7 +107,7 @@ def _newton(tissue: Tissue, positions: Floats, posed: SkinnedPose, near: Any) ->
 
 @dataclass(frozen=True, slots=True)
 class _Wanted:
-    """Where a pose asks for the vertices.
+    """The positions and volumes that a pose asks for.
 
     Attributes:
         positions: (vertices, 3) solver's units.

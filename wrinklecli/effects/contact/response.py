@@ -1,4 +1,4 @@
-"""What resists a correction of a surface, and how the surface moves under forces.
+"""The resistance of a surface to corrections, and its movement under forces.
 
 The surface itself resists, and so do contacts and the volume under each piece that is free to move: a surface that only
 gave way would lose the volume that a contact squeezes away, where flesh bulges beside the contact. So each volume is
@@ -124,7 +124,7 @@ class VolumeForces:
 
 
 class Response:
-    """How the free vertices move under forces: the inverse of the stiffness, which is constant, and contacts.
+    """The movement of the free vertices under forces: the inverse of the constant stiffness, with contacts added.
 
     Contacts hold few vertices, and most of these along one direction. The movements under a unit force on each are
     solved for once, so a step solves a dense system of those directions and factorises nothing large. (Factors by

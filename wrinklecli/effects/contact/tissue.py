@@ -1,4 +1,4 @@
-"""The surface of a fold as the solver sees it: how it resists corrections, what comes near it, how far it may move.
+"""The surface of a fold as the solver sees it: its resistance, its collisions, and how far it may move.
 
 Collisions are found by the library ipctk. All lengths are in solver's units: a limb's radius is 70 of them.
 """
@@ -49,7 +49,7 @@ _SAFE = 0.9
 
 @dataclass(frozen=True, slots=True)
 class SkinnedPose:
-    """Where skinning puts the vertices in a pose.
+    """Positions that skinning gives the vertices in a pose.
 
     Attributes:
         positions: (vertices, 3) solver's units, in the coordinate frame of the fold.
@@ -62,7 +62,7 @@ class SkinnedPose:
 
 @dataclass(frozen=True, slots=True)
 class SolverState:
-    """Where the solver puts the vertices in a pose.
+    """Positions that the solver gives the vertices in a pose.
 
     Attributes:
         positions: (vertices, 3) solver's units.
@@ -93,7 +93,7 @@ class Tissue:
         colliding: (triangles,) True if the triangle may touch anything: it crosses nothing at rest and is near enough.
         free: (vertices,) True if the solver may move the vertex.
         own: (vertices,) False for vertices of other meshes.
-        apart: (vertices,) distance at rest from what crosses without contact, solver's units.
+        apart: (vertices,) distance at rest from vertices that cross without contact, solver's units.
     """
 
     rest: Floats
@@ -202,13 +202,13 @@ class Tissue:
         return np.asarray((1.0 / _LOST - 1.0) / np.maximum(movements, _LEAST_MOVEMENT))
 
     def moves_under(self, forces: Floats) -> Floats:
-        """(several, free, 3) movements of the free vertices under as many fields of forces."""
+        """(fields, free, 3) movements of the free vertices under (fields, free, 3) forces."""
         columns = forces.transpose(1, 0, 2).reshape(-1, 3 * len(forces))
         return self.response.moves_under(columns).reshape(-1, len(forces), 3).transpose(1, 0, 2)
 
     @cached_property
     def response(self) -> Response:
-        """How the free vertices move under forces."""
+        """The movement of the free vertices under forces."""
         rows = np.flatnonzero(self.free)
         return Response(self.stiffness[rows][:, rows])
 

@@ -21,7 +21,7 @@ from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import RestLengthKeys, RestLengthMorph
 
 MOMENTS = 65
-"""Moments of a motion that are looked at: a joint turns by 2.3° between two."""
+"""Sampled moments of a motion: a joint turns by 2.3° between two."""
 # Greatest turn of a joint to either side, radians: 150°, as knees and elbows turn.
 _MOST_TURN = np.radians(150.0)
 # A joint hardly bends the skin between two ends if the fractions of their weights that it carries differ by less.

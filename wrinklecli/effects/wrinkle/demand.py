@@ -70,7 +70,7 @@ def demand_of(patch: Patch, surface: Surface, rest: Rest, rig: Rig) -> Floats | 
 def demanding(carried: CarriedPatch, fine: Refinement, rest: Rest, rig: Rig) -> CarriedPatch:
     """Replace a tool's demand by that of the refined mesh, whose edges cut corners.
 
-    The demand for smooth wrinkles stays if the tool is projected anew in each frame, or the mesh is too coarse for the
+    The demand for smooth wrinkles stays if the tool is projected in each frame, or the mesh is too coarse for the
     tool's bumps.
     """
     patch = carried.patch

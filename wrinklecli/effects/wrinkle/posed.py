@@ -1,8 +1,8 @@
-"""Displacements projected anew in each posed frame (`attachment: patch`), and the few shapes that give them all.
+"""Displacements projected in each posed frame (`attachment: patch`), and the few shapes that give them all.
 
 This takes the paper literally, C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004, on mesh deformation:
-(u, v) and normals are those of the undeformed posed surface, anew in each frame. Differs: only members of the patch at
-rest are projected; normals are area-weighted; the posed displacement is pulled back to bind space, as morph targets act
+(u, v) and normals are those of the undeformed posed surface in each frame. Differs: only members of the patch at rest
+are projected; normals are area-weighted; the posed displacement is pulled back to bind space, as morph targets act
 before skinning.
 """
 

@@ -49,7 +49,7 @@ _SWAY = 0.4
 _SHORTER = 0.45
 # swell by this fraction of its height,
 _SWELL = 0.18
-# in so many waves along v over half a patch, between these two numbers,
+# over this number of waves along v on half a patch, between two bounds,
 _SWELLINGS = (0.5, 1.0)
 # and be narrower at its ends by this fraction.
 _TAPER = 0.45
@@ -158,10 +158,6 @@ class Variation:
             peaks[merger.wider] = max(float(peaks[merger.wider]), float(joined.max()))
         return peaks
 
-    def furrows(self, v: Floats) -> tuple[Floats, Floats]:
-        """(bumps, lines) u at which each bump starts, and u at which it ends, on (lines,) v."""
-        return self._furrows(self.turned * v)
-
     def places(self, u: Floats, v: Floats) -> tuple[Places, Floats]:
         """Map points of a patch to places on the centre line's curve.
 
@@ -184,7 +180,7 @@ class Variation:
 
     def _places(self, us: Floats, lines: Floats) -> Floats:
         """(5, points) us, factors, joined, joined_us and turned of `places`, for (points,) u and v."""
-        starts, ends = self._furrows(lines)
+        starts, ends = self.furrows(lines)
         bumps, points = np.sum(us >= starts[1:], axis=0), np.arange(len(us))
         start, end = starts[bumps, points], ends[bumps, points]
         # `side` goes from −1 to 1 over the bump. Bending it moves the crest off the middle and makes it narrower.
@@ -223,7 +219,8 @@ class Variation:
             joined[on] = np.divide(together, factors[on], out=np.zeros(len(on)), where=factors[on] > 0.0)
         return np.stack([np.where(stays, us, placed), factors, joined, joined_us, turned])
 
-    def _furrows(self, lines: Floats) -> tuple[Floats, Floats]:
+    def furrows(self, lines: Floats) -> tuple[Floats, Floats]:
+        """(bumps, lines) u at which each bump starts, and u at which it ends, on (lines,) `turned` times v."""
         moves = _waving(self.wander, lines)
         starts, ends = self.bumps.starts[:, None] + moves[:-1], self.bumps.ends[:, None] + moves[1:]
         for merger in self.mergers:
@@ -317,7 +314,7 @@ def _smoothstep(t: Floats) -> Floats:
 
 
 def _well_spread(numbers: Floats) -> Floats:
-    """As many numbers in the same order, one in each equal part of −1 to 1, and more of them towards both ends.
+    """Spread numbers in the same order, one in each equal part of −1 to 1, and more of them towards both ends.
 
     Four numbers may be nearly equal as drawn, and equal widths read as ruled.
     """
