@@ -1,4 +1,4 @@
-"""Accessors of two documents compared: as numbers, or where they cannot be decoded, as they are stored."""
+"""Compare accessors of two documents as numbers, or as they are stored if they cannot be decoded."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -9,12 +9,12 @@ from wrinklecli.numeric.arrays import Array
 from wrinklecli.review.diff.difference import Difference, Place, Sides, differ
 from wrinklecli.review.diff.values import array_differences
 
-# What says where an accessor's data lies, not what it is.
+# Keys that say where an accessor's data lies.
 _STORAGE = ("bufferView", "byteOffset")
 
 
 def decoded(document: Document, index: int | None) -> Array | None:
-    """The elements of an accessor; None where there is none, or a malformed one, which a bake may pass through."""
+    """The elements of an accessor; None without an index, or if it is malformed, as a bake may leave it."""
     try:
         return None if index is None else document.accessor(index, user=document.path)
     except TooMuchError:
@@ -26,7 +26,7 @@ def decoded(document: Document, index: int | None) -> Array | None:
 def accessor_differences(
     sides: Sides, i: int, j: int, place: Place, *, name: object = "", scale: float = 1.0
 ) -> Iterator[Difference]:
-    """Compare two accessors; those of POSITION as places, `scale` scene units a unit."""
+    """Compare two accessors; POSITION is compared as positions, `scale` scene units for each unit."""
     one, other = decoded(sides.a, i), decoded(sides.b, j)
     if one is None or other is None:
         yield from unreadable_differences(sides, i, j, place, name=name)
@@ -37,7 +37,7 @@ def accessor_differences(
 def unreadable_differences(
     sides: Sides, i: int | None, j: int | None, place: Place, *, name: object
 ) -> Iterator[Difference]:
-    """Compare accessors that cannot be decoded, as they are stored; nothing where both can be, or are left out."""
+    """Compare accessors as they are stored, if one of them cannot be decoded."""
     ends = {"A": (sides.a, i), "B": (sides.b, j)}
     unreadable = [side for side, end in ends.items() if end[1] is not None and decoded(*end) is None]
     if len(unreadable) == 1:
@@ -47,7 +47,7 @@ def unreadable_differences(
 
 
 def _stored(document: Document, index: Any) -> tuple[Any, bytes | None]:
-    """What a document stores of an accessor: its JSON, and the bytes of its view where they are there."""
+    """The JSON of an accessor, and the bytes of its view if they can be read."""
     accessors = document.items("accessors")
     if index not in range(len(accessors)):
         return None, None

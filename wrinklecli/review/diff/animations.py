@@ -1,4 +1,4 @@
-"""Animations of two documents: which is paired with which, and what their channels play."""
+"""Pair the animations of two documents, and compare the values that their channels play."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -25,7 +25,7 @@ from wrinklecli.review.diff.values import dict_differences, gaps, property_gaps
 
 
 def animation_differences(sides: Sides, chosen: Sequence[str]) -> Found:
-    """Pair animations by name and compare what they play; only those of chosen names where there are any."""
+    """Pair animations by name and compare them; only the chosen names, or all without names."""
     first, second = sides.a.items("animations"), sides.b.items("animations")
     clips_a, clips_b = ({clip.index: clip for clip in read_clips(each)} for each in (sides.a, sides.b))
     names_a, names_b = (
@@ -37,7 +37,7 @@ def animation_differences(sides: Sides, chosen: Sequence[str]) -> Found:
         for animations, clips in ((first, clips_a), (second, clips_b))
     )
     pairs = pairs_by_key(list(names_a), list(names_b), names_a.__getitem__, names_b.__getitem__)
-    # What moves the same properties under another name has been renamed.
+    # An animation that moves the same properties under another name was renamed.
     renamed = pairs_by_key(
         without(names_a, pairs),
         without(names_b, pairs.values()),
@@ -73,7 +73,7 @@ def _clip_differences(sides: Sides, first: Clip, second: Clip) -> Found:
         message = " -> ".join(f"{start:.6g} to {end:.6g} s" for start, end in spans)
         yield differ("animation", place, message, name=first.name)
     nodes_a, nodes_b = node_names(sides.a), node_names(sides.b)
-    # Those of one property, which no valid file has twice, in their order.
+    # Only an invalid file has two channels of one property; they are paired in their order.
     pairs = pairs_by_key(
         range(len(first.channels)),
         range(len(second.channels)),
@@ -104,7 +104,7 @@ def _clip_differences(sides: Sides, first: Clip, second: Clip) -> Found:
 def _channel_differences(
     first: Channel, second: Channel, place: Place, limits: Limits, *, what: str, clip: str
 ) -> Iterator[Difference]:
-    """Compare what two channels play, at and between the keys of both."""
+    """Compare the values of two channels, at and between the keys of both."""
     widths = [channel.values.shape[-1] for channel in (first, second)]
     if widths[0] != widths[1]:
         yield differ("animation", place, f"{what}: {widths[0]} -> {widths[1]} numbers a key", name=clip)
@@ -128,13 +128,13 @@ def _channel_differences(
 
 def _other_channel_differences(sides: Sides, i: int, j: int, clip_a: Clip | None, clip_b: Clip | None) -> Found:
     """Compare the channels that move no node, such as those of KHR_animation_pointer, in their order."""
-    left_a, left_b = _other_channels(sides.a, i, clip_a), _other_channels(sides.b, j, clip_b)
+    others_a, others_b = _other_channels(sides.a, i, clip_a), _other_channels(sides.b, j, clip_b)
     place: Place = ("animations", i, "channels")
     name = sides.a.items("animations")[i].get("name")
-    if len(left_a) != len(left_b):
-        message = f"{len(left_a)} -> {len(left_b)} channels that move no node"
+    if len(others_a) != len(others_b):
+        message = f"{len(others_a)} -> {len(others_b)} channels that move no node"
         yield differ("animation", place, message, name=name)
-    for (number, first), (_, second) in zip(left_a, left_b, strict=False):
+    for (number, first), (_, second) in zip(others_a, others_b, strict=False):
         at = (*place, number)
         target_a, target_b = (dict(channel.get("target", {})) for channel in (first, second))
         if not sides.have_same_node(target_a.pop("node", None), target_b.pop("node", None)):
@@ -149,14 +149,14 @@ def _other_channel_differences(sides: Sides, i: int, j: int, clip_a: Clip | None
 
 
 def _other_channels(document: Document, animation: int, clip: Clip | None) -> list[tuple[int, Json]]:
-    """The channels of an animation that its clip does not play, each with its number."""
+    """The channels of an animation that its clip does not have, with their numbers."""
     played = {channel.index for channel in clip.channels} if clip else set()
     channels = document.items("animations")[animation].get("channels", [])
     return [(number, channel) for number, channel in enumerate(channels) if number not in played]
 
 
 def _sampler(document: Document, animation: int, channel: Json) -> Json:
-    """A copy of a channel's sampler; empty where it has none."""
+    """A copy of a channel's sampler; empty if it has none."""
     samplers = document.items("animations")[animation].get("samplers", [])
     number = channel.get("sampler", len(samplers))
     return dict(samplers[number]) if number < len(samplers) else {}

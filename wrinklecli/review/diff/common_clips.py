@@ -1,4 +1,4 @@
-"""Moments at which two assets are compared: the stored pose and the clips of both, each with its times."""
+"""Find the clips that two assets have in common, and the times at which to compare them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from wrinklecli.review.diff.difference import ROUNDINGS, Difference
 
 @dataclass(frozen=True, slots=True)
 class AnimatedScene:
-    """What a viewer sees of one of the two assets."""
+    """The scene of an asset, and its clips."""
 
     primitives: tuple[ScenePrimitive, ...]
     clips: tuple[Clip, ...]
@@ -21,27 +21,24 @@ class AnimatedScene:
 
 @dataclass(frozen=True, slots=True)
 class CommonClip:
-    """A clip of both assets, or the stored pose, and when to look."""
+    """A clip of both assets, or the stored pose of both, and the times (times,) at which to compare them, seconds."""
 
     clips: tuple[Clip | None, Clip | None]
     times: Floats
 
     @property
     def name(self) -> str | None:
-        """The clip's; none of the stored pose."""
+        """The clip's name; None for the stored pose."""
         return self.clips[0].name if self.clips[0] else None
 
 
 def common_clips(
     a: AnimatedScene, b: AnimatedScene, chosen: Sequence[str], fps: float
 ) -> tuple[list[CommonClip], list[Difference]]:
-    """The stored pose and the clips that both have; and what of the clips differs.
+    """The stored pose and the clips that both assets have, and the differences between their clips.
 
-    Args:
-        a: The first asset.
-        b: The second.
-        chosen: Names of clips; with any, other clips and the stored pose are left out.
-        fps: Frames per second of the grid of times, which the clips' own keys join.
+    Only the chosen clips are compared; without names, all and the stored pose. Times are those of a grid of `fps`
+    frames per second, and the clips' own keys.
 
     Raises:
         BakeError: A clip has more than 200,000 frames.
@@ -65,7 +62,7 @@ def common_clips(
             found.append(Difference("animation", place, clip.name, shown))
         switches = [each for each in (_switch_times(a, clip), _switch_times(b, other)) if len(each)]
         if len(switches) == 1:
-            # Frames shown one after another are what they stand for at their own times only, and the stored pose is
+            # A file whose meshes are shown one after another is right at their own times only, and its stored pose is
             # the first of them.
             one_switches = True
             times = switches[0]
@@ -80,7 +77,7 @@ def common_clips(
 
 
 def _switch_times(scene: AnimatedScene, clip: Clip) -> Floats:
-    """(times,) when a clip shows or hides a mesh by scaling its node in steps; none where it does not."""
+    """(times,) at which a clip shows or hides a mesh by scaling its node in steps."""
     scales = {channel.node: channel for channel in clip.channels if channel.path == "scale"}
     switching = {
         node: channel

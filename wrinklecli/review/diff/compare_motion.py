@@ -1,4 +1,4 @@
-"""Motion of two assets compared: which primitives show at each time, which are the same, and how far they are apart."""
+"""Compare the motion of two assets: pair the primitives that are visible at each time, and find their distances."""
 
 import hashlib
 import struct
@@ -33,13 +33,13 @@ from wrinklecli.review.diff.surfaces import (
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """What a viewer sees differ.
+    """The result of comparing motions.
 
     Attributes:
-        times: How many moments.
+        times: Number of times.
         worst: The greatest distance.
         normal: The greatest angle between normals, degrees.
-        differences: What is beyond the tolerance.
+        differences: Those beyond the tolerance.
     """
 
     times: int
@@ -51,15 +51,7 @@ class Seen:
 def compare_motion(
     a: AnimatedScene, b: AnimatedScene, clips: Sequence[CommonClip], tolerance: float, progress: Progress
 ) -> Seen:
-    """Compare what both show at all moments.
-
-    Args:
-        a: The first asset.
-        b: The second.
-        clips: The clips of both with their times, as of `common_clips`.
-        tolerance: How far vertices may be apart, scene units.
-        progress: Called with a stage's name, times done and times in all.
-    """
+    """Compare two assets in their common clips; vertices may be apart by the tolerance, scene units."""
     total, done = sum(len(common.times) for common in clips), 0.0
 
     def advance(times: float) -> None:
@@ -82,9 +74,9 @@ def _together(several: Sequence[Seen]) -> Seen:
 
 
 def _compare_clip(a: AnimatedScene, b: AnimatedScene, common: CommonClip, tolerance: float, advance: Advance) -> Seen:
-    """Compare what both show in a clip."""
+    """Compare the visible primitives of both assets in a clip."""
     shown = [_shown(side.primitives, clip, common.times) for side, clip in zip((a, b), common.clips, strict=True)]
-    # Times at which both show the same primitives go together.
+    # Times at which the same primitives are visible are compared together.
     groups: dict[bytes, list[int]] = {}
     for frame, row in enumerate(np.packbits(np.concatenate(shown, axis=1), axis=1)):
         groups.setdefault(row.tobytes(), []).append(frame)
@@ -97,8 +89,8 @@ def _compare_clip(a: AnimatedScene, b: AnimatedScene, common: CommonClip, tolera
             [side.primitives[k] for k in np.flatnonzero(each[frames[0]]).tolist()]
             for side, each in zip((a, b), shown, strict=True)
         )
-        pairs, left_a, left_b = _matched(primitives_a, primitives_b, common, float(times[0]), tolerance)
-        share = 1.0 / max(len(pairs) + int(bool(left_a and left_b)), 1)
+        pairs, rest_a, rest_b = _matched(primitives_a, primitives_b, common, float(times[0]), tolerance)
+        share = 1.0 / max(len(pairs) + int(bool(rest_a and rest_b)), 1)
 
         def group_advance(done: float, share: float = share) -> None:
             advance(share * done)
@@ -110,11 +102,11 @@ def _compare_clip(a: AnimatedScene, b: AnimatedScene, common: CommonClip, tolera
                 group_advance(len(times))
             else:
                 results.append(compare_vertices(one, other, common, times, tolerance, group_advance))
-        if left_a and left_b:
-            results.append(compare_surfaces(left_a, left_b, common, times, group_advance))
+        if rest_a and rest_b:
+            results.append(compare_surfaces(rest_a, rest_b, common, times, group_advance))
         else:
-            for primitive in (*left_a, *left_b):
-                message = f"{when(common.name, float(times[0]))}: only in {'A' if left_a else 'B'}"
+            for primitive in (*rest_a, *rest_b):
+                message = f"{when(common.name, float(times[0]))}: only in {'A' if rest_a else 'B'}"
                 alone.setdefault(place_of(primitive), Difference("pose", place_of(primitive), primitive.name, message))
         for result in results:
             key = result.worst.place
@@ -127,7 +119,7 @@ def _compare_clip(a: AnimatedScene, b: AnimatedScene, common: CommonClip, tolera
 
 
 def _shown(primitives: Sequence[ScenePrimitive], clip: Clip | None, times: Floats) -> Bools:
-    """(times, primitives) whether a primitive is shown; a node that is scaled to nothing is not."""
+    """(times, primitives) False where the node of a primitive is scaled to 0."""
     shown = np.ones((len(times), len(primitives)), bool)
     by_node: dict[int, Bools] = {}
     for column, primitive in enumerate(primitives):
@@ -139,7 +131,7 @@ def _shown(primitives: Sequence[ScenePrimitive], clip: Clip | None, times: Float
 
 
 def _node_shown(rig: Rig, clip: Clip | None, times: Floats) -> Bools:
-    """(times,) whether a node is scaled to nothing; of thousands, each with a few steps, few moments are looked at."""
+    """(times,) False where a node is scaled to 0; if only steps move it, they alone are evaluated, to save time."""
     channels: list[Channel] = []
     node = rig.node
     while node >= 0:
@@ -150,8 +142,8 @@ def _node_shown(rig: Rig, clip: Clip | None, times: Floats) -> Bools:
         keys = np.concatenate([np.zeros(0), *(channel.times for channel in channels)])
         starts = distinct_values(np.append(0, np.searchsorted(times, keys)))
         starts = starts[starts < len(times)]
-    seen = np.linalg.det(joint_matrices(rig, clip, times[starts])[:, 0, :3, :3]) != 0
-    return np.repeat(seen, np.diff(np.append(starts, len(times))))
+    shown = np.linalg.det(joint_matrices(rig, clip, times[starts])[:, 0, :3, :3]) != 0
+    return np.repeat(shown, np.diff(np.append(starts, len(times))))
 
 
 def _matched(
@@ -161,35 +153,29 @@ def _matched(
     time: float,
     tolerance: float,
 ) -> tuple[list[tuple[ScenePrimitive, ScenePrimitive]], list[ScenePrimitive], list[ScenePrimitive]]:
-    """Pairs of primitives of the same triangles, and those that are left of each asset.
+    """Pairs of primitives with the same triangles, and the unpaired primitives of each asset.
 
-    Among several of the same triangles: the one of the same name, or where that is elsewhere, the nearest.
+    Among several with the same triangles, the pair has the same name, or is the nearest if that one is elsewhere.
     """
     waiting: dict[bytes, list[ScenePrimitive]] = {}
     for primitive in primitives_b:
         waiting.setdefault(_topology(primitive), []).append(primitive)
     candidates = {key: _Candidates(found, common.clips[1], time, tolerance) for key, found in waiting.items()}
-    pairs, left_a = [], []
+    pairs, rest_a = [], []
     for primitive in primitives_a:
         alike = candidates.get(_topology(primitive))
         chosen = alike.take(primitive, common.clips[0]) if alike is not None else None
         if chosen is None:
-            left_a.append(primitive)
+            rest_a.append(primitive)
         else:
             pairs.append((primitive, chosen))
-    return pairs, left_a, [primitive for each in candidates.values() for primitive in each.left]
+    return pairs, rest_a, [primitive for each in candidates.values() for primitive in each.rest]
 
 
 class _Candidates:
-    """Primitives of the second asset that have the same triangles, each to be taken once.
+    """Primitives of the second asset that have the same triangles; each can be taken once.
 
-    Each is posed once, and those of a name or at a place are found by it: thousands of instances take no minutes.
-
-    Args:
-        primitives: Not none.
-        clip: Of the second asset.
-        time: Seconds.
-        tolerance: As of `compare_motion`.
+    Each is posed once, and indexed by name and by place, so that thousands of instances do not take minutes.
     """
 
     def __init__(self, primitives: Sequence[ScenePrimitive], clip: Clip | None, time: float, tolerance: float) -> None:
@@ -204,12 +190,12 @@ class _Candidates:
         self._places = np.zeros((0, 0))
 
     @property
-    def left(self) -> list[ScenePrimitive]:
-        """Those that have not been taken."""
+    def rest(self) -> list[ScenePrimitive]:
+        """The primitives that were not taken."""
         return [self._primitives[number] for number in np.flatnonzero(self._waiting).tolist()]
 
     def take(self, primitive: ScenePrimitive, clip: Clip | None) -> ScenePrimitive | None:
-        """The one of a primitive's name, or where that is elsewhere, the nearest; the first of equals."""
+        """The primitive of the same name, or the nearest if that one is elsewhere; the first of equals."""
         if not self._count:
             return None
         number = int(self._waiting.argmax()) if self._count == 1 else self._match(primitive, clip)
@@ -231,7 +217,7 @@ class _Candidates:
         return self._nearest(place)
 
     def _nearest(self, place: Floats) -> int:
-        """The nearest of those that wait; how far the first vertices are apart spares most of the looking."""
+        """The nearest one; the distance of first vertices is a lower bound, which saves most comparisons."""
         numbers = np.flatnonzero(self._waiting)
         least = np.abs(self._places[numbers, :1] - place[:1]).max(axis=(1, 2), initial=0.0)
         best = (np.inf, -1)
@@ -246,28 +232,28 @@ class _Candidates:
         return np.asarray(pose_primitive(primitive, clip, self._time).positions[0] + 0.0)  # -0 and 0 are one place
 
     def _first(self, numbers: deque[int] | None) -> int | None:
-        """The first that has not been taken; those in front of it go."""
+        """The first number that was not taken; taken ones are dropped from the queue."""
         while numbers and not self._waiting[numbers[0]]:
             numbers.popleft()
         return numbers[0] if numbers else None
 
 
 def _topology(primitive: ScenePrimitive) -> bytes:
-    """Of its triangles and how many vertices it has: a digest, as thousands of instances may have many triangles."""
+    """A digest of the triangles and the number of vertices; thousands of instances may have many triangles."""
     digest = hashlib.blake2b(struct.pack("<Q", len(primitive.vertices.positions)))
     digest.update(primitive.triangles.tobytes())
     return digest.digest()
 
 
 def _equal_clips(one: Clip | None, other: Clip | None) -> bool:
-    """Whether two clips have the same keys to the bit, by the same numbers of nodes."""
+    """True if two clips have the same keys to the bit, for nodes of the same indices."""
     if one is None or other is None:
         return one is other
     return one.moves_as(other)
 
 
 def _equal_nodes(one: Sequence[ScenePrimitive], other: Sequence[ScenePrimitive]) -> bool:
-    """Whether the nodes of two assets, which their primitives share, are the same to the bit."""
+    """True if the nodes of two assets, which all their primitives share, are the same to the bit."""
     if not one or not other:
         return False
     first, second = one[0].rig, other[0].rig
@@ -278,7 +264,7 @@ def _equal_nodes(one: Sequence[ScenePrimitive], other: Sequence[ScenePrimitive])
 
 
 def _equal_primitives(one: ScenePrimitive, other: ScenePrimitive) -> bool:
-    """Whether two primitives are the same to the bit: where their nodes are, a clip poses both alike."""
+    """True if two primitives are the same to the bit; if their nodes are too, a clip poses both alike."""
     if (one.rig.node, one.rig.skinned) != (other.rig.node, other.rig.skinned):
         return False
     return all(_equal_arrays(*pair) for pair in zip(_arrays(one), _arrays(other), strict=True))

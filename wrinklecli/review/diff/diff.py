@@ -1,4 +1,4 @@
-"""Two assets compared for golden tests: by what their documents mean, and by what a viewer sees over time."""
+"""Compare two assets for golden tests: by the meaning of their documents, and by posed positions over time."""
 
 import json
 import os
@@ -32,15 +32,15 @@ DEFAULT_TOLERANCE = Length(1e-4, percent=True)
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """What a comparison has found.
+    """The result of comparing two assets.
 
     Attributes:
-        differences: All beyond the tolerance; none where the assets are the same.
-        tolerance: Scene units; None where both have the same content to the byte, which needs no measuring.
+        differences: All beyond the tolerance; none if the assets are the same.
+        tolerance: Scene units; None if both have the same content to the byte, and nothing was measured.
         size: Diagonal of the larger asset's bounding box in the stored pose, scene units; None as above.
-        times: How many moments were compared, the stored pose among them.
-        worst: The greatest distance, within the tolerance or not; None where nothing could be compared.
-        normal: The greatest angle between normals of one vertex, degrees; None where none could be compared.
+        times: Number of moments that were compared, with the stored pose.
+        worst: The greatest distance, within the tolerance or not; None if no positions could be compared.
+        normal: The greatest angle between normals of a vertex, degrees; None if no normals could be compared.
     """
 
     differences: tuple[Difference, ...]
@@ -52,11 +52,11 @@ class Comparison:
 
     @property
     def same(self) -> bool:
-        """Whether nothing differs beyond the tolerance."""
+        """True if nothing differs beyond the tolerance."""
         return not self.differences
 
     def lines(self, most: int | None = None) -> Iterator[str]:
-        """A line for each difference, at most so many of a kind, and one for the whole."""
+        """A line for each difference, at most so many of a kind, and the summary."""
         shown: Counter[str] = Counter()
         for each in self.differences:
             shown[each.kind] += 1
@@ -70,7 +70,7 @@ class Comparison:
 
     @property
     def summary(self) -> str:
-        """One line for the whole."""
+        """The result in one line."""
         verdict = "same" if self.same else "different"
         if self.size is None:
             return f"{verdict}: to the byte"
@@ -147,7 +147,7 @@ def diff(
         _refuse_unknown(options.clips, (first, second), where=both)
         if _have_same_content(first, second):
             return Comparison((), None, None, 0, None, None)
-        # Of what a bake passes through unread, the documents are compared all the same.
+        # Malformed primitives, which a bake passes through unread, are compared in the documents only.
         scenes = _read_scene(first, whole=options.posed), _read_scene(second, whole=options.posed)
         return _compare((first, second), scenes, options, progress)
 
@@ -163,7 +163,7 @@ def _read_scene(document: Document, *, whole: bool) -> AnimatedScene:
 
 
 def _refuse_unknown(clips: Sequence[str], documents: tuple[Document, Document], *, where: str) -> None:
-    """Check that one of the documents has each of the clips."""
+    """Check that each clip is in one of the documents."""
     if clips:
         names = list(dict.fromkeys(clip.name for document in documents for clip in read_clips(document)))
         for name in clips:
@@ -172,7 +172,7 @@ def _refuse_unknown(clips: Sequence[str], documents: tuple[Document, Document], 
 
 
 def _have_same_content(a: Document, b: Document) -> bool:
-    """Whether two documents have the same JSON and data, to the byte; nothing of it need make sense."""
+    """True if two documents have the same JSON and data, to the byte, even if malformed."""
     if a.buffers != b.buffers or json.dumps(a.gltf) != json.dumps(b.gltf):
         return False
     if os.path.realpath(a.path) == os.path.realpath(b.path):
@@ -180,7 +180,7 @@ def _have_same_content(a: Document, b: Document) -> bool:
     try:
         return all(read_image(a, number)[0] == read_image(b, number)[0] for number in range(len(a.items("images"))))
     except AssetError:
-        return False  # comparing them says what is missing
+        return False  # the comparison of images reports the missing file
 
 
 def _compare(
@@ -194,21 +194,21 @@ def _compare(
     limit = options.tolerance.resolve(size)
     if options.tolerance.percent:
         limit = max(limit, ROUNDINGS * max(float(np.abs(box).max()) for box in boxes))
-    # Where there is nothing to see, numbers are all that is compared.
-    share = limit / size if size and limit else DEFAULT_TOLERANCE.value / 100
+    # Without positions only other numbers are compared.
+    ratio = limit / size if size and limit else DEFAULT_TOLERANCE.value / 100
     found: list[Difference] = []
     if not options.posed:
-        limits = Limits(limit or share, share, _scales(scenes[0]))
+        limits = Limits(limit or ratio, ratio, _scales(scenes[0]))
         found += document_differences(*documents, limits, clips=options.clips)
     clips, of_clips = common_clips(*scenes, options.clips, options.fps)
-    # Comparing the documents has found these too.
+    # The comparison of the documents has found the differences of clips too.
     found += of_clips if options.posed else []
     seen = compare_motion(*scenes, clips, limit, progress)
     return Comparison((*found, *seen.differences), limit, size, seen.times, seen.worst, seen.normal)
 
 
 def _stored_boxes(scene: AnimatedScene) -> list[Floats]:
-    """(2, 3) bounds of each primitive in the stored pose, scene units; where some are hidden, NaN for these."""
+    """(2, 3) bounds of each primitive in the stored pose, scene units; NaN for hidden ones."""
     boxes = []
     for primitive in scene.primitives:
         posed = pose_primitive(primitive, None, np.zeros(1))
@@ -219,7 +219,7 @@ def _stored_boxes(scene: AnimatedScene) -> list[Floats]:
 
 
 def _joined(boxes: Sequence[Floats]) -> Floats:
-    """(2, 3) bounds of all boxes that are shown; 0 where none is."""
+    """(2, 3) bounds of all boxes without NaN; 0 if there are none."""
     shown = [box for box in boxes if not np.isnan(box).any()]
     if not shown:
         return np.zeros((2, 3))
@@ -227,7 +227,7 @@ def _joined(boxes: Sequence[Floats]) -> Floats:
 
 
 def _scales(scene: AnimatedScene) -> dict[int, float]:
-    """By mesh, how many scene units a bind unit is in the stored pose, in the mean of its vertices."""
+    """By mesh, the mean number of scene units for each bind unit in the stored pose."""
     scales: dict[int, float] = {}
     for primitive in scene.primitives:
         matrices = joint_matrices(primitive.rig, None, np.zeros(1))[0, :, :3, :3]

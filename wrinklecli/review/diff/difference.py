@@ -1,7 +1,7 @@
-"""Differences between two documents: the record of one, and what all comparisons of documents share.
+"""Records and helpers that all comparisons of two documents share.
 
-A comparison is a function of the two documents side by side (`Sides`) and yields what it finds in the order in which
-people read it: differences, and links to what is to be compared next.
+A comparison is a function of the two documents (`Sides`). It yields differences, and links to objects that are to be
+compared next, in the order in which people read them.
 """
 
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
@@ -15,26 +15,28 @@ from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats
 
 Kind = Literal["structure", "value", "geometry", "image", "animation", "pose"]
-Place = tuple[str | int, ...]  # keys and indices from the top of a document's JSON
+# Keys and indices from the top of a document's JSON.
+Place = tuple[str | int, ...]
 
-# Between processors float64 results differ by 2e-14, so that now and then a stored float32 rounds the other way, by
-# 1.2e-7 of itself; a posed position is made of several. So: eight such roundings are no difference.
+# Eight float32 roundings, relative: they are no difference. Between processors float64 results differ by 2e-14, so that
+# some stored float32 round the other way, by 1.2e-7 of themselves, and a posed position is made of several.
 ROUNDINGS = 8 * 2.0**-23
-_SHOWN = 60  # characters of a value that a message repeats
+# Characters of a value that a message repeats.
+_SHOWN = 60
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """One thing in which two files differ.
+    """A difference between two files.
 
     Attributes:
         kind: structure: something is missing, added, renamed or linked otherwise. value: a JSON value. geometry: an
             attribute, a morph target, triangles or skin weights. image: its bytes. animation: a played value. pose:
-            what a viewer sees.
-        place: JSON pointer in the first file; in the second where only that has it.
-        name: Of the node, mesh, clip or material, for people; empty where it has none.
-        message: What differs.
-        distance: Scene units, where what differs is a place.
+            a posed position.
+        place: JSON pointer in the first file, or in the second if only the second has the place.
+        name: Name of the node, mesh, clip or material; empty if it has none.
+        message: The difference in words.
+        distance: Scene units, if a position differs.
     """
 
     kind: Kind
@@ -46,14 +48,14 @@ class Difference:
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """References of both documents that lead to what is to be compared next, unless it has been.
+    """References of both documents to objects that are to be compared next.
 
     Attributes:
-        kind: The top-level array that they point into.
+        kind: Name of the top-level array.
         first: Index there in the first document.
-        second: In the second.
-        place: Of the reference, in the first.
-        name: Of what refers, for people.
+        second: Index there in the second document.
+        place: Place of the reference in the first document.
+        name: Name of the object that refers, for messages.
     """
 
     kind: str
@@ -68,28 +70,28 @@ Found = Iterator[Difference | Link]
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """How far numbers may be apart.
+    """The greatest differences between numbers that count as equal.
 
     Attributes:
-        length: Of places, scene units.
-        share: Of numbers that are no lengths, of the greater of the number and 1.
-        scales: By mesh of the first file, how many scene units a bind unit is in the stored pose.
+        length: For positions, scene units.
+        ratio: For other numbers, relative to the greater of the number and 1.
+        scales: By mesh of the first file, scene units for each bind unit in the stored pose.
     """
 
     length: float
-    share: float
+    ratio: float
     scales: Mapping[int, float] = field(default_factory=dict)
 
     def are_apart(self, one: float, other: float) -> bool:
-        """Whether two JSON numbers differ; whole ones are counts or choices."""
+        """True if two JSON numbers differ; whole numbers, which are counts or choices, must be equal."""
         if isinstance(one, int) and isinstance(other, int):
             return one != other
-        return abs(one - other) > self.share * max(1.0, abs(one), abs(other))
+        return abs(one - other) > self.ratio * max(1.0, abs(one), abs(other))
 
     def slack(self, values: Floats, *, lengths: bool = False) -> float:
-        """How far numbers like these may be apart."""
-        least = max(1.0, self.length / self.share) if lengths else 1.0
-        return self.share * max(least, float(np.abs(values).max(initial=0.0)))
+        """The greatest difference that counts as equal for numbers of this size."""
+        least = max(1.0, self.length / self.ratio) if lengths else 1.0
+        return self.ratio * max(least, float(np.abs(values).max(initial=0.0)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,12 +99,9 @@ class Sides:
     """Two documents side by side.
 
     Attributes:
-        a: The first.
-        b: The second.
-        limits: How far numbers may be apart.
-        nodes: Nodes of the second by those of the first that they are paired with.
-        paired: The nodes of the second that are paired.
-        skinned: Of each, the meshes of which every node that shows them has a skin.
+        nodes: Nodes of `b` by the nodes of `a` with which they are paired.
+        paired: The nodes of `b` that are paired.
+        skinned: For each document, the meshes that all their nodes show with a skin.
     """
 
     a: Document
@@ -114,22 +113,22 @@ class Sides:
 
     @classmethod
     def of(cls, a: Document, b: Document, limits: Limits, nodes: Mapping[int, int]) -> "Sides":
-        """Of two documents, by pairs of their nodes."""
+        """Make the record from pairs of nodes."""
         return cls(a, b, limits, nodes, frozenset(nodes.values()), (_skinned_meshes(a), _skinned_meshes(b)))
 
     def items(self, kind: str, i: int, j: int) -> tuple[Json, Json]:
-        """An object of a top-level array in either document."""
+        """The objects i and j of a top-level array of the two documents."""
         return self.a.items(kind)[i], self.b.items(kind)[j]
 
     def have_same_node(self, i: int | None, j: int | None) -> bool:
-        """Whether two references, if they are any, lead to paired nodes."""
+        """True if two references lead to paired nodes, or both to none."""
         if i is not None and i in self.nodes:
             return self.nodes[i] == j
         return i == j and j not in self.paired
 
 
 def _skinned_meshes(document: Document) -> frozenset[int]:
-    """The meshes of which every node that shows them has a skin."""
+    """The meshes that all their nodes show with a skin."""
     shown, rigid = set[int](), set[int]()
     for node in document.items("nodes"):
         if "mesh" in node:
@@ -138,23 +137,23 @@ def _skinned_meshes(document: Document) -> frozenset[int]:
 
 
 def differ(kind: Kind, place: Place, message: str, *, name: object = "", distance: float | None = None) -> Difference:
-    """A difference at a place; a name that is no text is left out."""
+    """Make a difference at a place; a name that is not a string is left out."""
     pointer = "".join("/" + str(part).replace("~", "~0").replace("/", "~1") for part in place)
     return Difference(kind, pointer, name if isinstance(name, str) else "", message, distance)
 
 
 def node_names(document: Document) -> list[str]:
-    """The name of each node, for people."""
+    """The name of each node, for messages."""
     return [str(node.get("name", f"node_{index}")) for index, node in enumerate(document.items("nodes"))]
 
 
 def is_index(value: Any) -> bool:
-    """Whether a JSON value can be an index."""
+    """True if a JSON value can be an index."""
     return isinstance(value, int) and not isinstance(value, bool)
 
 
 def shown(value: Any) -> str:
-    """A JSON value as messages repeat it."""
+    """A JSON value, shortened for a message."""
     text = repr(value)
     return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"
 
@@ -162,7 +161,7 @@ def shown(value: Any) -> str:
 def pairs_by_key(
     first: Sequence[int], second: Sequence[int], key_a: Callable[[int], Hashable], key_b: Callable[[int], Hashable]
 ) -> dict[int, int]:
-    """Items of the second list by those of the first with equal keys; those of the same key in their order."""
+    """Pair items of two lists by their keys; items with equal keys are paired in their order."""
     waiting: dict[Hashable, list[int]] = {}
     for j in reversed(second):
         waiting.setdefault(key_b(j), []).append(j)
@@ -175,6 +174,6 @@ def pairs_by_key(
 
 
 def without(items: Iterable[int], others: Iterable[Any]) -> list[int]:
-    """The items that are none of the others."""
+    """The items that are not among the others."""
     known = set(others)
     return [each for each in items if each not in known]

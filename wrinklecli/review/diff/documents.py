@@ -1,9 +1,9 @@
-"""Documents compared by what they mean, not by how they are stored: the walk through both, and what it leads to.
+"""Compare two documents by their meaning, not by how they are stored.
 
-Nodes are paired by their names from the roots down, all else through what refers to it. Accessors are compared as
-decoded numbers, images as bytes, animations by the values that they play. So the order and layout of accessors, buffer
-views and buffers, sparse and dense or compressed storage, .gltf and .glb, values left out and values that are the
-specification's default, and `asset.generator` make no difference.
+Nodes are paired by their names from the roots down, other objects through their references. Accessors are compared as
+decoded numbers, images as bytes, animations by the values that they play. So these make no difference: the order and
+layout of accessors, buffer views and buffers; sparse, dense or compressed storage; .gltf or .glb; a default value or no
+value; and `asset.generator`.
 
 Source: glTF 2.0 specification, §3 (concepts).
 """
@@ -33,11 +33,12 @@ from wrinklecli.review.diff.nodes import node_differences, pair_nodes
 from wrinklecli.review.diff.skins import influence_differences, joint_pairs, skin_differences, stored_influences
 from wrinklecli.review.diff.values import dict_differences
 
-# Top-level arrays that say how data is stored, and those that are compared through what refers to them.
+# Top-level arrays that say how data is stored.
 _STORAGE = ("accessors", "bufferViews", "buffers")
+# Top-level arrays whose objects are compared where they are referred to.
 _REFERRED = ("meshes", "images", "materials", "textures", "samplers", "cameras", "skins")
 _COMPARED = (*_REFERRED, "nodes", "scenes", "animations")
-# Comparisons of kinds that are more than their JSON.
+# Comparisons of objects that are more than their JSON.
 _COMPARISONS: dict[str, Callable[[Sides, int, int], Found]] = {
     "meshes": mesh_differences,
     "images": image_differences,
@@ -46,13 +47,7 @@ _COMPARISONS: dict[str, Callable[[Sides, int, int], Found]] = {
 
 
 def document_differences(a: Document, b: Document, limits: Limits, *, clips: Sequence[str] = ()) -> list[Difference]:
-    """All in which two documents differ.
-
-    Args:
-        a: The first.
-        b: The second.
-        limits: How far numbers may be apart.
-        clips: Names of the animations to compare, as of `read_clips`; all where left out.
+    """All differences between two documents; only the named clips are compared, or all without names.
 
     Raises:
         AssetError: A document is malformed.
@@ -71,19 +66,14 @@ def document_differences(a: Document, b: Document, limits: Limits, *, clips: Seq
 
 
 class _Walk:
-    """Follows links through two documents side by side, each once.
-
-    Attributes:
-        sides: The documents.
-        met: Kinds and pairs of objects that have been compared, or are being.
-    """
+    """Follows links through two documents; `met` has the kinds and indices of the pairs that were compared."""
 
     def __init__(self, sides: Sides) -> None:
         self.sides = sides
         self.met: set[tuple[str, int, int]] = set()
 
     def follow(self, found: Found) -> Iterator[Difference]:
-        """What is found, and in place of each link what differs where it leads."""
+        """Yield differences, and for each link the differences of the objects to which it leads."""
         for each in found:
             if isinstance(each, Difference):
                 yield each
@@ -99,7 +89,7 @@ class _Walk:
                     yield from self.follow(self._compare(*key))
 
     def _reached(self, link: Link) -> tuple[bool, bool]:
-        """Whether a link leads to anything in either document: what only says how things look need not."""
+        """True, for each document, if a link leads to an object: the references of materials may be broken."""
         ends = (self.sides.a, link.first), (self.sides.b, link.second)
         one, other = (index in range(len(document.items(link.kind))) for document, index in ends)
         return one, other
@@ -110,7 +100,7 @@ class _Walk:
         return dict_differences(*self.sides.items(kind, i, j), (kind, i), kind, self.sides.limits)
 
     def node_differences(self) -> Iterator[Difference]:
-        """Compare paired nodes, and what they carry."""
+        """Compare paired nodes with their meshes, skins and cameras."""
         sides = self.sides
         weighed = set()
         hierarchies: list[Hierarchy] = []
@@ -128,31 +118,31 @@ class _Walk:
                         found: list[Difference | Link] = [*influence_differences(sides, rig_a, rig_b, joints)]
                     except TooMuchError:
                         raise
-                    except AssetError:  # of a malformed one, what is stored
+                    except AssetError:  # malformed influences are compared as they are stored
                         found = list(stored_influences(sides, first["mesh"], second["mesh"]))
                     yield from self.follow(iter(found))
 
     def unreferenced_differences(self) -> Iterator[Difference]:
-        """Compare what nothing refers to: by name, then in order."""
+        """Compare objects to which nothing refers, paired by name, then in their order."""
         documents = self.sides.a, self.sides.b
         for kind in _REFERRED:
             met = [key for key in self.met if key[0] == kind]
-            left_a, left_b = (
+            rest_a, rest_b = (
                 without(range(len(document.items(kind))), [key[1 + side] for key in met])
                 for side, document in enumerate(documents)
             )
             names_a, names_b = ([each.get("name") for each in document.items(kind)] for document in documents)
-            pairs = pairs_by_key(left_a, left_b, names_a.__getitem__, names_b.__getitem__)
-            pairs |= dict(zip(without(left_a, pairs), without(left_b, pairs.values()), strict=False))
+            pairs = pairs_by_key(rest_a, rest_b, names_a.__getitem__, names_b.__getitem__)
+            pairs |= dict(zip(without(rest_a, pairs), without(rest_b, pairs.values()), strict=False))
             yield from self.follow(Link(kind, i, j, (kind, i)) for i, j in pairs.items())
-            for index in without(left_a, pairs):
+            for index in without(rest_a, pairs):
                 yield differ("structure", (kind, index), "only in A", name=names_a[index])
-            for index in without(left_b, pairs.values()):
+            for index in without(rest_b, pairs.values()):
                 yield differ("structure", (kind, index), "only in B", name=names_b[index])
 
 
 def _scene_differences(sides: Sides) -> Found:
-    """Compare scenes in their order: which nodes they show."""
+    """Compare scenes, in their order, by the nodes that they show."""
     first, second = sides.a.items("scenes"), sides.b.items("scenes")
     if len(first) != len(second):
         yield differ("structure", ("scenes",), f"{len(first)} -> {len(second)} scenes")
@@ -163,7 +153,7 @@ def _scene_differences(sides: Sides) -> Found:
         roots = {sides.nodes.get(node, -1): node for node in one.get("nodes", [])}
         others = set(other.get("nodes", []))
         for node in sorted(set(roots) - others):
-            # What only one file has, has been said.
+            # Nodes that only one file has were reported before.
             if node >= 0:
                 yield differ("structure", (*place, "nodes"), f"{names_a[roots[node]]!r} only in A")
         for node in sorted(others - set(roots)):
@@ -172,7 +162,7 @@ def _scene_differences(sides: Sides) -> Found:
 
 
 def _top_differences(sides: Sides) -> Found:
-    """Compare the asset's own data, its extensions, and what this version of glTF does not know."""
+    """Compare the asset's own data, its extensions, and keys that glTF 2.0 does not define."""
     a, b, limits = sides.a.gltf, sides.b.gltf, sides.limits
     lists = "extensionsUsed", "extensionsRequired"
     yield from dict_differences(a, b, (), "document", limits, skip={*_STORAGE, *_COMPARED, "asset", *lists})

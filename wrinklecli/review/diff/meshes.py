@@ -1,4 +1,4 @@
-"""Meshes of two documents: primitives, attributes, morph targets, triangles and images, decoded and compared."""
+"""Compare meshes of two documents by their decoded primitives, attributes, morph targets and triangles; and images."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,19 +14,19 @@ from wrinklecli.review.diff.accessors import accessor_differences, decoded, unre
 from wrinklecli.review.diff.difference import Difference, Found, Place, Sides, differ
 from wrinklecli.review.diff.values import count_that_differ, dict_differences
 
-# An image's bytes count, not where they lie nor the type that they show themselves.
+# Keys that say where an image's bytes lie, or that the bytes say themselves.
 _IMAGE_STORAGE = ("uri", "bufferView", "mimeType")
 
 
 @dataclass(frozen=True, slots=True)
 class _Mesh:
-    """What the comparisons of a mesh's primitives share.
+    """Facts about a mesh for the comparisons of its primitives.
 
     Attributes:
-        name: For people, as stored.
+        name: Its stored name.
         targets: Names of its morph targets.
-        skinned: Whether skins move it in both documents.
-        scale: Scene units of a bind unit.
+        skinned: True if skins move it in both documents.
+        scale: Scene units for each bind unit.
     """
 
     name: object
@@ -67,7 +67,7 @@ def _primitive_differences(sides: Sides, first: Json, second: Json, place: Place
         yield differ("geometry", place, f"{counts[0]} -> {counts[1]} vertices", name=name)
         return
     attributes_a, attributes_b = (
-        # Skin weights are compared joint by joint, whatever their order.
+        # Skin weights are compared elsewhere, joint by joint.
         {
             key: index
             for key, index in primitive.get("attributes", {}).items()
@@ -87,7 +87,7 @@ def _primitive_differences(sides: Sides, first: Json, second: Json, place: Place
 def _attribute_differences(
     sides: Sides, first: Json, second: Json, place: Place, *, name: object, scale: float, idle: bool = False
 ) -> Iterator[Difference]:
-    """Compare accessors by name; `idle` ones are zero where left out."""
+    """Compare accessors by name; with `idle`, one that is all zeros may be left out."""
     for key in dict.fromkeys([*first, *second]):
         if key in first and key in second:
             yield from accessor_differences(sides, first[key], second[key], (*place, key), name=name, scale=scale)
@@ -100,7 +100,7 @@ def _attribute_differences(
 def _triangle_differences(
     sides: Sides, first: Json, second: Json, place: Place, count: int, name: object
 ) -> Iterator[Difference]:
-    """Compare the indices of primitives of so many vertices; all in their order where there are none."""
+    """Compare the indices of primitives with `count` vertices."""
     at: Place = (*place, "indices")
     one, other = (
         decoded(document, primitive["indices"]) if "indices" in primitive else np.arange(count)
@@ -133,7 +133,7 @@ def image_differences(sides: Sides, i: int, j: int) -> Found:
 
 
 def _image_bytes(document: Document, index: int) -> bytes | None:
-    """The bytes of an image, empty where it names none; None where they cannot be read, which a bake may leave so."""
+    """The bytes of an image, empty if it names none; None if they cannot be read, as a bake may leave them."""
     image = document.items("images")[index]
     try:
         return bytes(read_image(document, index)[0]) if "bufferView" in image or image.get("uri") else b""

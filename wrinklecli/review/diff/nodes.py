@@ -1,4 +1,4 @@
-"""Nodes of two documents: which is paired with which, and what paired nodes differ in."""
+"""Pair the nodes of two documents, and compare paired nodes."""
 
 from collections.abc import Hashable, Iterator, Sequence
 from typing import Any
@@ -14,15 +14,15 @@ from wrinklecli.review.diff.values import dict_differences, property_gaps, value
 
 
 def pair_nodes(a: Document, b: Document) -> tuple[dict[int, int], list[Difference]]:
-    """Pair nodes from the roots down: by name, then what is left and looks alike, then wherever a name is.
+    """Pair nodes from the roots down by name, then similar ones of other names, then equal names anywhere.
 
     Returns:
-        Nodes of the second by those of the first; and what has been renamed, moved elsewhere or left alone.
+        Nodes of the second document by those of the first; and differences: renamed, moved and unpaired nodes.
     """
     pairing = _Pairing(a, b)
     pairing.pair_below(*([i for i, parent in enumerate(each) if parent < 0] for each in pairing.parents))
     pairing.pair_elsewhere()
-    pairing.leave_rest()
+    pairing.report_rest()
     return pairing.nodes, pairing.found
 
 
@@ -30,12 +30,11 @@ class _Pairing:
     """Pairs nodes, step by step.
 
     Attributes:
-        documents: The two.
-        names: Of the nodes of each; None where one has none.
-        parents: Of the nodes of each; -1 of roots.
-        nodes: Nodes of the second by those of the first, so far.
-        taken: Those of the second.
-        found: What differs, so far.
+        names: For each document the name of each node, or None.
+        parents: For each document the parent of each node; -1 for roots.
+        nodes: Paired nodes of the second document by those of the first.
+        taken: Paired nodes of the second document.
+        found: Differences.
     """
 
     def __init__(self, a: Document, b: Document) -> None:
@@ -47,7 +46,7 @@ class _Pairing:
         self.found: list[Difference] = []
 
     def pair_below(self, roots_a: Sequence[int], roots_b: Sequence[int]) -> None:
-        """Pair two lists of nodes, and what lies below the pairs."""
+        """Pair two lists of nodes, and the nodes below the pairs."""
         a, b = self.documents
         nodes_a, nodes_b = a.items("nodes"), b.items("nodes")
         names_a, names_b = self.names
@@ -61,7 +60,7 @@ class _Pairing:
             paired = set(pairs.values())
             rest_a = [i for i in level_a if i not in pairs and names_a[i] not in known_b]
             rest_b = [j for j in level_b if j not in paired and names_b[j] not in known_a]
-            alike = pairs_by_key(rest_a, rest_b, lambda i: _look(nodes_a[i]), lambda j: _look(nodes_b[j]))
+            alike = pairs_by_key(rest_a, rest_b, lambda i: _features(nodes_a[i]), lambda j: _features(nodes_b[j]))
             for i, j in alike.items():
                 message = f"{shown(names_a[i])} -> {shown(names_b[j])}"
                 self.found.append(differ("structure", ("nodes", i, "name"), message, name=names_a[i]))
@@ -71,7 +70,7 @@ class _Pairing:
             stack += [(_children(a, i), _children(b, j)) for i, j in pairs.items()]
 
     def pair_elsewhere(self) -> None:
-        """Pair what has the same name but hangs on another parent, and what lies below."""
+        """Pair nodes of the same name with other parents, and the nodes below them."""
         names_a, names_b = self.names
         parents_a, parents_b = self.parents
         waiting: dict[Any, list[int]] = {}
@@ -86,12 +85,12 @@ class _Pairing:
                     self.found.append(differ("structure", ("nodes", i), f"parent {parents}", name=names_a[i]))
                     self.pair_below([i], [j])
 
-    def leave_rest(self) -> None:
-        """Say which nodes only one document has."""
+    def report_rest(self) -> None:
+        """Report the nodes that only one document has."""
         known_in_each = set(self.nodes), self.taken
         for known, names, parents, side in zip(known_in_each, self.names, self.parents, "AB", strict=True):
             for index, parent in enumerate(parents):
-                # What lies below a node that only one file has, goes with it.
+                # The nodes below a reported one are not reported.
                 if index not in known and (parent < 0 or parent in known):
                     self.found.append(differ("structure", ("nodes", index), f"only in {side}", name=names[index]))
 
@@ -105,7 +104,7 @@ def _parents(document: Document) -> list[int]:
 
 
 def _from_roots(document: Document, parents: Sequence[int]) -> list[int]:
-    """The nodes, each after its parent; those of cycles are left out."""
+    """The nodes, each after its parent, without those of cycles."""
     order = [index for index, parent in enumerate(parents) if parent < 0]
     for index in order:
         order += [child for child in _children(document, index) if parents[child] == index]
@@ -117,8 +116,8 @@ def _children(document: Document, node: int) -> list[int]:
     return children
 
 
-def _look(node: Json) -> tuple[Hashable, ...]:
-    """What nodes of other names have in common if they are the same."""
+def _features(node: Json) -> tuple[Hashable, ...]:
+    """Features by which a renamed node is found."""
     return (*(key in node for key in ("mesh", "skin", "camera")), len(node.get("children", [])))
 
 
@@ -127,7 +126,7 @@ def _name_at(names: Sequence[Any], index: int) -> str:
 
 
 def node_differences(sides: Sides, i: int, j: int) -> Found:
-    """Compare two paired nodes; their meshes, cameras and skins are links."""
+    """Compare two paired nodes; their meshes, cameras and skins become links."""
     first, second = sides.items("nodes", i, j)
     place, name = ("nodes", i), first.get("name")
     yield from _transform_differences(sides, i, j)
@@ -135,7 +134,7 @@ def node_differences(sides: Sides, i: int, j: int) -> Found:
     yield from dict_differences(first, second, place, "nodes", sides.limits, name=name, skip=skip)
     if "mesh" in first and "mesh" in second:
         weights = _stored_weights(sides.a, first), _stored_weights(sides.b, second)
-        # Other numbers of targets are said of the mesh.
+        # If the numbers of targets differ, the comparison of the meshes says so.
         if len(weights[0]) == len(weights[1]):
             yield from value_differences(*weights, (*place, "weights"), "nodes", sides.limits, name=name)
     if ("skin" in first) != ("skin" in second):
@@ -150,9 +149,7 @@ def _transform_differences(sides: Sides, i: int, j: int) -> Iterator[Difference]
     if "matrix" in first or "matrix" in second:
         one, other = _local_matrix(sides.a, i), _local_matrix(sides.b, j)
         moved = property_gaps("translation", one[None, :3, 3], other[None, :3, 3], sides.limits)
-        turned = property_gaps(
-            "scale", one[None, :3, :3].reshape(1, 9), other[None, :3, :3].reshape(1, 9), sides.limits
-        )
+        turned = property_gaps("scale", one[:3, :3].reshape(1, 9), other[:3, :3].reshape(1, 9), sides.limits)
         if moved.any() or turned.any():
             message = f"moves by {moved[0]:.3g}, turns or scales by {turned[0]:.3g}"
             yield differ("value", ("nodes", i, "matrix"), message, name=name)
@@ -164,7 +161,7 @@ def _transform_differences(sides: Sides, i: int, j: int) -> Iterator[Difference]
 
 
 def _stored_weights(document: Document, node: Json) -> list[float]:
-    """The stored weights of a node's morph targets, those of the node before those of the mesh."""
+    """The stored weights of a node's morph targets; those of the node replace those of the mesh."""
     mesh = document.items("meshes")[node["mesh"]]
     count = len(morph_target_names(mesh))
     weights = node.get("weights") or mesh.get("weights") or []
@@ -177,10 +174,10 @@ def _stored(document: Document, index: int, key: str) -> Floats:
 
 
 def _local_matrix(document: Document, index: int) -> Floats:
-    """(4, 4) of a node."""
+    """(4, 4) local matrix of a node."""
     if "matrix" in document.items("nodes")[index]:
         return _stored(document, index, "matrix").reshape(4, 4).T
-    # Imported here, as few files mix both forms and it takes longer than all of numpy.
+    # Imported here, because few files need it, and the import takes longer than that of numpy.
     from scipy.spatial.transform import Rotation
 
     translation, rotation, scale = (_stored(document, index, path) for path in TRANSFORM_DEFAULTS)

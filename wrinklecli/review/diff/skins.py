@@ -1,4 +1,4 @@
-"""Skins of two documents: which joint is paired with which, their matrices, and the weights of vertices."""
+"""Compare skins of two documents: their joints, inverse bind matrices, and the weights of vertices."""
 
 from collections.abc import Iterator, Mapping
 
@@ -25,16 +25,16 @@ from wrinklecli.review.diff.values import count_that_differ, dict_differences, g
 
 
 def joint_pairs(sides: Sides, i: int, j: int) -> dict[int, int]:
-    """Joint numbers of a skin of the second document by those of the first; a node that is twice in both, twice."""
+    """Pair joint numbers of two skins; joints that are the same node several times are paired in their order."""
     first, second = (skin.get("joints", []) for skin in sides.items("skins", i, j))
     wanted = [sides.nodes.get(node, -1) for node in first]
     pairs = {number: number for number, both in enumerate(zip(wanted, second, strict=False)) if both[0] == both[1]}
-    left_a, left_b = without(range(len(first)), pairs), without(range(len(second)), pairs)
-    return pairs | pairs_by_key(left_a, left_b, wanted.__getitem__, second.__getitem__)
+    rest_a, rest_b = without(range(len(first)), pairs), without(range(len(second)), pairs)
+    return pairs | pairs_by_key(rest_a, rest_b, wanted.__getitem__, second.__getitem__)
 
 
 def skin_differences(sides: Sides, i: int, j: int) -> Found:
-    """Compare two skins: their joints, and the inverse bind matrices of these."""
+    """Compare two skins by their joints, and the inverse bind matrices of these."""
     first, second = sides.items("skins", i, j)
     place, name = ("skins", i), first.get("name")
     joints_a, joints_b = first.get("joints", []), second.get("joints", [])
@@ -55,7 +55,7 @@ def skin_differences(sides: Sides, i: int, j: int) -> Found:
     yield from unreadable_differences(sides, *stored, (*place, "inverseBindMatrices"), name=name)
     names_a, names_b = node_names(sides.a), node_names(sides.b)
     if not complete or (apart and not in_order):
-        # Joints in another order, each with its own matrix, mean the same.
+        # The order of joints means nothing if each keeps its own matrix.
         for number in range(max(len(joints_a), len(joints_b))):
             shown = [
                 repr(names[joints[number]]) if number < len(joints) else "none"
@@ -70,7 +70,7 @@ def skin_differences(sides: Sides, i: int, j: int) -> Found:
 
 
 def _inverse_binds(document: Document, skin: Json) -> Floats:
-    """(joints, 4, 4) as stored, transposed; zeros for those that cannot be decoded."""
+    """(joints, 4, 4) as stored, transposed; zeros for matrices that cannot be decoded."""
     count = len(skin.get("joints", []))
     if "inverseBindMatrices" not in skin:
         return np.tile(np.eye(4), (count, 1, 1))
@@ -82,18 +82,11 @@ def _inverse_binds(document: Document, skin: Json) -> Floats:
 
 
 def influence_differences(sides: Sides, rig_a: Rig, rig_b: Rig, joints: Mapping[int, int]) -> Iterator[Difference]:
-    """Compare the skin weights of two nodes' meshes, joint by joint.
-
-    Args:
-        sides: The documents.
-        rig_a: Of the node of the first.
-        rig_b: Of the node of the second.
-        joints: Joint numbers of the second rig by those of the first, as of `joint_pairs`.
-    """
+    """Compare the skin weights of two nodes' meshes, joint by joint; `joints` are the pairs of `joint_pairs`."""
     each_side = (sides.a, rig_a), (sides.b, rig_b)
     first, second = (document.items("meshes")[rig.mesh].get("primitives", []) for document, rig in each_side)
     names = node_names(sides.a)
-    # What follows joints that only one file has lies in columns of its own.
+    # Joints that only the second file has get columns of their own.
     columns = len(rig_a.joints)
     into = np.arange(columns, columns + len(rig_b.joints))
     into[list(joints.values())] = list(joints)
@@ -109,7 +102,7 @@ def influence_differences(sides: Sides, rig_a: Rig, rig_b: Rig, joints: Mapping[
             dense_influences(one.joints, one.weights, total)
             - dense_influences(into[other.joints], other.weights, total)
         )
-        off = (apart > sides.limits.share).any(axis=1)
+        off = (apart > sides.limits.ratio).any(axis=1)
         if off.any():
             vertex, column = np.unravel_index(int(apart.argmax()), apart.shape)
             joint = f" of joint {names[int(rig_a.joints[column])]!r}" if column < columns else ""
@@ -120,7 +113,7 @@ def influence_differences(sides: Sides, rig_a: Rig, rig_b: Rig, joints: Mapping[
 
 
 def stored_influences(sides: Sides, i: int, j: int) -> Iterator[Link]:
-    """What two meshes store of joints and weights, as links to accessors."""
+    """Links to the accessors of the joints and weights of two meshes."""
     first, second = (mesh.get("primitives", []) for mesh in sides.items("meshes", i, j))
     for number, (one, other) in enumerate(zip(first, second, strict=False)):
         attributes_a, attributes_b = one.get("attributes", {}), other.get("attributes", {})

@@ -1,4 +1,4 @@
-"""Surfaces of other triangles over time: how far the vertices of either are from the other at most."""
+"""Find the greatest distance over time between two surfaces with different triangles."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -12,10 +12,10 @@ from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
 from wrinklecli.numeric.nearest import farthest, near_triangles, triangle_distances
 
 # Vertices that are posed at once, over all times of a chunk. This bounds the memory: each takes about 100 bytes.
-_CHUNK = 2**16
-# Share of the greatest coordinate by which a point may be off a vertex that it is at.
+CHUNK = 2**16
+# Distance up to which a point is at a vertex, relative to the greatest coordinate.
 _TWINS = 1e-9
-# Points whose distances at all times are found together, those that may be farthest first.
+# Points whose distances at all times are computed together, beginning with those that may be farthest.
 _BATCH = 2**8
 
 
@@ -24,10 +24,10 @@ class Soup:
     """Primitives that a clip moves, as one surface.
 
     Attributes:
-        primitives: Those of the surface, without normals.
-        clip: What moves them; none for the stored pose.
+        primitives: The primitives, without normals.
+        clip: Moves them; None for the stored pose.
         starts: (primitives + 1,) the first vertex of each.
-        used: The vertices that are seen, rising.
+        used: Sorted numbers of the visible vertices.
         triangles: (triangles, 3); points, and vertices of lines, are triangles without extent.
     """
 
@@ -50,20 +50,18 @@ class Soup:
         return cls(tuple(bare), clip, starts, np.concatenate(used), np.concatenate(triangles))
 
     def vertex(self, number: int) -> tuple[ScenePrimitive, int]:
-        """The primitive that a vertex is of, and its number there."""
+        """The primitive that has a vertex, and the vertex's number there."""
         index = int(np.searchsorted(self.starts, number, side="right")) - 1
         return self.primitives[index], number - int(self.starts[index])
 
     def only(self, vertices: Ints) -> "Soup":
-        """The same with (vertices,) rising vertices alone, to be posed; without triangles."""
+        """The same with (vertices,) sorted vertices only, to be posed, and without triangles."""
         cuts = np.searchsorted(vertices, self.starts)
         primitives = []
         for primitive, start, first, stop in zip(self.primitives, self.starts, cuts, cuts[1:], strict=False):
             chosen, skin = vertices[first:stop] - start, primitive.skin
             primitives.append(replace(primitive, skin=Skin(skin.weights[:, chosen], skin.places[:, :, chosen], None)))
-        return replace(
-            self, primitives=tuple(primitives), starts=cuts, used=np.arange(len(vertices)), triangles=self.triangles[:0]
-        )
+        return Soup(tuple(primitives), self.clip, cuts, np.arange(len(vertices)), self.triangles[:0])
 
     def posed(self, times: Floats) -> Floats:
         """(times, vertices, 3) positions of all primitives, scene units."""
@@ -72,13 +70,13 @@ class Soup:
 
 @dataclass(frozen=True, slots=True)
 class Far:
-    """The vertex of two surfaces that is farthest from the other.
+    """The vertex of two surfaces that is farthest from the other surface.
 
     Attributes:
-        distance: Scene units; 0 where no vertex is off the other surface.
-        side: 0 where it is of the first surface, else 1.
+        distance: Scene units; 0 if no vertex is off the other surface.
+        side: 0 for a vertex of the first surface, 1 for the second.
         vertex: Its number.
-        time: When that is, seconds.
+        time: Seconds.
     """
 
     distance: float
@@ -89,14 +87,14 @@ class Far:
 
 @dataclass(frozen=True, slots=True)
 class _Near:
-    """What of a surface is near each of some points at one time.
+    """For each of some points, a part of a surface that is near it at one time.
 
     Attributes:
-        triangles: (points,) a triangle for each.
+        triangles: (points,) a triangle near each point.
         corners: (points, 3) its vertices.
-        apart: The points that are at no vertex of the surface.
-        twins: The others.
-        vertices: (twins,) that each is at.
+        apart: The points that are not at a vertex of the surface.
+        twins: The points that are at a vertex.
+        vertices: (twins,) these vertices.
     """
 
     triangles: Ints
@@ -115,7 +113,7 @@ class _Near:
         return cls(chosen, corners, np.flatnonzero(~at.any(axis=1)), twins, corners[twins, at[twins].argmax(axis=1)])
 
     def distances(self, points: Floats, positions: Floats) -> Floats:
-        """(points,) how far the points are at most, at another time."""
+        """(points,) upper bounds of the points' distances at another time."""
         found = np.zeros(len(points))
         found[self.apart] = triangle_distances(points[self.apart], positions[self.corners[self.apart]])
         found[self.twins] = np.sqrt(np.sum((points[self.twins] - positions[self.vertices]) ** 2, axis=1))
@@ -123,21 +121,15 @@ class _Near:
 
 
 def farthest_apart(a: Soup, b: Soup, times: Floats, advance: Callable[[float], None]) -> Far:
-    """Find when and where two surfaces are farthest apart.
+    """Find the time, of at least one, and the vertex at which two surfaces are farthest apart.
 
-    A triangle that is near a vertex at the first time is not far from it at others. So one look at each time tells how
-    far each vertex is away at most, and its nearest triangle is looked for only where that may be the farthest.
-
-    Args:
-        a: The first.
-        b: The second.
-        times: (times,) seconds, at least one.
-        advance: Told of the times that are done.
+    A triangle that is near a vertex at the first time is not far from it at others. So its distance at each time is a
+    good upper bound, and the nearest triangle is searched only for vertices that may be the farthest.
     """
     pairs = ((a, b), (b, a))
     near: list[_Near] = []
     peaks = [np.zeros(len(soup.used)) for soup in (a, b)]
-    step = max(1, _CHUNK // max(soup.starts[-1] for soup in (a, b)))
+    step = max(1, CHUNK // max(soup.starts[-1] for soup in (a, b)))
     for now in (times[k : k + step] for k in range(0, len(times), step)):
         for posed in zip(a.posed(now), b.posed(now), strict=True):
             sides = list(zip(pairs, posed, posed[::-1], strict=True))
@@ -152,15 +144,15 @@ def farthest_apart(a: Soup, b: Soup, times: Floats, advance: Callable[[float], N
 
 
 def _farthest_of(side: int, pair: tuple[Soup, Soup], times: Floats, near: Ints, peaks: Floats, far: Far) -> Far:
-    """The farthest vertex of one surface from another, or `far` where none is farther.
+    """The farthest vertex of one surface from another, or `far` if no vertex is farther.
 
     Args:
-        side: Which surface has the vertices.
+        side: 0 or 1, the surface that has the vertices.
         pair: That surface and the other.
         times: (times,) seconds.
         near: (points,) a triangle near each point.
-        peaks: (points,) how far each point is away at most.
-        far: What has been found so far.
+        peaks: (points,) upper bounds of the points' distances.
+        far: The farthest vertex so far.
     """
     one, other = pair
     order = np.argsort(-peaks, kind="stable")
@@ -178,17 +170,17 @@ def _farthest_of(side: int, pair: tuple[Soup, Soup], times: Floats, near: Ints, 
             changed, hints = np.flatnonzero(found.hints != hints), found.hints
             nearer = _distances(one, other, chosen[changed], hints[changed], times)
             bounds[:, changed] = np.minimum(bounds[:, changed], nearer)
-            bounds[frame] = 0.0  # done, however the two ways to compute it are rounded
+            bounds[frame] = 0.0  # this time is done, even if rounding left a bound above the distance
     return far
 
 
 def _distances(one: Soup, other: Soup, points: Ints, triangles: Ints, times: Floats) -> Floats:
-    """(times, points) distances of (points,) seen vertices of a surface from (points,) triangles of another."""
+    """(times, points) distances of (points,) visible vertices of a surface from (points,) triangles of another."""
     corners = distinct_values(other.triangles[triangles])
     vertices, rows = np.unique(one.used[points], return_inverse=True)
     moving, still = one.only(vertices), other.only(corners)
     columns = np.searchsorted(corners, other.triangles[triangles])
-    step = max(1, _CHUNK // max(len(points), 1))
+    step = max(1, CHUNK // max(len(points), 1))
     found = np.zeros((len(times), len(points)))
     for first in range(0, len(times), step):
         now = times[first : first + step]

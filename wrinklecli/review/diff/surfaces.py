@@ -9,28 +9,25 @@ from wrinklecli.character.scene import ScenePrimitive, pose_primitive
 from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.review.diff.common_clips import CommonClip
 from wrinklecli.review.diff.difference import Difference
-from wrinklecli.review.diff.soups import Soup, farthest_apart
+from wrinklecli.review.diff.soups import CHUNK, Soup, farthest_apart
 
-# A function that is told how many more times are done; a part of a time is a fraction.
+# Called with the number of further times that are done, which may be a fraction.
 Advance = Callable[[float], None]
 
-# Vertices that are posed at once, over all times of a chunk. This bounds the memory: each takes about 100 bytes.
-_CHUNK = 2**16
-
-# Squared distance of two normals. A vector of length 0 is at 1 from any unit vector, so below this there is none.
+# Squared distance of two normals below which both are unit vectors: a zero vector is at 1 from any unit vector.
 _ZERO_CHORD = 0.99
 
 
 @dataclass(frozen=True, slots=True)
 class Worst:
-    """Where the two assets are farthest apart, as posed.
+    """The place where two posed assets are farthest apart.
 
     Attributes:
         distance: Scene units.
-        side: The asset that the vertex is of: A, or B where that one's vertex is far from A's surface.
+        side: The asset that has the vertex, A or B.
         place: JSON pointer of the primitive there.
-        name: Of its node.
-        vertex: Of the primitive.
+        name: Name of its node.
+        vertex: Index in the primitive.
         clip: None for the stored pose.
         time: Seconds.
     """
@@ -46,13 +43,13 @@ class Worst:
 
 @dataclass(frozen=True, slots=True)
 class Apart:
-    """How far a primitive, or what is left of both assets, is apart in a clip.
+    """The distance between two primitives, or between the unpaired parts of both assets, in a clip.
 
     Attributes:
         worst: The greatest distance.
-        normal: The greatest angle between normals, degrees; None where there are none on both sides.
-        off: How many vertices are beyond the tolerance; None where surfaces were compared.
-        total: Of how many.
+        normal: The greatest angle between normals, degrees; None unless both sides have normals.
+        off: Number of vertices beyond the tolerance; None if surfaces were compared.
+        total: Number of all vertices.
     """
 
     worst: Worst
@@ -62,7 +59,7 @@ class Apart:
 
 
 def untouched(primitive: ScenePrimitive, common: CommonClip, time: float) -> Apart:
-    """What comparing a primitive with itself would give."""
+    """The result of comparing a primitive with itself."""
     worst = Worst(0.0, "A", place_of(primitive), primitive.name, 0, common.name, time)
     return Apart(worst, None if primitive.vertices.normals is None else 0.0, 0, len(primitive.vertices.positions))
 
@@ -70,22 +67,16 @@ def untouched(primitive: ScenePrimitive, common: CommonClip, time: float) -> Apa
 def compare_vertices(
     one: ScenePrimitive, other: ScenePrimitive, common: CommonClip, times: Floats, tolerance: float, advance: Advance
 ) -> Apart:
-    """Compare two primitives of the same triangles, vertex by vertex.
+    """Compare two primitives with the same triangles, vertex by vertex, at (frames,) times of a clip.
 
-    Args:
-        one: Of the first asset.
-        other: Of the second.
-        common: What poses them.
-        times: (frames,) seconds, of the moment's.
-        tolerance: Scene units.
-        advance: Told of the times that are done.
+    The tolerance is in scene units.
     """
     seen = one.seen
     # A slice is not copied.
     used: Ints | slice = seen if len(seen) < len(one.vertices.positions) else slice(None)
     off = np.zeros(len(seen), bool)
     worst, normal = untouched(one, common, float(times[0])).worst, None
-    step = max(1, _CHUNK // len(one.vertices.positions))
+    step = max(1, CHUNK // len(one.vertices.positions))
     for start in range(0, len(times), step):
         now = times[start : start + step]
         first, second = (
@@ -106,7 +97,7 @@ def compare_vertices(
 
 
 def _squared_distances(first: Floats, second: Floats) -> Floats:
-    """(frames, vertices) of (frames, vertices, 3), coordinate by coordinate, as posing leaves them in memory."""
+    """(frames, vertices) of (frames, vertices, 3) points; fastest by coordinates, as posing stores them."""
     squared = np.zeros(first.shape[:2])
     for k in range(3):
         apart = first[..., k] - second[..., k]
@@ -116,7 +107,7 @@ def _squared_distances(first: Floats, second: Floats) -> Floats:
 
 
 def _greatest_angle(first: Floats, second: Floats, used: Ints | slice) -> float:
-    """Degrees between unit vectors (frames, vertices, 3); those of which one is 0 are left out."""
+    """Degrees between (frames, vertices, 3) unit vectors; pairs with a zero vector are left out."""
     squared = _squared_distances(first, second)[:, used]
     if squared.max(initial=0.0) > _ZERO_CHORD:
         lengths = (_squared_distances(each, np.zeros(3))[:, used] for each in (first, second))
@@ -126,17 +117,14 @@ def _greatest_angle(first: Floats, second: Floats, used: Ints | slice) -> float:
 
 
 def compare_surfaces(
-    left_a: Sequence[ScenePrimitive],
-    left_b: Sequence[ScenePrimitive],
+    rest_a: Sequence[ScenePrimitive],
+    rest_b: Sequence[ScenePrimitive],
     common: CommonClip,
     times: Floats,
     advance: Advance,
 ) -> Apart:
-    """Compare primitives of other triangles by the distance of each one's vertices from the other's triangles.
-
-    The arguments are those of `compare_vertices`.
-    """
-    soups = [Soup.of(primitives, clip) for primitives, clip in zip((left_a, left_b), common.clips, strict=True)]
+    """Compare primitives with different triangles by the distances of vertices of each from the other's surface."""
+    soups = [Soup.of(primitives, clip) for primitives, clip in zip((rest_a, rest_b), common.clips, strict=True)]
     far = farthest_apart(soups[0], soups[1], times, advance)
     primitive, vertex = soups[far.side].vertex(far.vertex)
     worst = Worst(far.distance, "AB"[far.side], place_of(primitive), primitive.name, vertex, common.name, far.time)
@@ -149,12 +137,12 @@ def place_of(primitive: ScenePrimitive) -> str:
 
 
 def when(clip: str | None, time: float) -> str:
-    """A clip's time, or the stored pose, as messages say it."""
+    """A clip's time, or the stored pose, in words."""
     return "stored pose" if clip is None else f"clip {clip!r} at {time:.6g} s"
 
 
 def pose_difference(apart: Apart) -> Difference:
-    """What is said where two primitives are farther apart than the tolerance."""
+    """The difference of two primitives that are farther apart than the tolerance."""
     worst = apart.worst
     if apart.off is None:
         other = "B" if worst.side == "A" else "A"

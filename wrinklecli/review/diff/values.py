@@ -1,4 +1,4 @@
-"""Values compared: any JSON, where references are followed and numbers may differ a little, and arrays of numbers.
+"""Compare JSON, whose references become links and whose numbers may differ a little, and arrays of numbers.
 
 Source: glTF 2.0 specification, §5 (defaults of properties).
 """
@@ -11,15 +11,15 @@ import numpy as np
 from wrinklecli.gltf.document import TRIANGLES
 from wrinklecli.gltf.shape import COMPRESSIONS, Json
 from wrinklecli.numeric.arrays import Array, Floats
-from wrinklecli.review.diff.difference import Difference, Found, Limits, Link, Place, differ, is_index, shown
+from wrinklecli.review.diff.difference import Difference, Found, Kind, Limits, Link, Place, differ, is_index, shown
 
-# What JSON of a kind refers to, by key, at any depth; `attributes` below an extension are accessors.
+# The arrays to which keys of a kind of object refer, at any depth; `attributes` below an extension are accessors.
 _REFERENCES: dict[str, dict[str, str]] = {
     "nodes": {"mesh": "meshes", "camera": "cameras", "attributes": "accessors"},
     "primitives": {"material": "materials"},
     "textures": {"source": "images", "sampler": "samplers"},
 }
-# Values that a key left out stands for (glTF 2.0 §5); extensions have defaults of their own.
+# Defaults of keys (glTF 2.0 §5); extensions have defaults of their own.
 _DEFAULTS: dict[str, Json] = {
     "primitives": {"mode": TRIANGLES},
     "materials": {
@@ -55,20 +55,20 @@ def dict_differences(
     """Compare JSON objects key by key.
 
     Args:
-        first: Of the first document.
-        second: Of the second.
-        place: Of the first.
-        kind: Of the object that they belong to: what its keys refer to, and the defaults.
-        limits: How far numbers may be apart.
-        name: For people; the object's own where left out.
-        skip: Keys that are not compared here.
-        inside: extras or extensions, where the objects are below such a key.
+        first: Object of the first document.
+        second: Object of the second document.
+        place: Place of the first object.
+        kind: Kind of the object that they are part of, which decides on references and defaults.
+        limits: The greatest differences between numbers that count as equal.
+        name: Name for messages; if None, the object's own.
+        skip: Keys that are not compared.
+        inside: "extras" or "extensions" if the objects are below such a key.
     """
     name = first.get("name") if name is None else name
     defaults = {} if inside else _DEFAULTS.get(kind, {})
     skipped = set(skip)
     if place[-2:] == ("extras", "wrinkle"):
-        # A bake's record of what the file was made from: an index of a buffer view.
+        # This is the index of the buffer view with a bake's record of the original.
         skipped |= {"original"}
     for key in dict.fromkeys([*first, *second]):
         if key in skipped:
@@ -82,7 +82,7 @@ def dict_differences(
         if one is _MISSING or other is _MISSING:
             if one is not other:
                 side, value = ("A", one) if other is _MISSING else ("B", other)
-                # An index says nothing to people.
+                # An index would mean nothing in a message.
                 said = "" if deeper != "extras" and _referred(at, kind, deeper) else f"{shown(value)} "
                 yield differ("structure", at, f"{said}only in {side}", name=name)
             continue
@@ -92,10 +92,7 @@ def dict_differences(
 def value_differences(
     one: Any, other: Any, place: Place, kind: str, limits: Limits, *, name: object = None, inside: str = ""
 ) -> Found:
-    """Compare JSON values: references by what they lead to, numbers within the limits.
-
-    The arguments are those of `dict_differences`.
-    """
+    """Compare JSON values; the arguments are those of `dict_differences`."""
     referred = None if inside == "extras" else _referred(place, kind, inside)
     if referred is not None and is_index(one) and is_index(other):
         yield Link(referred, one, other, place, name)
@@ -114,13 +111,12 @@ def value_differences(
         if limits.are_apart(one, other):
             yield differ("value", place, f"{shown(one)} -> {shown(other)}", name=name)
     elif type(one) is not type(other) or one != other:
-        yield differ(
-            "structure" if place[-1] == "name" else "value", place, f"{shown(one)} -> {shown(other)}", name=name
-        )
+        changed: Kind = "structure" if place[-1] == "name" else "value"
+        yield differ(changed, place, f"{shown(one)} -> {shown(other)}", name=name)
 
 
 def _referred(place: Place, kind: str, inside: str) -> str | None:
-    """The kind of what an index at a place refers to."""
+    """The array to which an index at a place refers, if it is one."""
     key = place[-1]
     above = place[-2] if len(place) > 1 else ""
     if key == "index" and isinstance(above, str) and above.endswith("Texture"):
@@ -132,7 +128,7 @@ def _referred(place: Place, kind: str, inside: str) -> str | None:
 
 
 def _stripped(extensions: Any) -> Any:
-    """Extensions without those of storage; none where no other is left."""
+    """Extensions without those of compression; _MISSING if no other remains."""
     if not isinstance(extensions, dict):
         return extensions
     return {key: value for key, value in extensions.items() if key not in COMPRESSIONS} or _MISSING
@@ -145,7 +141,7 @@ def _are_numbers(values: Sequence[Any]) -> bool:
 def array_differences(
     one: Array, other: Array, place: Place, limits: Limits, *, name: object, scale: float = 1.0
 ) -> Iterator[Difference]:
-    """Compare the elements of two accessors; those of POSITION as places, `scale` scene units a unit."""
+    """Compare the elements of two accessors, as `accessor_differences` does."""
     if one.shape != other.shape:
         shapes = " -> ".join("×".join(map(str, each.shape)) for each in (one, other))
         yield differ("geometry", place, f"{shapes} numbers", name=name)
@@ -154,7 +150,7 @@ def array_differences(
     apart = gaps(one, other)
     apart = apart if apart.ndim == 1 else np.linalg.norm(apart, axis=1) if is_place else apart.max(axis=1)
     whole = one.dtype.kind in "iu" and other.dtype.kind in "iu"
-    limit: Any = 0 if whole else limits.share * np.maximum(1.0, _most(one))
+    limit: Any = 0 if whole else limits.ratio * np.maximum(1.0, _most(one))
     if is_place:
         apart, limit = apart * scale, limits.length
     off = apart > limit
@@ -167,23 +163,23 @@ def array_differences(
 
 
 def property_gaps(path: str, first: Floats, second: Floats, limits: Limits) -> Floats:
-    """(times,) how far (times, components) values of a node's property are apart; 0 within the limits."""
+    """(times,) differences of (times, components) values of a node's property; 0 within the limits."""
     if path == "rotation":
-        # A quaternion and its opposite are one rotation.
+        # A quaternion and its negative are the same rotation.
         turned = np.sum(first * second, axis=1, keepdims=True) < 0
         second = np.where(turned, -second, second)
     apart = gaps(first, second)
     if path == "translation":
         gap = np.sqrt(np.sum(apart * apart, axis=1))
-        limit = np.maximum(limits.length, limits.share * _most(first))
+        limit = np.maximum(limits.length, limits.ratio * _most(first))
     else:
         gap = apart.max(axis=1, initial=0.0)
-        limit = limits.share * np.maximum(1.0, _most(first))
+        limit = limits.ratio * np.maximum(1.0, _most(first))
     return np.where(gap > limit, gap, 0.0)
 
 
 def gaps(first: Array, second: Array) -> Floats:
-    """Absolute differences of numbers; 0 where both are the same, infinite where one is no finite number."""
+    """Absolute differences; 0 for equal numbers, infinite if only one is finite."""
     first, second = first.astype(np.float64), second.astype(np.float64)
     finite = np.isfinite(first) & np.isfinite(second)
     same = (first == second) | (np.isnan(first) & np.isnan(second))
@@ -192,7 +188,7 @@ def gaps(first: Array, second: Array) -> Floats:
 
 
 def count_that_differ(count: int, total: int) -> str:
-    """The end of a message: how many differ, where it is not one alone."""
+    """The end of a message: the number that differ, if it is more than 1."""
     return f"; {count} of {total} differ" if count > 1 else ""
 
 
