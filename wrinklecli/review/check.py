@@ -1,4 +1,4 @@
-"""What each tool would do, without a bake: where it attaches, how far clips shorten it, what it refines."""
+"""Say, without a bake, where each tool attaches, how far clips shorten it, and how much mesh it refines."""
 
 import os
 from collections.abc import Sequence
@@ -26,9 +26,11 @@ from wrinklecli.numeric.memory import MAX_MEMORY
 from wrinklecli.surface.anchor import Anchor
 from wrinklecli.tools.records import MAX_VERTICES, in_axes
 
+# Version of the JSON.
 VERSION = 1
-# Of a range of motion: how many motions of a tool are told, and the part of its rest length that each shortens it by.
+# The greatest number of motions, of a range of motion, that are reported for each tool.
 _MOST_MOTIONS = 12
+# The least shortening by a motion that is reported, over the rest length.
 _VISIBLE = 1e-3
 # Decimal digits of measured numbers, as in the report of a bake.
 _DIGITS = 9
@@ -85,13 +87,7 @@ class CheckOptions:
 
 @dataclass(frozen=True, slots=True)
 class CheckedTool:
-    """One tool, attached, with what clips make of it: what `plot` draws.
-
-    Attributes:
-        carried: The tool on its mesh.
-        clips: What the tool does in each clip that moves the mesh.
-        data: For `--json`: JSON values only.
-    """
+    """A tool on its mesh, its activity in each clip that moves the mesh, and its part of the JSON."""
 
     carried: CarriedPatch
     clips: tuple[ClipActivity, ...]
@@ -100,11 +96,11 @@ class CheckedTool:
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """What the tools of a file would do.
+    """The result of `check`.
 
     Attributes:
-        data: For `--json`: JSON values only.
-        warnings: All of them, a line each.
+        data: JSON values only, as `--json` prints them.
+        warnings: A line each.
         inputs: Every file that was read, and the asset's images.
         tools: In the order of `data["tools"]`.
     """
@@ -125,7 +121,7 @@ def check(
 ) -> Check:
     """Attach tools, refine their meshes and run their control curves over the clips as a bake does; write nothing.
 
-    An asset without clips is looked at in its range of motion: joints and morph targets, one at a time.
+    An asset without clips is checked in its range of motion: joints and morph targets move one at a time.
 
     Args:
         asset: The .gltf or .glb to read.
@@ -151,11 +147,11 @@ def check(
         checked: list[CheckedTool] = []
         plans = plan_meshes(job)
         for plan in plans:
-            seen = _clips_to_see(plan, job)
-            refuse_many_samples(job, plan, seen)
+            clips = _clips_to_check(plan, job)
+            refuse_many_samples(job, plan, clips)
             motions = sample_activities(
                 plan,
-                seen,
+                clips,
                 fps=job.settings.sampling.fps,
                 mode="morph",
                 memory=job.document.memory,
@@ -180,8 +176,8 @@ def check(
     return Check(data, tuple(warnings), (*job.inputs, *job.beside), tuple(checked))
 
 
-def _clips_to_see(plan: MeshPlan, job: Job) -> list[Clip]:
-    """The clips to look at on a mesh: those chosen, without motions of the range that move no end of a tool there."""
+def _clips_to_check(plan: MeshPlan, job: Job) -> list[Clip]:
+    """The chosen clips, without motions of the range of motion that move no anchor on this mesh."""
     moving: set[int] = set()
     for carried in plan.carried_patches:
         joints = [joint for anchor in carried.patch.anchors for joint in anchor.joints]
@@ -193,7 +189,7 @@ def _clips_to_see(plan: MeshPlan, job: Job) -> list[Clip]:
 
 
 def _check_tool(plan: MeshPlan, number: int, motions: Sequence[Motion], overlaps: list[Json], job: Job) -> CheckedTool:
-    """Say what one of the tools does in clips; of a range of motion, in those that shorten it most."""
+    """Describe a tool in all clips, and in those motions of a range of motion that shorten it most."""
     carried, up = plan.carried_patches[number], job.settings.up
     every = [ClipActivity(motion.clip, motion.times, motion.seen[number]) for motion in motions]
     made = [each for each in every if each.clip.name in job.range]
@@ -213,7 +209,7 @@ def _check_tool(plan: MeshPlan, number: int, motions: Sequence[Motion], overlaps
 
 
 def _shortest(each: ClipActivity) -> float:
-    """The greatest shortening in a clip, as a part of the rest length."""
+    """The greatest shortening in a clip, over the rest length."""
     return float((each.seen.shortenings / each.seen.rest_lengths).max())
 
 
@@ -230,20 +226,16 @@ def _describe_mesh(plan: MeshPlan) -> Json:
 
 
 def describe_tool(plan: MeshPlan, number: int, up: str) -> Json:
-    """How one of the tools of a mesh lies there, whatever the clips: JSON values only."""
+    """Describe a tool on its mesh, independent of clips; JSON values only."""
     carried, fine = plan.carried_patches[number], plan.fine
-    patch = carried.patch
+    patch, between = carried.patch, carried.patch.tool.between
     members = np.unique(fine.triangles[children(fine.subdivision.parents, patch.members)])
     return {
         "name": patch.tool.name,
         "node": plan.rig.names[plan.rig.node],
         "where": patch.tool.where,
         "origin": _describe_anchor(plan, patch.origin, up),
-        **(
-            {"between": [_describe_anchor(plan, each, up) for each in patch.anchors[1:-1]]}
-            if patch.tool.between
-            else {}
-        ),
+        **({"between": [_describe_anchor(plan, each, up) for each in patch.anchors[1:-1]]} if between else {}),
         "target": _describe_anchor(plan, patch.target, up),
         "distance": _round(patch.span),
         "rest_length": _round(patch.rest_length),
@@ -277,7 +269,7 @@ def _describe_anchor(plan: MeshPlan, anchor: Anchor, up: str) -> Json:
 
 
 def describe_clip(carried: CarriedPatch, each: ClipActivity) -> Json:
-    """What one clip makes of a tool; shares are of the rest length, and of no frame where the tool is hidden in all."""
+    """Describe a tool in a clip; shortenings are over the rest length, and None if the tool is hidden throughout."""
     clip, seen = each.clip, each.seen
     strength = carried.patch.tool.strength_in(clip.name)
     shown = np.isfinite(seen.distances)
@@ -285,13 +277,13 @@ def describe_clip(carried: CarriedPatch, each: ClipActivity) -> Json:
         return {"name": clip.name, "strength": strength, "shortening": None, "time": None} | dict.fromkeys(
             ("unabsorbed", "height"), 0.0
         )
-    shares = 1.0 - np.where(shown, seen.distances, seen.rest_lengths) / seen.rest_lengths
-    most = int(np.argmax(np.where(shown, shares, -np.inf)))
+    shortenings = 1.0 - np.where(shown, seen.distances, seen.rest_lengths) / seen.rest_lengths
+    most = int(np.argmax(np.where(shown, shortenings, -np.inf)))
     heights = carried.patch.curve.heights(seen.amplitudes)
     return {
         "name": clip.name,
         "strength": strength,
-        "shortening": [_round(shares[shown].min()), _round(shares[most])],
+        "shortening": [_round(shortenings[shown].min()), _round(shortenings[most])],
         "time": _round(each.times[most]),
         "unabsorbed": _round((seen.unabsorbed / seen.rest_lengths).max()),
         "height": _round(abs(strength) * float(heights.max(initial=0.0))),
@@ -299,7 +291,7 @@ def describe_clip(carried: CarriedPatch, each: ClipActivity) -> Json:
 
 
 def _overlaps(plan: MeshPlan) -> list[list[Json]]:
-    """For each tool of a mesh the others that move some of its vertices, and how many."""
+    """For each tool of a mesh the other tools that move some of its vertices, and the number of these."""
     counts = [len(carried.vertices) for carried in plan.carried_patches]
     rows = np.repeat(np.arange(len(counts)), counts)
     columns = np.concatenate([carried.vertices for carried in plan.carried_patches])

@@ -1,4 +1,4 @@
-"""How often a surface goes through itself or another: which clips, when and where, before and after a bake."""
+"""Count where surfaces pass through themselves or each other, in clips, before and after a bake."""
 
 import os
 from collections import Counter
@@ -22,23 +22,30 @@ from wrinklecli.numeric.memory import Memory
 from wrinklecli.review.check import CheckOptions
 from wrinklecli.review.preview.apply import apply_tools, plan_tools
 
+# Version of the JSON.
 VERSION = 1
-# Evenly spaced moments of a clip that are looked at, unless frames are asked for.
+# Evenly spaced moments of a clip, if the options have no frame rate.
 _MOMENTS = 13
-# Coordinates are 0 below this share of the greatest.
+# Coordinates below this part of the greatest are written as 0.
 _ROUNDING = 1e-4
 # Decimal digits of measured numbers.
 _DIGITS = 6
+# Names of the states of an asset that are compared, by their number.
+_NAMES = {1: ("asset",), 2: ("before", "after")}
+# Warning about a file whose record of the original does not fit.
+_REWRITTEN = (
+    "has been rewritten since its bake, and no longer tells what it was before: it is looked at as it is, wrinkled"
+)
 
 
 @dataclass(frozen=True, slots=True)
 class CrossingsFound:
-    """What crosses in an asset.
+    """The result of `crossings`.
 
     Attributes:
-        data: For `--json`: JSON values only.
+        data: JSON values only, as `check --crossings --json` prints them.
         inputs: Every file that was read.
-        warnings: Of tools that do not fit, a line each.
+        warnings: A line each.
     """
 
     data: Json
@@ -78,18 +85,18 @@ def crossings(
     options = replace(options or CheckOptions(), **named)
     with guarded(os.fspath(asset)):
         document = read_document(asset, allow_external=options.allow_external, memory=Memory(options.max_memory))
-        states, clips, warnings = _states(document, tools, options, progress)
-        seen = [_Seen(read_scene_surface(state), state) for state in states]
+        documents, clips, warnings = _states(document, tools, options, progress)
+        states = [_State(read_scene_surface(document), document) for document in documents]
         entries = []
         for number, clip in enumerate(clips, start=1):
-            entries.append(_describe_clip(seen, clip, options.fps))
+            entries.append(_describe_clip(states, clip, options.fps))
             progress("crossings", number, len(clips))
     data: Json = {
         "crossings": VERSION,
         "asset": os.fspath(asset),
         "tools_file": None if tools is None else os.fspath(tools),
-        "states": list(_NAMES[len(seen)]),
-        "stored_pose": [len(each.surface.found(None, np.zeros(1))[0].edges) for each in seen],
+        "states": list(_NAMES[len(states)]),
+        "stored_pose": [len(each.surface.found(None, np.zeros(1))[0].edges) for each in states],
         "clips": entries,
         "warnings": list(warnings),
     }
@@ -97,17 +104,9 @@ def crossings(
     return CrossingsFound(data, inputs if tools is None else (*inputs, os.fspath(tools)), warnings)
 
 
-# What is compared: one state of the asset, or two.
-_NAMES = {1: ("asset",), 2: ("before", "after")}
-# Of a file whose record of the original does not fit.
-_REWRITTEN = (
-    "has been rewritten since its bake, and no longer tells what it was before: it is looked at as it is, wrinkled"
-)
-
-
 @dataclass(frozen=True, slots=True)
-class _Seen:
-    """One state of the asset: its surface, and the file with the clips that move it."""
+class _State:
+    """The surface of an asset before or after a bake, and the document with the clips that move it."""
 
     surface: SceneSurface
     document: Document
@@ -119,10 +118,10 @@ def _states(
     options: CheckOptions,
     progress: Progress,
 ) -> tuple[list[Document], tuple[Clip, ...], tuple[str, ...]]:
-    """The asset without wrinkles and with them, or as it is where it has none; clips to look at, and warnings.
+    """The asset without and with wrinkles, or only as it is if it has none; the chosen clips; and warnings.
 
     Raises:
-        BakeError: No tool fits, or what they are to be put on is not in the file any more.
+        BakeError: No tool fits, or the file is baked, and its original cannot be restored.
     """
     carries = bool(wrinkled(document.gltf))
     rewritten: tuple[str, ...] = ()
@@ -145,18 +144,18 @@ def _states(
     return [joined.document, after], tuple(clips), planned.warnings
 
 
-def _describe_clip(seen: Sequence[_Seen], clip: Clip, fps: float | None) -> Json:
-    """What crosses at moments of a clip, in each state."""
+def _describe_clip(states: Sequence[_State], clip: Clip, fps: float | None) -> Json:
+    """Count the crossings of each state at moments of a clip."""
     times = np.linspace(clip.start, clip.end, _MOMENTS) if fps is None else clip_grid(clip, None, fps=fps)
     found = []
-    for each in seen:
+    for each in states:
         (own,) = [other for other in read_clips(each.document) if other.index == clip.index]
         found.append(each.surface.found(own, times))
     counts = [[len(frame.edges) for frame in frames] for frames in found]
     places: dict[str, Json] = {}
-    for number, (each, frames) in enumerate(zip(seen, found, strict=True)):
+    for number, (each, frames) in enumerate(zip(states, found, strict=True)):
         for name, count, where in _by_place(each.surface, frames):
-            entry = places.setdefault(name, {"between": name, "counts": [0] * len(seen)})
+            entry = places.setdefault(name, {"between": name, "counts": [0] * len(states)})
             entry["counts"][number] = count
             entry["at"] = [_round(x) for x in where]
     return {
@@ -169,12 +168,12 @@ def _describe_clip(seen: Sequence[_Seen], clip: Clip, fps: float | None) -> Json
 
 
 def _by_place(surface: SceneSurface, frames: Sequence[CrossingPairs]) -> Iterator[tuple[str, int, Floats]]:
-    """For each two parts that cross their names, how often, and the middle of it in the stored pose."""
+    """For each pair of parts that cross: their names, the number of crossings, and the middle in the stored pose."""
     edges = np.concatenate([np.zeros((0, 2), np.intp), *(each.edges for each in frames)])
     triangles = np.concatenate([np.zeros((0, 3), np.intp), *(each.triangles for each in frames)])
     if not len(edges):
         return
-    # The first vertex of either tells where it is.
+    # A crossing lies between the first vertices of its edge and its triangle.
     ends = np.stack([edges[:, 0], triangles[:, 0]], axis=1)
     pairs = np.sort(surface.owners(ends) * len(surface.rigs[0].names) + surface.carriers[ends], axis=1)
     firsts, which = distinct(pairs)
@@ -187,7 +186,7 @@ def _by_place(surface: SceneSurface, frames: Sequence[CrossingPairs]) -> Iterato
 
 
 def _name(surface: SceneSurface, part: int) -> str:
-    """A joint, behind its mesh where there are several."""
+    """The name of a joint, with that of its mesh if there are several."""
     owner, joint = divmod(part, len(surface.rigs[0].names))
     rig = surface.rigs[owner]
     name = rig.names[joint]

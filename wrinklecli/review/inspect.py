@@ -1,7 +1,6 @@
-"""What is in an asset, from its JSON: meshes, skins, clips, morph targets, extensions, bytes, and baked tools.
+"""Describe an asset by its JSON: meshes, skins, clips, morph targets, extensions, bytes, and baked tools.
 
-Counts and durations are those that accessors state. Geometry is decoded for the bounds alone; where it cannot be, they
-are unknown.
+Counts and durations are those that accessors state. Geometry is decoded for the bounds only.
 """
 
 import os
@@ -30,8 +29,11 @@ from wrinklecli.numeric.arrays import distinct_values
 from wrinklecli.numeric.guard import guarded
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory
 
+# Version of the JSON.
 VERSION = 1
+# Names of the modes of primitives, by number.
 _MODES = ("points", "lines", "line loop", "line strip", "triangles", "triangle strip", "triangle fan")
+# Kinds of bytes.
 KINDS = ("geometry", "indices", "morph targets", "animation", "skins", "images", "original", "other")
 
 
@@ -57,10 +59,9 @@ def inspect(asset: str | os.PathLike[str], options: InspectOptions | None = None
         named: Single options by their names in `InspectOptions`, in place of those in `options`.
 
     Returns:
-        JSON values only. `bytes` are those stored, compressed where they are so; `original` is what a bake keeps to
-        be replaced, `other` what remains of the files: JSON, padding, and data that is used in no way that we know.
-        `bounds`, and a skin's `rest` (its joints' positions), are world space in the stored pose; None where they
-        cannot be told.
+        JSON values only. `bytes` are counted as stored, compressed or not; `original` is the record that a bake keeps
+        so that it can be replaced; `other` is the rest of the files: JSON, padding and unused data. `bounds`, and a
+        skin's `rest` (its joints' positions), are world space in the stored pose, or None if unknown.
 
     Raises:
         AssetError: The asset is malformed.
@@ -147,7 +148,7 @@ def _describe_primitive(document: Document, primitive: Json) -> Json:
 
 
 def _compressions(document: Document, primitive: Json) -> set[str]:
-    """The extensions that compress a primitive, or the views of its accessors."""
+    """The extensions of a primitive, and of the views of its accessors."""
     found = set(primitive.get("extensions", {}))
     used = [*primitive.get("attributes", {}).values(), *([primitive["indices"]] if "indices" in primitive else [])]
     views = document.items("bufferViews")
@@ -158,7 +159,7 @@ def _compressions(document: Document, primitive: Json) -> set[str]:
 
 
 def _deforming(document: Document, meshes: list[Json]) -> Iterator[Json]:
-    """The nodes whose mesh has a skin or morph targets: those that a tool can be on."""
+    """The nodes whose mesh has a skin or morph targets, so that a tool can be on them."""
     for index, node in enumerate(document.items("nodes")):
         if "mesh" not in node:
             continue
@@ -173,7 +174,7 @@ def _deforming(document: Document, meshes: list[Json]) -> Iterator[Json]:
 
 
 def _stored_bounds(document: Document) -> Json | None:
-    """The box around all that the scene shows in the stored pose; None where a mesh cannot be read."""
+    """The box around the visible scene in the stored pose; None if a mesh cannot be read."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     try:
         for primitive in read_scene(document):
@@ -194,7 +195,7 @@ def _describe_skin(document: Document, index: int, hierarchy: Hierarchy | None) 
 
 
 def _clips(document: Document) -> Iterator[Json]:
-    """The animations under the names that `--clip` takes, with the times that their accessors state."""
+    """The animations by the names that `--clip` takes, with the times that their accessors state."""
     names: set[str] = set()
     for index, animation in enumerate(document.items("animations")):
         paths = Counter[str]()
@@ -221,7 +222,7 @@ def _clips(document: Document) -> Iterator[Json]:
 
 
 def _bounds(accessors: Iterable[Json], key: str) -> list[float]:
-    """The first numbers of accessors' `min` or `max`, which glTF asks of key times; none where one has none."""
+    """The first numbers of accessors' `min` or `max`, which key times must have; none if one is missing."""
     try:
         return [_number(each[key][0]) for each in accessors]
     except (LookupError, TypeError, ValueError):
@@ -229,7 +230,7 @@ def _bounds(accessors: Iterable[Json], key: str) -> list[float]:
 
 
 def _wrinkles(document: Document) -> Iterator[Json]:
-    """What a bake has left on each node."""
+    """The tools that a bake has recorded on each node."""
     for index, node in enumerate(document.items("nodes")):
         extras = node.get("extras")
         if not isinstance(extras, dict) or "wrinkle" not in extras or "mesh" not in node:
@@ -264,7 +265,7 @@ def _joints(anchor: Json) -> list[str]:
 
 
 def _is_replaceable(document: Document) -> bool | None:
-    """Whether `bake --replace` can take out all wrinkles that the file carries; None where it carries none."""
+    """True if `bake --replace` can remove all wrinkles of the file; None if it has none."""
     if not wrinkled(document.gltf):
         return None
     try:
@@ -275,20 +276,20 @@ def _is_replaceable(document: Document) -> bool | None:
 
 
 def _number(value: Any) -> float:
-    """A number of the JSON as a float; ValueError where it is none, or too large."""
+    """A JSON number as a float; ValueError if it is not a number, or too large."""
     if isinstance(value, bool) or not isinstance(value, int | float) or abs(value) > sys.float_info.max:
         raise ValueError(value)
     return float(value)
 
 
 def _bytes(document: Document) -> tuple[list[Json], Json]:
-    """Every file of the asset with its size, none for an image that cannot be read, and the bytes of each kind."""
+    """Every file of the asset with its size, None for an unreadable image; and the bytes of each kind."""
     sizes: dict[str, int | None] = {name: os.path.getsize(name) for name in document.files}
     kinds = dict.fromkeys(KINDS, 0)
     for view, users in _view_users(document).items():
         stored = list(view_parts(document.items("bufferViews")[view]))[-1].get("byteLength", 0)
-        shares = sum(users.values())
-        cuts = [stored * part // shares for part in accumulate(users.values(), initial=0)]
+        total = sum(users.values())
+        cuts = [stored * part // total for part in accumulate(users.values(), initial=0)]
         for kind, (low, high) in zip(users, pairwise(cuts), strict=True):
             kinds[kind] += high - low
     for number, image in enumerate(document.items("images")):
@@ -303,9 +304,8 @@ def _bytes(document: Document) -> tuple[list[Json], Json]:
 
 
 def _view_users(document: Document) -> dict[int, Counter[str]]:
-    """For each buffer view in use how many elements of which kind it holds."""
+    """For each used buffer view the number of its elements of each kind."""
     users: defaultdict[int, Counter[str]] = defaultdict(Counter)
-
     kinds: dict[int, str] = {}
     for index, kind in _accessor_uses(document):
         kinds.setdefault(index, kind)

@@ -1,4 +1,4 @@
-"""Pictures of control curves: what each tool's curve does as it shortens, and how high it rises over each clip."""
+"""Draw the control curve of each tool as it shortens, and the height of its bumps over each clip."""
 
 import importlib.util
 import io
@@ -13,28 +13,37 @@ from wrinklecli.review.check import Check, CheckedTool
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-
-# Curves that are drawn of each tool, from rest to its greatest shortening; for a tool that no clip shortens, up to
-# this shortening.
+# Curves that are drawn of each tool, from rest to its greatest shortening.
 _CURVES = 5
+# The greatest shortening that is drawn of a tool that no clip shortens, over the rest length.
 _SHOWN_SHORTENING = 0.5
-# A shortening below this part of the rest length is as good as none.
+# Shortenings below this part of the rest length count as none.
 _VISIBLE = 1e-3
 # Points of a curve for each control interval, doubled by each level of details.
 _POINTS = 32
-# Distance of two curves' base lines, as a multiple of the tallest bump, and at least this part of the rest length.
-_SPACING, _LEAST_SPACING = 1.4, 0.06
+# Distance between the base lines of two curves, over the height of the tallest bump.
+_SPACING = 1.4
+# The least distance between the base lines of two curves, over the rest length.
+_LEAST_SPACING = 0.06
 # Clips that a legend names; the others are drawn in grey.
 _NAMED = 8
-_LONGEST_NAME, _LONGEST_TITLE = 24, 60
-# Width of the picture, height of a tool's row, and the gap in it below the axes, inches; and dots of an inch. A row has
-# 220 dots, and matplotlib's renderer Agg draws 65,536 at most.
-_WIDTH, _ROW, _GAP = 11.0, 2.2, 0.5
+# Letters of a clip's name in a legend.
+_LONGEST_NAME = 24
+# Letters of a tool's name above its curves.
+_LONGEST_TITLE = 60
+# Width of the picture, inches.
+_WIDTH = 11.0
+# Height of a tool's row, inches.
+_ROW = 2.2
+# Gap in a row below the axes, inches.
+_GAP = 0.5
+# Dots of an inch.
 _DOTS = 100
+# The greatest number of tools: each row has 220 dots, and matplotlib's renderer Agg draws at most 65,536.
 _MOST_TOOLS = 100
 _STYLE: dict[Any, Any] = {
     "svg.hashsalt": "wrinkle",
-    # A $ in a name is no formula.
+    # A $ in a name does not begin a formula.
     "text.parse_math": False,
     "font.size": 8.0,
     "axes.spines.top": False,
@@ -47,10 +56,10 @@ _STYLE: dict[Any, Any] = {
 
 
 def refuse_without_matplotlib() -> None:
-    """Check that matplotlib is there.
+    """Check that matplotlib is installed.
 
     Raises:
-        WrinkleError: It is not.
+        WrinkleError: It is not installed.
     """
     if importlib.util.find_spec("matplotlib") is None:
         raise WrinkleError("--plot needs matplotlib: pip install 'wrinklecli[plot]'")
@@ -59,14 +68,8 @@ def refuse_without_matplotlib() -> None:
 def draw_check(checked: Check, kind: str) -> bytes:
     """Draw every tool of a check: control curves on the left, heights over time on the right.
 
-    Lengths are scene units, on the left the same along both axes.
-
-    Args:
-        checked: The check.
-        kind: `png` or `svg`.
-
-    Returns:
-        The file; the same check gives the same bytes with the same matplotlib.
+    Lengths are scene units, on the left the same along both axes. Return the bytes of a `png` or `svg`, which are
+    always the same with the same matplotlib.
 
     Raises:
         WrinkleError: There are too many tools for one picture, or matplotlib is missing.
@@ -94,7 +97,7 @@ def draw_check(checked: Check, kind: str) -> bytes:
 
 
 def _margins(height: float) -> dict[str, float]:
-    """Of rows and columns, by hand: matplotlib's own layouts take a second for three rows."""
+    """Margins of rows and columns; matplotlib's own layouts take a second for three rows."""
     return {
         "left": 0.02,
         "right": 0.84,
@@ -120,11 +123,11 @@ def _draw_curves(axes: "Axes", tool: CheckedTool) -> None:
     us = np.linspace(0.0, 1.0, _POINTS * 2 ** len(curve.details) * curve.interval_count + 1)
     heights = strength * np.einsum("fgm,gmu->fu", amplitudes, curve.shapes(us))
     colours = mpl.colormaps["viridis_r"](np.linspace(0.35, 1.0, len(shortenings)))
-    # One above the other, shortest on top, each on its own base line.
+    # Curves stand one above another on base lines, the shortest on top.
     step = max(_SPACING * float(np.ptp(heights, axis=1).max()), _LEAST_SPACING * float(lengths[0]))
     bases = step * np.arange(len(shortenings))
     for share, distance, height, base, colour in zip(shortenings, distances, heights, bases, colours, strict=True):
-        # Its middle stays: a bump is above itself.
+        # The middle of each curve stays in place, so that its bumps are above each other.
         along = lengths[0] / 2.0 + distance * (us - 0.5)
         axes.plot(along, base + height, color=colour, linewidth=1.2)
         label = f"{100 * share:.0f} % shorter" if share else "at full length"
@@ -159,7 +162,7 @@ def _draw_heights(axes: "Axes", tool: CheckedTool) -> None:
 
 
 def _cut(name: str, limit: int = _LONGEST_NAME) -> str:
-    """A name of an asset in a label: one line, not too long, and not hidden, as labels that begin with _ are."""
+    """A name for a label: one line, short, and not beginning with _, which would hide the label."""
     shown = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in name)
     shown = shown if len(shown) <= limit else shown[: limit - 1] + "…"
     return f" {shown}" if shown.startswith("_") else shown
