@@ -219,7 +219,7 @@ def test_wrinkles_end_before_they_would_meet_on_the_inside_of_a_bend() -> None:
     [
         (
             [[-0.4, RADIUS, 0], [0.4, RADIUS, 0], [-0.4, RADIUS, 0.05]],
-            r"turns by 17\d° at path\[1\], and 120° is the most",
+            r"turns by 17\d° at path\[1\], but at most 120° is possible",
         ),
         (
             [[-0.4, RADIUS, 0], [0.0, 2.0, 0], [0.4, RADIUS, 0]],

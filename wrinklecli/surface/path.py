@@ -266,7 +266,7 @@ def path_through(
         turn = float(np.degrees(np.arccos(np.clip(a @ b / (lengths[k] * lengths[k + 1]), -1.0, 1.0))))
         if turn > _MOST_TURN:
             raise BakeError(
-                f"turns by {turn:.0f}° at {names[k + 1]}, and {_MOST_TURN:.0f}° is the most: more points round it",
+                f"turns by {turn:.0f}° at {names[k + 1]}, but at most {_MOST_TURN:.0f}° is possible: add points there",
                 where=where,
             )
     return curve_on(*_halved(np.stack(points), np.stack(normals), foot))
