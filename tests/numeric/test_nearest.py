@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from wrinklecli.numeric.arrays import face_normals
-from wrinklecli.numeric.nearest import _closest_of, closest_point, farthest, triangle_distances
+from wrinklecli.numeric.distances import farthest, triangle_distances
+from wrinklecli.numeric.nearest import _closest_of, closest_point, nearest_points
 
 Floats = NDArray[np.float64]
 
@@ -120,6 +121,19 @@ def test_triangles_that_are_too_far_need_not_be_looked_at(seed: int, apart: floa
         closest_point(positions, triangles, point), _closest_of(positions, triangles, point), strict=True
     ):
         assert np.array_equal(found, wanted)
+
+
+@given(seed=st.integers(0, 999), away=st.sampled_from([0.0, 1e3]))
+def test_nearest_points_are_as_near_as_the_closest_ones(seed: int, away: float) -> None:
+    rng = np.random.default_rng(seed)
+    positions = rng.normal(size=(20, 3)) + away
+    triangles = np.array([rng.choice(20, 3, replace=False) for _ in range(7)])
+    points = rng.normal(size=(5, 3)) * rng.choice([0.2, 1.0, 4.0]) + away
+    found, shares = nearest_points(points, positions[triangles])
+    assert shares.sum(axis=1) == pytest.approx(1.0)
+    places = np.einsum("pk,pkx->px", shares, positions[triangles[found]])
+    for point, place in zip(points, places, strict=True):
+        assert np.linalg.norm(closest_point(positions, triangles, point)[2] - place) < 1e-6
 
 
 def test_repeated_triangles_are_looked_at_once(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ from kit.limb import limb_asset
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.scene import read_scene
 from wrinklecli.gltf.document import read_document
-from wrinklecli.numeric.nearest import farthest
+from wrinklecli.numeric.distances import farthest
 from wrinklecli.review.diff import soups
 from wrinklecli.review.diff.soups import Soup, farthest_apart
 

@@ -19,7 +19,7 @@ from wrinklecli.character.skin import pose, prepare
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edit import VERTEX_DATA, EditedDocument
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Floats, Ints, Places, unit
+from wrinklecli.numeric.arrays import Floats, Ints, ValueIndex, unit
 from wrinklecli.numeric.guard import Progress
 from wrinklecli.surface.refine import Refinement
 
@@ -67,7 +67,7 @@ def pose_frames(document: Document, frames: Frames, motion: Motion) -> Iterator[
     deltas = np.concatenate([fine.morph_deltas, shapes])[:, welds]
     bent = None
     if base is not None:
-        copies = Places.of(welds)
+        copies = ValueIndex.of(welds)
         bent = np.concatenate([old_deltas, np.zeros((len(targets), *base.shape))])
         for into, target in zip(bent[len(old_deltas) :], targets, strict=True):
             vertices, turns = turned_normals(target.shape, welds, copies, fine.normals, base)

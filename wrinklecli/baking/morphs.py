@@ -32,7 +32,7 @@ from wrinklecli.gltf.edit import EditedDocument
 from wrinklecli.gltf.shape import Json
 from wrinklecli.gltf.sizes import stored_bytes
 from wrinklecli.gltf.unpack import unpack
-from wrinklecli.numeric.arrays import Floats, Ints, Places, distinct_values
+from wrinklecli.numeric.arrays import Floats, Ints, ValueIndex, distinct_values
 from wrinklecli.surface.refine import Refinement
 
 
@@ -228,7 +228,7 @@ def _add_targets(
     written: Written,
 ) -> None:
     """Append morph targets to a primitive, and zeros to its old ones for attributes that they lack."""
-    count, copies = len(refined.weld), Places.of(refined.weld)
+    count, copies = len(refined.weld), ValueIndex.of(refined.weld)
     added: list[Json] = []
     for number, each in enumerate(targets):
         added.append({})
@@ -246,7 +246,7 @@ def _add_targets(
 
 
 def _target_deltas(
-    shape: Shape, refined: RefinedPrimitive, copies: Places, base: _Base, smooth: Floats
+    shape: Shape, refined: RefinedPrimitive, copies: ValueIndex, base: _Base, smooth: Floats
 ) -> dict[str, tuple[Ints, Floats]]:
     """One morph target on one primitive: the vertices that each attribute changes at, and by how much."""
     moved, rows = copies.holding(shape.vertices)
@@ -259,7 +259,9 @@ def _target_deltas(
     return deltas
 
 
-def turned_normals(shape: Shape, weld: Ints, copies: Places, smooth: Floats, normals: Floats) -> tuple[Ints, Floats]:
+def turned_normals(
+    shape: Shape, weld: Ints, copies: ValueIndex, smooth: Floats, normals: Floats
+) -> tuple[Ints, Floats]:
     """The glTF vertices whose normal a shape changes, and by how much at weight 1.
 
     Args:

@@ -10,7 +10,7 @@ from wrinklecli.baking.sample import ClipActivity
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, children, dot
-from wrinklecli.numeric.cells import Cells
+from wrinklecli.numeric.boxes import Cells
 from wrinklecli.numeric.nearest import ray_distances
 from wrinklecli.surface.refine import Refinement
 

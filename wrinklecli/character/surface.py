@@ -16,7 +16,8 @@ from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import TRIANGLE_FAN, TRIANGLE_STRIP, TRIANGLES, Document
 from wrinklecli.gltf.draco import EXTENSION
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, distinct, pieces_of
+from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, components, distinct
+from wrinklecli.numeric.nearest import pairs_within
 
 # Vertices of one point differ by this at most: in skin weights and, as a share of the bounding box's diagonal, in
 # morph deltas; after Draco, which rounds each primitive on its own, in positions too.
@@ -308,14 +309,11 @@ def _places(document: Document, primitives: list[Json], positions: Floats) -> Fl
     """(vertices, 3) positions to weld by: after Draco, those within the tolerance are those of the first among them."""
     if not any(document.is_draco(primitive["attributes"]["POSITION"]) for primitive in primitives):
         return positions
-    # Imported here, as it takes longer than most bakes' welding and few files need it.
-    from scipy.spatial import cKDTree
-
     firsts, which = distinct(positions)
     places = positions[firsts]
     tolerance = _WELD_TOLERANCE * float(np.linalg.norm(np.ptp(positions, axis=0)))
-    near = cKDTree(places).query_pairs(tolerance, output_type="ndarray")
-    groups = pieces_of(near, len(places))
+    near = pairs_within(places, tolerance)
+    groups = components(near, len(places))
     _, firsts = np.unique(groups, return_index=True)
     return places[firsts[groups[which]]]
 

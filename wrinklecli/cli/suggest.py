@@ -147,7 +147,9 @@ def _json_tool(each: "Suggestion") -> dict[str, Any]:
 
 def _short(value: float) -> float:
     """A measured number in as many digits as float32 has."""
-    return float(f"{value:.9g}")
+    from wrinklecli.numeric.arrays import significant
+
+    return significant(value, 9)
 
 
 def _say_table(tools: "tuple[Suggestion, ...]") -> None:

@@ -23,7 +23,7 @@ from wrinklecli.editor.store import Store
 from wrinklecli.errors import WrinkleError
 from wrinklecli.files.watched import Watched
 from wrinklecli.gltf.document import Document
-from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.arrays import Floats, significant
 from wrinklecli.numeric.guard import guarded
 from wrinklecli.numeric.memory import MAX_MEMORY
 from wrinklecli.review.suggest.placed import Chosen
@@ -196,7 +196,7 @@ class Session(Edits):
                 guess = self._measured_mesh(clicked[0]).tool(np.array(origin, float), np.array(target, float))
                 values |= proposed_keys(guess)
             else:
-                values["width"] = float(f"{span:.2g}")
+                values["width"] = significant(span, 2)
             self._become(file.with_tool(values), f"{name} is new")
             return name
 

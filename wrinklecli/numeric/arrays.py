@@ -1,7 +1,7 @@
-"""Vectors, normals and small matrices, and which values of an array are distinct or among others.
+"""Vectors, normals, small matrices, sorted values and connected components.
 
-The array types of all rooms stand here too: `Floats` are float64, `Ints` are indices, `Bools` are flags, and an `Array`
-may be of any type.
+All rooms take their array types from here: `Floats` are float64, `Ints` are indices, `Bools` are flags, and an `Array`
+may have any type.
 """
 
 from dataclasses import dataclass
@@ -15,8 +15,10 @@ Ints = NDArray[np.intp]
 Bools = NDArray[np.bool_]
 Array = NDArray[Any]
 
-# Least singular value of a matrix over the greatest at which its inverse is still of use.
+# Ratio of the least to the greatest singular value, at or below which a matrix counts as singular.
 _SINGULAR = 1e-3
+# Fraction of a mesh's vertices above which one look at all triangles is faster than gathering those round each vertex.
+_MANY = 1 / 16
 
 
 def unit(vectors: Floats) -> Floats:
@@ -52,9 +54,9 @@ def _normal_sums(positions: Floats, triangles: Ints) -> Floats:
 
 
 def distinct(rows: Array) -> tuple[Ints, Ints]:
-    """(distinct,) where each distinct one of (n, columns) rows is, in rising order, and (n,) which of them each row is.
+    """(distinct,) indices of the distinct (n, columns) rows, sorted by value, and (n,) which of them each row equals.
 
-    As `np.unique` along an axis, but several times as fast.
+    Several times as fast as `np.unique` along an axis.
     """
     order = np.lexsort(rows.T[::-1])
     fresh = np.zeros(len(rows), bool)
@@ -68,9 +70,9 @@ def distinct(rows: Array) -> tuple[Ints, Ints]:
 
 
 def nonzero_rows(rows: Array) -> Ints:
-    """Numbers of the (n, columns) rows that are not 0 throughout, rising.
+    """Sorted indices of the (n, columns) rows with a value other than 0.
 
-    Six times as fast by columns as `any` along rows, where these are few.
+    Looking at one column after another is six times as fast as `any` along short rows.
     """
     found = np.zeros(len(rows), bool)
     for column in rows.T:
@@ -79,9 +81,9 @@ def nonzero_rows(rows: Array) -> Ints:
 
 
 def distinct_values(values: Array) -> Array:
-    """The values of an array, each once, rising.
+    """The distinct values of an array, sorted.
 
-    As `np.unique`, but several times as fast: numpy 2.3 and later hash the values before they sort them.
+    Several times as fast as `np.unique`: numpy 2.3 and later hash the values before they sort them.
     """
     ordered = np.sort(values, axis=None)
     fresh = np.ones(len(ordered), bool)
@@ -90,9 +92,9 @@ def distinct_values(values: Array) -> Array:
 
 
 def median(values: Floats) -> Floats:
-    """(…) the medians of (n, …) values along the first axis.
+    """(…) medians of (n, …) values along the first axis.
 
-    As `np.median`, which imports `numpy.ma` to look for masks: a thirtieth of a small bake.
+    `np.median` imports `numpy.ma` to look for masks, which takes a thirtieth of a small bake.
     """
     ordered, half = np.sort(values, axis=0), len(values) // 2
     middles: Floats = (ordered[(len(values) - 1) // 2] + ordered[half]) / 2.0
@@ -100,7 +102,7 @@ def median(values: Floats) -> Floats:
 
 
 def cross(a: Floats, b: Floats) -> list[Floats]:
-    """Three (…) coordinates of the cross product of (3, …) vectors."""
+    """Three (…) coordinates of the cross products of (3, …) vectors."""
     products = []
     for k in range(3):
         product = a[(k + 1) % 3] * b[(k + 2) % 3]
@@ -110,7 +112,7 @@ def cross(a: Floats, b: Floats) -> list[Floats]:
 
 
 def dot(a: Floats | list[Floats], b: Floats | list[Floats]) -> Floats:
-    """(…) of (3, …) vectors."""
+    """(…) dot products of (3, …) vectors."""
     total: Floats = a[0] * b[0]
     total += a[1] * b[1]
     total += a[2] * b[2]
@@ -118,8 +120,8 @@ def dot(a: Floats | list[Floats], b: Floats | list[Floats]) -> Floats:
 
 
 def inverses(matrices: Floats) -> Floats:
-    """(n, 3, 3) inverses of the linear parts of (n, 3, 4) matrices; 0 where these are `singular`."""
-    # By cofactors: as exact as LAPACK where matrices are far from singular, and several times as fast.
+    """(n, 3, 3) inverses of the linear parts of (n, 3, 4) matrices; 0 where they are `singular`."""
+    # Cofactors are as exact as LAPACK far from singular matrices, and several times as fast.
     a, b, c = np.moveaxis(matrices[:, :, :3], 0, 2)
     columns = np.array([cross(b, c), cross(c, a), cross(a, b)])
     regular = ~singular(matrices)
@@ -128,9 +130,9 @@ def inverses(matrices: Floats) -> Floats:
 
 
 def singular(matrices: Floats) -> Bools:
-    """(n,) whether the least singular value of each of (n, 3, 4) linear parts is at most 1/1000 of the greatest."""
+    """(n,) True where the least singular value of the linear part of (n, 3, 4) is at most 1/1000 of the greatest."""
     linear = matrices[:, :, :3]
-    # The product of the three is |det|, and none exceeds the Frobenius norm: most matrices need no decomposition.
+    # The product of all three is |det|, and none exceeds the Frobenius norm, so most matrices need no decomposition.
     norms = np.sqrt(np.sum(linear * linear, axis=(1, 2)))
     near: Bools = np.abs(determinants(linear)) <= 2.0 * _SINGULAR * norms**3
     values = np.linalg.svd(linear[near], compute_uv=False)
@@ -139,14 +141,14 @@ def singular(matrices: Floats) -> Bools:
 
 
 def determinants(matrices: Floats) -> Floats:
-    """(…,) of (…, 3, 3)."""
+    """(…,) determinants of (…, 3, 3)."""
     (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(matrices, (-2, -1), (0, 1))
     found: Floats = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
     return found
 
 
 def unit_quaternions(quaternions: Floats) -> Floats:
-    """Quaternions (4, …), x, y, z and w, of unit length; no turn where all are 0."""
+    """Quaternions (4, …), x, y, z and w, scaled to unit length; the identity where all are 0."""
     lengths = np.sqrt(np.einsum("c...,c...->...", quaternions, quaternions))
     unturned = np.array([0.0, 0.0, 0.0, 1.0]).reshape(4, *[1] * (quaternions.ndim - 1))
     return np.where(lengths > 0, quaternions / np.where(lengths > 0, lengths, 1.0), unturned)
@@ -156,7 +158,7 @@ def affine_rows(translations: Floats, rotations: Floats, scales: Floats) -> Floa
     """(3, 4, frames) upper rows of the matrices that scale, then rotate, then translate.
 
     Args:
-        translations: (3, frames); this and the others may have one frame for all.
+        translations: (3, frames). Each argument may have one frame for all.
         rotations: (4, frames) quaternions (x, y, z, w) of unit length.
         scales: (3, frames).
     """
@@ -180,76 +182,126 @@ def float32_values(values: Floats) -> Floats:
 
 
 def among(values: Ints, ascending: Ints) -> Bools:
-    """(n,) whether each of (n,) values is one of some, which ascend."""
+    """(n,) True where a value is one of the `ascending` ones, which are sorted."""
     found: Bools = np.searchsorted(ascending, values, "right") > np.searchsorted(ascending, values)
     return found
 
 
 def any_of(flags: Bools, members: Ints) -> Bools:
-    """(n,) whether any of the three members of (n, 3) is flagged; several times faster than `any`."""
+    """(n,) True where any of the three members of (n, 3) is flagged; several times as fast as `any`."""
     a, b, c = members.T
     found: Bools = flags[a] | flags[b] | flags[c]
     return found
 
 
 def flags_of(members: Ints, count: int) -> Bools:
-    """(count,) True at the members."""
+    """(count,) True at the indices `members`."""
     flags = np.zeros(count, dtype=np.bool_)
     flags[members] = True
     return flags
 
 
 def children(parents: Ints, chosen: Ints) -> Ints:
-    """Those, rising, whose parent is one of (chosen,) rising ones, from the (n,) parents of each, which ascend."""
+    """Sorted indices of the (n,) sorted `parents` that are among (chosen,) sorted ones."""
     first, last = np.searchsorted(parents, chosen), np.searchsorted(parents, chosen, "right")
     return runs(first, last - first)
 
 
 def runs(firsts: Ints, counts: Ints) -> Ints:
-    """One run of whole numbers after another: (n,) first numbers, and (n,) how many each run has."""
+    """Concatenate runs of consecutive whole numbers, each with its first number and its count."""
     begins = np.cumsum(counts) - counts
     found: Ints = np.arange(int(counts.sum())) + np.repeat(firsts - begins, counts)
     return found
 
 
 @dataclass(frozen=True, slots=True)
-class Places:
-    """Where an array holds each value: looked up without a look at all of it.
+class ValueIndex:
+    """Finds values in an array without a look at all of it.
 
     Attributes:
-        ordered: (n,) its values, rising.
-        order: (n,) the place of each in the array.
+        ordered: (n,) the sorted values.
+        order: (n,) the position of each in the array.
     """
 
     ordered: Ints
     order: Ints
 
     @classmethod
-    def of(cls, values: Ints) -> "Places":
-        """Sort (n,) values."""
+    def of(cls, values: Ints) -> "ValueIndex":
+        """Index (n,) values."""
         order = np.argsort(values, kind="stable")
         return cls(values[order], order)
 
     def holding(self, values: Ints) -> tuple[Ints, Ints]:
-        """(found,) the places, rising, of (values,) distinct ones, and (found,) which of these each place holds."""
+        """(found,) sorted positions of (values,) distinct values, and (found,) which of these each position holds."""
         first, last = np.searchsorted(self.ordered, values), np.searchsorted(self.ordered, values, "right")
         places, which = self.order[runs(first, last - first)], np.repeat(np.arange(len(values)), last - first)
-        rising = np.argsort(places)
-        return places[rising], which[rising]
+        order = np.argsort(places)
+        return places[order], which[order]
 
 
 def interpolated(at: Floats, points: Floats, columns: Floats) -> Floats:
-    """(places, columns) straight between (points, columns) of rising (points,), at (places,); held beyond the ends."""
+    """(places, columns) linear interpolation of (points, columns) at sorted (points,), held beyond both ends."""
     found = [np.interp(at, points, column) for column in columns.T]
     return np.stack(found, axis=1) if found else np.zeros((len(at), 0))
 
 
-def pieces_of(links: Ints, count: int) -> Ints:
-    """(count,) the same number for those that hang together by (links, 2), numbered in the order of their first."""
-    # Imported here, as it takes longer than many a bake.
+def smoothstep(t: Floats, factor: Floats | float = 1.0) -> Floats:
+    """(…) a factor times 3t² - 2t³, which rises from 0 to 1 over [0, 1] and is level at both ends."""
+    # The factor comes first, as rounding depends on the order of the products.
+    stepped: Floats = factor * t * t * (3.0 - 2.0 * t)
+    return stepped
+
+
+def significant(value: float, digits: int) -> float:
+    """Round a value to some significant decimal digits."""
+    return float(f"{value:.{digits}g}")
+
+
+def components(links: Ints, count: int) -> Ints:
+    """(count,) the connected component of each thing by (links, 2), numbered in the order of their first things."""
+    # Imported here, as scipy takes longer to import than many a bake.
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
     graph = coo_array((np.ones(len(links)), (links[:, 0], links[:, 1])), shape=(count, count))
-    _, pieces = connected_components(graph, directed=False)
-    return np.asarray(pieces, np.intp)
+    return np.asarray(connected_components(graph, directed=False)[1], np.intp)
+
+
+@dataclass(frozen=True, slots=True)
+class VertexFaces:
+    """The triangles round each vertex.
+
+    Attributes:
+        triangles: (triangles, 3) vertices.
+        starts: (vertices + 1,) where each vertex starts in `faces`.
+        faces: (3 triangles,) the sorted triangles of one vertex after another.
+    """
+
+    triangles: Ints
+    starts: Ints
+    faces: Ints
+
+    @classmethod
+    def of(cls, triangles: Ints, vertex_count: int) -> "VertexFaces":
+        """Sort (triangles, 3) by their vertices."""
+        counts = np.bincount(triangles.ravel(), minlength=vertex_count)
+        return cls(triangles, np.append(0, np.cumsum(counts)), np.argsort(triangles.ravel(), kind="stable") // 3)
+
+    def faces_of(self, vertices: Ints) -> Ints:
+        """Sorted triangles that have any of (vertices,)."""
+        if self._are_many(vertices):
+            return np.flatnonzero(any_of(flags_of(vertices, len(self.starts) - 1), self.triangles))
+        first, counts = self.starts[vertices], self.starts[vertices + 1] - self.starts[vertices]
+        return distinct_values(self.faces[runs(first, counts)])
+
+    def normals_at(self, positions: Floats, vertices: Ints) -> Floats:
+        """(chosen, 3) `vertex_normals` of (chosen,) vertices."""
+        if self._are_many(vertices):
+            return normals_at(positions, self.triangles, vertices)
+        faces = self.triangles[self.faces_of(vertices)]
+        used = distinct_values(np.concatenate([faces.ravel(), vertices]))
+        return normals_at(positions[used], np.searchsorted(used, faces), np.searchsorted(used, vertices))
+
+    def _are_many(self, vertices: Ints) -> bool:
+        return len(vertices) > _MANY * (len(self.starts) - 1)

@@ -20,7 +20,7 @@ from wrinklecli.character.rig import moving_nodes
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.weights import fitting_compressible
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import children
+from wrinklecli.numeric.arrays import children, significant
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.memory import MAX_MEMORY
 from wrinklecli.surface.anchor import Anchor
@@ -306,4 +306,4 @@ def _overlaps(plan: MeshPlan) -> list[list[Json]]:
 
 
 def _round(value: float) -> float:
-    return float(f"{float(value):.{_DIGITS}g}")
+    return significant(value, _DIGITS)

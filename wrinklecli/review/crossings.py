@@ -16,7 +16,7 @@ from wrinklecli.character.scene_surface import CrossingPairs, SceneSurface, read
 from wrinklecli.errors import BakeError
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Floats, distinct
+from wrinklecli.numeric.arrays import Floats, distinct, significant
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.review.check import CheckOptions
@@ -194,4 +194,4 @@ def _name(surface: SceneSurface, part: int) -> str:
 
 
 def _round(value: float) -> float:
-    return float(f"{float(value):.{_DIGITS}g}")
+    return significant(value, _DIGITS)

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, unit
+from wrinklecli.numeric.nearest import nearest_of
 from wrinklecli.surface.sites import Sites
 from wrinklecli.surface.strain import along_directions, principal
 
@@ -264,9 +265,7 @@ def sites_with_twins(sites: Sites) -> Bools:
 
     Clips do not matter: an artist wrinkles both arms alike, and a game plays clips that the file lacks.
     """
-    from scipy.spatial import cKDTree
-
-    distances, others = cKDTree(sites.positions).query(sites.positions * [-1.0, 1.0, 1.0])
+    distances, others = nearest_of(sites.positions, sites.positions * [-1.0, 1.0, 1.0])
     facing = np.sum(sites.normals * sites.normals[others] * [-1.0, 1.0, 1.0], axis=1) > _TWIN_FACING
     matched = (distances < sites.spacing) & facing
     symmetric = sites.areas @ matched > _SYMMETRIC * sites.areas.sum()

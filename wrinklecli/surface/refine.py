@@ -16,11 +16,11 @@ from wrinklecli.character.pose import transform
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
 from wrinklecli.choices import Scheme
-from wrinklecli.numeric.around import Around
 from wrinklecli.numeric.arrays import (
     Bools,
     Floats,
     Ints,
+    VertexFaces,
     children,
     distinct,
     distinct_values,
@@ -28,7 +28,7 @@ from wrinklecli.numeric.arrays import (
     unit,
     vertex_normals,
 )
-from wrinklecli.numeric.blocks import Boxes
+from wrinklecli.numeric.boxes import Boxes
 from wrinklecli.numeric.nearest import balls
 from wrinklecli.numeric.red_green import Level
 from wrinklecli.numeric.subdivide import Subdivision, subdivide
@@ -98,9 +98,9 @@ class Refinement:
         return self.around.normals_at(self.bind_positions, vertices)
 
     @cached_property
-    def around(self) -> Around:
+    def around(self) -> VertexFaces:
         """The triangles of each vertex."""
-        return Around.of(self.triangles, len(self.bind_positions))
+        return VertexFaces.of(self.triangles, len(self.bind_positions))
 
     @cached_property
     def rest_normals(self) -> Floats:

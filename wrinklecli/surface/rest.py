@@ -14,9 +14,8 @@ from wrinklecli.character.pose import Pose, blend, joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
 from wrinklecli.errors import BakeError, ConfigError, listed, nearest
-from wrinklecli.numeric.around import Around
-from wrinklecli.numeric.arrays import Floats, Ints, inverses, unit, vertex_normals
-from wrinklecli.numeric.blocks import Blocks
+from wrinklecli.numeric.arrays import Floats, Ints, VertexFaces, inverses, unit, vertex_normals
+from wrinklecli.numeric.nearest import Blocks, nearest_vertex
 from wrinklecli.tools.records import Marker, ToolsFile, WrinkleTool
 
 
@@ -64,9 +63,9 @@ class Rest:
         return carried_normals(self.blended[vertices], self.around.normals_at(self.bind_positions, vertices))
 
     @cached_property
-    def around(self) -> Around:
+    def around(self) -> VertexFaces:
         """The triangles of each vertex."""
-        return Around.of(self.triangles, len(self.bind_positions))
+        return VertexFaces.of(self.triangles, len(self.bind_positions))
 
     @cached_property
     def blocks(self) -> Blocks:
@@ -107,7 +106,7 @@ def _bind_matrices(surface: Surface, rig: Rig, stored: Floats, bind: Floats, too
     # The nearest vertex decides the joint, but the joint decides where vertices lie: a second round settles it.
     for _ in range(2):
         posed = bind @ stored[main, :3, :3].T + stored[main, :3, 3]
-        vertex = int(np.argmin(np.sum((posed - place) ** 2, axis=1)))
+        vertex = nearest_vertex(posed, place)
         main = int(surface.joints[vertex, np.argmax(surface.weights[vertex])])
     return np.tile(stored[main], (len(stored), 1, 1))
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrinklecli.numeric.arrays import Floats, Ints, unit
-from wrinklecli.numeric.nearest import balls
+from wrinklecli.numeric.nearest import balls, nearest_points
 from wrinklecli.surface.compression import CompressedRegion
 from wrinklecli.surface.rest import Rest
 from wrinklecli.surface.sites import Sites
@@ -229,35 +229,3 @@ def _walk(rest: Rest, triangles: Ints, centre: Floats, directions: Floats, step:
     advances = np.sqrt(np.sum(np.diff(columns[2], axis=1) ** 2, axis=2))
     lengths = 1 + np.cumprod(advances > _BORDER * step, axis=1).sum(axis=1)
     return [_Walk(*(column[k, : lengths[k]] for column in columns)) for k in range(count)]
-
-
-def nearest_points(points: Floats, corners: Floats) -> tuple[Ints, Floats]:
-    """Find the nearest points of (triangles, 3, 3) with area to (points, 3).
-
-    Returns:
-        (points,) triangles, the first one of equally near ones, and (points, 3) barycentric coordinates.
-    """
-    # Products of coordinates lose digits far from the origin.
-    middle = points.mean(axis=0)
-    a, ab, ac = corners[:, 0] - middle, corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    aa, bb, mixed = np.sum(ab * ab, axis=1), np.sum(ac * ac, axis=1), np.sum(ab * ac, axis=1)
-    points = points - middle
-    first, second = points @ ab.T - np.sum(a * ab, axis=1), points @ ac.T - np.sum(a * ac, axis=1)
-    determinant = aa * bb - mixed**2
-    v, w = (bb * first - mixed * second) / determinant, (aa * second - mixed * first) / determinant
-    inside = (v >= 0) & (w >= 0) & (v + w <= 1)
-    on_ab, on_ac = np.clip(first / aa, 0.0, 1.0), np.clip(second / bb, 0.0, 1.0)
-    on_bc = np.clip((second - first - mixed + aa) / (aa + bb - 2.0 * mixed), 0.0, 1.0)
-    zero = np.zeros_like(v)
-    vs = np.stack([np.where(inside, v, 0.0), on_ab, zero, 1.0 - on_bc])
-    ws = np.stack([np.where(inside, w, 0.0), zero, on_ac, on_bc])
-    # Squared distances; the first line is without the part that is the same for all four candidates.
-    squared = vs**2 * aa + 2.0 * vs * ws * mixed + ws**2 * bb - 2.0 * (vs * first + ws * second)
-    squared = squared + (np.sum(points**2, axis=1)[:, None] - 2.0 * points @ a.T + np.sum(a**2, axis=1))
-    squared[0] = np.where(inside, squared[0], np.inf)
-    which = squared.argmin(axis=0)
-    triangle = squared.min(axis=0).argmin(axis=1)
-    rows = np.arange(len(points))
-    chosen = which[rows, triangle]
-    v, w = vs[chosen, rows, triangle], ws[chosen, rows, triangle]
-    return triangle, np.stack([1.0 - v - w, v, w], axis=1)

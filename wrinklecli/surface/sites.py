@@ -13,6 +13,7 @@ from scipy.sparse import csr_array
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.numeric.arrays import Floats, Ints, distinct, unit
+from wrinklecli.numeric.nearest import pairs_within
 from wrinklecli.surface.strain import Gauge, principal, strain
 from wrinklecli.surface.strained import StrainedPart
 
@@ -162,10 +163,9 @@ def _neighbours(
         A site's neighbourhood has the sites within the radius and within three steps between neighbours.
     """
     from scipy.sparse import eye_array
-    from scipy.spatial import cKDTree
 
     count = len(positions)
-    close = cKDTree(positions).query_pairs(radius, output_type="ndarray")
+    close = pairs_within(positions, radius)
     pairs = close[np.einsum("pk,pk->p", normals[close[:, 0]], normals[close[:, 1]]) > _SAME_SHEET]
     _, vertices = np.unique(corners, return_inverse=True)
     touched = csr_array(

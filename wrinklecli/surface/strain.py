@@ -17,7 +17,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import LEAST_SCALE, joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
-from wrinklecli.numeric.arrays import Floats, Ints, face_normals, pieces_of, unit
+from wrinklecli.numeric.arrays import Floats, Ints, components, face_normals, unit
 from wrinklecli.numeric.nearest import balls
 from wrinklecli.surface.rest import Rest
 from wrinklecli.surface.strained import StrainedPart, StrainedParts
@@ -89,7 +89,7 @@ def read_gauge(surface: Surface, rest: Rest, rig: Rig) -> Gauge:
 
 def _pieces(triangles: Ints, areas: Floats, count: int) -> Ints:
     """(triangles,) the number of the piece that shared vertices connect; -1 for small pieces."""
-    pieces = pieces_of(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]]]), count)[triangles[:, 0]]
+    pieces = components(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]]]), count)[triangles[:, 0]]
     sizes = np.bincount(pieces, areas, count)
     return np.where(sizes[pieces] < _SMALL_PIECE * areas.sum(), -1, pieces)
 

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from wrinklecli.numeric.arrays import Floats, Ints, unit
+from wrinklecli.numeric.nearest import nearest_points
 from wrinklecli.surface.compression import CompressedRegion
-from wrinklecli.surface.segments import nearest_points, surface_around
+from wrinklecli.surface.segments import surface_around
 from wrinklecli.surface.sites import Sites
 from wrinklecli.surface.strain import principal
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+from wrinklecli.numeric.arrays import significant
 from wrinklecli.tools.json_schema import LENGTH, Schema
 from wrinklecli.tools.schema import TOOL_KEYS
 
@@ -158,12 +159,12 @@ def as_written(control: KeyControl, value: Any, before: Any, rest_distance: floa
         return f"{value:g}%"
     if control.kind == "length" and not isinstance(value, str):
         if isinstance(before, (int, float)) and not isinstance(before, bool):
-            return float(f"{value / 100 * rest_distance:.4g}")
+            return significant(value / 100 * rest_distance, 4)
         return f"{value:g}%"
     if control.kind == "whole":
         return int(value)
     if control.kind == "number":
-        return float(f"{value:.6g}")
+        return significant(value, 6)
     if control.kind == "text" and not value:
         return None
     return value

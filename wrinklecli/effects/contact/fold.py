@@ -21,7 +21,7 @@ from wrinklecli.effects.wrinkle.activity import lengths_over_time
 from wrinklecli.effects.wrinkle.bending import bent_node
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
 from wrinklecli.effects.wrinkle.patch import Patch
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, pieces_of
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, distinct_values
 from wrinklecli.numeric.intersections import Crossings
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rest import Rest
@@ -298,7 +298,7 @@ def _round(pivot: Floats, reach: float, fine: Refinement, seeds: Ints, *, alone:
     triangles = fine.triangles[near[fine.triangles].all(axis=1)]
     vertices, local = np.unique(triangles, return_inverse=True)
     local = local.reshape(-1, 3)
-    pieces = pieces_of(local[:, [0, 1, 1, 2]].reshape(-1, 2), len(vertices))
+    pieces = components(local[:, [0, 1, 1, 2]].reshape(-1, 2), len(vertices))
     wanted = distinct_values(pieces[np.isin(vertices, seeds)])
     own = np.isin(pieces, wanted)
     if alone:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, dot, pieces_of
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, cross, dot
 
 # Stiffness of a contact, relative to the surface round it, below which a step leaves a direction of the contact out.
 _LEAST_STIFFNESS = 0.1
@@ -59,7 +59,7 @@ class Pieces:
         """Find the connected pieces of (triangles, 3) from the (vertices,) that are free."""
         moving = triangles[free[triangles].any(axis=1)]
         ends = moving[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-        labels = pieces_of(ends[free[ends].all(axis=1)], len(free))
+        labels = components(ends[free[ends].all(axis=1)], len(free))
         # All free vertices of a triangle belong to one piece.
         piece = np.where(free[moving], labels[moving], -1).max(axis=1)
         return cls(tuple(moving[piece == each] for each in np.unique(piece)))

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wrinklecli.effects.wrinkle.curve import ControlCurve
-from wrinklecli.numeric.arrays import Bools, Floats, Ints
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, smoothstep
 
 # Two merging bumps count as one where the joined bump has more than this fraction of the height.
 _ONE = 0.7
@@ -88,6 +88,6 @@ def bowed(u: Floats, v: Floats, bow: float, bumps: int) -> Floats:
     fade = min(1.0 / bumps, 0.5)
     t = np.clip(np.minimum(u, 1.0 - u) / fade, 0.0, 1.0)
     # A smoothstep over a bump has a slope of 1.5 B at most: places rise at least a quarter as fast as u, also if B = 1.
-    share = min(1.0, 0.5 * bumps) * t * t * (3.0 - 2.0 * t)
+    share = smoothstep(t, min(1.0, 0.5 * bumps))
     shifted: Floats = u - bow * np.minimum(v * v, 1.0) / (2.0 * bumps) * share
     return shifted

@@ -18,8 +18,8 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.errors import BakeError
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, determinants, inverses, median
-from wrinklecli.numeric.blocks import Blocks
 from wrinklecli.numeric.memory import Memory
+from wrinklecli.numeric.nearest import Blocks
 from wrinklecli.surface.path import Curve, curve_on
 from wrinklecli.surface.refine import Refinement
 

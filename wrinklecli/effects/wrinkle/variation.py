@@ -25,7 +25,7 @@ import numpy as np
 from wrinklecli.choices import Attenuation, Strategy
 from wrinklecli.effects.wrinkle.bumps import Bumps, group_bumps
 from wrinklecli.effects.wrinkle.places import Places
-from wrinklecli.numeric.arrays import Floats, Ints
+from wrinklecli.numeric.arrays import Floats, Ints, smoothstep
 
 # All amounts are those of a variation of 1. Bumps' widths differ by this fraction before they are scaled to fill the
 # segment.
@@ -110,11 +110,12 @@ class Merger:
 
     def together(self, v: Floats) -> Floats:
         """(…,) fraction, at (…,) v, of the way that the crests have come towards each other."""
-        return _smoothstep((self.side * v - self.start) / self.over)
+        return smoothstep(np.clip((self.side * v - self.start) / self.over, 0.0, 1.0))
 
     def share(self, v: Floats) -> Floats:
         """(…,) fraction of the height, at (…,) v, that the joined bump has."""
-        return _smoothstep(((self.side * v - self.start) / self.over - _FILLED_FROM) / (1.0 - _FILLED_FROM))
+        filled = ((self.side * v - self.start) / self.over - _FILLED_FROM) / (1.0 - _FILLED_FROM)
+        return smoothstep(np.clip(filled, 0.0, 1.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -201,7 +202,9 @@ class Variation:
         placed[gaps] = ruled_ends[before] + share * (ruled_starts[behind] - ruled_ends[before])
         factors = self._height(bumps, lines)
         factors[gaps] = 0.0
-        turned = _smoothstep(np.abs(lines) / _TURNED_FROM) * np.where(lines < 0, *self.turns[:, bumps])
+        turned = smoothstep(np.clip(np.abs(lines) / _TURNED_FROM, 0.0, 1.0)) * np.where(
+            lines < 0, *self.turns[:, bumps]
+        )
         stays = (lines == 0.0) | (us <= 0.0) | (us >= 1.0)
         joined, joined_us = np.zeros(len(us)), us.copy()
         for merger in self.mergers:
@@ -305,12 +308,6 @@ def drawn(seed: str, what: str, *shape: int) -> Floats:
     bits = np.frombuffer(digest, "<u8") >> np.uint64(11)  # 53 bits, which a float holds exactly
     numbers: Floats = bits.reshape(shape).astype(np.float64) * 2.0**-52 - 1.0
     return numbers
-
-
-def _smoothstep(t: Floats) -> Floats:
-    t = np.clip(t, 0.0, 1.0)
-    step: Floats = t * t * (3.0 - 2.0 * t)
-    return step
 
 
 def _well_spread(numbers: Floats) -> Floats:

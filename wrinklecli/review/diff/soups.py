@@ -9,7 +9,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.scene import ScenePrimitive, pose_primitive
 from wrinklecli.character.skin import Skin
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
-from wrinklecli.numeric.nearest import farthest, near_triangles, triangle_distances
+from wrinklecli.numeric.distances import farthest, near_triangles, triangle_distances
 
 # Vertices that are posed at once, over all times of a chunk. This bounds the memory: each takes about 100 bytes.
 CHUNK = 2**16

@@ -3,6 +3,7 @@
 import numpy as np
 
 from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.nearest import pairs_within
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.surface.compression import CompressedRegion
 
@@ -14,14 +15,12 @@ _OPPOSITE = -0.3
 
 def rims(mesh: MeasuredMesh) -> Floats:
     """(points, 3) where the surface ends, or looks at itself nearer than two neighbourhoods' radii."""
-    from scipy.spatial import cKDTree
-
     sites, triangles = mesh.sites, mesh.gauge.triangles
     edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
     # One number for each pair of vertices: rows take ten times as long to sort.
     distinct, counts = np.unique(edges @ [len(mesh.rest.positions), 1], return_counts=True)
     ends = mesh.rest.positions[np.unique(np.divmod(distinct[counts == 1], len(mesh.rest.positions)))]
-    pairs = cKDTree(sites.positions).query_pairs(2.0 * sites.radius, output_type="ndarray")
+    pairs = pairs_within(sites.positions, 2.0 * sites.radius)
     first, second = pairs.T
     between = sites.positions[second] - sites.positions[first]
     facing = np.sum(sites.normals[first] * sites.normals[second], axis=1) < _OPPOSITE

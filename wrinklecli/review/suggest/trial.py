@@ -15,7 +15,7 @@ from wrinklecli.baking.warnings import DEPARTURE, placement_warnings
 from wrinklecli.character.clip import Clip
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import Document
-from wrinklecli.numeric.arrays import Ints, distinct_values
+from wrinklecli.numeric.arrays import Ints, distinct_values, significant
 from wrinklecli.review.suggest.fitting import Suggestion
 from wrinklecli.review.suggest.text import tools_text
 from wrinklecli.tools.mirror import exchange_sides
@@ -169,5 +169,5 @@ def _names(suggestion: Suggestion, lies: dict[str, _Lie]) -> Iterator[str]:
 
 
 def _narrower(suggestion: Suggestion) -> Suggestion:
-    width = float(f"{_NARROWER * suggestion.tool.width.value:.2g}")
+    width = significant(_NARROWER * suggestion.tool.width.value, 2)
     return replace(suggestion, tool=replace(suggestion.tool, width=Length(width)))

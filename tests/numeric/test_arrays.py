@@ -1,13 +1,12 @@
-"""Triangles around vertices, by vertex: the same as from a look at all, to the bit."""
+"""Searches by sorted values give what a look at all values gives, to the bit."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wrinklecli.numeric import around
-from wrinklecli.numeric.around import Around
-from wrinklecli.numeric.arrays import Places, any_of, children, flags_of, vertex_normals
+from wrinklecli.numeric import arrays
+from wrinklecli.numeric.arrays import ValueIndex, VertexFaces, any_of, children, flags_of, vertex_normals
 
 
 @pytest.mark.parametrize("many", [0.0, 1.0])
@@ -17,8 +16,8 @@ def test_what_is_around_some_vertices_is_found(many: float, seed: int) -> None:
     places, triangles = rng.normal(size=(20, 3)), rng.integers(0, 20, (30, 3))
     vertices = rng.permutation(20)[: rng.integers(0, 20)]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(around, "_MANY", many)
-        found = Around.of(triangles, 20)
+        patch.setattr(arrays, "_MANY", many)
+        found = VertexFaces.of(triangles, 20)
         assert np.array_equal(found.faces_of(vertices), np.flatnonzero(any_of(flags_of(vertices, 20), triangles)))
         assert np.array_equal(found.normals_at(places, vertices), vertex_normals(places, triangles)[vertices])
 
@@ -34,6 +33,6 @@ def test_children_are_those_whose_parent_is_chosen(seed: int, share: float) -> N
 def test_places_of_values_are_found(seed: int) -> None:
     rng = np.random.default_rng(seed)
     values, wanted = rng.integers(0, 20, 60), rng.permutation(30)[: rng.integers(0, 30)]
-    places, which = Places.of(values).holding(wanted)
+    places, which = ValueIndex.of(values).holding(wanted)
     assert np.array_equal(places, np.flatnonzero(np.isin(values, wanted)))
     assert np.array_equal(wanted[which], values[places])
