@@ -1,25 +1,24 @@
-"""What can go wrong and be said in a line: one flat tree, turned into exit codes by the command line."""
+"""The errors that users can mend: one flat tree, which the command line turns into lines and exit codes."""
 
 import difflib
 from collections.abc import Iterable
 
 _LONGEST = 600  # characters of a message, and of its place
 _MOST_LISTED = 20  # names in a message
-# Names that a hint is looked for among, and how long: of those that people type.
-_MOST_NAMES = 1000
-_LONGEST_NAME = 100
+_MOST_NAMES = 1000  # among which a hint is searched
+_LONGEST_NAME = 100  # characters of a name for a hint; people type no longer ones
 
 
 class WrinkleError(Exception):
-    """A fault that the user can mend; prints as `where: message`, a line for each problem.
+    """A fault of the input, printed as `where: message`, with a line for each problem.
 
     Args:
-        message: What was found and what is accepted.
-        where: File, line and path of it, such as `tools.yaml:12: tools[2].strategy` or
+        message: The value that was found, and the values that are accepted.
+        where: File, line and path, such as `tools.yaml:12: tools[2].strategy` or
             `hand.glb#/meshes/0/primitives/1`.
 
     Attributes:
-        lines: What is printed.
+        lines: The lines to print.
         places: `where` of each line.
     """
 
@@ -52,7 +51,7 @@ class AssetError(WrinkleError):
 
 
 class TooMuchError(AssetError):
-    """It would take more memory than `--max-memory` allows."""
+    """A command would take more memory than `--max-memory` allows."""
 
 
 class BakeError(WrinkleError):
@@ -60,32 +59,32 @@ class BakeError(WrinkleError):
 
 
 class RefusedError(BakeError):
-    """Done, but a limit that the user set (`--max-error`, `--strict`) refuses the result."""
+    """The result exceeds a limit that the user has set (`--max-error`, `--strict`)."""
 
     exit_code = 3
 
 
 def shortened(text: str, longest: int) -> str:
-    """Text without its middle where names or values of a file make it longer than anyone reads."""
+    """Cut the middle out of text that is longer than `longest` characters."""
     half = longest // 2
     return text if len(text) <= longest else f"{text[:half]} … {text[-half:]}"
 
 
 def listed(names: Iterable[str]) -> str:
-    """Names for a message: `'bend', 'fist'`, or `none`; of very many the first, and how many more there are."""
+    """Write names for a message: `'bend', 'fist'`, or `none`. Many names are cut to the first and a number."""
     shown = [repr(name) for name in names]
     more = [f"{len(shown) - _MOST_LISTED:,} more"] if len(shown) > _MOST_LISTED + 1 else []
     return ", ".join([*shown[: _MOST_LISTED + 1 - len(more)], *more]) or "none"
 
 
 def counted(count: int, one: str, many: str = "") -> str:
-    """A number of things for a message: `1 key`, `2 keys`; `many` where an s is not all."""
+    """Write a number of things for a message: `1 key`, `2 keys`. `many` is the plural if it needs more than an s."""
     return f"{count:,} {one if count == 1 else many or one + 's'}"
 
 
 def nearest(name: str, names: Iterable[str]) -> str:
-    """A hint for a message, `; did you mean 'wrist'?`, or nothing where no known name is near."""
-    # Comparing takes the square of the length.
+    """Write a hint for a message, `; did you mean 'wrist'?`, or nothing if no known name is near."""
+    # The comparison takes time by the square of the length.
     short = [each for each in names if len(each) <= _LONGEST_NAME][:_MOST_NAMES]
     near = difflib.get_close_matches(name[:_LONGEST_NAME], short, 1)
     return f"; did you mean {near[0]!r}?" if near else ""

@@ -1,20 +1,18 @@
-"""A pytest plugin for golden tests: `wrinkle_golden` compares a file with one that was kept.
+"""A pytest plugin for golden tests: `wrinkle_golden` compares a file with its golden.
 
-Installing wrinklecli registers it; until a test asks for it, it imports nothing but pytest.
+Installing wrinklecli registers the plugin. It imports nothing but pytest until a test uses it.
 
     def test_knee(wrinkle_golden, tmp_path):
         wrinklecli.bake("character.glb", "tools.yaml", tmp_path / "knee.glb")
         wrinkle_golden(tmp_path / "knee.glb", "goldens/knee.glb")
 
-Where they differ the test fails, and the file that was obtained stays beside the golden as `knee.obtained.glb`.
-`pytest --wrinkle-update` makes it the golden, and still fails the test: a golden is never accepted unseen.
+If the files differ, the test fails, and the file that was obtained stays beside the golden as `knee.obtained.glb`.
+`pytest --wrinkle-update` makes this file the golden, and still fails the test, so that nobody accepts a golden unseen.
 """
 
 import os
-from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -22,8 +20,7 @@ if TYPE_CHECKING:
     from wrinklecli.gltf.document import Document
     from wrinklecli.tools.records import Length
 
-# Lines of each kind of difference in a failed test's message.
-_LINES = 10
+_LINES = 10  # of each kind of difference, in the message of a failed test
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -46,7 +43,7 @@ class WrinkleGolden:
     """Compares files with goldens.
 
     Args:
-        folder: What a golden's path is relative to: the test file's folder.
+        folder: The folder of the test file; paths of goldens are relative to it.
         update: Replace goldens that differ.
     """
 
@@ -60,24 +57,19 @@ class WrinkleGolden:
         golden: str | os.PathLike[str],
         *,
         tolerance: float | str | None = None,
-        posed: bool = False,
-        clips: Sequence[str] = (),
-        fps: float | None = None,
-        allow_external: bool = False,
+        **named: Any,
     ) -> None:
-        """Fail the test where a file differs from its golden.
+        """Fail the test if a file differs from its golden.
 
         Args:
             obtained: The .glb or .gltf to test.
             golden: The .glb to compare with, relative to the test file's folder.
-            tolerance: Scene units, or such as `"0.01%"` of the asset's size; that of `wrinkle diff` where left out.
-            posed: Compare only what a viewer sees move.
-            clips: Names of the clips to compare; all where left out.
-            fps: Frames per second of the times to compare at, besides all keys.
-            allow_external: Read buffers and images outside the file's folder too.
+            tolerance: Scene units, or such as `"0.01%"` of the asset's size; the default of `wrinkle diff` if None.
+            named: Other options by their names in `wrinklecli.DiffOptions`, such as `posed` and `clips`.
 
         Raises:
             ValueError: The golden is no .glb, or the tolerance is no length.
+            TypeError: `DiffOptions` lacks a name of `named`.
         """
         from wrinklecli.errors import WrinkleError
         from wrinklecli.gltf.document import read_document
@@ -86,14 +78,12 @@ class WrinkleGolden:
         kept = self._folder / golden
         if kept.suffix.lower() != ".glb":
             raise ValueError(f"a golden is one file, a .glb, not {os.fspath(golden)!r}")
-        options = DiffOptions(posed=posed, clips=clips, allow_external=allow_external)
         if tolerance is not None:
-            options = replace(options, tolerance=_length(tolerance))
-        if fps is not None:
-            options = replace(options, fps=fps)
+            named["tolerance"] = _length(tolerance)
+        options = DiffOptions(**named)
         beside = kept.with_name(f"{kept.stem}.obtained{kept.suffix}")
         try:
-            document = read_document(obtained, allow_external=allow_external)
+            document = read_document(obtained, allow_external=options.allow_external)
             if kept.exists():
                 comparison = diff(kept, obtained, options)
                 if comparison.same:
@@ -115,7 +105,7 @@ class WrinkleGolden:
 
 
 def _keep(document: "Document", path: Path) -> None:
-    """Write a document as one file: the same bytes where it is one, else with all its parts embedded."""
+    """Write a document as one file: with the same bytes if it is one, else with all its parts embedded."""
     from wrinklecli.files.outputs import Outputs
     from wrinklecli.gltf.document import GLB_MAGIC
     from wrinklecli.gltf.edit import EditedDocument

@@ -22,8 +22,8 @@ from wrinklecli.cli.track import track
 from wrinklecli.errors import WrinkleError
 
 _BUG = 70  # EX_SOFTWARE of sysexits.h
-# Of objects between two searches for rubbish, 700 by default: more than are there when a small bake ends. What is
-# imported stays to the end; to search it again and again is an eighth of a small bake's time.
+# New objects before Python searches for garbage; 700 by default. A small bake makes fewer than this. Imported modules
+# stay to the end, and searching them again and again is an eighth of the time of a small bake.
 _BEFORE_COLLECTION = 100_000
 
 
@@ -50,11 +50,11 @@ for _command in (inspect, suggest, edit, check, bake, preview, diff, track, batc
 
 def main() -> None:
     """Run `wrinkle`; the one place where errors become lines and exit codes."""
-    # Bakes use one thread anyway; OpenBLAS takes 40 MB for each of as many as there are cores while it is loaded, and
-    # where `--max-memory` leaves it less than that, it tries for ever.
+    # Bakes use one thread. OpenBLAS takes 40 MB for each core when it is loaded, and if `--max-memory` leaves less than
+    # that, OpenBLAS tries for ever.
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     gc.set_threshold(_BEFORE_COLLECTION)
-    # To search all that is imported once more at exit is a seventh of a small bake.
+    # One more search of all modules at exit is a seventh of the time of a small bake.
     atexit.register(gc.freeze)
     open_streams()
     try:
@@ -70,7 +70,7 @@ def main() -> None:
         for line in error.lines:
             say(line)
         sys.exit(error.exit_code)
-    except MemoryError:  # while libraries are loaded; later, `guarded` says which file it was
+    except MemoryError:  # while libraries are loaded; later, `guarded` names the file
         say("wrinkle: takes more memory than there is, or than --max-memory allows")
         sys.exit(1)
     except Exception as error:

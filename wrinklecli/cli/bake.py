@@ -1,27 +1,12 @@
 """`wrinkle bake`."""
 
-from typing import Any, get_args
+from typing import Any
 
 import click
 
-from wrinklecli.choices import Engine, FrameFormat, Mode, Storage, Tracks
+from wrinklecli.cli import options as opt
 from wrinklecli.cli.depfile import dependencies
-from wrinklecli.cli.options import (
-    FILE,
-    allow_external_option,
-    anim_option,
-    clip_option,
-    fps_option,
-    length,
-    max_levels_option,
-    max_memory_option,
-    max_vertices_option,
-    quiet_option,
-    strict_option,
-    tool_option,
-    verbose_option,
-)
-from wrinklecli.cli.output import Progress, say, warn
+from wrinklecli.cli.output import Progress, say, say_findings
 from wrinklecli.cli.streams import command_outputs
 
 
@@ -29,83 +14,65 @@ from wrinklecli.cli.streams import command_outputs
     short_help="Make wrinkles: morph targets and their weights.",
     epilog="Example: wrinkle bake samples/trousers.glb configs/trousers.yaml -o out.glb",
 )
-@click.argument("asset", type=FILE)
-@click.argument("tools", type=FILE)
-@click.option("-o", "--output", type=FILE, metavar="OUT", help="The .glb or .gltf to write.")
-@click.option(
+@click.argument("asset", type=opt.FILE)
+@click.argument("tools", type=opt.FILE)
+@opt.file("-o", "--output", metavar="OUT", text="The .glb or .gltf to write.")
+@opt.choice(
     "--mode",
-    type=click.Choice(get_args(Mode)),
-    default="morph",
-    show_default=True,
-    help="morph: keep the skin, add morph targets and their weights. frames: a posed mesh for each frame.",
+    ("morph", "frames"),
+    "morph: keep the skin, add morph targets and their weights. frames: a posed mesh for each frame.",
 )
-@anim_option("They get into OUT.")
-@clip_option("Bake only this clip; may be repeated.")
-@tool_option("Bake only this tool; may be repeated.")
-@fps_option("Frames per second; overrides sampling.fps (30).")
+@opt.anim("They get into OUT.")
+@opt.clip("Bake only this clip; may be repeated.")
+@opt.tool("Bake only this tool; may be repeated.")
+@opt.fps("Frames per second; overrides sampling.fps (30).")
 @click.option(
     "--max-error",
     metavar="LENGTH",
     default="1%",
     show_default=True,
-    callback=length,
+    callback=opt.length,
     help="Refuse a file that is off by more: scene units, or per cent of the tallest wrinkle.",
 )
-@max_levels_option()
+@opt.max_levels
 @click.option(
     "--edges-per-interval", type=click.IntRange(1, 16), help="Overrides refinement.edges_per_interval: on half a bump."
 )
-@max_vertices_option()
-@click.option(
+@opt.max_vertices
+@opt.choice(
     "--accessors",
-    type=click.Choice(get_args(Storage)),
-    default="sparse",
-    show_default=True,
-    help="Of morph targets. dense: for readers without sparse accessors; based: sparse, with zeros below for Godot 3,"
-    " VTK and f3d.",
+    ("sparse", "dense", "based"),
+    "How morph targets are stored. dense: for readers without sparse accessors; based: sparse, with zeros below for"
+    " Godot 3, VTK and f3d.",
 )
-@click.option(
-    "--tracks",
-    type=click.Choice(get_args(Tracks)),
-    default="all",
-    show_default=True,
-    help="none: write targets and extras, but no weight tracks.",
-)
+@opt.choice("--tracks", ("all", "none"), "none: write targets and extras, but no weight tracks.")
 @click.option("--draft", is_flag=True, help="A quick look: no proof, one level of refinement less; OUT says so.")
 @click.option(
     "--split",
     is_flag=True,
-    help="Meshes in parts, NAME_part2 and so on beside NAME, each with the morph targets alone that move it: engines"
-    " unpack targets over whole meshes.",
+    help="Divide meshes into parts, NAME_part2 and so on beside NAME, each with only the morph targets that move it:"
+    " engines unpack targets over whole meshes.",
 )
 @click.option("--morph-tangents", is_flag=True, help="Add TANGENT to targets where the mesh has tangents.")
 @click.option(
     "--engine",
-    type=click.Choice(get_args(Engine)),
+    type=click.Choice(["three", "unity", "spec8", "vtk", "godot3"]),
     help="Hold targets to what it plays, or refuse. three: 256 targets, 4 joints a vertex; unity: weights from 0 to 1"
     " (the asset's own are only reported); spec8: 8 targets at a time; vtk (f3d too): 4 targets, based; godot3: based.",
 )
-@click.option("--frames-dir", type=FILE, metavar="DIR", help="Also write a file for each frame into DIR.")
-@click.option(
-    "--frames-format",
-    type=click.Choice(get_args(FrameFormat)),
-    default="obj",
-    show_default=True,
-    help="Of the files in DIR.",
-)
-@click.option("--report", type=FILE, metavar="FILE.json", help="Write what was made and how exact it is.")
-@click.option(
-    "--timings", type=FILE, metavar="FILE.json", help="Write what it took: seconds by stage, frames per second, memory."
-)
-@click.option("--depfile", type=FILE, metavar="FILE.d", help="Write the files that OUT depends on, for Make and Ninja.")
-@allow_external_option()
-@max_memory_option()
+@opt.file("--frames-dir", metavar="DIR", text="Also write a file for each frame into DIR.")
+@opt.choice("--frames-format", ("obj", "ply", "glb"), "The format of the files in DIR.")
+@opt.file("--report", metavar="FILE.json", text="Write what was made and how exact it is.")
+@opt.file("--timings", metavar="FILE.json", text="Write seconds by stage, frames per second, and memory.")
+@opt.file("--depfile", metavar="FILE.d", text="Write the files that OUT depends on, for Make and Ninja.")
+@opt.allow_external()
+@opt.max_memory
 @click.option(
     "--replace", is_flag=True, help="Where ASSET is the output of a bake: bake its original, as if from another folder."
 )
-@strict_option()
-@quiet_option()
-@verbose_option()
+@opt.strict
+@opt.quiet()
+@opt.verbose()
 def bake(
     asset: str,
     tools: str,
@@ -151,9 +118,8 @@ def bake(
         from wrinklecli.baking.job import BakeOptions
         from wrinklecli.baking.report import as_json
 
-        for path in (report, timings, depfile):
-            if path is not None:
-                outputs.claim(path)
+        for path in filter(None, (report, timings, depfile)):
+            outputs.claim(path)
         chosen = BakeOptions(details=report is not None, **options)
         made = run(asset, tools, output, chosen, outputs=outputs, progress=progress.show)
         if report is not None:
@@ -164,14 +130,8 @@ def bake(
             outputs.add_bytes(depfile, dependencies(output, made.inputs))
     if quiet:
         return
-    for note in made.notes:
-        say(f"note: {note}")
-    for warning in made.warnings:
-        warn(warning)
-    if verbose:
-        for tool in made.data["tools"]:
-            say(
-                f"{tool['name']} on {tool['node']}: {tool['moved_vertices']} vertices,"
-                f" targets {', '.join(tool['targets']) or 'none'}"
-            )
+    say_findings(made.notes, made.warnings)
+    for tool in made.data["tools"] if verbose else ():
+        moved, targets = tool["moved_vertices"], ", ".join(tool["targets"]) or "none"
+        say(f"{tool['name']} on {tool['node']}: {moved} vertices, targets {targets}")
     say(f"{output or options['frames_dir']}: {made.summary}")

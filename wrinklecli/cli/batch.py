@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from wrinklecli.cli.options import FILE, quiet_option, strict_option, verbose_option
+from wrinklecli.cli import options as opt
 from wrinklecli.cli.output import Progress, emit, say, warn
 from wrinklecli.cli.streams import job_outputs, leave_at_signals
 from wrinklecli.errors import WrinkleError, counted
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _CACHE = ".wrinkle-cache"
 _VERSION = 1
 _MODELS = (".glb", ".gltf")
-# What a job's end means for the command's, the worst first.
+# The exit code of the command for the worst outcome of a job, the worst first.
 _EXIT_CODES = {"bug": 70, "failed": 1, "refused": 3}
 
 
@@ -29,15 +29,17 @@ _EXIT_CODES = {"bug": 70, "failed": 1, "refused": 3}
     short_help="Bake many assets, here or on a Dask cluster.",
     epilog="Example: wrinkle batch 'chars/*.glb' --tools tools.yaml --out 'out/{stem}.glb' -j 2",
 )
-@click.argument("manifest", type=FILE)
-@click.option("--tools", type=FILE, metavar="TOOLS", help="Of jobs that name none.")
-@click.option("--out", metavar="PATH", help="Of jobs that name none; {stem} is an asset's name, {folder} its folder.")
+@click.argument("manifest", type=opt.FILE)
+@opt.file("--tools", metavar="TOOLS", text="The tools file of jobs that name none.")
+@click.option(
+    "--out", metavar="PATH", help="The output of jobs that name none; {stem} is an asset's name, {folder} its folder."
+)
 @click.option(
     "-j", "--jobs", type=click.IntRange(1, 1024), default=1, show_default=True, metavar="N", help="Worker processes."
 )
 @click.option("--scheduler", metavar="tcp://HOST:PORT", help="Use the workers of this Dask scheduler instead.")
-@click.option("--cache", metavar="DIR_OR_URL", help=f"Of outputs.  [default: {_CACHE} beside MANIFEST]")
-@click.option("--keep-going/--fail-fast", default=True, show_default=True, help="After a job that failed.")
+@click.option("--cache", metavar="DIR_OR_URL", help=f"Where outputs are kept.  [default: {_CACHE} beside MANIFEST]")
+@click.option("--keep-going/--fail-fast", default=True, show_default=True, help="What to do after a job that failed.")
 @click.option("--dry-run", is_flag=True, help="Say what would be baked, and why; bake nothing.")
 @click.option(
     "--retry",
@@ -47,11 +49,11 @@ _EXIT_CODES = {"bug": 70, "failed": 1, "refused": 3}
     metavar="N",
     help="Begin a job again whose worker died or whose store did not answer.",
 )
-@click.option("--report", type=FILE, metavar="FILE.jsonl", help="Write a line for each job as it ends; - is stdout.")
+@opt.file("--report", metavar="FILE.jsonl", text="Write a line for each job as it ends; - is stdout.")
 @click.option("--dashboard", is_flag=True, help="Serve Dask's dashboard, and say where.")
-@strict_option()
-@quiet_option()
-@verbose_option("Print a line for each job.")
+@opt.strict
+@opt.quiet()
+@opt.verbose("Print a line for each job.")
 def batch(
     manifest: str,
     jobs: int,
@@ -104,16 +106,16 @@ def batch(
         workers = Workers(jobs, scheduler, dashboard)
         done = run_jobs(every, settings, workers, open_outputs=job_outputs, tell=lambda line: say(f"note: {line}"))
     leave_at_signals()  # between jobs, and where workers do them, which end with it
-    told = _Told(len(every), quiet=quiet, verbose=verbose, dry_run=dry_run)
-    with _report(report, every, manifest) as write, told:
+    monitor = _Monitor(len(every), quiet=quiet, verbose=verbose, dry_run=dry_run)
+    with _report(report, every, manifest) as write, monitor:
         for outcome in done:
             write(json.dumps(_line(outcome), allow_nan=False))
-            told.show(outcome)
+            monitor.show(outcome)
             if not outcome.done and not keep_going:
                 break
-    told.summarize()
+    monitor.summarize()
     for result, code in _EXIT_CODES.items():
-        if told.counts.get(result):
+        if monitor.counts.get(result):
             sys.exit(code)
 
 
@@ -135,10 +137,10 @@ def _refuse_usage(
 
 @contextmanager
 def _report(path: str | None, jobs: "Sequence[BatchJob]", manifest: str) -> Iterator[Callable[[str], object]]:
-    """What writes a line of the report, at once: what is written is true even if the rest never comes.
+    """Open the report and give a function that writes one line at once, so that an ended batch leaves its lines.
 
     Raises:
-        WrinkleError: It is an input or an output, or cannot be written.
+        WrinkleError: The report is also an input or an output, or cannot be written.
     """
     if path is None or path == "-":
         yield click.echo if path else lambda _line: None
@@ -162,7 +164,7 @@ def _report(path: str | None, jobs: "Sequence[BatchJob]", manifest: str) -> Iter
 
 
 def _is_same(path: str, other: str) -> bool:
-    """Whether two paths name one file, which need not be there."""
+    """True if two paths name one file, which need not exist."""
     try:
         return os.path.samefile(path, other)
     except (OSError, ValueError):
@@ -179,7 +181,7 @@ def _writing(path: str) -> Iterator[None]:
 
 
 def _line(outcome: "Outcome") -> dict[str, Any]:
-    """What a report says of a job."""
+    """One line of the report, as JSON values."""
     job = outcome.job
     return {
         "batch": _VERSION,
@@ -200,8 +202,8 @@ def _line(outcome: "Outcome") -> dict[str, Any]:
     }
 
 
-class _Told:
-    """What people are told of a batch: failures as they come, a bar with rate and time left, a table at the end."""
+class _Monitor:
+    """Prints failures as they come, a bar with the rate and the remaining time, and a table at the end."""
 
     def __init__(self, total: int, *, quiet: bool, verbose: bool, dry_run: bool) -> None:
         self._total, self._quiet, self._verbose, self._dry_run = total, quiet, verbose, dry_run
@@ -212,7 +214,7 @@ class _Told:
         self._warnings = 0
         self.counts: dict[str, int] = {}
 
-    def __enter__(self) -> "_Told":
+    def __enter__(self) -> "_Monitor":
         self._progress.__enter__()
         return self
 
@@ -220,7 +222,7 @@ class _Told:
         self._progress.__exit__()
 
     def show(self, outcome: "Outcome") -> None:
-        """Tell of a job that has ended."""
+        """Print the outcome of a job."""
         result = outcome.result
         self.counts[result] = self.counts.get(result, 0) + 1
         self._seconds[result] = self._seconds.get(result, 0.0) + outcome.seconds
@@ -238,11 +240,11 @@ class _Told:
             say(f"{outcome.job.out}: {result}, {outcome.reason}: {outcome.summary}")
         done = sum(self.counts.values())
         taken = max(time.monotonic() - self._start, 1e-3)
-        left = taken / done * (self._total - done)
-        self._progress.show("batch", done, self._total, note=f"{done / taken:.3g} a second, {_time(left)} left")
+        remaining = taken / done * (self._total - done)
+        self._progress.show("batch", done, self._total, note=f"{done / taken:.3g} a second, {_time(remaining)} left")
 
     def summarize(self) -> None:
-        """Tell of all of them."""
+        """Print the table and the last line."""
         if self._quiet:
             return
         if not self._dry_run and len(self.counts) + self._total > 2:
@@ -261,7 +263,7 @@ class _Told:
 
 
 def _planned(outcome: "Outcome") -> str:
-    """What a dry run says of a job."""
+    """The line of a job in a dry run."""
     if outcome.result == "built":
         return f"would be built: {outcome.reason}"
     return "is in place" if outcome.reason == "in place" else "would be taken from the cache"

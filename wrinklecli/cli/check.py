@@ -5,24 +5,9 @@ from typing import Any
 
 import click
 
+from wrinklecli.cli import options as opt
 from wrinklecli.cli.crossings import emit_crossings
-from wrinklecli.cli.options import (
-    FILE,
-    allow_external_option,
-    anim_option,
-    clip_option,
-    fps_option,
-    json_option,
-    max_levels_option,
-    max_memory_option,
-    max_vertices_option,
-    morph_option,
-    pose_option,
-    range_of_motion_option,
-    strict_option,
-    tool_option,
-)
-from wrinklecli.cli.output import Progress, emit, emit_json
+from wrinklecli.cli.output import Progress, aligned, emit, emit_json
 from wrinklecli.cli.streams import command_outputs
 from wrinklecli.errors import RefusedError, counted
 
@@ -31,27 +16,27 @@ from wrinklecli.errors import RefusedError, counted
     short_help="What each tool would do; bakes nothing.",
     epilog="Example: wrinkle check samples/trousers.glb configs/trousers.yaml --clip squat --plot knees.svg",
 )
-@click.argument("asset", type=FILE)
-@click.argument("tools", type=FILE, required=False)
-@anim_option("")
-@range_of_motion_option("Look at that too.")
-@pose_option()
-@morph_option()
-@clip_option("Look at this clip only; may be repeated.")
-@tool_option("Look at this tool only; may be repeated.")
-@fps_option("Frames per second; overrides sampling.fps (30).")
-@max_levels_option()
-@max_vertices_option()
-@allow_external_option()
-@max_memory_option()
-@click.option("--plot", type=FILE, metavar="FILE.png|svg", help="Draw control curves, and heights over each clip.")
+@click.argument("asset", type=opt.FILE)
+@click.argument("tools", type=opt.FILE, required=False)
+@opt.anim()
+@opt.range_of_motion("Look at that too.")
+@opt.pose
+@opt.morph
+@opt.clip("Look at this clip only; may be repeated.")
+@opt.tool("Look at this tool only; may be repeated.")
+@opt.fps("Frames per second; overrides sampling.fps (30).")
+@opt.max_levels
+@opt.max_vertices
+@opt.allow_external()
+@opt.max_memory
+@opt.file("--plot", metavar="FILE.png|svg", text="Draw control curves, and heights over each clip.")
 @click.option(
     "--crossings",
     is_flag=True,
     help="Count the edges that pass through triangles instead, in 13 moments of each clip or --fps of them a second.",
 )
-@json_option("Print JSON instead of tables.")
-@strict_option()
+@opt.json("Print JSON instead of tables.")
+@opt.strict
 def check(
     asset: str, tools: str | None, plot: str | None, crossings: bool, as_json: bool, strict: bool, **options: Any
 ) -> None:
@@ -156,14 +141,14 @@ def _rows(tool: dict[str, Any]) -> list[str]:
 
 
 def _rounding(tool: dict[str, Any]) -> str:
-    """What refinement does to the surface where nothing wrinkles."""
+    """The change of the surface at rest that refinement makes."""
     departure, hard = _percent(100 * tool["departure"]), _percent(100 * tool["hard_edges"])
     rounded = f"rounded by up to {departure} % of the tallest wrinkle" if tool["departure"] else "as it was"
     return f"{rounded}; {hard} % of the edges are hard" if tool["hard_edges"] else rounded
 
 
 def _tissue(tool: dict[str, Any]) -> str:
-    """What of each shortening makes no wrinkles, and what would have to."""
+    """The share of each shortening that makes no wrinkles, and the share at which bumps are just full."""
     fitting = math.ceil(100 * tool["fitting_compressible"])
     if not tool["clips"]:
         would = ""
@@ -178,7 +163,7 @@ def _tissue(tool: dict[str, Any]) -> str:
 
 
 def _clip_table(clips: list[dict[str, Any]]) -> list[str]:
-    """A line for each clip, aligned, and a heading."""
+    """An aligned table with a heading and a line for each clip."""
     table = [["clip", "shortening", "at", "height", "unabsorbed"]]
     for clip in clips:
         if clip["shortening"] is None:
@@ -194,12 +179,7 @@ def _clip_table(clips: list[dict[str, Any]]) -> list[str]:
                 f"{_percent(100 * clip['unabsorbed'])} %" if clip["unabsorbed"] else "-",
             ]
         )
-    widths = [max(len(row[k]) for row in table) for k in range(len(table[0]))]
-    aligned = (
-        [row[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))]
-        for row in table
-    )
-    return ["  ".join(row).rstrip() for row in aligned]
+    return aligned(table, texts=1)
 
 
 def _percent(value: float) -> str:

@@ -1,12 +1,11 @@
-"""What `wrinkle check --crossings` prints."""
+"""`wrinkle check --crossings`."""
 
 from typing import Any
 
 from wrinklecli.cli.output import Progress, emit, emit_json, warn
 from wrinklecli.errors import RefusedError, counted
 
-# Places of a clip that are listed; those of fewer crossings are summed.
-_MOST_PLACES = 8
+_MOST_PLACES = 8  # of a clip, with the most crossings; the others are summed
 
 
 def emit_crossings(asset: str, tools: str | None, *, as_json: bool, strict: bool, **options: Any) -> None:
@@ -51,7 +50,7 @@ def _changed(counts: list[int]) -> str:
 
 
 def _most(clip: dict[str, Any]) -> str:
-    """When the last state has most."""
+    """The moment in which the last state has the most crossings."""
     counts = clip["counts"][-1]
     if not any(counts):
         return ""

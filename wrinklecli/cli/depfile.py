@@ -10,18 +10,18 @@ from collections.abc import Iterable
 
 from wrinklecli.errors import WrinkleError
 
-# Control characters, wildcards, and what ends a list of files or means something else in one of the two.
+# Control characters, wildcards, and characters that end a list of files or have a meaning in Make or Ninja.
 _NOT_CARRIED = re.compile(r"[\x00-\x1f\x7f*?\[;|<>^`]")
-# A backslash that would quote what quotes it, in one of the two; what they drop, look up elsewhere or assign.
+# A backslash before a character that is itself quoted; names that one of the two drops, looks up elsewhere or assigns.
 _NOT_CARRIED_AT = re.compile(r"\\[#:$=]|[ :\\)]$|^(\./+)*(~|-l|\.[A-Z_]+$)|^[+!]?=|^$")
-# As the target of a rule: a pattern, a variable, several targets as one, an option of Make's.
+# A target that would be a pattern, a variable, a group of targets, or an option of Make.
 _NO_TARGET = re.compile(r"[%=]|&$|^(\./+)*\.[^/]*$")
-# Before a word with =, these make it a variable.
+# These words make the word behind them a variable if it has a =.
 _MODIFIERS = {"define", "export", "override", "private", "undefine", "unexport"}
 
 
 def dependencies(target: str, inputs: Iterable[str]) -> bytes:
-    """A Make rule that rebuilds the target when an input changes, and an empty rule for each input.
+    """Write a Make rule that rebuilds the target when an input changes, and an empty rule for each input.
 
     The empty rules keep Make going when an input is renamed; a path that means something else there has none.
 
@@ -48,5 +48,5 @@ def _refusal(path: str) -> WrinkleError:
 
 
 def _escape(path: str) -> str:
-    """A path in a Make rule: a space and the backslashes before it, # and : quoted by backslashes, $ doubled."""
+    """Quote a path for a Make rule: spaces (with backslashes before them), # and : by backslashes, $ by another $."""
     return re.sub(r"(\\*) ", r"\1\1\\ ", path).replace("$", "$$").replace("#", r"\#").replace(":", r"\:")

@@ -6,49 +6,38 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from wrinklecli.cli.options import (
-    FILE,
-    allow_external_option,
-    clip_option,
-    fps_option,
-    json_option,
-    length,
-    max_memory_option,
-    quiet_option,
-    verbose_option,
-)
+from wrinklecli.cli import options as opt
 from wrinklecli.cli.output import Progress, emit, emit_json
 
 if TYPE_CHECKING:
     from wrinklecli.review.diff.diff import Comparison
 
-# Lines of one kind; --verbose shows all.
-_LINES = 10
+_LINES = 10  # of one kind of difference; --verbose shows all
 
 
 @click.command(
     short_help="Whether two assets are the same, by meaning.",
     epilog="Example: wrinkle diff goldens/trousers.glb out/trousers.glb --tolerance 0.01%",
 )
-@click.argument("a", type=FILE)
-@click.argument("b", type=FILE)
+@click.argument("a", type=opt.FILE)
+@click.argument("b", type=opt.FILE)
 @click.option(
     "--tolerance",
     metavar="LENGTH",
     default="0.0001%",
     show_default=True,
-    callback=length,
+    callback=opt.length,
     help="Greatest distance at which they are the same: scene units, or per cent of the asset's size (its box's"
     " diagonal). The default is eight float32 roundings, which is what the same bake may differ by between processors.",
 )
 @click.option("--posed", is_flag=True, help="Compare only what a viewer sees move: posed positions over time.")
-@clip_option("Compare only this clip; may be repeated.")
-@fps_option("Frames per second of the times to compare at, besides all keys.", default=30.0)
-@allow_external_option("Read buffers and images outside the assets' folders too.")
-@max_memory_option()
-@json_option("Print the comparison as JSON.")
-@quiet_option("Print nothing but errors: the exit code says it.")
-@verbose_option(f"Print every difference, not {_LINES} of each kind.")
+@opt.clip("Compare only this clip; may be repeated.")
+@opt.fps("Frames per second of the times to compare at, besides all keys.", default=30.0)
+@opt.allow_external("Read buffers and images outside the assets' folders too.")
+@opt.max_memory
+@opt.json("Print the comparison as JSON.")
+@opt.quiet("Print nothing but errors: the exit code says it.")
+@opt.verbose(f"Print every difference, not {_LINES} of each kind.")
 def diff(a: str, b: str, *, as_json: bool, quiet: bool, verbose: bool, **options: Any) -> None:
     """Compare two assets (glTF), a golden A and a fresh bake B.
 
@@ -85,8 +74,7 @@ def diff(a: str, b: str, *, as_json: bool, quiet: bool, verbose: bool, **options
         with Progress(quiet=quiet) as progress:
             comparison = run(a, b, progress=progress.show, **options)
     except WrinkleError as error:
-        # 1 means that they differ.
-        error.exit_code = 2
+        error.exit_code = 2  # 1 means that they differ
         raise
     if as_json:
         emit_json({"diff": 1, "same": comparison.same, "a": a, "b": b, **_data(comparison, posed=options["posed"])})
@@ -100,12 +88,12 @@ def diff(a: str, b: str, *, as_json: bool, quiet: bool, verbose: bool, **options
 
 
 def _data(comparison: "Comparison", *, posed: bool) -> dict[str, Any]:
-    """What `--json` prints of a comparison."""
+    """The comparison as JSON values."""
     from dataclasses import asdict
 
     differences = [asdict(difference) for difference in comparison.differences]
     for each in differences:
-        # A number that is none, such as NaN, is infinitely far from others; JSON has no infinity.
+        # NaN is infinitely far from other numbers; JSON has no infinity.
         if each["distance"] is not None and not math.isfinite(each["distance"]):
             each["distance"] = None
     return {

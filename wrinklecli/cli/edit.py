@@ -8,14 +8,7 @@ from typing import Any
 
 import click
 
-from wrinklecli.cli.options import (
-    FILE,
-    allow_external_option,
-    anim_option,
-    max_memory_option,
-    quiet_option,
-    range_of_motion_option,
-)
+from wrinklecli.cli import options as opt
 from wrinklecli.cli.output import emit, say, warn
 from wrinklecli.errors import WrinkleError
 
@@ -26,10 +19,10 @@ _PORT = 8765
     short_help="A web page on which tools are drawn and tuned.",
     epilog="Example: wrinkle edit samples/trousers.glb configs/trousers.yaml",
 )
-@click.argument("asset", type=FILE)
-@click.argument("tools", type=FILE, required=False)
-@anim_option("")
-@range_of_motion_option("Without clips that is done anyway.")
+@click.argument("asset", type=opt.FILE)
+@click.argument("tools", type=opt.FILE, required=False)
+@opt.anim()
+@opt.range_of_motion("Without clips that is done anyway.")
 @click.option("--heat", is_flag=True, help="Begin with the surface coloured by its compression.")
 @click.option(
     "--port",
@@ -46,9 +39,9 @@ _PORT = 8765
     help="The address to listen on. At any other than this machine's own, whoever reaches it sees and changes all.",
 )
 @click.option("--no-browser", is_flag=True, help="Print the page's address, and open no browser.")
-@allow_external_option()
-@max_memory_option()
-@quiet_option("Print nothing but the address, and errors.")
+@opt.allow_external()
+@opt.max_memory
+@opt.quiet("Print nothing but the address, and errors.")
 def edit(
     asset: str,
     tools: str | None,

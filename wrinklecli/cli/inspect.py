@@ -5,17 +5,17 @@ from typing import Any
 
 import click
 
-from wrinklecli.cli.options import FILE, allow_external_option, json_option, max_memory_option
+from wrinklecli.cli import options as opt
 from wrinklecli.cli.output import emit, emit_json
 from wrinklecli.errors import counted
 from wrinklecli.numeric.memory import shown_bytes
 
 
 @click.command(short_help="What is in an asset.", epilog="Example: wrinkle inspect samples/trousers.glb")
-@click.argument("asset", type=FILE)
-@allow_external_option()
-@max_memory_option()
-@json_option("Print JSON instead of a tree.")
+@click.argument("asset", type=opt.FILE)
+@opt.allow_external()
+@opt.max_memory
+@opt.json("Print JSON instead of a tree.")
 def inspect(asset: str, allow_external: bool, max_memory: int, as_json: bool) -> None:
     """Say what is in ASSET (glTF): bounds, meshes, what deforms them, clips, bytes; of a baked file, its tools.
 
@@ -98,20 +98,20 @@ def _deforming(each: dict[str, Any], data: dict[str, Any]) -> str:
 
 
 def _skins(skins: list[dict[str, Any]]) -> Iterator[str]:
-    """A line for each skin; where its joints are in the stored pose is said the first time that they come."""
-    told: set[str] = set()
+    """A line for each skin. A joint has its place in the stored pose where it is listed first."""
+    listed: set[str] = set()
     for number, skin in enumerate(skins):
         joints = list(skin["joints"])
         if skin["rest"] is not None:
             size = max((abs(x) for place in skin["rest"] for x in place), default=0.0)
             joints = [f"{name} {_place(place, size)}" for name, place in zip(joints, skin["rest"], strict=True)]
-        shown = [name if line in told else line for name, line in zip(skin["joints"], joints, strict=True)]
-        told.update(joints)
+        shown = [name if line in listed else line for name, line in zip(skin["joints"], joints, strict=True)]
+        listed.update(joints)
         yield f"{skin['name'] or f'skin {number}'}: {counted(len(joints), 'joint')}: {', '.join(shown)}"
 
 
 def _place(place: Sequence[float], size: float | None = None) -> str:
-    """A place in the stored pose; beside the greatest coordinate, rounding errors of others are 0."""
+    """A place in the stored pose. Coordinates that are rounding errors of the greatest one are 0."""
     least = 1e-6 * (max(map(abs, place)) if size is None else size)
     return f"[{', '.join(f'{x if abs(x) > least else 0.0:.4g}' for x in place)}]"
 

@@ -1,9 +1,10 @@
-"""What commands print: lines that names cannot break out of, JSON, warnings, a bar of progress on a terminal."""
+"""Printing: lines that names cannot break out of, JSON, tables, warnings, and a progress bar on a terminal."""
 
 import json
 import os
 import re
 import sys
+from collections.abc import Iterable, Sequence
 from typing import IO, Any
 
 import click
@@ -12,43 +13,59 @@ from wrinklecli.cli.streams import may_be_lost
 from wrinklecli.errors import shortened
 from wrinklecli.files.outputs import Outputs
 
-# Characters of a word, such as a name or a path, and of a line that are shown; of longer ones their ends.
-_LONGEST_WORD = 600
-_LONGEST_LINE = 10_000
+# Longer words, such as names and paths, and longer lines are shown without their middle.
+_LONGEST_WORD = 600  # characters
+_LONGEST_LINE = 10_000  # characters
 _LONG_WORD = re.compile(rf"\S{{{_LONGEST_WORD + 1},}}")
 
 
 def printable(line: str) -> str:
-    """A line that cannot break out of itself, flood or command a terminal, whatever names an asset holds."""
+    """Escape and shorten a line, so that names of an asset cannot end it, flood a terminal or command one."""
     line = shortened(_LONG_WORD.sub(lambda word: shortened(word[0], _LONGEST_WORD), line), _LONGEST_LINE)
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
 
 
 def say(line: str, *, style: dict[str, Any] | None = None) -> None:
-    """A line on standard error, for people."""
+    """Print a line for people on standard error."""
     with may_be_lost():
         click.echo(click.style(printable(line), **(style or {})), err=True, color=_colours(sys.stderr))
 
 
 def warn(warning: str) -> None:
-    """A warning on standard error."""
+    """Print a warning on standard error."""
     with may_be_lost():
         marked = click.style("warning:", fg="yellow") + " " + printable(warning)
         click.echo(marked, err=True, color=_colours(sys.stderr))
 
 
+def say_findings(notes: Iterable[str], warnings: Iterable[str]) -> None:
+    """Print notes and warnings on standard error."""
+    for note in notes:
+        say(f"note: {note}")
+    for warning in warnings:
+        warn(warning)
+
+
 def emit(line: str, *, style: dict[str, Any] | None = None) -> None:
-    """A line on standard output: data that was asked for."""
+    """Print a line of data on standard output."""
     click.echo(click.style(printable(line), **(style or {})), color=_colours(sys.stdout))
 
 
 def emit_json(data: dict[str, Any]) -> None:
-    """An object on standard output, names as the asset has them: JSON escapes what could do harm."""
+    """Print an object on standard output. Names stay as the asset has them, since JSON escapes harmful characters."""
     click.echo(json.dumps(data, indent=1, allow_nan=False))
 
 
+def aligned(rows: Sequence[Sequence[str]], texts: int) -> list[str]:
+    """Align a table, a line for each row. The first `texts` columns stand to the left, numbers to the right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    sides = "<" * texts + ">" * (len(widths) - texts)
+    shapes = [f"{{:{side}{width}}}" for side, width in zip(sides, widths, strict=True)]
+    return ["  ".join(shapes).format(*row).rstrip() for row in rows]
+
+
 def write_text(output: str | None, text: str, outputs: Outputs) -> None:
-    """Text to a file, or to standard output for none and `-`."""
+    """Write text to a file; None and `-` mean standard output."""
     if output is None or output == "-":
         click.echo(text, nl=False)
     else:
@@ -56,12 +73,12 @@ def write_text(output: str | None, text: str, outputs: Outputs) -> None:
 
 
 def _colours(stream: IO[str]) -> bool | None:
-    """None leaves the choice to the stream: colours on a terminal only. See no-color.org."""
+    """False without colours; None leaves the choice to click. Source: no-color.org."""
     return False if os.environ.get("NO_COLOR") else None if stream.isatty() else False
 
 
 class Progress:
-    """A bar on a terminal, nothing in a pipe."""
+    """Draws a bar on a terminal, and nothing in a pipe."""
 
     def __init__(self, *, quiet: bool = False) -> None:
         self._shown = not quiet and sys.stderr.isatty()
@@ -74,14 +91,14 @@ class Progress:
         self.clear()
 
     def clear(self) -> None:
-        """Take the bar away, to print a line."""
+        """Remove the bar, to print a line."""
         if self._drawn:
             with may_be_lost():
                 click.echo("\r\x1b[K", nl=False, err=True)
             self._drawn = False
 
     def show(self, stage: str, done: int, total: int, *, note: str = "") -> None:
-        """Draw a stage's share of steps that are done, and a note behind it."""
+        """Draw how many steps of a stage are done, and a note behind them."""
         if self._shown:
             width = 30
             filled = width * done // max(total, 1)

@@ -3,74 +3,58 @@
 import math
 import re
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import click
 
-from wrinklecli.cli.options import (
-    FILE,
-    allow_external_option,
-    anim_option,
-    clip_option,
-    fps_option,
-    max_memory_option,
-    max_vertices_option,
-    morph_option,
-    pose_option,
-    quiet_option,
-    range_of_motion_option,
-    tool_option,
-)
-from wrinklecli.cli.output import Progress, say, warn
+from wrinklecli.cli import options as opt
+from wrinklecli.cli.output import Progress, say, say_findings
 from wrinklecli.cli.streams import command_outputs, job_outputs
 from wrinklecli.errors import WrinkleError
 from wrinklecli.files.outputs import Outputs
 from wrinklecli.files.watched import Watched
 from wrinklecli.review.preview.preview_options import MOST_SIDE, PreviewOptions, Style
 
-_LOOKS = 0.3  # seconds between two looks whether a file has changed
+_LOOKS = 0.3  # seconds between two checks of the watched files
 _LEAST_SIDE = 16  # pixels of a picture's width or height
 
 
 def _numbers(_context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[float, ...]:
     """Numbers between commas."""
-    if value is None:
-        return ()
     try:
-        found = tuple(float(part) for part in value.split(","))
+        found = tuple(float(part) for part in value.split(",")) if value is not None else ()
     except ValueError:
         found = (math.nan,)
-    if not all(math.isfinite(each) for each in found):
+    if not all(map(math.isfinite, found)):
         raise click.BadParameter(f"{value!r} is not numbers between commas, such as 0,0.5", param=parameter)
     return found
 
 
 def _point(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[float, ...] | None:
-    if value is None:
-        return None
     found = _numbers(context, parameter, value)
-    if len(found) != 3:
+    if value is not None and len(found) != 3:
         raise click.BadParameter(f"{value!r} has {len(found)} numbers, not 3", param=parameter)
-    return found
+    return found or None
 
 
-def _views(_context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[str, ...]:
-    if value is None:
-        return ()
-    from wrinklecli.review.preview.camera import FACING, parse_view
-
-    names = tuple(value.split(","))
-    for name in names:
-        if name != FACING:
-            try:
-                parse_view(name)
-            except ValueError as error:
-                raise click.BadParameter(str(error), param=parameter) from error
-    return names
-
-
-def _labels(_context: click.Context, _parameter: click.Parameter, value: str | None) -> tuple[str, ...]:
+def _words(_context: click.Context, _parameter: click.Parameter, value: str | None) -> tuple[str, ...]:
+    """Text between commas."""
     return tuple(value.split(",")) if value else ()
+
+
+def _views(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[str, ...]:
+    names = _words(context, parameter, value)
+    if names:
+        from wrinklecli.review.preview.camera import FACING, parse_view
+
+        try:
+            for name in names:
+                if name != FACING:
+                    parse_view(name)
+        except ValueError as error:
+            raise click.BadParameter(str(error), param=parameter) from error
+    return names
 
 
 def _size(_context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[int, int] | None:
@@ -95,12 +79,10 @@ def _above_0(_context: click.Context, parameter: click.Parameter, value: float |
     short_help="Pictures of an asset, baked or not.",
     epilog="Example: wrinkle preview samples/trousers.glb --tools configs/trousers.yaml --before -o sheet.png",
 )
-@click.argument("assets", type=FILE, metavar="ASSET [ASSET2]", nargs=-1, required=True)
-@click.option(
-    "-o", "--output", type=FILE, metavar="OUT", required=True, help="A .png: a sheet. A .webp or .gif: an animation."
-)
-@click.option("--tools", type=FILE, metavar="TOOLS", help="Apply these tools (YAML) without a bake, and draw them.")
-@tool_option("Only this tool of TOOLS; may be repeated.")
+@click.argument("assets", type=opt.FILE, metavar="ASSET [ASSET2]", nargs=-1, required=True)
+@opt.file("-o", "--output", metavar="OUT", required=True, text="A .png: a sheet. A .webp or .gif: an animation.")
+@opt.file("--tools", metavar="TOOLS", text="Apply these tools (YAML) without a bake, and draw them.")
+@opt.tool("Only this tool of TOOLS; may be repeated.")
 @click.option(
     "--review",
     is_flag=True,
@@ -111,17 +93,17 @@ def _above_0(_context: click.Context, parameter: click.Parameter, value: float |
 @click.option("--before", is_flag=True, help="Show ASSET without the tools beside it.")
 @click.option("--hide-tools", is_flag=True, help="Apply the tools, but do not draw them.")
 @click.option("--heat", is_flag=True, help="Colour the surface by its compression against the stored pose.")
-@anim_option("")
-@range_of_motion_option("Without clips that is done anyway, and six motions are shown.")
-@pose_option()
-@morph_option()
-@clip_option("Default: the first clip. May be repeated.")
+@opt.anim()
+@opt.range_of_motion("Without clips that is done anyway, and six motions are shown.")
+@opt.pose
+@opt.morph
+@opt.clip("Default: the first clip. May be repeated.")
 @click.option("--rest", is_flag=True, help="The pose as stored, no clip.")
 @click.option(
     "--times", metavar="S,S…", callback=_numbers, help="Seconds. Default: 5 of a clip; of an animation, all of it."
 )
 @click.option("--frames", type=click.IntRange(1, 10_000), help="How many moments of each clip, evenly spaced.")
-@fps_option("Moments per second; of an animation 15.")
+@opt.fps("Moments per second; of an animation 15.")
 @click.option(
     "--views",
     metavar="VIEW,VIEW…",
@@ -138,7 +120,7 @@ def _above_0(_context: click.Context, parameter: click.Parameter, value: float |
 )
 @click.option("--size", metavar="WxH", callback=_size, help="Of each picture. Default: 800x600; of a review, as fits.")
 @click.option("--columns", type=click.IntRange(1, 1000), help="Moments in a row of a sheet.")
-@click.option("--labels", metavar="A,B", callback=_labels, help="One for each asset, or for before and after.")
+@click.option("--labels", metavar="A,B", callback=_words, help="One for each asset, or for before and after.")
 @click.option(
     "--grid",
     is_flag=True,
@@ -149,10 +131,10 @@ def _above_0(_context: click.Context, parameter: click.Parameter, value: float |
 @click.option("--clay", is_flag=True, help="Grey, whatever the materials say.")
 @click.option("--backfaces", is_flag=True, help="Paint triangles seen from behind red.")
 @click.option("--watch", is_flag=True, help="Draw again whenever ASSET or TOOLS has changed, until Ctrl-C.")
-@allow_external_option()
-@max_memory_option()
-@max_vertices_option()
-@quiet_option()
+@opt.allow_external()
+@opt.max_memory
+@opt.max_vertices
+@opt.quiet()
 def preview(
     assets: tuple[str, ...],
     output: str,
@@ -199,47 +181,39 @@ def _draw(
     with Progress(quiet=quiet) as progress:
         from wrinklecli.numeric.guard import guarded
 
-        with guarded(assets[0]):  # of little memory the modules alone may take too much
+        with guarded(assets[0]):  # the modules alone may take more memory than there is
             from wrinklecli.review.preview.preview import preview as run
 
         chosen = PreviewOptions(**options, style=style)
         made = run(assets, output, chosen, outputs=outputs, progress=progress.show)
     if quiet:
         return
-    for note in made.notes:
-        say(f"note: {note}")
-    for warning in made.warnings:
-        warn(warning)
+    say_findings(made.notes, made.warnings)
     say(f"{output}: {made.summary}")
 
 
 def _refuse_misuse(assets: tuple[str, ...], output: str, options: dict[str, Any]) -> None:
-    """Refuse what no single option tells: what does not go together."""
+    """Refuse options that do not go together."""
     if not output.lower().endswith((".png", ".webp", ".gif")):
         raise click.BadParameter(f"{output!r} ends in none of .png, .webp, .gif", param_hint="-o")
     if len(assets) > 2:
         raise click.UsageError(f"{len(assets)} assets were given; at most two are shown side by side.")
     if options["tools"] is not None and len(assets) > 1:
         raise click.UsageError("'--tools' takes one ASSET; '--before' shows it without the tools too.")
-    for key, name in (("before", "--before"), ("hide_tools", "--hide-tools")):
-        if options[key] and options["tools"] is None:
-            raise click.UsageError(f"'{name}' needs '--tools'.")
-    if options["only"] and options["tools"] is None and not options["review"]:
-        raise click.UsageError("'--tool' needs '--tools' or '--review'.")
+    if options["tools"] is None:
+        _refuse_any(options, ("before", "hide_tools"), "{} needs '--tools'.")
+        if options["only"] and not options["review"]:
+            raise click.UsageError("'--tool' needs '--tools' or '--review'.")
     if options["review"]:
-        _refuse_beside_review(assets, output, options)
+        if len(assets) > 1 or not output.lower().endswith(".png"):
+            raise click.UsageError("'--review' makes a sheet (.png) of one ASSET.")
+        message = "'--review' finds each tool's moment and place: it goes without {}."
+        _refuse_any(options, ("rest", "times", "frames", "fps", "focus", "radius", "follow"), message)
     if options["rest"] and (options["clips"] or options["times"] or options["frames"] or options["fps"]):
         raise click.UsageError("'--rest' is one moment: it goes without '--clip', '--times', '--frames' and '--fps'.")
     if options["pose"] or options["morphs"]:
-        for key, name in (
-            ("clips", "clip"),
-            ("rest", "rest"),
-            ("times", "times"),
-            ("frames", "frames"),
-            ("fps", "fps"),
-        ):
-            if options[key]:
-                raise click.UsageError(f"'--pose' and '--morph' are one pose: they go without '--{name}'.")
+        message = "'--pose' and '--morph' are one pose: they go without {}."
+        _refuse_any(options, ("clips", "rest", "times", "frames", "fps"), message)
     if options["times"] and options["frames"]:
         raise click.UsageError("'--times' and '--frames' exclude each other.")
     if options["focus"] is not None and options["radius"] is None:
@@ -249,10 +223,9 @@ def _refuse_misuse(assets: tuple[str, ...], output: str, options: dict[str, Any]
         raise click.UsageError(f"'--labels' has {len(options['labels'])}, not {count}.")
 
 
-def _refuse_beside_review(assets: tuple[str, ...], output: str, options: dict[str, Any]) -> None:
-    """Refuse what says otherwise when, where or how much to look."""
-    if len(assets) > 1 or not output.lower().endswith(".png"):
-        raise click.UsageError("'--review' makes a sheet (.png) of one ASSET.")
-    for key in ("rest", "times", "frames", "fps", "focus", "radius", "follow"):
+def _refuse_any(options: dict[str, Any], keys: Sequence[str], message: str) -> None:
+    """Refuse the first of some options that is given; its name takes the place of `{}` in the message."""
+    for key in keys:
         if options[key]:
-            raise click.UsageError(f"'--review' finds each tool's moment and place: it goes without '--{key}'.")
+            name = "clip" if key == "clips" else key.replace("_", "-")
+            raise click.UsageError(message.format(f"'--{name}'"))

@@ -4,13 +4,13 @@ import json
 
 import click
 
-from wrinklecli.cli.options import FILE
+from wrinklecli.cli import options as opt
 from wrinklecli.cli.output import write_text
 from wrinklecli.cli.streams import command_outputs
 
 
 @click.command(short_help="JSON Schema of the tools file.", epilog="Example: wrinkle schema -o tools.schema.json")
-@click.option("-o", "--output", type=FILE, metavar="FILE", default="-", help="Write here; - is standard output.")
+@opt.file("-o", "--output", default="-", text="Write here; - is standard output.")
 def schema(output: str) -> None:
     """Print the JSON Schema of the tools file, for editors that complete and check YAML.
 

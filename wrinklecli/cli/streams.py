@@ -1,4 +1,4 @@
-"""Standard streams that are closed or full, and signals: a command ends in a line and an exit code all the same."""
+"""Standard streams that are closed or full, and signals: a command still ends with a line and an exit code."""
 
 import io
 import os
@@ -13,14 +13,14 @@ import click
 
 from wrinklecli.files.outputs import Outputs
 
-# Those that end a process and may be heard; Windows has no SIGHUP.
+# The signals that end a process and can be handled; Windows has no SIGHUP.
 _ENDING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
 def open_streams() -> None:
-    """Give the process the standard streams that it was started without, so that no other file gets their numbers.
+    """Open the standard streams that the process was started without, so that no other file gets their numbers.
 
-    As GNU's programs do: what is written to standard output then fails, as it would without this.
+    As in GNU's programs, writing to standard output then fails, as it would have failed before.
     """
     for number, flags in ((0, os.O_WRONLY), (1, os.O_RDONLY), (2, os.O_WRONLY)):
         try:
@@ -32,13 +32,13 @@ def open_streams() -> None:
     if sys.stderr is None:
         sys.stderr = open(2, "w", closefd=False)  # noqa: SIM115
     if isinstance(sys.stdout, io.TextIOWrapper):
-        # As standard error has it: names of an asset may have characters that the terminal's encoding lacks.
+        # Like standard error: names of an asset may have characters that the encoding of the terminal lacks.
         sys.stdout.reconfigure(errors="backslashreplace")
 
 
 @contextmanager
 def may_be_lost() -> Iterator[None]:
-    """What is written to standard error within is for people: that it cannot be is no reason to fail."""
+    """Ignore errors of writing to standard error: its lines are for people, and no reason to fail."""
     try:
         yield
     except OSError:
@@ -46,10 +46,10 @@ def may_be_lost() -> Iterator[None]:
 
 
 def is_of_output(error: OSError) -> bool:
-    """Whether it was standard output that could not be written to, which then goes nowhere."""
+    """True if the error came from writing to standard output, which is then closed."""
     trace = error.__traceback__
     while trace is not None:
-        # What is written to standard error is inside `may_be_lost`.
+        # Only standard output: lines on standard error are written inside `may_be_lost`.
         if trace.tb_frame.f_code is click.echo.__code__:
             _give_up(sys.stdout)
             return True
@@ -58,7 +58,7 @@ def is_of_output(error: OSError) -> bool:
 
 
 def _give_up(stream: IO[str]) -> None:
-    """Let what a stream still holds go nowhere: it would fail again at exit."""
+    """Send the rest of a stream nowhere, since it would fail again at exit."""
     with suppress(OSError, ValueError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, stream.fileno())
@@ -66,50 +66,50 @@ def _give_up(stream: IO[str]) -> None:
 
 
 def leave_at_signals() -> None:
-    """From now on let a signal end the command in a line, by `SystemExit`, so that what is open is closed."""
+    """From now on, a signal ends the command with a line and `SystemExit`, so that open files are closed."""
 
     def leave(number: int, _frame: FrameType | None) -> None:
         _say_interrupted()
         sys.exit(128 + number)
 
-    _hear(leave)
+    _handle(leave)
 
 
 @contextmanager
 def command_outputs() -> Iterator[Outputs]:
-    """What a command writes, unless a signal ends it first: then all is as it was. Later ones are not heard."""
+    """Collect the files of a command. A signal before they are committed discards them; a later one is ignored."""
     with Outputs(at_commit=_ignore_signals) as outputs:
 
         def end(number: int, _frame: FrameType | None) -> None:
-            # Here and not by an exception, which may come where another one is dealt with.
+            # Not by an exception, which might be raised inside the handling of another one.
             outputs.discard()
             _say_interrupted()
             os._exit(128 + number)
 
-        _hear(end)
+        _handle(end)
         yield outputs
 
 
 @contextmanager
 def job_outputs() -> Iterator[Outputs]:
-    """As `command_outputs`, for one of many jobs: after it, signals are heard as before."""
+    """Like `command_outputs`, for one of many jobs: afterwards, signals are handled as before."""
     before = {each: signal.getsignal(each) for each in _ENDING}
     try:
         with command_outputs() as outputs:
             yield outputs
     finally:
-        for each, heard in before.items():
-            signal.signal(each, heard)
+        for each, handler in before.items():
+            signal.signal(each, handler)
 
 
-def _hear(signalled: Callable[[int, FrameType | None], object]) -> None:
+def _handle(handler: Callable[[int, FrameType | None], object]) -> None:
     for each in _ENDING:
         if signal.getsignal(each) != signal.SIG_IGN:  # as for a job in the background, or after `nohup`
-            signal.signal(each, signalled)
+            signal.signal(each, handler)
 
 
 def _say_interrupted() -> None:
-    with suppress(OSError):  # past `sys.stderr`, which may be at work
+    with suppress(OSError):  # not through `sys.stderr`, which may be writing
         os.write(2, b"\r\x1b[K"[: 4 * os.isatty(2)] + b"wrinkle: interrupted\n")
 
 

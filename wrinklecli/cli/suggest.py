@@ -5,18 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from wrinklecli.cli.options import (
-    FILE,
-    allow_external_option,
-    anim_option,
-    clip_option,
-    fps_option,
-    json_option,
-    max_memory_option,
-    quiet_option,
-    range_of_motion_option,
-)
-from wrinklecli.cli.output import Progress, emit_json, say, write_text
+from wrinklecli.cli import options as opt
+from wrinklecli.cli.output import Progress, aligned, emit_json, say, say_findings, write_text
 from wrinklecli.cli.streams import command_outputs
 from wrinklecli.errors import shortened
 
@@ -32,10 +22,10 @@ _WIDEST = 60  # characters of a column
     short_help="Find where clips compress an asset, and write tools for it.",
     epilog="Example: wrinkle suggest samples/trousers.glb -o tools.yaml",
 )
-@click.argument("asset", type=FILE)
-@click.option("-o", "--output", type=FILE, metavar="OUT", help="The YAML file; left out, or '-': standard output.")
-@anim_option("")
-@clip_option("Look at this clip only; may be repeated.")
+@click.argument("asset", type=opt.FILE)
+@opt.file("-o", "--output", metavar="OUT", text="The YAML file; left out, or '-': standard output.")
+@opt.anim()
+@opt.clip("Look at this clip only; may be repeated.")
 @click.option(
     "--count",
     type=click.IntRange(1, 500),
@@ -46,12 +36,12 @@ _WIDEST = 60  # characters of a column
 )
 @click.option("--node", metavar="NAME", help="Look at the mesh of this node only.")
 @click.option("--all", "everything", is_flag=True, help="Leave out neither hard parts nor what another layer hides.")
-@fps_option("Poses per second, but 200 of a clip at most.", default=30.0)
-@range_of_motion_option("Look at that too.")
-@allow_external_option("Read buffers outside the asset's folder too.")
-@max_memory_option()
-@json_option("Print JSON to standard output; YAML goes to -o alone.")
-@quiet_option("Print no table and no notes.")
+@opt.fps("Poses per second, but 200 of a clip at most.", default=30.0)
+@opt.range_of_motion("Look at that too.")
+@opt.allow_external("Read buffers outside the asset's folder too.")
+@opt.max_memory
+@opt.json("Print JSON to standard output; YAML goes to -o alone.")
+@opt.quiet("Print no table and no notes.")
 def suggest(asset: str, output: str | None, as_json: bool, quiet: bool, **options: Any) -> None:
     """Find where the clips of ASSET (glTF) compress its surface most, and write a tools file for `wrinkle bake`.
 
@@ -92,8 +82,7 @@ def suggest(asset: str, output: str | None, as_json: bool, quiet: bool, **option
             found = run(asset, progress=progress.show, **options)
         outputs.protect(found.inputs)
         if not quiet:
-            for note in found.notes:
-                say(f"note: {note}")
+            say_findings(found.notes, ())
         if as_json:
             emit_json(_json(asset, found))
         if not found.tools:
@@ -146,7 +135,7 @@ def _json_tool(each: "Suggestion") -> dict[str, Any]:
 
 
 def _short(value: float) -> float:
-    """A measured number in as many digits as float32 has."""
+    """Round a measured number to the digits of float32."""
     from wrinklecli.numeric.arrays import significant
 
     return significant(value, 9)
@@ -170,11 +159,7 @@ def _say_table(tools: "tuple[Suggestion, ...]") -> None:
     if len({each.mesh for each in tools}) == 1:
         rows = [row[:1] + row[2:] for row in rows]
     rows = [[shortened(cell, _WIDEST) for cell in row] for row in rows]
-    texts = len(rows[0]) - 4
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    for place, row in enumerate(rows):
-        cells = [
-            cell.ljust(width) if k < texts else cell.rjust(width)
-            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ]
-        say("  ".join(cells).rstrip(), style={"bold": True} if not place else None)
+    heading, *lines = aligned(rows, texts=len(rows[0]) - 4)
+    say(heading, style={"bold": True})
+    for line in lines:
+        say(line)

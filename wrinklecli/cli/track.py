@@ -4,25 +4,16 @@ from typing import Any
 
 import click
 
-from wrinklecli.cli.options import (
-    FILE,
-    allow_external_option,
-    fps_option,
-    max_memory_option,
-    quiet_option,
-    strict_option,
-    verbose_option,
-)
+from wrinklecli.cli import options as opt
 from wrinklecli.cli.output import say, warn
 from wrinklecli.cli.streams import command_outputs
 from wrinklecli.errors import counted
 
-# Per cent: 1/256, the error of the table of weights in the node's extras.
-_LEAST_ERROR = 0.390625
+_LEAST_ERROR = 0.390625  # per cent: 1/256, the error of the table of weights in the extras of a node
 
 
 def _share(_context: click.Context, parameter: click.Parameter, value: str) -> float:
-    """A percentage of the greatest weight as a share, above the table's own error."""
+    """Read a percentage above the error of the table as a ratio."""
     try:
         found = float(value.removesuffix("%")) if value.endswith("%") else -1.0
     except ValueError:
@@ -37,12 +28,10 @@ def _share(_context: click.Context, parameter: click.Parameter, value: str) -> f
     short_help="Wrinkles for clips in files of their own.",
     epilog="Example: wrinkle track body_wrinkled.glb clips/walk.glb clips/run.glb -o tracked",
 )
-@click.argument("baked", type=FILE)
-@click.argument("anims", type=FILE, metavar="ANIM...", nargs=-1, required=True)
-@click.option(
-    "-o", "--output", "folder", type=FILE, metavar="DIR", required=True, help="Where to write, under the same names."
-)
-@fps_option("Frames per second of the grid of sample times.", default=30.0)
+@click.argument("baked", type=opt.FILE)
+@click.argument("anims", type=opt.FILE, metavar="ANIM...", nargs=-1, required=True)
+@opt.file("-o", "--output", "folder", metavar="DIR", required=True, text="Where to write, under the same names.")
+@opt.fps("Frames per second of the grid of sample times.", default=30.0)
 @click.option(
     "--max-error",
     metavar="PERCENT",
@@ -51,11 +40,11 @@ def _share(_context: click.Context, parameter: click.Parameter, value: str) -> f
     callback=_share,
     help="Greatest error of a weight, per cent of the greatest; more needs fewer keys.",
 )
-@allow_external_option("Read buffers and images outside the files' folders too.")
-@max_memory_option()
-@strict_option()
-@quiet_option()
-@verbose_option()
+@opt.allow_external("Read buffers and images outside the files' folders too.")
+@opt.max_memory
+@opt.strict
+@opt.quiet()
+@opt.verbose()
 def track(baked: str, anims: tuple[str, ...], folder: str, quiet: bool, verbose: bool, **options: Any) -> None:
     """Add the wrinkles of BAKED, a body that `wrinkle bake` has written, to clips kept in other files.
 
