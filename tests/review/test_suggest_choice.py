@@ -15,7 +15,7 @@ from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.rig import read_rig
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review.check import check
-from wrinklecli.review.suggest.anatomy import believable
+from wrinklecli.review.suggest.anatomy import limit_to_body
 from wrinklecli.review.suggest.substance import named
 from wrinklecli.review.suggest.suggest import Suggestions, suggest
 
@@ -184,7 +184,7 @@ def test_a_knee_bends_one_way_and_sides_of_a_face_move_together(tmp_path: Path) 
     asset.gltf["nodes"][2]["name"] = "LeftKnee"
     asset.gltf["meshes"][0]["extras"]["targetNames"] = ["browDownLeft", "browDownRight"]
     document = moved(read_document(asset.write(tmp_path / "limb.glb")), [0], Motions()).document
-    found = believable(read_clips(document), read_rig(document, 0), read_bones(document))
+    found = limit_to_body(read_clips(document), read_rig(document, 0), read_bones(document))
     # The limb lies along x: a turn about y by a positive angle takes its end to -z, backwards.
     assert [(clip.name, clip.end) for clip in found] == [
         ("LeftKnee about y, +90°", 1.0),

@@ -18,7 +18,7 @@ from wrinklecli.effects.wrinkle.attach import attach_tools
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import read_document
 from wrinklecli.numeric.arrays import unit
-from wrinklecli.review.suggest.fitting import Suggestion
+from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.suggest import Suggestions, suggest
 from wrinklecli.surface.rest import rest_pose
 from wrinklecli.tools.mirror import exchange_sides

@@ -11,7 +11,7 @@ from wrinklecli.cli.streams import command_outputs
 from wrinklecli.errors import shortened
 
 if TYPE_CHECKING:
-    from wrinklecli.review.suggest.fitting import Suggestion
+    from wrinklecli.review.suggest.fitted_tools import Suggestion
     from wrinklecli.review.suggest.suggest import Suggestions
 
 

@@ -26,7 +26,7 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, significant
 from wrinklecli.numeric.guard import guarded
 from wrinklecli.numeric.memory import MAX_MEMORY
-from wrinklecli.review.suggest.placed import Chosen
+from wrinklecli.review.suggest.placed import ToolGuesser
 from wrinklecli.review.suggest.suggest import suggest
 from wrinklecli.tools.mirror import exchange_sides
 from wrinklecli.tools.records import ToolsFile, identifier, in_axes
@@ -321,9 +321,11 @@ class Session(Edits):
         with self._lock, guarded(self.asset):
             yield
 
-    def _measured_mesh(self, mesh: PlayableMesh) -> Chosen:
+    def _measured_mesh(self, mesh: PlayableMesh) -> ToolGuesser:
         """A mesh with the measurements that first guesses need."""
-        return self._measured.get_or_make(mesh.ground, lambda: Chosen(self._loaded.document, mesh.ground, self.clips))
+        return self._measured.get_or_make(
+            mesh.ground, lambda: ToolGuesser(self._loaded.document, mesh.ground, self.clips)
+        )
 
     def _load(self) -> LoadedAsset:
         with guarded(self.asset):

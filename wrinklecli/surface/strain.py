@@ -127,6 +127,13 @@ def posed(
     return places, scales
 
 
+def unscaled_pose(gauge: Gauge, clip: Clip | None, time: float, weights: Floats | None = None) -> Floats:
+    """(vertices, 3) positions as `posed`, at one time, divided by animated scale; weights are (morph targets,)."""
+    positions, scales = posed(gauge, clip, np.array([time]), None if weights is None else weights[None])
+    pose: Floats = positions[0] / np.where(scales[0] > LEAST_SCALE, scales[0], 1.0)[:, None]
+    return pose
+
+
 def strain(gauge: Gauge, clip: Clip | None, times: Floats, part: StrainedPart | None = None) -> Floats:
     """Measure the loss tensor I − U of each triangle; its eigenvalues are 1 − σ, negative where it is stretched.
 

@@ -1,9 +1,9 @@
-"""Which motions of a range of motion a body makes, and how far: a knee bends one way, a spine by little at each joint.
+"""The motions of a range of motion that a body can make: a knee bends one way, a spine a little at each joint.
 
-Sides of a face move together, as nobody raises one brow alone for long.
+Both sides of a face move together, as nobody raises one brow alone for long.
 
-Source of the angles of knee, elbow, wrist and ankle: the normal ones of 38 CFR § 4.71, plates I and II. The others are
-smaller than a body's, as far as rigs bend well; a spine's and a neck's are shared by the joints that rigs have there.
+Source: 38 CFR § 4.71, plates I and II, for the normal angles of knee, elbow, wrist and ankle. Other angles are smaller
+than a body's, as far as rigs bend well; the joints of a spine share its angle, and those of a neck.
 """
 
 import re
@@ -19,22 +19,26 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.numeric.arrays import Floats, unit
 from wrinklecli.tools.mirror import split_side
 
-# Cosine of a turn's axis and the bone above which it twists, and of a motion and a direction for that to be its way.
-_TWISTS, _THAT_WAY = 0.87, 0.6
-# Degrees below which a motion folds nothing, and from which a hinge that is bent at rest shows which way it bends.
-_LEAST, _BENT = 10.0, 5.0
+# Least cosine of the bone and the axis of a turn that twists the bone.
+_TWISTS = 0.87
+# Least cosine of a direction and a motion that goes in that direction.
+_SAME_WAY = 0.6
+# Least angle of a motion that folds anything, degrees.
+_LEAST_ANGLE = 10.0
+# Least angle of a hinge in the stored pose that shows which way it bends, degrees.
+_BENT_HINGE = 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class _Joint:
-    """How far a joint bends, degrees.
+class _JointLimits:
+    """Greatest angles of a joint, degrees.
 
     Attributes:
-        forwards: To where the character looks; a hinge to where it is bent at rest already, if that shows.
+        forwards: Towards where the character looks, or for a hinge the way in which the stored pose bends it.
         backwards: The other way.
         aside: To either side, up and down.
         twist: About its bone.
-        hinge: Whether it bends about one axis.
+        hinge: True if the joint bends about one axis.
     """
 
     forwards: float
@@ -44,34 +48,34 @@ class _Joint:
     hinge: bool = False
 
 
-# By part of the body. Of arms and legs that hang or are spread out.
-_JOINTS: Mapping[Part, _Joint] = {
-    "toes": _Joint(30, 45, 30, 0),
-    "finger": _Joint(90, 90, 90, 0, hinge=True),
-    "palm": _Joint(10, 0, 0, 0),
-    "lower arm": _Joint(145, 0, 0, 0, hinge=True),
-    "lower leg": _Joint(0, 140, 0, 0, hinge=True),
-    "upper leg": _Joint(110, 20, 30, 20),
-    "shoulder": _Joint(15, 15, 25, 0),
-    "upper arm": _Joint(90, 45, 90, 30),
-    "hand": _Joint(70, 70, 70, 0),
-    "foot": _Joint(45, 45, 45, 0),
-    "neck": _Joint(30, 30, 25, 30),
-    "head": _Joint(30, 30, 25, 30),
-    "chest": _Joint(10, 10, 10, 10),
-    "spine": _Joint(25, 10, 15, 10),
-    "hips": _Joint(25, 10, 15, 10),
-    "twist": _Joint(0, 0, 0, 0),
+# Limits by part of the body, for arms and legs that hang down or are spread out.
+_LIMITS: Mapping[Part, _JointLimits] = {
+    "toes": _JointLimits(30, 45, 30, 0),
+    "finger": _JointLimits(90, 90, 90, 0, hinge=True),
+    "palm": _JointLimits(10, 0, 0, 0),
+    "lower arm": _JointLimits(145, 0, 0, 0, hinge=True),
+    "lower leg": _JointLimits(0, 140, 0, 0, hinge=True),
+    "upper leg": _JointLimits(110, 20, 30, 20),
+    "shoulder": _JointLimits(15, 15, 25, 0),
+    "upper arm": _JointLimits(90, 45, 90, 30),
+    "hand": _JointLimits(70, 70, 70, 0),
+    "foot": _JointLimits(45, 45, 45, 0),
+    "neck": _JointLimits(30, 30, 25, 30),
+    "head": _JointLimits(30, 30, 25, 30),
+    "chest": _JointLimits(10, 10, 10, 10),
+    "spine": _JointLimits(25, 10, 15, 10),
+    "hips": _JointLimits(25, 10, 15, 10),
+    "twist": _JointLimits(0, 0, 0, 0),
 }
 
 
-def believable(clips: Sequence[Clip], rig: Rig, bones: Bones) -> list[Clip]:
-    """Motions of a range of motion, each only as far as a body goes; morph targets of two sides raised together.
+def limit_to_body(clips: Sequence[Clip], rig: Rig, bones: Bones) -> list[Clip]:
+    """Limit motions to the angles that a body reaches, and raise morph targets of both sides together.
 
     Args:
         clips: Each turns one joint, or raises one morph target, evenly.
-        rig: With the joints.
-        bones: Which these are.
+        rig: The rig with the joints.
+        bones: The parts of the body that its joints are.
     """
     forwards = _forwards(rig, bones)
     found = []
@@ -86,32 +90,32 @@ def believable(clips: Sequence[Clip], rig: Rig, bones: Bones) -> list[Clip]:
 
 
 def _end(clip: Clip, node: int, rig: Rig, part: Part | None, forwards: Floats) -> float:
-    """When a motion of a joint has gone as far as a body's does, seconds; its start where that is nowhere."""
-    joint = None if part is None else _JOINTS.get(part)
-    if joint is None:
+    """The time at which a motion of a joint reaches the body's limit, seconds; its start if a body does not move so."""
+    limits = None if part is None else _LIMITS.get(part)
+    if limits is None:
         return clip.end
     (before, after), above, bone = _turned(clip, node, rig)
     turn = after @ np.linalg.inv(before)
     axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
     angle = float(np.degrees(np.arctan2(np.linalg.norm(axis) / 2.0, (np.trace(turn) - 1.0) / 2.0)))
     axis = unit(axis)
-    # Where the end of the bone goes.
+    # The direction in which the end of the bone moves.
     way = unit(np.cross(axis, bone))
-    bent = joint.hinge and float(above @ bone) < np.cos(np.radians(_BENT)) and above.any()
+    bent = limits.hinge and float(above @ bone) < np.cos(np.radians(_BENT_HINGE)) and above.any()
     if abs(float(axis @ bone)) > _TWISTS:
-        most = joint.twist
+        most = limits.twist
     elif bent:
-        most = max(joint.forwards, joint.backwards) if way @ unit(bone - above) > _THAT_WAY else 0.0
+        most = max(limits.forwards, limits.backwards) if way @ unit(bone - above) > _SAME_WAY else 0.0
     else:
         ahead = float(way @ forwards)
-        most = joint.forwards if ahead > _THAT_WAY else joint.backwards if ahead < -_THAT_WAY else joint.aside
-    if most < _LEAST or angle <= 0.0:
+        most = limits.forwards if ahead > _SAME_WAY else limits.backwards if ahead < -_SAME_WAY else limits.aside
+    if most < _LEAST_ANGLE or angle <= 0.0:
         return clip.start
     return clip.start + (clip.end - clip.start) * min(1.0, most / angle)
 
 
 def _turned(clip: Clip, node: int, rig: Rig) -> tuple[list[Floats], Floats, Floats]:
-    """(3, 3) rotations of a joint before and after a motion; (3,) unit, the bone that ends there, and its own one."""
+    """(3, 3) rotations of a joint before and after a motion; (3,) units along the bone that ends there and its own."""
     below = np.flatnonzero(rig.parents == node).tolist()
     parent = int(rig.parents[node])
     every = [node, *([parent] if parent >= 0 else [node]), *below]
@@ -124,7 +128,7 @@ def _turned(clip: Clip, node: int, rig: Rig) -> tuple[list[Floats], Floats, Floa
 
 
 def _forwards(rig: Rig, bones: Bones) -> Floats:
-    """(3,) unit, where a character looks: along its feet, or as its file format says."""
+    """(3,) unit, the direction in which a character looks: along its feet, or as its file format says."""
     toes = [k for k, part in enumerate(bones.parts) if part == "toes" and rig.parents[k] >= 0]
     if toes:
         places = node_matrices(rig, None, np.zeros(1), [*toes, *(int(rig.parents[k]) for k in toes)])[0, :, :3, 3]
@@ -135,7 +139,7 @@ def _forwards(rig: Rig, bones: Bones) -> Floats:
 
 
 def _expressions(clips: Sequence[Clip]) -> Iterator[Clip]:
-    """Clips that raise morph targets, those that differ by the side or both raise brows joined into one."""
+    """Join clips that raise morph targets if their names differ by the side, or if all raise brows."""
     groups: dict[str, list[Clip]] = {}
     for clip in clips:
         raises = re.search("brow|brw", clip.name, re.IGNORECASE) and re.search("up|raise", clip.name, re.IGNORECASE)

@@ -1,64 +1,71 @@
-"""The tool of a fold, in the numbers that are written: its name, size and bumps, and its twin across x = 0."""
+"""The tool of a candidate, in the numbers that are written: its name, size and bumps, and its twin across x = 0."""
 
 import json
 import math
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
 
-from wrinklecli.review.suggest.folds import Fold
+from wrinklecli.review.suggest.candidates import Candidate
 from wrinklecli.tools.materials import MATERIALS, usual_bumps
 from wrinklecli.tools.mirror import split_side
 from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
 
-# Length of a bump, as a part of the patch's width: wrinkles are several times as long as they are wide, those of cloth
-# most. There are as many as the material has, or so many more where its bumps would be longer.
+# Greatest length of a bump over the tool's width, by material: wrinkles are several times as long as they are wide, in
+# cloth most.
 _BUMP_OF_WIDTH = {"skin": 0.3, "cloth": 0.15, "leather": 0.3, None: 0.3}
+# Most bumps added to the usual number for that.
 _MORE_BUMPS = 3
-# Width of a tool, as a multiple of its region's: the attenuation falls to half within the region, and to 0 beyond it.
-# Of a region across x = 0 the whole is known, which fades by itself.
-_WIDTH_OF_REGION, _WIDTH_ACROSS = 1.4, 1.15
-# Slack before the first wrinkle, per cent of the rest distance, where a joint makes it: clips rarely come back to the
-# stored pose, and 1 % already shows.
+# Width of a tool over its region's: the attenuation falls to half within the region, and to 0 beyond it.
+_WIDTH_OF_REGION = 1.4
+# The same for a region across x = 0, which is known as a whole and fades by itself.
+_WIDTH_ACROSS = 1.15
+# Shortening without wrinkles, per cent of the rest distance, for a tool that a joint drives: clips rarely return to the
+# stored pose, and 1 % is visible.
 SLACK = 5
 
 
 def stem_and_side(driver: str, otherwise: str) -> tuple[str, str]:
-    """What tools about a joint or a morph target are named, and L or R where its name says a side.
+    """The stem of tools' names, and the side L or R if the driver's name has one.
 
-    Where it has no letters that a tool's name may have, they are named `otherwise`.
+    The stem is `otherwise` if the driver's name has no letters that a tool's name may have.
     """
     stem, side = split_side(driver.rsplit(":", 1)[-1])
     words = "".join(c if c.isascii() and c.isalnum() else " " for c in stem).split()
     return "_".join(words if any(c.isalpha() for word in words for c in word) else otherwise.split()), side
 
 
-def newly_named(tools: list[WrinkleTool], stem: str, names: set[str]) -> list[WrinkleTool]:
-    """Tools of a stem, with the first number after it that makes none of their identifiers one that is taken."""
-    named, number = tools, 1
-    while any(tool.identifier in names for tool in named):
+def renamed(tools: list[WrinkleTool], stem: str, taken: Collection[str]) -> list[WrinkleTool]:
+    """Tools with the least number after the stem of their names that makes all identifiers new."""
+    found, number = tools, 1
+    while any(tool.identifier in taken for tool in found):
         number += 1
-        named = [replace(tool, name=f"{stem}_{number}{tool.name[len(stem) :]}") for tool in tools]
-    return named
+        found = [replace(tool, name=f"{stem}_{number}{tool.name[len(stem) :]}") for tool in tools]
+    return found
 
 
-def pair_of(fold: Fold, stem: str, side: str, size: float | None) -> list[WrinkleTool]:
-    """The tools of a fold on either side of x = 0, the left one first: on the side of x > 0, or as joints say."""
-    region = fold.region
-    width = width_of(fold)
+def pair_of(candidate: Candidate, stem: str, side: str, bump_length: float | None) -> list[WrinkleTool]:
+    """The tools of a candidate and of its mirror image, the left one first.
+
+    The candidate is on the side that its driver's name has, else it is left for x > 0.
+    """
+    region = candidate.region
+    width = width_of(candidate)
     across = abs(float(np.cross(region.normal, region.along)[0]))
     if across > 0.5:
-        # Two bells whose middles are half a width apart add up to an even height between them.
+        # Two bell curves whose middles are half a width apart add up to a constant height between them.
         width = min(width, 4.0 * abs(float(region.centre[0])) / across)
-    here = tool_of(fold, f"{stem}.L", width, size)
+    here = tool_of(candidate, f"{stem}.L", width, bump_length)
     if (side or ("L" if region.centre[0] > 0 else "R")) == "R":
         here = _across(here, here.name)
     return [here, _across(here, f"{stem}.R")]
 
 
-def width_of(fold: Fold) -> float:
-    """Of a tool, scene units."""
-    return min((_WIDTH_ACROSS if fold.region.on_plane else _WIDTH_OF_REGION) * fold.region.width, fold.widest)
+def width_of(candidate: Candidate) -> float:
+    """The usual width of a candidate's tool, scene units."""
+    region = candidate.region
+    return min((_WIDTH_ACROSS if region.on_plane else _WIDTH_OF_REGION) * region.width, candidate.widest)
 
 
 def _across(tool: WrinkleTool, name: str) -> WrinkleTool:
@@ -75,44 +82,44 @@ def written_length(length: object) -> str:
 
 
 def place_of(anchor: object) -> tuple[float, float, float]:
-    """An anchor of a suggested tool, which is always a place."""
+    """An anchor of a suggested tool, which is never a marker."""
     assert isinstance(anchor, tuple)
     return anchor
 
 
-def tool_of(fold: Fold, name: str, width: float, size: float | None = None) -> WrinkleTool:
-    """A tool in the numbers that are written."""
-    # Downwards, or along x or z, whichever way the direction was found.
-    axis = int(np.argmax(np.abs(fold.target - fold.origin)))
-    points = np.stack([fold.origin, *fold.between, fold.target])
+def tool_of(candidate: Candidate, name: str, width: float, bump_length: float | None = None) -> WrinkleTool:
+    """The tool of a candidate, with bumps about as long as `bump_length`, scene units, if its width allows that."""
+    # Downwards, or else along x or z, whichever way the segment was found.
+    axis = int(np.argmax(np.abs(candidate.target - candidate.origin)))
+    points = np.stack([candidate.origin, *candidate.between, candidate.target])
     if (points[0, axis] < points[-1, axis]) == (axis == 1):
         points = points[::-1]
     span = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
     (a, b, c), *between, (d, e, f) = ([round(float(x), decimals(span)) + 0.0 for x in point] for point in points)
-    usual = usual_bumps(fold.material)
-    longest = _BUMP_OF_WIDTH[fold.material] * width
-    if size is not None and longest / 2.0 < size < 1.5 * longest:
-        longest = size
+    usual = usual_bumps(candidate.material)
+    longest = _BUMP_OF_WIDTH[candidate.material] * width
+    if bump_length is not None and longest / 2.0 < bump_length < 1.5 * longest:
+        longest = bump_length
     bumps = min(max(usual, round(span / longest)), usual + _MORE_BUMPS)
-    if fold.facet:
-        # Among flat faces a bump that is shorter than these reads as a step.
-        bumps = max(1, min(bumps, int(span / fold.facet)))
+    if candidate.facet:
+        # Among flat faces a bump that is shorter than a face looks like a step.
+        bumps = max(1, min(bumps, int(span / candidate.facet)))
     return WrinkleTool(
         name=name,
-        node=fold.mesh.node,
+        node=candidate.mesh.node,
         origin=(a, b, c),
         between=tuple((x, y, z) for x, y, z in between),
         target=(d, e, f),
         width=Length(round(width, 1 - math.floor(math.log10(width)))),
-        material=fold.material,
+        material=candidate.material,
         # Bumps that rise one after another stand alone on either side of a joint until it is half bent.
         strategy="everywhere",
         bumps=bumps,
-        rest_length="auto" if fold.by_morph else Length(100.0 - SLACK, percent=True),
-        **(MATERIALS[fold.material].defaults if fold.material else {}),
+        rest_length="auto" if candidate.by_morph else Length(100.0 - SLACK, percent=True),
+        **(MATERIALS[candidate.material].defaults if candidate.material else {}),
     )
 
 
 def decimals(span: float) -> int:
-    """Decimals of a position: a hundredth of the span, or less."""
+    """Decimals of a position: a hundredth of the span, or finer."""
     return max(2 - math.floor(math.log10(span)), 0)

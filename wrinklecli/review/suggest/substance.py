@@ -1,7 +1,7 @@
-"""What a surface is made of: skin, cloth, leather, or hard parts that do not wrinkle.
+"""The substance of a surface: skin, cloth, leather, or hard parts that do not wrinkle.
 
 The material's name says most. Then come its factors and the skin weights, the names of mesh and node, and the colour.
-What nothing is said of counts as skin, whose wrinkles are the lowest.
+A surface about which the file says nothing counts as skin, whose wrinkles are the lowest.
 """
 
 import re
@@ -21,9 +21,8 @@ from wrinklecli.surface.strain import Gauge
 
 Kind = MaterialName | Literal["hard"]
 
-# Words of names, singular; the kind that stands first wins. Hair, eyes and teeth are parts of a body that no fold
-# crosses. Among them those of Ready Player Me (`Wolf3D_Outfit_Footwear`), Daz (`EyeMoisture`, `Fingernails`) and
-# Character Creator (`Std_Eye_Occlusion`).
+# Words of names, singular; the first kind wins. No fold crosses hair, eyes and teeth. Some words are those of Ready
+# Player Me (`Wolf3D_Outfit_Footwear`), Daz (`EyeMoisture`, `Fingernails`) and Character Creator (`Std_Eye_Occlusion`).
 _WORDS: dict[Kind, str] = {
     "leather": "leather boot shoe sneaker footwear sandal belt strap glove saddle holster pouch",
     "hard": """metal metallic steel iron chrome gold silver brass copper alloy armor armour robot bot mech machine
@@ -38,43 +37,47 @@ _WORDS: dict[Kind, str] = {
     "skin": "skin flesh body face head hand wrist arm leg foot neck finger ear nose torso dermis",
 }
 _KIND_OF: dict[str, Kind] = {word: kind for kind, words in reversed(_WORDS.items()) for word in words.split()}
-# The same in Japanese, whose words stand together: of MikuMikuDance and VRM models.
+# Japanese words, which have no spaces between them, of MikuMikuDance and VRM models.
 _JAPANESE: dict[Kind, str] = {
     "leather": "革|靴(?!下)|ブーツ|ベルト|手袋",
     "hard": "金属|金具|鎧|眼鏡|メガネ|ボタン|髪|目|瞳|眉|睫|まつげ|歯|舌|爪|角",
     "cloth": "服|布|袖|襟|シャツ|ズボン|パンツ|スカート|上着|コート|マント|帽子|靴下|リボン|ネクタイ|タイツ|着",
     "skin": "肌|顔|体|首|手|足|腕",
 }
-# A metallic factor from which a material is a metal; what is dirty or woven with wire has less.
+# Least metallic factor of a metal; dirty metal, and cloth woven with wire, have less.
 _METALLIC = 0.5
-# Weight of one joint from which a vertex follows it alone, and the part of a region's corners that do in a rigid one.
-_RIGID_WEIGHT, _RIGID_SHARE = 0.98, 0.9
-# Part of a rigid region that follows a second joint at least: else all of it moves as one, as a face on its head does.
+# Least weight of a joint that a vertex follows alone.
+_RIGID_WEIGHT = 0.98
+# Part of a region's corners that follow one joint each in a rigid region.
+_RIGID_SHARE = 0.9
+# Least part of a rigid region that follows a second joint: else all of it moves as one, as a face moves with its head.
 _SECOND_JOINT = 0.05
-# Length of the mean of the unit normals of one point, below which they differ: by 20° from each other, of two.
+# Length of the mean unit normal of a point below which its normals are split: two differ by 20°.
 _SPLIT_NORMALS = 0.985
-# Part of a region's corners with split normals in a faceted one.
+# Part of a region's corners with split normals in a faceted region.
 _FACETED_SHARE = 0.6
-# Ratios of red to green and of green to blue of human skin, linear RGB, pale and dark.
-_SKIN_RED, _SKIN_GREEN = (1.2, 2.8), (1.0, 2.6)
+# Red over green of human skin, pale and dark, linear RGB.
+_SKIN_RED = (1.2, 2.8)
+# Green over blue of human skin, likewise.
+_SKIN_GREEN = (1.0, 2.6)
 
 
 @dataclass(frozen=True, slots=True)
 class Substance:
-    """What a region is made of.
-
-    Attributes:
-        kind: What it wrinkles like.
-        why: What says so.
-    """
+    """The substance of a region, and what in the file says so."""
 
     kind: Kind
     why: str
 
+    @property
+    def material(self) -> MaterialName | None:
+        """The material of a tool; None, for a plain tool, on hard parts."""
+        return None if self.kind == "hard" else self.kind
+
 
 @dataclass(frozen=True, slots=True)
-class _Part:
-    """What the file says of a primitive."""
+class _PrimitiveHints:
+    """The substances of a primitive according to its material's name, its node and its colour."""
 
     material: Substance | None
     metallic: bool
@@ -84,28 +87,30 @@ class _Part:
 
 @dataclass(frozen=True, slots=True)
 class Makeup:
-    """What is known of a mesh's triangles.
+    """Hints about the substance of a gauge's triangles.
 
     Attributes:
-        parts: Of each primitive.
-        primitives: (triangles,) of the gauge, the primitive of each.
-        split: (triangles, 3) whether the authored normals at a corner differ, or are missing.
-        followed: (triangles, 3) the joint that a corner follows alone; -1 where it follows several.
+        hints: Hints about each primitive.
+        primitives: (triangles,) number of the triangle's primitive.
+        split: (triangles, 3) True if the authored normals at a corner differ, or are missing.
+        followed: (triangles, 3) the joint that a corner follows alone; -1 if it follows several.
+        radii: (triangles,) greatest distance of a corner from the centroid, scene units.
     """
 
-    parts: tuple[_Part, ...]
+    hints: tuple[_PrimitiveHints, ...]
     primitives: np.ndarray[Any, np.dtype[np.intp]]
     split: Bools
     followed: np.ndarray[Any, np.dtype[np.intp]]
+    radii: Floats
 
 
 def read_makeup(document: Document, rig: Rig, gauge: Gauge) -> Makeup:
-    """Gather what names, factors, normals and weights say of a mesh."""
+    """Gather the hints that names, factors, normals and weights give about a mesh."""
     surface = gauge.surface
     mesh = document.items("meshes")[rig.mesh]
     names = [name for name in (mesh.get("name"), rig.names[rig.node]) if isinstance(name, str)]
     node = named(names, "the mesh")
-    parts = tuple(_part(document, primitive, node) for primitive in mesh["primitives"])
+    hints = tuple(_hints_of(document, primitive, node) for primitive in mesh["primitives"])
     count = len(surface.positions)
     normals = unit(surface.normals)
     sums = np.stack([np.bincount(surface.weld, normals[:, k], count) for k in range(3)], axis=1)
@@ -115,33 +120,39 @@ def read_makeup(document: Document, rig: Rig, gauge: Gauge) -> Makeup:
     rows = np.arange(count)
     alone = surface.weights[rows, greatest] >= _RIGID_WEIGHT
     followed = np.where(alone & rig.skinned, surface.joints[rows, greatest], -1)
-    return Makeup(parts, surface.primitives[gauge.numbers], split[gauge.triangles], followed[gauge.triangles])
+    primitives = surface.primitives[gauge.numbers]
+    return Makeup(hints, primitives, split[gauge.triangles], followed[gauge.triangles], gauge.radii)
 
 
 def substance_of(makeup: Makeup, shares: Floats) -> Substance:
-    """What a region is made of, from the (triangles,) shares that triangles have in it."""
-    of_parts = np.bincount(makeup.primitives, shares, len(makeup.parts))
-    part = makeup.parts[int(of_parts.argmax())]
-    if part.material is not None:
-        return part.material
+    """The substance of a region with (triangles,) `triangle_shares`."""
+    of_primitives = np.bincount(makeup.primitives, shares, len(makeup.hints))
+    hints = makeup.hints[int(of_primitives.argmax())]
+    if hints.material is not None:
+        return hints.material
     corners = np.repeat(shares / 3.0, 3)
     total = float(corners.sum())
     followed = makeup.followed.ravel()
     by_joint = np.bincount(followed + 1, corners)[1:] / total
     rigid = by_joint.sum() > _RIGID_SHARE and (by_joint > _SECOND_JOINT).sum() > 1
-    looks = ["it is metallic"] * part.metallic + ["each part of it follows one joint"] * bool(rigid)
+    looks = ["it is metallic"] * hints.metallic + ["each part of it follows one joint"] * bool(rigid)
     if looks:
-        return Substance("hard", " and ".join([*looks, *(["it is faceted"] if is_faceted(makeup, shares) else [])]))
-    return part.node or part.colour or Substance("skin", "nothing says what it is made of")
+        return Substance("hard", " and ".join([*looks, *(["it is faceted"] if _is_faceted(makeup, shares) else [])]))
+    return hints.node or hints.colour or Substance("skin", "nothing says what it is made of")
 
 
-def is_faceted(makeup: Makeup, shares: Floats) -> bool:
-    """Whether a region is shaded flat, from the (triangles,) shares that triangles have in it."""
+def facet_length(makeup: Makeup, shares: Floats) -> float:
+    """Length of the triangles' edges in a region that is shaded flat, scene units; 0 in a smooth one."""
+    # The edges of equilateral triangles with these radii.
+    return 3.0**0.5 * float(shares @ makeup.radii) if _is_faceted(makeup, shares) else 0.0
+
+
+def _is_faceted(makeup: Makeup, shares: Floats) -> bool:
     return float(shares @ makeup.split.mean(axis=1)) > _FACETED_SHARE * float(shares.sum())
 
 
 def named(names: Iterable[str], of: str) -> Substance | None:
-    """What the words of names say, those of the first name first; none where they say nothing."""
+    """The substance that the words of names say, the first name first; None if they say nothing."""
     for name in names:
         words = {word.lower() for word in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name)}
         kinds = {_KIND_OF.get(word) or _KIND_OF.get(word.removesuffix("s")) for word in words}
@@ -151,23 +162,23 @@ def named(names: Iterable[str], of: str) -> Substance | None:
     return None
 
 
-def _part(document: Document, primitive: Json, node: Substance | None) -> _Part:
+def _hints_of(document: Document, primitive: Json, node: Substance | None) -> _PrimitiveHints:
     materials = document.items("materials")
     number = primitive.get("material", len(materials))
     material: Json = materials[number] if number < len(materials) else {}
     name = material.get("name")
     looks = material.get("pbrMetallicRoughness")
     looks = looks if isinstance(looks, dict) else {}
-    # Without the key a material is metallic too, which many files do not mean.
+    # By default a material is metallic, which many files without this key do not mean.
     factor = looks.get("metallicFactor", 0.0)
     metallic = isinstance(factor, int | float) and factor >= _METALLIC and "metallicRoughnessTexture" not in looks
     colour = None if "baseColorTexture" in looks else _coloured(looks.get("baseColorFactor"))
     of_name = named([name], "its material") if isinstance(name, str) else None
-    return _Part(of_name, bool(metallic), node, colour)
+    return _PrimitiveHints(of_name, bool(metallic), node, colour)
 
 
 def _coloured(factor: object) -> Substance | None:
-    """What a plain colour says; none where there is none."""
+    """The substance that a plain colour says; None without one."""
     if not isinstance(factor, list) or len(factor) != 4 or not all(isinstance(x, int | float) for x in factor):
         return None
     red, green, blue = (float(x) for x in factor[:3])

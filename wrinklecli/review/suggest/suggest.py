@@ -2,7 +2,8 @@
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 from wrinklecli.character.bones import read_bones
 from wrinklecli.character.clip import Clip, chosen_clips
@@ -11,26 +12,28 @@ from wrinklecli.character.rig import read_rig
 from wrinklecli.gltf.document import read_document
 from wrinklecli.gltf.images import files_of
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
-from wrinklecli.numeric.memory import MAX_MEMORY, Memory
-from wrinklecli.review.suggest.anatomy import believable
-from wrinklecli.review.suggest.choice import choose_folds
-from wrinklecli.review.suggest.fitting import Suggestion, fit_tools
-from wrinklecli.review.suggest.folds import LEAST_LOSS, Fold, find_folds
-from wrinklecli.review.suggest.measure import MeasuredMesh, MeshNode, find_mesh_nodes, measure_meshes
+from wrinklecli.numeric.memory import Memory
+from wrinklecli.review.suggest.anatomy import limit_to_body
+from wrinklecli.review.suggest.candidates import LEAST_LOSS, Candidate, find_candidates
+from wrinklecli.review.suggest.choice import choose_candidates
+from wrinklecli.review.suggest.fitted_tools import Suggestion, fit_tools
+from wrinklecli.review.suggest.measure import MeasuredMesh, find_mesh_nodes, measure_meshes
+from wrinklecli.review.suggest.suggest_options import SuggestOptions
 from wrinklecli.review.suggest.text import refuse_unwritable, tools_text
-from wrinklecli.review.suggest.trial import tried
+from wrinklecli.review.suggest.trial import try_on_refined_meshes
+from wrinklecli.surface.sites import Peaks
 
 
 @dataclass(frozen=True, slots=True)
 class Suggestions:
-    """What was found in an asset.
+    """The tools suggested for an asset.
 
     Attributes:
-        tools: Best first; may be none.
-        text: A tools file of them; empty where there are none.
-        reason: Why there are none; empty where there are some.
-        notes: What meshes are made of and what was left out, a line each.
-        inputs: Every file that was read, and the asset's images.
+        tools: Best first; may be empty.
+        text: A tools file with them; empty if there are none.
+        reason: Why there are none; empty if there are some.
+        notes: A line for each material that meshes are made of, and for each reason to leave out folds.
+        inputs: All files that were read, and the asset's images.
     """
 
     tools: tuple[Suggestion, ...]
@@ -42,38 +45,25 @@ class Suggestions:
 
 def suggest(
     asset: str | os.PathLike[str],
+    options: SuggestOptions | None = None,
     *,
-    clips: Sequence[str] = (),
-    count: int = 8,
-    node: str | None = None,
-    everything: bool = False,
-    fps: float = 30.0,
-    anims: Sequence[str | os.PathLike[str]] = (),
-    range_of_motion: bool = False,
-    allow_external: bool = False,
-    max_memory: int = MAX_MEMORY,
     progress: Progress = no_progress,
+    **named: Any,
 ) -> Suggestions:
-    """Find where clips compress an asset's surfaces, and lay tools there.
+    """Find where clips compress an asset's surfaces, and suggest tools there.
 
-    An asset without clips is looked at in its range of motion: joints and morph targets, one at a time.
+    Without clips, the asset's range of motion is looked at: joints and morph targets, one at a time.
 
     Args:
         asset: The .gltf or .glb to read.
-        clips: Names of the clips to look at; all where left out.
-        count: Suggestions at most; a pair counts as one.
-        node: Name of the node whose mesh to look at; all that deform where left out.
-        everything: Leave out none: neither hard parts nor what another layer hides.
-        fps: Poses a second; of a clip at most 200, evenly spaced, and fewer where mesh and clips are large.
-        anims: Files with more clips, for joints of the same names.
-        range_of_motion: Look at that too, though the asset has clips.
-        allow_external: Read buffers outside the asset's folder too.
-        max_memory: Bytes that it may take.
+        options: What to look at; the defaults of `SuggestOptions` if None.
         progress: Called with a stage's name, steps done and steps in all.
+        named: Single options by their names in `SuggestOptions`, in place of those in `options`.
 
     Raises:
         AssetError: The asset or an anim is at fault, or the asset has wrinkles; it has no such clip or node.
         BakeError: Mesh and clips are too large to measure.
+        TypeError: `SuggestOptions` lacks a name of `named`.
 
     Example:
         >>> from pathlib import Path
@@ -83,53 +73,51 @@ def suggest(
         [('hand', 'extend')]
         >>> _ = Path("tools.yaml").write_text(found.text)
     """
+    options = replace(options or SuggestOptions(), **named)
     with guarded(os.fspath(asset)):
-        document = read_document(asset, allow_external=allow_external, memory=Memory(max_memory))
-        nodes, notes = find_mesh_nodes(document, node)
-        motions = Motions(anims=anims, range_of_motion=range_of_motion or None)
-        joined = moved(document, [each.index for each in nodes], motions)
+        memory = Memory(options.max_memory)
+        document = read_document(asset, allow_external=options.allow_external, memory=memory)
+        nodes, notes = find_mesh_nodes(document, options)
+        motions = Motions(anims=options.anims, range_of_motion=options.range_of_motion or None)
+        joined = moved(document, list(nodes), motions)
         document, notes = joined.document, [*notes, *joined.warnings, *joined.notes]
-        chosen = chosen_clips(joined.clips, clips, where=document.path)
-        made: list[Clip] = []
-        if joined.range and not clips:
-            made = [clip for clip in chosen if clip.name in joined.range]
-            others = (clip for clip in chosen if clip.name not in joined.range)
-            chosen = (*others, *believable(made, read_rig(document, nodes[0].index), read_bones(document)))
-        meshes = measure_meshes(document, nodes, chosen, fps, progress) if chosen else []
-        folds = _folds_of(meshes, progress)
-        choice = choose_folds(document, folds, everything=everything)
-        flat = all(fold.mesh.flat for fold in choice.folds)
-        laid = tried(document, fit_tools(choice.folds, count, made), joined.clips, midpoint=flat)
-        notes += [*choice.notes, *laid.notes]
+        clips = chosen_clips(joined.clips, options.clips, where=document.path)
+        generated: list[Clip] = []
+        if joined.range and not options.clips:
+            generated = [clip for clip in clips if clip.name in joined.range]
+            others = (clip for clip in clips if clip.name not in joined.range)
+            clips = (*others, *limit_to_body(generated, read_rig(document, next(iter(nodes))), read_bones(document)))
+        meshes = measure_meshes(document, nodes, clips, options, progress) if clips else []
+        candidates = _candidates_of(meshes, progress)
+        choice = choose_candidates(document, candidates, options)
+        flat = all(candidate.mesh.flat for candidate in choice.candidates)
+        fitted = fit_tools(choice.candidates, options, generated)
+        trial = try_on_refined_meshes(document, fitted, joined.clips, midpoint=flat)
+        notes += [*choice.notes, *trial.notes]
         text = reason = ""
-        if laid.tools:
-            text = tools_text(laid.tools, os.path.basename(document.path), laid.refinement)
-            refuse_unwritable(text, document, laid.tools)
-        elif (folds and not choice.folds) or laid.notes:
+        if trial.tools:
+            text = tools_text(trial.tools, os.path.basename(document.path), trial.refinement)
+            refuse_unwritable(text, document, trial.tools)
+        elif (candidates and not choice.candidates) or trial.notes:
             reason = "what its motions fold is left out, as the notes say"
+        elif not nodes:
+            reason = "no mesh deforms: none has a skin or morph targets"
+        elif not clips:
+            reason = "it has no clip, no joint that bends a mesh and no morph target: nothing moves"
+        elif not meshes:
+            reason = "no clip moves a mesh that deforms"
         else:
-            reason = _why_none(nodes, chosen, meshes)
-        return Suggestions(tuple(laid.tools), text, reason, tuple(notes), (*files_of(document), *joined.beside))
+            reason = f"no clip compresses the surface by more than {100 * LEAST_LOSS:g} % anywhere that a tool fits"
+        return Suggestions(tuple(trial.tools), text, reason, tuple(notes), (*files_of(document), *joined.beside))
 
 
-def _folds_of(meshes: Sequence[MeasuredMesh], progress: Progress) -> list[Fold]:
-    """The folds of all meshes, one mesh after another."""
-    folds: list[Fold] = []
-    for number, mesh in enumerate(meshes):
+def _candidates_of(meshes: Sequence[tuple[MeasuredMesh, Peaks]], progress: Progress) -> list[Candidate]:
+    """The candidates of all meshes, one mesh after another."""
+    found: list[Candidate] = []
+    for number, (mesh, peaks) in enumerate(meshes):
 
-        def looked(share: float, number: int = number) -> None:
-            progress("laying", round(100 * (number + share)), 100 * len(meshes))
+        def report(done: float, number: int = number) -> None:
+            progress("laying", round(100 * (number + done)), 100 * len(meshes))
 
-        folds += find_folds(mesh, looked)
-    return folds
-
-
-def _why_none(nodes: Sequence[MeshNode], clips: Sequence[Clip], meshes: Sequence[MeasuredMesh]) -> str:
-    """Why there is nothing to suggest."""
-    if not nodes:
-        return "no mesh deforms: none has a skin or morph targets"
-    if not clips:
-        return "it has no clip, no joint that bends a mesh and no morph target: nothing moves"
-    if not meshes:
-        return "no clip moves a mesh that deforms"
-    return f"no clip compresses the surface by more than {100 * LEAST_LOSS:g} % anywhere that a tool fits"
+        found += find_candidates(mesh, peaks, report)
+    return found

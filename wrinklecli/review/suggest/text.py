@@ -1,4 +1,4 @@
-"""Text of a suggested tools file, commented, and a check that it says what was measured."""
+"""The text of a suggested tools file, with comments, and a check that reading it gives the suggested tools."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -6,7 +6,7 @@ from dataclasses import replace
 from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.gltf.document import Document
 from wrinklecli.review.suggest.draft import SLACK, decimals, place_of, written_length
-from wrinklecli.review.suggest.fitting import Suggestion
+from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.tools.read import parse_tools
 from wrinklecli.tools.records import Length, RefinementSettings, RestLengthMorph, WrinkleTool
 from wrinklecli.tools.yaml_tree import printable
@@ -15,12 +15,12 @@ _USUAL = RefinementSettings()
 
 
 def tools_text(suggestions: Sequence[Suggestion], asset: str, refinement: RefinementSettings = _USUAL) -> str:
-    """A commented tools file.
+    """Write a commented tools file.
 
     Args:
         suggestions: At least one.
-        asset: What the comments call the asset.
-        refinement: What is written of it where it is not the usual one.
+        asset: The asset's name in the comments.
+        refinement: Settings that are written if they are not the usual ones.
     """
     lines = [
         f"# Tools for {printable(asset, 90)}, as `wrinkle suggest` found them, best first.",
@@ -85,21 +85,22 @@ def _written(anchor: object, digits: int) -> str:
 
 
 def _quoted(name: str) -> str:
-    """A name as YAML text in double quotes, whatever it holds."""
+    """A name with any characters as YAML text in double quotes."""
     escaped = name.replace("\\", "\\\\").replace('"', '\\"')
     return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in escaped) + '"'
 
 
 def refuse_unwritable(text: str, document: Document, suggestions: Sequence[Suggestion]) -> None:
-    """Check that the file says what was measured.
+    """Check that reading the text gives the suggested tools.
 
     Raises:
-        AssetError: The asset's lengths are beyond what a tools file takes.
+        AssetError: The asset's lengths are beyond the range of a tools file.
     """
     try:
         read = parse_tools(text).tools
     except WrinkleError as error:
         raise AssetError(f"cannot be described by a tools file: {error.lines[0]}", where=document.path) from error
-    kept = {tool.name: tool for tool in read}
+    by_name = {tool.name: tool for tool in read}
     for each in suggestions:
-        assert kept[each.tool.name] == replace(each.tool, where=kept[each.tool.name].where), each.tool.name
+        found = by_name[each.tool.name]
+        assert found == replace(each.tool, where=found.where), each.tool.name

@@ -1,7 +1,7 @@
-"""Suggested tools laid on the mesh as a bake refines it: those that reach across a fold there are made narrower.
+"""Suggested tools tried on the mesh as a bake refines it: those that reach across a fold there are made narrower.
 
-Regions are measured on the mesh as it is. Only the refined one shows what its wrinkles reach, and whether it can be
-refined enough to show them.
+Regions are measured on the mesh as it is. Only the refined mesh shows what a tool's wrinkles reach, and whether its
+triangles become short enough for them.
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,28 +16,30 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Ints, distinct_values, significant
-from wrinklecli.review.suggest.fitting import Suggestion
+from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.text import tools_text
 from wrinklecli.tools.mirror import exchange_sides
 from wrinklecli.tools.read import parse_tools
 from wrinklecli.tools.records import Length, RefinementSettings
 
-# How often a tool is made narrower, and what is left of its width each time.
-_TRIES, _NARROWER = 3, 0.75
+# Most times that a tool is made narrower.
+_TRIES = 3
+# Factor on its width each time.
+_NARROWER = 0.75
 # Most times that an edge is halved for suggested wrinkles: then a triangle is several times as long as the fold.
 _MOST_LEVELS = 6
-# Of a bake.
+# The usual `max_error` of a bake.
 _MAX_ERROR = Length(1.0, percent=True)
 
 
 @dataclass(frozen=True, slots=True)
-class Tried:
-    """Suggestions that lie well, as far as they can.
+class TrialResult:
+    """Suggestions that bake well, as far as possible.
 
     Attributes:
         tools: Best first.
-        refinement: As fine as they need it; without rounding, where that would show at rest.
-        notes: What was left out, a line each.
+        refinement: Fine enough for the tools; without rounding if that would be visible at rest.
+        notes: A line for each tool left out.
     """
 
     tools: list[Suggestion]
@@ -46,15 +48,15 @@ class Tried:
 
 
 @dataclass(frozen=True, slots=True)
-class _Lie:
-    """How a tool lies on the refined mesh.
+class _Placement:
+    """A tool on the refined mesh.
 
     Attributes:
-        node: That has the mesh.
-        vertices: (vertices,) of the mesh under its patch, ascending.
-        crosses: Whether `check` would warn of its place.
-        coarse: Whether edges on its mesh stay too long for wrinkles.
-        departs: Whether refinement moves the surface under it so much that it shows at rest.
+        node: Index of the node that has the mesh.
+        vertices: (vertices,) of the mesh under the tool's patch, sorted.
+        crosses: True if `check` would warn about the tool's place.
+        coarse: True if edges of its mesh stay too long for wrinkles.
+        departs: True if refinement moves the surface under the tool so much that it is visible at rest.
     """
 
     node: int
@@ -65,15 +67,15 @@ class _Lie:
 
 
 @dataclass(frozen=True, slots=True)
-class _Bench:
-    """On what suggestions are laid: the asset, all of its clips, and how it is refined."""
+class _Trial:
+    """The asset on which suggestions are tried, all its clips, and the settings with which it is refined."""
 
     document: Document
     clips: Sequence[Clip]
     refinement: RefinementSettings
 
-    def lies(self, suggestions: Sequence[Suggestion]) -> dict[str, _Lie]:
-        """How tools lie, by their names; of those that cannot be laid at all nothing."""
+    def placements(self, suggestions: Sequence[Suggestion]) -> dict[str, _Placement]:
+        """Place suggestions and their twins on refined meshes, by the tool's name; empty if a bake would refuse."""
         if not suggestions:
             return {}
         try:
@@ -86,7 +88,7 @@ class _Bench:
         except WrinkleError:
             return {}
         return {
-            carried.patch.tool.name: _Lie(
+            carried.patch.tool.name: _Placement(
                 node=plan.rig.node,
                 vertices=distinct_values(plan.fine.surface.triangles[carried.patch.members]),
                 crosses=bool(placement_warnings(plan, carried)),
@@ -97,75 +99,89 @@ class _Bench:
             for carried, departure in zip(plan.carried_patches, plan.fine.departures, strict=True)
         }
 
-    def finer(self, suggestions: Sequence[Suggestion]) -> "_Bench":
-        """The least levels with which edges are short enough for some suggestions; the most where none are."""
+    def is_coarse(self, suggestions: Sequence[Suggestion]) -> bool:
+        """True if edges stay too long for some of the suggestions."""
+        return any(each.coarse for each in self.placements(suggestions).values())
+
+    def finer(self, suggestions: Sequence[Suggestion]) -> "_Trial":
+        """The trial with the least levels that make edges short enough for the suggestions; else with the most."""
         for levels in range(self.refinement.max_levels, _MOST_LEVELS):
-            bench = replace(self, refinement=replace(self.refinement, max_levels=levels))
-            if not any(lie.coarse for lie in bench.lies(suggestions).values()):
-                return bench
+            trial = replace(self, refinement=replace(self.refinement, max_levels=levels))
+            if not trial.is_coarse(suggestions):
+                return trial
         return replace(self, refinement=replace(self.refinement, max_levels=_MOST_LEVELS))
 
 
-def tried(document: Document, suggestions: Sequence[Suggestion], clips: Sequence[Clip], *, midpoint: bool) -> Tried:
-    """Suggestions as narrow as they lie well; those that do not, however narrow they are, as they were.
+def try_on_refined_meshes(
+    document: Document, suggestions: Sequence[Suggestion], clips: Sequence[Clip], *, midpoint: bool
+) -> TrialResult:
+    """Make suggestions as narrow as they need to be; those that cross a fold at any width stay as they were.
 
-    A path that does not lie well as it is gives way to the straight tool. Left out are those where triangles are so
-    long that not even a finer refinement than usual shows wrinkles.
+    A path that crosses a fold gives way to the straight tool. Suggestions are left out where triangles are so long that
+    even a finer refinement than usual shows no wrinkles.
 
     Args:
         document: The asset.
-        suggestions: Those to lay.
-        clips: All of the asset.
-        midpoint: Whether refinement must keep faces flat.
+        suggestions: Best first.
+        clips: All clips of the asset.
+        midpoint: True if refinement must keep faces flat.
     """
-    bench = _Bench(document, clips, RefinementSettings(scheme="midpoint" if midpoint else "butterfly"))
-    lies = bench.lies(suggestions)
-    if any(lie.departs for lie in lies.values()) and not midpoint:
-        bench = replace(bench, refinement=replace(bench.refinement, scheme="midpoint"))
-        lies = bench.lies(suggestions)
-    straight = [
-        each.straight if each.straight is not None and any(lies[n].crosses for n in _names(each, lies)) else each
-        for each in suggestions
-    ]
-    usual, coarse = bench, list[Suggestion]()
-    if any(lie.coarse for lie in lies.values()):
-        bench = usual.finer(straight)
-        if bench.refinement.max_levels == _MOST_LEVELS:
-            # A mesh tells only that some tool on it asks for too much.
-            coarse = [each for each in straight if any(lie.coarse for lie in bench.lies([each]).values())]
-            bench = usual.finer([each for each in straight if each not in coarse])
+    trial = _Trial(document, clips, RefinementSettings(scheme="midpoint" if midpoint else "butterfly"))
+    placed = trial.placements(suggestions)
+    if any(each.departs for each in placed.values()) and not midpoint:
+        trial = replace(trial, refinement=replace(trial.refinement, scheme="midpoint"))
+        placed = trial.placements(suggestions)
+    straight = [each.straight if each.straight and _crosses(each, placed) else each for each in suggestions]
+    usual, coarse = trial, list[Suggestion]()
+    if any(each.coarse for each in placed.values()):
+        trial = usual.finer(straight)
+        if trial.refinement.max_levels == _MOST_LEVELS:
+            # A mesh says only that some tool on it needs shorter edges, so each tool is tried alone.
+            coarse = [each for each in straight if trial.is_coarse([each])]
+            trial = usual.finer([each for each in straight if each not in coarse])
     notes = [
         f"{each.mesh}: left out a fold that {each.driver} makes: its triangles are too long to show wrinkles there"
         for each in coarse
     ]
-    old = [each for each in straight if each not in coarse]
-    if bench is not usual or old != list(suggestions):
-        lies = bench.lies(old)
-    kept = list(old)
+    remaining = [each for each in straight if each not in coarse]
+    if trial is not usual or remaining != list(suggestions):
+        placed = trial.placements(remaining)
+    narrowed = list(remaining)
     for _ in range(_TRIES):
-        crossing = [any(lies[name].crosses for name in _names(each, lies)) for each in kept]
+        crossing = [_crosses(each, placed) for each in narrowed]
         if not any(crossing):
             break
-        kept = [_narrower(each) if crosses else each for each, crosses in zip(kept, crossing, strict=True)]
+        narrowed = [_narrower(each) if crosses else each for each, crosses in zip(narrowed, crossing, strict=True)]
         moved = [
-            lies[name] for each, crosses in zip(kept, crossing, strict=True) if crosses for name in _names(each, lies)
+            placed[name]
+            for each, crosses in zip(narrowed, crossing, strict=True)
+            if crosses
+            for name in _names(each, placed)
         ]
-        again = [each for each in kept if any(_touch(lies[name], lie) for name in _names(each, lies) for lie in moved)]
-        lies |= bench.lies(again)
-    crossing = [any(lies[name].crosses for name in _names(each, lies)) for each in kept]
-    tools = [first if crosses else each for first, each, crosses in zip(old, kept, crossing, strict=True)]
-    return Tried(tools, bench.refinement, notes)
+        again = [
+            each
+            for each in narrowed
+            if any(_touch(placed[name], other) for name in _names(each, placed) for other in moved)
+        ]
+        placed |= trial.placements(again)
+    tools = [wide if _crosses(narrow, placed) else narrow for wide, narrow in zip(remaining, narrowed, strict=True)]
+    return TrialResult(tools, trial.refinement, notes)
 
 
-def _touch(first: _Lie, second: _Lie) -> bool:
-    """Whether the refinement under one tool may change that under another."""
+def _touch(first: _Placement, second: _Placement) -> bool:
+    """True if the refinement under one tool may change the refinement under another."""
     return first.node == second.node and len(np.intersect1d(first.vertices, second.vertices)) > 0
 
 
-def _names(suggestion: Suggestion, lies: dict[str, _Lie]) -> Iterator[str]:
-    """Of its tool, and of its twin, where they could be laid."""
+def _crosses(suggestion: Suggestion, placed: dict[str, _Placement]) -> bool:
+    """True if `check` would warn about the place of the suggestion's tool, or of its twin."""
+    return any(placed[name].crosses for name in _names(suggestion, placed))
+
+
+def _names(suggestion: Suggestion, placed: dict[str, _Placement]) -> Iterator[str]:
+    """The names of the suggestion's tool and of its twin that could be placed."""
     names = [suggestion.tool.name, *([exchange_sides(suggestion.tool.name)] if suggestion.mirrored else [])]
-    return (name for name in names if name in lies)
+    return (name for name in names if name in placed)
 
 
 def _narrower(suggestion: Suggestion) -> Suggestion:

@@ -1,0 +1,234 @@
+"""Candidates for tools, found on a moving mesh: a compressed region, the segment across it, and what compresses it.
+
+Around each summit of the compression over all clips grows the region that the same pose compresses along the same
+direction.
+"""
+
+import math
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from wrinklecli.character.bones import Part
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.pose import morph_weights, node_matrices
+from wrinklecli.character.rig import Rig
+from wrinklecli.choices import MaterialName
+from wrinklecli.numeric.arrays import Bools, Floats
+from wrinklecli.numeric.nearest import closest_point
+from wrinklecli.review.suggest.measure import MeasuredMesh
+from wrinklecli.surface.compression import (
+    CompressedRegion,
+    basins,
+    grow_region,
+    is_buried,
+    sites_with_twins,
+    triangle_shares,
+)
+from wrinklecli.surface.segments import lay_segment
+from wrinklecli.surface.sites import Peaks, at_sites
+from wrinklecli.surface.strain import unscaled_pose
+from wrinklecli.tools.mirror import split_side
+
+# Most regions of a mesh.
+_MOST_REGIONS = 50
+# Most poses in memory, as many regions share one. A pose of a large mesh takes 50 MB.
+_KNOWN_POSES = 8
+# Least loss of a summit, as a part of the length.
+LEAST_LOSS = 0.15
+# Least loss of a site in its basin, as a part of the summit's least loss.
+_BASIN_LOSS = 0.3
+# Factor on the score of a buried region, such as the crotch or the inside of a lip: a fold at rest already, in which
+# nobody sees wrinkles.
+_BURIED_SCORE = 0.2
+# Part of the lost length above which joints alone explain the loss, so that a joint drives the region.
+_OF_JOINTS = 0.5
+# Least merit of the best joint; below, the joint with most of the region drives it.
+_LEAST_MERIT = 1e-3
+# Joints with a side that also wrinkle the skin between them and their twins: nobody raises one brow alone for long.
+_OF_BOTH_SIDES = re.compile("brow|forehead", re.IGNORECASE)
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A place for a tool: a segment across a compressed region.
+
+    Attributes:
+        mesh: The mesh.
+        region: On the mesh.
+        clip: The clip that compresses the region most.
+        time: The time in this clip, seconds.
+        origin: (3,) one end of the segment, on the surface, world space at rest.
+        target: (3,) the other end.
+        score: The region's loss 1 − σ summed over its area, scene units squared; less where nobody sees it.
+        material: None for a plain tool.
+        facet: Length of the triangles' edges if they are shaded flat, scene units; else 0.
+        widest: Greatest width of the tool, scene units.
+        between: (points, 3) of a path between the ends; none for a straight tool.
+        driver: Name of the joint or morph target that compresses the region.
+        by_morph: True if the driver is a morph target.
+        part: The part of the body of a driving joint, if known.
+    """
+
+    mesh: MeasuredMesh
+    region: CompressedRegion
+    clip: Clip
+    time: float
+    origin: Floats
+    target: Floats
+    score: float
+    material: MaterialName | None = None
+    facet: float = 0.0
+    widest: float = math.inf
+    between: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    driver: str = ""
+    by_morph: bool = False
+    part: Part | None = None
+
+
+def find_candidates(
+    mesh: MeasuredMesh, peaks: Peaks, progress: Callable[[float], None] = lambda _done: None
+) -> Iterator[Candidate]:
+    """Find the regions of a mesh that are compressed most, none within another, and a segment across each.
+
+    Args:
+        mesh: The mesh.
+        peaks: The greatest compression of its sites over the clips.
+        progress: Called with the part of the work that is done.
+    """
+    sites = mesh.sites
+    summits = basins(peaks.losses, sites.near, LEAST_LOSS * _BASIN_LOSS)
+    twins = sites_with_twins(sites)
+    seeds = np.unique(summits[summits >= 0])
+    seeds = seeds[peaks.losses[seeds] >= LEAST_LOSS]
+    seeds = seeds[np.argsort(-peaks.losses[seeds], kind="stable")][:_MOST_REGIONS]
+    known: dict[int, _Pose] = {}
+    for step, seed in enumerate(seeds.tolist()):
+        progress(step / len(seeds))
+        number = int(peaks.poses[seed])
+        if number not in known:
+            if len(known) == _KNOWN_POSES:
+                known.clear()
+            known[number] = _pose(mesh, peaks.clips[number], float(peaks.times[number]))
+        candidate = _candidate(mesh, seed, known[number], summits == seed, twin=bool(twins[seed]))
+        if candidate is not None:
+            yield candidate
+
+
+@dataclass(frozen=True, slots=True)
+class _Pose:
+    """A pose of a mesh.
+
+    Attributes:
+        clip: The clip that has the pose.
+        time: Seconds.
+        tensors: (sites, 6) loss tensors.
+        positions: (vertices, 3) without animated scale.
+    """
+
+    clip: Clip
+    time: float
+    tensors: Floats
+    positions: Floats
+
+
+def _pose(mesh: MeasuredMesh, clip: Clip, time: float) -> _Pose:
+    tensors = at_sites(mesh.sites, clip, np.array([time]))[0]
+    return _Pose(clip, time, tensors, unscaled_pose(mesh.gauge, clip, time))
+
+
+def _candidate(mesh: MeasuredMesh, seed: int, pose: _Pose, free: Bools, *, twin: bool) -> Candidate | None:
+    """The candidate around a seed; across x = 0 if it extends there and its driver has no side."""
+    for across in (True, False):
+        region = grow_region(mesh.sites, seed, pose.tensors, free, twin=twin, across=across)
+        ends = None if region is None else lay_segment(mesh.sites, region, [pose.positions])
+        if region is None or ends is None:
+            continue
+        score = float(region.weights.sum()) * (_BURIED_SCORE if is_buried(mesh.sites, region) else 1.0)
+        candidate = Candidate(mesh, region, pose.clip, pose.time, *ends, score)
+        driver, by_morph = _driver_of(candidate)
+        if not region.on_plane or by_morph or not split_side(driver)[1] or _OF_BOTH_SIDES.search(driver):
+            return replace(candidate, driver=driver, by_morph=by_morph)
+    return None
+
+
+def _driver_of(candidate: Candidate) -> tuple[str, bool]:
+    """Name the joint or the morph target that compresses a region; True for a morph target.
+
+    The joint is the one that turns most relative to its parent and has much of the region on both its sides.
+    """
+    mesh, region, clip = candidate.mesh, candidate.region, candidate.clip
+    rig, times = mesh.rig, np.array([candidate.time])
+    weights, stored = morph_weights(rig, clip, times)[0], mesh.rest.morph_weights
+    moving = np.flatnonzero(weights != stored)
+    ends = [
+        closest_point(mesh.rest.positions, mesh.gauge.triangles, end) for end in (candidate.origin, candidate.target)
+    ]
+
+    def span(of_clip: Clip | None, morphs: Floats) -> float:
+        now = unscaled_pose(mesh.gauge, of_clip, candidate.time, morphs)
+        first, second = (shares @ now[mesh.gauge.triangles[triangle]] for triangle, shares, _ in ends)
+        return float(np.linalg.norm(second - first))
+
+    if len(moving):
+        rest_span = span(None, stored)
+        lost = rest_span - span(clip, weights)
+        if rest_span - span(clip, stored) <= _OF_JOINTS * lost:
+            alone = [span(None, np.where(np.arange(len(stored)) == k, weights, stored)) for k in moving]
+            return rig.morph_names[moving[int(np.argmin(alone))]], True
+    shares = _joint_shares(mesh, region)
+    beyond = _descends(rig) @ shares
+    merits = beyond * (1.0 - beyond) * _turns(rig, clip, times)
+    joint = int(merits.argmax()) if merits.max() > _LEAST_MERIT else int(shares.argmax())
+    return rig.names[rig.joints[joint]], False
+
+
+def _joint_shares(mesh: MeasuredMesh, region: CompressedRegion) -> Floats:
+    """(joints,) part of a region that follows each joint; their sum is 1."""
+    corners = mesh.gauge.triangles
+    by_corner = np.repeat(triangle_shares(mesh.sites, region) / 3.0, 3)
+    vertices = np.bincount(corners.ravel(), by_corner, len(mesh.surface.positions))
+    shares: Floats = np.asarray(mesh.gauge.influences.T @ vertices)
+    total: Floats = shares / shares.sum()
+    return total
+
+
+def _descends(rig: Rig) -> Floats:
+    """(joints, joints) 1 where the second is the first or descends from it."""
+    numbers = {int(joint): k for k, joint in enumerate(rig.joints)}
+    descends = np.zeros((len(rig.joints),) * 2)
+    for k, joint in enumerate(rig.joints):
+        node = int(joint)
+        while node >= 0:
+            if node in numbers:
+                descends[numbers[node], k] = 1.0
+            node = int(rig.parents[node])
+    return descends
+
+
+def _turns(rig: Rig, clip: Clip, times: Floats) -> Floats:
+    """(joints,) angles between each joint's rotation relative to its parent and that of the stored pose, radians."""
+    nodes = [int(joint) for joint in rig.joints]
+    parents = [int(rig.parents[node]) for node in nodes]
+    turns = np.zeros(len(nodes))
+    with_parent = [k for k, parent in enumerate(parents) if parent >= 0]
+    if not with_parent:
+        return turns
+    every = [nodes[k] for k in with_parent] + [parents[k] for k in with_parent]
+    relative = []
+    for of_clip in (None, clip):
+        matrices = node_matrices(rig, of_clip, times, every)[0, :, :3, :3]
+        own, above = matrices[: len(with_parent)], matrices[len(with_parent) :]
+        regular = np.abs(np.linalg.det(above)) > 0
+        relative.append(_rotation(np.linalg.inv(np.where(regular[:, None, None], above, np.eye(3))) @ own))
+    trace = np.einsum("jab,jab->j", *relative)
+    turns[with_parent] = np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0))
+    return turns
+
+
+def _rotation(matrices: Floats) -> Floats:
+    """(…, 3, 3) nearest orthogonal matrices."""
+    left, _, right = np.linalg.svd(matrices)
+    return np.asarray(left @ right)

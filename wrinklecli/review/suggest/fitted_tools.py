@@ -1,0 +1,417 @@
+"""Tools fitted to candidates, best first: attached and measured over all clips as a bake does, with written numbers.
+
+A tool that lies on a better one, does not attach or hardly shortens is left out. A tool whose mirror image across x = 0
+shortens too becomes a pair.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.pose import node_matrices
+from wrinklecli.effects.wrinkle.attach import attach_tools
+from wrinklecli.effects.wrinkle.patch import Patch
+from wrinklecli.errors import WrinkleError
+from wrinklecli.numeric.arrays import Floats, unit
+from wrinklecli.review.suggest.candidates import Candidate
+from wrinklecli.review.suggest.draft import pair_of, renamed, stem_and_side, tool_of, width_of, written_length
+from wrinklecli.review.suggest.measure import MeasuredMesh
+from wrinklecli.review.suggest.shortening import Shortening, greatest, shortenings_of, with_rising_bumps
+from wrinklecli.review.suggest.suggest_options import SuggestOptions
+from wrinklecli.surface.path import Curve
+from wrinklecli.surface.segments import lay_segment
+from wrinklecli.surface.sites import at_sites
+from wrinklecli.surface.strain import principal, unscaled_pose
+from wrinklecli.surface.trace import CLEAR_LOSS, trace
+from wrinklecli.tools.mirror import split_side
+from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
+
+# Least score of a candidate, as a part of the best one's.
+_LEAST_SCORE = 0.02
+# Least shortening of a tool that a joint drives, as a part of its length, by material: for less, skin bulges and does
+# not fold, and cloth only slackens.
+_LEAST_SHORTENING = {"skin": 0.3, "cloth": 0.2, "leather": 0.2, None: 0.15}
+# The same for a tool that a morph target drives: lines of a face need less.
+_LEAST_BY_MORPH = 0.04
+# Median angle between a straight tool and the strongest compression from which a path is tried, degrees.
+_ASKEW = 10.0
+# Greatest such angle of the path over that of the straight tool, unless the path has less than `_ASKEW`.
+_BETTER = 0.7
+# Least height at a place whose direction counts for that angle, as a part of the tool's height.
+_PRESENT = 0.25
+# Least shortening of a path over that of the straight tool, measured along the skin: with less, the path runs beside
+# the crease, as in the hollow of a knee, and its bumps would be small.
+_AS_SHORT = 0.75
+# Greatest half width of a path over the radius of its sharpest bend.
+_OF_RADIUS = 0.9
+# Least width of a path over the straight tool's.
+_LEAST_WIDTH = 0.6
+# Greatest length of a region at a finger's joint over the shorter bone's: a segment then ends halfway along the bone.
+_OF_BONE = 0.6
+# Shortening of the left tool of a pair over the right one's below which the right one is written.
+_RESTS = 0.7
+# Per cent of its rest distance that a tool across the middle of a face has at weight 1 of its morph target; the first
+# one that shortens the tool counts. Skin between brows hardly shortens and yet has lines, so the weight makes them.
+_FULL = (105.0, 110.0, 115.0, 120.0, 130.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Suggestion:
+    """A tool across a compressed region.
+
+    Attributes:
+        tool: Its definition, with numbers as they are written.
+        mirrored: True if its mirror image across x = 0 is suggested too.
+        mesh: Name of the node.
+        driver: Name of the joint or morph target that compresses the region.
+        by_morph: True if the driver is a morph target.
+        clip: Name of the clip that shortens the tool most.
+        time: The time in this clip, seconds.
+        span: Distance of the anchors at rest, scene units.
+        clips: By the clip's name, the least distance of the anchors without animated scale, scene units; infinite if
+            the character is hidden in all of the clip.
+        shortening: The greatest, as a part of the span, or of the rest length if a morph target makes that longer.
+        score: The region's loss 1 − σ summed over its area, scene units squared.
+        straight: A straight tool in place of one with a path.
+    """
+
+    tool: WrinkleTool
+    mirrored: bool
+    mesh: str
+    driver: str
+    by_morph: bool
+    clip: str
+    time: float
+    span: float
+    clips: dict[str, float]
+    shortening: float
+    score: float
+    straight: "Suggestion | None" = None
+
+    @property
+    def rest_length(self) -> str:
+        """The tool's rest length, as it is written."""
+        return written_length(self.tool.rest_length)
+
+
+def fit_tools(
+    candidates: Sequence[Candidate], options: SuggestOptions, further: Sequence[Clip] = ()
+) -> list[Suggestion]:
+    """Fit tools to the best candidates, best first.
+
+    Args:
+        candidates: Candidates of all meshes.
+        options: How many tools to suggest.
+        further: More clips that `check` looks at: no bump reaches its full height before their greatest shortening.
+    """
+    for search in (_Search(further), _Search(further, one_sided=True), _Search(further, one_sided=True, mild=True)):
+        found = search.ranked(candidates, options.count)
+        if found:
+            return found
+    return []
+
+
+@dataclass(frozen=True, slots=True)
+class _Fitted:
+    """A suggestion, and its patch or those of a pair."""
+
+    suggestion: Suggestion
+    patches: list[Patch]
+
+
+@dataclass(frozen=True, slots=True)
+class _Search:
+    """A search for tools among candidates.
+
+    Attributes:
+        further: As in `fit_tools`.
+        one_sided: True to accept one of a pair alone, if the pair would overlap.
+        mild: True to accept shortenings that are too small for the material.
+        names: Identifiers that tools have already.
+        bump_lengths: By node and driver, the length of a bump, scene units: folds around one joint get bumps of about
+            the same length.
+    """
+
+    further: Sequence[Clip]
+    one_sided: bool = False
+    mild: bool = False
+    names: frozenset[str] = frozenset()
+    bump_lengths: Mapping[tuple[int, str], float] = field(default_factory=dict)
+
+    def ranked(self, candidates: Sequence[Candidate], count: int) -> list[Suggestion]:
+        """At most `count` suggestions, best first."""
+        order = sorted(candidates, key=lambda each: -each.score)
+        search, found = self, list[Suggestion]()
+        placed: list[tuple[MeasuredMesh, Patch]] = []
+        for candidate in order:
+            if len(found) == count or candidate.score < _LEAST_SCORE * order[0].score:
+                break
+            others = [patch for mesh, patch in placed if mesh is candidate.mesh]
+            if any(_covers(patch, candidate.region.centre, candidate.region.normal) for patch in others):
+                continue
+            fitted = search._fit(candidate)
+            if fitted is None or any(_overlap(patch, other) for patch in fitted.patches for other in others):
+                continue
+            suggestion, key = fitted.suggestion, (candidate.mesh.rig.node, fitted.suggestion.driver)
+            found.append(suggestion)
+            placed += [(candidate.mesh, patch) for patch in fitted.patches]
+            search = replace(
+                search,
+                names=search.names | {patch.tool.identifier for patch in fitted.patches},
+                bump_lengths={key: suggestion.span / suggestion.tool.bumps, **search.bump_lengths},
+            )
+        return found
+
+    def _fit(self, candidate: Candidate) -> _Fitted | None:
+        """The tool of a candidate, with its twin if it has one; None if it does not attach or shorten."""
+        region = candidate.region
+        apart = not region.on_plane and 2.0 * abs(float(region.centre[0])) > 0.5 * min(region.length, region.width)
+        if region.twin and not (apart or region.on_plane or self.one_sided):
+            return None
+        refined = _refined(_within_bones(candidate) if candidate.part == "finger" else candidate)
+        if refined is None:
+            return None
+        curved = _curved(refined)
+        fitted = self._fit_refined(curved, apart=apart)
+        if curved is refined:
+            return fitted
+        straight = self._fit_refined(refined, apart=apart)
+        if fitted is None or straight is None:
+            return fitted or straight
+        return replace(fitted, suggestion=replace(fitted.suggestion, straight=straight.suggestion))
+
+    def _fit_refined(self, candidate: Candidate, *, apart: bool) -> _Fitted | None:
+        """As `_fit`, of a candidate whose ends are refined; `apart` says that it is clear of its twin."""
+        mesh, region, driver = candidate.mesh, candidate.region, candidate.driver
+        stem, side = stem_and_side(driver, candidate.part or "fold")
+        bump_length = self.bump_lengths.get((mesh.rig.node, driver))
+        if candidate.by_morph and region.on_plane:
+            return self._driven(
+                candidate, renamed([tool_of(candidate, stem, width_of(candidate))], stem, self.names)[0]
+            )
+        choices = [[tool_of(candidate, f"{stem}.{side}" if side else stem, width_of(candidate), bump_length)]]
+        # `mirror` would exchange the side in the node's name too.
+        if region.twin and apart and not (mesh.node is not None and split_side(mesh.node)[1]):
+            choices.insert(0, pair_of(candidate, stem, side, bump_length))
+        for tools in choices:
+            patches = _attached(mesh, renamed(tools, stem, self.names))
+            if patches is None:
+                continue
+            if len(patches) == 2 and _overlap(*patches):
+                if self.one_sided:
+                    continue
+                return None
+            shortenings = [shortenings_of(mesh, patch) for patch in patches]
+            ratios = [greatest(each).ratio for each in shortenings]
+            if max(ratios) < _least_shortening(candidate, mild=self.mild):
+                continue
+            if ratios[0] < _RESTS * ratios[-1]:
+                # The tool that the clips fold is written, and `mirror` makes the other.
+                patches, shortenings = patches[::-1], shortenings[::-1]
+            return self._suggested(candidate, patches, shortenings)
+        return None
+
+    def _driven(self, candidate: Candidate, tool: WrinkleTool) -> _Fitted | None:
+        """A tool across x = 0 that the weight of a morph target drives, even if the target stretches the middle."""
+        for full in _FULL:
+            length = RestLengthMorph(candidate.driver, Length(full, percent=True))
+            patches = _attached(candidate.mesh, [replace(tool, rest_length=length)])
+            if patches is None:
+                return None
+            shortenings = shortenings_of(candidate.mesh, patches[0])
+            if greatest(shortenings).ratio >= _LEAST_BY_MORPH:
+                return self._suggested(candidate, patches, [shortenings])
+        return None
+
+    def _suggested(
+        self, candidate: Candidate, patches: list[Patch], shortenings: list[dict[str, Shortening]]
+    ) -> _Fitted | None:
+        """A tool, or a pair whose first one is written; None if there is no room for its bumps."""
+        mesh, driver, best = candidate.mesh, candidate.driver, greatest(shortenings[0])
+        every = [
+            found | shortenings_of(mesh, patch, self.further) for patch, found in zip(patches, shortenings, strict=True)
+        ]
+        tools = with_rising_bumps(mesh, patches, every)
+        if tools is None:
+            return None
+        suggestion = Suggestion(
+            tool=tools[0],
+            mirrored=len(tools) == 2,
+            mesh=mesh.rig.names[mesh.rig.node],
+            driver=_of_side(mesh, driver, tools[0].name) if len(tools) == 2 else driver,
+            by_morph=candidate.by_morph,
+            clip=best.clip.name,
+            time=best.time,
+            span=patches[0].span,
+            clips={name: each.distance for name, each in shortenings[0].items()},
+            shortening=best.ratio,
+            score=candidate.score,
+        )
+        return _Fitted(suggestion, [replace(each, tool=tool) for each, tool in zip(patches, tools, strict=True)])
+
+
+def _covers(patch: Patch, place: Floats, normal: Floats) -> bool:
+    """True if a place with this normal lies well within a patch."""
+    u, v = patch.coordinates(place)
+    height = abs(float(patch.path.depths(place)))
+    on = 0.0 <= u <= 1.0 and abs(v) <= 0.8 and height < 0.5 * max(patch.span, patch.half_width)
+    return bool(on and patch.cosines(u, normal) > 0)
+
+
+def _overlap(first: Patch, second: Patch) -> bool:
+    """True if the middle of one patch lies on the other."""
+    middles = [each.path.middle for each in (first, second)]
+    return _covers(second, middles[0], first.normal) or _covers(first, middles[1], second.normal)
+
+
+def _within_bones(candidate: Candidate) -> Candidate:
+    """A candidate at a finger's joint, shortened to end within the bones on either side: beyond are other creases."""
+    rig, region = candidate.mesh.rig, candidate.region
+    node = rig.names.index(candidate.driver)
+    others = [*np.flatnonzero(rig.parents == node).tolist(), *([int(rig.parents[node])] * bool(rig.parents[node] >= 0))]
+    joint, *ends = node_matrices(rig, None, np.zeros(1), [node, *others])[0, :, :3, 3]
+    lengths = [length for end in ends if (length := float(np.linalg.norm(end - joint))) > 0]
+    region = replace(region, length=min([region.length, *(_OF_BONE * each for each in lengths)]))
+    pose = unscaled_pose(candidate.mesh.gauge, candidate.clip, candidate.time)
+    found = lay_segment(candidate.mesh.sites, region, [pose])
+    return candidate if found is None else replace(candidate, region=region, origin=found[0], target=found[1])
+
+
+def _refined(candidate: Candidate) -> Candidate | None:
+    """A candidate whose segment fits the pose that shortens it most too; None if no tool attaches.
+
+    The segment may be shortest in another pose than the one in which the region loses most, as a fold closes further.
+    """
+    mesh = candidate.mesh
+    for _ in range(2):
+        patch = _probe(candidate)
+        if patch is None:
+            return None
+        best = greatest(shortenings_of(mesh, patch))
+        if best.clip is candidate.clip and best.time == candidate.time:
+            break
+        moments = ((candidate.clip, candidate.time), (best.clip, best.time))
+        poses = [unscaled_pose(mesh.gauge, clip, time) for clip, time in moments]
+        ends = lay_segment(mesh.sites, candidate.region, poses)
+        if ends is None:
+            return None
+        candidate = replace(candidate, origin=ends[0], target=ends[1])
+    return candidate
+
+
+def _curved(candidate: Candidate) -> Candidate:
+    """A candidate with a path along the strongest compression, if a straight tool crosses that askew."""
+    mesh, straight = candidate.mesh, _probe(candidate)
+    if straight is None or candidate.region.on_plane:
+        return candidate
+    moment = greatest(shortenings_of(mesh, straight))
+    askew = _misalignment(mesh, straight, _tensors(mesh, moment))
+    if askew < _ASKEW:
+        return candidate
+    best, least = candidate, max(_BETTER * askew, min(_ASKEW, askew))
+    for _ in range(2):
+        traced = _traced(candidate, _tensors(mesh, moment))
+        if traced is None:
+            break
+        curved, patch = traced
+        # A path is shortest at another time than the straight line between its ends.
+        moment, before = greatest(shortenings_of(mesh, patch)), moment
+        angle = _misalignment(mesh, patch, _tensors(mesh, moment))
+        if angle < least:
+            best, least = curved, angle
+        if least < _ASKEW or (moment.clip is before.clip and moment.time == before.time):
+            break
+    return best
+
+
+def _tensors(mesh: MeasuredMesh, moment: Shortening) -> Floats:
+    """(sites, 6) loss tensors in the pose of a shortening."""
+    tensors: Floats = at_sites(mesh.sites, moment.clip, np.array([moment.time]))[0]
+    return tensors
+
+
+def _misalignment(mesh: MeasuredMesh, patch: Patch, tensors: Floats) -> float:
+    """Median angle between a tool and the direction of the strongest compression, weighted by area, degrees.
+
+    Args:
+        mesh: The mesh.
+        patch: The attached tool.
+        tensors: (sites, 6) loss tensors of a pose.
+    """
+    sites = mesh.sites
+    members = np.isin(mesh.gauge.numbers, patch.members)
+    under = np.flatnonzero(sites.gather[:, members].sum(axis=1))
+    u, v = patch.coordinates(sites.positions[under])
+    shares = np.abs(patch.magnitudes(u, v, sites.normals[under]) / patch.shape_strength)
+    on, u = under[shares > _PRESENT], u[shares > _PRESENT]
+    losses, directions = principal(tensors[on], sites.normals[on])
+    strained = losses > CLEAR_LOSS * losses.max(initial=0.0)
+    on, u, directions = on[strained], u[strained], directions[strained]
+    if not len(on):
+        return 0.0
+    along = patch.path.directions(u)
+    along = unit(along - np.sum(along * sites.normals[on], axis=1)[:, None] * sites.normals[on])
+    angles = np.degrees(np.arccos(np.clip(np.abs(np.sum(along * directions, axis=1)), 0.0, 1.0)))
+    order = np.argsort(angles, kind="stable")
+    total = np.cumsum(sites.areas[on][order])
+    return float(angles[order[np.searchsorted(total, 0.5 * total[-1])]])
+
+
+def _traced(candidate: Candidate, tensors: Floats) -> tuple[Candidate, Patch] | None:
+    """A candidate with a path along the strongest compression of a pose, attached; None if that makes no tool.
+
+    `tensors` are (sites, 6) loss tensors of the pose.
+    """
+    mesh, region = candidate.mesh, candidate.region
+    first, second = (float(np.linalg.norm(end - region.centre)) for end in (candidate.origin, candidate.target))
+    points = trace(mesh.sites, region, tensors, (first, second))
+    if points is None:
+        return None
+    curved = replace(candidate, origin=points[0], between=points[1:-1], target=points[-1])
+    wide = _probe(curved, width_of(candidate))
+    if wide is None or not isinstance(wide.path, Curve):
+        return None
+    curved = replace(curved, widest=2.0 * _OF_RADIUS * wide.path.sharpest[0])
+    patch = _probe(curved)
+    if patch is None or width_of(curved) < _LEAST_WIDTH * width_of(candidate):
+        return None
+    # The straight tool, measured as a path is: from point to point over the skin.
+    shares = np.linspace(0.0, 1.0, len(points))[1:-1, None]
+    over = [mesh.rest.foot(place)[0] for place in candidate.origin + shares * (candidate.target - candidate.origin)]
+    straight = _probe(replace(candidate, between=np.array(over)), width_of(candidate))
+    least = _least_shortening(candidate, mild=False)
+    if straight is not None:
+        least = max(least, _AS_SHORT * greatest(shortenings_of(mesh, straight)).ratio)
+    return (curved, patch) if greatest(shortenings_of(mesh, patch)).ratio >= least else None
+
+
+def _least_shortening(candidate: Candidate, *, mild: bool) -> float:
+    """Least shortening of a candidate's tool, as a part of its length."""
+    if candidate.by_morph:
+        return _LEAST_BY_MORPH
+    return _LEAST_SHORTENING[None if mild else candidate.material]
+
+
+def _of_side(mesh: MeasuredMesh, driver: str, tool: str) -> str:
+    """The driver on the tool's side; the given one if that has no twin there."""
+    base, side = split_side(driver)
+    wanted = split_side(tool)[1]
+    every = (*mesh.rig.names, *mesh.rig.morph_names)
+    named = (name for name in every if side and side != wanted and split_side(name) == (base, wanted))
+    return next(named, driver)
+
+
+def _probe(candidate: Candidate, width: float | None = None) -> Patch | None:
+    """The tool of a candidate, attached; None if a bake would refuse it."""
+    patches = _attached(candidate.mesh, [tool_of(candidate, "probe", width or width_of(candidate))])
+    return None if patches is None else patches[0]
+
+
+def _attached(mesh: MeasuredMesh, tools: list[WrinkleTool]) -> list[Patch] | None:
+    """Tools attached as in a bake; None if a bake would refuse one."""
+    try:
+        return attach_tools(tools, mesh.surface, mesh.rest, mesh.rig, up="y")
+    except WrinkleError:
+        return None

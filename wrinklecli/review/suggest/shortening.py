@@ -1,0 +1,158 @@
+"""How far clips shorten a tool, and bumps that keep rising until the greatest shortening."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wrinklecli.character.clip import Channel, Clip
+from wrinklecli.character.rig import Rig, moving_nodes
+from wrinklecli.effects.wrinkle.activity import lengths_over_time
+from wrinklecli.effects.wrinkle.patch import Patch
+from wrinklecli.effects.wrinkle.weights import fitting_compressible
+from wrinklecli.numeric.arrays import unit
+from wrinklecli.numeric.nearest import balls, distances_along, near_points
+from wrinklecli.review.suggest.measure import MeasuredMesh
+from wrinklecli.tools.materials import bump_height
+from wrinklecli.tools.records import Length, WrinkleTool
+
+# Poses of a further clip.
+_FURTHER_POSES = 8
+# Per cent added to `compressible`: between the poses looked at, a clip may fold a little further.
+_SPARE = 1
+# Most per cent of `compressible` that a file may have.
+_MOST_COMPRESSIBLE = 95
+# Factor by which bumps grow until `compressible` is no more than that.
+_HIGHER = 1.1
+# Most rays that look for a surface over a patch.
+_RAYS = 150
+# Factor on the height below which a patch fades so much that it reaches nothing.
+_LOW = 0.2
+# Part of the free height over a patch that wrinkles take, as rays miss what lies between them.
+_TAKEN = 0.8
+
+
+@dataclass(frozen=True, slots=True)
+class Shortening:
+    """The pose of a clip in which a tool's anchors are nearest to each other.
+
+    Attributes:
+        clip: The clip.
+        time: Seconds.
+        ratio: Lost part of the rest length, without the tool's slack.
+        distance: Distance of the anchors, scene units; infinite if the character is hidden.
+        rest_length: Rest length of the control curve, scene units.
+    """
+
+    clip: Clip
+    time: float
+    ratio: float
+    distance: float
+    rest_length: float
+
+
+def shortenings_of(mesh: MeasuredMesh, patch: Patch, further: Sequence[Clip] = ()) -> dict[str, Shortening]:
+    """Find the greatest shortening of an attached tool in each clip, by the clip's name.
+
+    Args:
+        mesh: The mesh with its clips.
+        patch: The attached tool.
+        further: More clips to look at, each of which goes from one key to another.
+    """
+    found = {}
+    above = [moving_nodes(mesh.rig, [joint]) for joint in {joint for each in patch.anchors for joint in each.joints}]
+    more = [(clip, np.linspace(clip.start, clip.end, _FURTHER_POSES)) for clip in further]
+    for clip, times in [*zip(mesh.clips, mesh.times, strict=True), *more]:
+        if not any(_bends(channel, mesh.rig, above) for channel in clip.channels):
+            found[clip.name] = Shortening(clip, float(times[0]), 0.0, patch.span, patch.rest_length)
+            continue
+        distances, rest_lengths = lengths_over_time(patch, mesh.rig, mesh.rest, clip, times)
+        ratios = distances / np.maximum(rest_lengths, patch.span)
+        best = int(ratios.argmin())
+        found[clip.name] = Shortening(
+            clip, float(times[best]), 1.0 - float(ratios[best]), float(distances[best]), float(rest_lengths[best])
+        )
+    return found
+
+
+def greatest(shortenings: Mapping[str, Shortening]) -> Shortening:
+    """The greatest shortening of all clips; the first one of equal ones."""
+    return max(shortenings.values(), key=lambda each: each.ratio)
+
+
+def _bends(channel: Channel, rig: Rig, above: Sequence[frozenset[int]]) -> bool:
+    """True if a channel may move joints relative to each other, or hide them; `above` has each joint's ancestors."""
+    followers = sum(channel.node in nodes for nodes in above)
+    return channel.node == rig.node or (followers > 0 and (followers < len(above) or channel.path == "scale"))
+
+
+def with_rising_bumps(
+    mesh: MeasuredMesh, patches: list[Patch], shortenings: list[dict[str, Shortening]]
+) -> list[WrinkleTool] | None:
+    """Make tools so compressible that no bump reaches its full height before the greatest shortening.
+
+    `compressible` is in whole per cent. Bumps are higher where it would exceed the most that a file may have.
+
+    Args:
+        mesh: The mesh.
+        patches: A tool, or a pair.
+        shortenings: Shortenings of each, by the clip's name.
+
+    Returns:
+        The tools; None if their bumps would reach a surface above them.
+    """
+    width = patches[0].rest_length / patches[0].tool.bumps
+    usual = bump_height(patches[0].tool.material)
+    highest = min(_free_height(mesh, patch) for patch in patches)
+    height = min(usual, highest / width)
+    while (percent := _needed_percent(patches, shortenings, height)) > _MOST_COMPRESSIBLE:
+        height *= _HIGHER
+    if height * width > highest:
+        return None
+    tools = [replace(each.tool, compressible=percent / 100.0) for each in patches]
+    if height != usual:
+        # Rounded up to need no more `compressible`, or down to stay below the surface above.
+        rounded = math.ceil if height > usual else math.floor
+        max_height = Length(rounded(1e4 * height * width / patches[0].span) / 100.0, percent=True)
+        tools = [replace(tool, max_height=max_height) for tool in tools]
+    return tools
+
+
+def _needed_percent(patches: list[Patch], shortenings: list[dict[str, Shortening]], height: float) -> int:
+    """The `compressible` that bumps need, per cent, if their greatest height over their width is `height`."""
+    needed = 0.0
+    for patch, found in zip(patches, shortenings, strict=True):
+        distances, rest_lengths = np.array([[each.distance, each.rest_length] for each in found.values()]).T
+        curve = replace(patch.curve, max_height=height * patch.rest_length / patch.tool.bumps)
+        needed = max(needed, fitting_compressible(curve, [(distances, rest_lengths)]))
+    return math.ceil(100.0 * needed) + _SPARE if needed else 0
+
+
+def _free_height(mesh: MeasuredMesh, patch: Patch) -> float:
+    """Greatest height of bumps that do not reach a surface above the patch at rest, such as a hem, scene units.
+
+    Infinite if no surface lies within the usual height.
+    """
+    surface, positions = mesh.surface, mesh.rest.positions
+    members = surface.triangles[patch.members]
+    places = positions[members].mean(axis=1)
+    rays = unit(mesh.rest.normals[members].sum(axis=1))
+    factors = np.abs(patch.magnitudes(*patch.coordinates(places), rays))
+    chosen = np.flatnonzero(factors > _LOW)
+    chosen = chosen[:: -(-len(chosen) // _RAYS) or 1]
+    usual = patch.curve.max_height
+    if not len(chosen) or not np.isfinite(usual):
+        return np.inf
+    corners = positions[surface.triangles]
+    near = near_points(corners, places[chosen], usual)
+    triangles, corners = surface.triangles[near], corners[near]
+    middles, radii = balls(corners)
+    highest = np.inf
+    for number in chosen:
+        close = np.sum((middles - places[number]) ** 2, axis=1) < (usual * factors[number] + radii) ** 2
+        apart = close & (triangles[:, :, None] != members[number]).all(axis=(1, 2))
+        free = float(distances_along(places[number], rays[number], corners[apart]).min(initial=np.inf))
+        if free < usual * factors[number]:
+            highest = min(highest, _TAKEN * free / factors[number])
+    return highest

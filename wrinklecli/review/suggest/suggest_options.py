@@ -1,0 +1,34 @@
+"""The options of `suggest`, as one record."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from wrinklecli.numeric.memory import MAX_MEMORY
+
+
+@dataclass(frozen=True, slots=True)
+class SuggestOptions:
+    """What to look at, and how many tools to suggest.
+
+    Attributes:
+        clips: Names of the clips to look at; all if empty.
+        count: Greatest number of suggestions; a pair counts as one.
+        node: Name of the node whose mesh to look at; None for all nodes whose meshes deform.
+        everything: Leave out neither hard parts nor what another layer hides.
+        fps: Poses per second; at most 200 of a clip, evenly spaced, and fewer where mesh and clips are large.
+        anims: Files with more clips, for joints of the same names.
+        range_of_motion: Look at the range of motion too, even if the asset has clips.
+        allow_external: Read buffers outside the asset's folder too.
+        max_memory: Bytes that the work may take.
+    """
+
+    clips: Sequence[str] = ()
+    count: int = 8
+    node: str | None = None
+    everything: bool = False
+    fps: float = 30.0
+    anims: Sequence[str | os.PathLike[str]] = ()
+    range_of_motion: bool = False
+    allow_external: bool = False
+    max_memory: int = MAX_MEMORY
