@@ -37,7 +37,7 @@ from kit.tools_text import (
     tool_lines,
 )
 from wrinklecli.errors import ConfigError
-from wrinklecli.tools import schema
+from wrinklecli.tools import records, schema
 from wrinklecli.tools import yaml_tree as yamltree
 from wrinklecli.tools.materials import MATERIALS
 from wrinklecli.tools.read import load_tools, parse_tools, read_values
@@ -784,7 +784,7 @@ def test_the_examples_of_the_reference_are_valid():
     ],
 )
 def test_the_reference_names_the_limits(constant, words):
-    limit = getattr(yamltree if hasattr(yamltree, constant) else schema, constant)
+    [limit] = [getattr(each, constant) for each in (yamltree, schema, records) if hasattr(each, constant)]
     number = f"{limit // 1_000_000} MB" if constant == "MAX_BYTES" else f"{limit:,}"
     assert number in words
     assert words in README

@@ -16,7 +16,7 @@ from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.images import files_of
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory
-from wrinklecli.tools.merged import load_merged
+from wrinklecli.tools.read import load_merged
 from wrinklecli.tools.records import MAX_VERTICES, Length, RestLengthKeys, ToolsFile, WrinkleTool
 
 ToolsPaths: TypeAlias = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]

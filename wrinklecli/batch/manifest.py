@@ -16,9 +16,10 @@ from wrinklecli.batch.manifest_schema import JOB_KEYS, MANIFEST_SCHEMA, OPTION_K
 from wrinklecli.batch.tables import read_csv, read_json_lines
 from wrinklecli.errors import ConfigError
 from wrinklecli.tools.checked import Format, Place, check
+from wrinklecli.tools.json_schema import Items
 from wrinklecli.tools.yaml_tree import Node, Problem, path_to, printable, read_tree
 
-_FORMAT = Format(MANIFEST_SCHEMA, "job", JOB_KEYS, OWN_KEYS)
+_FORMAT = Format(MANIFEST_SCHEMA, [Items("job", JOB_KEYS, OWN_KEYS)])
 _READERS = {".yaml": read_tree, ".yml": read_tree, ".csv": read_csv, ".jsonl": read_json_lines}
 _LISTS = ("tools", "anims", "anim", "clip", "tool")
 _PATHS = ("tools", "anims", "anim", "out", "tracked", "frames_dir", "report", "timings")

@@ -3,13 +3,13 @@
 import difflib
 import functools
 import re
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 from jsonschema_rs import Draft202012Validator
 
-from wrinklecli.tools.json_schema import Schema
+from wrinklecli.tools.json_schema import Items, Schema
 from wrinklecli.tools.yaml_tree import MAX_SHOWN, Node, Problem, path_to
 
 Place: TypeAlias = tuple[str | int, ...]  # keys and indices that lead to a value
@@ -17,19 +17,10 @@ Place: TypeAlias = tuple[str | int, ...]  # keys and indices that lead to a valu
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Format:
-    """What a file may say whose items inherit from its `defaults`.
-
-    Attributes:
-        schema: Of the file.
-        item: What an item is called, such as `tool`.
-        keys: Of an item.
-        own: Those of them that are not inherited.
-    """
+    """What a file may say: its schema, and the items of its lists, which inherit from its `defaults`."""
 
     schema: Schema
-    item: str
-    keys: Collection[str]
-    own: Collection[str]
+    kinds: Sequence[Items]
 
 
 @functools.cache
@@ -84,12 +75,13 @@ def check(root: Node, form: Format) -> tuple[list[Problem], set[Place]]:
             meant.add((place, near))
             wrong.add((*place, key))
             message = f"unknown key, did you mean {near}?" if near else f"unknown key, expected {', '.join(known)}"
-            if place == ("defaults",) and key in form.own:
-                message = f"not inherited, each {form.item} needs its own"
-            if not place and key in form.keys:
-                meant.add((place, key))
-                home = f"a {form.item}" if key in form.own else f"a {form.item} or to defaults"
-                message = f"belongs to {home}; is it indented too little?"
+            for kind in form.kinds:
+                if place == ("defaults",) and key in kind.own:
+                    message = f"not inherited, each {kind.item} needs its own"
+                if not place and key in kind.keys:
+                    meant.add((place, key))
+                    home = f"a {kind.item}" if key in kind.own else f"a {kind.item} or to defaults"
+                    message = f"belongs to {home}; is it indented too little?"
             problems.append(Problem(node.children[key].line, path_to(path, key), message))
     for place, keys in missing.items():
         node, path = at(root, place)

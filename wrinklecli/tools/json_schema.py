@@ -1,13 +1,17 @@
-"""JSON Schemas with messages: what a key of a file of ours may hold, and what is said of a value that it may not.
+"""JSON Schemas with messages, and records whose fields are the keys of a file.
 
 Beyond JSON Schema, `errorMessage` is what a refused value should have been: the program puts it behind what it found,
 and the language servers of JSON and YAML show it.
 """
 
-from collections.abc import Mapping
-from typing import Any, TypeAlias
+import functools
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import MISSING, Field, dataclass, field, fields
+from typing import Any, TypeAlias, TypeVar
 
 Schema: TypeAlias = dict[str, Any]
+Reader: TypeAlias = Callable[[Any], Any]
+_Record = TypeVar("_Record")
 
 
 def expects(accepted: str, **keywords: Any) -> Schema:
@@ -55,6 +59,90 @@ def if_mapping(mapping: Schema, otherwise: Schema, **having: Any) -> Schema:
 def key_of(values: Schema, description: str, **default: Any) -> Schema:
     """Values of a key, with what it means."""
     return {**values, "description": description, **default}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Items:
+    """Items of a list, which inherit from the `defaults` of their file.
+
+    Attributes:
+        item: What messages call one of them, such as `tool`.
+        keys: Schemas of their keys.
+        own: Keys that are not inherited.
+    """
+
+    item: str
+    keys: Mapping[str, Schema]
+    own: Collection[str]
+
+    @property
+    def inherited(self) -> dict[str, Schema]:
+        """Schemas of the keys that `defaults` may give."""
+        return {name: schema for name, schema in self.keys.items() if name not in self.own}
+
+
+def key(
+    values: Schema,
+    description: str,
+    default: Any = MISSING,
+    *,
+    read: Reader | None = None,
+    name: str = "",
+    absent: Any = MISSING,
+    hashed: bool = True,
+) -> Any:
+    """A field of a record that a key of a file gives.
+
+    Args:
+        values: What the key may hold.
+        description: What it means, for editors.
+        default: What the file means without the key, as the file would say it; left out where the key is required.
+        read: Makes the field's value of the file's; the same value where left out.
+        name: The key; the field's own name where left out.
+        absent: The field's value without the key, where `read` does not make it of `default`.
+        hashed: False for values that cannot be hashed.
+    """
+    said = {} if default is MISSING else {"default": default}
+    read = read or (lambda value: value)
+    metadata = {"schema": key_of(values, description, **said), "read": read, "name": name}
+    if absent is MISSING and default is not MISSING:
+        absent = read(default)
+    hashing = None if hashed else False
+    if isinstance(absent, dict):
+        return field(default_factory=dict, metadata=metadata, hash=hashing)
+    return field(default=absent, metadata=metadata, hash=hashing)
+
+
+def keys_of(record: type) -> dict[str, Schema]:
+    """The schemas of a record's keys."""
+    return {each.metadata["name"] or each.name: each.metadata["schema"] for each in _fields(record)}
+
+
+@functools.cache
+def readers_of(record: type) -> Mapping[str, Reader]:
+    """What makes a record's values of the values of its keys."""
+    return {each.metadata["name"] or each.name: each.metadata["read"] for each in _fields(record)}
+
+
+def defaults_of(record: type) -> dict[str, Any]:
+    """The defaults of a record's keys, as a file would say them."""
+    return {name: schema["default"] for name, schema in keys_of(record).items() if "default" in schema}
+
+
+def schema_of(record: type) -> Schema:
+    """A mapping of a record's keys, of which those without a default are required."""
+    keys = keys_of(record)
+    return mapping_of(keys, required=tuple(name for name, schema in keys.items() if "default" not in schema))
+
+
+def read_record(record: type[_Record], values: Mapping[str, Any]) -> _Record:
+    """The record of a mapping that its schema accepts."""
+    readers = readers_of(record)  # type: ignore[arg-type]
+    return record(**{name: readers[name](value) for name, value in values.items()})
+
+
+def _fields(record: type) -> Iterator[Field[Any]]:
+    return (each for each in fields(record) if "schema" in each.metadata)
 
 
 TEXT = expects("text, in quotes where YAML would read a number, true, false or null", type="string", minLength=1)

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from wrinklecli.tools.records import Marker, Position, RestLengthMorph
+from wrinklecli.tools.records import Marker, Position, RestLengthMorph, with_points
 
 _SIDES = {"L": "R", "l": "r", "Left": "Right", "left": "right", "LEFT": "RIGHT"}
 _OTHER_SIDE = _SIDES | {right: left for left, right in _SIDES.items()}
@@ -29,24 +29,19 @@ def split_side(name: str) -> tuple[str, str]:
     return name[: match.start()] + name[match.end() :], match[0][0].upper()
 
 
-def _mirror_anchor(anchor: Position | Marker, axis: str) -> Position | Marker:
-    if isinstance(anchor, Marker):
-        return Marker(exchange_sides(anchor.marker))
-    x, y, z = (0.0 - value if axis == name else value for name, value in zip("xyz", anchor, strict=True))
-    return (x, y, z)
+def mirrored(record: type, values: Mapping[str, Any], axis: str) -> dict[str, Any]:
+    """The keys of the effect on the other side of an axis's plane: names of one side become names of the other."""
 
+    def other_side(anchor: Position | Marker) -> Position | Marker:
+        if isinstance(anchor, Marker):
+            return Marker(exchange_sides(anchor.marker))
+        x, y, z = (0.0 - value if axis == name else value for name, value in zip("xyz", anchor, strict=True))
+        return (x, y, z)
 
-def mirrored(values: Mapping[str, Any], axis: str) -> dict[str, Any]:
-    """The keys of the tool on the other side: whatever names one side names the other."""
-    other = dict(values)
-    other["name"] = exchange_sides(values["name"])
-    for key in ("origin", "target"):
-        if key in values:
-            other[key] = _mirror_anchor(values[key], axis)
-    if "path" in values:
-        other["path"] = tuple(_mirror_anchor(point, axis) for point in values["path"])
-    if isinstance(values.get("node"), str):
-        other["node"] = exchange_sides(values["node"])
+    other = with_points(record, values, other_side)
+    for key in ("name", "node"):
+        if isinstance(values.get(key), str):
+            other[key] = exchange_sides(values[key])
     if isinstance(driver := values.get("rest_length"), RestLengthMorph):
         other["rest_length"] = replace(driver, morph=exchange_sides(driver.morph))
     return other

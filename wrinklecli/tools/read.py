@@ -1,121 +1,32 @@
-"""The YAML file of wrinkling tools, read into frozen records; all of its problems are reported at once.
+"""Reads the YAML file of wrinkling tools into frozen records; all of its problems are reported at once.
 
-Three steps: YAML text to a tree that knows its lines, the tree checked by the JSON Schema of `schema`, what is right
-in it read into records: defaults inherited, mirrored tools made, positions turned to Y-up, what is left out taken
-from materials.
+There are three steps. YAML text becomes a tree that knows its lines. The JSON Schema of `schema` checks the tree. Its
+valid keys become records: tools inherit defaults, mirrored tools are made, and positions are turned to Y-up.
 `configs/README.md` is the reference of the keys.
 """
 
 import os
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, Literal, TypeAlias
+from typing import Any, TypeAlias
 
 from wrinklecli.errors import ConfigError
 from wrinklecli.files.formats import is_gltf
 from wrinklecli.files.inputs import open_input
 from wrinklecli.tools.checked import Format, Place, at, check, refusal
-from wrinklecli.tools.materials import with_material
+from wrinklecli.tools.json_schema import readers_of
 from wrinklecli.tools.mirror import mirrored
-from wrinklecli.tools.records import (
-    Contact,
-    Lag,
-    Length,
-    Marker,
-    Position,
-    RefinementSettings,
-    RestFrame,
-    RestLengthKeys,
-    RestLengthMorph,
-    Sampling,
-    ToolsFile,
-    WrinkleTool,
-    identifier,
-    parse_length,
-)
-from wrinklecli.tools.schema import OWN_KEYS, TOOL_KEYS, TOOLS_SCHEMA
+from wrinklecli.tools.records import Marker, Position, ToolsFile, identifier, with_points
+from wrinklecli.tools.schema import KINDS, TOOLS_SCHEMA, Kind
 from wrinklecli.tools.yaml_tree import MAX_BYTES, Node, Problem, path_to, printable, read_tree, tree_of
 
 Keys: TypeAlias = tuple[str, ...]
 
+_FORMAT = Format(TOOLS_SCHEMA, [kind.items for kind in KINDS.values()])
 
-_FORMAT = Format(TOOLS_SCHEMA, "tool", TOOL_KEYS, OWN_KEYS)
-
-
-def _converted(value: Mapping[str, Any]) -> dict[str, Any]:
-    """The values of a mapping, each as its record holds it."""
-    return {key: _READ[key](part) if key in _READ else part for key, part in value.items()}
-
-
-def _anchor(value: Any) -> Position | Marker:
-    if isinstance(value, dict):
-        return Marker(**value)
-    x, y, z = map(float, value)
-    return (x, y, z)
-
-
-def _max_height(value: Any) -> Literal["auto"] | Length | None:
-    if value in ("auto", "none", None):
-        return "auto" if value == "auto" else None
-    return parse_length(value)
-
-
-def _clips(value: Any) -> Literal["all"] | tuple[str, ...] | dict[str, float]:
-    """The clips to sample, or the strengths in clips."""
-    if isinstance(value, dict):
-        return {clip: float(strength) for clip, strength in value.items()}
-    return "all" if value == "all" else tuple(value)
-
-
-def _keys(value: Mapping[str, Any]) -> dict[str, tuple[tuple[float, Length], ...]]:
-    return {clip: tuple((float(time), parse_length(length)) for time, length in keys) for clip, keys in value.items()}
-
-
-def _rest_length(value: Any) -> Literal["auto"] | Length | RestLengthKeys | RestLengthMorph:
-    if isinstance(value, dict):
-        return RestLengthKeys(**_converted(value)) if "keys" in value else RestLengthMorph(**_converted(value))
-    return "auto" if value == "auto" else parse_length(value)
-
-
-def _contact(value: Any) -> Contact | None:
-    if isinstance(value, dict):
-        return Contact(**_converted(value))
-    return Contact() if value == "resolve" else None
-
-
-# How a key's value becomes a record's, wherever the key stands; those that are not here stay as they are.
-_READ: Mapping[str, Callable[[Any], Any]] = {
-    "version": int,
-    "rest": lambda value: RestFrame(**_converted(value)) if isinstance(value, dict) else value,
-    "time": float,
-    "sampling": lambda value: Sampling(**_converted(value)),
-    "fps": float,
-    "clips": _clips,
-    "refinement": lambda value: RefinementSettings(**_converted(value)),
-    "max_levels": int,
-    "edges_per_interval": int,
-    "origin": _anchor,
-    "target": _anchor,
-    "path": lambda value: tuple(map(_anchor, value)),
-    "width": parse_length,
-    "material": lambda value: None if value == "none" else value,
-    "bumps": int,
-    "gap": int,
-    "max_height": _max_height,
-    "compressible": lambda value: float(value.rstrip(" %")) / 100.0,
-    "details": lambda value: tuple(map(float, value)),
-    "bow": float,
-    "strength": float,
-    "rest_length": _rest_length,
-    "keys": _keys,
-    "lag": lambda value: Lag(**_converted(value)) if isinstance(value, dict) else None,
-    "frequency": float,
-    "damping": float,
-    "contact": _contact,
-    "ignore": tuple,
-    "full": parse_length,
-}
+# Keys beside the tools that hold for all tools of merged files; `up` is in the positions, which are Y-up once read.
+_SHARED = ("rest", "sampling", "refinement")
 
 
 def _odd(key: str, value: Any) -> Iterator[tuple[Place, str]]:
@@ -130,67 +41,78 @@ def _odd(key: str, value: Any) -> Iterator[tuple[Place, str]]:
                     break
 
 
-def _read(root: Node, place: Place, wrong: Collection[Place]) -> tuple[dict[str, Any], list[Problem]]:
-    """What a mapping of the file says, and what is wrong with it that the schema has no words for.
+def _read(root: Node, place: Place, record: type, wrong: Collection[Place]) -> tuple[dict[str, Any], list[Problem]]:
+    """The values of a record's keys in a mapping of the file, and what is wrong with them beyond the schema.
 
     Args:
         root: The file.
-        place: Where the mapping is.
+        place: Keys and indices that lead to the mapping.
+        record: The record; other keys are left out.
         wrong: Places that are left out.
     """
     values: dict[str, Any] = {}
     problems: list[Problem] = []
     node, _ = at(root, place)
+    readers = readers_of(record)
     for key, value in node.value.items() if isinstance(node.value, dict) else ():
-        if (*place, key) in wrong:
+        if key not in readers or (*place, key) in wrong:
             continue
         odd = [(at(root, (*place, key, *below)), expected) for below, expected in _odd(key, value)]
         problems += [Problem(part.line, path, refusal(part, expected)) for (part, path), expected in odd]
         if not odd:
-            values |= _converted({key: value})
+            values[key] = readers[key](value)
     return values, problems
 
 
 @dataclass(frozen=True, slots=True)
-class _Tool:
-    """A tool as the file gives it, or mirrored from such a one: its keys in the file's axes, its path, its mapping."""
+class _Effect:
+    """An effect that the file gives, or its mirror image: its keys in the file's axes, its path and its mapping."""
 
     values: Mapping[str, Any]
     path: str
     node: Node
 
 
-def _tools(root: Node, defaults: Mapping[str, Any], wrong: Collection[Place]) -> tuple[list[_Tool], list[Problem]]:
-    """All tools, each mirrored one behind its source, and what is wrong with them."""
-    node = root.children.get("tools")
+def _effects(
+    root: Node, key: str, defaults: Mapping[str, Any], wrong: Collection[Place], owners: dict[str, str]
+) -> tuple[list[_Effect], list[Problem]]:
+    """All effects of a list, each mirrored one behind its source, and what is wrong with them.
+
+    Args:
+        root: The file.
+        key: Key of the list.
+        defaults: What the effects inherit.
+        wrong: Places that are left out.
+        owners: Whose name gives which identifier; those of these effects are added.
+    """
+    node = root.children.get(key)
     if node is None or not isinstance(node.value, list):
-        return [], []  # what stands there the schema has not looked into
+        return [], []  # the schema has not looked into what stands there
+    record = KINDS[key].record
     problems: list[Problem] = []
-    given: list[_Tool] = []
-    owners: dict[str, str] = {}  # who has an identifier
+    given: list[_Effect] = []
     for i, child in node.children.items():
-        values, odd = _read(root, ("tools", i), wrong)
-        tool = _Tool({**defaults, **values}, path_to("tools", i), child)
-        given.append(tool)
-        problems += [*odd, *_problems_of(tool, owners)]
-        if "name" in tool.values:
-            owners.setdefault(identifier(tool.values["name"]), tool.path)
-    tools: list[_Tool] = []
-    for tool in given:
-        tools.append(tool)
-        axis = tool.values.get("mirror")
-        if axis in (None, "none") or "name" not in tool.values:
+        values, odd = _read(root, (key, i), record, wrong)
+        effect = _Effect({**defaults, **values}, path_to(key, i), child)
+        given.append(effect)
+        problems += [*odd, *_problems_of(effect, owners)]
+        if "name" in effect.values:
+            owners.setdefault(identifier(effect.values["name"]), effect.path)
+    effects: list[_Effect] = []
+    for effect in given:
+        effects.append(effect)
+        axis = effect.values.get("mirror")
+        if axis in (None, "none") or "name" not in effect.values:
             continue
-        values = mirrored(tool.values, axis)
-        tools.append(
-            _Tool({**values, "mirrored": True}, f"{tool.path} (mirrored as {printable(values['name'])})", tool.node)
-        )
-        problems += _problems_of_mirrored(tool, values, owners)
-        owners.setdefault(identifier(values["name"]), f"the tool mirrored from {tool.path}")
-    return tools, problems
+        values = mirrored(record, effect.values, axis)
+        path = f"{effect.path} (mirrored as {printable(values['name'])})"
+        effects.append(_Effect({**values, "mirrored": True}, path, effect.node))
+        problems += _problems_of_mirrored(effect, values, owners)
+        owners.setdefault(identifier(values["name"]), f"the tool mirrored from {effect.path}")
+    return effects, problems
 
 
-def _problems_of(tool: _Tool, owners: Mapping[str, str]) -> Iterator[Problem]:
+def _problems_of(tool: _Effect, owners: Mapping[str, str]) -> Iterator[Problem]:
     """What is wrong with a tool beside those before it."""
     values, parts = tool.values, tool.node.children
     if "name" in values and (owner := owners.get(identifier(values["name"]))) is not None:
@@ -205,7 +127,7 @@ def _problems_of(tool: _Tool, owners: Mapping[str, str]) -> Iterator[Problem]:
             yield Problem(line, f"{tool.path}.path[{number}]", "same as the point before it, expected another")
 
 
-def _problems_of_mirrored(tool: _Tool, other: Mapping[str, Any], owners: Mapping[str, str]) -> Iterator[Problem]:
+def _problems_of_mirrored(tool: _Effect, other: Mapping[str, Any], owners: Mapping[str, str]) -> Iterator[Problem]:
     """What is wrong with the keys of the tool that is mirrored from one."""
     name = tool.node.children["name"]
     if other["name"] == tool.values["name"]:
@@ -223,15 +145,13 @@ def _points(values: Mapping[str, Any]) -> set[Position | Marker | None]:
     return {*values["path"]} if "path" in values else {values.get("origin"), values.get("target")}
 
 
-def _record(tool: _Tool, up: str, inherited: Mapping[Keys, str], shown_name: str) -> WrinkleTool:
-    """The record of a tool with which nothing is wrong, and the places of what it says and inherits."""
-    values = {key: value for key, value in tool.values.items() if key not in ("mirror", "path")}
-    points = tool.values.get("path") or (values["origin"], values["target"])
-    origin, *between, target = (_y_up(point, up) for point in points)
-    values |= {"origin": origin, "between": tuple(between), "target": target}
-    places = {keys: place for keys, place in inherited.items() if keys[0] not in tool.node.children}
-    places |= _places(tool.node, tool.path, shown_name)
-    return WrinkleTool(**with_material(values), where=f"{shown_name}:{tool.node.line}: {tool.path}", places=places)
+def _record(kind: Kind, effect: _Effect, up: str, inherited: Mapping[Keys, str], shown_name: str) -> Any:
+    """The record of an effect with which nothing is wrong, and the places of what it says and inherits."""
+    values = with_points(kind.record, effect.values, lambda anchor: _y_up(anchor, up))
+    places = {keys: place for keys, place in inherited.items() if keys[0] not in effect.node.children}
+    places |= _places(effect.node, effect.path, shown_name)
+    where = f"{shown_name}:{effect.node.line}: {effect.path}"
+    return kind.record(**kind.record.fields_of(values), where=where, places=places)
 
 
 def _places(node: Node, path: str, shown_name: str) -> dict[Keys, str]:
@@ -271,24 +191,33 @@ def read_values(values: Mapping[str, Any], *, name: str = "<tools>") -> ToolsFil
 def _parsed(root: Node | None, problems: list[Problem], name: str) -> ToolsFile:
     shown_name = printable(name, len(name))
     header: dict[str, Any] = {}
-    tools: list[_Tool] = []
+    effects: dict[str, list[_Effect]] = {}
+    owners: dict[str, str] = {}
     if root is not None:
         refused, wrong = check(root, _FORMAT)
-        header, odd = _read(root, (), {*wrong, ("defaults",), ("tools",)})
-        defaults, odd_defaults = _read(root, ("defaults",), wrong) if "defaults" in root.children else ({}, [])
-        tools, odd_tools = _tools(root, defaults, wrong)
-        problems = [*problems, *refused, *odd, *odd_defaults, *odd_tools]
+        header, odd = _read(root, (), ToolsFile, wrong)
+        problems = [*problems, *refused, *odd]
+        for key, kind in KINDS.items():
+            defaults, odd = _read(root, ("defaults",), kind.record, wrong) if "defaults" in root.children else ({}, [])
+            effects[key], odd_effects = _effects(root, key, defaults, wrong, owners)
+            problems += [*odd, *odd_effects]
     if problems:
         raise ConfigError.of_all(
             ConfigError(problem.message, where=f"{shown_name}:{problem.line}: {problem.path}".rstrip(": "))
             for problem in sorted(problems, key=lambda problem: problem.line)
         )
     assert root is not None
-    beside = {key: child for key, child in root.children.items() if key != "tools"}
+    beside = {key: child for key, child in root.children.items() if key not in KINDS}
     places = _places(replace(root, children=beside), "", shown_name)
     inherited = {keys[1:]: place for keys, place in places.items() if keys[0] == "defaults" and keys[1:]}
-    records = (_record(tool, header.get("up", "y"), inherited, shown_name) for tool in tools)
-    return ToolsFile(path=name, **header, tools=tuple(tool for tool in records if tool.enabled), places=places)
+    up = header.get("up", "y")
+    lists: dict[str, Any] = {
+        key: tuple(
+            record for effect in effects[key] if (record := _record(kind, effect, up, inherited, shown_name)).enabled
+        )
+        for key, kind in KINDS.items()
+    }
+    return ToolsFile(path=name, **header, **lists, places=places)
 
 
 def load_tools(path: str | os.PathLike[str]) -> ToolsFile:
@@ -328,3 +257,52 @@ def load_text(path: str | os.PathLike[str]) -> str:
         line = data.count(b"\n", 0, error.start) + 1
         message = f"found byte 0x{data[error.start]:02x}, expected UTF-8"
         raise ConfigError(message, where=f"{shown_name}:{line}") from None
+
+
+def load_merged(paths: Sequence[str | os.PathLike[str]]) -> ToolsFile:
+    """Read several files of tools for one asset.
+
+    Args:
+        paths: The files. The first gives the result its name and its `up`, in which results are shown.
+
+    Raises:
+        ConfigError: All problems of the files; or two have a tool of one name, or differ in what stands beside tools.
+    """
+    files, problems = [], []
+    for path in paths:
+        try:
+            files.append(load_tools(path))
+        except ConfigError as error:
+            problems.append(error)
+    if problems:
+        raise ConfigError.of_all(problems)
+    merged = files[0]
+    for each in files[1:]:
+        problems += _differences(merged, each)
+        said = {key: getattr(each, key) for key in _SHARED if (key,) in each.places}
+        merged = replace(
+            merged,
+            **said,
+            tools=(*merged.tools, *each.tools),
+            places={**merged.places, **{keys: place for keys, place in each.places.items() if keys[0] in said}},
+            beside=(*merged.beside, each.path),
+        )
+    if problems:
+        raise ConfigError.of_all(problems)
+    return merged
+
+
+def _differences(merged: ToolsFile, other: ToolsFile) -> list[ConfigError]:
+    """Why a file cannot be merged with those before it."""
+    problems = []
+    for key in _SHARED:
+        both = (key,) in merged.places and (key,) in other.places
+        if both and getattr(merged, key) != getattr(other, key):
+            message = f"differs from {merged.place(key)}, with which it is merged: they must agree"
+            problems.append(ConfigError(message, where=other.place(key)))
+    names = {identifier(tool.name): tool for tool in merged.tools}
+    for tool in other.tools:
+        if (taken := names.get(identifier(tool.name))) is not None:
+            message = f"found {tool.name!r}, but {taken.where} has that name: files that are merged need names apart"
+            problems.append(ConfigError(message, where=tool.place("name")))
+    return problems

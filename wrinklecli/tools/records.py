@@ -1,29 +1,65 @@
-"""What a file of wrinkling tools says, as frozen records: lengths, anchors, tools, and the settings of a bake.
+"""What a file of wrinkling tools says, as frozen records whose fields are its keys: ranges, meanings, defaults.
 
-`read` makes them. `configs/README.md` is the reference of the keys.
+`schema` makes the JSON Schema of these fields and `read` the records. `configs/README.md` is the reference of the keys.
 """
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, get_args
 
-from wrinklecli.choices import Attachment, Attenuation, MaterialName, Profile, RestPose, Scheme, Snap, Strategy, Up
+from wrinklecli.choices import (
+    Attachment,
+    Attenuation,
+    Axis,
+    MaterialName,
+    Profile,
+    RestPose,
+    Scheme,
+    Snap,
+    Strategy,
+    Up,
+)
+from wrinklecli.tools.json_schema import (
+    FLAG,
+    LENGTH,
+    LENGTHS,
+    TEXT,
+    any_keys,
+    defaults_of,
+    expects,
+    if_mapping,
+    key,
+    list_of,
+    number,
+    one_of,
+    read_record,
+    readers_of,
+    schema_of,
+    whole,
+)
+from wrinklecli.tools.materials import with_material
 
 Position: TypeAlias = tuple[float, float, float]
 
 # New vertices of a mesh at most, unless an option allows more: ten times a real-time character. No key of the file.
 MAX_VERTICES = 200_000
+MAX_DETAILS = 4  # levels; a fifth is a 32nd of a bump, finer than any mesh here
+MAX_POINTS = 64  # of a path
+MAX_SEED = 2**31 - 1  # what any language's whole numbers hold
+
+_SECONDS = number(0, 1e6, "seconds")
+_STRENGTH = number(-100, 100)
 
 
 @dataclass(frozen=True, slots=True)
 class Length:
     """A length in scene units, or per cent of the tool's own rest distance.
 
-    Args:
+    Attributes:
         value: Scene units, or 80.0 for `80%`.
-        percent: Whether `value` is a percentage.
+        percent: True if `value` is a percentage.
     """
 
     value: float
@@ -49,104 +85,163 @@ def parse_length(value: float | str) -> Length:
 
 @dataclass(frozen=True, slots=True)
 class Marker:
-    """An anchor given by the position of a node of the asset, such as an exported empty.
+    """An anchor at the position of a node of the asset, such as an exported empty."""
 
-    Args:
-        marker: Node whose position at rest is the anchor.
-    """
+    marker: str = key(TEXT, "Node whose position at rest is the anchor.")
 
-    marker: str
+
+# What is said of items holds for lists alone, what is said of properties for mappings: both stand side by side.
+_ANCHOR = expects(
+    "[x, y, z] or {marker: NODE}",
+    type=["array", "object"],
+    items=number(-1e9, 1e9),
+    minItems=3,
+    maxItems=3,
+    **{name: each for name, each in schema_of(Marker).items() if name != "type"},
+)
+
+
+def read_anchor(value: Any) -> Position | Marker:
+    """An anchor of a tools file, in the file's axes."""
+    if isinstance(value, dict):
+        return Marker(**value)
+    x, y, z = map(float, value)
+    return (x, y, z)
+
+
+def read_anchors(value: Any) -> tuple[Position | Marker, ...]:
+    """Anchors of a tools file, in the file's axes."""
+    return tuple(map(read_anchor, value))
 
 
 @dataclass(frozen=True, slots=True)
 class RestFrame:
-    """A clip's pose at a time, taken as the rest pose.
+    """A clip's pose at a time, taken as the rest pose."""
 
-    Args:
-        clip: Name of the clip.
-        time: Seconds from its start.
-    """
-
-    clip: str
-    time: float = 0.0
+    clip: str = key(TEXT, "Name of the clip.")
+    time: float = key(_SECONDS, "Seconds from the clip's start. Default 0.", 0.0, read=float)
 
 
 @dataclass(frozen=True, slots=True)
 class Sampling:
-    """At which times which clips are evaluated.
+    """At which times which clips are evaluated."""
 
-    Args:
-        fps: Samples per second, joined with the clip's own key times.
-        clips: Names of the clips to bake, or `all`.
-    """
-
-    fps: float = 30.0
-    clips: Literal["all"] | tuple[str, ...] = "all"
+    fps: float = key(
+        number(0.1, 1000), "Samples per second, joined with the clip's own key times. Default 30.", 30.0, read=float
+    )
+    clips: Literal["all"] | tuple[str, ...] = key(
+        {
+            "if": {"type": "array"},
+            "then": {
+                **list_of(TEXT, 1, None, "all or a list of clip names"),
+                "allOf": [expects("each clip named once", uniqueItems=True)],
+            },
+            "else": expects("all or a list of clip names", enum=["all"]),
+        },
+        "Clips to bake: all, or a list of names. Default all.",
+        "all",
+        read=lambda value: value if value == "all" else tuple(value),
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class RefinementSettings:
-    """How finely the mesh is subdivided under the wrinkles.
+    """How finely the mesh is subdivided under the wrinkles; in a draft, `edges_per_interval` may be a fraction."""
 
-    Args:
-        max_levels: Most times that an edge is halved; 0 keeps the mesh.
-        edges_per_interval: Edges on each control interval, half a bump; a whole number but in a draft.
-        scheme: How new vertices are placed: rounding the surface a little, not at all, or as Zorin's scheme does.
-    """
-
-    max_levels: int = 4
-    edges_per_interval: float = 2
-    scheme: Scheme = "butterfly"
+    max_levels: int = key(whole(0, 8), "Most times that an edge is halved; 0 keeps the mesh. Default 4.", 4, read=int)
+    edges_per_interval: float = key(
+        whole(1, 16), "Edges on each control interval, half a bump; more is smoother. Default 2.", 2, read=int
+    )
+    scheme: Scheme = key(
+        one_of(*get_args(Scheme)),
+        "butterfly rounds a little, midpoint keeps the shape, butterfly_full rounds all. Default butterfly.",
+        "butterfly",
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class RestLengthKeys:
-    """Rest lengths keyed by hand, the paper's forehead; clips that are not named keep the rest distance.
+    """Rest lengths keyed by hand, the paper's forehead; other clips keep the rest distance.
 
-    Args:
-        keys: For each clip its keys: seconds, rising, and the length then.
+    Attributes:
+        keys: Each clip's keys: seconds, ascending, and the length at that time.
     """
 
-    keys: Mapping[str, tuple[tuple[float, Length], ...]] = field(hash=False)
+    keys: Mapping[str, tuple[tuple[float, Length], ...]] = key(
+        any_keys(
+            list_of(
+                expects("[seconds, length]", type="array", prefixItems=[_SECONDS, LENGTH], minItems=2, maxItems=2),
+                1,
+                None,
+                "a list of one or more [seconds, length]",
+            ),
+            "a mapping of clip names to lists of [seconds, length]",
+            low=1,
+        ),
+        "For each clip a list of [seconds, length], times rising.",
+        read=lambda value: {
+            clip: tuple((float(time), parse_length(length)) for time, length in keys) for clip, keys in value.items()
+        },
+        hashed=False,
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class RestLengthMorph:
-    """A rest length driven by a morph target's weight: the rest distance at 0, `full` at 1.
+    """A rest length driven by a morph target's weight: the rest distance at 0, `full` at 1."""
 
-    Args:
-        morph: Name of the morph target.
-        full: Rest length at weight 1.
-    """
+    morph: str = key(TEXT, "Name of the morph target.")
+    full: Length = key(LENGTH, "Rest length at weight 1: a length or a percentage.", read=parse_length)
 
-    morph: str
-    full: Length
+
+RestLength: TypeAlias = Literal["auto"] | Length | RestLengthKeys | RestLengthMorph
+
+
+def _read_rest_length(value: Any) -> RestLength:
+    if isinstance(value, dict):
+        return read_record(RestLengthKeys if "keys" in value else RestLengthMorph, value)
+    return "auto" if value == "auto" else parse_length(value)
+
+
+def _read_max_height(value: Any) -> Literal["auto"] | Length | None:
+    if value in ("auto", "none", None):
+        return "auto" if value == "auto" else None
+    return parse_length(value)
 
 
 @dataclass(frozen=True, slots=True)
 class Lag:
-    """How heights follow the shortening late: a damped spring.
+    """A damped spring, by which heights follow the shortening late; damping is the ratio ζ, 1 is critical."""
 
-    Args:
-        frequency: Swings per second, were it not damped.
-        damping: Share of the damping from which on it does not overshoot.
-    """
-
-    frequency: float = 6.0
-    damping: float = 0.5
+    frequency: float = key(
+        number(0.5, 60), "Swings per second of the tissue, were it not damped. Default 6.", 6.0, read=float
+    )
+    damping: float = key(
+        number(0.05, 10), "Below 1 heights overshoot and swing, from 1 on they do not. Default 0.5.", 0.5, read=float
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """How folds that touch are kept from crossing.
+    """How folds that touch are kept from crossing."""
 
-    Args:
-        per_clip: Whether a clip that still crosses with the targets of all clips gets targets of its own.
-        ignore: Nodes whose meshes may go through the tool's.
-    """
+    per_clip: bool = key(
+        FLAG,
+        "true: a clip that still crosses with the targets of all clips gets targets of its own. Default false.",
+        False,
+    )
+    ignore: tuple[str, ...] = key(
+        list_of(TEXT, 0, None, "a list of node names"),
+        "Nodes whose meshes may go through the tool's. Default [].",
+        [],
+        read=tuple,
+    )
 
-    per_clip: bool = False
-    ignore: tuple[str, ...] = ()
+
+def _read_contact(value: Any) -> Contact | None:
+    if isinstance(value, dict):
+        return read_record(Contact, value)
+    return Contact() if value == "resolve" else None
 
 
 def in_axes(position: Sequence[float], up: str) -> tuple[float, float, float]:
@@ -162,73 +257,176 @@ def identifier(name: str) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WrinkleTool:
-    """One wrinkling tool, defaults, material and mirror applied.
+    """One wrinkling tool, with defaults and its material applied; mirrored tools are tools of their own.
 
-    Args:
-        name: Unique name.
-        node: Node of the mesh, None where the file leaves it out.
-        origin: World space at rest, Y-up, scene units; or a marker.
-        target: As origin.
+    Attributes:
+        origin: World space at rest, Y-up, scene units; or a marker. `target` and `between` are alike.
         between: Points of its path between these two; none for a straight tool.
-        snap: What anchors go to.
-        width: Full width across the segment.
-        material: What gave it the values that the file does not say; None for none.
-        strategy: Which bumps rise first.
-        bumps: Wrinkles along the segment.
-        gap: Flat control intervals between neighbouring bumps.
-        max_height: Highest point of a bump; `auto`; or None for no limit.
-        compressible: Share of every shortening that the tissue takes itself, from 0 to 0.95.
-        details: Shares of the shortening for finer wrinkles, each > 0, their sum < 1.
-        profile: Shape of a bump.
-        bow: By how much crests are bent like an arc, from -1 to 1.
-        variation: How irregular the bumps are, from 0, ruled, to 1.
-        seed: What their irregularity is drawn from; None for the name.
-        branch: Chance of a bump to merge with its neighbour on a side of the patch.
-        attenuation: How a wrinkle fades across the width.
-        attachment: `skin`, or the paper's `patch`.
-        strength: Factor of the height.
-        clips: Strength by clip name, in place of `strength`.
-        rest_length: `auto`, a length, or what drives it.
-        lag: How heights follow the shortening late; None where they follow at once.
-        contact: How folds that touch are kept from crossing; None where they are not.
-        enabled: Whether it is baked; a `ToolsFile` keeps only those.
-        optional: Whether an absent node is a note rather than an error.
-        mirrored: Whether `mirror` made it.
+        material: None for none; as for `seed`, `max_height` (no limit), `lag` and `contact`.
+        compressible: From 0 to 0.95.
+        details: Each > 0, their sum < 1.
+        mirrored: True if `mirror` made it.
         where: Its place in the file for later errors, such as `tools.yaml:12: tools[0]`.
-        places: Those of what the file says of it, by keys, such as those of `rest_length.morph`; see `place`.
+        places: Places of what the file says of it, by keys such as those of `rest_length.morph`; see `place`.
     """
 
-    name: str
-    node: str | None = None
-    origin: Position | Marker
-    target: Position | Marker
-    between: tuple[Position | Marker, ...] = ()
-    snap: Snap = "surface"
-    width: Length
-    material: MaterialName | None = None
-    strategy: Strategy = "everywhere"
-    bumps: int = 4
-    gap: int = 0
-    max_height: Literal["auto"] | Length | None = "auto"
-    compressible: float = 0.0
-    details: tuple[float, ...] = ()
-    profile: Profile = "smooth"
-    bow: float = 0.0
-    variation: float = 0.3
-    seed: int | None = None
-    branch: float = 0.25
-    attenuation: Attenuation = "bell"
-    attachment: Attachment = "skin"
-    strength: float = 1.0
-    clips: Mapping[str, float] = field(default_factory=dict, hash=False)
-    rest_length: Literal["auto"] | Length | RestLengthKeys | RestLengthMorph = "auto"
-    lag: Lag | None = None
-    contact: Contact | None = None
-    enabled: bool = True
-    optional: bool = False
-    mirrored: bool = False
+    name: str = key(TEXT, "Unique name; also when all but letters, digits and _ is replaced by _.")
+    node: str | None = key(
+        {**TEXT, "type": ["string", "null"]}, "Node of the mesh; may be left out where one mesh deforms.", None
+    )
+    origin: Position | Marker = key(
+        _ANCHOR, "Where the wrinkles begin: world space at rest in scene units, or {marker: NODE}.", read=read_anchor
+    )
+    target: Position | Marker = key(
+        _ANCHOR, "Where they end; they run across the line from origin to target.", read=read_anchor
+    )
+    between: tuple[Position | Marker, ...] = key(
+        list_of(_ANCHOR, 2, MAX_POINTS, f"a list of 2 to {MAX_POINTS} points, each [x, y, z] or {{marker: NODE}}"),
+        "Points of a curve on the surface that wrinkles run across, in place of origin and target.",
+        read=read_anchors,
+        name="path",
+        absent=(),
+    )
+    snap: Snap = key(
+        one_of(*get_args(Snap)),
+        "Anchors go to the nearest point of the surface, or vertex. Default surface.",
+        "surface",
+    )
+    mirrored: bool = key(
+        one_of(*get_args(Axis), "none", none=True),
+        "Also make the tool of the other side: this coordinate, as the file writes it, negated, left and right "
+        "exchanged in names. Default none.",
+        None,
+        name="mirror",
+        absent=False,
+    )
+    width: Length = key(LENGTH, "Full width across the segment: a length or a percentage. Required.", read=parse_length)
+    material: MaterialName | None = key(
+        one_of(*get_args(MaterialName), "none", none=True),
+        "Gives bumps, auto heights, compressible, details, profile and variation other defaults. Default none.",
+        None,
+        read=lambda value: None if value == "none" else value,
+    )
+    strategy: Strategy = key(
+        one_of(*get_args(Strategy)),
+        "Which bumps rise first: all alike, from the origin, from both ends. Default everywhere.",
+        "everywhere",
+    )
+    bumps: int = key(whole(1, 64), "Wrinkles along the segment. Default 4, or the material's.", 4, read=int)
+    gap: int = key(whole(0, 64), "Flat control intervals, half a bump each, between bumps. Default 0.", 0, read=int)
+    max_height: Literal["auto"] | Length | None = key(
+        expects(f"auto, none, {LENGTHS}", anyOf=[{"enum": ["auto", "none", None]}, LENGTH]),
+        "Highest point of a bump: auto (a quarter of a rest bump's width, or the material's part), none, a length or a "
+        "percentage. Default auto.",
+        "auto",
+        read=_read_max_height,
+    )
+    compressible: float = key(
+        expects(
+            "a percentage from 0% to 95%",
+            type="string",
+            maxLength=40,
+            pattern=r"^\+?0*([0-9]|[1-8][0-9]|9[0-4])(\.[0-9]*)? ?%$|^\+?0*95(\.0*)? ?%$",
+        ),
+        "Share of every shortening that the tissue takes itself; the rest makes wrinkles. Default 0%, or the "
+        "material's.",
+        "0%",
+        read=lambda value: float(value.rstrip(" %")) / 100.0,
+    )
+    details: tuple[float, ...] = key(
+        list_of(number(0.001, 0.99), 0, MAX_DETAILS, f"a list of up to {MAX_DETAILS} shares"),
+        "Shares of the shortening that go into ever finer wrinkles on the bumps. Default [], or the material's.",
+        [],
+        read=lambda value: tuple(map(float, value)),
+    )
+    profile: Profile = key(
+        one_of(*get_args(Profile)),
+        "Shape of a bump: smooth; skin, with narrow furrows; cloth, which leans; polyline, the paper's. Default "
+        "smooth, or the material's.",
+        "smooth",
+    )
+    bow: float = key(
+        number(-1, 1),
+        "Bends crests like an arc, their ends towards the target; negative: origin. Default 0.",
+        0.0,
+        read=float,
+    )
+    variation: float = key(
+        number(0, 1), "How irregular the bumps are: 0 is ruled, 1 the most. Default 0.3, or the material's.", 0.3
+    )
+    seed: int | None = key(
+        {**whole(0, MAX_SEED), "type": ["integer", "null"]},
+        "Which irregularity it is; a tool and its mirror image with one seed have mirrored wrinkles. Default: from the "
+        "name.",
+        None,
+    )
+    branch: float = key(
+        number(0, 1), "Chance of a bump to merge with its neighbour, where variation is. Default 0.25.", 0.25
+    )
+    attenuation: Attenuation = key(
+        one_of(*get_args(Attenuation)), "How a wrinkle fades across the width. Default bell.", "bell"
+    )
+    attachment: Attachment = key(
+        one_of(*get_args(Attachment)),
+        "Wrinkles stay on the skin, or the patch is projected anew. Default skin.",
+        "skin",
+    )
+    strength: float = key(
+        _STRENGTH, "Factor of the height; negative is inward; not 1 gives up length. Default 1.", 1.0, read=float
+    )
+    clips: Mapping[str, float] = key(
+        any_keys(_STRENGTH, "a mapping of clip names to strengths"),
+        "Strength in a clip instead of `strength`; 0 switches it off. Default {}.",
+        {},
+        read=lambda value: {clip: float(strength) for clip, strength in value.items()},
+        hashed=False,
+    )
+    rest_length: RestLength = key(
+        if_mapping(
+            schema_of(RestLengthKeys),
+            if_mapping(
+                schema_of(RestLengthMorph),
+                expects(
+                    f"auto, {LENGTHS}, {{keys: {{CLIP: [[SECONDS, LENGTH], …]}}}} or {{morph: NAME, full: LENGTH}}",
+                    anyOf=[{"const": "auto"}, LENGTH],
+                ),
+                anyOf=[{"required": ["morph"]}, {"required": ["full"]}],
+            ),
+            required=["keys"],
+        ),
+        "Length from which shortening counts: auto (the rest distance), a length, a percentage, {keys: …} by hand, "
+        "{morph: …} by a morph target. Default auto.",
+        "auto",
+        read=_read_rest_length,
+    )
+    lag: Lag | None = key(
+        if_mapping(schema_of(Lag), expects("{frequency: 6, damping: 0.5} or none", enum=["none", None])),
+        "Heights follow the shortening as a damped spring does: {frequency: 6, damping: 0.5}, or none. Default none.",
+        None,
+        read=lambda value: read_record(Lag, value) if isinstance(value, dict) else None,
+    )
+    contact: Contact | None = key(
+        if_mapping(
+            schema_of(Contact),
+            # To YAML 1.1, which is read, off is false.
+            expects("off, resolve or {per_clip: false, ignore: []}", enum=["off", "resolve", False]),
+        ),
+        "resolve, or a mapping of what else it shall do: folds that touch never cross. Default off.",
+        "off",
+        read=_read_contact,
+    )
+    enabled: bool = key(FLAG, "false: checked but not baked. Default true.", True)
+    optional: bool = key(FLAG, "true: an absent node or clip is a note, not an error. Default false.", False)
     where: str = ""
     places: Mapping[tuple[str, ...], str] = field(default_factory=dict, hash=False, compare=False)
+
+    @classmethod
+    def fields_of(cls, values: Mapping[str, Any]) -> dict[str, Any]:
+        """The fields that the keys of a file give: ends and points between from a path, defaults from the material."""
+        found = {name: each for name, each in values.items() if name not in ("mirror", "path")}
+        points = values.get("path") or (values["origin"], values["target"])
+        found["origin"], *between, found["target"] = points
+        return with_material({**found, "between": tuple(between)})
 
     def place(self, *keys: str) -> str:
         """The place of what the file says of it, for later errors, such as `tools.yaml:14: tools[0].node`."""
@@ -258,28 +456,58 @@ class WrinkleTool:
         return self.clips.get(clip, self.strength)
 
 
+def with_points(
+    record: type, values: Mapping[str, Any], moved: Callable[[Position | Marker], Position | Marker]
+) -> dict[str, Any]:
+    """Values of a record's keys, with each anchor among them moved."""
+    readers = readers_of(record)
+    found = dict(values)
+    for name in values:
+        if readers.get(name) is read_anchor:
+            found[name] = moved(values[name])
+        elif readers.get(name) is read_anchors:
+            found[name] = tuple(map(moved, values[name]))
+    return found
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ToolsFile:
     """A file of tools.
 
-    Args:
+    Attributes:
         path: The file as the user typed it.
-        version: Version of the format.
         up: The up axis of the file; positions here are Y-up already.
-        rest: Pose in which the tools are attached.
-        sampling: At which times which clips are evaluated.
-        refinement: How finely the mesh is subdivided.
         tools: The enabled tools in the file's order, a mirrored one behind its source.
         places: Of what stands beside the tools, by keys, such as those of `rest.clip`, for later errors.
         beside: Further files that this one is merged with.
     """
 
     path: str
-    version: int = 1
-    up: Up = "y"
-    rest: RestPose | RestFrame = "stored"
-    sampling: Sampling = field(default_factory=Sampling)
-    refinement: RefinementSettings = field(default_factory=RefinementSettings)
+    version: int = key(
+        expects("1, the only version so far", const=1), "Version of this format. Required: 1.", absent=1, read=int
+    )
+    up: Up = key(one_of(*get_args(Up)), "Axis of the positions: y (glTF) or z (as Blender shows them). Default y.", "y")
+    rest: RestPose | RestFrame = key(
+        if_mapping(
+            schema_of(RestFrame),
+            expects(f"{', '.join(get_args(RestPose))} or {{clip: NAME, time: 0}}", enum=[*get_args(RestPose)]),
+        ),
+        "Pose in which the tools are attached. Default stored.",
+        "stored",
+        read=lambda value: read_record(RestFrame, value) if isinstance(value, dict) else value,
+    )
+    sampling: Sampling = key(
+        schema_of(Sampling),
+        "Times at which clips are evaluated.",
+        defaults_of(Sampling),
+        read=lambda value: read_record(Sampling, value),
+    )
+    refinement: RefinementSettings = key(
+        schema_of(RefinementSettings),
+        "Subdivision under the wrinkles.",
+        defaults_of(RefinementSettings),
+        read=lambda value: read_record(RefinementSettings, value),
+    )
     tools: tuple[WrinkleTool, ...]
     places: Mapping[tuple[str, ...], str] = field(default_factory=dict, hash=False, compare=False)
     beside: tuple[str, ...] = ()
