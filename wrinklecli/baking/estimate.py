@@ -10,11 +10,11 @@ from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.sample import compress_displacements, moving_clips
 from wrinklecli.character.clip import Clip
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
-from wrinklecli.effects.wrinkle.posed import refuse_large_series
 from wrinklecli.errors import BakeError, counted
 from wrinklecli.gltf.writer import GLB_LIMIT
 from wrinklecli.numeric.arrays import Ints
 from wrinklecli.numeric.memory import Memory, shown_bytes
+from wrinklecli.numeric.reduction import refuse_large_series
 
 # Of all clips that are baked at once: nine hours at 30 a second.
 _MOST_FRAMES = 1_000_000

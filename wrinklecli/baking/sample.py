@@ -25,7 +25,6 @@ from wrinklecli.effects.wrinkle.activity import (
 )
 from wrinklecli.effects.wrinkle.bending import tallest_poses
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
-from wrinklecli.effects.wrinkle.posed import compress
 from wrinklecli.effects.wrinkle.shapes import Sample, Shape, make_shapes, shapes_of
 from wrinklecli.effects.wrinkle.weights import weights_of
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
@@ -33,6 +32,7 @@ from wrinklecli.numeric.guard import Progress
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.numeric.piecewise import Signal, key_times
 from wrinklecli.numeric.quartics import smooth
+from wrinklecli.numeric.reduction import compress
 from wrinklecli.surface.anchor import anchor_poses
 
 # Bytes of a value while keys are found, with its copies.

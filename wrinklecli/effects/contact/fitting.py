@@ -8,9 +8,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from wrinklecli.effects.contact.basis import project, weighted_basis
 from wrinklecli.effects.contact.folding import Found
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
+from wrinklecli.numeric.reduction import project, weighted_basis
 
 # How often shapes and weights are fitted again where they leave crossings, and by how much these then count more.
 _TRIES, _MORE = 8, 3.0

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.reduction import fewest_axes
 
 MODE_ERROR = 1e-4
 """Greatest error of knots rebuilt from modes, relative to the tallest knot."""
@@ -109,13 +110,13 @@ class PolylineProfile:
 
 def plan_polyline(details: tuple[float, ...], samples: Floats) -> PolylineProfile:
     """Reduce (samples, knots) heights of a bump's knots to the fewest modes that keep within `MODE_ERROR`."""
-    vectors = np.linalg.svd(samples, full_matrices=False)[2]
+
+    def fits(modes: Floats) -> bool:
+        rebuilt = np.einsum("sm,mk->sk", np.einsum("sk,mk->sm", samples, modes), modes)
+        return bool(np.abs(samples - rebuilt).max() <= limit)
+
     limit = MODE_ERROR * samples.max()
-    for count in range(1, len(vectors) + 1):
-        kept = vectors[:count]
-        rebuilt = np.einsum("sm,mk->sk", np.einsum("sk,mk->sm", samples, kept), kept)
-        if np.abs(samples - rebuilt).max() <= limit:
-            break
+    kept = fewest_axes(samples, fits)
     # The sign of a singular vector is arbitrary: make its largest entry (the first within rounding) 1.
     sizes = np.abs(kept)
     peaks = np.argmax(sizes > sizes.max(axis=1, keepdims=True) * (1 - _SAME), axis=1)

@@ -6,7 +6,6 @@ are projected; normals are area-weighted; the posed displacement is pulled back 
 before skinning.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -16,9 +15,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
 from wrinklecli.effects.wrinkle.patch import Patch
-from wrinklecli.errors import BakeError
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, determinants, inverses, median
-from wrinklecli.numeric.memory import Memory
 from wrinklecli.numeric.nearest import Blocks
 from wrinklecli.surface.path import Curve, curve_on
 from wrinklecli.surface.refine import Refinement
@@ -32,14 +29,6 @@ _POSED_AT_ONCE = 2**16
 _LEAST_SPAN = 1e-9
 # Normals of two anchors face opposite ways if their mean, projected across the segment, is shorter than this.
 _LEAST_MEAN = 1e-6
-# Share of the tolerance of `compress` that the series may be simplified by before shapes are chosen.
-_SPARED_SHARE = 0.02
-# Coordinates whose error is checked at once: bounds the memory.
-_CHECKED_AT_ONCE = 2**20
-# Of a float64.
-_NUMBER_BYTES = 8
-# Directions that a series may move in: four times as many as any engine plays morph targets.
-_MOST_AXES = 1024
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,78 +215,3 @@ def _units(vectors: Floats) -> Floats:
     lengths = np.sqrt(np.sum(vectors * vectors, axis=0))
     divided: Floats = vectors / np.where(lengths > 0, lengths, 1.0)
     return divided
-
-
-def compress(
-    series: Iterable[Floats], tolerance: float, *, memory: Memory | None = None, where: str = ""
-) -> tuple[Floats, Floats]:
-    """Few shapes whose weighted sums give every frame of a series.
-
-    Args:
-        series: Parts of (frames, vertices, 3) displacements, one after another; each is looked at once, and let go.
-        tolerance: Greatest error of a coordinate, in the series' unit.
-        memory: That this may take.
-        where: What moves like that, for the message.
-
-    Returns:
-        (frames, shapes) weights in [-1, 1] and (shapes, vertices, 3). The fewest leading singular vectors
-        that keep the greatest error, checked in the maximum norm, in bounds, up to the 1/50 that the series is
-        simplified by; of each shape's weights the largest is positive.
-
-    Raises:
-        BakeError: There are more than 1,024 shapes to choose from.
-        TooMuchError: It would take more memory than there may be.
-    """
-    memory = memory or Memory()
-    spared = _SPARED_SHARE * tolerance
-    axes, parts, frames = np.zeros((0, 0)), [], 0
-    size: tuple[int, ...] = ()
-    for part in series:
-        size = part.shape[1:]
-        flat = part.reshape(len(part), -1)
-        axes = axes if len(axes) else np.zeros((0, flat.shape[1]))
-        coordinates = flat @ axes.T
-        rest = flat - coordinates @ axes
-        if np.abs(rest).max(initial=0.0) > spared:
-            _, values, fresh = np.linalg.svd(rest, full_matrices=False)
-            # No entry of what is left out exceeds the largest singular value of it.
-            fresh = fresh[values > spared]
-            axes = np.concatenate([axes, fresh])
-            coordinates = np.concatenate([coordinates, flat @ fresh.T], axis=1)
-        if len(axes) > _MOST_AXES:
-            raise BakeError(f"moves in more than {_MOST_AXES:,} ways, more than morph targets can follow", where=where)
-        frames += len(part)
-        refuse_large_series(memory, frames, flat.shape[1] // 3, len(axes), where=where)
-        parts.append(coordinates)
-    flat = np.concatenate([np.pad(each, ((0, 0), (0, len(axes) - each.shape[1]))) for each in parts])
-    left, values, right = np.linalg.svd(flat, full_matrices=False)
-    shapes = right @ axes
-    rank = 0
-    chunk = _checked_at_once(axes.shape[1])
-    for rows in (slice(start, start + chunk) for start in range(0, len(flat), chunk)):
-        wanted = flat[rows] @ axes
-        while (
-            np.abs(wanted - (left[rows, :rank] * values[:rank]) @ shapes[:rank]).max(initial=0.0) > tolerance - spared
-        ):
-            rank += 1
-    weights, shapes = left[:, :rank] * values[:rank], shapes[:rank]
-    peaks = weights[np.argmax(np.abs(weights), axis=0), np.arange(rank)]
-    return weights / peaks, (shapes * peaks[:, None]).reshape(rank, *size)
-
-
-def refuse_large_series(memory: Memory, frames: int, vertices: int, shapes: int, *, where: str) -> None:
-    """Check that `compress` can hold a series, which needs so many shapes.
-
-    Raises:
-        TooMuchError: It cannot.
-    """
-    width = 3 * vertices
-    # Axes and shapes; what is checked, as it is and as shapes give it; and coordinates, with what is made of them.
-    numbers = 2 * shapes * width + 2 * min(frames, _checked_at_once(width)) * width + 4 * frames * shapes
-    what = f"{frames:,} frames of {vertices:,} vertices, as {shapes:,} shapes,"
-    memory.check(_NUMBER_BYTES * numbers, what, where=where)
-
-
-def _checked_at_once(width: int) -> int:
-    """How many frames of so many coordinates are checked at once."""
-    return max(_CHECKED_AT_ONCE // max(width, 1), 1)
