@@ -1,9 +1,10 @@
 """`wrinkle bake`."""
 
-from typing import Any
+from typing import Any, get_args
 
 import click
 
+from wrinklecli.choices import Engine, FrameFormat, Mode, Storage, Tracks
 from wrinklecli.cli import options as opt
 from wrinklecli.cli.depfile import dependencies
 from wrinklecli.cli.output import Progress, say, say_findings
@@ -19,7 +20,7 @@ from wrinklecli.cli.streams import command_outputs
 @opt.file("-o", "--output", metavar="OUT", text="The .glb or .gltf to write.")
 @opt.choice(
     "--mode",
-    ("morph", "frames"),
+    Mode,
     "morph: keep the skin, add morph targets and their weights. frames: a posed mesh for each frame.",
 )
 @opt.anim("They get into OUT.")
@@ -41,11 +42,11 @@ from wrinklecli.cli.streams import command_outputs
 @opt.max_vertices
 @opt.choice(
     "--accessors",
-    ("sparse", "dense", "based"),
+    Storage,
     "How morph targets are stored. dense: for readers without sparse accessors; based: sparse, with zeros below for"
     " Godot 3, VTK and f3d.",
 )
-@opt.choice("--tracks", ("all", "none"), "none: write targets and extras, but no weight tracks.")
+@opt.choice("--tracks", Tracks, "none: write targets and extras, but no weight tracks.")
 @click.option("--draft", is_flag=True, help="A quick look: no proof, one level of refinement less; OUT says so.")
 @click.option(
     "--split",
@@ -56,12 +57,12 @@ from wrinklecli.cli.streams import command_outputs
 @click.option("--morph-tangents", is_flag=True, help="Add TANGENT to targets where the mesh has tangents.")
 @click.option(
     "--engine",
-    type=click.Choice(["three", "unity", "spec8", "vtk", "godot3"]),
+    type=click.Choice(get_args(Engine)),
     help="Hold targets to what it plays, or refuse. three: 256 targets, 4 joints a vertex; unity: weights from 0 to 1"
     " (the asset's own are only reported); spec8: 8 targets at a time; vtk (f3d too): 4 targets, based; godot3: based.",
 )
 @opt.file("--frames-dir", metavar="DIR", text="Also write a file for each frame into DIR.")
-@opt.choice("--frames-format", ("obj", "ply", "glb"), "The format of the files in DIR.")
+@opt.choice("--frames-format", FrameFormat, "The format of the files in DIR.")
 @opt.file("--report", metavar="FILE.json", text="Write what was made and how exact it is.")
 @opt.file("--timings", metavar="FILE.json", text="Write seconds by stage, frames per second, and memory.")
 @opt.file("--depfile", metavar="FILE.d", text="Write the files that OUT depends on, for Make and Ninja.")

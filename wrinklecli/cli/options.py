@@ -2,8 +2,8 @@
 
 import math
 import re
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable
+from typing import Any, get_args
 
 import click
 
@@ -80,8 +80,9 @@ def file(*names: str, text: str, metavar: str = "FILE", **more: Any) -> Option:
     return click.option(*names, type=FILE, metavar=metavar, help=text, **more)
 
 
-def choice(name: str, values: Sequence[str], text: str) -> Option:
-    """One of some words; the first is the default."""
+def choice(name: str, words: Any, text: str) -> Option:
+    """One of the words of a Literal type; the first is the default."""
+    values = get_args(words)
     return click.option(name, type=click.Choice(values), default=values[0], show_default=True, help=text)
 
 
