@@ -97,12 +97,12 @@ def felt(asset: Path, tools: Path) -> Felt:
         ),
     }
     # On this thread from here on, and nothing beside it.
-    page.rest()
+    page.stop_work()
     clock, processor = {}, {}
     with guarded(str(asset)):
         for what, job in jobs.items():
             clock[what], processor[what] = _medians(job, _TIMES)
-            page.settle()
+            page.commit()
         clock["refined"], processor["refined"] = _medians(lambda _: session.refine(), 1)
     tab.close()
     page.close()

@@ -76,12 +76,12 @@ def test_what_slides_is_not_lost_to_what_slides_next(tmp_path: Path) -> None:
     session = Session.open(limb(tmp_path / "limb.glb", rings=8, sides=6))
     page = Page(session, Address())
     try:
-        page.rest()  # so that nothing becomes an edit by itself
+        page.stop_work()  # so that nothing becomes an edit by itself
         page.choose("a", look=True)
         for key, value in (("bumps", 3), ("bumps", 4), ("gap", 1)):
             page.slide(key, lambda draft, at=key, to=value: session.set_value("a", (at,), to, draft=draft))
         assert ("bumps: 4" in session.text, "gap: 1" in session.text) == (True, False)
-        page.settle()
+        page.commit()
         assert "gap: 1" in session.text
         assert session.undo()
         assert session.undo()

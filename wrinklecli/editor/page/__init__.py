@@ -1,4 +1,4 @@
-"""The page of `wrinkle edit`: a session as widgets and pictures in the browser, and what people do there as its edits.
+"""The page of `wrinkle edit`: it shows a session in the browser, and turns clicks and drags into edits.
 
-Only here viser is imported, which serves the page and draws it.
+Only this folder imports viser, which serves and draws the page.
 """

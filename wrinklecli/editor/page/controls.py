@@ -1,30 +1,39 @@
-"""The widgets that set a tool's keys, one for each control of the schema, in tabs; and its strength clip by clip."""
+"""Widgets for the keys of a tool, one for each control, in tabs; and for its strength in each clip."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import viser
 
 from wrinklecli.editor.page.key_controls import GROUPS, NONE, KeyControl, as_written, key_controls, percent_of
-from wrinklecli.editor.page.widgets import SetMode, TypedText
+from wrinklecli.editor.page.widgets import SetMode, TypedText, on_user_change
 from wrinklecli.tools.schema import TOOL_KEYS
 
 Steps = tuple[str | int, ...]
 Change = Callable[[Steps, Any, SetMode], None]
-"""Called with the steps to a value within a tool, the value as a file has it, and how it was set."""
+"""Called with the steps to a value within a tool, the value as the file has it, and how it was set."""
 
-_LENGTH, _MAPPING, _OWN = "a length", "by hand", "as below"
-_CLIPS = "Clips"
+# Words of a dropdown that stand for another widget:
+_LENGTH = "a length"
+_MAPPING = "by hand"
+_OWN = "as below"
+_NO_KEY = "–"
+_CLIPS_TAB = "Clips"
+_MAX_STRENGTH = 2.0  # greatest strength, of either sign, that a slider offers
+_STRENGTH_STEP = 0.05
+_USUAL_PERCENT = 25.0  # per cent of the tool's length that a new length has at least
+_DIGITS = 3  # decimals of a number from a slider
 
 
 class ToolControls:
-    """Widgets for one tool at a time, whose values they show.
+    """Widgets for one tool at a time.
 
     Args:
-        gui: The page's.
-        change: Called when somebody has set one.
-        unset: Called with a key that is to hold what the file's defaults say again.
+        gui: Panel of the page.
+        change: Called when the user has set a value.
+        unset: Called with a key that is to have its default again.
         clips: Names of all clips.
     """
 
@@ -42,32 +51,26 @@ class ToolControls:
                     if control.group == group:
                         self._add(control)
         if clips:
-            with tabs.add_tab(_CLIPS):
+            with tabs.add_tab(_CLIPS_TAB):
                 for clip in clips:
                     self._add_strength(clip)
-        self._own: Any = gui.add_dropdown(
-            "reset a key", ("–",), hint="Takes it away from the tool: what the file's defaults say holds then."
-        )
-
-        def reset() -> None:
-            if self._own.value != "–":
-                unset(self._own.value)
-
-        self._on(self._own, reset)
+        tip = "Takes it away from the tool: what the file's defaults say holds then."
+        self._own: Any = gui.add_dropdown("reset a key", (_NO_KEY,), hint=tip)
+        on_user_change(self._own, lambda: unset(self._own.value) if self._own.value != _NO_KEY else None)
 
     def show(self, values: Mapping[str, Any], own: Sequence[str], distance: float) -> None:
         """Show the values of a tool.
 
         Args:
-            values: What holds, by key.
+            values: Values by key, with defaults.
             own: Keys that the tool itself has.
-            distance: Of its anchors at rest, scene units.
+            distance: Distance of its anchors at rest, scene units.
         """
         self._values, self._distance = values, distance
         for show in self._shows:
             show()
-        self._own.options = ("–", *(key for key in own if key in self._inputs))
-        self._own.value = "–"
+        self._own.options = (_NO_KEY, *(key for key in own if key in self._inputs))
+        self._own.value = _NO_KEY
 
     def _add(self, control: KeyControl) -> None:
         """Add the widgets of a key."""
@@ -78,24 +81,23 @@ class ToolControls:
         elif control.kind == "json":
             self._add_json(control, control.title)
         elif control.kind == "choice" and control.also_json:
-            self._add_worded(control)
+            self._add_choice_or_json(control)
         else:
-            made = self._plain(control, control.title)
-            self._inputs[control.key] = made
-            self._on(made, lambda: self._set(control, (control.key,), made.value))
-            line = TypedText(made)
+            widget = self._inputs[control.key] = self._widget(control, control.title)
+            on_user_change(widget, lambda: self._set(control, widget.value))
+            line = TypedText(widget)
 
             def show() -> None:
                 shown = self._shown(control, self._values.get(control.key))
-                if _way(control) == "typed":
+                if _mode(control) == "typed":
                     line.show(self._values["name"], shown)
                 else:
-                    made.value = shown
+                    widget.value = shown
 
             self._shows.append(show)
 
-    def _plain(self, control: KeyControl, title: str) -> Any:
-        """The widget of a single value."""
+    def _widget(self, control: KeyControl, title: str) -> Any:
+        """Add the widget of a single value."""
         gui, tip = self._gui, control.tip
         if control.kind == "choice":
             return gui.add_dropdown(title, control.choices, hint=tip)
@@ -110,13 +112,13 @@ class ToolControls:
         return gui.add_number(title, start, min=low, max=high, step=step, hint=tip)
 
     def _add_length(self, control: KeyControl) -> None:
-        """A slider, and where the key may be a word too, the choice of one."""
-        key = control.key
+        """Add a slider, and a choice of words if the key may be a word."""
+        key, title = control.key, f"{control.title} (% of length)"
         choice: Any = None
-        words = [*control.choices, _LENGTH, *([_MAPPING] if control.also_json else [])]
         if control.choices:
+            words = [*control.choices, _LENGTH, *([_MAPPING] if control.also_json else [])]
             choice = self._gui.add_dropdown(control.title, words, hint=control.tip)
-        title = f"{'' if control.choices else control.title + ' '}(% of length)"
+            title = "(% of length)"
         slider: Any = self._gui.add_slider(
             title, control.low, control.high, control.step, control.low, hint=control.tip
         )
@@ -139,7 +141,7 @@ class ToolControls:
                 slider.min = min(control.low, percent)
                 slider.value = percent
 
-        def chosen() -> None:
+        def choose() -> None:
             if choice.value == _MAPPING:
                 slider.visible = False
                 if text is not None:
@@ -148,16 +150,17 @@ class ToolControls:
             before = self._values.get(key)
             value = choice.value
             if value == _LENGTH:
-                before, value = None, slider.value if isinstance(before, Mapping) else max(slider.value, 25.0)
+                value = slider.value if isinstance(before, Mapping) else max(slider.value, _USUAL_PERCENT)
+                before = None
             self._change((key,), as_written(control, value, before, self._distance), "at once")
 
         if choice is not None:
-            self._on(choice, chosen)
-        self._on(slider, lambda: self._set(control, (key,), slider.value))
+            on_user_change(choice, choose)
+        on_user_change(slider, lambda: self._set(control, slider.value))
         self._shows.append(show)
 
-    def _add_worded(self, control: KeyControl) -> None:
-        """The choice of a word, or a line of text for a mapping."""
+    def _add_choice_or_json(self, control: KeyControl) -> None:
+        """Add a choice of words, and a line of text for a mapping."""
         key = control.key
         choice: Any = self._gui.add_dropdown(control.title, (*control.choices, _MAPPING), hint=control.tip)
         text = self._add_json(control, "…", visible=False)
@@ -168,108 +171,102 @@ class ToolControls:
             text.visible = isinstance(value, Mapping)
             choice.value = _MAPPING if text.visible else value or control.choices[0]
 
-        def chosen() -> None:
+        def choose() -> None:
             if choice.value == _MAPPING:
                 text.visible = True
             else:
                 self._change((key,), choice.value, "at once")
 
-        self._on(choice, chosen)
+        on_user_change(choice, choose)
         self._shows.append(show)
 
     def _add_json(self, control: KeyControl, title: str, *, visible: bool = True) -> Any:
-        """A line of text for a value of any form."""
-        made: Any = self._gui.add_text(title, "", hint=control.tip, visible=visible)
+        """Add a line of text for a value of any form."""
+        widget: Any = self._gui.add_text(title, "", hint=control.tip, visible=visible)
         key = control.key
 
-        def written() -> None:
+        def change() -> None:
             try:
-                value = json.loads(made.value)
+                value = json.loads(widget.value)
             except ValueError:
-                value = made.value
+                value = widget.value
             self._change((key,), value, "typed")
 
-        self._on(made, written)
-        line = TypedText(made)
+        on_user_change(widget, change)
+        line = TypedText(widget)
         self._shows.append(
             lambda: line.show(self._values["name"], json.dumps(self._values.get(key), ensure_ascii=False))
         )
-        self._inputs.setdefault(key, made)
-        return made
+        self._inputs.setdefault(key, widget)
+        return widget
 
     def _add_parts(self, control: KeyControl) -> None:
-        """A slider for each number; those of a list end at the first 0, those of a mapping are there or not at all."""
+        """Add a slider for each number. A list ends at its first 0; a mapping has all numbers or is not there."""
         key, is_list = control.key, control.kind == "list"
         choice: Any = None
         if not is_list:
             choice = self._gui.add_dropdown(control.title, (*control.choices, _OWN), hint=control.tip)
-        made = [self._plain(part, part.title) for part in control.parts]
-        self._inputs[key] = choice or made[0]
+        sliders = [self._widget(part, part.title) for part in control.parts]
+        self._inputs[key] = choice or sliders[0]
 
         def show() -> None:
             value: Any = self._values.get(key) or ([] if is_list else None)
             if choice is not None:
                 choice.value = _OWN if isinstance(value, Mapping) else NONE
-            for number, (part, each) in enumerate(zip(control.parts, made, strict=True)):
+            for number, (part, slider) in enumerate(zip(control.parts, sliders, strict=True)):
                 if is_list:
-                    each.visible = number <= len(value)
-                    each.value = value[number] if number < len(value) else 0.0
+                    slider.visible = number <= len(value)
+                    slider.value = value[number] if number < len(value) else 0.0
                 else:
-                    each.visible = isinstance(value, Mapping)
-                    each.value = (value or {}).get(part.key, part.default) if each.visible else part.default
+                    slider.visible = isinstance(value, Mapping)
+                    slider.value = (value or {}).get(part.key, part.default) if slider.visible else part.default
 
-        def changed(way: SetMode = "slides") -> None:
-            numbers = [round(float(each.value), 3) for each in made]
+        def change(mode: SetMode) -> None:
+            numbers = [round(float(slider.value), _DIGITS) for slider in sliders]
             if is_list:
                 count = next((k for k, number in enumerate(numbers) if number == 0), len(numbers))
-                self._change((key,), numbers[:count], way)
+                self._change((key,), numbers[:count], mode)
             else:
-                self._change(
-                    (key,), {part.key: number for part, number in zip(control.parts, numbers, strict=True)}, way
-                )
+                parts = zip(control.parts, numbers, strict=True)
+                self._change((key,), {part.key: number for part, number in parts}, mode)
 
-        for each in made:
-            self._on(each, changed)
+        for slider in sliders:
+            on_user_change(slider, partial(change, "slides"))
         if choice is not None:
-            self._on(
-                choice, lambda: changed("at once") if choice.value == _OWN else self._change((key,), NONE, "at once")
+            on_user_change(
+                choice,
+                lambda: change("at once") if choice.value == _OWN else self._change((key,), NONE, "at once"),
             )
         self._shows.append(show)
 
     def _add_strength(self, clip: str) -> None:
-        """The tool's strength in a clip."""
+        """Add the slider for the tool's strength in a clip."""
         tip = TOOL_KEYS["clips"]["description"]
-        made: Any = self._gui.add_slider(clip, -2.0, 2.0, 0.05, 1.0, hint=f"{clip}: {tip}")
+        slider: Any = self._gui.add_slider(
+            clip, -_MAX_STRENGTH, _MAX_STRENGTH, _STRENGTH_STEP, 1.0, hint=f"{clip}: {tip}"
+        )
 
         def show() -> None:
-            found = float((self._values.get("clips") or {}).get(clip, self._values.get("strength", 1.0)))
-            made.min, made.max = min(-2.0, found), max(2.0, found)
-            made.value = found
+            strength = float((self._values.get("clips") or {}).get(clip, self._values.get("strength", 1.0)))
+            slider.min, slider.max = min(-_MAX_STRENGTH, strength), max(_MAX_STRENGTH, strength)
+            slider.value = strength
 
-        self._on(made, lambda: self._change(("clips", clip), round(made.value, 3), "slides"))
+        on_user_change(slider, lambda: self._change(("clips", clip), round(slider.value, _DIGITS), "slides"))
         self._shows.append(show)
 
-    def _set(self, control: KeyControl, steps: Steps, value: Any) -> None:
-        written = as_written(control, value, self._values.get(control.key), self._distance)
-        self._change(steps, written, _way(control))
+    def _set(self, control: KeyControl, value: Any) -> None:
+        key = control.key
+        self._change((key,), as_written(control, value, self._values.get(key), self._distance), _mode(control))
 
     def _shown(self, control: KeyControl, value: Any) -> Any:
-        """A value of a file as a widget has it."""
+        """Convert a value of the file to that of a widget."""
         if value is None:
             return {"choice": NONE, "text": ""}.get(control.kind, control.low)
         if control.kind == "percent":
             return float(str(value).strip().removesuffix("%"))
         return value
 
-    def _on(self, made: Any, changed: Callable[[], None]) -> None:
-        async def told(event: Any) -> None:
-            # What the program itself shows is no wish of anybody's.
-            if event.client is not None:
-                changed()
 
-        made.on_update(told)
-
-
-def _way(control: KeyControl) -> SetMode:
-    """How its widget sets the key."""
+def _mode(control: KeyControl) -> SetMode:
+    """How the control's widget sets its key."""
     return "slides" if control.slides else "at once" if control.kind in ("choice", "flag") else "typed"

@@ -1,7 +1,7 @@
-"""What of an asset the page draws: meshes of points that move, coloured, and lines and dots of its tools on them.
+"""Geometry that the page draws: coloured meshes of moving points, and outlines of tools on them.
 
-Normals are the browser's, of the shown triangles: vertices that the file splits at texture seams are joined again where
-their stored normals are equal, so that hard edges stay hard and seams are not seen.
+The browser computes normals from the shown triangles. Vertices that the file splits at texture seams are therefore
+joined if their stored normals are equal: seams stay invisible, and hard edges stay hard.
 """
 
 from collections.abc import Sequence
@@ -14,24 +14,20 @@ from wrinklecli.numeric.arrays import Floats, Ints, among, distinct, distinct_va
 from wrinklecli.numeric.nearest import distances_along
 from wrinklecli.review.preview.paints import Paint
 
-# Stored normals that differ by less are one: an 8-bit normal's step.
-_NORMAL_STEP = 1 / 127
-# Spots on each line, with one in its middle, and lines: the four sides of a patch, and that from origin to target.
-_SIDE, _LINES = 25, 5
-# Of a tool's length.
-_LIFT = 0.015
-# Barycentric coordinates may be below 0 by so much: points between triangles are on one of them.
-_EDGE = 1e-6
+_NORMAL_STEP = 1 / 127  # difference of stored normals that counts as none: the step of an 8-bit normal
+_LINE_POINTS = 25  # points on each line of an outline; an odd number has one in the middle
+_LIFT = 0.015  # height of an outline above the surface over the tool's length
+_TOLERANCE = 1e-6  # barycentric coordinates may be this far below 0, so that no point falls between two triangles
 
 
 @dataclass(frozen=True, slots=True)
 class DrawnMesh:
-    """What of a body has one paint.
+    """The part of a body that has one material.
 
     Attributes:
-        triangles: (triangles, 3) its vertices.
-        points: (vertices,) the body's point that each vertex is at.
-        paint: What colours its vertices.
+        triangles: (triangles, 3) vertices.
+        points: (vertices,) point of the body at each vertex.
+        paint: Colours of the vertices.
     """
 
     triangles: Ints
@@ -41,11 +37,10 @@ class DrawnMesh:
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """A mesh of the asset, as a surface of points that move.
+    """A mesh of the asset, as a surface of moving points.
 
     Attributes:
-        triangles: (triangles, 3) of points.
-        meshes: What is drawn of it.
+        triangles: (triangles, 3) points.
     """
 
     triangles: Ints
@@ -54,25 +49,25 @@ class Body:
 
 @dataclass(frozen=True, slots=True)
 class SurfacePoints:
-    """Places on a body, which move with it.
+    """Points on a body that move with it.
 
     Attributes:
-        body: Its number.
-        triangles: (spots,) of the body.
-        barycentrics: (spots, 3).
+        body: Number of the body.
+        triangles: (points,) triangle of the body.
+        barycentrics: (points, 3) coordinates in the triangle.
     """
 
     body: int
     triangles: Ints
     barycentrics: Floats
 
-    def on(self, body: Body, points: Floats, lift: float = 0.0) -> Floats:
-        """(spots, 3) where they are, the body's (points, 3) being there; so far above the surface, scene units."""
+    def positions(self, body: Body, points: Floats, lift: float = 0.0) -> Floats:
+        """(points, 3) positions on a body with (points, 3) positions, raised above the surface by `lift`."""
         places = np.einsum("sc,sca->sa", self.barycentrics, points[body.triangles[self.triangles]])
         return np.asarray(places + lift * self.normals(body, points)) if lift else np.asarray(places)
 
     def normals(self, body: Body, points: Floats) -> Floats:
-        """(spots, 3) unit normals of the surface there."""
+        """(points, 3) unit normals of the surface."""
         return unit(face_normals(points, body.triangles[self.triangles]))
 
 
@@ -81,18 +76,16 @@ class ToolOutline:
     """A tool, drawn on its body.
 
     Attributes:
-        name: Of the tool.
         colour: sRGB, 0 to 1.
-        spots: The places of it.
-        segments: (segments, 2) lines between spots: the border of the patch and the line along it.
-        anchors: (anchors,) spots, from origin to target.
-        lift: How far above the surface it is drawn, so as not to sink into it between its spots, scene units.
-        edges: (edges,) spots by which the hand takes hold of the patch's width: as far aside as they are on it.
+        segments: (segments, 2) lines between `points`: the border of the patch and the line along it.
+        anchors: (anchors,) numbers of `points`, from origin to target.
+        edges: (edges,) numbers of `points` at the sides of the patch, by which its width is dragged.
+        lift: Height above the surface, scene units, so that lines do not sink into it between their points.
     """
 
     name: str
     colour: tuple[float, float, float]
-    spots: SurfacePoints
+    points: SurfacePoints
     segments: Ints
     anchors: Ints
     edges: Ints
@@ -100,12 +93,7 @@ class ToolOutline:
 
 
 def body_of(mesh: PlayableMesh, paints: Sequence[Paint]) -> Body:
-    """A mesh with its tools, to be drawn.
-
-    Args:
-        mesh: The mesh.
-        paints: Of its primitives.
-    """
+    """Make the body of a mesh and its tools, from the paints of its primitives."""
     surface = mesh.ground.surface
     weld, normals = [surface.weld], [surface.normals]
     colours = [np.concatenate([paint.colours for paint in paints])]
@@ -140,10 +128,10 @@ def body_of(mesh: PlayableMesh, paints: Sequence[Paint]) -> Body:
 
 
 def _joined(triangles: Ints, points: Ints, normals: Floats, colours: Floats) -> tuple[Ints, Ints]:
-    """Join glTF vertices that are at one point with one normal and one colour.
+    """Join glTF vertices at the same point with the same normal and colour.
 
     Returns:
-        (joined,) a glTF vertex of each, and (triangles, 3) of these.
+        (joined,) one glTF vertex of each group, and (triangles, 3) numbers of groups.
     """
     used = distinct_values(triangles)
     keys = np.column_stack([points[used], np.round(normals[used] / _NORMAL_STEP), np.round(255 * colours[used])])
@@ -151,8 +139,8 @@ def _joined(triangles: Ints, points: Ints, normals: Floats, colours: Floats) -> 
     return used[firsts], numbers[np.searchsorted(used, triangles)]
 
 
-def mark_of(tool: AttachedTool, mesh: PlayableMesh, body: int, colour: tuple[float, float, float]) -> ToolOutline:
-    """A tool, to be drawn on its mesh, the body of a number."""
+def outline_of(tool: AttachedTool, mesh: PlayableMesh, body: int, colour: tuple[float, float, float]) -> ToolOutline:
+    """Outline a tool on its mesh, the body of a number."""
     patch, surface = tool.carried.patch, mesh.ground.surface
     near = mesh.ground.rest.around.faces_of(distinct_values(surface.triangles[patch.members]))
     faces = np.flatnonzero(among(mesh.parents, near))
@@ -160,46 +148,45 @@ def mark_of(tool: AttachedTool, mesh: PlayableMesh, body: int, colour: tuple[flo
     u, v = patch.coordinates(corners)
     outward = patch.cosines(u.mean(axis=1), unit(face_normals(mesh.rest_positions, mesh.faces[faces]))) > 0
     faces, places = faces[outward], np.stack([u, v], axis=2)[outward]
-    ends, ones = np.linspace(0.0, 1.0, _SIDE), np.ones(_SIDE)
-    sought = [
-        np.column_stack(line)
-        for line in ((ends, ones), (ends, -ones), (0 * ends, 2 * ends - 1), (ones, 2 * ends - 1), (ends, 0 * ends))
-    ]
+    ends, ones = np.linspace(0.0, 1.0, _LINE_POINTS), np.ones(_LINE_POINTS)
+    # (u, v) of the four sides of the patch, and of the line from origin to target.
+    sides_and_middle = [(ends, ones), (ends, -ones), (0 * ends, 2 * ends - 1), (ones, 2 * ends - 1), (ends, 0 * ends)]
+    sought = [np.column_stack(line) for line in sides_and_middle]
     for anchor in patch.anchors:
         sought.append(np.column_stack([np.atleast_1d(each) for each in patch.coordinates(anchor.position)]))
-    # From the middle to either side: a wide patch may end where the surface faces away.
+    # The edges are sought from the middle outwards: a wide patch may end where the surface faces away.
     sought += [np.column_stack([0.5 * ones, side * ends]) for side in (1.0, -1.0)]
     located = [_located(line, places) for line in sought]
     found, barycentrics = (np.concatenate(each) for each in zip(*located, strict=True))
-    lines = np.arange(_LINES * _SIDE).reshape(_LINES, _SIDE)
+    lines = np.arange(len(sides_and_middle) * _LINE_POINTS).reshape(-1, _LINE_POINTS)
     segments = np.stack([lines[:, :-1].ravel(), lines[:, 1:].ravel()], axis=1)
-    sides = np.arange(len(found) - 2 * _SIDE, len(found)).reshape(2, _SIDE)
-    reached = np.cumprod(found[sides] >= 0, axis=1).sum(axis=1)
-    edges = [int(side[count - 1]) for side, count in zip(sides, reached, strict=True) if count > 1]
+    outwards = np.arange(len(found) - 2 * _LINE_POINTS, len(found)).reshape(2, _LINE_POINTS)
+    reached = np.cumprod(found[outwards] >= 0, axis=1).sum(axis=1)
+    edges = [int(side[count - 1]) for side, count in zip(outwards, reached, strict=True) if count > 1]
     return ToolOutline(
         name=patch.tool.name,
         colour=colour,
-        spots=SurfacePoints(body, faces[np.maximum(found, 0)], barycentrics),
+        points=SurfacePoints(body, faces[np.maximum(found, 0)], barycentrics),
         segments=segments[(found[segments] >= 0).all(axis=1)],
-        anchors=np.arange(lines.size, int(sides[0, 0])),
+        anchors=np.arange(lines.size, int(outwards[0, 0])),
         edges=np.array(edges, np.intp),
         lift=_LIFT * patch.span,
     )
 
 
 def _located(line: Floats, places: Floats) -> tuple[Ints, Floats]:
-    """Which of (triangles, 3, 2) triangles of a plane the (points, 2) of a line are in, and where there.
+    """Find the (triangles, 3, 2) plane triangles that the (points, 2) of a line are in.
 
     Returns:
-        (points,) the first triangle; -1 where there is none. (points, 3) barycentric coordinates.
+        (points,) the first triangle of each, or -1; and (points, 3) barycentric coordinates.
     """
-    low, high = line.min(axis=0) - _EDGE, line.max(axis=0) + _EDGE
-    inside = np.ones(len(places), bool)
+    low, high = line.min(axis=0) - _TOLERANCE, line.max(axis=0) + _TOLERANCE
+    close = np.ones(len(places), bool)
     for axis in (0, 1):
         a, b, c = places[:, :, axis].T
-        inside &= np.minimum(np.minimum(a, b), c) <= high[axis]
-        inside &= np.maximum(np.maximum(a, b), c) >= low[axis]
-    near = np.flatnonzero(inside)
+        close &= np.minimum(np.minimum(a, b), c) <= high[axis]
+        close &= np.maximum(np.maximum(a, b), c) >= low[axis]
+    near = np.flatnonzero(close)
     found, barycentrics = np.full(len(line), -1), np.tile((1.0, 0.0, 0.0), (len(line), 1))
     if not len(near):
         return found, barycentrics
@@ -211,26 +198,26 @@ def _located(line: Floats, places: Floats) -> tuple[Ints, Floats]:
     safe = np.where(solid, area, 1.0)
     second = (ap[:, 0] * ac[1] - ap[:, 1] * ac[0]) / safe
     third = (ab[0] * ap[:, 1] - ab[1] * ap[:, 0]) / safe
-    hits = (second >= -_EDGE) & (third >= -_EDGE) & (second + third <= 1 + _EDGE) & solid
-    there = np.flatnonzero(hits.any(axis=1))
-    first = np.argmax(hits[there], axis=1)
-    found[there] = near[first]
-    x, y = second[there, first], third[there, first]
-    barycentrics[there] = np.stack([1 - x - y, x, y], axis=1)
+    hits = (second >= -_TOLERANCE) & (third >= -_TOLERANCE) & (second + third <= 1 + _TOLERANCE) & solid
+    inside = np.flatnonzero(hits.any(axis=1))
+    first = np.argmax(hits[inside], axis=1)
+    found[inside] = near[first]
+    x, y = second[inside, first], third[inside, first]
+    barycentrics[inside] = np.stack([1 - x - y, x, y], axis=1)
     return found, barycentrics
 
 
-def picked(origin: Floats, direction: Floats, points: Floats, triangles: Ints) -> tuple[float, int, Floats] | None:
-    """Where a ray first meets a mesh.
+def pick(origin: Floats, direction: Floats, points: Floats, triangles: Ints) -> tuple[float, int, Floats] | None:
+    """Find the first triangle that a ray meets.
 
     Args:
-        origin: (3,).
-        direction: (3,) in whose length the distance is measured.
-        points: (points, 3).
-        triangles: (triangles, 3).
+        origin: (3,) start of the ray.
+        direction: (3,) direction, whose length is the unit of the distance.
+        points: (points, 3) positions of the mesh.
+        triangles: (triangles, 3) points.
 
     Returns:
-        The distance, the triangle and (3,) barycentric coordinates; None where it misses.
+        The distance, the triangle and (3,) barycentric coordinates; None if the ray misses.
     """
     if not len(triangles):
         return None

@@ -1,4 +1,4 @@
-"""The 3D view of the page: bodies as they move, textured, grey or coloured by compression, with tools drawn on them."""
+"""The nodes of the browser's 3D scene: bodies, textured, grey or coloured by compression, and tools drawn on them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,40 +15,44 @@ from wrinklecli.numeric.arrays import Floats, vertex_normals
 Look = Literal["textures", "clay", "heat"]
 LOOKS: tuple[Look, ...] = ("textures", "clay", "heat")
 
-_CLAY = (203, 198, 190)
+_CLAY = (203, 198, 190)  # sRGB, as all these colours
 _WIRE = (40, 44, 52)
-_POINTED = (255, 140, 0)
-# Radius of an anchor's dot: a share of the tool's length, and of the bodies' size at most and at least.
-_DOT, _MOST_DOT, _LEAST_DOT = 0.05, 0.009, 0.002
-_LINE, _CHOSEN_LINE = 1.5, 3.0  # pixels
+_HIGHLIGHT = (255, 140, 0)
+_WHITE = (255, 255, 255)
+_DOT = 0.05  # radius of an anchor's dot over the tool's length …
+_MIN_DOT = 0.002  # … but at least this, over the size of all bodies …
+_MAX_DOT = 0.009  # … and at most this
+_EDGE_DOT = 0.7  # radius of an edge's dot over that of an anchor's
+_LINE = 1.5  # pixels
+_CHOSEN_LINE = 3.0  # pixels
 
 Drag = Callable[[str, int, Floats, Floats, str], None]
 """Called with `anchor` or `edge`, its number, a ray's origin and direction, and `start`, `update` or `end`."""
 
 
 @dataclass(slots=True)
-class _Painted:
-    """A mesh with colours of its own, which the browser takes a moment to read: two nodes show it in turns."""
+class _PaintedNodes:
+    """A mesh that the browser takes a moment to read. Of its two nodes, one is shown while the other is read."""
 
-    made: PaintedMesh
+    mesh: PaintedMesh
     front: viser.GlbHandle
     back: viser.GlbHandle
     waiting: bool = False
 
-    def turn(self) -> None:
-        """Show what the browser has read meanwhile."""
+    def swap(self) -> None:
+        """Show the node that has been read meanwhile."""
         if self.waiting:
             self.back.visible, self.front.visible = True, False
             self.front, self.back, self.waiting = self.back, self.front, False
 
 
 class DrawnScene:
-    """Bodies and tools in the view of all tabs.
+    """Bodies and tools in the 3D view of all tabs.
 
     Args:
-        server: The page's.
-        name: Of the stage; there may be several, side by side.
-        drag: Called where the hand drags a tool's dot.
+        server: Server of the page.
+        name: Name of this scene; several may stand side by side.
+        drag: Called when the user drags a tool's dot.
     """
 
     def __init__(self, server: viser.ViserServer, name: str, drag: Drag) -> None:
@@ -56,22 +60,22 @@ class DrawnScene:
         self._root = self._scene.add_frame(f"/{name}", show_axes=False)
         self._bodies: tuple[Body, ...] = ()
         self._plain: dict[tuple[int, int], viser.MeshHandle] = {}
-        self._painted: dict[tuple[int, int], _Painted] = {}
+        self._painted: dict[tuple[int, int], _PaintedNodes] = {}
         self._wires: dict[int, viser.MeshHandle] = {}
         self._lines: dict[str, viser.LineSegmentsHandle] = {}
         self._dots: dict[tuple[str, int], viser.IcosphereHandle] = {}
-        self._pointed: tuple[SurfacePoints, viser.IcosphereHandle] | None = None
-        self._marks: tuple[ToolOutline, ...] = ()
+        self._highlight: tuple[SurfacePoints, viser.IcosphereHandle] | None = None
+        self._outlines: tuple[ToolOutline, ...] = ()
         self._chosen: str | None = None
         self._size = 1.0
 
-    def place(self, offset: Sequence[float], *, visible: bool) -> None:
-        """Stand at a (3,) place, or do not show at all."""
+    def place_at(self, offset: Sequence[float], *, visible: bool) -> None:
+        """Move the scene to a (3,) place, or hide it."""
         self._root.position = np.array(offset, float)
         self._root.visible = visible
 
-    def dress(self, bodies: Sequence[Body], points: Sequence[Floats], look: Look, *, wire: bool) -> None:
-        """Show these bodies from now on, their (points, 3) being there."""
+    def show_bodies(self, bodies: Sequence[Body], points: Sequence[Floats], look: Look, *, wire: bool) -> None:
+        """Show other bodies, each with (points, 3) positions."""
         self._clear_bodies()
         self._bodies = tuple(bodies)
         every = np.concatenate([np.zeros((1, 3)), *points]) if points else np.zeros((1, 3))
@@ -79,16 +83,16 @@ class DrawnScene:
         for number, (body, places) in enumerate(zip(bodies, points, strict=True)):
             for part, mesh in enumerate(body.meshes):
                 key, name = (number, part), f"/{self._name}/body{number}.{part}"
-                if look == "heat" or (look == "textures" and _is_painted(mesh)):
+                if look == "heat" or (look == "textures" and _has_colours(mesh)):
                     texture = None if look == "heat" else mesh.paint.texture
-                    made = PaintedMesh(mesh.triangles, mesh.paint.coordinates, texture)
+                    painted = PaintedMesh(mesh.triangles, mesh.paint.coordinates, texture)
                     normals = vertex_normals(places, body.triangles)
-                    data = made.glb(places[mesh.points], normals[mesh.points], mesh.paint.colours)
+                    data = painted.glb(places[mesh.points], normals[mesh.points], mesh.paint.colours)
                     front = self._scene.add_glb(f"{name}/a", data)
                     back = self._scene.add_glb(f"{name}/b", data, visible=False)
-                    self._painted[key] = _Painted(made, front, back)
+                    self._painted[key] = _PaintedNodes(painted, front, back)
                 else:
-                    colour = _CLAY if look == "clay" else _colour_of(mesh)
+                    colour = _CLAY if look == "clay" else _bytes_of(srgb(mesh.paint.colours[0]).tolist())
                     self._plain[key] = self._scene.add_mesh_simple(
                         name, places[mesh.points], mesh.triangles, color=colour, side="double"
                     )
@@ -97,15 +101,15 @@ class DrawnScene:
                     f"/{self._name}/wire{number}", places, body.triangles, color=_WIRE, wireframe=True
                 )
 
-    def move(self, points: Sequence[Floats], heats: Sequence[Floats] = ()) -> bool:
-        """Show the bodies where their (points, 3) are now.
+    def move_bodies(self, points: Sequence[Floats], heats: Sequence[Floats] = ()) -> bool:
+        """Move the bodies, and the tools on them.
 
         Args:
-            points: Of each body.
-            heats: Of each body, (points, 3) linear colours, where compression shows.
+            points: (points, 3) positions of each body.
+            heats: (points, 3) linear colours of each body, if compression is shown.
 
         Returns:
-            Whether `settle` is to be called in a moment.
+            True if `swap` has to be called in a moment.
         """
         for number, places in enumerate(points):
             if number in self._wires:
@@ -116,84 +120,73 @@ class DrawnScene:
                     self._plain[key].vertices = places[mesh.points].astype(np.float32)
                 else:
                     painted = self._painted[key]
-                    painted.turn()
+                    painted.swap()
                     colours = heats[number][mesh.points] if heats else mesh.paint.colours
                     normals = vertex_normals(places, self._bodies[number].triangles)
-                    painted.back.glb_data = painted.made.glb(places[mesh.points], normals[mesh.points], colours)
+                    painted.back.glb_data = painted.mesh.glb(places[mesh.points], normals[mesh.points], colours)
                     painted.waiting = True
-        self._move_marks(points)
+        self._move_outlines(points)
         return bool(self._painted)
 
-    def settle(self) -> None:
-        """Show what the browser has read meanwhile."""
+    def swap(self) -> None:
+        """Show the meshes that the browser has read meanwhile."""
         for painted in self._painted.values():
-            painted.turn()
+            painted.swap()
 
-    def mark(self, marks: Sequence[ToolOutline], chosen: str | None, points: Sequence[Floats]) -> None:
-        """Draw these tools from now on, with dots to drag on the chosen one."""
-        for name in [name for name in self._lines if name not in {mark.name for mark in marks}]:
+    def show_tools(self, outlines: Sequence[ToolOutline], chosen: str | None, points: Sequence[Floats]) -> None:
+        """Show other tools on bodies with (points, 3) positions; the chosen tool has dots to drag."""
+        for name in self._lines.keys() - {outline.name for outline in outlines}:
             self._lines.pop(name).remove()
-        wanted = {
-            (kind, number)
-            for mark in marks
-            if mark.name == chosen
-            for kind, spots in (("anchor", mark.anchors), ("edge", mark.edges))
-            for number in range(len(spots))
-        }
-        for key in [key for key in self._dots if key not in wanted]:
+        wanted = {key for outline in outlines if outline.name == chosen for key, _ in _dots_of(outline)}
+        for key in self._dots.keys() - wanted:
             self._dots.pop(key).remove()
-        self._marks, self._chosen = tuple(marks), chosen
-        for mark in marks:
-            colour = _bytes_of(mark.colour)
-            places = mark.spots.on(self._bodies[mark.spots.body], points[mark.spots.body], mark.lift)
-            ends, thickness = places[mark.segments].astype(np.float32), _CHOSEN_LINE if mark.name == chosen else _LINE
-            line = self._lines.get(mark.name)
+        self._outlines, self._chosen = tuple(outlines), chosen
+        for outline in outlines:
+            colour = _bytes_of(outline.colour)
+            places = self._positions(outline, points)
+            ends = places[outline.segments].astype(np.float32)
+            thickness = _CHOSEN_LINE if outline.name == chosen else _LINE
+            line = self._lines.get(outline.name)
             if line is None:
-                line = self._lines[mark.name] = self._scene.add_line_segments(
-                    f"/{self._name}/tool {mark.name}", ends, colour, thickness=thickness, thickness_units="screen"
+                line = self._lines[outline.name] = self._scene.add_line_segments(
+                    f"/{self._name}/tool {outline.name}", ends, colour, thickness=thickness, thickness_units="screen"
                 )
             else:
                 line.points, line.thickness = ends, thickness
                 line.colors = np.array(colour, np.uint8)
-            if mark.name == chosen:
-                self._add_dots(mark, places)
+            if outline.name == chosen:
+                self._show_dots(outline, places)
 
-    def point_out(self, spot: SurfacePoints | None, points: Sequence[Floats]) -> None:
-        """Show a dot on a spot, which moves with it; none for None."""
-        if self._pointed is not None:
-            self._pointed[1].remove()
-            self._pointed = None
+    def highlight(self, spot: SurfacePoints | None, points: Sequence[Floats]) -> None:
+        """Show a dot on a single point, which moves with its body; None removes the dot."""
+        if self._highlight is not None:
+            self._highlight[1].remove()
+            self._highlight = None
         if spot is not None:
-            (place,) = spot.on(self._bodies[spot.body], points[spot.body])
-            radius = _MOST_DOT * self._size
-            dot = self._scene.add_icosphere(
-                f"/{self._name}/pointed", radius, _POINTED, subdivisions=2, position=place, cast_shadow=False
-            )
-            self._pointed = spot, dot
+            (place,) = spot.positions(self._bodies[spot.body], points[spot.body])
+            dot = self._add_dot("pointed", _MAX_DOT * self._size, _HIGHLIGHT, place)
+            self._highlight = spot, dot
 
-    def _add_dots(self, mark: ToolOutline, places: Floats) -> None:
-        ends = places[mark.anchors]
+    def _show_dots(self, outline: ToolOutline, places: Floats) -> None:
+        ends = places[outline.anchors]
         length = float(np.sqrt(np.sum((ends[-1] - ends[0]) ** 2)))
-        radius = float(np.clip(_DOT * length, _LEAST_DOT * self._size, _MOST_DOT * self._size))
-        for kind, spots in (("anchor", mark.anchors), ("edge", mark.edges)):
-            for number, spot in enumerate(spots):
-                # The target is white inside, as a ring is.
-                white = kind == "edge" or (number == len(spots) - 1)
-                colour = (255, 255, 255) if white else _bytes_of(mark.colour)
-                known = self._dots.get((kind, number))
-                if known is not None:
-                    known.position, known.color = places[spot], colour
-                    continue
-                dot = self._scene.add_icosphere(
-                    f"/{self._name}/{kind}{number}",
-                    radius * (0.7 if kind == "edge" else 1.0),
-                    colour,
-                    subdivisions=2,
-                    position=places[spot],
-                    cast_shadow=False,
-                )
-                self._listen(dot, kind, number)
-                self._dots[kind, number] = dot
+        radius = float(np.clip(_DOT * length, _MIN_DOT * self._size, _MAX_DOT * self._size))
+        target = ("anchor", len(outline.anchors) - 1)
+        for key, spot in _dots_of(outline):
+            kind, number = key
+            colour = _WHITE if kind == "edge" or key == target else _bytes_of(outline.colour)
+            shown = self._dots.get(key)
+            if shown is not None:
+                shown.position, shown.color = places[spot], colour
+                continue
+            size = radius * _EDGE_DOT if kind == "edge" else radius
+            dot = self._dots[key] = self._add_dot(f"{kind}{number}", size, colour, places[spot])
+            self._listen(dot, kind, number)
+
+    def _add_dot(self, name: str, radius: float, colour: tuple[int, int, int], place: Floats) -> viser.IcosphereHandle:
+        return self._scene.add_icosphere(
+            f"/{self._name}/{name}", radius, colour, subdivisions=2, position=place, cast_shadow=False
+        )
 
     def _listen(self, dot: viser.IcosphereHandle, kind: str, number: int) -> None:
         @dot.on_drag
@@ -201,22 +194,24 @@ class DrawnScene:
             origin = np.array(event.client.camera.position, float)
             self._drag(kind, number, origin, np.array(event.end_position, float) - origin, event.phase)
 
-    def _move_marks(self, points: Sequence[Floats]) -> None:
-        for mark in self._marks:
-            places = mark.spots.on(self._bodies[mark.spots.body], points[mark.spots.body], mark.lift)
-            self._lines[mark.name].points = places[mark.segments].astype(np.float32)
-            for kind, spots in (("anchor", mark.anchors), ("edge", mark.edges)):
-                for number, spot in enumerate(spots):
-                    dot = self._dots.get((kind, number))
-                    if dot is not None and mark.name == self._chosen:
-                        dot.position = places[spot]
+    def _positions(self, outline: ToolOutline, points: Sequence[Floats]) -> Floats:
+        """(points, 3) positions of an outline."""
+        body = outline.points.body
+        return outline.points.positions(self._bodies[body], points[body], outline.lift)
 
-        if self._pointed is not None:
-            spot, dot = self._pointed
-            (dot.position,) = spot.on(self._bodies[spot.body], points[spot.body])
+    def _move_outlines(self, points: Sequence[Floats]) -> None:
+        for outline in self._outlines:
+            places = self._positions(outline, points)
+            self._lines[outline.name].points = places[outline.segments].astype(np.float32)
+            for key, spot in _dots_of(outline) if outline.name == self._chosen else ():
+                if key in self._dots:
+                    self._dots[key].position = places[spot]
+        if self._highlight is not None:
+            spots, dot = self._highlight
+            (dot.position,) = spots.positions(self._bodies[spots.body], points[spots.body])
 
     def _clear_bodies(self) -> None:
-        self.point_out(None, ())
+        self.highlight(None, ())
         for handle in (*self._plain.values(), *self._wires.values()):
             handle.remove()
         for painted in self._painted.values():
@@ -227,13 +222,15 @@ class DrawnScene:
         self._painted.clear()
 
 
-def _is_painted(mesh: DrawnMesh) -> bool:
-    """Whether its vertices are of more colours than one."""
+def _dots_of(outline: ToolOutline) -> list[tuple[tuple[str, int], int]]:
+    """The kind and number of each dot of a tool, and its point of the outline."""
+    kinds = (("anchor", outline.anchors), ("edge", outline.edges))
+    return [((kind, number), spot) for kind, spots in kinds for number, spot in enumerate(spots.tolist())]
+
+
+def _has_colours(mesh: DrawnMesh) -> bool:
+    """True if a mesh has more than one colour."""
     return mesh.paint.texture is not None or bool(np.ptp(mesh.paint.colours, axis=0).any())
-
-
-def _colour_of(mesh: DrawnMesh) -> tuple[int, int, int]:
-    return _bytes_of(srgb(mesh.paint.colours[0]).tolist())
 
 
 def _bytes_of(colour: Sequence[float]) -> tuple[int, int, int]:

@@ -1,6 +1,6 @@
-"""Which control fits which key of a tool: made from the tools file's own schema, so a new key has its control at once.
+"""Controls for the keys of a tool, made from the schema of the tools file, so that a new key has its control at once.
 
-A key's control says what may be entered, in the schema's words; nothing here knows how a page draws it.
+A control says which values a key may have. How the page draws controls is the business of `controls`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,23 +13,23 @@ from wrinklecli.tools.schema import TOOL_KEYS
 
 Kind = Literal["choice", "flag", "whole", "number", "percent", "length", "list", "record", "text", "json"]
 
-# A slider of more steps than this is no use for a hand: such numbers are typed.
-_MOST_STEPS = 200
-_STEP = 0.01  # of numbers that a slider sets, of which a hundredth is the least that anyone sees
-# Lengths that a slider offers, per cent of the tool's rest distance; others may be typed into its box.
-LEAST_PERCENT, MOST_PERCENT = 1.0, 300.0
-_MOST_COMPRESSIBLE = 95.0  # per cent, as the schema's pattern has it
+_MAX_STEPS = 200  # steps of a slider; a finer one cannot be set by hand, so such numbers are typed
+_STEP = 0.01  # step of a number; smaller changes are not visible
+_PERCENT_STEP = 0.5
+_MIN_PERCENT = 1.0  # of the tool's rest distance, the least length that a slider offers; its box takes any
+_MAX_PERCENT = 300.0  # the greatest
+_MAX_COMPRESSIBLE = 95.0  # per cent, as in the schema's pattern
 NONE = "none"
 
-# Under which heading a key stands, in the order of work. What is not named here stands under the last.
+# The keys under each heading, in the order of work. Other keys stand under a last heading.
 GROUPS: Mapping[str, Sequence[str]] = {
     "Shape": ("material", "width", "bumps", "gap", "strategy", "max_height", "profile", "attenuation", "details"),
     "Grown": ("variation", "seed", "branch", "bow"),
     "Motion": ("compressible", "strength", "rest_length", "lag", "contact"),
     "Place": ("node", "snap", "mirror", "attachment", "optional"),
 }
-OTHERS = "More"
-# Keys that are set otherwise: by the hand on the mesh, by buttons of the list, clip by clip.
+_OTHERS = "More"
+# Keys that are set by the mouse on the mesh, by buttons, or clip by clip.
 ELSEWHERE = ("name", "origin", "target", "path", "clips", "enabled")
 
 
@@ -38,19 +38,18 @@ class KeyControl:
     """The control of a key.
 
     Attributes:
-        key: Of a tool.
-        kind: Of values: `length` is a number in scene units or per cent; `list` holds numbers and `record` a mapping
-            of them, each with a control of its own; `json` is whatever its schema allows, as JSON writes it.
-        title: What the page calls it, with its unit.
+        kind: Kind of values: `length` is a number in scene units or per cent; `list` holds numbers and `record` a
+            mapping of them, each with a control of its own; `json` is any value, written as JSON.
+        title: Label on the page, with a unit.
         choices: Words that the key may be.
         low: Least number.
         high: Greatest number.
-        slides: Whether a slider sets the number; it is typed otherwise.
-        group: The heading that it stands under.
+        slides: The number has a slider; otherwise it is typed.
+        group: Heading.
         tip: The schema's description.
-        default: Of a file that says nothing.
-        parts: Of a list or a record, the controls of its numbers.
-        also_json: Whether the value may be a mapping too, which is written as JSON.
+        default: Value if the file names none.
+        parts: Controls for the numbers of a list or a record.
+        also_json: The value may also be a mapping, written as JSON.
     """
 
     key: str
@@ -68,25 +67,25 @@ class KeyControl:
 
     @property
     def step(self) -> float:
-        """The least change of the number."""
-        return 1 if self.kind == "whole" else 0.5 if self.kind in ("percent", "length") else _STEP
+        """The smallest change of the number."""
+        return 1 if self.kind == "whole" else _PERCENT_STEP if self.kind in ("percent", "length") else _STEP
 
 
 def key_controls(keys: Mapping[str, Schema] = TOOL_KEYS) -> tuple[KeyControl, ...]:
-    """The controls of all keys of a tool that a control sets, in the order of the groups."""
+    """Make the controls of all keys that have one, in the order of the groups."""
     ordered = [key for group in GROUPS.values() for key in group if key in keys]
     ordered += [key for key in keys if key not in ordered and key not in ELSEWHERE]
     return tuple(_control(key, keys[key]) for key in ordered)
 
 
 def _control(key: str, schema: Schema) -> KeyControl:
-    group = next((name for name, members in GROUPS.items() if key in members), OTHERS)
+    group = next((name for name, members in GROUPS.items() if key in members), _OTHERS)
     made = _plain(key, schema)
     return replace(made, group=group, tip=schema.get("description", ""), default=schema.get("default"))
 
 
 def _plain(key: str, schema: Schema) -> KeyControl:
-    """The control of a key, without what does not depend on the kind."""
+    """Make the control of a key, without the fields that do not depend on its kind."""
     title, kinds = key.replace("_", " "), schema.get("type")
     low, high = schema.get("minimum", 0.0), schema.get("maximum", 0.0)
     if "enum" in schema:
@@ -97,14 +96,14 @@ def _plain(key: str, schema: Schema) -> KeyControl:
     if _is_length(plain):
         words = tuple(word for each in plain.get("anyOf", ()) for word in _words(each))
         return KeyControl(
-            key, "length", title, words, LEAST_PERCENT, MOST_PERCENT, slides=True, also_json=plain is not schema
+            key, "length", title, words, _MIN_PERCENT, _MAX_PERCENT, slides=True, also_json=plain is not schema
         )
     if kinds == "integer" or (isinstance(kinds, list) and "integer" in kinds):
-        return KeyControl(key, "whole", title, (), int(low), int(high), slides=high - low < _MOST_STEPS)
+        return KeyControl(key, "whole", title, (), int(low), int(high), slides=high - low < _MAX_STEPS)
     if kinds == "number":
-        return KeyControl(key, "number", title, (), float(low), float(high), slides=(high - low) / _STEP <= _MOST_STEPS)
+        return KeyControl(key, "number", title, (), float(low), float(high), slides=(high - low) / _STEP <= _MAX_STEPS)
     if kinds == "string" and "%" in schema.get("pattern", ""):
-        return KeyControl(key, "percent", f"{title} (%)", (), 0.0, _MOST_COMPRESSIBLE, slides=True)
+        return KeyControl(key, "percent", f"{title} (%)", (), 0.0, _MAX_COMPRESSIBLE, slides=True)
     if kinds == "string" or kinds == ["string", "null"]:
         return KeyControl(key, "text", title)
     if kinds == "array" and schema["items"].get("type") == "number":
@@ -121,39 +120,39 @@ def _plain(key: str, schema: Schema) -> KeyControl:
 
 
 def _without_mappings(schema: Schema) -> Schema:
-    """What a schema says of values that are no mappings."""
+    """The part of a schema that is about values other than mappings."""
     while "else" in schema:
         schema = schema["else"]
     return schema
 
 
 def _is_length(schema: Schema) -> bool:
-    """Whether values are lengths, alone or beside words."""
+    """True if values may be lengths."""
     pattern = LENGTH["pattern"]
     return schema.get("pattern") == pattern or any(each.get("pattern") == pattern for each in schema.get("anyOf", ()))
 
 
 def _words(schema: Schema) -> tuple[str, ...]:
-    """The words that values may be; `none` and null are one."""
+    """The words that values may be; null counts as `none`."""
     found = [*schema.get("enum", ()), *([schema["const"]] if "const" in schema else [])]
     return tuple(dict.fromkeys(NONE if word is None else str(word) for word in found))
 
 
 def percent_of(value: Any, rest_distance: float) -> float:
-    """A length as the file has it, per cent of the tool's rest distance in scene units."""
+    """Convert a length of the file to per cent of the tool's rest distance, scene units."""
     if isinstance(value, str) and value.strip().endswith("%"):
         return float(value.strip().removesuffix("%"))
     return 100.0 * float(value) / rest_distance
 
 
 def as_written(control: KeyControl, value: Any, before: Any, rest_distance: float) -> Any:
-    """What the file says where a control has been set.
+    """Convert the value of a control to that of the file.
 
     Args:
-        control: Of the key.
-        value: Of the control; of lengths per cent, or one of the control's words.
-        before: What the file said. A length in scene units stays one.
-        rest_distance: Of the tool, scene units.
+        control: Control of the key.
+        value: Value of the control: for a length, per cent or a word.
+        before: Previous value of the file; a length in scene units stays in scene units.
+        rest_distance: Rest distance of the tool, scene units.
     """
     if control.kind == "percent":
         return f"{value:g}%"

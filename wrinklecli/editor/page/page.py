@@ -1,4 +1,4 @@
-"""The page of `wrinkle edit`: a session's state as widgets and pictures, and what people do there as its edits."""
+"""The page of `wrinkle edit`: it shows a session as widgets and a 3D view, and turns user actions into edits."""
 
 import contextlib
 import html
@@ -6,33 +6,45 @@ import logging
 import os
 import threading
 from collections.abc import Callable, Hashable, Sequence
+from functools import partial
 from typing import Any
-
-import viser
 
 from wrinklecli.editor.baked_file import BakedFile
 from wrinklecli.editor.page.controls import Steps, ToolControls
 from wrinklecli.editor.page.file_buttons import FileButtons
-from wrinklecli.editor.page.keyboard import KEYBOARD
 from wrinklecli.editor.page.player import Charts, Player
 from wrinklecli.editor.page.pointer import Pointer
 from wrinklecli.editor.page.pose_panel import PosePanel
 from wrinklecli.editor.page.server import Address, serve
 from wrinklecli.editor.page.suggest_panel import SuggestPanel
 from wrinklecli.editor.page.viewport import Viewport
-from wrinklecli.editor.page.widgets import BAD, GOOD, SetMode, TypedText, add_group, on, on_set
+from wrinklecli.editor.page.widgets import (
+    BAD,
+    GOOD,
+    KEYBOARD,
+    SetMode,
+    TypedText,
+    add_button,
+    add_group,
+    on_set,
+    paragraph_of,
+)
 from wrinklecli.editor.page.work_queue import WorkQueue
 from wrinklecli.editor.session import EditedTool, Session
 from wrinklecli.errors import WrinkleError, counted
 
-_SLIDES = 0.35  # seconds without a further change after which a slider has been let go
-_TYPES = 0.8  # seconds without a further key after which a line has been typed
-_LINES = 2.9  # heights of a letter that two lines take
-_PATIENCE = 2.0  # seconds that the end waits for what can be left
-_WIDE = 380  # pixels of the panel
-_FOLLOWS = 0.15  # seconds without a further change after which all but the mesh shows what slides
-_WARNS = 1.0  # seconds after an edit, before what `check` would warn of is looked for
+_SLIDE_SECONDS = 0.35  # seconds without a change after which a slider has been released
+_TYPE_SECONDS = 0.8  # seconds without a key after which a line has been typed
+_FOLLOW_SECONDS = 0.15  # seconds without a change after which widgets other than the 3D view follow a slider
+_WARN_SECONDS = 1.0  # seconds between an edit and the search for warnings
+_CLOSE_SECONDS = 2.0  # seconds that the end waits for slow work, which may be given up
+_MESSAGE_HEIGHT = 2.9  # em, room for two lines
+_MAX_LINES = 6  # lines of an error message
+_PANEL_WIDTH = 380  # pixels
+_PLAYER_WIDTH = 420  # pixels
+_BRAND = (31, 111, 214)  # sRGB
 _WARNING = "#b35c00"
+_NOTE = "#666"
 _HINT = (
     "None yet. New tool takes two clicks on the mesh, across the wrinkles to be; Find places looks for folds. "
     "Drag turns the view, with the right button it moves, the wheel comes closer."
@@ -40,60 +52,59 @@ _HINT = (
 
 
 class Page:
-    """A served page, until `close`.
+    """A page that is served until `close`.
 
     Args:
-        session: What it edits.
-        place: Where it is served.
-        heat: Whether to begin with the surface coloured by its compression.
+        session: Session to edit.
+        address: Where the page is served.
+        heat: Begin with the surface coloured by its compression.
 
     Raises:
         WrinkleError: The port is taken, or the host is no address of this machine.
 
     Attributes:
-        server: That has the tabs, with their cameras.
-        chosen: The name of the tool that the page shows; none for none.
-        player: What says which moment is shown.
+        server: Server of the tabs and their cameras.
+        chosen: Name of the tool that the page shows.
+        player: The shown clip and time.
     """
 
-    def __init__(self, session: Session, place: Address, *, heat: bool = False) -> None:
+    def __init__(self, session: Session, address: Address, *, heat: bool = False) -> None:
         self._session = session
         self._work = WorkQueue(self._fail)
-        # What takes seconds: a clip plays on meanwhile.
+        # Actions that take seconds have a thread of their own, so that a clip plays on.
         self._slow = WorkQueue(lambda error: self._work.put(object(), lambda: self._fail(error)))
-        self.server = serve(place)
-        self._hand = Pointer(self._work, session, self)
-        self._picture = Viewport(self.server, self._work, session, self._hand.drag)
-        self._hand.listen(self.server, self._picture)
+        self.server = serve(address)
+        self._pointer = Pointer(self._work, session, self)
+        self._viewport = Viewport(self.server, self._work, session, self._pointer.drag)
+        self._pointer.listen(self.server, self._viewport)
         self.chosen: str | None = None
-        # What slides or is typed, and what makes an edit of it.
-        self._waiting: tuple[Hashable, Callable[[], None]] | None = None
+        self._pending: tuple[Hashable, Callable[[], None]] | None = None  # the key of a draft, and the edit it becomes
         self._buttons: dict[str, Any] = {}
         self._warnings: dict[str, list[str]] = {}
         self._build(heat=heat)
         self.refresh()
-        self._picture.look_at_all()
+        self._viewport.look_at_all()
         self._threads = [threading.Thread(target=each.run, daemon=True) for each in (self._work, self._slow)]
         for thread in self._threads:
             thread.start()
 
     @property
     def port(self) -> int:
-        """That the page is served on."""
+        """Port on which the page is served."""
         return self.server.get_port()
 
     def close(self) -> None:
-        """End what is being done, and serve no more; what is being saved is saved, what is being baked is not."""
-        self.rest(_PATIENCE)
+        """Finish the current edit and end the server; a running save is finished, a running bake is given up."""
+        self.stop_work(_CLOSE_SECONDS)
         with contextlib.suppress(WrinkleError):
-            self.settle()
+            self.commit()
         self.server.stop()
 
-    def rest(self, patience: float | None = None) -> None:
-        """Do nothing more by itself, and serve what is there.
+    def stop_work(self, patience: float | None = None) -> None:
+        """End the threads of this page; its server goes on.
 
         Args:
-            patience: Seconds to wait for what takes long; as long as it takes where left out.
+            patience: Seconds to wait for slow work; None waits until it is done.
         """
         for work, thread in zip((self._work, self._slow), self._threads, strict=True):
             work.end()
@@ -102,63 +113,60 @@ class Page:
     # Widgets.
 
     def _build(self, *, heat: bool) -> None:
-        gui = self.server.gui
-        gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(31, 111, 214))
+        gui, work, session = self.server.gui, self._work, self._session
+        gui.configure_theme(show_logo=False, show_share_button=False, brand_color=_BRAND)
         gui.main_panel.dock_right()
-        gui.main_panel.set_width(_WIDE)
+        gui.main_panel.set_width(_PANEL_WIDTH)
         gui.add_html(KEYBOARD)
         self._head = gui.add_html("")
-        self._said = gui.add_html("")
+        self._message = gui.add_html("")
         self.say("")
-        self._keeping = FileButtons(gui, self._work, self._slow, self._session, self)
+        self._files = FileButtons(gui, work, self._slow, session, self)
         play = gui.add_panel()
         with play.add_tab("Play"):
-            self.player = Player(self.server, self._work, self._session.clips, self._session.frame_times, self._show)
+            self.player = Player(self.server, work, session.clips, session.frame_times, self._show)
         with play.add_tab("View"):
-            self._picture.add_widgets(gui, self._show, heat=heat)
+            self._viewport.add_widgets(gui, self._show, heat=heat)
             self.player.add_speed(gui)
         with play.add_tab("Pose"):
-            self._poser = PosePanel(gui, self._work, self._session, self.player)
-        play.float(x=15, y=-15, width=420)
-        self._hand.add_button(gui)
+            self._pose_panel = PosePanel(gui, work, session, self.player)
+        play.float(x=15, y=-15, width=_PLAYER_WIDTH)
+        self._pointer.add_button(gui)
         self._list = gui.add_folder("Tools")
         with self._list:
-            self._hint = gui.add_html(_line(_HINT, "#666"))
-        self._proposals = SuggestPanel(gui, self._work, self._slow, self._session, self)
-        self._panel: Any = gui.add_folder("Tool", visible=False)
-        with self._panel:
-            self._add_tool_panel(gui)
+            self._hint = gui.add_html(paragraph_of(_HINT, _NOTE))
+        self._suggest_panel = SuggestPanel(gui, work, self._slow, session, self)
+        self._tool_panel: Any = gui.add_folder("Tool", visible=False)
+        with self._tool_panel:
+            self._name: Any = gui.add_text("name", "")
+            self._typed_name = TypedText(self._name)
+            on_set(self._name, work, "name", self._rename)
+            tip = "Also make the tool of the other side: x negated, left and right exchanged in its name."
+            self._both_sides: Any = gui.add_checkbox("both sides", initial_value=False, hint=tip)
+            on_set(self._both_sides, work, "both sides", self._mirror)
+            actions = {
+                "Look": self._look,
+                "Solo": self._solo,
+                "On/off": self._switch,
+                "Copy": self._copy,
+                "Delete": self._delete,
+            }
+            add_group(gui, work, "tool", actions)
+            clips = [clip.name for clip in session.clips if clip.name not in session.range_clips]
+            self._controls = ToolControls(gui, self._changed, self._unset, clips)
+            self._problems = gui.add_html("")  # below the controls, so that no control moves under the mouse
+            self._charts = Charts(gui)
 
-    def _add_tool_panel(self, gui: viser.GuiApi) -> None:
-        self._name: Any = gui.add_text("name", "")
-        self._name_line = TypedText(self._name)
-        on_set(self._name, self._work, "name", self._rename)
-        tip = "Also make the tool of the other side: x negated, left and right exchanged in its name."
-        self._twin: Any = gui.add_checkbox("both sides", initial_value=False, hint=tip)
-        on_set(self._twin, self._work, "twin", self._mirror)
-        actions = {
-            "Look": self._look,
-            "Solo": self._solo,
-            "On/off": self._switch,
-            "Copy": self._copy,
-            "Delete": self._delete,
-        }
-        add_group(gui, self._work, "tool", actions)
-        clips = [clip.name for clip in self._session.clips if clip.name not in self._session.range_clips]
-        self._controls = ToolControls(gui, self._changed, self._unset, clips)
-        self._told = gui.add_html("")  # below what a hand is at, which must not move
-        self._charts = Charts(gui)
-
-    # What is said.
+    # Messages.
 
     def say(self, text: str, colour: str = GOOD) -> None:
-        """A line on the page; none for an empty text. Two have their room, so that nothing below moves."""
-        self._said.content = f'<div style="min-height:{_LINES}em">{_line(text, colour)}</div>'
+        """Show a message, or remove it. It has room for two lines, so that nothing below moves."""
+        self._message.content = f'<div style="min-height:{_MESSAGE_HEIGHT}em">{paragraph_of(text, colour)}</div>'
 
     def _fail(self, error: Exception) -> None:
-        """Say what went wrong; the page stays."""
+        """Show an error; the page goes on."""
         if isinstance(error, WrinkleError):
-            self.say("\n".join(error.lines[:6]), BAD)
+            self.say("\n".join(error.lines[:_MAX_LINES]), BAD)
         else:
             logging.getLogger(__name__).error("this is a bug of wrinkle's", exc_info=error)
             self.say(f"a bug of wrinkle's: {type(error).__name__}: {error}", BAD)
@@ -168,15 +176,14 @@ class Page:
     # What is shown.
 
     def compare(self, baked: BakedFile) -> None:
-        """Proposal to show what was baked in place of what is edited, until that is another."""
-        self._picture.compare(baked)
+        """Offer to show a baked file instead of the edited asset, until the tools change."""
+        self._viewport.compare(baked)
         self._show()
 
     def refresh(self) -> None:
-        """Show the session's state: after every edit."""
+        """Show the session's state, after every edit."""
         tools = self._session.tools()
-        names = [tool.name for tool in tools]
-        if self.chosen not in names:
+        if self.chosen not in [tool.name for tool in tools]:
             self.chosen = None
         state = "not saved yet" if self._session.changed else "saved"
         name = html.escape(os.path.basename(self._session.path))
@@ -185,56 +192,59 @@ class Page:
             f'<span style="opacity:.6"> · {counted(len(tools), "tool")} · {state}</span></div>'
         )
         self._list_tools(tools)
-        self._panel.visible = self.chosen is not None
+        self._tool_panel.visible = self.chosen is not None
         for tool in tools:
             if tool.name == self.chosen:
-                self._panel.label = tool.name
-                self._name_line.show(tool.name, tool.name)
-                self._twin.value = tool.partner is not None
-                self._told.content = self._told_of(tool)
-                laid = self._session.attached_tools().get(tool.name)
-                span = tool.length if laid is None else laid.patch.span
-                self._controls.show(tool.values, sorted(tool.own), span or 1.0)
-        self._picture.read()
-        self._picture.drop_old()
-        self._proposals.drop_old()
+                self._show_tool(tool)
+        self._viewport.refresh()
+        self._suggest_panel.drop_outdated()
         self.player.take(self._session.clips)
-        self._poser.refresh()
+        self._pose_panel.refresh()
         self._show()
         self._work.put_later("chart", 0.0, self._chart)
-        self._keeping.tell()
+        self._files.show_notes()
         if not self._session.is_refined:
-            self._slow.put("settle", self._refine)
-            self._slow.put_later("warn", _WARNS, self._warn)
+            self._slow.put("refine", self._refine)
+            self._slow.put_later("warn", _WARN_SECONDS, self._warn)
 
     def _refine(self) -> None:
-        """Refine for what tools are now, beside all else."""
+        """Refine the mesh for the current tools; on the slow thread."""
         self._session.refine()
         self._work.put("refined", self._show)
 
     def _warn(self) -> None:
-        """Find out what `check` would warn of, beside all else."""
-        found = self._session.warnings()
+        """Collect the warnings of `check`; on the slow thread."""
+        warnings = self._session.warnings()
 
-        def tell() -> None:
-            self._warnings = found
+        def show() -> None:
+            self._warnings = warnings
             self.refresh()
 
-        self._work.put("warned", tell)
+        self._work.put("warned", show)
 
-    def _told_of(self, tool: EditedTool) -> str:
-        """What is wrong with a tool, and what `check` would warn of."""
+    def _show_tool(self, tool: EditedTool) -> None:
+        """Show a tool in its panel."""
+        self._tool_panel.label = tool.name
+        self._typed_name.show(tool.name, tool.name)
+        self._both_sides.value = tool.partner is not None
+        self._problems.content = self._problems_of(tool)
+        attached = self._session.attached_tools().get(tool.name)
+        span = tool.length if attached is None else attached.patch.span
+        self._controls.show(tool.values, sorted(tool.own), span or 1.0)
+
+    def _problems_of(self, tool: EditedTool) -> str:
+        """HTML of a tool's problem, or of its warnings."""
         if tool.problem:
-            return _line(tool.problem, BAD)
+            return paragraph_of(tool.problem, BAD)
         contact = tool.values.get("contact") not in (None, False, "off")
-        left_out = _line("Bake resolves its contact; until then it is shown without.", "#666") if contact else ""
+        note = paragraph_of("Bake resolves its contact; until then it is shown without.", _NOTE) if contact else ""
         names = [tool.name] if tool.partner is None else [tool.name, tool.partner]
-        return left_out + "".join(_line(line, _WARNING) for name in names for line in self._warnings.get(name, []))
+        return note + "".join(paragraph_of(line, _WARNING) for name in names for line in self._warnings.get(name, []))
 
     def _list_tools(self, tools: Sequence[EditedTool]) -> None:
-        """A button for each tool."""
+        """Show a button for each tool."""
         self._hint.visible = not tools
-        for name in [name for name in self._buttons if name not in {tool.name for tool in tools}]:
+        for name in self._buttons.keys() - {tool.name for tool in tools}:
             self._buttons.pop(name).remove()
         for order, tool in enumerate(tools):
             notes = [
@@ -243,31 +253,26 @@ class Page:
                 f"and {tool.partner}" if tool.partner else "",
                 "does not fit" if tool.problem else "warnings" if self._warnings.get(tool.name) else "",
             ]
-            told = ", ".join(note for note in notes if note)
-            label = f"{tool.name} ({told})" if told else tool.name
+            shown = ", ".join(note for note in notes if note)
             if tool.name not in self._buttons:
+                choose = partial(self.choose, tool.name, look=True)
                 with self._list:
-                    button = self._buttons[tool.name] = self.server.gui.add_button(label)
-                self._listen(button, tool.name)
+                    self._buttons[tool.name] = add_button(self.server.gui, self._work, tool.name, choose)
             button = self._buttons[tool.name]
-            button.label, button.order = label, float(order)
+            button.label, button.order = f"{tool.name} ({shown})" if shown else tool.name, float(order)
             button.color = "blue" if tool.name == self.chosen else "red" if tool.problem else "gray"
-
-    def _listen(self, button: Any, name: str) -> None:
-        on(button.on_click, self._work, lambda: self.choose(name, look=True))
 
     def _show(self) -> None:
         """Show the player's moment."""
-        self._picture.show(self.player, self.chosen)
+        self._viewport.show(self.player, self.chosen)
         self._chart_now()
 
     def _chart(self) -> None:
-        """Draw the chosen tool's curves."""
+        """Draw the charts of the chosen tool."""
         clip, over = self.player.clip, None
-        laid = self._session.attached_tools().get(self.chosen) if self.chosen else None
-        if self.chosen is not None and laid is not None:
-            patch = laid.carried.patch
-            self._charts.show_reach(patch.span, patch.greatest_height)
+        attached = self._session.attached_tools().get(self.chosen) if self.chosen else None
+        if self.chosen is not None and attached is not None:
+            self._charts.set_ranges(attached.patch.span, attached.patch.greatest_height)
             over = None if clip is None else self._session.heights(self.chosen, clip)
         self._charts.show_heights(over)
         self._chart_now()
@@ -277,68 +282,68 @@ class Page:
             self._charts.show_now(self.player.time)
             self._charts.show_curve(self._session.curve(self.chosen, self.player.clip, self.player.time))
 
-    # What people do: choosing and looking.
+    # User actions: choosing and looking.
 
     def choose(self, name: str | None, *, look: bool) -> None:
-        """Show a tool, and let the cameras look at it."""
-        self.settle()
+        """Show a tool, and with `look` turn the cameras to it."""
+        self.commit()
         self.chosen = name
         self.refresh()
-        if look and name is not None:
-            self._picture.look_at_tool(name)
+        if look:
+            self._look()
 
     def _look(self) -> None:
         if self.chosen is not None:
-            self._picture.look_at_tool(self.chosen)
+            self._viewport.look_at_tool(self.chosen)
 
-    # What people do: editing.
+    # User actions: editing.
 
-    def _changed(self, steps: Steps, value: Any, way: SetMode) -> None:
+    def _changed(self, steps: Steps, value: Any, mode: SetMode) -> None:
         """Set a key of the chosen tool; called by widgets."""
         name = self.chosen
         if name is None:
             return
+        key = (name, *steps)
 
         def edit(draft: bool) -> None:
             self._session.set_value(name, steps, value, draft=draft)
 
         actions: dict[SetMode, Callable[[], None]] = {
-            "slides": lambda: self.slide((name, *steps), edit),
-            "typed": lambda: self._wait((name, *steps), _TYPES, lambda: edit(False)),
+            "slides": lambda: self.slide(key, edit),
+            "typed": lambda: self._commit_later(key, _TYPE_SECONDS, lambda: edit(False)),
             "at once": lambda: self._edit(lambda: edit(False)),
         }
-        self._work.put(("set", steps), actions[way])
+        self._work.put(("set", steps), actions[mode])
 
-    def slide(self, of: Hashable, edit: Callable[[bool], None]) -> None:
-        """Show a draft of an edit, which becomes one as soon as nothing follows.
+    def slide(self, key: Hashable, edit: Callable[[bool], None]) -> None:
+        """Show a draft of an edit, which becomes an edit when no other draft follows.
 
         Args:
-            of: What is edited; a draft of anything else becomes an edit before.
-            edit: Called with whether it is a draft.
+            key: What is edited. A draft of anything else becomes an edit first.
+            edit: Makes the edit, or with True a draft of it.
         """
-        self._wait(of, _SLIDES, lambda: edit(False))
+        self._commit_later(key, _SLIDE_SECONDS, lambda: edit(False))
         edit(True)
-        # The mesh comes first.
-        self._show()
-        self._work.put_later("follow", _FOLLOWS, self.refresh)
+        self._show()  # the 3D view follows at once, other widgets later
+        self._work.put_later("follow", _FOLLOW_SECONDS, self.refresh)
 
-    def _wait(self, of: Hashable, seconds: float, edit: Callable[[], None]) -> None:
-        """Make an edit as soon as nothing follows that is of the same."""
-        if self._waiting is not None and self._waiting[0] != of:
-            self.settle()
-        self._waiting = of, edit
-        self._work.put_later("waits", seconds, self.settle)
+    def _commit_later(self, key: Hashable, seconds: float, edit: Callable[[], None]) -> None:
+        """Make an edit after some seconds, unless another one of the same key follows."""
+        if self._pending is not None and self._pending[0] != key:
+            self.commit()
+        self._pending = key, edit
+        self._work.put_later("commit", seconds, self.commit)
 
-    def settle(self) -> None:
-        """Make an edit of what slides or is typed."""
-        self._work.drop("waits")
-        waiting, self._waiting = self._waiting, None
-        if waiting is not None:
-            waiting[1]()
+    def commit(self) -> None:
+        """Turn a draft or a typed value into an edit."""
+        self._work.drop("commit")
+        pending, self._pending = self._pending, None
+        if pending is not None:
+            pending[1]()
             self.refresh()
 
     def _edit(self, action: Callable[[], object]) -> None:
-        self.settle()
+        self.commit()
         action()
         self.say("")
         self.refresh()
@@ -357,12 +362,12 @@ class Page:
                 self.chosen = new
                 self.say("")
 
-        self._wait("name", _TYPES, rename)
+        self._commit_later("name", _TYPE_SECONDS, rename)
 
     def _mirror(self) -> None:
         if self.chosen is not None:
-            self.settle()
-            self.choose(self._session.mirror(self.chosen, "x" if self._twin.value else None), look=False)
+            self.commit()
+            self.choose(self._session.mirror(self.chosen, "x" if self._both_sides.value else None), look=False)
 
     def _chosen_tool(self) -> EditedTool | None:
         return next((tool for tool in self._session.tools() if tool.name == self.chosen), None)
@@ -379,16 +384,10 @@ class Page:
 
     def _copy(self) -> None:
         if self.chosen is not None:
-            self.settle()
+            self.commit()
             self.choose(self._session.copy(self.chosen), look=False)
 
     def _delete(self) -> None:
         if self.chosen is not None:
             name = self.chosen
             self._edit(lambda: self._session.delete(name))
-
-
-def _line(text: str, colour: str) -> str:
-    """Text as HTML, of a colour."""
-    shown = html.escape(text).replace("\n", "<br>")
-    return f'<div style="padding:2px 12px 6px;color:{colour};font-size:.85em;overflow-wrap:anywhere">{shown}</div>'

@@ -1,4 +1,4 @@
-"""A mesh with colours or a texture as a small .glb, for a browser to draw: its own meshes have one colour each.
+"""A mesh with vertex colours or a texture as a small .glb, because a mesh of viser has a single colour.
 
 Source: glTF 2.0 §4.4 (GLB), §3.7 (geometry), §3.9 (materials).
 """
@@ -13,23 +13,23 @@ from wrinklecli.gltf.pixels import jpeg_of
 from wrinklecli.numeric.arrays import Array, Floats, Ints
 from wrinklecli.review.preview.paints import Texture
 
-_WRAPS = {"clamp": 33071, "mirror": 33648, "repeat": 10497}
-_ROUGH = 0.9
+_WRAPS = {"clamp": 33071, "mirror": 33648, "repeat": 10497}  # glTF's wrapping modes
+_ROUGHNESS = 0.9  # like skin or cloth: folds show by their shading, not by reflections
 
 
 class PaintedMesh:
-    """What of such a .glb stays while its vertices move.
+    """The parts of the .glb that stay while its vertices move.
 
     Args:
-        triangles: (triangles, 3).
+        triangles: (triangles, 3) vertices.
         coordinates: (vertices, 2) in the texture.
-        texture: That multiplies the colours; None for none.
+        texture: Texture that multiplies the vertex colours.
     """
 
     def __init__(self, triangles: Ints, coordinates: Floats, texture: Texture | None) -> None:
         self._fixed: list[Array] = [triangles.astype(np.uint32).reshape(-1, 1)]
         self._image = b""
-        self._material: dict[str, object] = {"metallicFactor": 0.0, "roughnessFactor": _ROUGH}
+        self._material: dict[str, object] = {"metallicFactor": 0.0, "roughnessFactor": _ROUGHNESS}
         self._sampler = {}
         if texture is not None:
             self._fixed.append(coordinates.astype(np.float32))
@@ -38,11 +38,11 @@ class PaintedMesh:
             self._sampler = {key: _WRAPS[wrap] for key, wrap in zip(("wrapS", "wrapT"), texture.wraps, strict=True)}
 
     def glb(self, positions: Floats, normals: Floats, colours: Floats) -> bytes:
-        """The .glb with (vertices, 3) positions, unit normals and linear colours."""
+        """Make the .glb of (vertices, 3) positions, unit normals and linear colours."""
         shades = np.full((len(colours), 4), 255, np.uint8)
         shades[:, :3] = np.round(255 * np.clip(colours, 0.0, 1.0))
         arrays = [*self._fixed, positions.astype(np.float32), normals.astype(np.float32), shades]
-        # Without normals it would be drawn flat.
+        # Without normals the browser would shade each triangle flat.
         attributes = {name: len(self._fixed) + k for k, name in enumerate(("POSITION", "NORMAL", "COLOR_0"))}
         if self._image:
             attributes["TEXCOORD_0"] = 1
@@ -86,7 +86,7 @@ class PaintedMesh:
 
 
 def _container(gltf: dict[str, object], data: bytes) -> bytes:
-    """JSON and a buffer in one file."""
+    """Join JSON and a buffer into a .glb."""
     text = json.dumps(gltf, separators=(",", ":")).encode()
     chunks = ((JSON_CHUNK, text + b" " * (-len(text) % 4)), (BIN_CHUNK, data + b"\0" * (-len(data) % 4)))
     body = b"".join(struct.pack("<I", len(chunk)) + kind + chunk for kind, chunk in chunks)

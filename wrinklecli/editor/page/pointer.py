@@ -1,4 +1,4 @@
-"""What the hand does on the mesh: it clicks a new tool's two ends, chooses tools, and drags their dots."""
+"""The mouse on the mesh: it clicks the two ends of a new tool, chooses tools, and drags their dots."""
 
 from typing import Any
 
@@ -7,52 +7,51 @@ import viser
 
 from wrinklecli.editor.page.key_controls import as_written, key_controls
 from wrinklecli.editor.page.viewport import Viewport
-from wrinklecli.editor.page.widgets import ASKS, PageCommands, on
+from wrinklecli.editor.page.widgets import ASKS, PageCommands, add_button
 from wrinklecli.editor.page.work_queue import WorkQueue
 from wrinklecli.editor.session import Session
 from wrinklecli.numeric.arrays import Floats
 
 _WIDTH = next(control for control in key_controls() if control.key == "width")
+_MIN_WIDTH = 1.0  # per cent of a tool's length, the least width that a drag gives it
 
 
 class Pointer:
-    """The pointer on the mesh.
+    """The mouse on the mesh.
 
     Args:
-        work: Does what it asks for.
-        session: What is edited.
-        desk: The page.
+        work: Queue for the edits.
+        session: Edited session.
+        page: Commands of the page.
     """
 
-    def __init__(self, work: WorkQueue, session: Session, desk: PageCommands) -> None:
-        self._work, self._session, self._desk = work, session, desk
-        self._ends: list[Floats] | None = None  # of a new tool, as far as they have been clicked
+    def __init__(self, work: WorkQueue, session: Session, page: PageCommands) -> None:
+        self._work, self._session, self._page = work, session, page
+        self._ends: list[Floats] | None = None  # clicked ends of a new tool; None if no new tool is begun
 
-    def listen(self, server: viser.ViserServer, picture: Viewport) -> None:
-        """Take clicks on the picture of a server."""
-        self._picture = picture
+    def listen(self, server: viser.ViserServer, viewport: Viewport) -> None:
+        """Take the clicks in a viewport."""
+        self._viewport = viewport
         clicks: Any = server.scene.on_click()
         clicks(self._clicked)
 
     def add_button(self, gui: viser.GuiApi) -> None:
-        """Add what begins a new tool."""
+        """Add the button that begins a new tool."""
         tip = "Click where it begins and where it ends."
-        self._new: Any = gui.add_button("New tool", icon=viser.Icon.PLUS, hint=tip)
-
-        on(self._new.on_click, self._work, self._begin_new)
+        self._new = add_button(gui, self._work, "New tool", self._begin_new, icon=viser.Icon.PLUS, hint=tip)
 
     def _begin_new(self) -> None:
         if self._ends is None:
             self._ends = []
             self._new.label, self._new.color = "Cancel", "orange"
-            self._desk.say("Click where the tool begins. It runs across the wrinkles.", ASKS)
+            self._page.say("Click where the tool begins. It runs across the wrinkles.", ASKS)
         else:
             self._end_new()
-            self._desk.say("")
+            self._page.say("")
 
     def _end_new(self) -> None:
         self._ends = None
-        self._picture.point_out(None)
+        self._viewport.highlight(None)
         self._new.label, self._new.color = "New tool", None
 
     async def _clicked(self, event: viser.SceneClickEvent) -> None:
@@ -60,49 +59,45 @@ class Pointer:
         self._work.put(object(), lambda: self._click(origin, direction))
 
     def _click(self, origin: Floats, direction: Floats) -> None:
-        hit = self._picture.hit(origin, direction)
+        hit = self._viewport.hit(origin, direction)
         if hit is None:
             return
         if self._ends is None:
-            self._desk.choose(self._picture.tool_at(hit.mesh, hit.place) or self._desk.chosen, look=False)
+            self._page.choose(self._viewport.tool_at(hit) or self._page.chosen, look=False)
             return
         self._ends.append(hit.place)
         if len(self._ends) == 1:
-            self._picture.point_out(hit)
-            self._desk.say("Now click where it ends.", ASKS)
+            self._viewport.highlight(hit)
+            self._page.say("Now click where it ends.", ASKS)
             return
         first, last = (end.tolist() for end in self._ends)
         self._end_new()
-        self._desk.settle()
+        self._page.commit()
         name = self._session.add_tool(first, last, hit.mesh.node)
-        self._desk.choose(name, look=False)
-        self._desk.say(f"{name} is new: drag its ends, and the dots at its sides for the width")
+        self._page.choose(name, look=False)
+        self._page.say(f"{name} is new: drag its ends, and the dots at its sides for the width")
 
     def drag(self, kind: str, number: int, origin: Floats, direction: Floats, phase: str) -> None:
-        """A dot of the chosen tool is dragged; called by the view."""
-        name = self._desk.chosen
+        """Move a dot of the chosen tool; see `drawn_scene.Drag`."""
+        name = self._page.chosen
         if name is None or phase == "start":
             return
         self._work.put((kind, number), lambda: self._move(name, kind, number, origin, direction))
         if phase == "end":
-            self._work.put("let go", self._desk.settle)
+            self._work.put("let go", self._page.commit)
 
     def _move(self, name: str, kind: str, number: int, origin: Floats, direction: Floats) -> None:
-        hit, laid = self._picture.hit(origin, direction), self._session.attached_tools().get(name)
-        if hit is None or laid is None:
+        hit, attached = self._viewport.hit(origin, direction), self._session.attached_tools().get(name)
+        if hit is None or attached is None:
             return
-        place, patch = hit.place, laid.patch
         if kind == "anchor":
-            self._desk.slide(
-                (name, kind, number),
-                lambda draft: self._session.move_point(name, number, place.tolist(), draft=draft),
+            point = hit.place.tolist()
+            self._page.slide(
+                (name, kind, number), lambda draft: self._session.move_point(name, number, point, draft=draft)
             )
-        else:
-            percent = max(
-                round(200.0 * abs(float(patch.coordinates(place)[1])) * patch.half_width / patch.span, 1), 1.0
-            )
-            before = next(tool.values.get("width") for tool in self._session.tools() if tool.name == name)
-            width = as_written(_WIDTH, percent, before, patch.span)
-            self._desk.slide(
-                (name, "width"), lambda draft: self._session.set_value(name, ("width",), width, draft=draft)
-            )
+            return
+        patch = attached.patch
+        percent = 200.0 * abs(float(patch.coordinates(hit.place)[1])) * patch.half_width / patch.span
+        before = next(tool.values.get("width") for tool in self._session.tools() if tool.name == name)
+        width = as_written(_WIDTH, max(round(percent, 1), _MIN_WIDTH), before, patch.span)
+        self._page.slide((name, "width"), lambda draft: self._session.set_value(name, ("width",), width, draft=draft))

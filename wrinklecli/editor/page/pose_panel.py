@@ -1,6 +1,7 @@
-"""The sliders of a free pose: one joint at a time about its own axes, one morph target at a time."""
+"""Sliders of the free pose: the turns of one joint and the weight of one morph target at a time."""
 
 import html
+from functools import partial
 from typing import Any
 
 import viser
@@ -8,77 +9,72 @@ import viser
 from wrinklecli.character.posing import posable
 from wrinklecli.editor.free_pose import POSE, FreePose
 from wrinklecli.editor.page.player import Player
-from wrinklecli.editor.page.widgets import add_group, on_set
+from wrinklecli.editor.page.widgets import add_group, on_set, paragraph
 from wrinklecli.editor.page.work_queue import WorkQueue
 from wrinklecli.editor.session import Session
 from wrinklecli.gltf.document import Document
 
 _AXES = ("x", "y", "z")
-_MOST_DEGREES = 180.0
+_MAX_DEGREES = 180.0
+_DEGREES_STEP = 1.0
+_WEIGHT_STEP = 0.01
 _NOTHING = "–"
 
 
 class PosePanel:
-    """Widgets that pose what is shown.
+    """Widgets for the free pose, at the current place of the panel.
 
     Args:
-        gui: Of the page; widgets go to where the program is in it.
-        work: Does what they ask for.
-        session: Whose free pose they set.
-        player: Which shows it then.
+        gui: Panel of the page.
+        work: Queue for the widgets' actions.
+        session: Session whose free pose is set.
+        player: Player that shows the pose.
     """
 
     def __init__(self, gui: viser.GuiApi, work: WorkQueue, session: Session, player: Player) -> None:
         self._session, self._player = session, player
         self._document: Document | None = None
         self._joint: Any = gui.add_dropdown("joint", (_NOTHING,), hint="Turned on from the stored pose.")
-        self._axes: list[Any] = [
-            gui.add_slider(f"{axis} (°)", -_MOST_DEGREES, _MOST_DEGREES, 1.0, 0.0, hint=f"About its own axis {axis}.")
-            for axis in _AXES
-        ]
+        self._axes: dict[str, Any] = {}
+        for axis in _AXES:
+            tip = f"About its own axis {axis}."
+            self._axes[axis] = gui.add_slider(f"{axis} (°)", -_MAX_DEGREES, _MAX_DEGREES, _DEGREES_STEP, 0.0, hint=tip)
+            on_set(self._axes[axis], work, f"pose {axis}", partial(self._turn, axis))
         self._morph: Any = gui.add_dropdown("morph target", (_NOTHING,))
-        self._weight: Any = gui.add_slider("weight", 0.0, 1.0, 0.01, 0.0)
-        add_group(gui, work, "pose", {"Pose": self._show, "As stored": self._reset})
-        self._told: Any = gui.add_html("")
-        for axis, slider in zip(_AXES, self._axes, strict=True):
-            self._listen(slider, work, axis)
-        on_set(self._weight, work, "pose weight", self._raise)
+        self._weight: Any = gui.add_slider("weight", 0.0, 1.0, _WEIGHT_STEP, 0.0)
+        add_group(gui, work, "pose", {"Pose": self._show, "As stored": partial(self._take, FreePose())})
+        self._options: Any = gui.add_html("")
+        on_set(self._weight, work, "pose weight", self._set_weight)
         for choice in (self._joint, self._morph):
             on_set(choice, work, "posed", self.refresh)
 
     def refresh(self) -> None:
-        """Show the session's free pose, and what its asset has to be posed."""
+        """Show the session's free pose, and the joints and morph targets of its asset."""
         if self._document is not self._session.document:
             self._document = self._session.document
             for choice, names in zip((self._joint, self._morph), posable(self._document), strict=True):
-                kept = choice.value
+                chosen = choice.value
                 choice.options = names or (_NOTHING,)
-                choice.value = kept if kept in names else choice.options[0]
+                choice.value = chosen if chosen in names else choice.options[0]
                 choice.visible = bool(names)
-            for each in self._axes:
-                each.visible = self._joint.visible
+            for slider in self._axes.values():
+                slider.visible = self._joint.visible
             self._weight.visible = self._morph.visible
         pose = self._session.pose
         turns, weights = dict(pose.turns), dict(pose.weights)
-        for axis, slider in zip(_AXES, self._axes, strict=True):
+        for axis, slider in self._axes.items():
             slider.value = turns.get((self._joint.value, axis), 0.0)
         self._weight.value = weights.get(self._morph.value, 0.0)
-        words = f"<code>{html.escape(pose.options)}</code>" if pose.options else ""
-        self._told.content = f'<div style="padding:2px 12px 6px;font-size:.85em;overflow-wrap:anywhere">{words}</div>'
+        self._options.content = paragraph(f"<code>{html.escape(pose.options)}</code>" if pose.options else "")
 
-    def _listen(self, slider: Any, work: WorkQueue, axis: str) -> None:
-        on_set(slider, work, f"pose {axis}", lambda: self._turn(axis, float(slider.value)))
+    def _turn(self, axis: str) -> None:
+        degrees = float(self._axes[axis].value)
+        self._take(self._session.pose.with_turn(self._joint.value, axis, degrees))
 
-    def _turn(self, axis: str, degrees: float) -> None:
-        self._become(self._session.pose.with_turn(self._joint.value, axis, degrees))
+    def _set_weight(self) -> None:
+        self._take(self._session.pose.with_weight(self._morph.value, float(self._weight.value)))
 
-    def _raise(self) -> None:
-        self._become(self._session.pose.with_weight(self._morph.value, float(self._weight.value)))
-
-    def _reset(self) -> None:
-        self._become(FreePose())
-
-    def _become(self, pose: FreePose) -> None:
+    def _take(self, pose: FreePose) -> None:
         self._session.take_pose(pose)
         self.refresh()
         self._show()

@@ -1,4 +1,4 @@
-"""Where the page is served: at one address and port, or not at all; to nobody else than who asks there."""
+"""Serve the page at one address and port, and only to those who ask there."""
 
 import contextlib
 import ipaddress
@@ -17,62 +17,63 @@ from wrinklecli.errors import WrinkleError
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """Where the page is served.
+    """The address of the page.
 
     Attributes:
-        host: The address that is listened on.
-        port: 0 for any that is free.
+        host: Address to listen on.
+        port: Port to listen on; 0 stands for any free port.
     """
 
     host: str = "127.0.0.1"
     port: int = 0
 
 
-def serve(place: Address) -> viser.ViserServer:
+def serve(address: Address) -> viser.ViserServer:
     """Serve an empty page.
 
     Raises:
         WrinkleError: The port is taken, or the host is no address of this machine.
     """
-    # The server would take the next port that is free, and say so where only data belongs.
-    port = _free_port(place.host, place.port)
+    # Left alone, viser would take the next free port, and print messages to stdout, which is for data.
+    port = _free_port(address.host, address.port)
     rich.reconfigure(quiet=True)
-    # Any other page that the browser shows could connect, too, and edit; its own is known by its origin.
+    # Any other page in the browser could connect and edit; our page is known by its origin.
     usual = websockets.asyncio.server.serve
-    websockets.asyncio.server.serve = partial(usual, origins=[None, _own_origin(place.host, port)])  # type: ignore
+    origins = [None, _own_origin(address.host, port)]
+    websockets.asyncio.server.serve = partial(usual, origins=origins)  # type: ignore
     try:
-        server = viser.ViserServer(host=place.host, port=port, verbose=False)
+        server = viser.ViserServer(host=address.host, port=port, verbose=False)
     finally:
         websockets.asyncio.server.serve = usual  # type: ignore[misc]
     if server.get_port() != port:
         server.stop()
         raise WrinkleError(f"port {port} was taken just now", where="edit")
-    # What a damaged or hostile message raises ends at most the tab that sent it; nobody reads its traceback.
+    # A damaged or hostile message ends at most the tab that sent it; nobody reads its traceback.
     logging.getLogger("websockets.server").setLevel(logging.CRITICAL + 1)
     loop = server.get_event_loop()
     loop.call_soon_threadsafe(loop.set_exception_handler, lambda _loop, _context: None)
-    # Any page that a tab shows could ask for a tunnel through which the whole internet would reach this one.
-    server.request_share_url = _refuse  # type: ignore[method-assign]
+    # A tab could ask for a tunnel that opens this page to the whole internet.
+    server.request_share_url = _refuse_tunnel  # type: ignore[method-assign]
     return server
 
 
 def _own_origin(host: str, port: int) -> re.Pattern[str]:
-    """The origins of the page: where all addresses are listened on, of any host, at this port."""
+    """Match the origins of the page: any host at the port if the page listens on all addresses."""
     hosts = {"127.0.0.1", "localhost", "[::1]", host, f"[{host}]"}
     named = "|".join(map(re.escape, sorted(hosts))) if is_own(host) else r"[^/:]+|\[[^/]*\]"
     return re.compile(rf"http://(?:{named}):{port}")
 
 
 def is_own(host: str) -> bool:
-    """Whether no other machine reaches an address."""
+    """True if no other machine reaches an address."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
         return host == "localhost"
 
 
-def _refuse(verbose: bool = True) -> None:
-    """No tunnel."""
+def _refuse_tunnel(verbose: bool = True) -> None:
+    """Open no tunnel."""
 
 
 def _free_port(host: str, port: int) -> int:

@@ -1,10 +1,11 @@
-"""What `suggest` finds, as a list of the page to accept from, one by one."""
+"""The list of tools that `suggest` proposes, to be accepted one by one."""
 
+from functools import partial
 from typing import Any
 
 import viser
 
-from wrinklecli.editor.page.widgets import ASKS, PageCommands, on
+from wrinklecli.editor.page.widgets import ASKS, PageCommands, add_button
 from wrinklecli.editor.page.work_queue import WorkQueue
 from wrinklecli.editor.proposals import Proposal
 from wrinklecli.editor.session import Session
@@ -12,61 +13,56 @@ from wrinklecli.gltf.document import Document
 
 
 class SuggestPanel:
-    """Tools that are offered.
+    """Widgets for proposed tools, at the current place of the panel.
 
     Args:
-        gui: Of the page; widgets go to where the program is in it.
-        work: Does what they ask for.
-        slow: Does what takes seconds.
-        session: That is edited.
-        desk: The page.
+        gui: Panel of the page.
+        work: Queue for quick actions.
+        slow: Queue for actions that take seconds.
+        session: Edited session.
+        page: Commands of the page.
     """
 
     def __init__(
-        self, gui: viser.GuiApi, work: WorkQueue, slow: WorkQueue, session: Session, desk: PageCommands
+        self, gui: viser.GuiApi, work: WorkQueue, slow: WorkQueue, session: Session, page: PageCommands
     ) -> None:
-        self._gui, self._work, self._slow, self._session, self._desk = gui, work, slow, session, desk
+        self._gui, self._work, self._slow, self._session, self._page = gui, work, slow, session, page
         self._folder: Any = gui.add_folder("Suggested")
-        self._offered: list[Any] = []
-        self._document: Document | None = None  # that they are for
+        self._buttons: dict[int, Any] = {}
+        self._document: Document | None = None  # the asset that the proposals are for
         with self._folder:
             tip = "Looks for the places that clips compress most, as wrinkle suggest does."
-            self._find = gui.add_button("Find places", icon=viser.Icon.SEARCH, color="gray", hint=tip)
-        on(self._find.on_click, work, self._ask)
+            add_button(gui, work, "Find places", self._ask, icon=viser.Icon.SEARCH, color="gray", hint=tip)
+
+    def drop_outdated(self) -> None:
+        """Remove the proposals if the asset has changed."""
+        if self._document is not self._session.document:
+            for button in self._buttons.values():
+                button.remove()
+            self._buttons.clear()
 
     def _ask(self) -> None:
-        self._desk.say("looking for places that fold …", ASKS)
-        self._slow.put("offers", self._look)
+        self._page.say("looking for places that fold …", ASKS)
+        self._slow.put("proposals", self._find)
 
-    def _look(self) -> None:
-        offers = self._session.proposals()
-        self._work.put("offers", lambda: self._show(offers))
+    def _find(self) -> None:
+        proposals = self._session.proposals()
+        self._work.put("proposals", lambda: self._show(proposals))
 
-    def drop_old(self) -> None:
-        """Proposal nothing that was found in what the asset was before."""
-        if self._document is not self._session.document:
-            for old in self._offered:
-                old.remove()
-            self._offered.clear()
-
-    def _show(self, offers: list[Proposal]) -> None:
-        """A button for each offer."""
+    def _show(self, proposals: list[Proposal]) -> None:
         self._document = None
-        self.drop_old()
+        self.drop_outdated()
         self._document = self._session.document
-        for offer in offers:
+        for number, proposal in enumerate(proposals):
+            accept = partial(self._accept, number, proposal)
             with self._folder:
-                button: Any = self._gui.add_button(f"+ {offer.name}", color="gray", hint=offer.why)
-            self._offered.append(button)
-            self._listen(button, offer)
-        self._desk.say(f"{len(offers)} found: a click takes one" if offers else "nothing found that folds")
+                self._buttons[number] = add_button(
+                    self._gui, self._work, f"+ {proposal.name}", accept, color="gray", hint=proposal.why
+                )
+        self._page.say(f"{len(proposals)} found: a click takes one" if proposals else "nothing found that folds")
 
-    def _listen(self, button: Any, offer: Proposal) -> None:
-        def accept() -> None:
-            self._desk.settle()
-            name = self._session.accept(offer)
-            button.remove()
-            self._offered.remove(button)
-            self._desk.choose(name, look=True)
-
-        on(button.on_click, self._work, accept)
+    def _accept(self, number: int, proposal: Proposal) -> None:
+        self._page.commit()
+        name = self._session.accept(proposal)
+        self._buttons.pop(number).remove()
+        self._page.choose(name, look=True)

@@ -1,4 +1,4 @@
-"""What the page shows in 3D: the session's meshes at the player's moment, tools on them, and where cameras stand."""
+"""The 3D view: the session's meshes at the player's moment, tools on them, cameras, and what is under the mouse."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -11,10 +11,10 @@ import viser
 from wrinklecli.character.scene import read_scene
 from wrinklecli.editor.attached import ShownMesh
 from wrinklecli.editor.baked_file import BakedFile
-from wrinklecli.editor.page.drawing import Body, SurfacePoints, ToolOutline, body_of, mark_of, picked
+from wrinklecli.editor.page.drawing import Body, SurfacePoints, ToolOutline, body_of, outline_of, pick
 from wrinklecli.editor.page.drawn_scene import LOOKS, Drag, DrawnScene, Look
 from wrinklecli.editor.page.player import Player
-from wrinklecli.editor.page.viewpoints import FOV, SIDES, close, whole
+from wrinklecli.editor.page.viewpoints import FOV, SIDES, frame_asset, frame_tool
 from wrinklecli.editor.page.widgets import add_group, on_set
 from wrinklecli.editor.page.work_queue import WorkQueue
 from wrinklecli.editor.session import Session
@@ -26,27 +26,28 @@ from wrinklecli.review.preview.heat import point_colours
 from wrinklecli.review.preview.paints import Paint, read_paints
 from wrinklecli.review.preview.shown import INKS
 
-_SETTLES = 0.08  # seconds in which a browser reads a coloured mesh
-_ASIDE = 1.15  # widths of the asset between it and its rest pose beside it
-# Lights, from where and how strong: one aslant on either face, so that folds stand out wherever one looks from, and one
-# from below. They are further away than any asset is large.
+_READ_SECONDS = 0.08  # seconds in which a browser reads a coloured mesh
+_REST_DISTANCE = 1.15  # widths of the asset between it and its rest pose beside it
+# Strength of each light by its direction: one aslant on either side, so that folds stand out from everywhere, and one
+# from below.
 _LIGHTS = {(0.7, 1.0, 1.0): 2.0, (-0.7, 0.8, -1.0): 1.8, (-0.6, -1.0, 0.6): 0.5}
-_FAR = 1e6  # scene units
-_SKY, _GROUND, _AMBIENT = (255, 255, 255), (150, 152, 158), 0.9
-_UP = np.array([0.0, 1.0, 0.0])
-# What a camera may see, over its distance: as near as one may come, and all around.
-_NEARER, _FURTHER = 100.0, 100.0
+_LIGHT_DISTANCE = 1e6  # scene units, more than any asset is large
+_SKY = (255, 255, 255)  # sRGB of light from above
+_GROUND = (150, 152, 158)  # sRGB of light from below
+_AMBIENT = 0.9  # strength of the light from sky and ground
 _BACKGROUND = ((236, 239, 243), (203, 208, 215))  # sRGB above and below
+_BACKGROUND_ROWS = 64
+_UP = np.array([0.0, 1.0, 0.0])
+_DEPTH = 100.0  # a camera sees from its distance over this to its distance times this
 
 
 @dataclass(frozen=True, slots=True)
 class Hit:
-    """Where the pointer meets a mesh.
+    """The point of a mesh under the mouse.
 
     Attributes:
-        mesh: The mesh.
-        place: (3,) at rest.
-        spot: The one spot, of the triangles that are shown.
+        place: (3,) position at rest.
+        spot: The single point, on the shown triangles.
     """
 
     mesh: ShownMesh
@@ -55,13 +56,13 @@ class Hit:
 
 
 class Viewport:
-    """The 3D view of all tabs, with the widgets that say how it looks.
+    """The 3D view of all tabs, with the widgets for its look.
 
     Args:
-        server: The page's.
-        work: Does what widgets ask for.
-        session: What is shown.
-        drag: Called where a tool's dot is dragged.
+        server: Server of the page.
+        work: Queue for the widgets' actions.
+        session: Session to show.
+        drag: Called when the user drags a tool's dot.
     """
 
     def __init__(self, server: viser.ViserServer, work: WorkQueue, session: Session, drag: Drag) -> None:
@@ -69,37 +70,18 @@ class Viewport:
         server.scene.set_up_direction("+y")
         server.scene.set_background_image(_background())
         _add_lights(server.scene)
-        self._view = DrawnScene(server, "asset", drag)
-        self._rest_view = DrawnScene(server, "rest", lambda *_: None)
+        self._scene = DrawnScene(server, "asset", drag)
+        self._rest_scene = DrawnScene(server, "rest", lambda *_: None)
         self._bodies: tuple[Body, ...] = ()
-        self._marks: dict[str, tuple[Patch, ToolOutline]] = {}  # as long as the triangles are the same
+        self._outlines: dict[str, tuple[Patch, ToolOutline]] = {}  # on the present triangles
         self._chosen: str | None = None
         self.shown: list[ShownMesh] = []
         self._document: Document | None = None
         self._baked: BakedFile | None = None
-        self.read()
-
-    def read(self) -> None:
-        """Read what colours the asset, where that is another than before."""
-        if self._session.document is self._document:
-            return
-        self._document = self._session.document
-        self._paints, unread = _paints_of(self._document)
-        self._session.notes += unread
-        self.shown = []  # so that all is drawn anew
-
-    def compare(self, baked: BakedFile) -> None:
-        """Proposal to show what was baked in place of what is edited."""
-        self._baked, (self._baked_paints, _) = baked, _paints_of(baked.document)
-        self._as_baked.visible = True
-
-    def drop_old(self) -> None:
-        """Proposal what was baked no more, where something else is edited by now."""
-        if self._baked is not None and self._baked.text != self._session.text:
-            self._baked, self._as_baked.value, self._as_baked.visible = None, False, False
+        self.refresh()
 
     def add_widgets(self, gui: viser.GuiApi, show: Callable[[], None], *, heat: bool) -> None:
-        """Add what says how it looks, to where the program is in the page; `show` calls this one's."""
+        """Add the widgets at the current place of the panel; `show` has to call this object's `show`."""
         self._look: Any = gui.add_dropdown("surface", LOOKS, initial_value="heat" if heat else "clay")
         self._wire: Any = gui.add_checkbox("wire", initial_value=False)
         tip = "Show what Bake has written, in place of what is edited; its clips, as it plays them."
@@ -107,174 +89,186 @@ class Viewport:
         self._beside: Any = gui.add_checkbox("rest beside", initial_value=False, hint="Show it at rest, too.")
         add_group(gui, self._work, "look from", {side: partial(self.look_at_all, side) for side in SIDES})
         for each in (self._look, self._wire, self._beside):
-            on_set(each, self._work, "dress", self._dress)
+            on_set(each, self._work, "bodies", self._show_bodies)
         on_set(self._as_baked, self._work, "as baked", show)
 
+    def refresh(self) -> None:
+        """Read the colours of a new asset, and withdraw the baked file if the tools have changed since."""
+        if self._session.document is not self._document:
+            self._document = self._session.document
+            self._paints, unread = _paints_of(self._document)
+            self._session.notes += unread
+            self.shown = []  # so that all is drawn anew
+        if self._baked is not None and self._baked.text != self._session.text:
+            self._baked, self._as_baked.value, self._as_baked.visible = None, False, False
+
+    def compare(self, baked: BakedFile) -> None:
+        """Offer to show a baked file instead of the edited asset."""
+        self._baked, (self._baked_paints, _) = baked, _paints_of(baked.document)
+        self._as_baked.visible = True
+
     def show(self, player: Player, chosen: str | None) -> None:
-        """Show the player's moment, with dots on the chosen tool."""
+        """Show the player's moment, and the dots of the chosen tool."""
         before = self.shown
         self.shown = self._meshes(player.clip, player.time)
         pairs = list(zip(self.shown, before, strict=False))
-        same = len(before) == len(self.shown) and all(new.source is old.source for new, old in pairs)
-        # What is dragged moves other vertices of the triangles that are there.
-        alike = len(before) == len(self.shown) and all(np.array_equal(new.faces, old.faces) for new, old in pairs)
+        same_sources = len(before) == len(self.shown) and all(new.source is old.source for new, old in pairs)
+        # A drag moves other vertices, but of the same triangles.
+        same_faces = len(before) == len(self.shown) and all(np.array_equal(new.faces, old.faces) for new, old in pairs)
         with self._server.atomic():
-            if not alike:
+            if not same_faces:
                 self._chosen = chosen
-                self._marks.clear()
-                self._dress()
+                self._outlines.clear()
+                self._show_bodies()
                 return
-            if not same or chosen != self._chosen:
+            if not same_sources or chosen != self._chosen:
                 self._chosen = chosen
-                self._mark()
-            self._move()
+                self._show_tools()
+            self._move_bodies()
 
     def _meshes(self, clip: str | None, time: float) -> list[ShownMesh]:
-        """All meshes at a moment: of the baked file, where it is chosen and has the clip, else as edited."""
+        """All meshes at a moment: of the baked file if it is chosen and has the clip, else of the edited asset."""
         if self._baked is not None and self._as_baked.value and self._baked.plays(clip):
             return self._baked.meshes(clip, time)
         return self._session.meshes(clip, time, wait=False)
 
     @property
     def _is_baked(self) -> bool:
-        """Whether the shown meshes are of the baked file."""
+        """True if the shown meshes are those of the baked file."""
         return self._baked is not None and any(mesh.source in self._baked.sources for mesh in self.shown)
 
     @property
     def _points(self) -> list[Floats]:
         return [mesh.positions for mesh in self.shown]
 
-    def _dress(self) -> None:
-        """Show meshes that are new, or that look otherwise than before."""
+    def _all_points(self) -> Floats:
+        """(points, 3) of all shown meshes; the origin if there are none."""
+        return np.concatenate(self._points) if any(map(len, self._points)) else np.zeros((1, 3))
+
+    def _show_bodies(self) -> None:
+        """Show meshes that are new or look different."""
         look: Look = self._look.value
         wire, beside = bool(self._wire.value), bool(self._beside.value)
         paints = self._baked_paints if self._is_baked else self._paints
         self._bodies = tuple(body_of(mesh.source, paints[mesh.source.ground.rig.node]) for mesh in self.shown)
         with self._server.atomic():
-            self._view.dress(self._bodies, self._points, look, wire=wire)
-            self._mark()
+            self._scene.show_bodies(self._bodies, self._points, look, wire=wire)
+            self._show_tools()
             rest = [mesh.positions for mesh in self._meshes(None, 0.0)] if beside else []
-            self._rest_view.dress(self._bodies if beside else (), rest, look, wire=wire)
-            if self._rest_view.move(rest, self._heats(rest)):
-                self._work.put_later("settle rest", _SETTLES, self._rest_view.settle)
-            width = max(float(np.ptp(each[:, 0])) for each in (self._everything(), *rest) if len(each))
-            self._rest_view.place((-_ASIDE * width, 0.0, 0.0), visible=beside)
-            self._move()
+            self._rest_scene.show_bodies(self._bodies if beside else (), rest, look, wire=wire)
+            if self._rest_scene.move_bodies(rest, self._heats(rest)):
+                self._work.put_later("swap rest", _READ_SECONDS, self._rest_scene.swap)
+            width = max(float(np.ptp(each[:, 0])) for each in (self._all_points(), *rest) if len(each))
+            self._rest_scene.place_at((-_REST_DISTANCE * width, 0.0, 0.0), visible=beside)
+            self._move_bodies()
 
-    def _move(self) -> None:
-        if self._view.move(self._points, self._heats(self._points)):
-            self._work.put_later("settle", _SETTLES, self._view.settle)
+    def _move_bodies(self) -> None:
+        if self._scene.move_bodies(self._points, self._heats(self._points)):
+            self._work.put_later("swap", _READ_SECONDS, self._scene.swap)
 
     def _heats(self, points: Sequence[Floats]) -> list[Floats]:
-        """Of each body, its (points, 3) being there, their colours; none where compression does not show."""
+        """Colours of compression for bodies at (points, 3); none if compression is not shown."""
         if self._look.value != "heat":
             return []
         pairs = zip(self.shown, points, strict=False)
         return [point_colours(mesh.source.rest_positions, places, mesh.faces) for mesh, places in pairs]
 
-    def _mark(self) -> None:
-        """Draw the tools on the shown meshes."""
-        marks = []
+    def _show_tools(self) -> None:
+        outlines = []
         for number, (name, tool) in enumerate(() if self._is_baked else self._session.attached_tools().items()):
-            patch, mark = self._marks.get(name, (None, None))
-            if mark is None or patch is not tool.patch:
-                body = self._body_of(tool.plan.rig.node)
-                mark = mark_of(tool, self.shown[body].source, body, INKS[number % len(INKS)])
-                self._marks[name] = tool.patch, mark
-            marks.append(mark)
-        self._view.mark(marks, self._chosen, self._points)
+            patch, outline = self._outlines.get(name, (None, None))
+            if outline is None or patch is not tool.patch:
+                nodes = [mesh.source.ground.rig.node for mesh in self.shown]
+                body = nodes.index(tool.ground.rig.node)
+                outline = outline_of(tool, self.shown[body].source, body, INKS[number % len(INKS)])
+                self._outlines[name] = tool.patch, outline
+            outlines.append(outline)
+        self._scene.show_tools(outlines, self._chosen, self._points)
 
-    def _body_of(self, node: int) -> int:
-        return next(k for k, mesh in enumerate(self.shown) if mesh.source.ground.rig.node == node)
-
-    def _everything(self) -> Floats:
-        """(points, 3) all that is shown; the world's origin where nothing is."""
-        return np.concatenate(self._points) if any(map(len, self._points)) else np.zeros((1, 3))
-
-    # Where cameras stand.
+    # Cameras.
 
     def look_at_all(self, side: str = "front") -> None:
-        """Let the cameras see the whole asset from a side, a little from above."""
-        self._point_cameras(whole(self._everything(), side))
+        """Turn the cameras to the whole asset, from a side and a little from above."""
+        self._point_cameras(frame_asset(self._all_points(), side))
 
     def look_at_tool(self, name: str) -> None:
-        """Let the cameras face a tool; they stay where it does not fit."""
-        _, mark = self._marks.get(name, (None, None))
-        if mark is not None:
-            body = mark.spots.body
+        """Turn the cameras to a tool, if it fits the asset."""
+        _, outline = self._outlines.get(name, (None, None))
+        if outline is not None:
+            body = outline.points.body
             mesh = self.shown[body]
-            self._point_cameras(close(mark, self._bodies[body], mesh.positions, mesh.source.ground.surface.triangles))
+            coarse = mesh.source.ground.surface.triangles
+            self._point_cameras(frame_tool(outline, self._bodies[body], mesh.positions, coarse))
 
     def _point_cameras(self, wanted: Camera) -> None:
         position, distance = wanted.eye, float(np.linalg.norm(wanted.eye - wanted.centre)) or 1.0
         start = self._server.initial_camera
         start.look_at, start.position, start.up, start.fov = wanted.centre, position, _UP, FOV
-        start.near, start.far = distance / _NEARER, distance * _FURTHER
+        start.near, start.far = distance / _DEPTH, distance * _DEPTH
         for client in self._server.get_clients().values():
             with client.atomic():
                 client.camera.up_direction = _UP
                 client.camera.fov = FOV
                 client.camera.near, client.camera.far = start.near, start.far
-                # In this order: to move a camera moves what it looks at.
+                # The position comes first, because setting it moves `look_at` too.
                 client.camera.position = position
                 client.camera.look_at = wanted.centre
 
-    # What is under the pointer.
+    # The mouse.
 
     def hit(self, origin: Floats, direction: Floats) -> Hit | None:
-        """What a ray from (3,) in (3,) meets first; None where it misses."""
-        best, found = np.inf, None
+        """Find the point that a ray from (3,) in direction (3,) meets first."""
+        nearest, hit = np.inf, None
         for number, mesh in enumerate(self.shown):
-            hit = picked(origin, direction, mesh.positions, mesh.faces)
-            if hit is not None and hit[0] < best:
-                best, triangle, barycentrics = hit
+            met = pick(origin, direction, mesh.positions, mesh.faces)
+            if met is not None and met[0] < nearest:
+                nearest, triangle, barycentrics = met
                 place = barycentrics @ mesh.source.rest_positions[mesh.faces[triangle]]
-                found = Hit(mesh, place, SurfacePoints(number, np.array([triangle]), barycentrics[None]))
-        return found
+                hit = Hit(mesh, place, SurfacePoints(number, np.array([triangle]), barycentrics[None]))
+        return hit
 
-    def point_out(self, hit: Hit | None) -> None:
-        """Show a dot on what was hit, or none."""
-        self._view.point_out(None if hit is None else hit.spot, self._points)
+    def highlight(self, hit: Hit | None) -> None:
+        """Show a dot on a point; None removes the dot."""
+        self._scene.highlight(None if hit is None else hit.spot, self._points)
 
-    def tool_at(self, mesh: ShownMesh, place: Floats) -> str | None:
-        """The tool of the file whose patch, or whose partner's, is at a (3,) place at rest."""
-        laid = self._session.attached_tools()
+    def tool_at(self, hit: Hit) -> str | None:
+        """Find the tool of the file whose patch, or whose partner's, holds a point."""
+        attached_tools = self._session.attached_tools()
         for tool in self._session.tools():
             for name in (tool.name, tool.partner):
-                found = laid.get(name) if name else None
-                if found is None or found.plan.rig.node != mesh.source.ground.rig.node:
+                attached = attached_tools.get(name) if name else None
+                if attached is None or attached.ground.rig.node != hit.mesh.source.ground.rig.node:
                     continue
-                patch = found.carried.patch
-                u, v = patch.coordinates(place)
-                near = abs(float((place - patch.path.middle) @ patch.normal)) < patch.span
+                patch = attached.patch
+                u, v = patch.coordinates(hit.place)
+                near = abs(float((hit.place - patch.path.middle) @ patch.normal)) < patch.span
                 if near and 0 <= u <= 1 and abs(v) <= 1:
                     return tool.name
         return None
 
 
 def _paints_of(document: Document) -> tuple[dict[int, list[Paint]], tuple[str, ...]]:
-    """What colours the primitives of each node, and what of it could not be read, a line each."""
+    """Read the colours of each node's primitives; also return a line for each that cannot be read."""
     sources = read_scene(document)
     paints, unread = read_paints(document, sources)
-    found: dict[int, list[Paint]] = {}
+    by_node: dict[int, list[Paint]] = {}
     for source, paint in zip(sources, paints, strict=True):
-        found.setdefault(source.rig.node, []).append(paint)
-    return found, tuple(unread)
+        by_node.setdefault(source.rig.node, []).append(paint)
+    return by_node, tuple(unread)
 
 
 def _background() -> Any:
-    """(rows, columns, 3) of a plain wall, lighter above."""
+    """(rows, 2, 3) sRGB of a plain wall, lighter above."""
     above, below = (np.array(colour, float) for colour in _BACKGROUND)
-    shares = np.linspace(0.0, 1.0, 64)[:, None, None]
-    return np.round((1 - shares) * above + shares * below).astype(np.uint8).repeat(2, axis=1)
+    depths = np.linspace(0.0, 1.0, _BACKGROUND_ROWS)[:, None, None]
+    return np.round((1 - depths) * above + depths * below).astype(np.uint8).repeat(2, axis=1)
 
 
 def _add_lights(scene: viser.SceneApi) -> None:
-    """Light it without shadows: those of hundreds of small folds cost more than all else, and hide what they show."""
+    """Add lights without shadows: shadows of hundreds of small folds are slow, and hide the folds."""
     scene.configure_default_lights(enabled=False)
     scene.configure_environment_map(None)
     scene.add_light_hemisphere("/lights/sky", sky_color=_SKY, ground_color=_GROUND, intensity=_AMBIENT)
-    for number, (place, strength) in enumerate(_LIGHTS.items()):
-        scene.add_light_point(
-            f"/lights/{number}", intensity=strength, decay=0.0, position=tuple(_FAR * np.array(place, float))
-        )
+    for number, (direction, strength) in enumerate(_LIGHTS.items()):
+        position = tuple(_LIGHT_DISTANCE * np.array(direction, float))
+        scene.add_light_point(f"/lights/{number}", intensity=strength, decay=0.0, position=position)

@@ -1,88 +1,136 @@
-"""What the parts of the page share: how they tell it what was done, and how their widgets ask for work."""
+"""What the parts of the page share: commands to the page, widgets that queue actions, and keyboard shortcuts."""
 
+import html
 from collections.abc import Callable, Hashable, Mapping
+from functools import partial
 from typing import Any, Literal, Protocol, TypeAlias
 
 import viser
 
 from wrinklecli.editor.baked_file import BakedFile
-from wrinklecli.editor.page.work_queue import WorkQueue
+from wrinklecli.editor.page.work_queue import Action, WorkQueue
 
-GOOD, BAD, ASKS = "#1c7a3f", "#c92a2a", "#1f6fd6"
-"""Colours of what the page says: it is done, it failed, something is to be done."""
+GOOD = "#1c7a3f"
+"""Colour of a message about something done."""
+BAD = "#c92a2a"
+"""Colour of an error message."""
+ASKS = "#1f6fd6"
+"""Colour of a message that asks for a next step, or about work that goes on."""
 
 SetMode: TypeAlias = Literal["at once", "slides", "typed"]
-"""How a widget sets a value: where it slides or is typed more follows, of which only the last is an edit."""
+"""How a widget sets a value. While it slides or is typed, more values follow, and only the last one is an edit."""
+
+# Fields keep the keyboard focus after a click, even checkboxes, and the page's commands hear no key then. This script
+# passes Ctrl-S on, and Ctrl-Z too unless a line of text has the focus, where it undoes typing. Enter leaves a field.
+_SCRIPT = """
+if (!window.wrinkleKeys) {
+  window.wrinkleKeys = true;
+  document.addEventListener("keydown", event => {
+    const field = event.target;
+    if (!event.isTrusted || !field.matches("input, textarea")) return;
+    const clicked = field.readOnly || ["checkbox", "radio"].includes(field.type);
+    const isText = !clicked && !["decimal", "numeric"].includes(field.inputMode);
+    if (event.key === "Enter" && !clicked) setTimeout(() => field.blur());
+    const key = event.key.toLowerCase();
+    if (!(event.ctrlKey || event.metaKey) || !(key === "s" || (key === "z" && !isText))) return;
+    event.preventDefault();
+    event.stopPropagation();
+    field.blur();
+    const {ctrlKey, metaKey, shiftKey, code} = event;
+    const again = {key: event.key, code, ctrlKey, metaKey, shiftKey, bubbles: true, cancelable: true};
+    document.body.dispatchEvent(new KeyboardEvent("keydown", again));
+  }, true);
+}
+"""
+KEYBOARD = f'<img src="data:," style="display:none" onerror="{html.escape(_SCRIPT)}">'
+"""HTML that runs the script once in each tab: viser has no place for scripts, but an image that fails runs one."""
 
 
 class PageCommands(Protocol):
-    """The page, for its parts."""
+    """The commands of the page that its parts use."""
 
     @property
     def chosen(self) -> str | None:
-        """The name of the tool that it shows."""
+        """Name of the tool that the page shows."""
 
     def say(self, text: str, colour: str = GOOD) -> None:
-        """Show a line."""
+        """Show a message."""
 
     def refresh(self) -> None:
         """Show the session's state."""
 
     def choose(self, name: str | None, *, look: bool) -> None:
-        """Show a tool, and let the cameras look at it."""
+        """Show a tool, and with `look` turn the cameras to it."""
 
     def compare(self, baked: BakedFile) -> None:
-        """Proposal to show what was baked in place of what is edited."""
+        """Offer to show a baked file instead of the edited asset."""
 
-    def slide(self, of: Hashable, edit: Callable[[bool], None]) -> None:
+    def slide(self, key: Hashable, edit: Callable[[bool], None]) -> None:
         """Show a draft of an edit."""
 
-    def settle(self) -> None:
-        """Make an edit of what slides or is typed."""
+    def commit(self) -> None:
+        """Turn a draft or a typed value into an edit."""
 
 
 class TypedText:
-    """A line of text that somebody types: what the program shows is put there only where that is something new.
-
-    Args:
-        widget: Of the page.
-    """
+    """A line of text that someone types. The program changes it only to show something new."""
 
     def __init__(self, widget: Any) -> None:
         self.widget = widget
         self._shown: tuple[str, object] = ("", None)
 
-    def show(self, of: str, value: object) -> None:
-        """Show the value of something that has a name."""
-        if self._shown != (of, value):
-            self._shown = of, value
+    def show(self, name: str, value: object) -> None:
+        """Show the value of a named thing."""
+        if self._shown != (name, value):
+            self._shown = name, value
             self.widget.value = value
 
 
-def add_group(gui: viser.GuiApi, work: WorkQueue, title: str, actions: Mapping[str, Callable[[], None]]) -> None:
-    """A button for each action, in one row."""
+def add_button(gui: viser.GuiApi, work: WorkQueue, label: str, action: Action, **options: Any) -> Any:
+    """Add a button for an action."""
+    button = gui.add_button(label, **options)
+    on_event(button.on_click, work, action)
+    return button
+
+
+def add_group(gui: viser.GuiApi, work: WorkQueue, title: str, actions: Mapping[str, Action]) -> None:
+    """Add a row of buttons, one for each action."""
 
     async def clicked(event: Any) -> None:
-        # Of several clicks in a row none replaces another.
-        work.put(object(), actions[event.target.value])
+        work.put(object(), actions[event.target.value])  # a key of its own: no click replaces another
 
     gui.add_button_group(title, tuple(actions)).on_click(clicked)
 
 
-def on(register: Callable[[Any], object], work: WorkQueue, action: Callable[[], None]) -> None:
-    """Do something on each click of a button, or each stroke of a key."""
+def on_event(register: Callable[[Any], object], work: WorkQueue, action: Action) -> None:
+    """Perform an action on each click of a button or each stroke of a key."""
 
-    async def told(_event: object) -> None:
+    async def called(_event: object) -> None:
         work.put(object(), action)
 
-    register(told)
+    register(called)
 
 
-def on_set(widget: Any, work: WorkQueue, key: str, action: Callable[[], None]) -> None:
-    """Do something where somebody has set a widget; what the program itself shows is no wish of anybody's."""
+def on_user_change(widget: Any, action: Action) -> None:
+    """Call a function when a user sets a widget, but not when the program does."""
 
-    async def told(event: Any) -> None:
+    async def called(event: Any) -> None:
         if event.client is not None:
-            work.put(key, action)
+            action()
 
-    widget.on_update(told)
+    widget.on_update(called)
+
+
+def on_set(widget: Any, work: WorkQueue, key: str, action: Action) -> None:
+    """Perform an action when a user sets a widget, in place of one that waits under the key."""
+    on_user_change(widget, partial(work.put, key, action))
+
+
+def paragraph(content: str, colour: str = "inherit") -> str:
+    """HTML of a paragraph on the panel."""
+    return f'<div style="padding:2px 12px 6px;color:{colour};font-size:.85em;overflow-wrap:anywhere">{content}</div>'
+
+
+def paragraph_of(text: str, colour: str) -> str:
+    """HTML of a paragraph of plain text."""
+    return paragraph(html.escape(text).replace("\n", "<br>"), colour)

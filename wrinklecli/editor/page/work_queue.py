@@ -1,7 +1,7 @@
-"""One thread that does all of an editor's work, one piece after the other: what tabs ask for, and what is due.
+"""A queue of actions that one thread performs one after another.
 
-Callbacks of a page come from many tabs at once and faster than they can be answered. They are only put down here. What
-is asked for again before it was done, such as the next position of a slider, replaces what was asked for before.
+Callbacks of a page arrive from many tabs, and faster than they can be answered, so they only put an action into the
+queue. A new action replaces an action that waits under the same key, such as the previous position of a slider.
 """
 
 import threading
@@ -13,10 +13,10 @@ Action: TypeAlias = Callable[[], None]
 
 
 class WorkQueue:
-    """Things to do.
+    """Actions to perform.
 
     Args:
-        fail: Called with what an action has raised; the work goes on.
+        fail: Called with an exception that an action raises; the queue goes on.
     """
 
     def __init__(self, fail: Callable[[Exception], None]) -> None:
@@ -28,36 +28,36 @@ class WorkQueue:
         self._was_due = False
 
     def put(self, key: Hashable, action: Action) -> None:
-        """Do something as soon as may be, in place of what waits under the same key."""
+        """Perform an action as soon as possible, instead of the one that waits under the key."""
         with self._changed:
             self._asked[key] = action
             self._changed.notify()
 
     def put_later(self, key: Hashable, seconds: float, action: Action) -> None:
-        """Do something after some seconds, in place of what waits under the same key, from now on."""
+        """Perform an action after some seconds, instead of the one that waits under the key."""
         with self._changed:
             self._due[key] = (time.monotonic() + seconds, action)
             self._changed.notify()
 
     def drop(self, key: Hashable) -> None:
-        """Do not do what waits under a key."""
+        """Forget the actions that wait under a key."""
         with self._changed:
             self._asked.pop(key, None)
             self._due.pop(key, None)
 
     @property
     def ended(self) -> bool:
-        """Whether there is to be nothing more."""
+        """True after `end`."""
         return self._ended
 
     def end(self) -> None:
-        """Let `run` return once what it is at is done."""
+        """Let `run` return after the current action."""
         with self._changed:
             self._ended = True
             self._changed.notify()
 
     def run(self) -> None:
-        """Do what there is to do until the end."""
+        """Perform actions until `end`."""
         while (action := self._next()) is not None:
             try:
                 action()
@@ -65,12 +65,12 @@ class WorkQueue:
                 self._fail(error)
 
     def _next(self) -> Action | None:
-        """What to do next; waits until there is something. None at the end."""
+        """Wait for the next action; None at the end."""
         with self._changed:
             while not self._ended:
                 now = time.monotonic()
                 ready = [key for key, (due, _) in self._due.items() if due <= now]
-                # In turns: a clip plays on while a slider is dragged, and a slow clip holds up no click.
+                # Both kinds take turns: a clip plays on while a slider is dragged, and a slow clip delays no click.
                 if ready and not (self._was_due and self._asked):
                     self._was_due = True
                     return self._due.pop(min(ready, key=lambda key: self._due[key][0]))[1]
