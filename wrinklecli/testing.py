@@ -108,7 +108,7 @@ def _keep(document: "Document", path: Path) -> None:
     """Write a document as one file: with the same bytes if it is one, else with all its parts embedded."""
     from wrinklecli.files.outputs import Outputs
     from wrinklecli.gltf.document import GLB_MAGIC
-    from wrinklecli.gltf.edit import EditedDocument
+    from wrinklecli.gltf.edited_document import EditedDocument
     from wrinklecli.gltf.files import read_file
     from wrinklecli.gltf.writer import write
 

@@ -45,7 +45,7 @@ from wrinklecli.baking import original as restore
 from wrinklecli.baking.track import track
 from wrinklecli.errors import BakeError, WrinkleError
 from wrinklecli.gltf.document import Document, read_document
-from wrinklecli.gltf.edit import EditedDocument
+from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.writer import write
 from wrinklecli.tools.records import Length
 

@@ -27,7 +27,7 @@ from wrinklecli.character.pose import blend, joint_matrices, morph_weights, tran
 from wrinklecli.effects.wrinkle.carry import displacements
 from wrinklecli.errors import RefusedError
 from wrinklecli.gltf.document import read_document
-from wrinklecli.gltf.edit import EditedDocument
+from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.numeric.guard import no_progress
 from wrinklecli.tools.read import load_tools
 from wrinklecli.tools.records import Length

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from wrinklecli.character.surface import read_triangles
 from wrinklecli.gltf.document import read_document
-from wrinklecli.gltf.edit import INDEX_DATA, VERTEX_DATA, EditedDocument, index_type
+from wrinklecli.gltf.edited_document import INDEX_DATA, VERTEX_DATA, EditedDocument, index_type
 from wrinklecli.gltf.writer import write
 from wrinklecli.numeric.arrays import unit
 

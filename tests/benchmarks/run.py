@@ -358,7 +358,7 @@ def density(places: Places) -> Iterator[Row]:
     tools = written(folder / "hand.yaml", HAND)
     copy = (
         "import sys; from wrinklecli.gltf.document import read_document\n"
-        "from wrinklecli.gltf.edit import EditedDocument; from wrinklecli.gltf.writer import write\n"
+        "from wrinklecli.gltf.edited_document import EditedDocument; from wrinklecli.gltf.writer import write\n"
         "write(EditedDocument(read_document(sys.argv[1])), sys.argv[2])"
     )
     fine, copied = timed(

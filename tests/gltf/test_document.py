@@ -20,7 +20,7 @@ from wrinklecli.character.rig import read_rig
 from wrinklecli.character.surface import read_surface
 from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.gltf.document import read_document
-from wrinklecli.gltf.edit import EditedDocument
+from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.writer import write
 
 # --- Where bytes come from ---

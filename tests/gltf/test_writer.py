@@ -19,7 +19,7 @@ from kit.limb import limb, limb_asset
 from wrinklecli.errors import AssetError, BakeError
 from wrinklecli.gltf import writer
 from wrinklecli.gltf.document import read_document
-from wrinklecli.gltf.edit import VERTEX_DATA, EditedDocument
+from wrinklecli.gltf.edited_document import VERTEX_DATA, EditedDocument
 from wrinklecli.gltf.images import image_files
 from wrinklecli.gltf.writer import write
 

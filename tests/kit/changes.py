@@ -7,7 +7,7 @@ import numpy as np
 
 from kit.asset import Asset, attribute, stored
 from wrinklecli.gltf.document import read_document
-from wrinklecli.gltf.edit import EditedDocument
+from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.writer import write
 from wrinklecli.review.diff.diff import Comparison, diff
 

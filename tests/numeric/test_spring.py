@@ -7,14 +7,14 @@ from hypothesis import strategies as st
 
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.quartics import fit_quartics
-from wrinklecli.numeric.spring import Response, Spring, positive, respond
+from wrinklecli.numeric.spring import Spring, SpringResponse, positive, respond
 
 SPEED = 2.0 * np.pi * 6.0
 # Under-, critically and overdamped, and close to critical, where closed forms lose digits.
 DAMPINGS = [0.05, 0.5, 0.999999, 1.0, 1.000001, 3.0]
 
 
-def answer(signal: Floats, times: Floats, damping: float, *, periodic: bool = False) -> Response:
+def answer(signal: Floats, times: Floats, damping: float, *, periodic: bool = False) -> SpringResponse:
     """To straight lines through (times,) values, above 0."""
     fitted = fit_quartics(lambda at: np.interp(at, times, signal)[:, None], times, 1e-9)
     assert fitted is not None

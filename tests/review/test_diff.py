@@ -18,7 +18,7 @@ from kit.limb import limb_asset
 from kit.places import SAMPLES
 from kit.variants import SMALL, rich
 from wrinklecli.gltf.document import read_document
-from wrinklecli.gltf.edit import EditedDocument
+from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.writer import write
 from wrinklecli.review.diff.diff import diff
 from wrinklecli.tools.records import Length

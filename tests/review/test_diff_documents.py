@@ -76,7 +76,7 @@ from kit.changes import (
 from kit.variants import PICTURE, rich
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import read_document
-from wrinklecli.gltf.edit import EditedDocument
+from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.unpack import unpack
 from wrinklecli.gltf.writer import write
 from wrinklecli.review.diff.diff import diff

@@ -36,7 +36,7 @@ ROOMS = [
 DOORS = {
     "yaml": {"tools/yaml_edit", "tools/yaml_tree"},
     "jsonschema_rs": {"tools/checked"},
-    "pygltflib": {"gltf/edit"},
+    "pygltflib": {"gltf/edited_document"},
     "DracoPy": {"gltf/draco"},
     "zstandard": {"baking/original"},
     "threadpoolctl": {"numeric/guard"},

@@ -11,7 +11,7 @@ from wrinklecli.character.clip import Clip, read_clips
 from wrinklecli.effects.wrinkle.lookup import TABLE_ERROR
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document
-from wrinklecli.gltf.edit import EditedDocument
+from wrinklecli.gltf.edited_document import EditedDocument
 
 _FPS = 30.0  # of the grid of times, as `track` has it
 

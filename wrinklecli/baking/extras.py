@@ -10,7 +10,7 @@ from wrinklecli.drive.lag import TAUT
 from wrinklecli.effects.contact.hinge import Hinge
 from wrinklecli.effects.wrinkle.lookup import tabulate_curve, tabulate_weights
 from wrinklecli.effects.wrinkle.patch import Patch
-from wrinklecli.gltf.edit import EditedDocument
+from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.shape import Json
 from wrinklecli.surface.anchor import Anchor
 from wrinklecli.tools.records import RestLengthKeys, RestLengthMorph

@@ -17,7 +17,7 @@ from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.skin import pose, prepare
 from wrinklecli.gltf.document import Document
-from wrinklecli.gltf.edit import VERTEX_DATA, EditedDocument
+from wrinklecli.gltf.edited_document import VERTEX_DATA, EditedDocument
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints, ValueIndex, unit
 from wrinklecli.numeric.guard import Progress

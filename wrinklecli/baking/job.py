@@ -39,7 +39,7 @@ class BakeOptions:
         edges_per_interval: Overrides `refinement.edges_per_interval`.
         max_vertices: That refinement may add to a mesh.
         accessors: How morph targets are stored: `dense` for readers that cannot take sparse accessors, `based` for
-            those that need zeros below them; see `gltf.edit`.
+            those that need zeros below them; see `gltf.edited_document`.
         tracks: `none` writes targets and extras without weight tracks.
         frames_dir: Also write a file for each frame into this folder.
         frames_format: Of those files.

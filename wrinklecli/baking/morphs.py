@@ -27,10 +27,9 @@ from wrinklecli.character.clip import Clip, read_clips
 from wrinklecli.character.rig import Rig, morph_target_names
 from wrinklecli.character.weight_track import Track, pad, widen
 from wrinklecli.effects.wrinkle.shapes import Shape, turn_to
-from wrinklecli.gltf.document import Document
-from wrinklecli.gltf.edit import EditedDocument
+from wrinklecli.gltf.document import Document, stored_bytes
+from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.shape import Json
-from wrinklecli.gltf.sizes import stored_bytes
 from wrinklecli.gltf.unpack import unpack
 from wrinklecli.numeric.arrays import Floats, Ints, ValueIndex, distinct_values
 from wrinklecli.surface.refine import Refinement

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from wrinklecli.errors import AssetError, BakeError, TooMuchError
 from wrinklecli.gltf.document import Document
-from wrinklecli.gltf.edit import EditedDocument
+from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.images import read_image
 from wrinklecli.gltf.new_data import ALIGNMENT
 from wrinklecli.gltf.references import view_parts

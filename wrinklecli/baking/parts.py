@@ -11,7 +11,7 @@ import numpy as np
 from wrinklecli.baking.refined_mesh import RefinedPrimitive
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
-from wrinklecli.gltf.split import Part
+from wrinklecli.gltf.split_mesh import Part
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
 
 PARTS = "parts"

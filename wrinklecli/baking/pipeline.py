@@ -24,7 +24,7 @@ from wrinklecli.baking.timings import StageClock, make_timings
 from wrinklecli.choices import Mode
 from wrinklecli.errors import BakeError, RefusedError
 from wrinklecli.files.outputs import Outputs, part_of
-from wrinklecli.gltf.edit import EditedDocument
+from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.images import image_files
 from wrinklecli.gltf.writer import write
 from wrinklecli.numeric.guard import Progress, guarded, no_progress

@@ -19,7 +19,7 @@ from wrinklecli.effects.wrinkle.activity import Activity, further_activities
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
 from wrinklecli.effects.wrinkle.shapes import displaced_normals, turn_to
 from wrinklecli.errors import RefusedError
-from wrinklecli.gltf.edit import EditedDocument
+from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, interpolated, runs, unit
 from wrinklecli.numeric.guard import Progress

@@ -12,7 +12,7 @@ import numpy as np
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import TRIANGLES, Document
 from wrinklecli.gltf.draco import EXTENSION
-from wrinklecli.gltf.edit import INDEX_DATA, VERTEX_DATA, EditedDocument, index_type
+from wrinklecli.gltf.edited_document import INDEX_DATA, VERTEX_DATA, EditedDocument, index_type
 from wrinklecli.gltf.shape import Json
 from wrinklecli.gltf.unpack import used_joints
 from wrinklecli.numeric.arrays import Array, Floats, Ints, unit

@@ -11,8 +11,8 @@ from wrinklecli.baking.refined_mesh import primitives_of, shared_vertices
 from wrinklecli.baking.report import BakedMesh, Split
 from wrinklecli.baking.targets import targets_of
 from wrinklecli.gltf.document import Document
-from wrinklecli.gltf.edit import EditedDocument
-from wrinklecli.gltf.split import Part, split_node
+from wrinklecli.gltf.edited_document import EditedDocument
+from wrinklecli.gltf.split_mesh import Part, split_node
 
 # Bytes on a GPU below which nobody asks what a split would save.
 _MATTERS = 1_000_000

@@ -25,7 +25,7 @@ from wrinklecli.effects.wrinkle.lookup import TABLE_ERROR
 from wrinklecli.errors import AssetError, BakeError, RefusedError, listed, nearest
 from wrinklecli.files.outputs import Outputs, part_of
 from wrinklecli.gltf.document import read_document
-from wrinklecli.gltf.edit import EditedDocument
+from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.images import files_of
 from wrinklecli.gltf.shape import Json
 from wrinklecli.gltf.writer import write

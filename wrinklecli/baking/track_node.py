@@ -9,7 +9,7 @@ from wrinklecli.baking.morphs import own_mesh
 from wrinklecli.character.rig import morph_target_names
 from wrinklecli.errors import AssetError, listed
 from wrinklecli.gltf.document import Document
-from wrinklecli.gltf.edit import VERTEX_DATA, EditedDocument
+from wrinklecli.gltf.edited_document import VERTEX_DATA, EditedDocument
 from wrinklecli.gltf.shape import Json
 
 

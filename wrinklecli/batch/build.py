@@ -16,7 +16,7 @@ from wrinklecli.batch.jobs import BatchJob, Outcome
 from wrinklecli.batch.staging import Staged
 from wrinklecli.errors import BakeError
 from wrinklecli.files.outputs import Outputs
-from wrinklecli.gltf.uris import path_of
+from wrinklecli.gltf.files import path_of
 from wrinklecli.numeric.memory import MAX_MEMORY, held, parse_bytes
 from wrinklecli.tools.records import parse_length
 

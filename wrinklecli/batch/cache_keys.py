@@ -17,8 +17,7 @@ from wrinklecli.batch import stores
 from wrinklecli.batch.jobs import BatchJob
 from wrinklecli.batch.manifest_schema import OPTION_KEYS
 from wrinklecli.errors import AssetError
-from wrinklecli.gltf.files import leaves_folder
-from wrinklecli.gltf.uris import path_of
+from wrinklecli.gltf.files import leaves_folder, path_of
 
 Parts: TypeAlias = dict[str, Any]
 """What a key is made from, by name, as JSON values."""

@@ -13,8 +13,7 @@ from wrinklecli.batch.cache_keys import references
 from wrinklecli.batch.jobs import BatchJob
 from wrinklecli.errors import AssetError, BakeError, WrinkleError
 from wrinklecli.files.workplace import Workplace
-from wrinklecli.gltf.files import leaves_folder
-from wrinklecli.gltf.uris import path_of
+from wrinklecli.gltf.files import leaves_folder, path_of
 
 ROOTS = ("report", "timings", "frames_dir", "tracked", "out")
 """The outputs of a job, each in a folder of its own or a shared one; the main output last."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.gltf.document import Document
-from wrinklecli.gltf.edit import EditedDocument
+from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, affine_rows, determinants
 

@@ -16,7 +16,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.numeric.arrays import Floats, distinct_values
 from wrinklecli.numeric.piecewise import Signal
 from wrinklecli.numeric.quartics import fit_quartics
-from wrinklecli.numeric.spring import Response, Spring, positive, respond
+from wrinklecli.numeric.spring import Spring, SpringResponse, positive, respond
 from wrinklecli.tools.records import Lag
 
 TAUT = 1 - 1e-5
@@ -38,7 +38,7 @@ class LaggingTissue:
         response: Of the spring to the shortening, a share of the rest length.
     """
 
-    response: Response
+    response: SpringResponse
 
     def follow(self, times: Floats, distances: Floats, rest_lengths: Floats) -> Floats:
         """(frames,) the anchors' distances for which the heights are those that the tissue has, scene units.

@@ -18,6 +18,7 @@ import numpy as np
 from wrinklecli.errors import AssetError, TooMuchError
 from wrinklecli.gltf import draco, meshopt
 from wrinklecli.gltf.files import local_file, read_data_uri, read_file
+from wrinklecli.gltf.new_data import aligned
 from wrinklecli.gltf.references import draco_primitives, is_placeholder, view_parts
 from wrinklecli.gltf.shape import Json, check_asset, json_memory, parse_json, place
 from wrinklecli.numeric.arrays import Array, Ints, nonzero_rows
@@ -461,3 +462,30 @@ def _split_glb(data: memoryview, name: str) -> tuple[memoryview, memoryview | No
     if JSON_CHUNK not in chunks:
         raise AssetError("has no JSON chunk", where=name)
     return chunks[JSON_CHUNK], chunks.get(BIN_CHUNK)
+
+
+def stored_bytes(gltf: Json, accessors: Iterable[int]) -> int:
+    """Count the bytes of VEC and SCALAR accessors in buffers, those that several accessors read once.
+
+    An accessor of a compressed view counts with the fraction of the view that it would take uncompressed.
+
+    Source: glTF 2.0 §3.6.2; EXT_meshopt_compression.
+    """
+    views = gltf.get("bufferViews", [])
+    places: dict[tuple[int, int], float] = {}
+    for index in set(accessors):
+        accessor = gltf["accessors"][index]
+        sparse = accessor.get("sparse", {})
+        element = _COMPONENT_DTYPES[accessor["componentType"]].itemsize * _TYPE_SIZES[accessor["type"]]
+        # Each element of vertex attributes begins at a multiple of 4 bytes.
+        parts = [(accessor, accessor["count"] * aligned(element))]
+        if sparse:
+            index_bytes = _COMPONENT_DTYPES[sparse["indices"]["componentType"]].itemsize
+            parts += [(sparse["indices"], sparse["count"] * index_bytes), (sparse["values"], sparse["count"] * element)]
+        for part, size in parts:
+            if "bufferView" in part:
+                whole, *packed = [each.get("byteLength", 0) for each in view_parts(views[part["bufferView"]])]
+                fraction = packed[0] / max(whole, 1) if packed else 1.0
+                place = part["bufferView"], part.get("byteOffset", 0)
+                places[place] = max(places.get(place, 0.0), size * fraction)
+    return round(sum(places.values()))

@@ -1,12 +1,15 @@
-"""Files that an asset consists of: which of its URIs may be followed."""
+"""Files that an asset consists of: the paths that its URIs name, and which of them may be read.
+
+Source: glTF 2.0 §2.8 (URIs); RFC 3986 §2.1. Differs: bytes of a name that are not UTF-8 are percent-encoded too.
+"""
 
 import base64
 import binascii
 import os
+from urllib.parse import quote, unquote_to_bytes
 
 from wrinklecli.errors import AssetError
 from wrinklecli.files.inputs import open_input
-from wrinklecli.gltf.uris import path_of
 from wrinklecli.numeric.memory import Memory
 
 
@@ -60,3 +63,17 @@ def leaves_folder(uri: str) -> bool:
     """Whether a URI's path leaves the folder that it is relative to."""
     relative = path_of(uri)
     return os.path.isabs(relative) or os.path.normpath(relative).split(os.sep)[0] == os.pardir
+
+
+def path_of(uri: str) -> str:
+    """The path that a relative URI names.
+
+    Raises:
+        UnicodeEncodeError: It holds half a character, which no name has.
+    """
+    return os.fsdecode(unquote_to_bytes(os.fsencode(uri)))
+
+
+def uri_of(path: str) -> str:
+    """The URI that names a path."""
+    return quote(os.fsencode(path))

@@ -7,9 +7,8 @@ from collections.abc import Iterator
 from wrinklecli.errors import BakeError
 from wrinklecli.files.outputs import Outputs
 from wrinklecli.gltf.document import Document
-from wrinklecli.gltf.files import leaves_folder, read_file
+from wrinklecli.gltf.files import leaves_folder, path_of, read_file, uri_of
 from wrinklecli.gltf.shape import Json
-from wrinklecli.gltf.uris import path_of, uri_of
 
 
 def lies_beside(document: Document, out: str) -> bool:

@@ -1,14 +1,16 @@
-"""Bytes that a changed document gains: in memory, or on disk where they outgrow it, and zeros that follow them.
+"""Bytes of a changed document: spans of the source's buffers, and new data in memory or, if there is much, on disk.
 
-Source: glTF 2.0 specification, §3.6.2.4 (data alignment).
+Source: glTF 2.0 specification, §3.6 (binary data storage).
 """
 
 import tempfile
 import weakref
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import IO
 
 from wrinklecli.errors import BakeError
+from wrinklecli.gltf.shape import Json
 
 ALIGNMENT = 4  # bytes; the largest component is 4 bytes, and GLB chunks are padded to it
 
@@ -64,3 +66,50 @@ class NewData:
 def aligned(size: int) -> int:
     """The next multiple of what data is aligned to."""
     return size + -size % ALIGNMENT
+
+
+@dataclass(frozen=True, slots=True)
+class KeptBytes:
+    """The spans of a buffer that a written file keeps, one after another.
+
+    Attributes:
+        data: The whole buffer.
+        spans: Sorted ranges [low, high) of bytes.
+    """
+
+    data: memoryview
+    spans: tuple[tuple[int, int], ...]
+
+    @property
+    def parts(self) -> list[memoryview]:
+        """The bytes of each span."""
+        return [self.data[low:high] for low, high in self.spans]
+
+    @property
+    def whole(self) -> bool:
+        """True if all bytes are kept."""
+        return sum(high - low for low, high in self.spans) == len(self.data)
+
+    def moved(self, offset: int) -> int:
+        """Offset among the kept bytes of the byte at an offset in the buffer; 0 if this byte is not kept."""
+        start = 0
+        for low, high in self.spans:
+            if low <= offset < high:
+                return start + offset - low
+            start += high - low
+        return 0
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedViews:
+    """Copies of a document's buffer views, whose offsets the writer sets to those in the file.
+
+    Attributes:
+        views: All views, for the file's JSON.
+        of_source: For each buffer of the source, the views, or the extensions that compress them, which show its bytes.
+        of_new: Views of new data; `byteOffset` counts from the start of the new data.
+    """
+
+    views: list[Json]
+    of_source: tuple[list[Json], ...]
+    of_new: list[Json]

@@ -14,7 +14,7 @@ from typing import Any
 from wrinklecli.errors import AssetError, listed
 from wrinklecli.files.formats import foreign_format, is_tools_file
 from wrinklecli.gltf import draco, meshopt
-from wrinklecli.gltf.uris import path_of
+from wrinklecli.gltf.files import path_of
 
 Json = dict[str, Any]
 

@@ -6,7 +6,7 @@ Source: KHR_draco_mesh_compression.
 import numpy as np
 
 from wrinklecli.gltf import draco
-from wrinklecli.gltf.edit import INDEX_DATA, VERTEX_DATA, EditedDocument
+from wrinklecli.gltf.edited_document import INDEX_DATA, VERTEX_DATA, EditedDocument
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Array
 

@@ -19,13 +19,12 @@ from wrinklecli.errors import AssetError, BakeError
 from wrinklecli.files.outputs import Outputs
 from wrinklecli.gltf import meshopt
 from wrinklecli.gltf.document import BIN_CHUNK, GLB_MAGIC, JSON_CHUNK, Document
-from wrinklecli.gltf.edit import EditedDocument
-from wrinklecli.gltf.files import read_file
+from wrinklecli.gltf.edited_document import EditedDocument
+from wrinklecli.gltf.files import path_of, read_file, uri_of
 from wrinklecli.gltf.images import image_type, images_to_bring, lies_beside, put_image
 from wrinklecli.gltf.new_data import ALIGNMENT
 from wrinklecli.gltf.references import compressions, view_parts
 from wrinklecli.gltf.shape import Json
-from wrinklecli.gltf.uris import path_of, uri_of
 
 Bytes: TypeAlias = bytes | memoryview
 

@@ -61,7 +61,7 @@ class Spring:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Response:
+class SpringResponse:
     """The answer of a spring to a signal, at any time.
 
     Attributes:
@@ -90,7 +90,7 @@ class Response:
         return found
 
 
-def respond(spring: Spring, signal: Quartics, *, periodic: bool) -> Response:
+def respond(spring: Spring, signal: Quartics, *, periodic: bool) -> SpringResponse:
     """Let a spring follow a signal.
 
     Args:
@@ -115,7 +115,7 @@ def respond(spring: Spring, signal: Quartics, *, periodic: bool) -> Response:
         whole = np.concatenate([[0.0], np.cumsum(turns)])
         left = _transitions(*spring.decay(whole), spring.damping)
         states = states + left[:-1] @ np.linalg.solve(np.eye(2) - left[-1], last)
-    return Response(spring, signal.begins, signal.spans, answers, states - begins)
+    return SpringResponse(spring, signal.begins, signal.spans, answers, states - begins)
 
 
 def _straight(powers: Floats) -> Floats:

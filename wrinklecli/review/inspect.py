@@ -20,11 +20,10 @@ from wrinklecli.character.rig import Hierarchy, morph_target_names, read_hierarc
 from wrinklecli.character.scene import pose_primitive, read_scene
 from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.gltf.document import TRIANGLE_FAN, TRIANGLE_STRIP, TRIANGLES, Document, read_document
-from wrinklecli.gltf.files import local_file
+from wrinklecli.gltf.files import local_file, path_of
 from wrinklecli.gltf.images import read_image
 from wrinklecli.gltf.references import accessor_views, draco_views, view_parts
 from wrinklecli.gltf.shape import COMPRESSIONS, Json, moves_node
-from wrinklecli.gltf.uris import path_of
 from wrinklecli.numeric.arrays import distinct_values
 from wrinklecli.numeric.guard import guarded
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory

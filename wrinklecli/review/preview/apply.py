@@ -14,7 +14,7 @@ from wrinklecli.baking.morphs import encode_morphs
 from wrinklecli.baking.plan import MeshPlan, plan_meshes
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import Document
-from wrinklecli.gltf.edit import EditedDocument
+from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.numeric.guard import Progress, no_progress
 from wrinklecli.tools.read import load_tools
 from wrinklecli.tools.records import ToolsFile, WrinkleTool

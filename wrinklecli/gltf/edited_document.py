@@ -18,8 +18,7 @@ import pygltflib
 from wrinklecli.choices import Storage
 from wrinklecli.errors import BakeError
 from wrinklecli.gltf.document import COMPONENT_TYPES, SIZE_TYPES, Document
-from wrinklecli.gltf.kept import KeptBytes, PlacedViews
-from wrinklecli.gltf.new_data import ALIGNMENT, NewData
+from wrinklecli.gltf.new_data import ALIGNMENT, KeptBytes, NewData, PlacedViews
 from wrinklecli.gltf.references import (
     accessor_references,
     accessor_views,

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from wrinklecli.errors import BakeError
-from wrinklecli.gltf.edit import INDEX_DATA, VERTEX_DATA, EditedDocument, index_type
+from wrinklecli.gltf.edited_document import INDEX_DATA, VERTEX_DATA, EditedDocument, index_type
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Ints
 

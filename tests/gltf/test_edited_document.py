@@ -17,7 +17,7 @@ from wrinklecli.choices import Storage
 from wrinklecli.errors import BakeError
 from wrinklecli.gltf import new_data
 from wrinklecli.gltf.document import Document, read_document
-from wrinklecli.gltf.edit import VERTEX_DATA, EditedDocument, index_type
+from wrinklecli.gltf.edited_document import VERTEX_DATA, EditedDocument, index_type
 from wrinklecli.gltf.writer import write
 
 

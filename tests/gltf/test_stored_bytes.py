@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from kit.asset import Asset
-from wrinklecli.gltf.document import read_document
-from wrinklecli.gltf.sizes import stored_bytes
+from wrinklecli.gltf.document import read_document, stored_bytes
 
 
 def test_elements_are_padded_and_shared_places_counted_once() -> None:

@@ -10,8 +10,8 @@ from kit.documents import written
 from kit.limb import limb_asset
 from wrinklecli.errors import BakeError
 from wrinklecli.gltf.document import Document
-from wrinklecli.gltf.edit import EditedDocument
-from wrinklecli.gltf.split import Part, split_node
+from wrinklecli.gltf.edited_document import EditedDocument
+from wrinklecli.gltf.split_mesh import Part, split_node
 
 
 def halved(document: Document, second: tuple[int, ...]) -> EditedDocument:
