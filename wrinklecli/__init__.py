@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from wrinklecli.review.preview.preview_options import Style as Style
     from wrinklecli.review.suggest.suggest import suggest as suggest
     from wrinklecli.review.suggest.suggest_options import SuggestOptions as SuggestOptions
-    from wrinklecli.review.suggest.suggest_options import SuggestOptions as SuggestOptions
     from wrinklecli.tools.records import Length as Length
 
 # The module of each name. They are imported when a name is used, since `wrinkle --help` must not import numpy.
@@ -32,7 +31,6 @@ _MODULES = {
     "Length": "tools.records",
     "PreviewOptions": "review.preview.preview_options",
     "Style": "review.preview.preview_options",
-    "SuggestOptions": "review.suggest.suggest_options",
     "SuggestOptions": "review.suggest.suggest_options",
     "WrinkleError": "errors",
     "bake": "baking.pipeline",
