@@ -14,6 +14,12 @@ Axis: TypeAlias = Literal["x", "y", "z"]
 MaterialName: TypeAlias = Literal["skin", "cloth", "leather"]
 Strategy: TypeAlias = Literal["everywhere", "origin", "both_ends"]
 Profile: TypeAlias = Literal["smooth", "skin", "cloth", "polyline"]
+PROFILES: dict[Profile, str] = {  # with what its bumps look like
+    "smooth": "smooth",
+    "skin": "skin, with narrow furrows",
+    "cloth": "cloth, which leans",
+    "polyline": "polyline, the paper's",
+}
 Attenuation: TypeAlias = Literal["bell", "linear"]
 Attachment: TypeAlias = Literal["skin", "patch"]
 

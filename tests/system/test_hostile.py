@@ -25,7 +25,7 @@ from wrinklecli import bake
 from wrinklecli.cli import cli
 from wrinklecli.errors import BakeError, WrinkleError
 from wrinklecli.gltf.document import read_document
-from wrinklecli.tools.records import MAX_VERTICES
+from wrinklecli.numeric.memory import MAX_VERTICES
 
 Json = dict[str, Any]
 

@@ -15,9 +15,9 @@ from wrinklecli.errors import BakeError, ConfigError, listed, nearest
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.images import files_of
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.memory import MAX_MEMORY, Memory
+from wrinklecli.numeric.memory import MAX_MEMORY, MAX_VERTICES, Memory
 from wrinklecli.tools.read import load_merged
-from wrinklecli.tools.records import MAX_VERTICES, Length, RestLengthKeys, ToolsFile, WrinkleTool
+from wrinklecli.tools.records import Length, RestLengthKeys, ToolsFile, WrinkleTool
 
 ToolsPaths: TypeAlias = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
 

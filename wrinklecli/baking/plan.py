@@ -23,9 +23,10 @@ from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.errors import AssetError, BakeError, WrinkleError, listed, nearest
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, determinants, distinct_values, median
+from wrinklecli.numeric.memory import MAX_VERTICES
 from wrinklecli.surface.refine import Refinement, refine
 from wrinklecli.surface.rest import Rest, rest_pose
-from wrinklecli.tools.records import MAX_VERTICES, Length, ToolsFile, WrinkleTool
+from wrinklecli.tools.records import Length, ToolsFile, WrinkleTool
 
 if TYPE_CHECKING:
     from wrinklecli.effects.contact.fold import Fold

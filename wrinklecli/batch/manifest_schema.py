@@ -6,6 +6,7 @@
 from typing import get_args
 
 from wrinklecli.choices import Engine, FrameFormat, Mode, Storage, Tracks
+from wrinklecli.numeric.memory import MAX_VERTICES
 from wrinklecli.tools.json_schema import (
     FLAG,
     LENGTH,
@@ -19,7 +20,6 @@ from wrinklecli.tools.json_schema import (
     one_of,
     whole,
 )
-from wrinklecli.tools.records import MAX_VERTICES
 
 MAX_JOBS = 100_000
 OWN_KEYS = ("asset", "lods")  # each job has its own; there are no defaults

@@ -7,8 +7,7 @@ from typing import Any, get_args
 
 import click
 
-from wrinklecli.numeric.memory import held, parse_bytes
-from wrinklecli.tools.records import MAX_VERTICES
+from wrinklecli.numeric.memory import MAX_VERTICES, held, parse_bytes
 
 # Decorates a command's function, as `click.option(…)` does.
 Option = Callable[[Callable[..., Any]], Callable[..., Any]]

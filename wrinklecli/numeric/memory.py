@@ -8,6 +8,8 @@ from wrinklecli.errors import TooMuchError
 
 # Bytes. Ten times what a real-time character takes, and little enough for eight bakes at once on a common machine.
 MAX_MEMORY = 10**9
+# New vertices of a mesh at most, unless an option allows more: ten times a real-time character.
+MAX_VERTICES = 200_000
 # Bytes that Python, numpy and its threads have taken before any work is done, and a little more.
 _ITSELF = 2**27
 _UNITS = {"MB": 10**6, "GB": 10**9, "TB": 10**12}

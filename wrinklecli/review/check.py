@@ -22,9 +22,9 @@ from wrinklecli.effects.wrinkle.weights import fitting_compressible
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import children, significant
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
-from wrinklecli.numeric.memory import MAX_MEMORY
+from wrinklecli.numeric.memory import MAX_MEMORY, MAX_VERTICES
 from wrinklecli.surface.anchor import Anchor
-from wrinklecli.tools.records import MAX_VERTICES, in_axes
+from wrinklecli.tools.records import in_axes
 
 # Version of the JSON.
 VERSION = 1

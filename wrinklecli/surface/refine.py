@@ -29,6 +29,7 @@ from wrinklecli.numeric.arrays import (
     vertex_normals,
 )
 from wrinklecli.numeric.boxes import Boxes
+from wrinklecli.numeric.memory import MAX_VERTICES
 from wrinklecli.numeric.nearest import balls
 from wrinklecli.numeric.red_green import Level
 from wrinklecli.numeric.subdivide import Subdivision, subdivide
@@ -37,7 +38,7 @@ from wrinklecli.surface.region import Region
 from wrinklecli.surface.rest import Rest, carried_normals
 from wrinklecli.surface.rounding import hard_edges, rounded
 from wrinklecli.surface.storable import SplitLimits, spread_weights
-from wrinklecli.tools.records import MAX_VERTICES, RefinementSettings
+from wrinklecli.tools.records import RefinementSettings
 
 # Fraction of a region's greatest displacement above which a displacement is visible.
 _LEAST_SHOWN = 0.01

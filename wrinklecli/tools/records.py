@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias, get_args
 
 from wrinklecli.choices import (
+    PROFILES,
     Attachment,
     Attenuation,
     Axis,
@@ -43,8 +44,6 @@ from wrinklecli.tools.materials import with_material
 
 Position: TypeAlias = tuple[float, float, float]
 
-# New vertices of a mesh at most, unless an option allows more: ten times a real-time character. No key of the file.
-MAX_VERTICES = 200_000
 MAX_DETAILS = 4  # levels; a fifth is a 32nd of a bump, finer than any mesh here
 MAX_POINTS = 64  # of a path
 MAX_SEED = 2**31 - 1  # what any language's whole numbers hold
@@ -341,8 +340,7 @@ class WrinkleTool:
     )
     profile: Profile = key(
         one_of(*get_args(Profile)),
-        "Shape of a bump: smooth; skin, with narrow furrows; cloth, which leans; polyline, the paper's. Default "
-        "smooth, or the material's.",
+        f"Shape of a bump: {'; '.join(PROFILES.values())}. Default smooth, or the material's.",
         "smooth",
     )
     bow: float = key(

@@ -289,13 +289,13 @@ def plan_curve(
     groups = group_bumps(bumps, strategy)
     greatest = max(rest_length, greatest_rest_length or 0.0)
     shape: BumpProfile
-    if profile != "polyline":
-        shape = plan_smooth(details, profile)
-    else:
+    if profile == "polyline":
         reached = (1.0 - compressible) * TAUT * greatest
         sharing = float(widths[list(groups[0])].sum())
         samples = reachable_heights(details, limit, TAUT * greatest, reached, count_intervals(bumps, gap), sharing)
         shape = plan_polyline(details, samples)
+    else:
+        shape = plan_smooth(details, profile)
     curve = ControlCurve(
         bumps=Bumps(widths, gap),
         peaks=peaks,

@@ -9,13 +9,14 @@ Differs from the paper, whose discrete curve is the profile `polyline`, in a mod
   a bump's ends, never negative and linear in A, so one shape serves all heights and details cost no more.
   Rejected: Catmull-Rom through the control points dips 12 % below the surface; PCHIP kinks at the patch's end; a
   cubic B-spline does not end at 0; one factor for the whole curve makes full bumps breathe.
-- `skin` and `cloth` are `smooth` with τ warped: skin has round crests and narrow furrows, cloth leans. A warp keeps all
-  of the above, so these too are fixed shapes times A.
+- The other profiles of `WARPS` are `smooth` with τ warped: skin has round crests and narrow furrows, cloth leans. A
+  warp keeps all of the above, so these too are fixed shapes times A.
 
 Lengths are in scene units: D of the bump, x of an interval (a bump spans two), A of the bump's height.
 """
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -48,11 +49,54 @@ _QUADRATURE_END = 32.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Warp:
+    """A map of [0, 1] to itself that gives a bump the shape of a profile.
+
+    Attributes:
+        places: (…,) μ(τ), which rises with τ from 0 to 1, and dμ/dτ.
+        inverse: (…,) τ(μ).
+        leans: True if the bump differs from its mirror image.
+    """
+
+    places: Callable[[Floats], tuple[Floats, Floats]]
+    inverse: Callable[[Floats], Floats]
+    leans: bool = False
+
+
+def _narrow(taus: Floats) -> tuple[Floats, Floats]:
+    # tan πμ = k tan πτ
+    sines, cosines = np.sin(np.pi * taus), np.cos(np.pi * taus)
+    slopes = _NARROW / (cosines * cosines + (_NARROW * sines) ** 2)
+    return np.arctan2(_NARROW * sines, cosines) / np.pi, slopes
+
+
+def _widen(places: Floats) -> Floats:
+    return np.asarray(np.arctan2(np.sin(np.pi * places), _NARROW * np.cos(np.pi * places)) / np.pi, np.float64)
+
+
+def _lean(taus: Floats) -> tuple[Floats, Floats]:
+    # A Möbius map of [−1, 1].
+    divisors = 1.0 - _LEAN * (2.0 * taus - 1.0)
+    return taus * (1.0 - _LEAN) / divisors, (1.0 - _LEAN * _LEAN) / (divisors * divisors)
+
+
+def _straighten(places: Floats) -> Floats:
+    return places * (1.0 + _LEAN) / (1.0 + _LEAN * (2.0 * places - 1.0))
+
+
+WARPS: Mapping[Profile, Warp] = {
+    "smooth": Warp(lambda taus: (taus, np.ones_like(taus)), lambda places: places),
+    "skin": Warp(_narrow, _widen),
+    "cloth": Warp(_lean, _straighten, leans=True),
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class SmoothProfile:
     """A bump A g(μ(τ)), τ ∈ [0, 1], g = sin²(πμ) + Σₖ rₖ sin²(2ᵏπμ), rₖ = 2⁻ᵏ √(sₖ/(1 − Σs)).
 
     Attributes:
-        kind: The profile, which chooses μ; see `_warped`.
+        kind: The profile, which chooses μ; see `WARPS`.
         ratios: (levels + 1,) 1, r₁, r₂, …
         peak: Greatest value of g.
         to_amplitude: A / (whole √q) over q, with whole = 2x + D.
@@ -68,7 +112,7 @@ class SmoothProfile:
     @property
     def leans(self) -> bool:
         """True if the bump differs from its mirror image."""
-        return self.kind == "cloth"
+        return WARPS[self.kind].leans
 
     @property
     def sharp(self) -> bool:
@@ -78,7 +122,7 @@ class SmoothProfile:
     @property
     def crest(self) -> float:
         """The τ of the highest point, without details."""
-        return float(_unwarped(self.kind, np.array(0.5)))
+        return float(WARPS[self.kind].inverse(np.array(0.5)))
 
     def amplitudes(self, shortenings: Floats, intervals: Floats, max_height: float) -> Floats:
         """(..., 1) the A that solves: mean over τ of √((2x)² + (A g')²) = 2x + D."""
@@ -118,7 +162,7 @@ class SmoothProfile:
 
     def warped(self, taus: Floats) -> Floats:
         """(…,) μ(τ), the place on the bump of `smooth` that has the same height; it rises with τ from 0 to 1."""
-        return _warped(self.kind, taus)[0]
+        return WARPS[self.kind].places(taus)[0]
 
     def _shortenings(self, amplitudes: Floats | float, intervals: Floats) -> Floats:
         wholes, q = _parts(2 * intervals, amplitudes)
@@ -136,27 +180,6 @@ def _parts(chords: Floats, others: Floats | float) -> tuple[Floats, Floats]:
     return wholes, parts
 
 
-def _warped(kind: Profile, taus: Floats) -> tuple[Floats, Floats]:
-    """(…,) μ(τ), which rises with τ from 0 to 1, and dμ/dτ."""
-    if kind == "skin":
-        # tan πμ = k tan πτ
-        sines, cosines = np.sin(np.pi * taus), np.cos(np.pi * taus)
-        slopes = _NARROW / (cosines * cosines + (_NARROW * sines) ** 2)
-        return np.arctan2(_NARROW * sines, cosines) / np.pi, slopes
-    if kind == "cloth":
-        # A Möbius map of [−1, 1].
-        divisors = 1.0 - _LEAN * (2.0 * taus - 1.0)
-        return taus * (1.0 - _LEAN) / divisors, (1.0 - _LEAN * _LEAN) / (divisors * divisors)
-    return taus, np.ones_like(taus)
-
-
-def _unwarped(kind: Profile, places: Floats) -> Floats:
-    """(…,) τ at (…,) μ."""
-    if kind == "skin":
-        return np.asarray(np.arctan2(np.sin(np.pi * places), _NARROW * np.cos(np.pi * places)) / np.pi, np.float64)
-    return places * (1.0 + _LEAN) / (1.0 + _LEAN * (2.0 * places - 1.0)) if kind == "cloth" else places
-
-
 @lru_cache(maxsize=16)  # all tools of most files have the same details
 def plan_smooth(details: tuple[float, ...], kind: Profile = "smooth") -> SmoothProfile:
     """Build the interpolants of a smooth bump with these details, which solve A for all D and x at once."""
@@ -172,10 +195,11 @@ def plan_smooth(details: tuple[float, ...], kind: Profile = "smooth") -> SmoothP
     candidates = np.concatenate([points, [0.5]])
     peak = float(max(sum(r * np.sin(2**k * np.pi * candidates) ** 2 for k, r in enumerate(ratios))))
     breaks = np.sort(np.concatenate([[0.0], points, [0.5]]))
-    if kind == "cloth":  # not symmetric
+    warp = WARPS[kind]
+    if warp.leans:  # not symmetric
         breaks = np.concatenate([breaks, 1.0 - breaks[-2::-1]])
-    taus, weights = _quadrature(_unwarped(kind, breaks))
-    places, stretches = _warped(kind, taus)
+    taus, weights = _quadrature(warp.inverse(breaks))
+    places, stretches = warp.places(taus)
     slopes = np.abs(sum(r * 2**k * np.pi * np.sin(2 ** (k + 1) * np.pi * places) for k, r in enumerate(ratios)))
     slopes *= stretches
 

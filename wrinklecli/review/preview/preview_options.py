@@ -4,8 +4,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from wrinklecli.numeric.memory import MAX_MEMORY
-from wrinklecli.tools.records import MAX_VERTICES
+from wrinklecli.numeric.memory import MAX_MEMORY, MAX_VERTICES
 
 # Width and height of a picture, pixels.
 USUAL_SIZE = (800, 600)
