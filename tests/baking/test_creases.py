@@ -13,7 +13,6 @@ from kit.bakes import bake_fold, folding_limb, report_of
 from kit.limb import RADIUS, limb, tool, waving_limb, write_tools
 from kit.player import Gltf
 from wrinklecli.baking.baked_body import read_bodies
-from wrinklecli.baking.baked_fold import fold_angles, fold_weights
 from wrinklecli.baking.report import Report
 from wrinklecli.baking.track import track
 from wrinklecli.character.clip import read_clips
@@ -68,15 +67,15 @@ def test_the_report_says_what_contact_did(folded: Baked) -> None:
 def test_the_joint_s_angle_tells_the_weights_of_the_joint_s_own_motion(folded: Baked) -> None:
     document = folded.document
     (body,) = read_bodies(document)
-    (fold,) = body.folds
+    (stored,) = (each for each in body.drives if not each.measures_segment)
     (clip,) = read_clips(document)
     rig = read_rig(document, 0)
-    joints = {name: rig.names.index(name) for name in fold.joints}
+    fold = stored.on({name: rig.names.index(name) for name in stored.joints}, rig.morph_names)
     times = np.linspace(clip.start, clip.end, 41)
-    angles = fold_angles(fold, rig, joints, clip, times)
+    angles = fold.reader(rig, clip)(times).rows
     assert np.degrees(np.abs(angles).max()) == pytest.approx(75.0, abs=0.1)
     wanted = morph_weights(rig, clip, times)[:, [rig.morph_names.index(name) for name in fold.targets]]
-    found = fold_weights(fold, rig, joints, clip, times)
+    found = fold.weights_in(rig, clip)(times)
     # On the way down; on the way up, what touches has slid.
     down = slice(0, 1 + int(np.argmax(np.abs(angles))))
     assert np.abs(found - wanted)[down].max() < 0.3
@@ -90,7 +89,7 @@ def test_tracks_of_other_files_move_folds_too(folded: Baked, tmp_path: Path) -> 
     tracked, baked = (read_document(path) for path in (tmp_path / folded.asset.name, folded.out))
     (one,), (other,) = read_clips(tracked), read_clips(baked)
     rigs = read_rig(tracked, 0), read_rig(baked, 0)
-    names = read_bodies(baked)[0].folds[0].targets
+    (names,) = (each.targets for each in read_bodies(baked)[0].drives if not each.measures_segment)
     times = np.linspace(one.start, (one.start + one.end) / 2, 9)
     weights = [
         morph_weights(rig, each, times)[:, [rig.morph_names.index(name) for name in names]]

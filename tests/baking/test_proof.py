@@ -52,7 +52,7 @@ def method(plan: plan_module.MeshPlan, asset: Path, clip: str, times: Floats) ->
     (found,) = (each for each in read_clips(read_document(asset)) if each.name == clip)
     bind = fine.positions + np.tensordot(morph_weights(rig, found, times), fine.morph_deltas, axes=1)
     for carried in plan.carried_patches:
-        bind[:, carried.vertices] += displacements(carried, fine, rig, plan.rest, found, times)
+        bind[:, carried.vertices] += displacements(carried, fine, rig, found, times)
     weights = fine.dense_weights(np.arange(len(fine.positions)), len(rig.joints))
     moved = transform(blend(weights, joint_matrices(rig, found, times)), bind)
     starts, old = fine.surface.vertex_starts, len(fine.surface.weld)

@@ -219,7 +219,7 @@ def finished(sample: str, levels: int, paper: float) -> Iterator[Row]:
     times = np.linspace(clip.start, clip.end, CHUNK)
 
     def heights() -> Floats:
-        seen = activities(patches, rig, plan.rest, clip, times)
+        seen = activities(patches, rig, clip, times)
         found = [weights_of(p.curve, s.amplitudes).reshape(CHUNK, -1) for p, s in zip(patches, seen, strict=True)]
         return np.concatenate([morph_weights(rig, clip, times), np.concatenate(found, axis=1)[:, shown]], axis=1)
 

@@ -26,7 +26,7 @@ def bent(*angles: float, **tool_options: Any) -> Prepared:
 
 def seen(prepared: Prepared, times: Floats) -> tuple[Activity, Floats]:
     """What the tool does, and the heights of its first group."""
-    found = activity(prepared.patch, prepared.rig, prepared.rest, prepared.clip, times)
+    found = activity(prepared.patch, prepared.rig, prepared.clip, times)
     return found, found.amplitudes[:, 0, 0]
 
 
@@ -65,7 +65,7 @@ def test_a_clip_that_ends_as_it_begins_goes_round() -> None:
     assert distances[3] == pytest.approx(distances[0], abs=1e-9)
     assert distances[1] - distances[0] == pytest.approx(distances[3] - distances[2], rel=0.05)
     # The other begins at rest, as it is held there.
-    held = activity(other.patch, other.rig, other.rest, other.clip, np.array([-1.0, 0.0, 1e-4]))
+    held = activity(other.patch, other.rig, other.clip, np.array([-1.0, 0.0, 1e-4]))
     assert held.distances == pytest.approx(held.distances[0], abs=1e-5)
 
 
@@ -73,5 +73,5 @@ def test_shapes_and_the_stored_pose_know_nothing_of_it() -> None:
     plain, lagging = bent(0, 80), bent(0, 80, lag={"frequency": 0.5, "damping": 5})
     poses = [tallest_poses(each.patches, each.rig, each.rest)[0] for each in (plain, lagging)]
     assert poses[0].matrices == pytest.approx(poses[1].matrices, abs=0)
-    stored = [activity(each.patch, each.rig, each.rest, None, np.zeros(1)).distances for each in (plain, lagging)]
+    stored = [activity(each.patch, each.rig, None, np.zeros(1)).distances for each in (plain, lagging)]
     assert stored[0] == stored[1]

@@ -42,7 +42,7 @@ def carry_patch(prepared: Prepared, *, pinned: Any = None) -> tuple[CarriedPatch
 
 
 def moved(prepared: Prepared, carried: CarriedPatch, fine: Refinement, times: Any) -> Floats:
-    return displacements(carried, fine, prepared.rig, prepared.rest, prepared.clip, np.asarray(times, float))
+    return displacements(carried, fine, prepared.rig, prepared.clip, np.asarray(times, float))
 
 
 def scattered(carried: CarriedPatch, fine: Refinement, displacement: Floats) -> Floats:

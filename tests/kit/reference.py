@@ -46,7 +46,7 @@ def method(plan: MeshPlan, asset: Path, clip: int, times: Floats) -> Floats:
     (found,) = (each for each in read_clips(document) if each.index == clip)
     bind = fine.positions + np.tensordot(morph_weights(rig, found, times), fine.morph_deltas, axes=1)
     for carried in plan.carried_patches:
-        bind[:, carried.vertices] += displacements(carried, fine, rig, plan.rest, found, times)
+        bind[:, carried.vertices] += displacements(carried, fine, rig, found, times)
     weights = fine.dense_weights(np.arange(len(fine.positions)), len(rig.joints))
     moved = transform(blend(weights, joint_matrices(rig, found, times)), bind)
     # Primitives that share their vertices share the new ones too.

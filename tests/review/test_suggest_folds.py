@@ -13,7 +13,6 @@ from wrinklecli import bake
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.rig import read_rig
 from wrinklecli.character.surface import read_surface
-from wrinklecli.effects.wrinkle.activity import lengths_over_time
 from wrinklecli.effects.wrinkle.attach import attach_tools
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import read_document
@@ -118,14 +117,14 @@ def measured(path: Path, found: Suggestions) -> None:
         assert patches[0].span == pytest.approx(each.span)
         assert max(patch.origin.distance for patch in patches) < 0.05 * each.span
         clip = next(clip for clip in clips if clip.name == each.clip)
-        distances, _ = lengths_over_time(patches[0], rig, rest, clip, np.array([each.time]))
+        distances, _ = patches[0].segment.lengths(rig, clip, np.array([each.time]))
         assert distances[0] == pytest.approx(each.clips[each.clip])
         assert min(each.clips.values()) == each.clips[each.clip]
         assert each.shortening > 0.05
         # The twin of what a clip folds may rest.
         assert each.shortening == pytest.approx(
             max(
-                (1.0 - np.divide(*lengths_over_time(patches[0], rig, rest, clip, times)).min())
+                (1.0 - np.divide(*patches[0].segment.lengths(rig, clip, times)).min())
                 for clip in clips
                 for times in [np.linspace(clip.start, clip.end, 61)]
             ),

@@ -43,7 +43,7 @@ def test_anchors_go_where_the_skin_carries_them(snap: str, joints: int, root: An
     for anchor in (prepared.patch.origin, prepared.patch.target):
         nodes = [int(prepared.rig.joints[joint]) for joint in anchor.joints]
         matrices = node_matrices(prepared.rig, clip, times, nodes)
-        points = np.tensordot(weights, anchor.points, axes=1)
+        points = np.tensordot(weights, anchor.carried.points, axes=1)
         carried = np.einsum("fkab,fkb->fa", matrices, points)
         assert carried[:, :3] == pytest.approx(
             np.einsum("c,fcx->fx", anchor.barycentrics, moved[:, anchor.vertices]), abs=20 * EPSILON

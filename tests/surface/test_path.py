@@ -13,7 +13,6 @@ from kit.asset import plate
 from kit.carried import carry_patch
 from kit.limb import RADIUS, limb_asset, tool
 from kit.prepared import prepare
-from wrinklecli.effects.wrinkle.activity import lengths_over_time
 from wrinklecli.effects.wrinkle.attach import attach_tools
 from wrinklecli.errors import BakeError
 from wrinklecli.numeric.arrays import Floats, unit
@@ -175,9 +174,9 @@ def test_shortening_is_of_the_summed_distances() -> None:
 
     def lengths(*ends: list[float]) -> Floats:
         made = prepare(limb_asset(rings=21, sides=16), across(*ends)).patch
-        return lengths_over_time(made, prepared.rig, prepared.rest, prepared.clip, times)[0]
+        return made.segment.lengths(prepared.rig, prepared.clip, times)[0]
 
-    whole, _ = lengths_over_time(prepared.patch, prepared.rig, prepared.rest, prepared.clip, times)
+    whole, _ = prepared.patch.segment.lengths(prepared.rig, prepared.clip, times)
     assert whole == pytest.approx(sum(lengths(a, b) for a, b in pairwise(points)), abs=1e-9)
     assert (whole > lengths(points[0], points[-1]) - 1e-12).all()
 

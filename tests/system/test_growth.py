@@ -16,7 +16,7 @@ from wrinklecli import bake
 from wrinklecli.baking import plan, proof, sample
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.character import pose
-from wrinklecli.effects.wrinkle.activity import anchor_joints
+from wrinklecli.effects.wrinkle.activity import points_of
 from wrinklecli.gltf import new_data
 from wrinklecli.numeric import piecewise as tracks
 from wrinklecli.numeric import red_green
@@ -151,8 +151,7 @@ def test_only_joints_that_move_anchors_are_evaluated(baker: Baker, monkeypatch: 
     planned, _ = baker.sample(folding(3, joints=6))
     rig = planned.rig
     wanted = set()
-    for joint in anchor_joints([each.patch for each in planned.carried_patches]):
-        node = int(rig.joints[joint])
+    for node in {n for each in points_of([it.patch for it in planned.carried_patches]) for n in each.nodes.tolist()}:
         while node >= 0:
             wanted.add(node)
             node = int(rig.parents[node])

@@ -14,7 +14,7 @@ from wrinklecli.baking.targets import AnySet, CreaseSet, Lift, TargetSet, named_
 from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip, clip_grid
 from wrinklecli.character.pose import pose_at
 from wrinklecli.choices import Mode
-from wrinklecli.effects.wrinkle.activity import further_activities, lengths_over_time
+from wrinklecli.effects.wrinkle.activity import further_activities
 from wrinklecli.effects.wrinkle.shapes import Sample, Shape, make_shapes
 from wrinklecli.effects.wrinkle.weights import weights_of
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, interpolated
@@ -201,7 +201,7 @@ def _samples(plan: MeshPlan, crease: "Crease", tools: Sequence[TargetSet]) -> li
         for each in tools:
             if each.from_skin:
                 patch = each.carried.patch
-                lengths = lengths_over_time(patch, plan.rig, plan.rest, clip, np.array([time]))
+                lengths = patch.segment.lengths(plan.rig, clip, np.array([time]))
                 amplitudes, _ = patch.curve.follow(*lengths)
                 acting = patch.clip_strength(clip) * weights_of(patch.curve, amplitudes).reshape(-1)
                 beneath += [
@@ -229,7 +229,7 @@ def _march_times(crease: "Crease", motion: Motion, fps: float) -> Floats:
     grid = clip_grid(motion.clip, fold.rig, fps=fps)
     if len(grid) < 2:
         return grid
-    parts = np.ceil(np.abs(np.diff(fold.hinge.strides(motion.clip, grid)))).astype(int)
+    parts = np.ceil(np.abs(np.diff(fold.hinge.strides(fold.rig, motion.clip, grid)))).astype(int)
     # No two times may be as close as no player tells apart.
     parts = np.clip(parts, 1, np.maximum((np.diff(grid) / (2.0 * KEY_GAP)).astype(int), 1))
     steps = zip(grid[:-1], grid[1:], parts, strict=True)
@@ -277,6 +277,6 @@ def _with_times(plan: MeshPlan, target_sets: Sequence[AnySet], motion: Motion, f
     clip = motion.clip
     times, weights = with_times(plan, target_sets, clip, motion.times, motion.weights, fresh)
     patches = [each.patch for each in plan.carried_patches]
-    seen = further_activities(patches, plan.rig, plan.rest, clip, times, known=motion.seen, known_at=motion.times)
+    seen = further_activities(patches, plan.rig, clip, times, known=motion.seen, known_at=motion.times)
     keys = np.searchsorted(times, motion.times[motion.keys])
     return Motion(clip, times, keys, tuple(seen), weights)

@@ -211,7 +211,7 @@ def plan_on(
     carried_patches, problems = [], []
     for patch in patches:
         try:
-            carried_patches.append(demanding(carry(patch, fine, contacts), fine, rest, rig))
+            carried_patches.append(demanding(carry(patch, fine, contacts), fine, rig))
         except BakeError as error:
             problems.append(error)
     if problems:

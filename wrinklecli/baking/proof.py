@@ -236,9 +236,7 @@ def measure_residual(
     """
     patches = [carried.patch for carried in plan.carried_patches]
     times = _all_times(motion.times)
-    seen = further_activities(
-        patches, plan.rig, plan.rest, motion.clip, times, known=motion.seen, known_at=motion.times
-    )
+    seen = further_activities(patches, plan.rig, motion.clip, times, known=motion.seen, known_at=motion.times)
     creased = _crease_weights(target_sets, motion, times)
     chosen = _chosen_times(times, seen, creased)
     amplitudes = [each.amplitudes[chosen] for each in seen]
@@ -391,7 +389,7 @@ def _method_displacements(
     total = proof.method.added(np.concatenate(weights, axis=1))
     for carried, each, (rows, numbers) in zip(plan.carried_patches, amplitudes, proof.moved, strict=True):
         if carried.ring is not None:
-            moved = displacements(carried, plan.fine, plan.rig, plan.rest, clip, times, each)
+            moved = displacements(carried, plan.fine, plan.rig, clip, times, each)
             total[:, :, rows] += moved.transpose(0, 2, 1)[:, :, numbers]
     return total
 

@@ -160,7 +160,7 @@ def keyed_at_turns(plan: MeshPlan, target_sets: Sequence[AnySet], motion: Motion
             times, weights = with_times(plan, target_sets, clip, times, weights, fresh)
             keys = np.searchsorted(times, keyed)
     patches = [target_set.carried.patch for target_set in of_tools(target_sets)]
-    seen = further_activities(patches, plan.rig, plan.rest, clip, times, known=motion.seen, known_at=motion.times)
+    seen = further_activities(patches, plan.rig, clip, times, known=motion.seen, known_at=motion.times)
     return replace(motion, times=times, keys=keys, seen=tuple(seen), weights=weights)
 
 

@@ -240,7 +240,7 @@ def _describe_fold(plan: MeshPlan, found: CreaseSet) -> Json:
     return {
         "tools": [plan.carried_patches[number].patch.tool.name for number in crease.fold.tools],
         "clip": found.clip,
-        "joint": plan.rig.names[hinge.node] if isinstance(hinge, Hinge) else None,
+        "joint": plan.rig.names[hinge.signal.node] if isinstance(hinge, Hinge) else None,
         "degrees": [round(float(np.degrees(end)), 1) for end in (hinge.least, hinge.most)]
         if isinstance(hinge, Hinge)
         else None,

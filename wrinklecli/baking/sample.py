@@ -9,19 +9,18 @@ import numpy as np
 
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.targets import AnySet, TargetSet, named_targets
+from wrinklecli.character.carried import pose_carriers
 from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip, clip_grid, motion_breaks
 from wrinklecli.character.pose import Pose, pose_at
 from wrinklecli.character.rig import moving_nodes
 from wrinklecli.choices import Mode
-from wrinklecli.drive.lag import LaggingTissue
+from wrinklecli.drive.lag import SpringFilter
 from wrinklecli.effects.wrinkle.activity import (
     Activity,
     activities,
     activity,
-    anchor_joints,
-    lengths_over_time,
-    rest_lengths_over_time,
-    tissues,
+    points_of,
+    springs_in,
 )
 from wrinklecli.effects.wrinkle.bending import tallest_poses
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
@@ -33,7 +32,6 @@ from wrinklecli.numeric.memory import Memory
 from wrinklecli.numeric.piecewise import Signal, key_times
 from wrinklecli.numeric.quartics import smooth
 from wrinklecli.numeric.reduction import compress
-from wrinklecli.surface.anchor import anchor_poses
 
 # Bytes of a value while keys are found, with its copies.
 _VALUE = 16
@@ -140,7 +138,7 @@ def sample_activities(
     ends = np.ceil(np.cumsum([1.0 + (clip.end - clip.start) * fps for clip in clips])).astype(int).tolist()
     sampled: list[Motion] = []
     for clip, end, take in zip(clips, ends, takes_of(plan, clips), strict=True):
-        lagging = tissues(patches, plan.rig, plan.rest, clip)
+        springs = springs_in(patches, plan.rig, clip)
         if mode == "frames":
             times = clip_grid(clip, None, fps=fps)
             keys = np.arange(len(times))
@@ -148,8 +146,8 @@ def sample_activities(
             times, keys = sampled[take].times, sampled[take].keys
         else:
             tell_left = partial(_tell_left, progress, end, ends[-1])
-            times, keys = _key_times(plan, clip, lagging, fps=fps, bound=bound, memory=memory, tell_left=tell_left)
-        seen = activities(patches, plan.rig, plan.rest, clip, times, lagging=lagging)
+            times, keys = _key_times(plan, clip, springs, fps=fps, bound=bound, memory=memory, tell_left=tell_left)
+        seen = activities(patches, plan.rig, clip, times, springs=springs)
         sampled.append(Motion(clip, times, keys, tuple(seen)))
         progress("sampling", end, ends[-1])
     return sampled
@@ -162,7 +160,7 @@ def _tell_left(progress: Progress, end: int, total: int, left: int) -> None:
 def _key_times(
     plan: MeshPlan,
     clip: Clip,
-    lagging: Sequence[LaggingTissue | None],
+    springs: Sequence[SpringFilter | None],
     *,
     fps: float,
     bound: float,
@@ -174,7 +172,7 @@ def _key_times(
     Args:
         plan: The tools.
         clip: The animation.
-        lagging: How each tool's tissue lags in it.
+        springs: Each tool's filter in it, as `springs_in`.
         fps: Of the grid.
         bound: Greatest error of one tool, scene units.
         memory: That the values between keys may take.
@@ -189,7 +187,7 @@ def _key_times(
         tell_left(math.ceil((clip.end - stretch[0]) * fps))
         within = clip_breaks[(clip_breaks > stretch[0]) & (clip_breaks < stretch[-1])]
         breaks = distinct_values(np.concatenate([stretch[::_FRAMES_OF_A_QUARTIC], stretch[-1:], within]))
-        return _within(memory, _signals(plan, clip, breaks, tolerance, lagging), width, where=clip.name)
+        return _within(memory, _signals(plan, clip, breaks, tolerance, springs), width, where=clip.name)
 
     grid, width = clip_grid(clip, plan.rig, fps=fps), sum(_width(each) for each in plan.carried_patches)
     return key_times(
@@ -244,32 +242,32 @@ def _overlaps(plan: MeshPlan) -> int:
 
 
 def _signals(
-    plan: MeshPlan, clip: Clip, breaks: Floats, tolerance: float, lagging: Sequence[LaggingTissue | None]
+    plan: MeshPlan, clip: Clip, breaks: Floats, tolerance: float, springs: Sequence[SpringFilter | None]
 ) -> Signal:
     """What must be right between keys within a stretch of a clip, of all tools, scene units.
 
     Heights start like square roots of the anchors' distances, which are smooth between the breaks: few poses tell
     the distances, and they tell the heights.
     """
-    rig, rest = plan.rig, plan.rest
+    rig = plan.rig
     patches = [each.patch for each in plan.carried_patches]
     # Where a height starts, √(x D) for x the length of an interval, an error of D shows most.
     slack = min(tolerance**2 * each.curve.interval_count / (16 * each.rest_length) for each in patches)
 
     def distances(times: Floats) -> Floats:
-        poses = anchor_poses(anchor_joints(patches), rig, rest, clip, times)
-        return np.stack([lengths_over_time(each, rig, rest, clip, times, poses)[0] for each in patches], axis=1)
+        carriers = pose_carriers(points_of(patches), rig, clip, times)
+        return np.stack([each.segment.lengths(rig, clip, times, carriers)[0] for each in patches], axis=1)
 
     near = smooth(distances, breaks, slack)
 
     def signals(times: Floats) -> Floats:
         values = []
-        for carried, found, late in zip(plan.carried_patches, near(times).T, lagging, strict=True):
-            patch, rest_lengths = carried.patch, rest_lengths_over_time(carried.patch, rig, clip, times)
+        for carried, found, late in zip(plan.carried_patches, near(times).T, springs, strict=True):
+            patch, rest_lengths = carried.patch, carried.patch.segment.rest_length.at(rig, clip, times)
             followed = found if late is None else late.follow(times, found, rest_lengths)
             amplitudes, _ = patch.curve.follow(followed, rest_lengths)
             if patch.tool.attachment == "patch":
-                moved = displacements(carried, plan.fine, rig, rest, clip, times, amplitudes)
+                moved = displacements(carried, plan.fine, rig, clip, times, amplitudes)
                 values.append(_PER_COORDINATE * plan.scale * moved.reshape(len(times), -1))
             else:
                 values.append(patch.clip_strength(clip) * patch.shape_strength * amplitudes.reshape(len(times), -1))
@@ -300,7 +298,7 @@ def _width(carried: CarriedPatch) -> int:
 
 def skin_weights(plan: MeshPlan, carried: CarriedPatch, clip: Clip | None, times: Floats) -> Floats:
     """(frames, shapes) morph weights of a skin-attached tool in a clip; none for the stored pose."""
-    return _weights(carried, clip, activity(carried.patch, plan.rig, plan.rest, clip, times))
+    return _weights(carried, clip, activity(carried.patch, plan.rig, clip, times))
 
 
 def _weights(carried: CarriedPatch, clip: Clip | None, seen: Activity) -> Floats:
@@ -340,7 +338,7 @@ def compress_displacements(
     """Few shapes for all that a tool with `attachment: patch` does at (frames,) times of some clips, as `compress`."""
     chunk = max(_MOST_COORDINATES // (3 * len(carried.vertices)), 1)
     series = (
-        displacements(carried, plan.fine, plan.rig, plan.rest, clip, times[k : k + chunk])
+        displacements(carried, plan.fine, plan.rig, clip, times[k : k + chunk])
         for clip, times in moments
         for k in range(0, len(times), chunk)
     )

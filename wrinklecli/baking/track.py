@@ -7,29 +7,28 @@ right to 1/256 of the greatest.
 """
 
 import os
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrinklecli.baking.baked_body import BakedBody, BakedFold, BakedPart, BakedTool, count_named, read_bodies
-from wrinklecli.baking.baked_fold import fold_weights
-from wrinklecli.baking.baked_segment import lengths_in
+from wrinklecli.baking.baked_body import BakedBody, BakedPart, count_named, read_bodies, wrinkle_targets
 from wrinklecli.baking.morphs import encode_track
 from wrinklecli.baking.track_node import node_for_tracks
 from wrinklecli.character.anims import NamedNodes
 from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip, clip_grid, read_clips
 from wrinklecli.character.rig import Rig, moving_nodes, read_rig
 from wrinklecli.character.weight_track import Track, pad, widen
-from wrinklecli.effects.wrinkle.lookup import TABLE_ERROR
+from wrinklecli.drive.drive import Drive, StoredDrive
+from wrinklecli.drive.table import TABLE_ERROR
 from wrinklecli.errors import AssetError, BakeError, RefusedError, listed, nearest
 from wrinklecli.files.outputs import Outputs, part_of
-from wrinklecli.gltf.document import read_document
+from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.images import files_of
 from wrinklecli.gltf.shape import Json
 from wrinklecli.gltf.writer import write
-from wrinklecli.numeric.arrays import Floats, interpolated
+from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.guard import guarded
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory
 from wrinklecli.numeric.piecewise import Signal, key_times
@@ -37,6 +36,7 @@ from wrinklecli.numeric.piecewise import Signal, key_times
 MAX_ERROR = 0.01
 """Greatest error of a weight, a share of the greatest, unless another is asked for."""
 
+_FPS = 30.0  # frames per second of the grid of times
 # Of what the error bound leaves beside the table's own error, the part of the samples and that of dropped keys.
 _SAMPLING_SHARE = 2 / 3
 _KEYS_SHARE = 1 / 3
@@ -64,7 +64,7 @@ def track(
     anims: Sequence[str | os.PathLike[str]],
     folder: str | os.PathLike[str],
     *,
-    fps: float = 30.0,
+    fps: float = _FPS,
     max_error: float = MAX_ERROR,
     allow_external: bool = False,
     max_memory: int = MAX_MEMORY,
@@ -163,13 +163,14 @@ def _track_file(
         for body in bodies
         if body.draft
     ]
-    present: list[tuple[BakedBody, list[BakedTool]]] = []
+    present: list[tuple[BakedBody, list[StoredDrive]]] = []
     for body in bodies:
-        tools, missed = present_tools(body, nodes)
-        present.append((body, tools))
+        drives, missed = present_drives(body, nodes)
+        present.append((body, drives))
         warnings += [f"{document.path}: {line}" for line in missed]
-    if not any(tools for _, tools in present):
-        wanted = dict.fromkeys(joint for body in bodies for tool in body.tools for joint in tool.joints)
+    if not any(drives for _, drives in present):
+        segments = (each for body in bodies for each in body.drives if each.measures_segment)
+        wanted = dict.fromkeys(joint for each in segments for joint in each.joints)
         raise AssetError(
             f"has no tool's joints; the anchors are on {listed(wanted)}, its nodes are {listed(names)}",
             where=document.path,
@@ -177,39 +178,48 @@ def _track_file(
     if not clips:
         warnings.append(f"{document.path}: has no clip")
     tracked: dict[str, None] = {}
-    for body, tools in present:
-        if tools:
-            moved, still = track_body(edited, body, tools, clips, fps=fps, tolerance=tolerance)
+    for body, drives in present:
+        if drives:
+            moved, still = track_body(edited, body, drives, clips, fps=fps, tolerance=tolerance)
             tracked |= dict.fromkeys(moved)
             warnings += [f"{document.path}: {name}: moves no anchor of {body.node!r}" for name in still]
     lines = (
-        f"{tool.name} on {body.node}: targets {', '.join(tool.targets)}" for body, tools in present for tool in tools
+        f"{each.name} on {body.node}: targets {', '.join(each.targets)}"
+        for body, drives in present
+        for each in drives
+        if each.measures_segment
     )
     return Tracked(output, tuple(tracked), tuple(lines), tuple(warnings))
 
 
-def present_tools(body: BakedBody, nodes: Sequence[Json]) -> tuple[list[BakedTool], list[str]]:
-    """The tools whose joints are all there, and a warning for each of which one is missing or ambiguous."""
+def present_drives(body: BakedBody, nodes: Sequence[Json]) -> tuple[list[StoredDrive], list[str]]:
+    """The drives whose joints are all there; none without a segment.
+
+    Returns:
+        The drives, and a warning for each tool of which a joint is missing or ambiguous.
+    """
     names = [str(node.get("name", "")) for node in nodes]
     bare = [str(node.get("name", "")) for node in nodes if "mesh" not in node]
     present, warnings = [], []
-    for tool in body.tools:
-        missing = [joint for joint in tool.joints if joint not in names]
+    for drive in body.drives:
+        missing = [joint for joint in drive.joints if joint not in names]
+        several = [joint for joint in drive.joints if bare.count(joint) > 1]
+        if not missing:
+            present.append(drive)
+        if not drive.measures_segment:
+            continue  # its tool's warning says it
         if missing:
             hint = nearest(missing[0], names) if len(missing) == 1 else ""
-            warnings.append(f"{tool.name}: left out, as there is no joint {listed(missing)}{hint}")
-            continue
-        several = [joint for joint in tool.joints if bare.count(joint) > 1]
-        if several:
-            warnings.append(f"{tool.name}: several nodes are named {listed(several)}; the first is taken")
-        present.append(tool)
-    return present, warnings
+            warnings.append(f"{drive.name}: left out, as there is no joint {listed(missing)}{hint}")
+        elif several:
+            warnings.append(f"{drive.name}: several nodes are named {listed(several)}; the first is taken")
+    return present if any(each.measures_segment for each in present) else [], warnings
 
 
 def track_body(
     edited: EditedDocument,
     body: BakedBody,
-    tools: Sequence[BakedTool],
+    drives: Sequence[StoredDrive],
     clips: Sequence[Clip],
     *,
     fps: float,
@@ -218,7 +228,7 @@ def track_body(
     """Add one body's tracks; the names of the clips that move its anchors, and of those that do not."""
     node = node_for_tracks(edited, body.parts[0], body.original)
     others = [(part, node_for_tracks(edited, part, part.targets)) for part in body.parts[1:] if part.targets]
-    driven = _driven_tools(edited, node, body, tools)
+    driven = _driven(edited, node, body, drives)
     every = [*body.kept, *body.driven]
     moved, still = [], []
     for source in clips:
@@ -270,50 +280,45 @@ def _with_own_weights(clip: Clip, node: int, body: BakedBody) -> Clip:
 
 
 @dataclass(frozen=True, slots=True)
-class _DrivenTools:
-    """Tools of a body, driven by the joints of another file.
+class _Driven:
+    """Morph targets of a body, driven by the joints of another file.
 
     Attributes:
-        tools: Those whose joints are all there.
-        folds: As well.
-        rig: Of the node that gets the tracks: joints of the anchors, and the morph targets that no tool drives.
-        joints: Their nodes, by name.
-        stored: (driven targets,) weights in the stored pose, of all tools and folds of the body.
-        columns: For each tool and then each fold, its targets among them.
+        drives: Those whose joints are all there.
+        keyed: Names of the clips that key a rest length.
+        rig: Of the node that gets the tracks: joints of the drives, and the morph targets that nothing drives.
+        stored: (driven targets,) weights in the stored pose, of all drives of the body.
+        columns: Of each drive, its targets among them.
     """
 
-    tools: tuple[BakedTool, ...]
-    folds: tuple[BakedFold, ...]
+    drives: tuple[Drive, ...]
+    keyed: frozenset[str]
     rig: Rig
-    joints: dict[str, int]
     stored: Floats
     columns: tuple[list[int], ...]
 
     def moved_by(self, clip: Clip) -> bool:
-        """Whether a clip moves an anchor, or keys a rest length."""
+        """True if a clip moves a joint, or keys a rest length."""
         moving = moving_nodes(self.rig)
-        return any(c.node in moving for c in clip.channels) or any(clip.name in tool.keys for tool in self.tools)
+        return any(c.node in moving for c in clip.channels) or clip.name in self.keyed
 
     def weights_in(self, clip: Clip) -> Signal:
-        """(frames,) seconds of a clip to (frames, driven targets) weights; those of absent tools as stored."""
-        lengths = [lengths_in(tool, self.rig, self.joints, clip) for tool in self.tools]
+        """(frames,) seconds of a clip to (frames, driven targets) weights; those of absent drives as stored."""
+        pairs = zip(self.drives, self.columns, strict=True)
+        every = [(columns, each.weights_in(self.rig, clip)) for each, columns in pairs if not self._has_own(each, clip)]
 
         def weights(times: Floats) -> Floats:
             found = np.tile(self.stored, (len(times), 1))
-            of_tools, of_folds = self.columns[: len(self.tools)], self.columns[len(self.tools) :]
-            for tool, columns, of_tool in zip(self.tools, of_tools, lengths, strict=True):
-                found[:, columns] = tool.strengths.get(clip.name, 1.0) * _weights(tool, *of_tool(times))
-            for fold, columns in zip(self.folds, of_folds, strict=True):
-                if not self._has_own(fold, clip):
-                    found[:, columns] = fold_weights(fold, self.rig, self.joints, clip, times)
+            for columns, each in every:
+                found[:, columns] = each(times)
             return found
 
         return weights
 
-    def _has_own(self, fold: BakedFold, clip: Clip) -> bool:
-        """Whether a clip moves targets of a fold that are its alone, as the bake of this clip does."""
+    def _has_own(self, drive: Drive, clip: Clip) -> bool:
+        """True if a clip moves targets that are its alone, as the bake of this clip does."""
         channel = clip.channel(self.rig.node, "weights")
-        columns = [number for number, name in enumerate(self.rig.morph_names) if name in fold.own]
+        columns = [number for number, name in enumerate(self.rig.morph_names) if name in drive.own]
         return channel is not None and bool(channel.points[:, columns].any())
 
     def key_times(self, clip: Clip, *, fps: float, tolerance: float) -> Floats:
@@ -331,13 +336,11 @@ class _DrivenTools:
         return times[keys]
 
 
-def _driven_tools(edited: EditedDocument, node: int, body: BakedBody, tools: Sequence[BakedTool]) -> _DrivenTools:
+def _driven(edited: EditedDocument, node: int, body: BakedBody, drives: Sequence[StoredDrive]) -> _Driven:
     """Find a body's joints in the file that has the node for its tracks."""
     whole = read_rig(edited.document(), node)
     named = NamedNodes.of(edited.gltf["nodes"]).joints
-    folds = tuple(fold for fold in body.folds if all(joint in named for joint in fold.joints))
-    wanted = [*(tool.joints for tool in tools), *(fold.joints for fold in folds)]
-    joints = {joint: named[joint] for each in wanted for joint in each}
+    joints = {joint: named[joint] for each in drives for joint in each.joints}
     rig = replace(
         whole,
         joints=np.array(list(joints.values()), np.intp),
@@ -345,20 +348,44 @@ def _driven_tools(edited: EditedDocument, node: int, body: BakedBody, tools: Seq
         morph_names=body.kept,
         morph_weights=whole.morph_weights[[body.targets.index(name) for name in body.kept]],
     )
-    stored = body.stored(body.driven)
-    targets = [*(tool.targets for tool in tools), *(fold.targets for fold in folds)]
-    columns = tuple([body.driven.index(name) for name in each] for each in targets)
-    return _DrivenTools(tuple(tools), folds, rig, joints, stored, columns)
+    columns = tuple([body.driven.index(name) for name in each.targets] for each in drives)
+    keyed = frozenset(clip for each in drives for clip in each.keyed)
+    return _Driven(tuple(each.on(joints, body.kept) for each in drives), keyed, rig, body.stored(body.driven), columns)
 
 
-def _weights(tool: BakedTool, distances: Floats, rest_lengths: Floats) -> Floats:
-    """(frames, targets) a tool's weights at (frames,) distances of its anchors and rest lengths, scene units."""
-    hidden = np.isinf(distances)
-    distances = np.where(hidden, rest_lengths, distances)
-    if tool.curve is None:
-        shortenings = 1.0 - distances / rest_lengths
-        weights = interpolated(shortenings, tool.rows, tool.table)
-    else:
-        weights = tool.curve.weights(distances, rest_lengths)
-    made: Floats = np.where(hidden[:, None], 0.0, weights)
-    return made
+def with_driven_weights(document: Document, clips: Collection[str]) -> tuple[Document, list[str]]:
+    """Let the drives of baked bodies set their weights in some clips, unless a clip sets these itself.
+
+    Args:
+        document: The baked file with the clips.
+        clips: Names of the clips.
+
+    Returns:
+        The document, and what is wrong with the extras, a line each.
+    """
+    chosen = [clip for clip in read_clips(document) if clip.name in clips]
+    if not chosen or not any(wrinkle_targets(document).values()):
+        return document, []
+    try:
+        bodies = read_bodies(document)
+    except AssetError as error:
+        return document, [f"{line}: its wrinkles stay as stored" for line in error.lines]
+    edited, warnings = EditedDocument(document), []
+    nodes = NamedNodes.of(document.items("nodes"))
+    for body in bodies:
+        drives, missed = present_drives(body, document.items("nodes"))
+        warnings += [f"{document.path}: {line}" for line in missed]
+        undriven = [clip for clip in chosen if not _sets_weights(clip, nodes.meshes, body)]
+        if drives:
+            track_body(edited, body, drives, undriven, fps=_FPS, tolerance=MAX_ERROR - TABLE_ERROR)
+    return edited.document(), warnings
+
+
+def _sets_weights(clip: Clip, nodes: Mapping[str, int], body: BakedBody) -> bool:
+    """True if a clip moves a driven morph target of the body itself, as one does that `track` has written."""
+    for part in body.parts:
+        channel = clip.channel(nodes[part.node], "weights")
+        columns = [number for number, name in enumerate(part.targets) if name in body.driven]
+        if channel is not None and not np.allclose(channel.points[:, columns], part.stored[columns], atol=1e-6):
+            return True
+    return False

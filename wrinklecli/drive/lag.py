@@ -1,10 +1,10 @@
-"""Tissue that lags: a tool's shortening over a clip as a damped spring follows it, for heights that swing a little.
+"""The filter of a tool with `lag`: a damped spring follows the shortening over a clip, so that heights swing a little.
 
 The shortening is that of the control curve, as a share of the rest length: d = max((1 - 1e-5) - l'/l, 0). The spring
 answers x'' = ω² (d - x) - 2 ζ ω x', and the curve is asked as if its ends were l' = (1 - 1e-5 - x) l apart; where x is
 below 0 nothing rises. So an overshoot is capped like any shortening, by `max_height` and where the ends would meet.
 
-The clip begins with the spring at rest, as in a player that starts there; a clip that ends as it begins is taken for a
+The clip begins with the spring at rest, as in a player that starts there. A clip that ends as it begins counts as a
 loop, and the spring goes round with it. Not in the paper, whose heights follow at once.
 """
 
@@ -31,21 +31,21 @@ _SAME = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
-class LaggingTissue:
-    """What a tool with `lag` makes of one clip.
+class SpringFilter:
+    """The answer of a spring to a segment's shortening in one clip.
 
     Attributes:
-        response: Of the spring to the shortening, a share of the rest length.
+        response: The spring's, a share of the rest length.
     """
 
     response: SpringResponse
 
     def follow(self, times: Floats, distances: Floats, rest_lengths: Floats) -> Floats:
-        """(frames,) the anchors' distances for which the heights are those that the tissue has, scene units.
+        """(frames,) distances at which a curve has the heights that the spring asks for, scene units.
 
         Args:
             times: (frames,) seconds.
-            distances: (frames,) of the anchors, scene units; infinite where the tool is inactive.
+            distances: (frames,) of the segment, scene units; infinite where the tool is inactive.
             rest_lengths: (frames,) scene units.
         """
         shares = np.minimum(self.response.at(times), TAUT)
@@ -54,11 +54,11 @@ class LaggingTissue:
         return np.where((shares > 0) & np.isfinite(distances), (TAUT - shares) * rest_lengths, slack)
 
 
-def lagging_tissue(lag: Lag, ratios: Signal, clip: Clip, breaks: Floats) -> LaggingTissue:
-    """Let tissue follow a clip.
+def spring_filter(lag: Lag, ratios: Signal, clip: Clip, breaks: Floats) -> SpringFilter:
+    """Let a spring follow a clip.
 
     Args:
-        lag: Of the tool.
+        lag: Its frequency and damping.
         ratios: (times,) seconds to (times, 1) distances of the anchors over rest lengths; infinite where inactive.
         clip: The animation.
         breaks: (breaks,) seconds between which ratios are smooth.
@@ -76,4 +76,4 @@ def lagging_tissue(lag: Lag, ratios: Signal, clip: Clip, breaks: Floats) -> Lagg
     first, last = ratios(np.array([clip.start, clip.end]))[:, 0]
     periodic = clip.loops and (first == last or abs(last - first) < _SAME)
     spring = Spring(2.0 * np.pi * lag.frequency, lag.damping)
-    return LaggingTissue(respond(spring, positive(signal), periodic=periodic))
+    return SpringFilter(respond(spring, positive(signal), periodic=periodic))

@@ -137,7 +137,7 @@ class PlayableMesh:
             plan = cluster.plan
             for carried in plan.carried_patches if wrinkled else ():
                 amplitudes, _ = self.cache.amplitudes(self.ground, carried.patch, clip, time)
-                moved = displacements(carried, plan.fine, rig, plan.rest, clip, np.array([time]), amplitudes)[0]
+                moved = displacements(carried, plan.fine, rig, clip, np.array([time]), amplitudes)[0]
                 offsets[0][:, np.where(carried.vertices < old, carried.vertices, carried.vertices + shift)] += moved.T
         parts = [
             pose(skin, matrices, weights, offsets[:, :, start:end])[0][0]

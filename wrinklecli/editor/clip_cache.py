@@ -14,7 +14,7 @@ import numpy as np
 from wrinklecli.baking.plan import Ground
 from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.character.pose import joint_matrices, morph_weights
-from wrinklecli.effects.wrinkle.activity import Activity, activities, tissues
+from wrinklecli.effects.wrinkle.activity import Activity, activities, springs_in
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.numeric.arrays import Floats, distinct_values
 
@@ -100,7 +100,7 @@ class ClipCache:
         """Sample a tool over a clip, at its frame times."""
         return self._activities.get_or_make(
             (patch.tool, ground, clip.name),
-            lambda: activities([patch], ground.rig, ground.rest, clip, self.times(clip))[0],
+            lambda: activities([patch], ground.rig, clip, self.times(clip))[0],
         )
 
     def amplitudes(self, ground: Ground, patch: Patch, clip: Clip | None, time: float) -> tuple[Floats, float]:
@@ -110,10 +110,10 @@ class ClipCache:
             sampled = self.activity(ground, patch, clip)
             if frame is not None:
                 return sampled.amplitudes[frame : frame + 1], float(sampled.distances[frame])
-            lagging = [sampled.tissue]  # the spring has followed the clip already
+            springs = [sampled.spring]  # the spring has followed the clip already
         else:
-            lagging = tissues([patch], ground.rig, ground.rest, clip)
-        (now,) = activities([patch], ground.rig, ground.rest, clip, np.array([time]), lagging=lagging)
+            springs = springs_in([patch], ground.rig, clip)
+        (now,) = activities([patch], ground.rig, clip, np.array([time]), springs=springs)
         return now.amplitudes, float(now.distances[0])
 
     def _frame(self, clip: Clip, time: float) -> int | None:

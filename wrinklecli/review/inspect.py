@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from wrinklecli.baking.baked_body import anchors_of
 from wrinklecli.baking.original import original, wrinkled
 from wrinklecli.character.pose import stored_positions
 from wrinklecli.character.rig import Hierarchy, morph_target_names, read_hierarchy
 from wrinklecli.character.scene import pose_primitive, read_scene
+from wrinklecli.drive.drive import anchors_of
 from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.gltf.document import TRIANGLE_FAN, TRIANGLE_STRIP, TRIANGLES, Document, read_document
 from wrinklecli.gltf.files import local_file, path_of

@@ -1,16 +1,14 @@
-"""Anchors: the two ends of a tool on the surface at rest, and where joints and morph targets take them.
+"""Anchors: points of the surface at rest that a tool is attached to, and the joints that carry them.
 
 Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004, on origin and target of a wrinkling tool.
 Differs: they lie anywhere on the surface, where the paper takes vertices (`snap: vertex`).
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from wrinklecli.character.clip import Clip
-from wrinklecli.character.pose import morph_weights, node_rows
+from wrinklecli.character.carried import CarriedPoint
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
 from wrinklecli.errors import BakeError
@@ -24,15 +22,11 @@ _ANCHOR_REACH = 0.25
 
 @dataclass(frozen=True, slots=True)
 class Anchor:
-    """A point that the skin carries, as a weighted mean of points each of which one joint carries rigidly.
-
-    Its world position is the sum over k of world(joints[k]) @ (points[0] + sum over m of w_m points[m])[k].
+    """A point of the surface, and what carries it.
 
     Attributes:
         joints: (influences,) into the rig's joints.
-        weights: (influences,) of its joints, summing to 1.
-        points: (1 + morph targets, influences, 4) homogeneous points times their weights, in the joints' own
-            spaces; the fourth number is the weight itself, 0 in morph deltas.
+        carried: The point, in the spaces of these joints.
         vertices: (corners,) the welded vertices around it: three, two on an edge, one at a vertex.
         barycentrics: (corners,) their shares, summing to 1.
         triangles: The coarse triangles that the anchor lies on.
@@ -42,8 +36,7 @@ class Anchor:
     """
 
     joints: Ints
-    weights: Floats
-    points: Floats
+    carried: CarriedPoint
     vertices: Ints
     barycentrics: Floats
     triangles: Ints
@@ -92,10 +85,16 @@ def anchor_at(
     around = rest.around.faces_of(vertices)
     on_all = np.isin(surface.triangles[around], vertices).sum(axis=1) >= len(distinct_values(vertices))
     joints, points = _joint_points(vertices, barycentrics, surface)
+    bound = np.abs(determinants(rig.inverse_binds[joints, :3, :3]))
+    before = np.abs(determinants(rest.matrices[joints, :3, :3]))
     return Anchor(
         joints=joints,
-        weights=points[0, :, 3],
-        points=np.einsum("kab,mkb->mka", rig.inverse_binds[joints], points),
+        carried=CarriedPoint(
+            nodes=rig.joints[joints],
+            weights=points[0, :, 3],
+            points=np.einsum("kab,mkb->mka", rig.inverse_binds[joints], points),
+            shares=bound / np.where(before > 0, before, 1.0),
+        ),
         vertices=vertices,
         barycentrics=barycentrics,
         triangles=around[on_all],
@@ -137,58 +136,3 @@ def _joint_points(vertices: Ints, barycentrics: Floats, surface: Surface) -> tup
         np.add.at(of_joints, inverse.reshape(shares.shape), shares[..., None] * corners[:, None])
     acting = points[0, :, 3] > 0
     return joints[acting], points[:, acting]
-
-
-@dataclass(frozen=True, slots=True)
-class AnchorPoses:
-    """What moves the anchors of several tools, at a few times of a clip.
-
-    Attributes:
-        joints: (joints,) into the rig's, rising: those that move any of the anchors.
-        rows: For each (3, 4, frames) of its world matrix; one frame where nothing moves it.
-        scales: For each (frames,) the cube root of its determinant against rest; as many frames.
-        weights: (frames, morph targets).
-    """
-
-    joints: Ints
-    rows: Sequence[Floats]
-    scales: Sequence[Floats]
-    weights: Floats
-
-
-def anchor_poses(joints: Ints, rig: Rig, rest: Rest, clip: Clip | None, times: Floats) -> AnchorPoses:
-    """Pose (joints,) of a rig at (frames,) seconds; in the stored pose where there is no clip."""
-    rows = node_rows(rig, clip, times, [int(rig.joints[joint]) for joint in joints])
-    bound = np.abs(determinants(rig.inverse_binds[joints, :3, :3]))
-    before = np.abs(determinants(rest.matrices[joints, :3, :3]))
-    shares = bound / np.where(before > 0, before, 1.0)
-    scales = [
-        np.cbrt(share * np.abs(determinants(each[:, :3].transpose(2, 0, 1))))
-        for each, share in zip(rows, shares, strict=True)
-    ]
-    return AnchorPoses(joints, rows, scales, morph_weights(rig, clip, times))
-
-
-def posed_anchor(anchor: Anchor, poses: AnchorPoses, count: int) -> tuple[Floats, Floats]:
-    """(3, frames) where `count` poses take an anchor, world space, and (frames,) how they scale it against rest."""
-    acting = np.flatnonzero(anchor.points[1:].any(axis=(1, 2)))
-    weights, points = poses.weights[:, acting], anchor.points[np.append(0, 1 + acting)]
-    place, scale = np.zeros((3, count)), np.zeros(count)
-    # What all joints that nothing moves make together: a point, and what each morph target adds to it.
-    still = np.zeros((1 + len(acting), 3))
-    numbers = np.searchsorted(poses.joints, anchor.joints)
-    for number, weight, point in zip(numbers, anchor.weights, points.transpose(1, 0, 2), strict=True):
-        rows = poses.rows[number]
-        scale += weight * poses.scales[number]
-        if rows.shape[2] == 1:
-            still += np.einsum("mc,rc->mr", point, rows[:, :, 0])
-            continue
-        morphed = point[0, :, None]
-        if len(acting):
-            morphed = morphed + np.einsum("mc,fm->cf", point[1:], weights)
-        for column in range(4):
-            place += rows[:, column] * morphed[column]
-    if len(acting):
-        place += np.einsum("mr,fm->rf", still[1:], weights)
-    place += still[0, :, None]
-    return place, scale

@@ -99,8 +99,8 @@ def _bending_nodes(rig: Rig, regions: Sequence[Region]) -> frozenset[int]:
     nodes: set[int] = set()
     for before, after in (pair for region in regions for pair in pairwise(region.anchors)):
         difference = np.zeros(len(rig.joints))
-        difference[after.joints] += after.weights
-        difference[before.joints] -= before.weights
+        difference[after.joints] += after.carried.weights
+        difference[before.joints] -= before.carried.weights
         if np.ptp(difference) < _SAME_WEIGHTS:
             continue  # both anchors depend on the same joints: nothing bends between them
         ends = (int(rig.joints[np.argmax(difference)]), int(rig.joints[np.argmin(difference)]))

@@ -17,7 +17,7 @@ def axis_of(prepared: Prepared, *numbers: int, turned: np.ndarray) -> np.ndarray
     stored[joint]["rotation"] = turned
     rig = replace(prepared.rig, locals=stored)
     patches = [prepared.patches[number] for number in numbers]
-    return hinge_of(joint, patches, np.zeros(3), rig, prepared.rest).axis
+    return hinge_of(joint, patches, np.zeros(3), rig).signal.axis
 
 
 def quaternion(axis: np.ndarray, degrees: float) -> np.ndarray:

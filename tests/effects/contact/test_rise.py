@@ -6,7 +6,6 @@ import pytest
 from kit.limb import limb_asset, nose, tool
 from kit.prepared import prepare
 from wrinklecli.effects.contact.rise import rise_of
-from wrinklecli.effects.wrinkle.activity import lengths_over_time
 from wrinklecli.effects.wrinkle.bending import bent_node
 
 BRIDGE = {"name": "bridge", "node": "skin", "origin": [-0.5, 0, 0], "target": [0.5, 0, 0], "width": 0.8, "bumps": 4}
@@ -16,20 +15,20 @@ KEYS = {"sneer": [[0.0, "100%"], [1.0, "112%"], [2.0, "100%"]]}
 @pytest.mark.parametrize("keys", [{}, {"rest_length": {"keys": KEYS}}], ids=["morph", "keyed"])
 def test_wrinkles_rise_evenly_to_their_tallest(keys: dict[str, object]) -> None:
     prepared = prepare(nose(), BRIDGE | keys | {"max_height": "none"})
-    patch, rig, rest = prepared.patch, prepared.rig, prepared.rest
+    patch, rig = prepared.patch, prepared.rig
     assert bent_node(patch, rig) is None
-    rise = rise_of(patch, rig, rest)
+    rise = rise_of(patch, rig)
     assert rise is not None
     times = np.linspace(0.0, 1.0, 17)
     rows = rise.rows(times)
     assert rows[0] == pytest.approx(0.0, abs=1e-6)
     assert (np.diff(rows) > 0).all()
-    amplitudes, _ = patch.curve.follow(*lengths_over_time(rise.patch, rig, rest, rise.motion, times))
+    amplitudes, _ = patch.curve.follow(*rise.patch.segment.lengths(rig, rise.motion, times))
     heights = patch.curve.heights(amplitudes).max(axis=1)
     # Of a square root the first sixteenth of a way would be a quarter of the height.
     assert np.diff(heights).max() < 2.0 / 16 * heights[-1]
     # The clip itself raises them as far, in as many strides.
-    strides = rise.strides(prepared.clip, np.array([0.0, 1.0]))
+    strides = rise.strides(rig, prepared.clip, np.array([0.0, 1.0]))
     assert strides[1] - strides[0] == pytest.approx(16.0, rel=0.01)
 
 
@@ -37,4 +36,4 @@ def test_what_nothing_shortens_does_not_rise() -> None:
     stiff = tool(origin=[-0.9, 0.25, 0.0], target=[-0.6, 0.25, 0.0])
     prepared = prepare(limb_asset(rings=12, sides=8), stiff)
     assert bent_node(prepared.patch, prepared.rig) is None
-    assert rise_of(prepared.patch, prepared.rig, prepared.rest) is None
+    assert rise_of(prepared.patch, prepared.rig) is None

@@ -10,7 +10,7 @@ import pytest
 from kit.limb import RADIUS, limb_asset, tool
 from kit.prepared import posed_surface, prepare
 from wrinklecli.character.clip import Clip
-from wrinklecli.effects.wrinkle.activity import Activity, activities, activity, further_activities, lengths_over_time
+from wrinklecli.effects.wrinkle.activity import Activity, activities, activity, further_activities
 from wrinklecli.effects.wrinkle.weights import weights_of
 from wrinklecli.numeric.arrays import Floats
 
@@ -20,10 +20,10 @@ def test_activities_of_several_tools_are_those_of_each(monkeypatch: pytest.Monke
     prepared = prepare(limb_asset(rings=9, sides=8, joints=4, morphs=1, morph_clip="STEP"), *tools)
     times = np.linspace(0.0, 2.0, 12)
     clip = prepared.clip
-    single = [activity(patch, prepared.rig, prepared.rest, clip, times) for patch in prepared.patches]
+    single = [activity(patch, prepared.rig, clip, times) for patch in prepared.patches]
     for at_once in (1, 2**17):
         monkeypatch.setattr("wrinklecli.effects.wrinkle.activity._ANCHORS_AT_ONCE", at_once)
-        found = activities(prepared.patches, prepared.rig, prepared.rest, clip, times)
+        found = activities(prepared.patches, prepared.rig, clip, times)
         for one, other in zip(found, single, strict=True):
             assert one.distances == pytest.approx(other.distances, abs=1e-12)
             assert one.amplitudes == pytest.approx(other.amplitudes, abs=1e-9)
@@ -32,19 +32,19 @@ def test_activities_of_several_tools_are_those_of_each(monkeypatch: pytest.Monke
 @pytest.mark.parametrize("known", [[3], [0, 1, 5, 11], range(12)])
 def test_further_activities_go_between_those_that_are_known(known: Sequence[int]) -> None:
     prepared = prepare(limb_asset(rings=9, sides=8, joints=4), tool(), tool(name="other", strategy="origin"))
-    patches, rig, rest, clip = prepared.patches, prepared.rig, prepared.rest, prepared.clip
+    patches, rig, clip = prepared.patches, prepared.rig, prepared.clip
     times = np.linspace(0.0, 2.0, 12)
     at = times[list(known)]
-    some = activities(patches, rig, rest, clip, at)
-    found = further_activities(patches, rig, rest, clip, times, known=some, known_at=at)
-    for one, other in zip(found, activities(patches, rig, rest, clip, times), strict=True):
+    some = activities(patches, rig, clip, at)
+    found = further_activities(patches, rig, clip, times, known=some, known_at=at)
+    for one, other in zip(found, activities(patches, rig, clip, times), strict=True):
         for field in fields(Activity):
             assert getattr(one, field.name) == pytest.approx(getattr(other, field.name), abs=1e-9)
 
 
 def test_activity_is_the_curve_s_answer_to_the_anchors() -> None:
     prepared = prepare(limb_asset(rings=9, sides=8), tool(max_height="2%"))
-    seen = activity(prepared.patch, prepared.rig, prepared.rest, prepared.clip, np.linspace(0, 2, 9))
+    seen = activity(prepared.patch, prepared.rig, prepared.clip, np.linspace(0, 2, 9))
     assert seen.shortenings == pytest.approx(np.maximum(seen.rest_lengths * (1 - 1e-5) - seen.distances, 0))
     assert (seen.unabsorbed <= seen.shortenings).all()
     assert seen.unabsorbed[4] > 0.1
@@ -63,7 +63,7 @@ def test_distance_is_that_of_the_posed_anchors() -> None:
         np.einsum("c,fcx->fx", anchor.barycentrics, moved[:, anchor.vertices])
         for anchor in (prepared.patch.origin, prepared.patch.target)
     ]
-    distances, lengths = lengths_over_time(prepared.patch, prepared.rig, prepared.rest, prepared.clip, times)
+    distances, lengths = prepared.patch.segment.lengths(prepared.rig, prepared.clip, times)
     assert distances == pytest.approx(np.linalg.norm(ends[1] - ends[0], axis=1), abs=1e-12)
     assert distances.min() < 0.7 * prepared.patch.span
     assert lengths == pytest.approx(prepared.patch.span, abs=0)
@@ -73,7 +73,7 @@ def test_nothing_shortens_at_rest() -> None:
     for asset in (limb_asset(rings=9, sides=8), limb_asset(rings=9, sides=8, clip=None)):
         prepared = prepare(asset)
         clip = prepared.clips[0] if prepared.clips else None
-        distances, lengths = lengths_over_time(prepared.patch, prepared.rig, prepared.rest, clip, np.zeros(1))
+        distances, lengths = prepared.patch.segment.lengths(prepared.rig, clip, np.zeros(1))
         assert distances == pytest.approx(prepared.patch.span, rel=1e-12)
         assert prepared.patch.curve.shortening(distances, lengths).tolist() == [0.0]
 
@@ -86,7 +86,7 @@ def test_animated_uniform_scale_is_no_shortening(skinned: bool, factor: float) -
     asset.channel(animation, len(asset.gltf["nodes"]) - 1, "scale", [0, 1], [[2.0] * 3, [2.0 * factor] * 3])
     asset.append("animations", animation)
     prepared = prepare(asset, tool(origin=[-0.8, 2 * RADIUS, 0], target=[0.8, 2 * RADIUS, 0]))
-    distances, _ = lengths_over_time(prepared.patch, prepared.rig, prepared.rest, prepared.clip, np.linspace(0, 1, 9))
+    distances, _ = prepared.patch.segment.lengths(prepared.rig, prepared.clip, np.linspace(0, 1, 9))
     assert distances == pytest.approx(prepared.patch.span, rel=1e-12)
 
 
@@ -96,9 +96,7 @@ def test_character_hidden_by_scale_makes_no_wrinkles() -> None:
     asset.channel(animation, 3, "scale", [0, 1, 2], [[1.0] * 3, [0.0] * 3, [1e-7] * 3])
     asset.append("animations", animation)
     prepared = prepare(asset)
-    distances, lengths = lengths_over_time(
-        prepared.patch, prepared.rig, prepared.rest, prepared.clip, np.array([0.0, 1.0, 2.0])
-    )
+    distances, lengths = prepared.patch.segment.lengths(prepared.rig, prepared.clip, np.array([0.0, 1.0, 2.0]))
     assert np.isinf(distances).tolist() == [False, True, True]
     assert prepared.patch.curve.shortening(distances, lengths).tolist() == [0.0, 0.0, 0.0]
 
@@ -111,7 +109,7 @@ def test_keyed_rest_length_runs_straight_between_keys_in_its_clip_alone() -> Non
     other = replace(prepared.clip, name="other")
 
     def lengths(clip: Clip | None) -> Floats:
-        return lengths_over_time(prepared.patch, prepared.rig, prepared.rest, clip, times)[1]
+        return prepared.patch.segment.lengths(prepared.rig, clip, times)[1]
 
     assert lengths(prepared.clip) == pytest.approx([0.6, 0.6, 0.7, 0.8, 0.9, 1.0], abs=1e-7)
     assert lengths(other) == pytest.approx([0.8] * 6, abs=1e-7)
@@ -124,7 +122,5 @@ def test_rest_length_follows_a_morph_target_from_0_to_1_and_no_further() -> None
     asset.channel(animation, 0, "weights", [0, 1, 2, 3], [[0.7, 0], [0.7, 0.5], [0.7, 2], [0.7, -1]])
     asset.append("animations", animation)
     prepared = prepare(asset, tool(rest_length={"morph": "morph_1", "full": "125%"}))
-    _, lengths = lengths_over_time(
-        prepared.patch, prepared.rig, prepared.rest, prepared.clip, np.array([0.0, 1.0, 2.0, 3.0])
-    )
+    _, lengths = prepared.patch.segment.lengths(prepared.rig, prepared.clip, np.array([0.0, 1.0, 2.0, 3.0]))
     assert lengths == pytest.approx([0.8, 0.9, 1.0, 0.8], abs=1e-7)

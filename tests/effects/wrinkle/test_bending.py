@@ -16,7 +16,7 @@ def test_the_joint_between_the_ends_turns_as_a_clip_would_turn_it() -> None:
     motions = list(own_motions(made.patch, made.rig))
     assert [(each.channels[0].node, each.channels[0].path) for each in motions] == [(2, "rotation")] * 2
     ends = np.array([0.0, 0.4])
-    distances = [activity(made.patch, made.rig, made.rest, each, ends).distances for each in motions]
+    distances = [activity(made.patch, made.rig, each, ends).distances for each in motions]
     assert all(each[0] == pytest.approx(made.patch.span) for each in distances)
     assert sorted(each[1] < 0.9 * each[0] for each in distances) == [False, True]
     closing = motions[0 if distances[0][1] < distances[1][1] else 1]
@@ -33,7 +33,7 @@ def test_wrinkles_are_tall_in_the_pose_and_no_clip_has_to_do_with_it() -> None:
     (other,) = tallest_poses([clipped.patch], clipped.rig, clipped.rest)
     assert np.array_equal(pose.matrices, other.matrices)
     assert not np.allclose(pose.matrices, made.rest.matrices)
-    fold = activity(clipped.patch, clipped.rig, clipped.rest, clipped.clip, np.linspace(0.0, 2.0, 201))
+    fold = activity(clipped.patch, clipped.rig, clipped.clip, np.linspace(0.0, 2.0, 201))
     heights = clipped.patch.curve.heights(fold.amplitudes).sum(axis=1)
     first = int(np.argmax(heights >= 0.97 * heights.max()))
     posed = pose_at(clipped.rig, clipped.clip, 0.01 * first).matrices
@@ -56,7 +56,7 @@ def test_a_tool_that_is_keyed_by_hand_or_has_no_motion_keeps_the_rest_pose() -> 
 def test_a_morph_target_that_moves_an_end_is_raised() -> None:
     made = prepare(limb_asset(morphs=2, skinned=False, clip=None), tool())
     motions = list(own_motions(made.patch, made.rig))
-    moving = [m for m in range(2) if any(a.points[1 + m].any() for a in (made.patch.origin, made.patch.target))]
+    moving = [m for m in range(2) if any(a.carried.points[1 + m].any() for a in (made.patch.origin, made.patch.target))]
     assert len(moving) > 0
     assert [each.channels[0].path for each in motions] == ["weights"] * len(moving)
     for number, each in zip(moving, motions, strict=True):

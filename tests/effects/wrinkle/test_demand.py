@@ -11,7 +11,6 @@ from kit.limb import LENGTH, RADIUS, limb_asset, limb_weights
 from kit.prepared import Prepared, prepare
 from wrinklecli.character.pose import blend, joint_matrices, transform
 from wrinklecli.drive.lag import TAUT
-from wrinklecli.effects.wrinkle.activity import lengths_over_time
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.curve import ControlCurve
 from wrinklecli.effects.wrinkle.demand import demanding
@@ -32,7 +31,7 @@ def wrinkled_lengths(prepared: Prepared, curve: ControlCurve, times: Floats) -> 
     """(times,) how long the limb's line from end to end of the path is over what it was, along its own skinning."""
     us = np.linspace(0.0, 1.0, 801)
     points = np.stack([-0.4 + 0.8 * us, np.full(801, RADIUS), np.zeros(801), np.ones(801)], axis=1)
-    amplitudes, _ = curve.follow(*lengths_over_time(prepared.patch, prepared.rig, prepared.rest, prepared.clip, times))
+    amplitudes, _ = curve.follow(*prepared.patch.segment.lengths(prepared.rig, prepared.clip, times))
     raised = np.einsum("tgm,gmu->tu", amplitudes, curve.shapes(us))
     matrices = joint_matrices(prepared.rig, prepared.clip, times)
     blended = np.einsum("uj,tjab->tuab", limb_weights(points[:, 0], 2), matrices)[:, :, :3]
@@ -54,7 +53,7 @@ def test_a_path_on_the_inside_of_a_bend_keeps_its_length() -> None:
 def test_a_mesh_whose_edges_cut_corners_is_as_long(keys: dict[str, Any]) -> None:
     prepared, times = folded(**keys), np.linspace(0.2, 1.0, 5)
     smooth, fine = carry_patch(prepared)
-    carried = demanding(smooth, fine, prepared.rest, prepared.rig)
+    carried = demanding(smooth, fine, prepared.rig)
 
     def lengths(tool: CarriedPatch) -> Floats:
         """(times,) of the row of vertices below the path, over that at rest."""
@@ -73,7 +72,7 @@ def test_a_mesh_whose_edges_cut_corners_is_as_long(keys: dict[str, Any]) -> None
 def test_a_mesh_too_coarse_for_bumps_asks_for_what_smooth_ones_do() -> None:
     prepared = prepare(limb_asset(rings=9, angle=55.0), FOLD, refinement={"max_levels": 0})
     smooth, fine = carry_patch(prepared)
-    assert demanding(smooth, fine, prepared.rest, prepared.rig) is smooth
+    assert demanding(smooth, fine, prepared.rig) is smooth
 
 
 @pytest.mark.parametrize("keys", [{"strategy": "both_ends", "max_height": 0.08}, {"compressible": "60%"}])

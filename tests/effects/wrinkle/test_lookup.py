@@ -7,8 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 from wrinklecli.choices import Profile, Strategy
+from wrinklecli.drive.table import TABLE_ERROR
 from wrinklecli.effects.wrinkle.curve import ControlCurve, plan_curve
-from wrinklecli.effects.wrinkle.lookup import TABLE_ERROR, tabulate_curve, tabulate_weights
+from wrinklecli.effects.wrinkle.lookup import tabulate_curve, tabulate_weights
 from wrinklecli.effects.wrinkle.weights import weights_of
 
 Floats = NDArray[np.float64]
@@ -69,7 +70,7 @@ def test_weights_that_are_looked_up_are_right_to_the_stated_error(
     table = tabulate_curve(curve, 0.9 * LENGTH, 1.2 * LENGTH)
     distances, lengths = everywhere(curve, (0.9, 1.2))
     wanted = weights_of(curve, curve.follow(distances, lengths)[0]).reshape(len(lengths), -1)
-    assert np.abs(table.weights(distances, lengths) - wanted).max() <= TABLE_ERROR * np.abs(wanted).max()
+    assert np.abs(table.at(distances, lengths) - wanted).max() <= TABLE_ERROR * np.abs(wanted).max()
 
 
 @pytest.mark.parametrize("compressible", [0.3, 0.95])
@@ -79,7 +80,7 @@ def test_compressible_tissue_is_looked_up_too(strategy: Strategy, compressible: 
     distances, lengths = everywhere(curve, (0.9, 1.2))
     wanted = weights_of(curve, curve.follow(distances, lengths)[0]).reshape(len(lengths), -1)
     table = tabulate_curve(curve, 0.9 * LENGTH, 1.2 * LENGTH)
-    assert np.abs(table.weights(distances, lengths) - wanted).max() <= TABLE_ERROR * np.abs(wanted).max()
+    assert np.abs(table.at(distances, lengths) - wanted).max() <= TABLE_ERROR * np.abs(wanted).max()
     rows, weights = tabulate_weights(curve, lambda each: each.reshape(len(each), -1))
     nominal = np.full(len(distances), LENGTH)
     wanted = weights_of(curve, curve.follow(np.minimum(distances, LENGTH), nominal)[0]).reshape(len(nominal), -1)
@@ -94,7 +95,7 @@ def test_any_number_of_bumps(bumps: int, gap: int) -> None:
     table = tabulate_curve(curve, LENGTH, 1.2 * LENGTH)
     distances, lengths = everywhere(curve, (1.0, 1.2))
     wanted = weights_of(curve, curve.follow(distances, lengths)[0]).reshape(len(lengths), -1)
-    assert np.abs(table.weights(distances, lengths) - wanted).max() <= TABLE_ERROR
+    assert np.abs(table.at(distances, lengths) - wanted).max() <= TABLE_ERROR
     assert len(table.distances) < 8000
 
 
@@ -127,16 +128,16 @@ def test_targets_may_be_mixtures_and_positive_only() -> None:
     distances, lengths = everywhere(curve, (1.0, 1.2))
     own = weights_of(curve, curve.follow(distances, lengths)[0]).reshape(len(lengths), -1)
     wanted = np.maximum(own @ mix.T, 0.0)
-    assert np.abs(table.weights(distances, lengths) - wanted).max() <= TABLE_ERROR * wanted.max()
-    assert table.weights(distances, lengths).min() == 0.0
+    assert np.abs(table.at(distances, lengths) - wanted).max() <= TABLE_ERROR * wanted.max()
+    assert table.at(distances, lengths).min() == 0.0
 
 
 def test_bumps_without_height_stay_flat() -> None:
     curve = planned("origin", height=0.0)
     table = tabulate_curve(curve, LENGTH, 1.2 * LENGTH)
-    assert not table.weights(np.linspace(0.0, LENGTH, 9), np.full(9, LENGTH)).any()
+    assert not table.at(np.linspace(0.0, LENGTH, 9), np.full(9, LENGTH)).any()
 
 
 def test_a_stretched_segment_has_no_weights() -> None:
     table = tabulate_curve(planned("both_ends"), LENGTH, 1.2 * LENGTH)
-    assert not table.weights(np.array([1.2, 1.3, 5.0]) * LENGTH, np.full(3, 1.2 * LENGTH)).any()
+    assert not table.at(np.array([1.2, 1.3, 5.0]) * LENGTH, np.full(3, 1.2 * LENGTH)).any()

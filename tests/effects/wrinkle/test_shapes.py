@@ -24,7 +24,7 @@ def test_shapes_times_weights_are_the_displacements(strategy: str) -> None:
     carried, fine = carry_patch(prepared)
     times = np.linspace(0, 2, 11)
     weights = weights_of(
-        prepared.patch.curve, activity(prepared.patch, prepared.rig, prepared.rest, prepared.clip, times).amplitudes
+        prepared.patch.curve, activity(prepared.patch, prepared.rig, prepared.clip, times).amplitudes
     ).reshape(11, -1)
     total = np.zeros((11, len(fine.positions), 3))
     for column, shape in enumerate(shapes_of(carried, fine, prepared.rest, None)):

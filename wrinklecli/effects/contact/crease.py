@@ -156,7 +156,7 @@ class Crease:
 
     def _looked_up(self, clip: Clip, times: Floats) -> Floats:
         """(shapes,) weights at (1,) second of a clip, as a player finds them who knows the table alone."""
-        (weights,) = interpolated(self.fold.hinge.rows_in(clip, times), self.rows, self.table)
+        (weights,) = interpolated(self.fold.hinge.rows_in(self.fold.rig, clip, times), self.rows, self.table)
         return np.asarray(weights)
 
 

@@ -17,7 +17,6 @@ from wrinklecli.character.pose import blend, joint_matrices, morph_weights, node
 from wrinklecli.character.rig import Rig
 from wrinklecli.effects.contact.hinge import Hinge, hinge_of
 from wrinklecli.effects.contact.rise import Rise, rise_of
-from wrinklecli.effects.wrinkle.activity import lengths_over_time
 from wrinklecli.effects.wrinkle.bending import bent_node
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
 from wrinklecli.effects.wrinkle.patch import Patch
@@ -113,9 +112,9 @@ class Fold:
         for carried, here, there in self.moved:
             amplitudes = None
             if clip is not None and clip.index < 0:
-                lengths = lengths_over_time(carried.patch, self.rig, self.rest, clip, times)
+                lengths = carried.patch.segment.lengths(self.rig, clip, times)
                 amplitudes, _ = carried.patch.curve.follow(*lengths)
-            bind[:, here] += displacements(carried, self.fine, self.rig, self.rest, clip, times, amplitudes)[:, there]
+            bind[:, here] += displacements(carried, self.fine, self.rig, clip, times, amplitudes)[:, there]
         others = [each.posed(clip, times) for each in self.others]
         positions = np.concatenate([transform(blended, bind), *(each[0] for each in others)], axis=1)
         return positions, np.concatenate([blended[..., :3], *(each[1] for each in others)], axis=1)
@@ -178,7 +177,7 @@ def find_folds(
     for number in chosen:
         patch = carried_patches[number].patch
         node = bent_node(patch, rig)
-        rise = rise_of(patch, rig, rest) if node is None else None
+        rise = rise_of(patch, rig) if node is None else None
         if node is not None:
             by_node.setdefault(node, []).append(number)
         elif rise is not None:
@@ -227,7 +226,7 @@ def _round_joint(
     patches = [carried[number].patch for number in tools]
     pivot = node_matrices(rig, rest.clip, rest.time, [node])[0, 0, :3, 3]
     radius = max(_limb_radius(patch, pivot) for patch in patches)
-    hinge = hinge_of(node, patches, pivot, rig, rest, part)
+    hinge = hinge_of(node, patches, pivot, rig, part)
     return _fold(tools, hinge, pivot, radius, _REACH_RADII * radius, carried, fine, rest, rig)
 
 

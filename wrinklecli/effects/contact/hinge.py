@@ -10,14 +10,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wrinklecli.character.bones import Part
-from wrinklecli.character.clip import Clip, sample
-from wrinklecli.character.motion import motion_clip, quaternion_product, turned_axis, turning
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.motion import motion_clip, turned_axis, turning
 from wrinklecli.character.pose import node_matrices
 from wrinklecli.character.rig import Rig
-from wrinklecli.effects.wrinkle.activity import lengths_over_time
+from wrinklecli.drive.angle import JointAngle
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.numeric.arrays import Floats, cross, unit, unit_quaternions
-from wrinklecli.surface.rest import Rest
 
 # Degrees that a joint turns at most, from its stored pose: about as far as people bend it, and others as far as a hip.
 _FARTHEST: Mapping[Part, float] = {
@@ -55,16 +54,12 @@ class Hinge:
     """A joint that turns about one axis.
 
     Attributes:
-        node: The joint.
-        axis: (3,) unit, in the space of the node's parent.
-        rest: (4,) the node's stored rotation, of unit length.
-        least: Radians that it turns by at the most, one way; 0 or less,
-        most: and the other; 0 or more.
+        signal: The joint's angle about the axis.
+        least: Radians that it turns by at most one way, 0 or less,
+        most: and the other way, 0 or more.
     """
 
-    node: int
-    axis: Floats
-    rest: Floats
+    signal: JointAngle
     least: float
     most: float
 
@@ -87,14 +82,13 @@ class Hinge:
         """(rows,) what weights at (rows,) radians are looked up by: these."""
         return angles
 
-    def rows_in(self, clip: Clip, times: Floats) -> Floats:
-        """(frames,) what weights are looked up by at (frames,) seconds of a clip."""
-        channel = clip.channel(self.node, "rotation")
-        return np.zeros(len(times)) if channel is None else self.angles(sample(channel, times))
+    def rows_in(self, rig: Rig, clip: Clip, times: Floats) -> Floats:
+        """(frames,) what weights are looked up by at (frames,) seconds of a clip: the angles there."""
+        return self.signal.angles(rig, clip, times).rows
 
-    def strides(self, clip: Clip, times: Floats) -> Floats:
+    def strides(self, rig: Rig, clip: Clip, times: Floats) -> Floats:
         """(frames,) how far it is at (frames,) seconds of a clip, in strides."""
-        return np.asarray(self.rows_in(clip, times) / _STRIDE)
+        return np.asarray(self.rows_in(rig, clip, times) / _STRIDE)
 
     def turn(self, angles: Floats, *, tilt: Floats | None = None) -> Clip:
         """A clip of a second through (keys,) evenly spaced radians, each less than 180° from the one before.
@@ -103,26 +97,14 @@ class Hinge:
             angles: From the stored rotation.
             tilt: (2,) by how much the axis leans to two sides, tangents of angles; not at all where left out.
         """
-        axis = self.axis if tilt is None else unit(self.axis + tilt @ _across(self.axis))
+        axis = self.signal.axis if tilt is None else unit(self.signal.axis + tilt @ _across(self.signal.axis))
         times = np.linspace(0.0, 1.0, len(angles))
         greatest = float(np.abs(angles).max()) or 1.0
-        channel = turning(self.node, self.rest, axis, greatest, angles / greatest)
+        channel = turning(self.signal.node, self.signal.rest, axis, greatest, angles / greatest)
         return motion_clip("", [replace(channel, times=times)])
 
-    def angles(self, rotations: Floats) -> Floats:
-        """(frames,) radians about the axis from the stored rotation to (frames, 4) others: their twist.
 
-        Source: the swing-twist decomposition of quaternions.
-        """
-        turns = quaternion_product(rotations, self.rest * [-1.0, -1.0, -1.0, 1.0])
-        # A quaternion and its negative are one rotation.
-        turns = np.where(turns[:, 3:] < 0, -turns, turns)
-        return np.asarray(2.0 * np.arctan2(turns[:, :3] @ self.axis, turns[:, 3]))
-
-
-def hinge_of(
-    node: int, patches: Sequence[Patch], pivot: Floats, rig: Rig, rest: Rest, part: Part | None = None
-) -> Hinge:
+def hinge_of(node: int, patches: Sequence[Patch], pivot: Floats, rig: Rig, part: Part | None = None) -> Hinge:
     """The hinge that a joint is to the tools whose ends it brings together.
 
     Its axis is the joint's own one that is nearest to a guess, where one is near: the mean of two for each tool, which
@@ -134,7 +116,6 @@ def hinge_of(
         patches: The tools, at least one; their axes are taken for one, whichever way each closes.
         pivot: (3,) where the joint is at rest, world space.
         rig: The joints.
-        rest: The rest pose.
         part: Of a body that the joint moves, which tells how far it turns; None where that is unknown.
     """
     stored = unit_quaternions(rig.locals[node]["rotation"])
@@ -146,9 +127,9 @@ def hinge_of(
     areas = [patch.span * patch.half_width for patch in patches]
     signed = [axis if axis @ axes[0] >= 0 else -axis for axis in axes]
     axis = _of_joint(unit(np.average(signed, axis=0, weights=areas)), stored)
-    still = Hinge(node, axis, stored, 0.0, 0.0)
+    still = Hinge(JointAngle(node, parent, axis, stored), 0.0, 0.0)
     most = float(np.radians(_OTHERS if part is None else _FARTHEST.get(part, _OTHERS)))
-    ends = [_end(still, most, patch, rig, rest) for patch in patches]
+    ends = [_end(still, most, patch, rig) for patch in patches]
     return replace(still, least=min(0.0, *ends), most=max(0.0, *ends))
 
 
@@ -167,10 +148,10 @@ def _folding_axis(patch: Patch, pivot: Floats) -> Floats:
     return unit(fastest + (across if across @ fastest >= 0 else -across))
 
 
-def _end(hinge: Hinge, most: float, patch: Patch, rig: Rig, rest: Rest) -> float:
+def _end(hinge: Hinge, most: float, patch: Patch, rig: Rig) -> float:
     """Radians by which a hinge turns at most to fold a tool, the way that brings its ends together at first."""
     angles, times = np.linspace(0.0, most, _LOOKS), np.linspace(0.0, 1.0, _LOOKS)
-    ways = [(sign, lengths_over_time(patch, rig, rest, hinge.turn(sign * angles), times)[0]) for sign in (1.0, -1.0)]
+    ways = [(sign, patch.segment.lengths(rig, hinge.turn(sign * angles), times)[0]) for sign in (1.0, -1.0)]
     sign, lengths = min(ways, key=lambda way: way[1][_FIRST])
     return float(sign * min(angles[np.argmin(lengths)] + _ON, most))
 

@@ -4,7 +4,6 @@ A fold of theirs has a rise in place of a hinge, from rest to the tallest wrinkl
 Weights of contact are then looked up by the tool's own shortening. Not in the paper.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,12 +11,9 @@ import numpy as np
 from wrinklecli.character.clip import Clip, sample
 from wrinklecli.character.motion import motion_clip
 from wrinklecli.character.rig import Rig
-from wrinklecli.effects.wrinkle.activity import lengths_over_time
 from wrinklecli.effects.wrinkle.bending import own_motions
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.numeric.arrays import Floats
-from wrinklecli.surface.rest import Rest
-from wrinklecli.tools.records import Length, RestLengthKeys
 
 # The clip of no file in which a rest length grows that others key.
 _GROWING = "\0"
@@ -34,14 +30,12 @@ class Rise:
     Attributes:
         patch: The tool.
         motion: A clip of a second that raises it.
-        rig: Of its mesh.
-        rest: Its rest pose.
+        rig: The joints and morph targets of its mesh.
     """
 
     patch: Patch
     motion: Clip
     rig: Rig
-    rest: Rest
 
     @property
     def ends(self) -> tuple[float, ...]:
@@ -65,39 +59,38 @@ class Rise:
 
     def rows(self, shares: Floats) -> Floats:
         """(rows,) the shortenings by which weights at (rows,) shares are looked up."""
-        return self.rows_in(self.motion, shares)
+        return self.rows_in(self.rig, self.motion, shares)
 
-    def strides(self, clip: Clip, times: Floats) -> Floats:
+    def strides(self, rig: Rig, clip: Clip, times: Floats) -> Floats:
         """(frames,) how far it is at (frames,) seconds of a clip, in strides."""
         least, most = self.rows(_TIMES[[0, -1]])
-        return np.asarray(self.rows_in(clip, times) / (_STRIDE * max(most - least, np.finfo(np.float64).tiny)))
+        return np.asarray(self.rows_in(rig, clip, times) / (_STRIDE * max(most - least, np.finfo(np.float64).tiny)))
 
-    def rows_in(self, clip: Clip, times: Floats) -> Floats:
-        """(frames,) what weights are looked up by at (frames,) seconds of a clip."""
-        distances, lengths = lengths_over_time(self.patch, self.rig, self.rest, clip, times)
-        return np.asarray(np.where(np.isinf(distances), 0.0, 1.0 - distances / lengths))
+    def rows_in(self, rig: Rig, clip: Clip, times: Floats) -> Floats:
+        """(frames,) what weights are looked up by at (frames,) seconds of a clip: the tool's shortenings."""
+        return self.patch.segment.lengths(rig, clip, times).rows
 
 
-def rise_of(patch: Patch, rig: Rig, rest: Rest) -> Rise | None:
+def rise_of(patch: Patch, rig: Rig) -> Rise | None:
     """How a tool rises that no joint bends, by what makes it tallest; None where nothing shortens it."""
-    wanted = patch.tool.rest_length
-    if isinstance(wanted, RestLengthKeys):
-        patch = _growing(patch, wanted.keys)
+    if patch.keyed_clips:
+        patch = _growing(patch)
     found, tallest = None, 0.0
     for channels in ((), *(each.channels for each in own_motions(patch, rig))):
         evenly = [replace(each, times=_TIMES, values=sample(each, _TIMES**2)) for each in channels]
         motion = motion_clip(_GROWING, evenly)
-        amplitudes, _ = patch.curve.follow(*lengths_over_time(patch, rig, rest, motion, _TIMES))
+        amplitudes, _ = patch.curve.follow(*patch.segment.lengths(rig, motion, _TIMES))
         height = float(patch.curve.heights(amplitudes).max())
         # The first of several that are alike.
         if height > tallest:
             found, tallest = motion, height
-    return None if found is None else Rise(patch, found, rig, rest)
+    return None if found is None else Rise(patch, found, rig)
 
 
-def _growing(patch: Patch, keys: Mapping[str, tuple[tuple[float, Length], ...]]) -> Patch:
-    """A tool whose rest length grows in a clip of its own too, from that at rest to the greatest of its keys."""
-    longest = max((length.resolve(patch.span) for each in keys.values() for _, length in each), default=patch.span)
-    lengths = patch.rest_length + _TIMES**2 * (max(longest, patch.rest_length) - patch.rest_length)
-    growing = tuple((float(time), Length(float(length))) for time, length in zip(_TIMES, lengths, strict=True))
-    return replace(patch, tool=replace(patch.tool, rest_length=RestLengthKeys({**keys, _GROWING: growing})))
+def _growing(patch: Patch) -> Patch:
+    """The tool with a clip in which its rest length grows too, from that at rest to the greatest of its keys."""
+    keys = patch.segment.rest_length.keys
+    longest = max(patch.rest_length, *(float(each[:, 1].max()) for each in keys.values()))
+    lengths = patch.rest_length + _TIMES**2 * (longest - patch.rest_length)
+    rest_length = replace(patch.segment.rest_length, keys={**keys, _GROWING: np.stack([_TIMES, lengths], axis=1)})
+    return replace(patch, segment=replace(patch.segment, rest_length=rest_length))

@@ -12,6 +12,7 @@ import numpy as np
 
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
+from wrinklecli.drive.segment import RestLength, Segment
 from wrinklecli.effects.wrinkle.bumps import count_intervals
 from wrinklecli.effects.wrinkle.curve import ControlCurve, plan_curve
 from wrinklecli.effects.wrinkle.demand import demand_of
@@ -76,10 +77,13 @@ def _attach(tool: WrinkleTool, surface: Surface, rest: Rest, rig: Rig, up: str) 
     span = sum(spans)
     half_width = tool.width.resolve(span) / 2.0
     variation = _variation(tool, half_width / span)
+    curve = _curve(tool, span, variation)
+    rest_length = _rest_length(tool.rest_length, span, curve.rest_length, rig)
     patch = Patch(
         tool=tool,
-        curve=_curve(tool, span, variation),
+        curve=curve,
         variation=variation,
+        segment=Segment(tuple(each.carried for each in anchors), rest_length),
         anchors=anchors,
         path=path,
         span=span,
@@ -123,6 +127,16 @@ def _curve(tool: WrinkleTool, span: float, variation: Variation | None) -> Contr
         greatest_rest_length=greatest,
         **varied,
     )
+
+
+def _rest_length(wanted: object, span: float, constant: float, rig: Rig) -> RestLength:
+    """What a tools file says of a rest length, resolved on a segment of a span, scene units."""
+    if isinstance(wanted, RestLengthMorph):
+        return RestLength(constant, morph=(rig.morph_names.index(wanted.morph), wanted.full.resolve(span)))
+    if isinstance(wanted, RestLengthKeys):
+        resolved = {clip: [[time, length.resolve(span)] for time, length in keys] for clip, keys in wanted.keys.items()}
+        return RestLength(constant, {clip: np.array(keys) for clip, keys in resolved.items()})
+    return RestLength(constant)
 
 
 def _rest_lengths(tool: WrinkleTool, span: float) -> tuple[float, float]:

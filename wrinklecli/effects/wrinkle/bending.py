@@ -13,7 +13,6 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.motion import motion_clip, raising, turning
 from wrinklecli.character.pose import Pose, node_matrices, pose_at
 from wrinklecli.character.rig import Rig
-from wrinklecli.effects.wrinkle.activity import lengths_over_time
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.numeric.arrays import Floats, cross, unit, unit_quaternions
 from wrinklecli.surface.anchor import Anchor
@@ -44,7 +43,7 @@ def _tallest_pose(patch: Patch, rig: Rig, rest: Rest) -> Pose:
         return pose
     times = np.linspace(0.0, 1.0, MOMENTS)
     for motion in own_motions(patch, rig):
-        amplitudes, _ = patch.curve.follow(*lengths_over_time(patch, rig, rest, motion, times))
+        amplitudes, _ = patch.curve.follow(*patch.segment.lengths(rig, motion, times))
         heights = patch.curve.heights(amplitudes).sum(axis=1)
         # Of several equal motions the first counts.
         if heights.max() * _TALLEST > tallest:
@@ -60,7 +59,7 @@ def own_motions(patch: Patch, rig: Rig) -> Iterator[Clip]:
     if node is not None:
         yield from turns_of(patch, rig, node)
     for number, name in enumerate(rig.morph_names):
-        moves = any(anchor.points[1 + number].any() for anchor in patch.anchors)
+        moves = any(anchor.carried.points[1 + number].any() for anchor in patch.anchors)
         if moves if morphed is None else name == morphed:
             yield motion_clip("", [raising(rig, {number: 1.0})])
 
@@ -92,8 +91,7 @@ def bent_node(patch: Patch, rig: Rig) -> int | None:
 def _carried_by(anchor: Anchor, rig: Rig) -> dict[int, float]:
     """The fraction of an anchor's weights that each node carries, directly or through its children."""
     shares: dict[int, float] = {}
-    for joint, weight in zip(anchor.joints, anchor.weights, strict=True):
-        node = int(rig.joints[joint])
+    for node, weight in zip(anchor.carried.nodes.tolist(), anchor.carried.weights, strict=True):
         while node >= 0:
             shares[node] = shares.get(node, 0.0) + float(weight)
             node = int(rig.parents[node])

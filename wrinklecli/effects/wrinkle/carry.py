@@ -21,7 +21,6 @@ from wrinklecli.effects.wrinkle.posed import Ring, posed_displacements, ring_aro
 from wrinklecli.errors import BakeError
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, children, distinct_values, inverses, singular
 from wrinklecli.surface.refine import Refinement
-from wrinklecli.surface.rest import Rest
 
 LEAST_SHARE = 1e-6
 """A share of a tool's height too small to be seen or stored; vertices below it do not move."""
@@ -105,7 +104,6 @@ def displacements(
     carried: CarriedPatch,
     fine: Refinement,
     rig: Rig,
-    rest: Rest,
     clip: Clip | None,
     times: Floats,
     amplitudes: Floats | None = None,
@@ -116,7 +114,6 @@ def displacements(
         carried: The tool.
         fine: The refined surface.
         rig: Of the mesh.
-        rest: Its rest pose.
         clip: The animation; none for the stored pose.
         times: (frames,) seconds.
         amplitudes: (frames, groups, modes) of the tool's activity at these times, where they are known.
@@ -126,7 +123,7 @@ def displacements(
     """
     patch = carried.patch
     if amplitudes is None:
-        amplitudes = activity(patch, rig, rest, clip, times).amplitudes
+        amplitudes = activity(patch, rig, clip, times).amplitudes
     amplitudes = patch.clip_strength(clip) * amplitudes
     if carried.ring is not None:
         return posed_displacements(patch, carried.ring, fine, rig, clip, times, amplitudes)

@@ -23,7 +23,6 @@ from wrinklecli.character.pose import blend, joint_matrices, morph_weights, node
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
 from wrinklecli.drive.lag import TAUT
-from wrinklecli.effects.wrinkle.activity import lengths_over_time
 from wrinklecli.effects.wrinkle.bending import MOMENTS, bent_node, turns_of
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.curve import ControlCurve
@@ -64,10 +63,10 @@ def demand_of(patch: Patch, surface: Surface, rest: Rest, rig: Rig) -> Floats | 
     if not _BETWEEN[0] < path.locate(place).u < _BETWEEN[1]:
         return None
     line = _Line.of_path(patch, path, surface, rest, len(rig.joints))
-    return None if line is None else _demand(patch, line, rest, rig, node)
+    return None if line is None else _demand(patch, line, rig, node)
 
 
-def demanding(carried: CarriedPatch, fine: Refinement, rest: Rest, rig: Rig) -> CarriedPatch:
+def demanding(carried: CarriedPatch, fine: Refinement, rig: Rig) -> CarriedPatch:
     """Replace a tool's demand by that of the refined mesh, whose edges cut corners.
 
     The demand for smooth wrinkles stays if the tool is projected in each frame, or the mesh is too coarse for the
@@ -78,15 +77,15 @@ def demanding(carried: CarriedPatch, fine: Refinement, rest: Rest, rig: Rig) -> 
     if patch.curve.demand is None or node is None or carried.ring is not None:
         return carried
     line = _Line.of_mesh(carried, fine, len(rig.joints))
-    demand = None if line is None else _demand(patch, line, rest, rig, node)
+    demand = None if line is None else _demand(patch, line, rig, node)
     if demand is None:
         return carried
     return replace(carried, patch=replace(patch, curve=replace(patch.curve, demand=demand)))
 
 
-def _demand(patch: Patch, line: "_Line", rest: Rest, rig: Rig, node: int) -> Floats | None:
+def _demand(patch: Patch, line: "_Line", rig: Rig, node: int) -> Floats | None:
     """(2, rows) demand of a line while a node turns; None if there is none."""
-    times, motion, shares = _bend(patch, rig, rest, node)
+    times, motion, shares = _bend(patch, rig, node)
     if not len(times):
         return None
     curve = _unlimited(patch.curve)
@@ -112,7 +111,7 @@ def _unlimited(curve: ControlCurve) -> ControlCurve:
     return replace(curve, compressible=0.0, max_height=height, demand=None)
 
 
-def _bend(patch: Patch, rig: Rig, rest: Rest, node: int) -> tuple[Floats, Clip, Floats]:
+def _bend(patch: Patch, rig: Rig, node: int) -> tuple[Floats, Clip, Floats]:
     """The turn that brings a tool's ends together, as far as it does.
 
     Returns:
@@ -122,7 +121,7 @@ def _bend(patch: Patch, rig: Rig, rest: Rest, node: int) -> tuple[Floats, Clip, 
     turns = turns_of(patch, rig, node)
     every = []
     for motion in turns:
-        distances, lengths = lengths_over_time(patch, rig, rest, motion, times)
+        distances, lengths = patch.segment.lengths(rig, motion, times)
         every.append(np.maximum(TAUT - distances / lengths, 0.0))
     chosen = int(np.argmax([shares.max() for shares in every]))
     shares = every[chosen]

@@ -12,19 +12,16 @@ as high.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from wrinklecli.drive.lag import TAUT
+from wrinklecli.drive.table import TABLE_ERROR, CurveTable
 from wrinklecli.effects.wrinkle.curve import ControlCurve
 from wrinklecli.effects.wrinkle.weights import group_starts, weights_at, weights_of
 from wrinklecli.numeric.arrays import Floats, distinct_values
 from wrinklecli.numeric.piecewise import key_points
-
-TABLE_ERROR = 1 / 256
-"""Greatest error of a weight that is looked up, of the greatest weight."""
 
 # Tolerances of the two tables to begin with, as shares: of what a bump takes and of its height.
 _CAPACITY_ERROR = 1e-3
@@ -52,57 +49,6 @@ _LEAST_LENGTHS = 5
 _CHECKED_GROUPS = 200
 # Where they are checked, as shares of the way from one group's start to the next: heights begin like the root of these.
 _CHECKED_SHARES = np.concatenate([[0.0], np.geomspace(1e-9, 1.0, 128)])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CurveTable:
-    """The control curve of a tool whose rest length changes.
-
-    Attributes:
-        taut: Part of the rest length below which wrinkles start.
-        compressible: Share of every shortening that the tissue takes itself.
-        intervals: Control intervals of the segment; a bump has two.
-        bumps: How many bumps each group has, in the order in which they rise; a bump counts as much as it is wide.
-        distances: (rows,) of the curve's ends, rising, scene units; empty where bumps have no greatest height.
-        capacities: (rows,) the shortening that one bump takes when full, scene units.
-        parts: (rows,) shortening over chord and shortening of a bump, from 0 to 1.
-        rises: (rows, modes) amplitudes over chord and shortening, and over the root of the part.
-        mix: (targets, groups · modes) weights for amplitudes of 1 scene unit.
-        positive: Whether weights below 0 are 0.
-        least: Weights up to this are 0, whatever their sign.
-    """
-
-    taut: float
-    compressible: float
-    intervals: int
-    bumps: tuple[float, ...]
-    distances: Floats
-    capacities: Floats
-    parts: Floats
-    rises: Floats
-    mix: Floats
-    positive: bool = False
-    least: float = 0.0
-
-    def weights(self, distances: Floats, rest_lengths: Floats) -> Floats:
-        """(frames, targets) weights at (frames,) distances and rest lengths, scene units."""
-        taut = self.taut * rest_lengths
-        ends = taut - (1.0 - self.compressible) * (taut - distances)
-        chords = 2.0 * ends / self.intervals
-        capacities = np.full(len(distances), np.inf)
-        if len(self.distances):
-            capacities = np.interp(ends, self.distances, self.capacities)
-        left = np.maximum(taut - ends, 0.0)
-        amplitudes = []
-        for count in self.bumps:
-            shares = np.minimum(left / count, capacities)
-            left = np.maximum(left - count * shares, 0.0)
-            wholes = chords + shares
-            parts = shares / np.where(wholes > 0, wholes, 1.0)
-            amplitudes += [wholes * np.sqrt(parts) * np.interp(parts, self.parts, rises) for rises in self.rises.T]
-        made: Floats = np.stack(amplitudes, axis=1) @ self.mix.T
-        made = np.maximum(made, 0.0) if self.positive else made
-        return np.where(np.abs(made) > self.least, made, 0.0)
 
 
 def tabulate_weights(curve: ControlCurve, weights: Callable[[Floats], Floats]) -> tuple[Floats, Floats]:
@@ -168,7 +114,7 @@ def tabulate_curve(
             mix=own / np.where(greatest != 0, greatest, np.inf),
             positive=positive,
         )
-        error = np.abs(table.weights(distances, lengths) - wanted).max(initial=0.0)
+        error = np.abs(table.at(distances, lengths) - wanted).max(initial=0.0)
         if error <= TABLE_ERROR * np.abs(wanted).max(initial=0.0):
             return table
         finer *= _FINER

@@ -9,13 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrinklecli.character.clip import Clip
+from wrinklecli.drive.segment import Segment
 from wrinklecli.effects.wrinkle.curve import ControlCurve
 from wrinklecli.effects.wrinkle.places import Places, bowed
 from wrinklecli.effects.wrinkle.variation import Variation, attenuation
 from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.surface.anchor import Anchor
 from wrinklecli.surface.path import Path
-from wrinklecli.tools.records import RestLengthKeys, WrinkleTool
+from wrinklecli.tools.records import WrinkleTool
 
 # Cosines of vertex and patch normal between which displacement fades in.
 _FACING = (0.2, 0.6)
@@ -33,6 +34,7 @@ class Patch:
         tool: Its definition.
         curve: Its control curve.
         variation: How its wrinkles differ from ruled ones; None where they do not.
+        segment: What its length is measured by, over time.
         anchors: From that at u = 0 to that at u = 1: two, or more where it follows a path.
         path: The line through them at rest.
         span: The summed distances of neighbouring anchors at rest, scene units.
@@ -43,6 +45,7 @@ class Patch:
     tool: WrinkleTool
     curve: ControlCurve
     variation: Variation | None
+    segment: Segment
     anchors: tuple[Anchor, ...]
     path: Path
     span: float
@@ -192,8 +195,7 @@ class Patch:
     @property
     def keyed_clips(self) -> frozenset[str]:
         """Names of the clips that key the rest length."""
-        wanted = self.tool.rest_length
-        return frozenset(wanted.keys if isinstance(wanted, RestLengthKeys) else ())
+        return frozenset(self.segment.rest_length.keys)
 
     def clip_strength(self, clip: Clip | None) -> float:
         """Factor on the shapes in a clip."""

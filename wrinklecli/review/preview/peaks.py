@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrinklecli.baking.baked_body import BakedTool, read_bodies
-from wrinklecli.baking.baked_segment import segment_lengths
+from wrinklecli.baking.baked_body import read_bodies
 from wrinklecli.baking.estimate import refuse_many_frames
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.sample import ClipActivity, moving_clips
@@ -15,6 +14,8 @@ from wrinklecli.character.anims import NamedNodes
 from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
+from wrinklecli.drive.drive import StoredDrive
+from wrinklecli.drive.segment import Segment
 from wrinklecli.effects.wrinkle.activity import activities
 from wrinklecli.effects.wrinkle.weights import group_starts
 from wrinklecli.errors import AssetError
@@ -83,7 +84,7 @@ def planned_peaks(plans: Sequence[MeshPlan], clips: Sequence[Clip], *, fps: floa
         for clip in moving:
             times = clip_grid(clip, plan.rig, fps=fps)
             for carried, seen, found in zip(
-                plan.carried_patches, activities(patches, plan.rig, plan.rest, clip, times), done, strict=True
+                plan.carried_patches, activities(patches, plan.rig, clip, times), done, strict=True
             ):
                 found.append(describe_clip(carried, ClipActivity(clip, times, seen)))
         for number, found in enumerate(done):
@@ -129,7 +130,7 @@ def baked_peaks(asset: ShownAsset, clips: Sequence[Clip]) -> list[Peak]:
                 found.append(data)
             data = {"name": name}
             if (node, name) in driven:
-                data["rest_length"] = driven[node, name].rest_length
+                data["rest_length"] = float(driven[node, name].data["rest_length"])
             peaks.append(_peak(data, node, found))
     return peaks
 
@@ -145,7 +146,7 @@ def baked_tool_count(document: Document) -> int:
     return count
 
 
-def _driven_tools(asset: ShownAsset) -> dict[tuple[int, str], BakedTool]:
+def _driven_tools(asset: ShownAsset) -> dict[tuple[int, str], StoredDrive]:
     """By node and name, the tools whose anchors are in the extras; none if a bake did not write the extras."""
     nodes = asset.document.items("nodes")
     try:
@@ -153,11 +154,12 @@ def _driven_tools(asset: ShownAsset) -> dict[tuple[int, str], BakedTool]:
     except AssetError:
         return {}
     names = [str(node.get("name", "")) for node in nodes]
-    found: dict[tuple[int, str], BakedTool] = {}
+    found: dict[tuple[int, str], StoredDrive] = {}
     for node in asset.wrinkled:
         for body in bodies:
             if body.node == names[node] and not body.ambiguous:
-                found |= {(node, tool.name): tool for tool in body.tools if set(tool.joints) <= set(names)}
+                there = (each for each in body.drives if each.measures_segment and set(each.joints) <= set(names))
+                found |= {(node, each.name): each for each in there}
     return found
 
 
@@ -185,10 +187,12 @@ def _reaches(shown: ShownPrimitive, targets: Sequence[str]) -> tuple[Ints, Float
     return shown.shape_numbers[rows], lengths
 
 
-def _shortening(tool: BakedTool, asset: ShownAsset, rig: Rig, clip: Clip, times: Floats) -> Json:
+def _shortening(drive: StoredDrive, asset: ShownAsset, rig: Rig, clip: Clip, times: Floats) -> Json:
     """The time, of (frames,) times of a clip, at which a tool is shortest, and its shortening over the rest length."""
     nodes = NamedNodes.of(asset.document.items("nodes"))
-    distances, rest_lengths = segment_lengths(tool, rig, nodes.joints, clip, times)
+    signal = drive.on(nodes.joints, rig.morph_names).signal
+    assert isinstance(signal, Segment), "only such drives are looked for"
+    distances, rest_lengths = signal.lengths(rig, clip, times)
     shares = 1.0 - distances / rest_lengths
     most = int(np.argmax(shares))
     if not np.isfinite(shares[most]):

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from wrinklecli.baking.baked_body import wrinkle_targets
-from wrinklecli.baking.driven import with_driven_wrinkles
 from wrinklecli.baking.job import BakeOptions
+from wrinklecli.baking.track import with_driven_weights
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.moved import Motions, Moved, moved
 from wrinklecli.character.scene import deforming_nodes
@@ -104,7 +104,7 @@ def preview(
         else:
             options = with_motions(options, joined[0], animated=animated)
         for number, each in enumerate(joined):
-            documents[number], unread = with_driven_wrinkles(each.document, each.added(options.clips))
+            documents[number], unread = with_driven_weights(each.document, each.added(options.clips))
             warnings += unread
         if reviewed:
             from wrinklecli.review.preview.review import review

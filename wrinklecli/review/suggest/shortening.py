@@ -8,7 +8,6 @@ import numpy as np
 
 from wrinklecli.character.clip import Channel, Clip
 from wrinklecli.character.rig import Rig, moving_nodes
-from wrinklecli.effects.wrinkle.activity import lengths_over_time
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.weights import fitting_compressible
 from wrinklecli.numeric.arrays import unit
@@ -67,7 +66,7 @@ def shortenings_of(mesh: MeasuredMesh, patch: Patch, further: Sequence[Clip] = (
         if not any(_bends(channel, mesh.rig, above) for channel in clip.channels):
             found[clip.name] = Shortening(clip, float(times[0]), 0.0, patch.span, patch.rest_length)
             continue
-        distances, rest_lengths = lengths_over_time(patch, mesh.rig, mesh.rest, clip, times)
+        distances, rest_lengths = patch.segment.lengths(mesh.rig, clip, times)
         ratios = distances / np.maximum(rest_lengths, patch.span)
         best = int(ratios.argmin())
         found[clip.name] = Shortening(

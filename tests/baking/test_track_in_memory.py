@@ -10,8 +10,7 @@ from kit.asset import bare_skeleton
 from kit.bakes import bake_once
 from kit.limb import limb, limb_asset, tool
 from kit.player import Gltf, wrinkle_columns
-from wrinklecli.baking.driven import with_driven_wrinkles
-from wrinklecli.baking.track import track
+from wrinklecli.baking.track import track, with_driven_weights
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.pose import morph_weights
@@ -45,12 +44,12 @@ def test_a_pose_and_the_clips_of_other_files_have_the_weights_that_a_bake_gives(
         [],
         Motions(anims=[anim.write(tmp_path / "anim.glb")], pose=[("joint_1", "z", 100.0)]),
     )
-    document, warnings = with_driven_wrinkles(joined.document, joined.further)
+    document, warnings = with_driven_weights(joined.document, joined.further)
     assert not warnings
     assert weights(document, "fold", times) == pytest.approx(expected, abs=0.02 * expected.max())
     # The clip folds by 100° after a second.
     assert weights(document, "joint_1=z:100", np.zeros(1))[0] == pytest.approx(expected[20], abs=0.02 * expected.max())
-    untouched, _ = with_driven_wrinkles(joined.document, [])
+    untouched, _ = with_driven_weights(joined.document, [])
     assert untouched is joined.document
 
 
@@ -59,7 +58,7 @@ def test_what_a_tracked_clip_sets_itself_stays(body: Gltf, tmp_path: Path) -> No
     bare_skeleton(anim.gltf)
     (tracked,) = track(body.path, [anim.write(tmp_path / "anim.glb")], tmp_path / "tracked", max_error=0.05)
     joined = moved(read_document(body.path), [], Motions(anims=[tracked.path]))
-    document, _ = with_driven_wrinkles(joined.document, joined.further)
+    document, _ = with_driven_weights(joined.document, joined.further)
     (before,), (after,) = (read_clips(each) for each in (joined.document, document))
     assert not joined.warnings
     assert after.moves_as(before)

@@ -1,0 +1,55 @@
+"""The signal of a joint: the angle by which it is turned about an axis, from the stored pose."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.pose import node_matrices
+from wrinklecli.character.rig import Rig
+from wrinklecli.numeric.arrays import Bools, Floats, affine_rows
+
+
+class Angles(NamedTuple):
+    """What a joint measures: (frames,) radians, by which a table is looked up."""
+
+    rows: Floats
+
+    @property
+    def active(self) -> Bools:
+        """(frames,) True: a joint always has an angle."""
+        return np.ones(len(self.rows), np.bool_)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointAngle:
+    """A joint that turns against its parent.
+
+    Attributes:
+        node: The joint.
+        parent: The node above it; -1 for a root.
+        axis: (3,) unit, in the parent's space.
+        rest: (4,) the joint's stored rotation x, y, z, w, of unit length.
+    """
+
+    node: int
+    parent: int
+    axis: Floats
+    rest: Floats
+
+    def angles(self, rig: Rig, clip: Clip | None, times: Floats) -> Angles:
+        """Measure the twist about the axis at (frames,) seconds of a clip, by world matrices with scale taken out.
+
+        Source: the swing-twist decomposition of quaternions, written for matrices: of a rotation by an angle about a
+        unit vector, both scaled alike, the vector times its sine, and its cosine.
+        """
+        nodes = [self.node] if self.parent < 0 else [self.node, self.parent]
+        matrices = node_matrices(rig, clip, times, nodes)[:, :, :3, :3]
+        sizes = np.sqrt(np.sum(matrices**2, axis=2, keepdims=True))
+        turns = matrices / np.where(sizes > 0, sizes, 1.0)
+        own = turns[:, 0] if self.parent < 0 else np.einsum("fba,fbc->fac", turns[:, 1], turns[:, 0])
+        rest = affine_rows(np.zeros((3, 1)), self.rest[:, None], np.ones((3, 1)))[:, :3, 0]
+        turned = own @ rest.T
+        sines = np.stack([turned[:, (k + 2) % 3, (k + 1) % 3] - turned[:, (k + 1) % 3, (k + 2) % 3] for k in range(3)])
+        return Angles(np.asarray(2.0 * np.arctan2(self.axis @ sines, 1.0 + np.trace(turned, axis1=1, axis2=2))))

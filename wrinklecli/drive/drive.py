@@ -1,0 +1,254 @@
+"""Drives: what sets the weights of an effect's morph targets over time, the same in a bake, in `track` and in players.
+
+A signal is measured in the posed rig, a filter follows it, and a response turns it into weights. A drive evaluates
+itself for arrays of times, and a node's `extras.wrinkle` holds it in JSON:
+
+- A segment has `anchors`, or `origin` and `target` where there are two. Each is the sum over its joints of weight ·
+  matrix · position, where the matrix is the joint's own, to world space: optimisers that quantise positions change bind
+  space and inverse bind matrices, but not the joints. `morphs` are what morph targets add to the positions. The segment
+  measures the summed distances of neighbouring anchors, divided by the animated scale: the mean over anchors of the sum
+  over joints of weight · cbrt(det matrix) / scale.
+- Its `rest_length` is constant, or follows `rest_length_keys` in some clips, or `rest_length_morph`.
+- Its `lag` is a damped spring: with d = max(`taut` - distance / rest_length, 0), x'' = ω² (d - x) - 2 ζ ω x',
+  ω = 2π `frequency` and ζ = `damping`, the distance is then (`taut` - max(x, 0)) · rest_length.
+- A joint angle has the names of the `joint` and of its `parent`, its stored rotation `rest` (x, y, z, w) against the
+  parent, and an `axis` in the parent's space. The joint's turn against its parent, both by their matrices with scale
+  taken out, from that of `rest` is a matrix D; with s = (D₃₂ - D₂₃, D₁₃ - D₃₁, D₂₁ - D₁₂) it measures
+  2 atan2(`axis` · s, 1 + trace D).
+- The response has rows of `weights`, straight between, at `shortenings`, 1 - distance / rest_length, or at `angles`.
+  Where the rest length changes, `curve` takes their place: see `CurveTable`.
+- `strengths` are factors on the weights in some clips. Weights are 0 where any of the targets `own` is not: these
+  belong to one clip alone, which drives them itself.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from wrinklecli.character.carried import CarriedPoint
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.rig import Rig
+from wrinklecli.drive.angle import Angles, JointAngle
+from wrinklecli.drive.lag import TAUT
+from wrinklecli.drive.segment import Lengths, RestLength, Segment
+from wrinklecli.drive.table import CurveTable, Json, Table, read_table, significant
+from wrinklecli.numeric.arrays import Floats, unit_quaternions
+from wrinklecli.numeric.piecewise import Signal
+from wrinklecli.tools.records import Lag
+
+# Frequency, in hertz, and damping ratio of a spring that extras may ask for: more than a tools file may.
+_FASTEST = 1_000.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drive:
+    """A signal, a filter and a response that give the weights of some morph targets.
+
+    Attributes:
+        name: The tool's; empty for a joint.
+        signal: What is measured in the posed rig.
+        targets: Names of the morph targets.
+        response: Weights by what is measured.
+        lag: The filter; None where the weights follow at once.
+        strengths: By clip, factors on the weights.
+        own: Names of targets of one clip alone, in place of these.
+    """
+
+    name: str
+    signal: Segment | JointAngle
+    targets: tuple[str, ...]
+    response: Table | CurveTable
+    lag: Lag | None = None
+    strengths: Mapping[str, float] = field(default_factory=dict)
+    own: tuple[str, ...] = ()
+
+    def reader(self, rig: Rig, clip: Clip) -> Callable[[Floats], Lengths | Angles]:
+        """A function of (frames,) seconds of a clip to what the signal measures there, behind the filter."""
+        if isinstance(self.signal, JointAngle):
+            return partial(self.signal.angles, rig, clip)
+        segment, spring = self.signal, self.signal.spring(self.lag, rig, clip)
+
+        def read(times: Floats) -> Lengths:
+            found = segment.lengths(rig, clip, times)
+            return found if spring is None else Lengths(spring.follow(times, *found), found.rest_lengths)
+
+        return read
+
+    def weights_in(self, rig: Rig, clip: Clip) -> Signal:
+        """A function of (frames,) seconds of a clip to (frames, targets) weights."""
+        read, strength = self.reader(rig, clip), self.strengths.get(clip.name, 1.0)
+        response: Any = self.response
+        return lambda times: strength * response.weights(read(times))
+
+    def to_json(self, names: Sequence[str], morph_names: Sequence[str]) -> Json:
+        """What extras store of the drive, from the names of all nodes and of the rig's morph targets."""
+        if isinstance(self.signal, JointAngle):
+            head = _angle_json(self.signal, names)
+        else:
+            head = {"name": self.name, **_segment_json(self.signal, names, morph_names)}
+            if self.lag is not None:
+                head["lag"] = {"frequency": self.lag.frequency, "damping": self.lag.damping, "taut": TAUT}
+        factors = {clip: significant(each) for clip, each in self.strengths.items()}
+        return {
+            **head,
+            **({"strengths": factors} if factors else {}),
+            "targets": list(self.targets),
+            **({"own": list(self.own)} if self.own else {}),
+            **self.response.to_json(),
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoredDrive:
+    """A drive as extras hold it, by the names of joints: these may be in another file.
+
+    Attributes:
+        name: The tool's, or the joint's.
+        joints: Names of all joints that its signal needs.
+        targets: Names of its morph targets.
+        keyed: Names of the clips that key its rest length.
+        data: The whole, as stored.
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    targets: tuple[str, ...]
+    keyed: frozenset[str]
+    data: Json
+
+    @property
+    def measures_segment(self) -> bool:
+        """True if its signal is a segment, False if it is a joint's angle."""
+        return "joint" not in self.data
+
+    @classmethod
+    def read(cls, data: Json) -> "StoredDrive":
+        """Check what extras hold.
+
+        Raises:
+            KeyError, TypeError, ValueError: They are not what `bake` writes.
+        """
+        if "joint" in data:
+            joints = [data["joint"], *([] if data.get("parent") is None else [data["parent"]])]
+        else:
+            joints = [joint for anchor in anchors_of(data) for joint in anchor["joints"]]
+        names = tuple(dict.fromkeys(str(joint) for joint in joints))
+        targets = tuple(str(name) for name in data["targets"])
+        stored = cls(str(data.get("name", names[0])), names, targets, frozenset(data.get("rest_length_keys", {})), data)
+        morphs = {name for anchor in ([] if "joint" in data else anchors_of(data)) for name in anchor.get("morphs", {})}
+        stored.on({name: number for number, name in enumerate(names)}, sorted(morphs))
+        return stored
+
+    def on(self, nodes: Mapping[str, int], morph_names: Sequence[str]) -> Drive:
+        """The drive on a rig, from nodes by name, and the names of the rig's morph targets."""
+        data = self.data
+        joint = "joint" in data
+        response = read_table(data, len(self.targets))
+        return Drive(
+            name=self.name,
+            signal=_read_angle(data, nodes) if joint else _read_segment(data, nodes, morph_names),
+            targets=self.targets,
+            response=response,
+            lag=_read_lag(data["lag"]) if "lag" in data else None,
+            strengths={clip: float(factor) for clip, factor in data.get("strengths", {}).items()},
+            own=tuple(str(name) for name in data.get("own", ())),
+        )
+
+
+def anchors_of(data: Json) -> list[Json]:
+    """The anchors of a segment in extras, from origin to target.
+
+    Raises:
+        KeyError: They are not there.
+    """
+    return list(data["anchors"]) if "anchors" in data else [data["origin"], data["target"]]
+
+
+def _segment_json(segment: Segment, names: Sequence[str], morph_names: Sequence[str]) -> Json:
+    points = [_point_json(point, names, morph_names) for point in segment.points]
+    # A player of two anchors does not look for those of a path.
+    anchors = dict(zip(("origin", "target"), points, strict=True)) if len(points) == 2 else {"anchors": points}
+    rest, stored = segment.rest_length, {"rest_length": significant(segment.rest_length.constant)}
+    if rest.morph is not None:
+        number, full = rest.morph
+        return {**anchors, **stored, "rest_length_morph": {"name": morph_names[number], "full": significant(full)}}
+    if rest.keys:
+        keys = {clip: [[significant(x) for x in key] for key in each] for clip, each in rest.keys.items()}
+        return {**anchors, **stored, "rest_length_keys": keys}
+    return {**anchors, **stored}
+
+
+def _point_json(point: CarriedPoint, names: Sequence[str], morph_names: Sequence[str]) -> Json:
+    """A point in the spaces of its joints; `scales` are those of the joints at rest."""
+    places = point.points[..., :3] / point.weights[:, None]
+    scales = 1.0 / np.cbrt(np.where(point.shares > 0, point.shares, 1.0))
+    stored: Json = {
+        "joints": [names[node] for node in point.nodes.tolist()],
+        "weights": [significant(weight) for weight in point.weights],
+        "positions": [[significant(x) for x in place] for place in places[0]],
+        "scales": [significant(scale) for scale in scales],
+    }
+    if places[1:].any():
+        stored["morphs"] = {
+            name: [[significant(x) for x in place] for place in deltas]
+            for name, deltas in zip(morph_names, places[1:], strict=True)
+            if deltas.any()
+        }
+    return stored
+
+
+def _angle_json(signal: JointAngle, names: Sequence[str]) -> Json:
+    return {
+        "joint": names[signal.node],
+        **({"parent": names[signal.parent]} if signal.parent >= 0 else {}),
+        "rest": [significant(each) for each in signal.rest],
+        "axis": [significant(each) for each in signal.axis],
+    }
+
+
+def _read_segment(data: Json, nodes: Mapping[str, int], morph_names: Sequence[str]) -> Segment:
+    points = tuple(_read_point(anchor, nodes, morph_names) for anchor in anchors_of(data))
+    morph, constant = data.get("rest_length_morph"), float(data["rest_length"])
+    keys = {clip: np.array(each, np.float64).reshape(-1, 2) for clip, each in data.get("rest_length_keys", {}).items()}
+    lengths = [constant, *([float(morph["full"])] if morph else []), *(x for each in keys.values() for x in each[:, 1])]
+    if len(points) < 2 or any(not len(each) or not (np.diff(each[:, 0]) > 0).all() for each in keys.values()):
+        raise ValueError
+    if not all(length > 0 for length in lengths):
+        raise ValueError
+    there = morph is not None and str(morph["name"]) in morph_names
+    follows = (list(morph_names).index(str(morph["name"])), float(morph["full"])) if morph and there else None
+    return Segment(points, RestLength(constant, keys, follows))
+
+
+def _read_point(data: Json, nodes: Mapping[str, int], morph_names: Sequence[str]) -> CarriedPoint:
+    count = len(data["joints"])
+    weights, scales = (np.array(data[key], np.float64).reshape(count) for key in ("weights", "scales"))
+    if not (scales > 0).all():
+        raise ValueError
+    moves = {name: np.array(each, np.float64).reshape(count, 3) for name, each in data.get("morphs", {}).items()}
+    points = np.zeros((1 + len(morph_names), count, 4))
+    points[0] = np.column_stack([np.array(data["positions"], np.float64).reshape(count, 3), np.ones(count)])
+    for row, name in zip(points[1:], morph_names, strict=True):
+        row[:, :3] = moves.get(name, 0.0)
+    numbers = np.array([nodes[str(joint)] for joint in data["joints"]], np.intp)
+    return CarriedPoint(numbers, weights, points * weights[:, None], 1.0 / scales**3)
+
+
+def _read_angle(data: Json, nodes: Mapping[str, int]) -> JointAngle:
+    rest, axis = (np.array(data[key], np.float64).reshape(size) for key, size in (("rest", 4), ("axis", 3)))
+    if not rest.any():
+        raise ValueError
+    parent = data.get("parent")
+    return JointAngle(
+        nodes[str(data["joint"])], -1 if parent is None else nodes[str(parent)], axis, unit_quaternions(rest)
+    )
+
+
+def _read_lag(data: Json) -> Lag:
+    lag = Lag(float(data["frequency"]), float(data["damping"]))
+    if not (0 < lag.frequency < _FASTEST and 0 < lag.damping < _FASTEST):
+        raise ValueError
+    return lag

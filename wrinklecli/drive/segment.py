@@ -1,0 +1,113 @@
+"""The signal of a segment or path: its length between points that joints and morph targets carry, and its rest length.
+
+Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004: the current distance of origin and target
+against that at rest. Differs: a path has more points; animated scale is taken out; the rest length may change.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from wrinklecli.character.carried import CarriedPoint, Carriers, carried_places, pose_carriers
+from wrinklecli.character.clip import Clip, motion_breaks
+from wrinklecli.character.pose import LEAST_SCALE, morph_weights
+from wrinklecli.character.rig import Rig
+from wrinklecli.drive.lag import SpringFilter, spring_filter
+from wrinklecli.numeric.arrays import Bools, Floats
+from wrinklecli.tools.records import Lag
+
+
+class Lengths(NamedTuple):
+    """What a segment measures.
+
+    Attributes:
+        distances: (frames,) summed distances of neighbouring points, animated scale taken out, scene units. Infinite
+            where the character is hidden by scale: nothing is measured there.
+        rest_lengths: (frames,) scene units.
+    """
+
+    distances: Floats
+    rest_lengths: Floats
+
+    @property
+    def active(self) -> Bools:
+        """(frames,) True where something is measured."""
+        return np.isfinite(self.distances)
+
+    @property
+    def rows(self) -> Floats:
+        """(frames,) shortenings, 1 - distance / rest length, by which a table is looked up; 0 where inactive."""
+        return np.asarray(1.0 - np.where(self.active, self.distances, self.rest_lengths) / self.rest_lengths)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RestLength:
+    """The length of a segment from which on it is shortened.
+
+    Attributes:
+        constant: Scene units.
+        keys: By clip, (keys, 2) seconds and lengths, straight between them, in place of the constant.
+        morph: Number of the morph target that takes the length from the constant to another at weight 1, and that
+            length; None if no morph target does.
+    """
+
+    constant: float
+    keys: Mapping[str, Floats] = field(default_factory=dict)
+    morph: tuple[int, float] | None = None
+
+    def at(self, rig: Rig, clip: Clip | None, times: Floats) -> Floats:
+        """(frames,) rest lengths at (frames,) seconds of a clip, scene units."""
+        if clip is not None and clip.name in self.keys:
+            return np.interp(times, *self.keys[clip.name].T)
+        if self.morph is not None:
+            number, full = self.morph
+            shares = np.clip(morph_weights(rig, clip, times)[:, number], 0.0, 1.0)
+            return np.asarray(self.constant + shares * (full - self.constant))
+        return np.full(len(times), self.constant)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Segment:
+    """A segment or path through carried points.
+
+    Attributes:
+        points: From its origin to its target, two or more.
+        rest_length: The length from which on it is shortened.
+    """
+
+    points: tuple[CarriedPoint, ...]
+    rest_length: RestLength
+
+    def lengths(self, rig: Rig, clip: Clip | None, times: Floats, carriers: Carriers | None = None) -> Lengths:
+        """Measure the segment at (frames,) seconds of a clip; in the stored pose if `clip` is None.
+
+        Args:
+            rig: The joints and morph targets.
+            clip: The animation.
+            times: Seconds.
+            carriers: What `pose_carriers` gives at these times, if other segments need it too.
+        """
+        if carriers is None:
+            carriers = pose_carriers(self.points, rig, clip, times)
+        places, scales = zip(*(carried_places(each, carriers, len(times)) for each in self.points), strict=True)
+        scale = sum(scales, np.zeros(1)) / len(scales)
+        hidden = scale < LEAST_SCALE
+        steps = [b - a for a, b in pairwise(places)]
+        apart = sum((np.sqrt(np.einsum("xf,xf->f", step, step)) for step in steps), np.zeros(1))
+        distances = np.where(hidden, np.inf, apart / np.where(hidden, 1.0, scale))
+        return Lengths(distances, self.rest_length.at(rig, clip, times))
+
+    def spring(self, lag: Lag | None, rig: Rig, clip: Clip | None) -> SpringFilter | None:
+        """The answer of a damped spring to the shortening in a clip; None without `lag`, and in the stored pose."""
+        if lag is None or clip is None:
+            return None
+
+        def ratios(times: Floats) -> Floats:
+            distances, rest_lengths = self.lengths(rig, clip, times)
+            return np.asarray(distances / rest_lengths)[:, None]
+
+        keys = self.rest_length.keys.get(clip.name, np.zeros((0, 2)))
+        return spring_filter(lag, ratios, clip, np.concatenate([motion_breaks(clip, rig), keys[:, 0]]))

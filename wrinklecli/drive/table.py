@@ -1,0 +1,190 @@
+"""The response of a drive: weights looked up in tables of numbers, as players do that do not run the method.
+
+Source: module `effects.wrinkle.lookup` makes the tables of a control curve, and says why there are two kinds.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol, TypeAlias
+
+import numpy as np
+
+from wrinklecli.drive.segment import Lengths
+from wrinklecli.numeric.arrays import Bools, Floats, interpolated
+
+Json: TypeAlias = dict[str, Any]
+
+TABLE_ERROR = 1 / 256
+"""Greatest error of a weight that is looked up, of the greatest weight."""
+
+DIGITS = 8
+"""Significant decimal digits of numbers in extras: those of float32."""
+
+# Significant digits of tabulated weights, whose rows are right to about three.
+_TABLE_DIGITS = 5
+# Control intervals at most: 64 bumps with gaps of 64, the most of a tools file, have 4,160.
+_MOST_INTERVALS = 10_000
+
+
+class Reading(Protocol):
+    """What a signal measures over time."""
+
+    @property
+    def rows(self) -> Floats:
+        """(frames,) by which a table is looked up."""
+        ...
+
+    @property
+    def active(self) -> Bools:
+        """(frames,) False where the weights are 0 whatever the table says."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Table:
+    """Weights against one number.
+
+    Attributes:
+        by: What the number is: 1 - distance / rest length, or an angle in radians.
+        rows: (rows,) of it, sorted.
+        table: (rows, targets) weights, straight between rows, constant beyond.
+    """
+
+    by: Literal["shortenings", "angles"]
+    rows: Floats
+    table: Floats
+
+    def weights(self, reading: Reading) -> Floats:
+        """(frames, targets) weights at what a signal measured."""
+        return np.where(reading.active[:, None], interpolated(reading.rows, self.rows, self.table), 0.0)
+
+    def to_json(self) -> Json:
+        """The rows as extras store them."""
+        table = [[significant(value, _TABLE_DIGITS) for value in row] for row in self.table]
+        return {self.by: [significant(value) for value in self.rows], "weights": table}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CurveTable:
+    """The control curve of a tool whose rest length changes.
+
+    Attributes:
+        taut: Part of the rest length below which wrinkles start.
+        compressible: Share of every shortening that the tissue takes itself.
+        intervals: Control intervals of the segment; a bump has two.
+        bumps: How many bumps each group has, in the order in which they rise; a bump counts as much as it is wide.
+        distances: (rows,) of the curve's ends, rising, scene units; empty where bumps have no greatest height.
+        capacities: (rows,) the shortening that one bump takes when full, scene units.
+        parts: (rows,) shortening over chord and shortening of a bump, from 0 to 1.
+        rises: (rows, modes) amplitudes over chord and shortening, and over the root of the part.
+        mix: (targets, groups · modes) weights for amplitudes of 1 scene unit.
+        positive: Whether weights below 0 are 0.
+        least: Weights up to this are 0, whatever their sign.
+    """
+
+    taut: float
+    compressible: float
+    intervals: int
+    bumps: tuple[float, ...]
+    distances: Floats
+    capacities: Floats
+    parts: Floats
+    rises: Floats
+    mix: Floats
+    positive: bool = False
+    least: float = 0.0
+
+    def weights(self, reading: Lengths) -> Floats:
+        """(frames, targets) weights at what a segment measured."""
+        distances = np.where(reading.active, reading.distances, reading.rest_lengths)
+        return np.where(reading.active[:, None], self.at(distances, reading.rest_lengths), 0.0)
+
+    def at(self, distances: Floats, rest_lengths: Floats) -> Floats:
+        """(frames, targets) weights at (frames,) distances and rest lengths, scene units."""
+        taut = self.taut * rest_lengths
+        ends = taut - (1.0 - self.compressible) * (taut - distances)
+        chords = 2.0 * ends / self.intervals
+        capacities = np.full(len(distances), np.inf)
+        if len(self.distances):
+            capacities = np.interp(ends, self.distances, self.capacities)
+        left = np.maximum(taut - ends, 0.0)
+        amplitudes = []
+        for count in self.bumps:
+            shares = np.minimum(left / count, capacities)
+            left = np.maximum(left - count * shares, 0.0)
+            wholes = chords + shares
+            parts = shares / np.where(wholes > 0, wholes, 1.0)
+            amplitudes += [wholes * np.sqrt(parts) * np.interp(parts, self.parts, rises) for rises in self.rises.T]
+        made: Floats = np.stack(amplitudes, axis=1) @ self.mix.T
+        made = np.maximum(made, 0.0) if self.positive else made
+        return np.where(np.abs(made) > self.least, made, 0.0)
+
+    def to_json(self) -> Json:
+        """The tables as extras store them."""
+        limited = {"distances": self.distances, "capacities": self.capacities} if len(self.distances) else {}
+        return {
+            "curve": {
+                "taut": self.taut,
+                **({"compressible": self.compressible} if self.compressible else {}),
+                "intervals": self.intervals,
+                "bumps": [int(size) if size.is_integer() else significant(size) for size in self.bumps],
+                **{key: [significant(value) for value in values] for key, values in limited.items()},
+                "parts": [significant(value) for value in self.parts],
+                "rises": [[significant(value) for value in row] for row in self.rises],
+                "mix": [[significant(value) for value in row] for row in self.mix],
+                **({"positive": True} if self.positive else {}),
+                **({"least": significant(self.least)} if self.least else {}),
+            }
+        }
+
+
+def read_table(data: Json, targets: int) -> Table | CurveTable:
+    """The table of so many targets that extras store.
+
+    Raises:
+        KeyError, TypeError, ValueError: The extras are not what `bake` writes.
+    """
+    if "curve" in data:
+        return _read_curve(data["curve"], targets)
+    by: Literal["shortenings", "angles"] = "angles" if "angles" in data else "shortenings"
+    rows = _sorted_rows(data[by])
+    return Table(by, rows, np.array(data["weights"], np.float64).reshape(len(rows), targets))
+
+
+def _read_curve(data: Json, targets: int) -> CurveTable:
+    bumps = tuple(float(count) for count in data["bumps"])
+    distances = _sorted_rows(data["distances"]) if "distances" in data else np.zeros(0)
+    parts = _sorted_rows(data["parts"])
+    rises = np.array(data["rises"], np.float64).reshape(len(parts), -1)
+    intervals = int(data["intervals"])
+    if intervals < 1 or min(bumps) <= 0 or max(intervals, *bumps) > _MOST_INTERVALS:
+        raise ValueError
+    return CurveTable(
+        taut=float(data["taut"]),
+        compressible=float(data.get("compressible", 0.0)),
+        intervals=intervals,
+        bumps=bumps,
+        distances=distances,
+        capacities=np.array(data.get("capacities", []), np.float64).reshape(len(distances)),
+        parts=parts,
+        rises=rises,
+        mix=np.array(data["mix"], np.float64).reshape(targets, len(bumps) * rises.shape[1]),
+        positive=bool(data.get("positive", False)),
+        least=float(data.get("least", 0.0)),
+    )
+
+
+def _sorted_rows(values: object) -> Floats:
+    """(rows,) of a table.
+
+    Raises:
+        ValueError: There are none, or they are not sorted.
+    """
+    rows = np.array(values, np.float64)
+    if rows.ndim != 1 or not len(rows) or not (np.diff(rows) > 0).all():
+        raise ValueError
+    return rows
+
+
+def significant(value: float, digits: int = DIGITS) -> float:
+    """A number rounded to significant decimal digits."""
+    return float(f"{value:.{digits}g}")
