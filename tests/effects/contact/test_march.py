@@ -4,7 +4,7 @@ from dataclasses import astuple
 
 import numpy as np
 import pytest
-from hypothesis import Phase, given, settings
+from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
 
 from wrinklecli.numeric.intersections import Crossings
@@ -17,8 +17,9 @@ from wrinklecli.effects.contact.tissue import FREE, SOFT, SkinnedPose, Tissue
 
 
 @pytest.mark.quick(1)
-@settings(max_examples=2, phases=[Phase.generate])
+@settings(max_examples=2, phases=[Phase.explicit, Phase.generate])
 @given(radius=st.floats(40, 80), width=st.floats(50, 150), bump=st.floats(0, 6))
+@example(radius=50.0, width=50.0, bump=5.136912376636445)  # a step that rounds: it moved what is not free by 2e-15
 def test_a_folded_tube_touches_and_never_crosses(radius: float, width: float, bump: float) -> None:
     rest, triangles = tube(radius)
     poses = [bent(rest, angle, width, bump) for angle in np.radians(np.arange(0.0, 91.0, 6.0))]

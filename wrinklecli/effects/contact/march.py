@@ -68,7 +68,8 @@ def _solve(tissue: Tissue, state: SolverState, posed: SkinnedPose) -> SolverStat
     positions = state.positions + fraction * (wanted - state.positions)
     near = step.collisions(positions)
     if fraction >= 1.0 and not len(near) and not carried.any():
-        return SolverState(positions, posed)
+        # Exactly the pose: the way there and back rounds.
+        return SolverState(posed.positions, posed)
     return _newton(tissue, positions, posed, near)
 
 
