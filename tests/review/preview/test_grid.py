@@ -61,13 +61,14 @@ def test_joints_are_named_where_they_are_then(tmp_path: Path) -> None:
     options = PreviewOptions(grid=True, views=["front"], size=SIZE)
     for moment in (REST, Moment("fold", 1.0)):
         ((camera,),) = (each.cameras for each in plan_views([shown], [moment], options))
-        overlay = draw_grid(shown, moment, camera, SIZE, up="y").overlay
+        overlay = draw_grid(shown, moment, camera, SIZE, up="y")
         words = {word.text: word.place for word in overlay.words}
         assert words["joint_0"] == pytest.approx([-LENGTH / 2, 0.0, 0.0])
         assert words["joint_1"] == pytest.approx([-LENGTH / 6, 0.0, 0.0])
         straight = bool(abs(words["joint_2"][1]) < 1e-6)
         assert straight == (moment is REST)
-        assert {word.text for word in placed_words(overlay, camera, SIZE)} == set(words)
+        named = {*words, *(label.text for label in overlay.labels)}
+        assert {word.text for word in placed_words(overlay, camera, SIZE)} == named
 
 
 def test_parallel_rays_show_lengths_alike_at_every_depth() -> None:

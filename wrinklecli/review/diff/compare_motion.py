@@ -4,7 +4,6 @@ import hashlib
 import struct
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,6 @@ from wrinklecli.review.diff.difference import Difference
 from wrinklecli.review.diff.surfaces import (
     Advance,
     Apart,
-    Worst,
     compare_surfaces,
     compare_vertices,
     place_of,
@@ -31,27 +29,15 @@ from wrinklecli.review.diff.surfaces import (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Seen:
-    """The result of comparing motions.
-
-    Attributes:
-        times: Number of times.
-        worst: The greatest distance.
-        normal: The greatest angle between normals, degrees.
-        differences: Those beyond the tolerance.
-    """
-
-    times: int
-    worst: Worst | None
-    normal: float | None
-    differences: tuple[Difference, ...]
-
-
 def compare_motion(
     a: AnimatedScene, b: AnimatedScene, clips: Sequence[CommonClip], tolerance: float, progress: Progress
-) -> Seen:
-    """Compare two assets in their common clips; vertices may be apart by the tolerance, scene units."""
+) -> tuple[list[Apart], list[Difference]]:
+    """Compare two assets in their common clips.
+
+    Returns:
+        The greatest distance of each pair of primitives in each clip; and differences, which are distances beyond the
+        tolerance in scene units, and primitives that only one asset shows.
+    """
     total, done = sum(len(common.times) for common in clips), 0.0
 
     def advance(times: float) -> None:
@@ -59,22 +45,19 @@ def compare_motion(
         done += times
         progress("compare", round(done), total)
 
-    return _together([_compare_clip(a, b, common, tolerance, advance) for common in clips])
+    apart: list[Apart] = []
+    differences: list[Difference] = []
+    for common in clips:
+        found, alone = _compare_clip(a, b, common, tolerance, advance)
+        apart += found
+        differences += [*alone, *(pose_difference(each) for each in found if each.worst.distance > tolerance)]
+    return apart, differences
 
 
-def _together(several: Sequence[Seen]) -> Seen:
-    worsts = [each.worst for each in several if each.worst is not None]
-    normals = [each.normal for each in several if each.normal is not None]
-    return Seen(
-        sum(each.times for each in several),
-        max(worsts, key=lambda each: each.distance, default=None),
-        max(normals, default=None),
-        tuple(difference for each in several for difference in each.differences),
-    )
-
-
-def _compare_clip(a: AnimatedScene, b: AnimatedScene, common: CommonClip, tolerance: float, advance: Advance) -> Seen:
-    """Compare the visible primitives of both assets in a clip."""
+def _compare_clip(
+    a: AnimatedScene, b: AnimatedScene, common: CommonClip, tolerance: float, advance: Advance
+) -> tuple[list[Apart], list[Difference]]:
+    """Compare the visible primitives of both assets in a clip; differences are those that only one asset shows."""
     shown = [_shown(side.primitives, clip, common.times) for side, clip in zip((a, b), common.clips, strict=True)]
     # Times at which the same primitives are visible are compared together.
     groups: dict[bytes, list[int]] = {}
@@ -90,20 +73,20 @@ def _compare_clip(a: AnimatedScene, b: AnimatedScene, common: CommonClip, tolera
             for side, each in zip((a, b), shown, strict=True)
         )
         pairs, rest_a, rest_b = _matched(primitives_a, primitives_b, common, float(times[0]), tolerance)
-        share = 1.0 / max(len(pairs) + int(bool(rest_a and rest_b)), 1)
+        part = 1.0 / max(len(pairs) + int(bool(rest_a and rest_b)), 1)
 
-        def group_advance(done: float, share: float = share) -> None:
-            advance(share * done)
+        def advance_part(done: float, part: float = part) -> None:
+            advance(part * done)
 
         results = []
         for one, other in pairs:
             if same_motion and _equal_primitives(one, other):
                 results.append(untouched(one, common, float(times[0])))
-                group_advance(len(times))
+                advance_part(len(times))
             else:
-                results.append(compare_vertices(one, other, common, times, tolerance, group_advance))
+                results.append(compare_vertices(one, other, common, times, tolerance, advance_part))
         if rest_a and rest_b:
-            results.append(compare_surfaces(rest_a, rest_b, common, times, group_advance))
+            results.append(compare_surfaces(rest_a, rest_b, common, times, advance_part))
         else:
             for primitive in (*rest_a, *rest_b):
                 message = f"{when(common.name, float(times[0]))}: only in {'A' if rest_a else 'B'}"
@@ -112,10 +95,7 @@ def _compare_clip(a: AnimatedScene, b: AnimatedScene, common: CommonClip, tolera
             key = result.worst.place
             if key not in found or result.worst.distance > found[key].worst.distance:
                 found[key] = result
-    beyond = [pose_difference(each) for each in found.values() if each.worst.distance > tolerance]
-    normals = [each.normal for each in found.values() if each.normal is not None]
-    worst = max((each.worst for each in found.values()), key=lambda each: each.distance, default=None)
-    return Seen(len(common.times), worst, max(normals, default=None), (*alone.values(), *beyond))
+    return list(found.values()), list(alone.values())
 
 
 def _shown(primitives: Sequence[ScenePrimitive], clip: Clip | None, times: Floats) -> Bools:

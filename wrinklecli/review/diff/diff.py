@@ -189,7 +189,7 @@ def _compare(
     options: DiffOptions,
     progress: Progress,
 ) -> Comparison:
-    boxes = [_joined(_stored_boxes(scene)) for scene in scenes]
+    boxes = [_stored_bounds(scene) for scene in scenes]
     size = max(float(np.linalg.norm(np.ptp(box, axis=0))) for box in boxes)
     limit = options.tolerance.resolve(size)
     if options.tolerance.percent:
@@ -203,27 +203,21 @@ def _compare(
     clips, of_clips = common_clips(*scenes, options.clips, options.fps)
     # The comparison of the documents has found the differences of clips too.
     found += of_clips if options.posed else []
-    seen = compare_motion(*scenes, clips, limit, progress)
-    return Comparison((*found, *seen.differences), limit, size, seen.times, seen.worst, seen.normal)
+    apart, differences = compare_motion(*scenes, clips, limit, progress)
+    times = sum(len(common.times) for common in clips)
+    worst = max((each.worst for each in apart), key=lambda each: each.distance, default=None)
+    normal = max((each.normal for each in apart if each.normal is not None), default=None)
+    return Comparison((*found, *differences), limit, size, times, worst, normal)
 
 
-def _stored_boxes(scene: AnimatedScene) -> list[Floats]:
-    """(2, 3) bounds of each primitive in the stored pose, scene units; NaN for hidden ones."""
-    boxes = []
-    for primitive in scene.primitives:
-        posed = pose_primitive(primitive, None, np.zeros(1))
-        positions = posed.positions[0]
-        box = np.stack([positions.min(axis=0), positions.max(axis=0)])
-        boxes.append(np.full((2, 3), np.nan) if posed.hidden[0] else box)
-    return boxes
-
-
-def _joined(boxes: Sequence[Floats]) -> Floats:
-    """(2, 3) bounds of all boxes without NaN; 0 if there are none."""
-    shown = [box for box in boxes if not np.isnan(box).any()]
+def _stored_bounds(scene: AnimatedScene) -> Floats:
+    """(2, 3) bounds of all visible primitives in the stored pose, scene units; 0 if there are none."""
+    stored = [pose_primitive(primitive, None, np.zeros(1)) for primitive in scene.primitives]
+    shown = [posed.positions[0] for posed in stored if not posed.hidden[0]]
     if not shown:
         return np.zeros((2, 3))
-    return np.stack([np.min([box[0] for box in shown], axis=0), np.max([box[1] for box in shown], axis=0)])
+    lows, highs = ([bound(positions, axis=0) for positions in shown] for bound in (np.min, np.max))
+    return np.stack([np.min(lows, axis=0), np.max(highs, axis=0)])
 
 
 def _scales(scene: AnimatedScene) -> dict[int, float]:

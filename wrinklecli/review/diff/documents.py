@@ -14,7 +14,6 @@ from wrinklecli.character.rig import Hierarchy, read_hierarchy, read_rig
 from wrinklecli.errors import AssetError, TooMuchError
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import COMPRESSIONS
-from wrinklecli.review.diff.accessors import accessor_differences
 from wrinklecli.review.diff.animations import animation_differences
 from wrinklecli.review.diff.difference import (
     Difference,
@@ -31,7 +30,7 @@ from wrinklecli.review.diff.difference import (
 from wrinklecli.review.diff.meshes import image_differences, mesh_differences
 from wrinklecli.review.diff.nodes import node_differences, pair_nodes
 from wrinklecli.review.diff.skins import influence_differences, joint_pairs, skin_differences, stored_influences
-from wrinklecli.review.diff.values import dict_differences
+from wrinklecli.review.diff.values import accessor_differences, dict_differences
 
 # Top-level arrays that say how data is stored.
 _STORAGE = ("accessors", "bufferViews", "buffers")

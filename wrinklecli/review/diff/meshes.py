@@ -10,9 +10,14 @@ from wrinklecli.errors import AssetError, TooMuchError
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.images import read_image
 from wrinklecli.gltf.shape import Json
-from wrinklecli.review.diff.accessors import accessor_differences, decoded, unreadable_differences
 from wrinklecli.review.diff.difference import Difference, Found, Place, Sides, differ
-from wrinklecli.review.diff.values import count_that_differ, dict_differences
+from wrinklecli.review.diff.values import (
+    accessor_differences,
+    count_that_differ,
+    decoded,
+    dict_differences,
+    unreadable_differences,
+)
 
 # Keys that say where an image's bytes lie, or that the bytes say themselves.
 _IMAGE_STORAGE = ("uri", "bufferView", "mimeType")

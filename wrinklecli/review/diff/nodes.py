@@ -8,7 +8,7 @@ import numpy as np
 from wrinklecli.character.rig import TRANSFORM_DEFAULTS, morph_target_names
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.arrays import Floats, affine_rows, unit_quaternions
 from wrinklecli.review.diff.difference import Difference, Found, Link, Sides, differ, pairs_by_key, shown
 from wrinklecli.review.diff.values import dict_differences, property_gaps, value_differences
 
@@ -177,11 +177,7 @@ def _local_matrix(document: Document, index: int) -> Floats:
     """(4, 4) local matrix of a node."""
     if "matrix" in document.items("nodes")[index]:
         return _stored(document, index, "matrix").reshape(4, 4).T
-    # Imported here, because few files need it, and the import takes longer than that of numpy.
-    from scipy.spatial.transform import Rotation
-
-    translation, rotation, scale = (_stored(document, index, path) for path in TRANSFORM_DEFAULTS)
+    translation, rotation, scale = (_stored(document, index, path)[:, None] for path in TRANSFORM_DEFAULTS)
     matrix = np.eye(4)
-    matrix[:3, :3] = (Rotation.from_quat(rotation).as_matrix() if rotation.any() else np.eye(3)) * scale
-    matrix[:3, 3] = translation
+    matrix[:3] = affine_rows(translation, unit_quaternions(rotation), scale)[..., 0]
     return matrix

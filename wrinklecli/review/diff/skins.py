@@ -9,7 +9,6 @@ from wrinklecli.character.surface import dense_influences, read_primitive
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats
-from wrinklecli.review.diff.accessors import decoded, unreadable_differences
 from wrinklecli.review.diff.difference import (
     Difference,
     Found,
@@ -21,7 +20,7 @@ from wrinklecli.review.diff.difference import (
     pairs_by_key,
     without,
 )
-from wrinklecli.review.diff.values import count_that_differ, dict_differences, gaps
+from wrinklecli.review.diff.values import count_that_differ, decoded, dict_differences, gaps, unreadable_differences
 
 
 def joint_pairs(sides: Sides, i: int, j: int) -> dict[int, int]:

@@ -1,4 +1,4 @@
-"""Compare JSON, whose references become links and whose numbers may differ a little, and arrays of numbers.
+"""Compare JSON, whose references become links and whose numbers may differ a little, and accessors.
 
 Source: glTF 2.0 specification, §5 (defaults of properties).
 """
@@ -8,10 +8,22 @@ from typing import Any
 
 import numpy as np
 
-from wrinklecli.gltf.document import TRIANGLES
+from wrinklecli.errors import AssetError, TooMuchError
+from wrinklecli.gltf.document import TRIANGLES, Document
 from wrinklecli.gltf.shape import COMPRESSIONS, Json
 from wrinklecli.numeric.arrays import Array, Floats
-from wrinklecli.review.diff.difference import Difference, Found, Kind, Limits, Link, Place, differ, is_index, shown
+from wrinklecli.review.diff.difference import (
+    Difference,
+    Found,
+    Kind,
+    Limits,
+    Link,
+    Place,
+    Sides,
+    differ,
+    is_index,
+    shown,
+)
 
 # The arrays to which keys of a kind of object refer, at any depth; `attributes` below an extension are accessors.
 _REFERENCES: dict[str, dict[str, str]] = {
@@ -39,6 +51,8 @@ _DEFAULTS: dict[str, Json] = {
     "document": {"scene": 0},
 }
 _MISSING: Any = object()
+# Keys that say where an accessor's data lies.
+_STORAGE = ("bufferView", "byteOffset")
 
 
 def dict_differences(
@@ -138,7 +152,55 @@ def _are_numbers(values: Sequence[Any]) -> bool:
     return all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
 
 
-def array_differences(
+def decoded(document: Document, index: int | None) -> Array | None:
+    """The elements of an accessor; None without an index, or if it is malformed, as a bake may leave it."""
+    try:
+        return None if index is None else document.accessor(index, user=document.path)
+    except TooMuchError:
+        raise
+    except AssetError:
+        return None
+
+
+def accessor_differences(
+    sides: Sides, i: int, j: int, place: Place, *, name: object = "", scale: float = 1.0
+) -> Iterator[Difference]:
+    """Compare two accessors; POSITION is compared as positions, `scale` scene units for each unit."""
+    one, other = decoded(sides.a, i), decoded(sides.b, j)
+    if one is None or other is None:
+        yield from unreadable_differences(sides, i, j, place, name=name)
+    else:
+        yield from _array_differences(one, other, place, sides.limits, name=name, scale=scale)
+
+
+def unreadable_differences(
+    sides: Sides, i: int | None, j: int | None, place: Place, *, name: object
+) -> Iterator[Difference]:
+    """Compare accessors as they are stored, if one of them cannot be decoded."""
+    ends = {"A": (sides.a, i), "B": (sides.b, j)}
+    unreadable = [side for side, end in ends.items() if end[1] is not None and decoded(*end) is None]
+    if len(unreadable) == 1:
+        yield differ("geometry", place, f"cannot be decoded in {unreadable[0]}", name=name)
+    elif unreadable and _stored(*ends["A"]) != _stored(*ends["B"]):
+        yield differ("geometry", place, "cannot be decoded, and is stored otherwise", name=name)
+
+
+def _stored(document: Document, index: Any) -> tuple[Any, bytes | None]:
+    """The JSON of an accessor, and the bytes of its view if they can be read."""
+    accessors = document.items("accessors")
+    if index not in range(len(accessors)):
+        return None, None
+    accessor = accessors[index]
+    try:
+        data = bytes(document.view(accessor["bufferView"])) if "bufferView" in accessor else None
+    except TooMuchError:
+        raise
+    except AssetError:
+        data = None
+    return {key: value for key, value in accessor.items() if key not in _STORAGE}, data
+
+
+def _array_differences(
     one: Array, other: Array, place: Place, limits: Limits, *, name: object, scale: float = 1.0
 ) -> Iterator[Difference]:
     """Compare the elements of two accessors, as `accessor_differences` does."""

@@ -5,7 +5,6 @@ Coordinates are those of a tools file: world space in scene units, with the file
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -50,29 +49,17 @@ _SNAP = 0.005
 _ROUNDING = 1e-9
 
 
-@dataclass(frozen=True, slots=True)
-class Grid:
-    """Lines, joints and their names to draw over a picture, and the ruler's numbers."""
-
-    overlay: Overlay
-    labels: tuple[Placed, ...]
-
-
-def draw_grid(asset: ShownAsset, moment: Moment, camera: Camera, size: tuple[int, int], *, up: str) -> Grid:
+def draw_grid(asset: ShownAsset, moment: Moment, camera: Camera, size: tuple[int, int], *, up: str) -> Overlay:
     """A grid for a camera with parallel rays: rulers at the borders if it looks along an axis, else a ruled box.
 
     `size` is the picture's, in pixels; `up` is the up axis of the tools file.
     """
-    shown = [_axis_along(camera.axes[k], up) for k in (0, 1)]
-    joints = _joints(asset, moment)
-    if shown[0] is not None and shown[1] is not None:
-        ruled = [_ruled(camera, size, _AXES[up], k, *found) for k, found in enumerate(shown) if found]
+    across, upright = (_axis_along(camera.axes[k], up) for k in (0, 1))
+    if across is not None and upright is not None:
+        ruled = _ruled(camera, size, _AXES[up], 0, *across).joined(_ruled(camera, size, _AXES[up], 1, *upright))
     else:
-        ruled = [_boxed(asset, moment, camera, size, up)]
-    overlay = Overlay()
-    for each in ruled:
-        overlay = overlay.joined(each.overlay)
-    return Grid(overlay.joined(joints), tuple(label for each in ruled for label in each.labels))
+        ruled = _boxed(asset, moment, camera, size, up)
+    return ruled.joined(_joints(asset, moment))
 
 
 def snapped(camera: Camera) -> Camera:
@@ -107,7 +94,7 @@ def _label(value: float, step: float) -> str:
     return f"{value + 0.0:.{digits}f}" if digits < 7 and abs(value) < 1e7 else f"{value:g}"
 
 
-def _ruled(camera: Camera, size: tuple[int, int], axes: Floats, across: int, number: int, sign: float) -> Grid:
+def _ruled(camera: Camera, size: tuple[int, int], axes: Floats, across: int, number: int, sign: float) -> Overlay:
     """Lines across the picture at even coordinates, with ticks and labels along one border.
 
     Args:
@@ -150,7 +137,7 @@ def _ruled(camera: Camera, size: tuple[int, int], axes: Floats, across: int, num
     # At the end to which the axis points stands its name, and no number.
     end = size[across] - _SPACE / 4 if (sign > 0) == (across == 0) else _SPACE / 4
     labels.append(_beside(across, end, height, f"+{_NAMES[number]}", _INKS[number]))
-    return Grid(Overlay(strokes), tuple(labels))
+    return Overlay(strokes, labels=labels)
 
 
 def _beside(across: int, at: float, height: int, text: str, colour: Colour) -> Placed:
@@ -160,7 +147,7 @@ def _beside(across: int, at: float, height: int, text: str, colour: Colour) -> P
     return Placed((2 * _TICK + 4, at), text, colour, "lm")
 
 
-def _boxed(asset: ShownAsset, moment: Moment, camera: Camera, size: tuple[int, int], up: str) -> Grid:
+def _boxed(asset: ShownAsset, moment: Moment, camera: Camera, size: tuple[int, int], up: str) -> Overlay:
     """The ruled floor of a box around the asset, with coordinates along two of its edges and one upright edge."""
     axes = _AXES[up]
     positions = np.concatenate([posed.positions for posed in asset.posed(moment)]) @ axes.T
@@ -199,7 +186,7 @@ def _boxed(asset: ShownAsset, moment: Moment, camera: Camera, size: tuple[int, i
     for k, corner in ((first, near), (second, near), (upright, post)):
         end = np.where(np.arange(3) == k, high[k] + 0.3 * step, corner)
         words.append(Word(end @ axes, f"+{_NAMES[k]}", _INKS[k]))
-    return Grid(Overlay(strokes, (), words), ())
+    return Overlay(strokes, words=words)
 
 
 def _joints(asset: ShownAsset, moment: Moment) -> Overlay:

@@ -1,7 +1,8 @@
 """Show tools that do not fit their asset: the points that they name, and how far the mesh is from there."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from wrinklecli.review.preview.overlay import Dot, Overlay, Stroke, Word
 from wrinklecli.review.preview.shown import ShownAsset
 from wrinklecli.surface.anchor import is_far, segment_at
 from wrinklecli.surface.rest import Rest, asked_positions, rest_pose
-from wrinklecli.tools.records import ToolsFile, WrinkleTool
+from wrinklecli.tools.records import WrinkleTool
 
 # Colour of tools that do not fit, sRGB.
 RED = (0.89, 0.0, 0.0)
@@ -96,57 +97,53 @@ class Misfit:
 
 def find_misfits(planned: PlannedTools, document: Document) -> list[Misfit]:
     """Find the ends of the tools that do not fit an asset."""
-    meshes = _Meshes(document, planned.settings)
-    return [Misfit(refused, meshes.ends_of(refused.tool)) for refused in planned.misfits]
+    clips = read_clips(document) if planned.settings.tools else ()
 
+    @cache
+    def read(node: int) -> tuple[Rig, Surface]:
+        rig = read_rig(document, node)
+        return rig, read_surface(document, rig)
 
-class _Meshes:
-    """The meshes of a document at rest; each is read when a tool needs it."""
+    def at_rest(node: int, tool: WrinkleTool) -> tuple[Rig, Surface, Rest]:
+        rig, surface = read(node)
+        return rig, surface, rest_pose(surface, rig, planned.settings, clips, [tool])
 
-    def __init__(self, document: Document, settings: ToolsFile) -> None:
-        self._document = document
-        self._settings = settings
-        self._read: dict[int, tuple[Rig, Surface]] = {}
-        self._clips = read_clips(document) if settings.tools else ()
-
-    def ends_of(self, tool: WrinkleTool) -> tuple[LostEnd, ...]:
-        """All points of a tool's path; none if a marker is not a node, or the meshes cannot be posed."""
-        ends: list[LostEnd] = []
-        nodes = [index for index, node in enumerate(self._document.items("nodes")) if "mesh" in node]
-        named = [index for index in nodes if self._document.items("nodes")[index].get("name") == tool.node]
+    found = []
+    nodes = {index: node.get("name") for index, node in enumerate(document.items("nodes")) if "mesh" in node}
+    for refused in planned.misfits:
+        named = [index for index, name in nodes.items() if name == refused.tool.node]
         try:
-            rested = [(node, *self._rested(node, tool)) for node in named or nodes]
-            if not rested:
-                return ()
-            _, rig, _, rest = rested[0]
-            points = asked_positions(rig, rest.clip, rest.time, tool)
-        except WrinkleError:
-            return ()
-        for number, point in enumerate(points):
-            around = [(rest.blocks.closest_point(point), node, surface, rest) for node, _, surface, rest in rested]
-            (triangle, barycentrics, place), node, surface, rest = min(
-                around, key=lambda each: float(np.linalg.norm(each[0][2] - point))
-            )
-            primitive = int(surface.primitives[triangle])
-            ends.append(
-                LostEnd(
-                    offset=point - place,
-                    node=node,
-                    primitive=primitive,
-                    vertices=surface.corners[triangle] - surface.vertex_starts[primitive],
-                    barycentrics=barycentrics,
-                    normal=barycentrics @ rest.normals_at(surface.triangles[triangle]),
-                    far=is_far(float(np.linalg.norm(point - place)), segment_at(points, number)),
-                )
-            )
-        return tuple(ends)
+            meshes = {index: at_rest(index, refused.tool) for index in named or nodes}
+            found.append(Misfit(refused, _ends_of(refused.tool, meshes)))
+        except WrinkleError:  # a marker is not a node, or a mesh cannot be posed
+            found.append(Misfit(refused, ()))
+    return found
 
-    def _rested(self, node: int, tool: WrinkleTool) -> tuple[Rig, Surface, Rest]:
-        if node not in self._read:
-            rig = read_rig(self._document, node)
-            self._read[node] = rig, read_surface(self._document, rig)
-        rig, surface = self._read[node]
-        return rig, surface, rest_pose(surface, rig, self._settings, self._clips, [tool])
+
+def _ends_of(tool: WrinkleTool, meshes: Mapping[int, tuple[Rig, Surface, Rest]]) -> tuple[LostEnd, ...]:
+    """All points of a tool's path, by their nearest meshes at rest; `meshes` are those that it may be on, by node."""
+    if not meshes:
+        return ()
+    ends = []
+    rig, _, rest = next(iter(meshes.values()))
+    points = asked_positions(rig, rest.clip, rest.time, tool)
+    for number, point in enumerate(points):
+        nearest = [(rest.blocks.closest_point(point), node) for node, (_, _, rest) in meshes.items()]
+        (triangle, barycentrics, place), node = min(nearest, key=lambda each: float(np.linalg.norm(each[0][2] - point)))
+        _, surface, rest = meshes[node]
+        primitive = int(surface.primitives[triangle])
+        ends.append(
+            LostEnd(
+                offset=point - place,
+                node=node,
+                primitive=primitive,
+                vertices=surface.corners[triangle] - surface.vertex_starts[primitive],
+                barycentrics=barycentrics,
+                normal=barycentrics @ rest.normals_at(surface.triangles[triangle]),
+                far=is_far(float(np.linalg.norm(point - place)), segment_at(points, number)),
+            )
+        )
+    return tuple(ends)
 
 
 def misfit_overlay(misfits: Sequence[Misfit], asset: ShownAsset, moment: Moment) -> Overlay:

@@ -1,7 +1,7 @@
 """Draw strokes, dots and words at places of the world over a picture of a surface."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Literal
 
 import numpy as np
@@ -72,15 +72,17 @@ class Word:
 
 @dataclass(frozen=True, slots=True)
 class Overlay:
-    """Strokes and dots for `draw_overlay`, and words that the sheet's layout writes."""
+    """Strokes and dots for `draw_overlay`, and words and labels that the sheet's layout writes."""
 
     strokes: Sequence[Stroke] = ()
     dots: Sequence[Dot] = ()
     words: Sequence[Word] = ()
+    labels: Sequence["Placed"] = ()
 
     def joined(self, other: "Overlay") -> "Overlay":
         """This overlay, and the other one on top of it."""
-        return Overlay((*self.strokes, *other.strokes), (*self.dots, *other.dots), (*self.words, *other.words))
+        pairs = ((getattr(self, each.name), getattr(other, each.name)) for each in fields(self))
+        return Overlay(*((*one, *two) for one, two in pairs))
 
 
 NOTHING = Overlay()
@@ -103,8 +105,8 @@ class Placed:
 
 
 def placed_words(overlay: Overlay, camera: Camera, size: tuple[int, int]) -> list[Placed]:
-    """The words of an overlay that lie in a picture of a size in pixels."""
-    placed = []
+    """The labels of an overlay, and its words that lie in a picture of a size in pixels."""
+    placed = list(overlay.labels)
     for word in overlay.words:
         x, y = (float(each) for each in camera.project(word.place, size))
         if word.always or (0 <= x <= size[0] and 0 <= y <= size[1]):

@@ -1,7 +1,8 @@
 """Read the base colours of a surface from materials, vertices and textures, and look textures up between pixels."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -150,19 +151,13 @@ def look_up(texture: Texture, places: Floats) -> Array:
     floor = np.floor(scaled)
     fractions = (scaled - floor).astype(np.float32)
     mixed = np.zeros((len(places), 3), np.float32)
-    for right, down, weight in _neighbours(fractions):
+    for right, down in product((0, 1), (0, 1)):
+        across = fractions[:, 0] if right else 1 - fractions[:, 0]
+        weight = across * (fractions[:, 1] if down else 1 - fractions[:, 1])
         x = _wrapped(floor[:, 0] + right, columns, texture.wraps[0])
         y = _wrapped(floor[:, 1] + down, rows, texture.wraps[1])
         mixed += weight[:, None] * _DECODED[texture.pixels[y, x]]
     return mixed
-
-
-def _neighbours(fractions: Array) -> Iterator[tuple[int, int, Array]]:
-    """The four pixels around a place, as steps right and down, and their weights."""
-    for right in (0, 1):
-        for down in (0, 1):
-            across = fractions[:, 0] if right else 1 - fractions[:, 0]
-            yield right, down, across * (fractions[:, 1] if down else 1 - fractions[:, 1])
 
 
 def _wrapped(indices: Floats, count: int, wrap: str) -> Ints:

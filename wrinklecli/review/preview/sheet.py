@@ -16,7 +16,7 @@ from wrinklecli.review.preview.grid import draw_grid
 from wrinklecli.review.preview.heat import HEAT, HEAT_TICKS, heat_colours
 from wrinklecli.review.preview.misfits import RED, Misfit, find_misfits, misfit_overlay, misfit_points
 from wrinklecli.review.preview.moments import Moment, frame_seconds, plan_moments
-from wrinklecli.review.preview.overlay import NOTHING, Overlay, Placed, placed_words
+from wrinklecli.review.preview.overlay import NOTHING, Overlay, placed_words
 from wrinklecli.review.preview.preview_options import PreviewOptions
 from wrinklecli.review.preview.render import render
 from wrinklecli.review.preview.sheet_layout import Drawn, Legend, Sheet, refuse_large, sheet_size
@@ -159,13 +159,11 @@ def _draw(
             for row, view in enumerate(views):
                 camera, size = view.cameras[number], options.picture_size
                 overlay = overlays[number] if asset is shown[-1] else NOTHING
-                words: list[Placed] = []
                 if options.grid:
-                    grid = draw_grid(asset, moment, camera, size, up=up)
-                    overlay, words = grid.overlay.joined(overlay), list(grid.labels)
+                    overlay = draw_grid(asset, moment, camera, size, up=up).joined(overlay)
                 picture = render(snapshot, camera, size=size, style=options.style, overlay=overlay)
                 label = "   ".join([asset.label, moment.label, *([view.name] if len(views) > 1 else [])])
-                words += placed_words(overlay, camera, size)
+                words = placed_words(overlay, camera, size)
                 sheets[-1].put(*layout.cell(number, column, row), picture, label, words)
         progress("drawing", number + 1, len(moments))
     return sheets
