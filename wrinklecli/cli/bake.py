@@ -27,18 +27,15 @@ from wrinklecli.cli.streams import command_outputs
 @opt.clip("Bake only this clip; may be repeated.")
 @opt.tool("Bake only this tool; may be repeated.")
 @opt.fps("Frames per second; overrides sampling.fps (30).")
-@click.option(
+@opt.valued(
     "--max-error",
-    metavar="LENGTH",
+    text="Refuse a file that is off by more: scene units, or per cent of the tallest wrinkle.",
     default="1%",
-    show_default=True,
+    metavar="LENGTH",
     callback=opt.length,
-    help="Refuse a file that is off by more: scene units, or per cent of the tallest wrinkle.",
 )
 @opt.max_levels
-@click.option(
-    "--edges-per-interval", type=click.IntRange(1, 16), help="Overrides refinement.edges_per_interval: on half a bump."
-)
+@opt.whole("--edges-per-interval", low=1, high=16, text="Overrides refinement.edges_per_interval: on half a bump.")
 @opt.max_vertices
 @opt.choice(
     "--accessors",
@@ -47,14 +44,13 @@ from wrinklecli.cli.streams import command_outputs
     " Godot 3, VTK and f3d.",
 )
 @opt.choice("--tracks", Tracks, "none: write targets and extras, but no weight tracks.")
-@click.option("--draft", is_flag=True, help="A quick look: no proof, one level of refinement less; OUT says so.")
-@click.option(
+@opt.flag("--draft", text="A quick look: no proof, one level of refinement less; OUT says so.")
+@opt.flag(
     "--split",
-    is_flag=True,
-    help="Divide meshes into parts, NAME_part2 and so on beside NAME, each with only the morph targets that move it:"
+    text="Divide meshes into parts, NAME_part2 and so on beside NAME, each with only the morph targets that move it:"
     " engines unpack targets over whole meshes.",
 )
-@click.option("--morph-tangents", is_flag=True, help="Add TANGENT to targets where the mesh has tangents.")
+@opt.flag("--morph-tangents", text="Add TANGENT to targets where the mesh has tangents.")
 @click.option(
     "--engine",
     type=click.Choice(get_args(Engine)),
@@ -68,9 +64,7 @@ from wrinklecli.cli.streams import command_outputs
 @opt.file("--depfile", metavar="FILE.d", text="Write the files that OUT depends on, for Make and Ninja.")
 @opt.allow_external()
 @opt.max_memory
-@click.option(
-    "--replace", is_flag=True, help="Where ASSET is the output of a bake: bake its original, as if from another folder."
-)
+@opt.flag("--replace", text="Where ASSET is the output of a bake: bake its original, as if from another folder.")
 @opt.strict
 @opt.quiet()
 @opt.verbose()

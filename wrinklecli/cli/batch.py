@@ -34,23 +34,21 @@ _EXIT_CODES = {"bug": 70, "failed": 1, "refused": 3}
 @click.option(
     "--out", metavar="PATH", help="The output of jobs that name none; {stem} is an asset's name, {folder} its folder."
 )
-@click.option(
-    "-j", "--jobs", type=click.IntRange(1, 1024), default=1, show_default=True, metavar="N", help="Worker processes."
-)
+@opt.whole("-j", "--jobs", low=1, high=1024, text="Worker processes.", default=1, metavar="N")
 @click.option("--scheduler", metavar="tcp://HOST:PORT", help="Use the workers of this Dask scheduler instead.")
 @click.option("--cache", metavar="DIR_OR_URL", help=f"Where outputs are kept.  [default: {_CACHE} beside MANIFEST]")
 @click.option("--keep-going/--fail-fast", default=True, show_default=True, help="What to do after a job that failed.")
-@click.option("--dry-run", is_flag=True, help="Say what would be baked, and why; bake nothing.")
-@click.option(
+@opt.flag("--dry-run", text="Say what would be baked, and why; bake nothing.")
+@opt.whole(
     "--retry",
-    type=click.IntRange(0, 100),
+    low=0,
+    high=100,
+    text="Begin a job again if its worker died or its store did not answer.",
     default=3,
-    show_default=True,
     metavar="N",
-    help="Begin a job again whose worker died or whose store did not answer.",
 )
 @opt.file("--report", metavar="FILE.jsonl", text="Write a line for each job as it ends; - is stdout.")
-@click.option("--dashboard", is_flag=True, help="Serve Dask's dashboard, and say where.")
+@opt.flag("--dashboard", text="Serve Dask's dashboard, and say where.")
 @opt.strict
 @opt.quiet()
 @opt.verbose("Print a line for each job.")

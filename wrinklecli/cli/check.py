@@ -30,10 +30,9 @@ from wrinklecli.errors import RefusedError, counted
 @opt.allow_external()
 @opt.max_memory
 @opt.file("--plot", metavar="FILE.png|svg", text="Draw control curves, and heights over each clip.")
-@click.option(
+@opt.flag(
     "--crossings",
-    is_flag=True,
-    help="Count the edges that pass through triangles instead, in 13 moments of each clip or --fps of them a second.",
+    text="Count the edges that pass through triangles instead, in 13 moments of each clip or --fps of them a second.",
 )
 @opt.json("Print JSON instead of tables.")
 @opt.strict

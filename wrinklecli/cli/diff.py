@@ -30,7 +30,7 @@ _LINES = 10  # of one kind of difference; --verbose shows all
     help="Greatest distance at which they are the same: scene units, or per cent of the asset's size (its box's"
     " diagonal). The default is eight float32 roundings, which is what the same bake may differ by between processors.",
 )
-@click.option("--posed", is_flag=True, help="Compare only what a viewer sees move: posed positions over time.")
+@opt.flag("--posed", text="Compare only what a viewer sees move: posed positions over time.")
 @opt.clip("Compare only this clip; may be repeated.")
 @opt.fps("Frames per second of the times to compare at, besides all keys.", default=30.0)
 @opt.allow_external("Read buffers and images outside the assets' folders too.")

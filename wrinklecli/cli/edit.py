@@ -23,22 +23,21 @@ _PORT = 8765
 @click.argument("tools", type=opt.FILE, required=False)
 @opt.anim()
 @opt.range_of_motion("Without clips that is done anyway.")
-@click.option("--heat", is_flag=True, help="Begin with the surface coloured by its compression.")
-@click.option(
+@opt.flag("--heat", text="Begin with the surface coloured by its compression.")
+@opt.whole(
     "--port",
-    type=click.IntRange(0, 65_535),
+    low=0,
+    high=65_535,
+    text="The port of the page; 0 takes any port that is free.",
     default=_PORT,
-    show_default=True,
     metavar="N",
-    help="Where the page is served; 0 takes any port that is free.",
 )
-@click.option(
+@opt.valued(
     "--host",
+    text="The address to listen on. At any other than this machine's own, whoever reaches it sees and changes all.",
     default="127.0.0.1",
-    show_default=True,
-    help="The address to listen on. At any other than this machine's own, whoever reaches it sees and changes all.",
 )
-@click.option("--no-browser", is_flag=True, help="Print the page's address, and open no browser.")
+@opt.flag("--no-browser", text="Print the page's address, and open no browser.")
 @opt.allow_external()
 @opt.max_memory
 @opt.quiet("Print nothing but the address, and errors.")

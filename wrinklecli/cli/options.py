@@ -79,10 +79,25 @@ def file(*names: str, text: str, metavar: str = "FILE", **more: Any) -> Option:
     return click.option(*names, type=FILE, metavar=metavar, help=text, **more)
 
 
+def flag(*names: str, text: str) -> Option:
+    """An option that is given or not."""
+    return click.option(*names, is_flag=True, help=text)
+
+
+def whole(*names: str, low: int, high: int, text: str, default: int | None = None, **more: Any) -> Option:
+    """A whole number in a range."""
+    return valued(*names, text=text, default=default, type=click.IntRange(low, high), **more)
+
+
+def valued(*names: str, text: str, default: Any = None, **more: Any) -> Option:
+    """An option with a value, whose help shows the default, if there is one."""
+    return click.option(*names, default=default, show_default=default is not None, help=text, **more)
+
+
 def choice(name: str, words: Any, text: str) -> Option:
     """One of the words of a Literal type; the first is the default."""
     values = get_args(words)
-    return click.option(name, type=click.Choice(values), default=values[0], show_default=True, help=text)
+    return valued(name, text=text, default=values[0], type=click.Choice(values))
 
 
 def clip(text: str) -> Option:
@@ -107,44 +122,42 @@ def anim(text: str = "") -> Option:
 def range_of_motion(text: str) -> Option:
     """`--range-of-motion`."""
     about = "Bend each joint about its axes and raise each morph target, one at a time, though ASSET has clips."
-    return click.option("--range-of-motion", is_flag=True, help=f"{about} {text}")
+    return flag("--range-of-motion", text=f"{about} {text}")
 
 
 def fps(text: str, default: float | None = None) -> Option:
     """`--fps`, frames per second."""
-    shown = default is not None
-    kind = click.FloatRange(0.1, 1000)
-    return click.option("--fps", type=kind, default=default, show_default=shown, callback=_number, help=text)
+    return valued("--fps", text=text, default=default, type=click.FloatRange(0.1, 1000), callback=_number)
 
 
 def json(text: str) -> Option:
     """`--json`: `as_json`."""
-    return click.option("--json", "as_json", is_flag=True, help=text)
+    return flag("--json", "as_json", text=text)
 
 
 def allow_external(text: str = "Read buffers and images outside the asset's folder too.") -> Option:
     """`--allow-external`."""
-    return click.option("--allow-external", is_flag=True, help=text)
+    return flag("--allow-external", text=text)
 
 
 def quiet(text: str = "Print nothing but errors.") -> Option:
     """`-q`, `--quiet`."""
-    return click.option("-q", "--quiet", is_flag=True, help=text)
+    return flag("-q", "--quiet", text=text)
 
 
 def verbose(text: str = "Print a line for each tool.") -> Option:
     """`-v`, `--verbose`."""
-    return click.option("-v", "--verbose", is_flag=True, help=text)
+    return flag("-v", "--verbose", text=text)
 
 
+_ONE_POSE = "May be repeated, and with {}, for one pose."
 # Joints to turn: `pose`.
 pose = click.option(
     "--pose",
     metavar="JOINT=AXIS:DEGREES",
     multiple=True,
     callback=_turns,
-    help="In place of clips, turn this joint about its own axis, such as LeftLeg=x:90. May be repeated, and with"
-    " --morph, for one pose.",
+    help="In place of clips, turn this joint about its own axis, such as LeftLeg=x:90. " + _ONE_POSE.format("--morph"),
 )
 # Weights of morph targets: `morphs`.
 morph = click.option(
@@ -153,26 +166,22 @@ morph = click.option(
     metavar="NAME=WEIGHT",
     multiple=True,
     callback=_weights,
-    help="In place of clips, give this morph target a weight, such as browInnerUp=1. May be repeated, and with"
-    " --pose, for one pose.",
+    help="In place of clips, give this morph target a weight, such as browInnerUp=1. " + _ONE_POSE.format("--pose"),
 )
-max_levels = click.option(
-    "--max-levels", type=click.IntRange(0, 8), help="Overrides refinement.max_levels; 0 does not refine."
-)
+max_levels = whole("--max-levels", low=0, high=8, text="Overrides refinement.max_levels; 0 does not refine.")
 # Bytes; the process is held to them while the command runs.
-max_memory = click.option(
+max_memory = valued(
     "--max-memory",
-    metavar="SIZE",
+    text="Refuse what would take more memory, such as 500MB or 4GB.",
     default="1GB",
-    show_default=True,
+    metavar="SIZE",
     callback=_memory,
-    help="Refuse what would take more memory, such as 500MB or 4GB.",
 )
-max_vertices = click.option(
+max_vertices = whole(
     "--max-vertices",
-    type=click.IntRange(0, 100_000_000),
+    low=0,
+    high=100_000_000,
+    text="Refuse tools that would add more vertices to a mesh.",
     default=MAX_VERTICES,
-    show_default=True,
-    help="Refuse tools that would add more vertices to a mesh.",
 )
-strict = click.option("--strict", is_flag=True, help="Treat warnings as refusals (exit code 3).")
+strict = flag("--strict", text="Treat warnings as refusals (exit code 3).")

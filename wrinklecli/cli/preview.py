@@ -83,26 +83,25 @@ def _above_0(_context: click.Context, parameter: click.Parameter, value: float |
 @opt.file("-o", "--output", metavar="OUT", required=True, text="A .png: a sheet. A .webp or .gif: an animation.")
 @opt.file("--tools", metavar="TOOLS", text="Apply these tools (YAML) without a bake, and draw them.")
 @opt.tool("Only this tool of TOOLS; may be repeated.")
-@click.option(
+@opt.flag(
     "--review",
-    is_flag=True,
-    help="Every tool close up, before and after, at its peak. The default of a sheet where there are several tools or"
+    text="Every tool close up, before and after, at its peak. The default of a sheet where there are several tools or"
     " clips, unless other options name what to show: --clip, --rest, --times, --frames, --fps, --views, --focus,"
     " --follow, --labels, --grid.",
 )
-@click.option("--before", is_flag=True, help="Show ASSET without the tools beside it.")
-@click.option("--hide-tools", is_flag=True, help="Apply the tools, but do not draw them.")
-@click.option("--heat", is_flag=True, help="Colour the surface by its compression against the stored pose.")
+@opt.flag("--before", text="Show ASSET without the tools beside it.")
+@opt.flag("--hide-tools", text="Apply the tools, but do not draw them.")
+@opt.flag("--heat", text="Colour the surface by its compression against the stored pose.")
 @opt.anim()
 @opt.range_of_motion("Without clips that is done anyway, and six motions are shown.")
 @opt.pose
 @opt.morph
 @opt.clip("Default: the first clip. May be repeated.")
-@click.option("--rest", is_flag=True, help="The pose as stored, no clip.")
+@opt.flag("--rest", text="The pose as stored, no clip.")
 @click.option(
     "--times", metavar="S,S…", callback=_numbers, help="Seconds. Default: 5 of a clip; of an animation, all of it."
 )
-@click.option("--frames", type=click.IntRange(1, 10_000), help="How many moments of each clip, evenly spaced.")
+@opt.whole("--frames", low=1, high=10_000, text="How many moments of each clip, evenly spaced.")
 @opt.fps("Moments per second; of an animation 15.")
 @click.option(
     "--views",
@@ -113,24 +112,21 @@ def _above_0(_context: click.Context, parameter: click.Parameter, value: float |
 )
 @click.option("--focus", metavar="X,Y,Z", callback=_point, help="Look at this point. Default: the wrinkles, or all.")
 @click.option("--radius", type=float, callback=_above_0, metavar="R", help="See so much about it, scene units.")
+@opt.flag("--follow", text="The camera moves with what it looks at; a --focus is then a point of the stored pose.")
 @click.option(
-    "--follow",
-    is_flag=True,
-    help="The camera moves with what it looks at; a --focus is then a point of the stored pose.",
+    "--size", metavar="WxH", callback=_size, help="The size of each picture. Default: 800x600, or what fits a review."
 )
-@click.option("--size", metavar="WxH", callback=_size, help="Of each picture. Default: 800x600; of a review, as fits.")
-@click.option("--columns", type=click.IntRange(1, 1000), help="Moments in a row of a sheet.")
-@click.option("--labels", metavar="A,B", callback=_words, help="One for each asset, or for before and after.")
-@click.option(
+@opt.whole("--columns", low=1, high=1000, text="Moments in a row of a sheet.")
+@click.option("--labels", metavar="A,B", callback=_words, help="A label for each asset, or for before and after.")
+@opt.flag(
     "--grid",
-    is_flag=True,
-    help="Axes, a ruler in scene units and the names of joints, to read coordinates for a tools file off the picture."
+    text="Axes, a ruler in scene units and the names of joints, to read coordinates for a tools file off the picture."
     " Default: the pose as stored, from front, right and top.",
 )
-@click.option("--wire", is_flag=True, help="Draw the triangles' edges.")
-@click.option("--clay", is_flag=True, help="Grey, whatever the materials say.")
-@click.option("--backfaces", is_flag=True, help="Paint triangles seen from behind red.")
-@click.option("--watch", is_flag=True, help="Draw again whenever ASSET or TOOLS has changed, until Ctrl-C.")
+@opt.flag("--wire", text="Draw the triangles' edges.")
+@opt.flag("--clay", text="Grey, whatever the materials say.")
+@opt.flag("--backfaces", text="Paint triangles seen from behind red.")
+@opt.flag("--watch", text="Draw again whenever ASSET or TOOLS has changed, until Ctrl-C.")
 @opt.allow_external()
 @opt.max_memory
 @opt.max_vertices

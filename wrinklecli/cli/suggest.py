@@ -26,16 +26,16 @@ _WIDEST = 60  # characters of a column
 @opt.file("-o", "--output", metavar="OUT", text="The YAML file; left out, or '-': standard output.")
 @opt.anim()
 @opt.clip("Look at this clip only; may be repeated.")
-@click.option(
+@opt.whole(
     "--count",
-    type=click.IntRange(1, 500),
+    low=1,
+    high=500,
+    text="Suggestions at most, best first; a pair that `mirror` makes counts as one.",
     default=8,
-    show_default=True,
     metavar="N",
-    help="Suggestions at most, best first; a pair that `mirror` makes counts as one.",
 )
 @click.option("--node", metavar="NAME", help="Look at the mesh of this node only.")
-@click.option("--all", "everything", is_flag=True, help="Leave out neither hard parts nor what another layer hides.")
+@opt.flag("--all", "everything", text="Leave out neither hard parts nor what another layer hides.")
 @opt.fps("Poses per second, but 200 of a clip at most.", default=30.0)
 @opt.range_of_motion("Look at that too.")
 @opt.allow_external("Read buffers outside the asset's folder too.")
