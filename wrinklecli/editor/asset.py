@@ -7,6 +7,7 @@ are carried on the triangles that are there, and refined later.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from wrinklecli.effects.wrinkle.carry import carry
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.errors import BakeError, WrinkleError
 from wrinklecli.gltf.document import Document, read_document
-from wrinklecli.numeric.arrays import Bools, Ints, distinct_values, flags_of
+from wrinklecli.numeric.arrays import Ints, components, distinct_values, flags_of
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory
 from wrinklecli.tools.records import Length, ToolsFile, WrinkleTool
 
@@ -253,18 +254,13 @@ def _without_places(tool: WrinkleTool) -> WrinkleTool:
 
 def _overlapping(ground: Ground, patches: Sequence[Patch]) -> list[list[Patch]]:
     """Group patches, so that the refinement for one group reads nothing of another."""
-    groups: list[tuple[list[int], Bools]] = []
-    for number, patch in enumerate(patches):
-        near = flags_of(_around(ground, patch.members), len(ground.surface.triangles))
-        numbers = [number]
-        apart = []
-        for others, theirs in groups:
-            if (near & theirs).any():
-                numbers, near = others + numbers, near | theirs
-            else:
-                apart.append((others, theirs))
-        groups = [*apart, (sorted(numbers), near)]
-    return [[patches[number] for number in numbers] for numbers, _ in sorted(groups, key=lambda each: each[0])]
+    count = len(ground.surface.triangles)
+    near = [flags_of(_around(ground, patch.members), count) for patch in patches]
+    links = [(i, j) for i, j in combinations(range(len(near)), 2) if (near[i] & near[j]).any()]
+    groups: dict[int, list[Patch]] = {}
+    for patch, group in zip(patches, components(np.array(links, np.intp).reshape(-1, 2), len(near)), strict=True):
+        groups.setdefault(int(group), []).append(patch)
+    return list(groups.values())
 
 
 def _around(ground: Ground, triangles: Ints) -> Ints:

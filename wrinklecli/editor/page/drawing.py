@@ -11,7 +11,7 @@ import numpy as np
 
 from wrinklecli.editor.attached import AttachedTool, PlayableMesh
 from wrinklecli.numeric.arrays import Floats, Ints, among, distinct, distinct_values, face_normals, unit
-from wrinklecli.numeric.nearest import distances_along
+from wrinklecli.numeric.nearest import closest_point, distances_along
 from wrinklecli.review.preview.paints import Paint
 
 _NORMAL_STEP = 1 / 127  # difference of stored normals that counts as none: the step of an 8-bit normal
@@ -221,15 +221,10 @@ def pick(origin: Floats, direction: Floats, points: Floats, triangles: Ints) -> 
     """
     if not len(triangles):
         return None
-    corners = points[triangles]
-    distances = distances_along(origin, direction, corners)
+    distances = distances_along(origin, direction, points[triangles])
     nearest = int(np.argmin(distances))
     if not np.isfinite(distances[nearest]):
         return None
     place = origin + distances[nearest] * direction
-    a, b, c = corners[nearest]
-    normal = np.cross(b - a, c - a)
-    area = float(normal @ normal)
-    second = float(np.cross(place - a, c - a) @ normal) / area
-    third = float(np.cross(b - a, place - a) @ normal) / area
-    return float(distances[nearest]), nearest, np.clip(np.array([1 - second - third, second, third]), 0.0, 1.0)
+    _, barycentrics, _ = closest_point(points, triangles[nearest : nearest + 1], place)
+    return float(distances[nearest]), nearest, barycentrics

@@ -4,12 +4,8 @@ import time
 from functools import partial
 from typing import Any
 
-import viser
-
 from wrinklecli.editor.baked_file import BakedFile, bake_saved
-from wrinklecli.editor.page.widgets import ASKS, PageCommands, add_button, add_group, on_event
-from wrinklecli.editor.page.work_queue import WorkQueue
-from wrinklecli.editor.session import Session
+from wrinklecli.editor.page.widgets import ASKS, PageHost, add_button, add_group, add_shortcut
 from wrinklecli.errors import ConfigError
 
 _PROGRESS_SECONDS = 0.2  # seconds between two shown steps of a bake
@@ -21,32 +17,21 @@ class _EndedError(Exception):
 
 
 class FileButtons:
-    """Widgets for the files of a session, at the current place of the panel.
+    """Widgets for the files of a session, at the current place of the panel."""
 
-    Args:
-        gui: Panel of the page.
-        work: Queue for quick actions.
-        slow: Queue for actions that take seconds.
-        session: Edited session.
-        page: Commands of the page.
-    """
-
-    def __init__(
-        self, gui: viser.GuiApi, work: WorkQueue, slow: WorkQueue, session: Session, page: PageCommands
-    ) -> None:
-        self._work, self._slow, self._session, self._page = work, slow, session, page
+    def __init__(self, page: PageHost) -> None:
+        self._page, self._session = page, page.session
         self._noted = 0  # notes of the session that were shown
         undo, redo = partial(self._step, forward=False), partial(self._step, forward=True)
-        add_group(gui, work, "file", {"Save": self._save, "Bake": self._bake, "Undo": undo, "Redo": redo})
+        add_group(page, "file", {"Save": self._save, "Bake": self._bake, "Undo": undo, "Redo": redo})
         overwrite = partial(self._save, overwrite=True)
-        self._overwrite = add_button(
-            gui, work, "Save over what others have written", overwrite, color="red", visible=False
-        )
-        self._progress: Any = gui.add_progress_bar(0.0, visible=False)
-        on_event(gui.add_command("Save", hotkey="S", modifier="cmd/ctrl").on_trigger, work, self._save)
-        on_event(gui.add_command("Undo", hotkey="Z", modifier="cmd/ctrl").on_trigger, work, undo)
-        on_event(gui.add_command("Redo", hotkey="Z", modifier="cmd/ctrl+shift").on_trigger, work, redo)
-        slow.put_later("watch", _CHECK_SECONDS, self._check_files)
+        label = "Save over what others have written"
+        self._overwrite = add_button(page, label, overwrite, color="red", visible=False)
+        self._progress: Any = page.server.gui.add_progress_bar(0.0, visible=False)
+        add_shortcut(page, "Save", self._save, hotkey="S", modifier="cmd/ctrl")
+        add_shortcut(page, "Undo", undo, hotkey="Z", modifier="cmd/ctrl")
+        add_shortcut(page, "Redo", redo, hotkey="Z", modifier="cmd/ctrl+shift")
+        page.slow.put_later("watch", _CHECK_SECONDS, self._check_files)
 
     def show_notes(self) -> None:
         """Show the session's new notes."""
@@ -76,26 +61,26 @@ class FileButtons:
         self._save()
         self._progress.visible = True
         self._page.say("baking …", ASKS)
-        self._slow.put("bake", self._bake_saved)
+        self._page.slow.put("bake", self._bake_saved)
 
     def _bake_saved(self) -> None:
         shown = 0.0
 
         def progress(stage: str, done: int, total: int) -> None:
             nonlocal shown
-            if self._slow.ended:
+            if self._page.slow.ended:
                 raise _EndedError
             if time.monotonic() - shown > _PROGRESS_SECONDS:
                 shown = time.monotonic()
-                self._work.put("progress", lambda: self._show_progress(stage, done, total))
+                self._page.work.put("progress", lambda: self._show_progress(stage, done, total))
 
         try:
             baked = bake_saved(self._session, progress)
         except _EndedError:
             return
         finally:
-            self._work.put("progress", lambda: self._show_progress("", 0, 1))
-        self._work.put(object(), lambda: self._show_baked(baked))
+            self._page.work.put("progress", lambda: self._show_progress("", 0, 1))
+        self._page.work.put(object(), lambda: self._show_baked(baked))
 
     def _show_baked(self, baked: BakedFile) -> None:
         self._page.compare(baked)
@@ -110,6 +95,6 @@ class FileButtons:
     def _check_files(self) -> None:
         try:
             if self._session.refresh():
-                self._work.put("watched", self._page.refresh)
+                self._page.work.put("watched", self._page.refresh)
         finally:
-            self._slow.put_later("watch", _CHECK_SECONDS, self._check_files)
+            self._page.slow.put_later("watch", _CHECK_SECONDS, self._check_files)

@@ -63,20 +63,18 @@ class Page:
         WrinkleError: The port is taken, or the host is no address of this machine.
 
     Attributes:
-        server: Server of the tabs and their cameras.
-        chosen: Name of the tool that the page shows.
-        player: The shown clip and time.
+        player: The shown clip and time. For the other attributes see `PageHost`.
     """
 
     def __init__(self, session: Session, address: Address, *, heat: bool = False) -> None:
-        self._session = session
-        self._work = WorkQueue(self._fail)
+        self.session = session
+        self.work = WorkQueue(self._fail)
         # Actions that take seconds have a thread of their own, so that a clip plays on.
-        self._slow = WorkQueue(lambda error: self._work.put(object(), lambda: self._fail(error)))
+        self.slow = WorkQueue(lambda error: self.work.put(object(), lambda: self._fail(error)))
         self.server = serve(address)
-        self._pointer = Pointer(self._work, session, self)
-        self._viewport = Viewport(self.server, self._work, session, self._pointer.drag)
-        self._pointer.listen(self.server, self._viewport)
+        self._pointer = Pointer(self)
+        self._viewport = Viewport(self, self._pointer.drag)
+        self._pointer.listen(self._viewport)
         self.chosen: str | None = None
         self._pending: tuple[Hashable, Callable[[], None]] | None = None  # the key of a draft, and the edit it becomes
         self._buttons: dict[str, Any] = {}
@@ -84,7 +82,7 @@ class Page:
         self._build(heat=heat)
         self.refresh()
         self._viewport.look_at_all()
-        self._threads = [threading.Thread(target=each.run, daemon=True) for each in (self._work, self._slow)]
+        self._threads = [threading.Thread(target=each.run, daemon=True) for each in (self.work, self.slow)]
         for thread in self._threads:
             thread.start()
 
@@ -106,14 +104,14 @@ class Page:
         Args:
             patience: Seconds to wait for slow work; None waits until it is done.
         """
-        for work, thread in zip((self._work, self._slow), self._threads, strict=True):
+        for work, thread in zip((self.work, self.slow), self._threads, strict=True):
             work.end()
-            thread.join(patience if work is self._slow else None)
+            thread.join(patience if work is self.slow else None)
 
     # Widgets.
 
     def _build(self, *, heat: bool) -> None:
-        gui, work, session = self.server.gui, self._work, self._session
+        gui, session = self.server.gui, self.session
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=_BRAND)
         gui.main_panel.dock_right()
         gui.main_panel.set_width(_PANEL_WIDTH)
@@ -121,29 +119,29 @@ class Page:
         self._head = gui.add_html("")
         self._message = gui.add_html("")
         self.say("")
-        self._files = FileButtons(gui, work, self._slow, session, self)
+        self._files = FileButtons(self)
         play = gui.add_panel()
         with play.add_tab("Play"):
-            self.player = Player(self.server, work, session.clips, session.frame_times, self._show)
+            self.player = Player(self)
         with play.add_tab("View"):
-            self._viewport.add_widgets(gui, self._show, heat=heat)
-            self.player.add_speed(gui)
+            self._viewport.add_widgets(heat=heat)
+            self.player.add_speed()
         with play.add_tab("Pose"):
-            self._pose_panel = PosePanel(gui, work, session, self.player)
+            self._pose_panel = PosePanel(self, self.player)
         play.float(x=15, y=-15, width=_PLAYER_WIDTH)
-        self._pointer.add_button(gui)
+        self._pointer.add_button()
         self._list = gui.add_folder("Tools")
         with self._list:
             self._hint = gui.add_html(paragraph_of(_HINT, _NOTE))
-        self._suggest_panel = SuggestPanel(gui, work, self._slow, session, self)
+        self._suggest_panel = SuggestPanel(self)
         self._tool_panel: Any = gui.add_folder("Tool", visible=False)
         with self._tool_panel:
             self._name: Any = gui.add_text("name", "")
             self._typed_name = TypedText(self._name)
-            on_set(self._name, work, "name", self._rename)
+            on_set(self, self._name, "name", self._rename)
             tip = "Also make the tool of the other side: x negated, left and right exchanged in its name."
             self._both_sides: Any = gui.add_checkbox("both sides", initial_value=False, hint=tip)
-            on_set(self._both_sides, work, "both sides", self._mirror)
+            on_set(self, self._both_sides, "both sides", self._mirror)
             actions = {
                 "Look": self._look,
                 "Solo": self._solo,
@@ -151,7 +149,7 @@ class Page:
                 "Copy": self._copy,
                 "Delete": self._delete,
             }
-            add_group(gui, work, "tool", actions)
+            add_group(self, "tool", actions)
             clips = [clip.name for clip in session.clips if clip.name not in session.range_clips]
             self._controls = ToolControls(gui, self._changed, self._unset, clips)
             self._problems = gui.add_html("")  # below the controls, so that no control moves under the mouse
@@ -178,15 +176,15 @@ class Page:
     def compare(self, baked: BakedFile) -> None:
         """Offer to show a baked file instead of the edited asset, until the tools change."""
         self._viewport.compare(baked)
-        self._show()
+        self.show()
 
     def refresh(self) -> None:
         """Show the session's state, after every edit."""
-        tools = self._session.tools()
+        tools = self.session.tools()
         if self.chosen not in [tool.name for tool in tools]:
             self.chosen = None
-        state = "not saved yet" if self._session.changed else "saved"
-        name = html.escape(os.path.basename(self._session.path))
+        state = "not saved yet" if self.session.changed else "saved"
+        name = html.escape(os.path.basename(self.session.path))
         self._head.content = (
             f'<div style="padding:4px 12px;overflow-wrap:anywhere"><b>{name}</b>'
             f'<span style="opacity:.6"> · {counted(len(tools), "tool")} · {state}</span></div>'
@@ -198,29 +196,29 @@ class Page:
                 self._show_tool(tool)
         self._viewport.refresh()
         self._suggest_panel.drop_outdated()
-        self.player.take(self._session.clips)
+        self.player.refresh()
         self._pose_panel.refresh()
-        self._show()
-        self._work.put_later("chart", 0.0, self._chart)
+        self.show()
+        self.work.put_later("chart", 0.0, self._chart)
         self._files.show_notes()
-        if not self._session.is_refined:
-            self._slow.put("refine", self._refine)
-            self._slow.put_later("warn", _WARN_SECONDS, self._warn)
+        if not self.session.is_refined:
+            self.slow.put("refine", self._refine)
+            self.slow.put_later("warn", _WARN_SECONDS, self._warn)
 
     def _refine(self) -> None:
         """Refine the mesh for the current tools; on the slow thread."""
-        self._session.refine()
-        self._work.put("refined", self._show)
+        self.session.refine()
+        self.work.put("refined", self.show)
 
     def _warn(self) -> None:
         """Collect the warnings of `check`; on the slow thread."""
-        warnings = self._session.warnings()
+        warnings = self.session.warnings()
 
         def show() -> None:
             self._warnings = warnings
             self.refresh()
 
-        self._work.put("warned", show)
+        self.work.put("warned", show)
 
     def _show_tool(self, tool: EditedTool) -> None:
         """Show a tool in its panel."""
@@ -228,7 +226,7 @@ class Page:
         self._typed_name.show(tool.name, tool.name)
         self._both_sides.value = tool.partner is not None
         self._problems.content = self._problems_of(tool)
-        attached = self._session.attached_tools().get(tool.name)
+        attached = self.session.attached_tools().get(tool.name)
         span = tool.length if attached is None else attached.patch.span
         self._controls.show(tool.values, sorted(tool.own), span or 1.0)
 
@@ -257,12 +255,12 @@ class Page:
             if tool.name not in self._buttons:
                 choose = partial(self.choose, tool.name, look=True)
                 with self._list:
-                    self._buttons[tool.name] = add_button(self.server.gui, self._work, tool.name, choose)
+                    self._buttons[tool.name] = add_button(self, tool.name, choose)
             button = self._buttons[tool.name]
             button.label, button.order = f"{tool.name} ({shown})" if shown else tool.name, float(order)
             button.color = "blue" if tool.name == self.chosen else "red" if tool.problem else "gray"
 
-    def _show(self) -> None:
+    def show(self) -> None:
         """Show the player's moment."""
         self._viewport.show(self.player, self.chosen)
         self._chart_now()
@@ -270,17 +268,17 @@ class Page:
     def _chart(self) -> None:
         """Draw the charts of the chosen tool."""
         clip, over = self.player.clip, None
-        attached = self._session.attached_tools().get(self.chosen) if self.chosen else None
+        attached = self.session.attached_tools().get(self.chosen) if self.chosen else None
         if self.chosen is not None and attached is not None:
             self._charts.set_ranges(attached.patch.span, attached.patch.greatest_height)
-            over = None if clip is None else self._session.heights(self.chosen, clip)
+            over = None if clip is None else self.session.heights(self.chosen, clip)
         self._charts.show_heights(over)
         self._chart_now()
 
     def _chart_now(self) -> None:
         if self.chosen is not None:
             self._charts.show_now(self.player.time)
-            self._charts.show_curve(self._session.curve(self.chosen, self.player.clip, self.player.time))
+            self._charts.show_curve(self.session.curve(self.chosen, self.player.clip, self.player.time))
 
     # User actions: choosing and looking.
 
@@ -306,14 +304,14 @@ class Page:
         key = (name, *steps)
 
         def edit(draft: bool) -> None:
-            self._session.set_value(name, steps, value, draft=draft)
+            self.session.set_value(name, steps, value, draft=draft)
 
         actions: dict[SetMode, Callable[[], None]] = {
             "slides": lambda: self.slide(key, edit),
             "typed": lambda: self._commit_later(key, _TYPE_SECONDS, lambda: edit(False)),
             "at once": lambda: self._edit(lambda: edit(False)),
         }
-        self._work.put(("set", steps), actions[mode])
+        self.work.put(("set", steps), actions[mode])
 
     def slide(self, key: Hashable, edit: Callable[[bool], None]) -> None:
         """Show a draft of an edit, which becomes an edit when no other draft follows.
@@ -324,19 +322,19 @@ class Page:
         """
         self._commit_later(key, _SLIDE_SECONDS, lambda: edit(False))
         edit(True)
-        self._show()  # the 3D view follows at once, other widgets later
-        self._work.put_later("follow", _FOLLOW_SECONDS, self.refresh)
+        self.show()  # the 3D view follows at once, other widgets later
+        self.work.put_later("follow", _FOLLOW_SECONDS, self.refresh)
 
     def _commit_later(self, key: Hashable, seconds: float, edit: Callable[[], None]) -> None:
         """Make an edit after some seconds, unless another one of the same key follows."""
         if self._pending is not None and self._pending[0] != key:
             self.commit()
         self._pending = key, edit
-        self._work.put_later("commit", seconds, self.commit)
+        self.work.put_later("commit", seconds, self.commit)
 
     def commit(self) -> None:
         """Turn a draft or a typed value into an edit."""
-        self._work.drop("commit")
+        self.work.drop("commit")
         pending, self._pending = self._pending, None
         if pending is not None:
             pending[1]()
@@ -351,14 +349,14 @@ class Page:
     def _unset(self, key: str) -> None:
         name = self.chosen
         if name is not None:
-            self._work.put(("unset", key), lambda: self._edit(lambda: self._session.unset(name, (key,))))
+            self.work.put(("unset", key), lambda: self._edit(lambda: self.session.unset(name, (key,))))
 
     def _rename(self) -> None:
         old, new = self.chosen, str(self._name.value)
 
         def rename() -> None:
             if old is not None and new not in ("", old):
-                self._session.rename(old, new)
+                self.session.rename(old, new)
                 self.chosen = new
                 self.say("")
 
@@ -367,27 +365,27 @@ class Page:
     def _mirror(self) -> None:
         if self.chosen is not None:
             self.commit()
-            self.choose(self._session.mirror(self.chosen, "x" if self._both_sides.value else None), look=False)
+            self.choose(self.session.mirror(self.chosen, "x" if self._both_sides.value else None), look=False)
 
     def _chosen_tool(self) -> EditedTool | None:
-        return next((tool for tool in self._session.tools() if tool.name == self.chosen), None)
+        return next((tool for tool in self.session.tools() if tool.name == self.chosen), None)
 
     def _solo(self) -> None:
         chosen = self._chosen_tool()
         if chosen is not None:
-            self._edit(lambda: self._session.solo(() if chosen.solo else (chosen.name,)))
+            self._edit(lambda: self.session.solo(() if chosen.solo else (chosen.name,)))
 
     def _switch(self) -> None:
         chosen = self._chosen_tool()
         if chosen is not None:
-            self._edit(lambda: self._session.enable(chosen.name, enabled=not chosen.enabled))
+            self._edit(lambda: self.session.enable(chosen.name, enabled=not chosen.enabled))
 
     def _copy(self) -> None:
         if self.chosen is not None:
             self.commit()
-            self.choose(self._session.copy(self.chosen), look=False)
+            self.choose(self.session.copy(self.chosen), look=False)
 
     def _delete(self) -> None:
         if self.chosen is not None:
             name = self.chosen
-            self._edit(lambda: self._session.delete(name))
+            self._edit(lambda: self.session.delete(name))

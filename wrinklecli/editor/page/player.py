@@ -1,17 +1,14 @@
 """The player, which chooses the shown clip and time, and the charts of a tool at that time."""
 
 import time
-from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 import viser
 from viser import uplot
 
-from wrinklecli.character.clip import Clip
 from wrinklecli.editor.free_pose import POSE
-from wrinklecli.editor.page.widgets import add_button, on_event, on_set
-from wrinklecli.editor.page.work_queue import WorkQueue
+from wrinklecli.editor.page.widgets import PageHost, add_button, add_shortcut, on_set
 from wrinklecli.numeric.arrays import Floats
 
 _REST = "as stored"
@@ -28,45 +25,31 @@ _PLAYHEAD_INK = "#e8590c"
 
 
 class Player:
-    """The clip, the time, and their widgets.
-
-    Args:
-        server: Server of the page.
-        work: Queue for the widgets' actions, and for the next frame of a clip that plays.
-        clips: Clips of the asset.
-        frame_times: Gives the (frames,) seconds at which the clip of a name plays.
-        show: Called to show another moment.
+    """The clip, the time, and their widgets, at the current place of the panel.
 
     Attributes:
         playing: The clip plays.
     """
 
-    def __init__(
-        self,
-        server: viser.ViserServer,
-        work: WorkQueue,
-        clips: Sequence[Clip],
-        frame_times: Callable[[str], Floats],
-        show: Callable[[], None],
-    ) -> None:
-        self._work, self._show, self._frame_times = work, show, frame_times
-        self._clips = {clip.name: clip for clip in clips}
+    def __init__(self, page: PageHost) -> None:
+        self._page = page
+        self._clips = {clip.name: clip for clip in page.session.clips}
         self._last, self._elapsed = 0.0, 0.0  # when a frame was shown last, and its time in the clip, seconds
         self.playing = False
-        gui = server.gui
+        gui = page.server.gui
         names = (*self._clips, POSE, _REST)
         self._clip: Any = gui.add_dropdown("clip", names, hint="Motions of joints and morph targets are clips, too.")
         self._time: Any = gui.add_slider("time (s)", 0.0, 1.0, _TIME_STEP, 0.0)
-        self._button = add_button(gui, work, "Play", self.toggle, icon=viser.Icon.PLAYER_PLAY, hint="Space")
+        self._button = add_button(page, "Play", self.toggle, icon=viser.Icon.PLAYER_PLAY, hint="Space")
         self._speed: Any = None
         self._fit_slider()
-        on_event(gui.add_command("Play or pause", hotkey="space").on_trigger, work, self.toggle)
-        on_set(self._clip, work, "clip", self._choose)
-        on_set(self._time, work, "time", self._scrub)
+        add_shortcut(page, "Play or pause", self.toggle, hotkey="space")
+        on_set(page, self._clip, "clip", self._choose)
+        on_set(page, self._time, "time", self._scrub)
 
-    def add_speed(self, gui: viser.GuiApi) -> None:
+    def add_speed(self) -> None:
         """Add the slider of the speed, at the current place of the panel."""
-        self._speed = gui.add_slider("speed", _MIN_SPEED, _MAX_SPEED, _SPEED_STEP, 1.0)
+        self._speed = self._page.server.gui.add_slider("speed", _MIN_SPEED, _MAX_SPEED, _SPEED_STEP, 1.0)
 
     @property
     def clip(self) -> str | None:
@@ -78,8 +61,9 @@ class Player:
         """Shown time of the clip, seconds."""
         return float(self._time.value)
 
-    def take(self, clips: Sequence[Clip]) -> None:
-        """Offer other clips, if the asset was exported again."""
+    def refresh(self) -> None:
+        """Offer other clips if the asset was exported again."""
+        clips = self._page.session.clips
         if len(clips) == len(self._clips) and all(each is self._clips.get(each.name) for each in clips):
             return
         shown = self._clip.value
@@ -95,26 +79,26 @@ class Player:
         self._button.icon = viser.Icon.PLAYER_PAUSE if self.playing else viser.Icon.PLAYER_PLAY
         self._last, self._elapsed = time.monotonic(), self.time - self._time.min
         if self.playing:
-            self._work.put_later("tick", 0.0, self._tick)
+            self._page.work.put_later("tick", 0.0, self._tick)
         else:
-            self._work.drop("tick")
+            self._page.work.drop("tick")
 
     def go(self, clip: str | None, moment: float) -> None:
         """Show a time of a clip, seconds."""
         self._clip.value = clip if clip is not None else _REST
         self._fit_slider()
         self._time.value = float(np.clip(moment, self._time.min, self._time.max))
-        self._show()
+        self._page.show()
 
     def _choose(self) -> None:
         self._fit_slider()
         self._time.value = self._time.min
-        self._show()
+        self._page.show()
 
     def _scrub(self) -> None:
         if self.playing:
             self.toggle()
-        self._show()
+        self._page.show()
 
     def _fit_slider(self) -> None:
         """Let the slider go from the clip's start to its end."""
@@ -131,11 +115,11 @@ class Player:
         self._last = now
         self._elapsed = (self._elapsed + passed) % (self._time.max - self._time.min)
         moment = self._time.min + self._elapsed
-        times = self._frame_times(self._clip.value)
+        times = self._page.session.frame_times(self._clip.value)
         self._time.value = float(times[np.argmin(np.abs(times - moment))])
-        self._show()
+        self._page.show()
         # On a slow machine other work has its turn between two frames.
-        self._work.put_later("tick", max(1.0 / _FPS - (time.monotonic() - now), 0.0), self._tick)
+        self._page.work.put_later("tick", max(1.0 / _FPS - (time.monotonic() - now), 0.0), self._tick)
 
 
 class Charts:

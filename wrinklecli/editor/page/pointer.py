@@ -7,9 +7,7 @@ import viser
 
 from wrinklecli.editor.page.key_controls import as_written, key_controls
 from wrinklecli.editor.page.viewport import Viewport
-from wrinklecli.editor.page.widgets import ASKS, PageCommands, add_button
-from wrinklecli.editor.page.work_queue import WorkQueue
-from wrinklecli.editor.session import Session
+from wrinklecli.editor.page.widgets import ASKS, PageHost, add_button
 from wrinklecli.numeric.arrays import Floats
 
 _WIDTH = next(control for control in key_controls() if control.key == "width")
@@ -17,28 +15,22 @@ _MIN_WIDTH = 1.0  # per cent of a tool's length, the least width that a drag giv
 
 
 class Pointer:
-    """The mouse on the mesh.
+    """The mouse on the mesh."""
 
-    Args:
-        work: Queue for the edits.
-        session: Edited session.
-        page: Commands of the page.
-    """
-
-    def __init__(self, work: WorkQueue, session: Session, page: PageCommands) -> None:
-        self._work, self._session, self._page = work, session, page
+    def __init__(self, page: PageHost) -> None:
+        self._page, self._work, self._session = page, page.work, page.session
         self._ends: list[Floats] | None = None  # clicked ends of a new tool; None if no new tool is begun
 
-    def listen(self, server: viser.ViserServer, viewport: Viewport) -> None:
+    def listen(self, viewport: Viewport) -> None:
         """Take the clicks in a viewport."""
         self._viewport = viewport
-        clicks: Any = server.scene.on_click()
+        clicks: Any = self._page.server.scene.on_click()
         clicks(self._clicked)
 
-    def add_button(self, gui: viser.GuiApi) -> None:
+    def add_button(self) -> None:
         """Add the button that begins a new tool."""
         tip = "Click where it begins and where it ends."
-        self._new = add_button(gui, self._work, "New tool", self._begin_new, icon=viser.Icon.PLUS, hint=tip)
+        self._new = add_button(self._page, "New tool", self._begin_new, icon=viser.Icon.PLUS, hint=tip)
 
     def _begin_new(self) -> None:
         if self._ends is None:

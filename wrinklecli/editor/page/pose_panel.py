@@ -4,14 +4,10 @@ import html
 from functools import partial
 from typing import Any
 
-import viser
-
 from wrinklecli.character.posing import posable
 from wrinklecli.editor.free_pose import POSE, FreePose
 from wrinklecli.editor.page.player import Player
-from wrinklecli.editor.page.widgets import add_group, on_set, paragraph
-from wrinklecli.editor.page.work_queue import WorkQueue
-from wrinklecli.editor.session import Session
+from wrinklecli.editor.page.widgets import PageHost, add_group, on_set, paragraph
 from wrinklecli.gltf.document import Document
 
 _AXES = ("x", "y", "z")
@@ -22,31 +18,25 @@ _NOTHING = "–"
 
 
 class PosePanel:
-    """Widgets for the free pose, at the current place of the panel.
+    """Widgets for the free pose, which a player shows, at the current place of the panel."""
 
-    Args:
-        gui: Panel of the page.
-        work: Queue for the widgets' actions.
-        session: Session whose free pose is set.
-        player: Player that shows the pose.
-    """
-
-    def __init__(self, gui: viser.GuiApi, work: WorkQueue, session: Session, player: Player) -> None:
-        self._session, self._player = session, player
+    def __init__(self, page: PageHost, player: Player) -> None:
+        self._session, self._player = page.session, player
+        gui = page.server.gui
         self._document: Document | None = None
         self._joint: Any = gui.add_dropdown("joint", (_NOTHING,), hint="Turned on from the stored pose.")
         self._axes: dict[str, Any] = {}
         for axis in _AXES:
             tip = f"About its own axis {axis}."
             self._axes[axis] = gui.add_slider(f"{axis} (°)", -_MAX_DEGREES, _MAX_DEGREES, _DEGREES_STEP, 0.0, hint=tip)
-            on_set(self._axes[axis], work, f"pose {axis}", partial(self._turn, axis))
+            on_set(page, self._axes[axis], f"pose {axis}", partial(self._turn, axis))
         self._morph: Any = gui.add_dropdown("morph target", (_NOTHING,))
         self._weight: Any = gui.add_slider("weight", 0.0, 1.0, _WEIGHT_STEP, 0.0)
-        add_group(gui, work, "pose", {"Pose": self._show, "As stored": partial(self._take, FreePose())})
+        add_group(page, "pose", {"Pose": self._show, "As stored": partial(self._take, FreePose())})
         self._options: Any = gui.add_html("")
-        on_set(self._weight, work, "pose weight", self._set_weight)
+        on_set(page, self._weight, "pose weight", self._set_weight)
         for choice in (self._joint, self._morph):
-            on_set(choice, work, "posed", self.refresh)
+            on_set(page, choice, "posed", self.refresh)
 
     def refresh(self) -> None:
         """Show the session's free pose, and the joints and morph targets of its asset."""

@@ -5,64 +5,51 @@ from typing import Any
 
 import viser
 
-from wrinklecli.editor.page.widgets import ASKS, PageCommands, add_button
-from wrinklecli.editor.page.work_queue import WorkQueue
+from wrinklecli.editor.page.widgets import ASKS, PageHost, add_button
 from wrinklecli.editor.proposals import Proposal
-from wrinklecli.editor.session import Session
 from wrinklecli.gltf.document import Document
 
 
 class SuggestPanel:
-    """Widgets for proposed tools, at the current place of the panel.
+    """Widgets for proposed tools, at the current place of the panel."""
 
-    Args:
-        gui: Panel of the page.
-        work: Queue for quick actions.
-        slow: Queue for actions that take seconds.
-        session: Edited session.
-        page: Commands of the page.
-    """
-
-    def __init__(
-        self, gui: viser.GuiApi, work: WorkQueue, slow: WorkQueue, session: Session, page: PageCommands
-    ) -> None:
-        self._gui, self._work, self._slow, self._session, self._page = gui, work, slow, session, page
-        self._folder: Any = gui.add_folder("Suggested")
+    def __init__(self, page: PageHost) -> None:
+        self._page = page
+        self._folder: Any = page.server.gui.add_folder("Suggested")
         self._buttons: dict[int, Any] = {}
         self._document: Document | None = None  # the asset that the proposals are for
         with self._folder:
             tip = "Looks for the places that clips compress most, as wrinkle suggest does."
-            add_button(gui, work, "Find places", self._ask, icon=viser.Icon.SEARCH, color="gray", hint=tip)
+            add_button(page, "Find places", self._ask, icon=viser.Icon.SEARCH, color="gray", hint=tip)
 
     def drop_outdated(self) -> None:
         """Remove the proposals if the asset has changed."""
-        if self._document is not self._session.document:
+        if self._document is not self._page.session.document:
             for button in self._buttons.values():
                 button.remove()
             self._buttons.clear()
 
     def _ask(self) -> None:
         self._page.say("looking for places that fold …", ASKS)
-        self._slow.put("proposals", self._find)
+        self._page.slow.put("proposals", self._find)
 
     def _find(self) -> None:
-        proposals = self._session.proposals()
-        self._work.put("proposals", lambda: self._show(proposals))
+        proposals = self._page.session.proposals()
+        self._page.work.put("proposals", lambda: self._show(proposals))
 
     def _show(self, proposals: list[Proposal]) -> None:
         self._document = None
         self.drop_outdated()
-        self._document = self._session.document
+        self._document = self._page.session.document
         for number, proposal in enumerate(proposals):
             accept = partial(self._accept, number, proposal)
             with self._folder:
-                self._buttons[number] = add_button(
-                    self._gui, self._work, f"+ {proposal.name}", accept, color="gray", hint=proposal.why
-                )
+                label = f"+ {proposal.name}"
+                self._buttons[number] = add_button(self._page, label, accept, color="gray", hint=proposal.why)
         self._page.say(f"{len(proposals)} found: a click takes one" if proposals else "nothing found that folds")
 
     def _accept(self, number: int, proposal: Proposal) -> None:
         self._page.commit()
-        name = self._session.accept(proposal)
+        name = self._page.session.accept(proposal)
         self._buttons.pop(number).remove()
         self._page.choose(name, look=True)

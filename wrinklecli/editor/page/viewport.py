@@ -1,6 +1,6 @@
 """The 3D view: the session's meshes at the player's moment, tools on them, cameras, and what is under the mouse."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -15,9 +15,7 @@ from wrinklecli.editor.page.drawing import Body, SurfacePoints, ToolOutline, bod
 from wrinklecli.editor.page.drawn_scene import LOOKS, Drag, DrawnScene, Look
 from wrinklecli.editor.page.player import Player
 from wrinklecli.editor.page.viewpoints import FOV, SIDES, frame_asset, frame_tool
-from wrinklecli.editor.page.widgets import add_group, on_set
-from wrinklecli.editor.page.work_queue import WorkQueue
-from wrinklecli.editor.session import Session
+from wrinklecli.editor.page.widgets import PageHost, add_group, on_set
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats
@@ -56,17 +54,11 @@ class Hit:
 
 
 class Viewport:
-    """The 3D view of all tabs, with the widgets for its look.
+    """The 3D view of all tabs, with the widgets for its look; `drag` is called when the user drags a tool's dot."""
 
-    Args:
-        server: Server of the page.
-        work: Queue for the widgets' actions.
-        session: Session to show.
-        drag: Called when the user drags a tool's dot.
-    """
-
-    def __init__(self, server: viser.ViserServer, work: WorkQueue, session: Session, drag: Drag) -> None:
-        self._server, self._work, self._session = server, work, session
+    def __init__(self, page: PageHost, drag: Drag) -> None:
+        self._page, self._server, self._work, self._session = page, page.server, page.work, page.session
+        server = page.server
         server.scene.set_up_direction("+y")
         server.scene.set_background_image(_background())
         _add_lights(server.scene)
@@ -80,17 +72,18 @@ class Viewport:
         self._baked: BakedFile | None = None
         self.refresh()
 
-    def add_widgets(self, gui: viser.GuiApi, show: Callable[[], None], *, heat: bool) -> None:
-        """Add the widgets at the current place of the panel; `show` has to call this object's `show`."""
+    def add_widgets(self, *, heat: bool) -> None:
+        """Add the widgets at the current place of the panel."""
+        gui = self._server.gui
         self._look: Any = gui.add_dropdown("surface", LOOKS, initial_value="heat" if heat else "clay")
         self._wire: Any = gui.add_checkbox("wire", initial_value=False)
         tip = "Show what Bake has written, in place of what is edited; its clips, as it plays them."
         self._as_baked: Any = gui.add_checkbox("baked file", initial_value=False, hint=tip, visible=False)
         self._beside: Any = gui.add_checkbox("rest beside", initial_value=False, hint="Show it at rest, too.")
-        add_group(gui, self._work, "look from", {side: partial(self.look_at_all, side) for side in SIDES})
+        add_group(self._page, "look from", {side: partial(self.look_at_all, side) for side in SIDES})
         for each in (self._look, self._wire, self._beside):
-            on_set(each, self._work, "bodies", self._show_bodies)
-        on_set(self._as_baked, self._work, "as baked", show)
+            on_set(self._page, each, "bodies", self._show_bodies)
+        on_set(self._page, self._as_baked, "as baked", self._page.show)
 
     def refresh(self) -> None:
         """Read the colours of a new asset, and withdraw the baked file if the tools have changed since."""

@@ -9,6 +9,7 @@ import viser
 
 from wrinklecli.editor.baked_file import BakedFile
 from wrinklecli.editor.page.work_queue import Action, WorkQueue
+from wrinklecli.editor.session import Session
 
 GOOD = "#1c7a3f"
 """Colour of a message about something done."""
@@ -46,18 +47,29 @@ KEYBOARD = f'<img src="data:," style="display:none" onerror="{html.escape(_SCRIP
 """HTML that runs the script once in each tab: viser has no place for scripts, but an image that fails runs one."""
 
 
-class PageCommands(Protocol):
-    """The commands of the page that its parts use."""
+class PageHost(Protocol):
+    """The page, as its parts see it.
 
-    @property
-    def chosen(self) -> str | None:
-        """Name of the tool that the page shows."""
+    Attributes:
+        work: Queue for quick actions.
+        slow: Queue for actions that take seconds.
+        chosen: Name of the tool that the page shows.
+    """
+
+    server: viser.ViserServer
+    session: Session
+    work: WorkQueue
+    slow: WorkQueue
+    chosen: str | None
 
     def say(self, text: str, colour: str = GOOD) -> None:
         """Show a message."""
 
     def refresh(self) -> None:
         """Show the session's state."""
+
+    def show(self) -> None:
+        """Show the player's moment."""
 
     def choose(self, name: str | None, *, look: bool) -> None:
         """Show a tool, and with `look` turn the cameras to it."""
@@ -86,27 +98,30 @@ class TypedText:
             self.widget.value = value
 
 
-def add_button(gui: viser.GuiApi, work: WorkQueue, label: str, action: Action, **options: Any) -> Any:
+def add_button(page: PageHost, label: str, action: Action, **options: Any) -> Any:
     """Add a button for an action."""
-    button = gui.add_button(label, **options)
-    on_event(button.on_click, work, action)
+    button = page.server.gui.add_button(label, **options)
+    _on_event(button.on_click, page.work, action)
     return button
 
 
-def add_group(gui: viser.GuiApi, work: WorkQueue, title: str, actions: Mapping[str, Action]) -> None:
+def add_shortcut(page: PageHost, label: str, action: Action, **keys: Any) -> None:
+    """Add a command for an action, with its keys."""
+    _on_event(page.server.gui.add_command(label, **keys).on_trigger, page.work, action)
+
+
+def add_group(page: PageHost, title: str, actions: Mapping[str, Action]) -> None:
     """Add a row of buttons, one for each action."""
 
     async def clicked(event: Any) -> None:
-        work.put(object(), actions[event.target.value])  # a key of its own: no click replaces another
+        page.work.put(object(), actions[event.target.value])
 
-    gui.add_button_group(title, tuple(actions)).on_click(clicked)
+    page.server.gui.add_button_group(title, tuple(actions)).on_click(clicked)
 
 
-def on_event(register: Callable[[Any], object], work: WorkQueue, action: Action) -> None:
-    """Perform an action on each click of a button or each stroke of a key."""
-
+def _on_event(register: Callable[[Any], object], work: WorkQueue, action: Action) -> None:
     async def called(_event: object) -> None:
-        work.put(object(), action)
+        work.put(object(), action)  # a key of its own: no event replaces another
 
     register(called)
 
@@ -121,9 +136,9 @@ def on_user_change(widget: Any, action: Action) -> None:
     widget.on_update(called)
 
 
-def on_set(widget: Any, work: WorkQueue, key: str, action: Action) -> None:
+def on_set(page: PageHost, widget: Any, key: str, action: Action) -> None:
     """Perform an action when a user sets a widget, in place of one that waits under the key."""
-    on_user_change(widget, partial(work.put, key, action))
+    on_user_change(widget, partial(page.work.put, key, action))
 
 
 def paragraph(content: str, colour: str = "inherit") -> str:
