@@ -16,11 +16,10 @@ UNSIGNED_BYTE, UNSIGNED_SHORT, FLOAT = 5121, 5123, 5126
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """A joint, whose axes are those of the world at rest.
+    """A joint; its axes are those of the world at rest.
 
     Attributes:
-        name: Of its node.
-        parent: Name of the joint above, None for the root.
+        parent: Name of the joint above; None for the root.
         position: World space at rest, metres.
     """
 
@@ -34,10 +33,9 @@ class Clip:
     """An animation with LINEAR keys.
 
     Attributes:
-        name: Of the animation.
         times: (keys,), seconds.
-        rotations: Joint name to quaternions (keys, 4), x y z w.
-        translations: Joint name to offsets (keys, 3) from the joint's place at rest, metres.
+        rotations: Quaternions (keys, 4) by name of joint, x y z w.
+        translations: Offsets (keys, 3) from the place at rest by name of joint, metres.
         weights: (keys, morph targets), or None.
     """
 
@@ -50,19 +48,17 @@ class Clip:
 
 @dataclass(frozen=True, slots=True)
 class Character:
-    """All that one sample holds.
+    """The content of one sample.
 
     Attributes:
-        name: Of the mesh and its node.
+        name: Name of the mesh and of its node.
         mesh: Bind-space surface, relaxed.
         joints: Parents before children.
-        weights: (vertices, joints), rows sum to 1, at most four of a row above 0.
-        clips: Animations.
+        weights: (vertices, joints); rows sum to 1, and at most four numbers of a row are above 0.
         colour: Linear RGB of the material.
-        material: Its name.
-        roughness: Of the material.
-        double_sided: Whether the inside shows.
-        morphs: Name of a morph target to its offsets (vertices, 3), metres.
+        material: Name of the material.
+        double_sided: True if the inside shows.
+        morphs: Offsets (vertices, 3) by name of morph target, metres.
     """
 
     name: str
@@ -204,7 +200,7 @@ def to_glb(character: Character) -> bytes:
     document = {
         "asset": {"version": "2.0", "generator": "wrinkle samples"},
         "scene": 0,
-        # Not the body's name: three.js calls scenes and nodes apart, and renames the second of one name.
+        # Not the name of the body, since three.js renames the second of two things with one name.
         "scenes": [{"name": "Scene", "nodes": [0, 1]}],
         "nodes": nodes,
         "meshes": [mesh],

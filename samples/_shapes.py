@@ -87,7 +87,7 @@ def project(shape: Field, points: Floats, held: Bools, *, steps: int = 1) -> tup
         shape: The distance field, (n, 3) to (n,).
         points: (n, 3), metres.
         held: (n, 3), the coordinates that must stay.
-        steps: How many.
+        steps: Number of Newton steps.
 
     Returns:
         The points (n, 3), and the field's unit gradient (n, 3) at the last step.
@@ -118,7 +118,7 @@ class Mesh:
         quads: (quads, 4), counter-clockwise from outside; a triangle repeats its last vertex.
         uvs: (quads, 4, 2), texture coordinates of the quads' corners, v upward.
         held: (vertices, 3), coordinates that relaxation must not change.
-        border: (vertices,), on an open border.
+        border: (vertices,), True on an open border.
     """
 
     positions: Floats
@@ -220,10 +220,10 @@ def relax(mesh: Mesh, shape: Field, *, steps: int, density: Field | None = None)
     """Spread the vertices evenly over a shape: average each with its neighbours, put it back, repeat.
 
     Args:
-        mesh: Its connectivity, borders and a first guess of its positions.
+        mesh: Connectivity, borders, and a first guess of the positions.
         shape: Distance field of the surface.
-        steps: How many rounds.
-        density: Pull (n,) of places (n, 3) on the vertices; all 1 if left out.
+        steps: Number of rounds.
+        density: Pull (n,) of places (n, 3) on the vertices; 1 everywhere if None.
     """
     indices, weights = neighbour_weights(mesh)
     points, gradients = project(shape, mesh.positions, mesh.held, steps=6)

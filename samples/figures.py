@@ -73,7 +73,7 @@ def draw_curves() -> None:
 
 
 def curve_points(curve: ControlCurve, distance: float) -> tuple[Floats, Floats]:
-    """(points,) places along the segment and (points,) heights of a curve whose ends are so far apart."""
+    """(points,) places along the segment and (points,) heights of a curve whose ends have this distance."""
     us = np.linspace(0.0, 1.0, 1025)
     amplitudes, _ = curve.follow(np.array([distance]), np.array([curve.rest_length]))
     return us * distance, np.einsum("gm,gmu->u", amplitudes[0], curve.shapes(us))
@@ -141,7 +141,7 @@ def draw_refinement() -> None:
         fine = plan.fine
         places, near = on_patch(plan, 0, fine.rest_positions, fine.triangles)
         near = near[shown(places[fine.triangles[near]], window)]
-        # Of its coarse triangle's area a red triangle has a quarter of a quarter of …; all else closes a gap.
+        # The area of a red triangle is a quarter of a quarter of … of its coarse triangle; all others close gaps.
         halvings = np.round(-np.log2(np.abs(np.linalg.det(fine.subdivision.barycentrics[near])))).astype(int)
         kinds = np.where(halvings == 0, 0, 1 + halvings % 2)
         for kind, colour in enumerate(("white", "#f3c6bb", "#cfe6d3")):
@@ -152,7 +152,7 @@ def draw_refinement() -> None:
 
 
 def shown(corners: Floats, window: tuple[tuple[float, float], tuple[float, float]]) -> Bools:
-    """(triangles,) which of (triangles, 3, 2) triangles are in a window, if only with a corner."""
+    """(triangles,) True for (triangles, 3, 2) triangles that have a corner in a window."""
     lows, highs = np.transpose(window)
     inside: Bools = ((corners > lows) & (corners < highs)).all(axis=2).any(axis=1)
     return inside
@@ -163,7 +163,7 @@ def add_triangles(axes: Axes, corners: Floats, colour: str) -> None:
     axes.add_collection(PolyCollection(list(corners), facecolor=colour, edgecolor="#7d8b99", linewidth=0.5))
 
 
-# What goes from each room to the next.
+# The input and the output of each room.
 FLOW = {
     "files": ("paths", "bytes"),
     "numeric": ("arrays", "arrays"),
@@ -234,7 +234,7 @@ def draw_index_spaces() -> None:
 
 
 def seam_on_patch(plan: MeshPlan) -> tuple[int, int]:
-    """A tool, and a welded vertex of the middle of its patch that is two glTF vertices or more."""
+    """A tool, and a welded vertex in the middle of its patch that stands for two glTF vertices or more."""
     surface = plan.fine.surface
     for number, carried in enumerate(plan.carried_patches):
         patch = carried.patch
@@ -274,7 +274,7 @@ MOMENT = np.array([0.8])  # seconds of the squat
 
 
 def bent_plane(rig: Rig, clip: Clip) -> tuple[Floats, Floats]:
-    """(3,) where the left knee is, and (3, 3) axes: to the hollow of the knee, across that, and across the leg."""
+    """(3,) place of the left knee, and (3, 3) axes: to the hollow of the knee, across that, and across the leg."""
     nodes = [rig.names.index(name) for name in ("thigh.L", "shin.L")]
     thigh, shin = node_matrices(rig, clip, MOMENT, nodes)[0]
     hip, knee = thigh[:3, 3], shin[:3, 3]
@@ -289,7 +289,7 @@ def section(corners: Floats) -> Floats:
     above = corners[:, :, 2] > 0
     through = above.any(axis=1) & ~above.all(axis=1)
     corners, above = corners[through], above[through]
-    # First the corner that is alone on its side: the edges from it are those that go through.
+    # Two edges go through the plane: those from the corner that is alone on its side.
     alone = np.argmax(above == (above.sum(axis=1) == 1)[:, None], axis=1)
     a, *others = (corners[np.arange(len(corners)), (alone + k) % 3] for k in range(3))
     ends = [a + (a[:, 2:] / (a - b)[:, 2:]) * (b - a) for b in others]

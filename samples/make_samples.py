@@ -124,15 +124,15 @@ def digit(
     """Grow a finger from a ring of vertices.
 
     Args:
-        builder: Takes the quads.
+        builder: The mesh to which the quads are added.
         base: (columns,) the ring; the first `across` + 1 are its upper side, and they go round clockwise as
             seen from the finger's tip.
         ends: Middle of the ring and of the tip, metres.
-        radii: At both.
-        rows: Rings to add.
-        across: Edges on the upper side.
+        radii: Radii at both ends, metres.
+        rows: Number of rings to add.
+        across: Number of edges on the upper side.
         low: (u, v) of one corner of the finger's chart, the tip's cap included.
-        high: (u, v) of the other.
+        high: (u, v) of the opposite corner.
     """
     columns = len(base)
     start, tip = np.array(ends[0]), np.array(ends[1])
@@ -291,7 +291,7 @@ def trousers_field(points: Floats) -> Floats:
     leg_z = z - spline(heights, [-0.022, -0.016, 0.000, 0.000, -0.004], y)
     wide = spline(heights, [0.062, 0.066, 0.070, 0.082, 0.090], y)
     deep = spline(heights, [0.068, 0.073, 0.077, 0.094, 0.106], y)
-    # The other leg as well: the crotch is a saddle, not a slit.
+    # With the other leg, the crotch is a saddle and not a slit.
     left, right = (
         (np.sqrt((offset / wide) ** 2 + (leg_z / deep) ** 2) - 1.0) * wide for offset in (x - leg_x, x + leg_x)
     )
@@ -431,7 +431,7 @@ def head_field(points: Floats, *, growth: float = 1.0, brows: float = 0.0) -> Fl
 
     Args:
         points: (n, 3), metres.
-        growth: From 0, nose and ears inside the head, to 1, in their places.
+        growth: 0 with nose and ears inside the head, 1 with both in their places.
         brows: Metres by which the brow ridge is raised.
     """
     points = np.column_stack([np.abs(points[:, 0]), points[:, 1:]])
@@ -589,7 +589,7 @@ def brow_offsets(mesh: Mesh, rise: float) -> Floats:
 
     moved = mesh.positions + amount[:, None] * [0.0, rise, 0.0]
     moved, _ = project(shape, moved, mesh.held, steps=4)
-    # Fades rounding noise out where nothing moves.
+    # The factor removes rounding noise where nothing moves.
     return (moved - mesh.positions) * smoothstep(0.0, 0.1, amount)[:, None]
 
 
