@@ -1,6 +1,6 @@
-"""Butterfly stencils: the vertices around a split edge of which its new vertex is mixed, and their shares.
+"""Butterfly stencils: the weights of the vertices around a split edge in its new vertex.
 
-A regular vertex has six edges, its valence; one with another valence is extraordinary and has a stencil of its own.
+A regular vertex has six edges (its valence); a vertex of another valence is extraordinary and has its own stencil.
 
 Sources:
     - D. Zorin, P. Schröder, W. Sweldens, *Interpolating Subdivision for Meshes with Arbitrary Topology*,
@@ -29,18 +29,18 @@ import numpy as np
 from wrinklecli.numeric.arrays import Bools, Ints, among, any_of, distinct, distinct_values, flags_of
 from wrinklecli.numeric.sparse import Matrix
 
-# Edges at a vertex beyond which it has no stencil: the stencils of its edges together take the square of them.
+# Edges of a vertex beyond which it has no stencil: the stencils of its edges together take the square of this number.
 _MOST_VALENCE = 256
 
 
 def butterfly(triangles: Ints, ends: Ints, vertex_count: int, creased: Bools) -> Matrix:
-    """The modified butterfly's stencils.
+    """Compute the stencils of the modified butterfly.
 
     Args:
         triangles: (F, 3) vertices; all faces round the ends are among them.
         ends: (n, 2) vertices of the edges to split.
-        vertex_count: Of the level.
-        creased: (vertex_count,) those on a hard edge.
+        vertex_count: Number of vertices of the level.
+        creased: (vertex_count,) True on a hard edge.
 
     Returns:
         (n, vertex_count) weights; rows sum to 1.
@@ -50,7 +50,7 @@ def butterfly(triangles: Ints, ends: Ints, vertex_count: int, creased: Bools) ->
     valences = np.where((valences > _MOST_VALENCE) | creased[ends], 0, valences)
     extraordinary = (valences != 0) & (valences != 6)
     extraordinary_count = extraordinary.sum(axis=1)
-    # Each end has a share in the edge's stencil, and spreads it over itself and its ring.
+    # Each end has a weight in the edge's stencil, and spreads it over itself and its ring.
     shares = extraordinary / np.maximum(extraordinary_count, 1)[:, None]
     shares[(valences == 6).all(axis=1)] = 1.0
 
@@ -77,10 +77,10 @@ def butterfly(triangles: Ints, ends: Ints, vertex_count: int, creased: Bools) ->
 
 
 def _ring_weights(valence: int) -> tuple[float, tuple[float, ...]]:
-    """Weight of an edge's end, and of the end's ring from the edge's other end on.
+    """Weight of an edge's end, and weights of the end's ring from the edge's other end on.
 
-    For valence 6 it is half of the regular stencil (the edge's other end brings the other half), for any
-    other all of the extraordinary one.
+    For valence 6 these are half of the regular stencil (the edge's other end has the other half), for any other valence
+    the whole extraordinary stencil.
     """
     if valence == 6:
         return 1 / 2, (0.0, 1 / 16, -1 / 16, 0.0, -1 / 16, 1 / 16)
@@ -88,7 +88,7 @@ def _ring_weights(valence: int) -> tuple[float, tuple[float, ...]]:
         return 3 / 4, (3 / 8, 0.0, -1 / 8, 0.0)
     if valence == 3:
         return 3 / 4, (5 / 12, -1 / 12, -1 / 12)
-    # The nearer way round, so that mirrored rings have the same bits.
+    # Angles count the shorter way round, so that mirrored rings have the same bits.
     angles = [2 * math.pi * min(j, valence - j) / valence for j in range(valence)]
     return 3 / 4, tuple((1 / 4 + math.cos(a) + math.cos(2 * a) / 2) / valence for a in angles)
 
@@ -98,15 +98,13 @@ class _Fans:
     """The faces round some vertices, as half-edges (vertex, next corner, corner after that).
 
     Attributes:
-        vertex_count: Of the level.
-        keys: (H,) vertex · vertex_count + next corner; ascending.
+        keys: (H,) vertex · vertex_count + next corner, sorted.
         nexts: (H,) the next corner.
-        successors: (H,) the half-edge of the same vertex whose next corner is this one's last; right only in
-            closed fans.
-        valences: (vertices,) of vertices that one closed, consistently wound fan surrounds; else 0.
-        border_counts: (vertices,) edges at the vertex that have one face.
-        border_sums: (vertices,) sum of the other ends of those.
-        border_keys: (B,) vertex · vertex_count + other end of those; ascending.
+        successors: (H,) the half-edge of the same vertex whose next corner is this one's last; valid in closed fans.
+        valences: (vertices,) valences of vertices within one closed, consistently wound fan; 0 for others.
+        border_counts: (vertices,) number of the vertex's edges with one face (border edges).
+        border_sums: (vertices,) sum of the other ends of the border edges.
+        border_keys: (B,) vertex · vertex_count + other end of each border edge, sorted.
     """
 
     vertex_count: int
@@ -119,11 +117,11 @@ class _Fans:
     border_keys: Ints
 
     def is_border(self, ends: Ints) -> Bools:
-        """(n, 2) ends of edges → (n,) whether the edge has exactly one face."""
+        """(n,) True where an edge of (n, 2) ends has exactly one face."""
         return among(ends[:, 0] * self.vertex_count + ends[:, 1], self.border_keys)
 
     def rings(self, vertices: Ints, firsts: Ints, valence: int) -> Ints:
-        """(n, valence) vertices round each of (n,) closed fans, from (n,) given ones on."""
+        """(n, valence) vertices round each of (n,) closed fans, beginning with (n,) `firsts`."""
         at = np.searchsorted(self.keys, vertices * self.vertex_count + firsts)
         ring = []
         for _ in range(valence):
@@ -157,7 +155,7 @@ def _fans(triangles: Ints, centres: Bools) -> _Fans:
     np.add.at(border_counts, at_border, 1)
     np.add.at(border_sums, at_border, border_ends)
 
-    # Closed: each spoke once a next and once a last corner, and the walk from any comes past them all.
+    # A fan is closed if each spoke is a next and a last corner once, and the walk from any spoke passes all of them.
     open_at = np.zeros(count, dtype=np.bool_)
     open_at[vertices[keys[successors] != last_keys]] = True
     open_at[vertices[1:][keys[1:] == keys[:-1]]] = True

@@ -13,21 +13,21 @@ from threadpoolctl import ThreadpoolController
 import wrinklecli
 from wrinklecli.errors import AssetError, BakeError
 
-# Called with a stage's name, steps done and steps in all.
+# Called with the name of a stage, steps done and steps in all.
 Progress: TypeAlias = Callable[[str, int, int], None]
 
-# The libraries of BLAS, as they were found when so many modules had been imported.
+# The number of imported modules when the libraries of BLAS were looked for, and these libraries.
 _known: tuple[int, ThreadpoolController] | None = None
 
 
 def no_progress(_stage: str, _done: int, _total: int) -> None:
-    """A `Progress` that tells nobody."""
+    """Ignore progress."""
 
 
 def one_thread() -> AbstractContextManager[object]:
-    """BLAS runs one thread meanwhile, that of libraries too that were imported since `guarded` looked for them."""
+    """Let BLAS run one thread meanwhile, also in libraries that were imported since the last call."""
     global _known
-    # To look for libraries takes milliseconds, which an edit has few of; none comes without a module.
+    # Looking for libraries takes milliseconds, which matter to an edit; a new library comes with a new module.
     count = len(sys.modules)
     if _known is None or _known[0] != count:
         _known = count, ThreadpoolController()
@@ -37,16 +37,13 @@ def one_thread() -> AbstractContextManager[object]:
 
 @contextmanager
 def guarded(asset: str) -> Iterator[None]:
-    """Stop where numbers leave the range of floats or memory ends, and say so: NaN would go unseen into the file.
+    """Turn overflow and lack of memory into errors that name the asset: NaN would go unnoticed into the file.
 
-    BLAS runs one thread meanwhile: with several, sums change their last bits, and files with them; and threads of
+    BLAS runs one thread meanwhile: with several, the last bits of sums, and so of files, would vary, and threads of
     small products wait for each other longer than they work.
 
-    Args:
-        asset: Path of the file that is worked on, for the message.
-
     Raises:
-        AssetError: A number overflowed or has no value.
+        AssetError: A number overflowed or is undefined.
         BakeError: There is too little memory.
     """
     try:

@@ -1,4 +1,4 @@
-"""Smooth functions on [0, 1] as polynomials on equal pieces, evaluated quickly for many points."""
+"""Approximates smooth functions on [0, 1] by polynomials on equal pieces, which are quick to evaluate."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,23 +9,21 @@ from numpy.polynomial import chebyshev
 from wrinklecli.numeric.arrays import Floats
 
 FIT_ERROR = 1e-13
-"""Size of an interpolant's last coefficients, of its largest."""
+"""Size of an interpolant's last coefficients, relative to its largest."""
 
+# Pieces of an interpolant: 56 kB, which a core's cache holds. Values are right to 5e-13 of the greatest; with half as
+# many pieces to 3e-12.
 _PIECES = 1024
-"""Pieces of an interpolant: 56 kB, which a core's cache holds.
-
-Right to 5e-13 of the greatest value; half as many are right to 3e-12.
-"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Interpolant:
-    """A smooth function on [0, 1]: a polynomial of degree 6 on each of many equal pieces.
+    """A polynomial of degree 6 on each of many equal pieces of [0, 1].
 
-    One Chebyshev series for all, of 35 to 128 terms, takes three to ten times as long.
+    One Chebyshev series for all pieces, of 35 to 128 terms, takes three to ten times as long.
 
     Attributes:
-        coefficients: (7, pieces) from the constant to the sixth power of where in its piece a point is.
+        coefficients: (7, pieces) from the constant up, of the position within the piece, 0 to 1.
     """
 
     coefficients: Floats
@@ -36,7 +34,7 @@ class Interpolant:
         scaled = points * count
         pieces = np.minimum(scaled.astype(np.intp), count - 1)
         within = scaled - pieces
-        # `pieces` are in range; "clip" spares the check for it, which takes half as long again.
+        # `pieces` are in range, so "clip" only avoids a check, which takes half as long again.
         value: Floats = self.coefficients[6].take(pieces, mode="clip")
         for row in self.coefficients[5::-1]:
             value *= within
@@ -45,7 +43,7 @@ class Interpolant:
 
 
 def interpolate(function: Callable[[Floats], Floats]) -> Interpolant:
-    """An interpolant of a function on [0, 1], by way of a Chebyshev series as long as `FIT_ERROR` asks for."""
+    """Approximate a function on [0, 1] through a Chebyshev series as long as `FIT_ERROR` needs."""
     coefficients = np.zeros(1)
     for degree in (63, 127, 255, 511):
         points = chebyshev.chebpts1(degree + 1)

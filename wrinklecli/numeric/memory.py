@@ -1,4 +1,4 @@
-"""How much memory a command may take: claimed before it is taken, or held by the system where nobody could claim."""
+"""Limits the memory of a command: large arrays are claimed before they are made, and the system limits the process."""
 
 import re
 from collections.abc import Iterator
@@ -6,22 +6,18 @@ from contextlib import contextmanager
 
 from wrinklecli.errors import TooMuchError
 
-# Bytes. Ten times what a real-time character takes, and little enough for eight bakes at once on a common machine.
+# Bytes. A real-time character takes a tenth of this, and eight bakes at once fit a common machine.
 MAX_MEMORY = 10**9
-# New vertices of a mesh at most, unless an option allows more: ten times a real-time character.
+# Most new vertices of a mesh unless an option allows more: ten times a real-time character.
 MAX_VERTICES = 200_000
-# Bytes that Python, numpy and its threads have taken before any work is done, and a little more.
+# Bytes that Python, numpy and its threads take before any work is done, rounded up.
 _ITSELF = 2**27
 _UNITS = {"MB": 10**6, "GB": 10**9, "TB": 10**12}
 _LEAST_MEMORY = 50 * 10**6  # bytes; with less no sample is baked
 
 
 class Memory:
-    """The memory of a command: what is large is claimed here before it is taken, so that a small file cannot fill it.
-
-    Args:
-        most: Bytes, of all claims together.
-    """
+    """The bytes that a command may take, claimed before large arrays are made: no small file can fill memory."""
 
     def __init__(self, most: int = MAX_MEMORY) -> None:
         self.most = most
@@ -33,21 +29,16 @@ class Memory:
         return max(self.most - self.claimed, 0)
 
     def claim(self, size: int, what: str, *, where: str) -> None:
-        """Set bytes aside for the rest of the command.
-
-        Args:
-            size: Bytes.
-            what: That takes them, in the plural, for the message.
-            where: Its place.
+        """Reserve bytes for the rest of the command; `what` names their use, in the plural, for the message.
 
         Raises:
-            TooMuchError: They are more than are left.
+            TooMuchError: More bytes than are left.
         """
         self.check(size, what, where=where)
         self.claimed += size
 
     def check(self, size: int, what: str, *, where: str) -> None:
-        """As `claim`, for what is soon given back."""
+        """Raise what `claim` raises, without a reservation: the bytes are soon given back."""
         if size > self.left:
             before = f", with {shown_bytes(self.claimed)} before them," if self.claimed else ""
             raise TooMuchError(
@@ -59,16 +50,16 @@ class Memory:
 
 @contextmanager
 def held(size: int) -> Iterator[None]:
-    """Let this process take so many bytes more at most, where the system can hold it to that; else MemoryError.
+    """Raise MemoryError when this process, with all threads, takes so many bytes more, if the system can limit it.
 
-    For what cannot be estimated. It holds all threads.
+    This serves where memory cannot be estimated before it is taken.
     """
     try:
         import resource
 
         with open("/proc/self/statm") as file:
             taken = int(file.read().split()[5]) * resource.getpagesize()
-    except (ImportError, OSError):  # neither Linux nor like it
+    except (ImportError, OSError):  # not a Linux
         yield
         return
     soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
@@ -83,11 +74,7 @@ def held(size: int) -> Iterator[None]:
 
 
 def parse_bytes(text: str) -> int:
-    """Bytes from `500MB` or `4GB`, decimal units.
-
-    Raises:
-        ValueError: It is no such size, or too little for any bake.
-    """
+    """Bytes from `500MB` or `4GB`, decimal units; ValueError if the text is no size, or too small for any bake."""
     found = re.fullmatch(r"(\d{1,6}(?:\.\d{1,3})?) ?(MB|GB|TB)", text, re.IGNORECASE)
     size = int(float(found[1]) * _UNITS[found[2].upper()]) if found else 0
     if size < _LEAST_MEMORY:

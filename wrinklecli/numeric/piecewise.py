@@ -1,4 +1,4 @@
-"""Signals over time as straight lines between few keys: intervals are bisected where they bend, then keys thinned."""
+"""Fits straight lines between few keys to signals over time: bisects intervals that bend, then thins the keys."""
 
 import math
 from collections.abc import Callable
@@ -7,26 +7,25 @@ import numpy as np
 
 from wrinklecli.numeric.arrays import Floats, Ints, float32_values
 
-# Intervals of the grid that are sampled and thinned at once: bounds the memory.
+# Intervals of the grid that are sampled and thinned at once. Bounds the memory.
 _STRETCH = 8192
-# Numbers of a stretch at most: it is shorter where a signal has many values, as `attachment: patch` has three a vertex.
-# And of lines that are drawn at once.
+# Most numbers of a stretch, which is shorter for a signal of many values, and of lines that are drawn at once.
 _MOST_VALUES = 2**20
-# Times that a signal is asked for at once: what stays in a core's cache.
+# Times for which a signal is evaluated at once: they stay in a core's cache.
 _CHUNK = 8192
-# Intervals that a line passes at most where something moves. No line of the samples passes more than 50.
+# Most intervals that a line passes while something moves. No line of the samples passes more than 50.
 _LONGEST = 64
-# Where an interval is looked into, as shares of it, and the closer ones where it is almost too far off. If a square
-# root starts anywhere in it, the greatest error is at most 1.7 times the one seen here; with seven points at equal
-# steps it is 1.9 times.
+# Points inside an interval, as fractions of it, at which errors are measured. If a square root starts anywhere in the
+# interval, its greatest error is at most 1.7 times the measured one; with seven points at equal steps 1.9 times.
 _SHARES = np.array([0.2, 0.5, 0.8])
+# Further points, for an interval whose error is almost too large.
 _CLOSER = np.array([0.3, 0.7])
-# Share of the tolerance above which an interval is almost too far off.
+# Fraction of the tolerance above which an error is almost too large.
 _ALMOST = 0.75
-# Where an interval is known when keys are chosen: its start and the three points inside it.
+# Points of an interval that are known when keys are chosen: its start and the points inside it.
 _PER_INTERVAL = 1 + len(_SHARES)
 
-# Times within a stretch, (points,) seconds, to (points, values).
+# Maps (points,) seconds within a stretch to (points, values).
 Signal = Callable[[Floats], Floats]
 
 
@@ -40,28 +39,27 @@ def key_times(
     gap: float,
     step: float,
 ) -> tuple[Floats, Ints]:
-    """Times so close that straight lines between them are right, and which of them to key.
+    """Find times between which straight lines are exact enough, and the keys among them.
 
-    Times are first those of a grid, such as a clip's frames and its own keys. Heights start like a square root, so an
-    interval is divided until straight lines are right at three points inside it, and at two more where they are almost
-    too far off. Of these times a key is then the furthest to which a straight line from the key before passes all of
-    them and all those three. A root that starts between such points may be 1.7 times the tolerance off there.
+    The times start as a grid, such as a clip's frames and its own keys. Heights start like a square root, so an
+    interval is divided until straight lines are right at three points inside it, and at two more if they are almost
+    wrong. Each key is then the last time to which a straight line from the key before passes all times and points in
+    between. A root that starts between such points may exceed the tolerance 1.7 times.
 
     Args:
-        grid: (frames,) seconds, rising, float32 values; all are among the times.
-        signal_on: Given a stretch of the grid, (frames,) seconds, a function that is right within it, from times to
-            values.
-        width: How many values: of more, stretches are shorter.
+        grid: (frames,) sorted seconds, float32 values, which all are among the times.
+        signal_on: Maps a stretch of the grid, (frames,) seconds, to a signal that is valid within it.
+        width: Number of values of the signal.
         tolerance: Greatest error of a value between two times.
-        thinning: The same between two keys; exceeded only between two neighbouring times that exceed it already.
-        gap: Seconds, above 0. No interval is divided so that a part is shorter, whatever is inside it.
-        step: Seconds. An interval is divided at the multiple of it that is nearest to its middle, if that may be.
+        thinning: Greatest error between two keys; exceeded only between neighbouring times that exceed it already.
+        gap: Seconds > 0. No interval is divided into parts that are shorter.
+        step: Seconds. An interval is divided at the multiple of it that is nearest to its middle, if possible.
 
     Returns:
-        (frames,) seconds, rising, each a float32 value, and (keys,) indices into them, the first and last among them.
+        (frames,) sorted seconds, float32 values, and (keys,) indices into them, the first and last among them.
 
     Source: K. Williams, *An efficient algorithm for the piecewise linear approximation of planar curves*, 1978.
-    Differs: all values share their keys; and a line passes 64 intervals at most where something moves.
+    Differs: all values share their keys, and a line passes at most 64 intervals while something moves.
     """
     times, keys, count = [grid[:1]], [np.zeros(1, np.intp)], 0
     stretch = min(max(_MOST_VALUES // (_PER_INTERVAL * max(width, 1)), 1), _STRETCH)
@@ -77,19 +75,19 @@ def key_times(
 def key_points(
     grid: Floats, signal: Signal, *, tolerance: float, thinning: float, gap: float, step: float
 ) -> tuple[Floats, Ints]:
-    """As `key_times`, from (points,) rising points on, of any signal."""
+    """Find what `key_times` finds within (points,) sorted points of one stretch."""
     points, values = _bisected(grid, signal, tolerance, gap, step)
     return points[::_PER_INTERVAL], _thinned(points, values, thinning)
 
 
 def _bisected(grid: Floats, signal: Signal, tolerance: float, gap: float, step: float) -> tuple[Floats, Floats]:
-    """(4 (times - 1) + 1,) the times and three points between each two, rising, and (…, values) there."""
+    """(4 (times - 1) + 1,) the times with three points between each two, sorted, and (…, values) there."""
     at_grid = sampled(signal, grid)
     low, high, first, last = grid[:-1], grid[1:], at_grid[:-1], at_grid[1:]
     kept: list[tuple[Floats, Floats]] = []
     while len(low):
         inside = low[:, None] + _SHARES * (high - low)[:, None]
-        # A middle that may become a time is a float32 value.
+        # The middle may become a time, so it is a float32 value.
         snapped = float32_values(np.round(inside[:, 1] / step) * step)
         fits = np.minimum(snapped - low, high - snapped) >= gap
         middles = np.where(fits, snapped, float32_values(inside[:, 1]))
@@ -110,7 +108,7 @@ def _bisected(grid: Floats, signal: Signal, tolerance: float, gap: float, step: 
         first, last = np.concatenate([first[wide], at_middles]), np.concatenate([at_middles, last[wide]])
     points = np.concatenate([each for each, _ in kept])
     order = np.argsort(points[:, 0])
-    # Into their places one after another: there may be gigabytes.
+    # There may be gigabytes, so one part after another is copied to its place and dropped.
     together = np.zeros((points.size + 1, at_grid.shape[1]))
     together[-1] = at_grid[-1]
     by_interval = together[:-1].reshape(*points.shape, at_grid.shape[1])  # a signal may have no values
@@ -120,7 +118,7 @@ def _bisected(grid: Floats, signal: Signal, tolerance: float, gap: float, step: 
 
 
 def sampled(signal: Signal, times: Floats) -> Floats:
-    """(times, values) of a signal, asked for as many at once as stay in a core's cache."""
+    """(times, values) of a signal, evaluated in chunks that stay in a core's cache."""
     return np.concatenate([signal(times[k : k + _CHUNK]) for k in range(0, len(times), _CHUNK)])
 
 
@@ -131,7 +129,7 @@ def sampled_inside(signal: Signal, times: Floats) -> Floats:
 
 
 def _farthest(first: Floats, last: Floats, shares: Floats, values: Floats) -> Floats:
-    """(intervals,) how far (intervals, shares, values) are from straight lines between (intervals, values) ends."""
+    """(intervals,) greatest distances of (intervals, shares, values) from lines between (intervals, values) ends."""
     lines = shares[..., None] * (last - first)[:, None]
     lines += first[:, None]
     lines -= values
@@ -139,17 +137,17 @@ def _farthest(first: Floats, last: Floats, shares: Floats, values: Floats) -> Fl
 
 
 def greatest_of_rows(numbers: Floats) -> Floats:
-    """(n,) the greatest of each row of (n, …), or 0. `max` along rows of a few numbers takes eight times as long."""
+    """(n,) the greatest number of each row of (n, …), or 0. `max` along short rows takes eight times as long."""
     columns = np.ascontiguousarray(numbers.reshape(len(numbers), math.prod(numbers.shape[1:])).T)
     greatest: Floats = np.maximum.reduce(columns, axis=0, initial=0.0)
     return greatest
 
 
 def _thinned(points: Floats, values: Floats, tolerance: float) -> Ints:
-    """(keys,) which times straight lines need, first and last among them; points and values as `_bisected` has them."""
+    """(keys,) the times that straight lines need, first and last among them, of points and values from `_bisected`."""
     count = len(points) // _PER_INTERVAL
     moving = (values[1:] != values[:-1]).any(axis=1).reshape(count, _PER_INTERVAL).any(axis=1)
-    # A line ends where something begins or ceases to move; where nothing moves it goes on to there.
+    # A line ends where something begins or ceases to move. While nothing moves, one line lasts until then.
     changes = np.append(np.flatnonzero(np.diff(moving)) + 1, count)
     ends = changes[np.searchsorted(changes, np.arange(count), side="right")]
     starts = np.flatnonzero(moving)
@@ -163,15 +161,9 @@ def _thinned(points: Floats, values: Floats, tolerance: float) -> Ints:
 
 
 def _reached(points: Floats, values: Floats, starts: Ints, tolerance: float) -> Ints:
-    """(starts,) the furthest time to which a straight line from each start passes all points on the way.
+    """(starts,) the last time to which a line from each start passes all (points, values) on the way, to a tolerance.
 
-    The slopes that pass all points within the tolerance are a range for each value, which only shrinks on the way.
-
-    Args:
-        points: (points,) seconds: each time and three points between each two.
-        values: (points, values).
-        starts: (starts,) indices of times, without the last.
-        tolerance: Greatest error of a value.
+    The slopes that pass all points form a range for each value, which only shrinks on the way.
     """
     reached = starts + 1
     going = np.arange(len(starts))

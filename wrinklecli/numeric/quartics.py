@@ -1,4 +1,4 @@
-"""Functions of time that are smooth between breaks, as polynomials of the fourth degree through few points."""
+"""Functions of time that are smooth between breaks, as fourth-degree polynomials through few points."""
 
 from dataclasses import dataclass
 
@@ -7,22 +7,22 @@ import numpy as np
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.piecewise import Signal, greatest_of_rows, sampled, sampled_inside
 
-# How often an interval may be halved whose quartic is not good enough.
+# An interval whose quartic is not exact enough is halved at most this often.
 _FIT_HALVINGS = 6
-# Where a quartic meets its function, as shares of its interval: Chebyshev points of the second kind.
+# Points at which a quartic equals its function, as fractions of its interval: Chebyshev points of the second kind.
 NODES = (1.0 - np.cos(np.pi * np.arange(5) / 4.0)) / 2.0
-# (5, 5) from values there to coefficients.
+# (5, 5) matrix from values at the nodes to coefficients.
 _FROM_VALUES = np.linalg.inv(np.vander(NODES, increasing=True))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Quartics:
-    """A function of time, one quartic after another.
+    """A function of time, piecewise quartic.
 
     Attributes:
-        begins: (intervals,) seconds, rising.
+        begins: (intervals,) sorted seconds.
         spans: (intervals,) seconds.
-        powers: (intervals, 5, values) coefficients, the constant first, of the share of the interval that is over.
+        powers: (intervals, 5, values) coefficients, the constant first, of the elapsed fraction of the interval.
     """
 
     begins: Floats
@@ -30,13 +30,13 @@ class Quartics:
     powers: Floats
 
     def signal(self) -> Signal:
-        """The function itself; before the first and behind the last interval it goes on as in these."""
+        """The function; the first and last quartics also hold before and after their intervals."""
         table = np.ascontiguousarray(self.powers.transpose(1, 2, 0))
 
         def fitted(times: Floats) -> Floats:
             which = np.clip(np.searchsorted(self.begins, times, side="right") - 1, 0, len(self.begins) - 1)
             t = (times - self.begins[which]) / self.spans[which]
-            # `which` is in range; "clip" spares the check for it, and `row[:, which]` takes seven times as long.
+            # `which` is in range, so "clip" only avoids a check; `row[:, which]` takes seven times as long.
             found: Floats = table[4].take(which, axis=1, mode="clip")
             for row in table[3::-1]:
                 found *= t
@@ -53,18 +53,18 @@ def through(values: Floats) -> Floats:
 
 
 def fit_quartics(function: Signal, breaks: Floats, tolerance: float) -> Quartics | None:
-    """A function of time that is smooth between breaks, as quartics through five points of each interval.
+    """Fit quartics through five points of each interval to a function that is smooth between breaks.
 
-    Joints turn and slide evenly between keys, so what depends on them smoothly needs few samples, where heights, which
-    start like square roots of it, need many.
+    Joints move evenly between keys, so a smooth function of joints needs few samples, while heights, which start like
+    square roots of such functions, need many.
 
     Args:
-        function: (points,) seconds to (points, values); asked for all times but once.
-        breaks: (breaks,) seconds, rising; it may bend at them.
+        function: Maps (points,) seconds to (points, values); each time is asked for only once.
+        breaks: (breaks,) sorted seconds at which the function may bend.
         tolerance: An interval is halved, up to six times, while its quartic's last term is larger.
 
     Returns:
-        The quartics; none where the function is not finite.
+        None if the function is not finite everywhere.
 
     Source: L. N. Trefethen, *Approximation Theory and Approximation Practice*, 2013, chapters 2 and 7: Chebyshev
     points of the second kind, and the size of the last coefficient for that of the error.
@@ -93,6 +93,6 @@ def fit_quartics(function: Signal, breaks: Floats, tolerance: float) -> Quartics
 
 
 def smooth(function: Signal, breaks: Floats, tolerance: float) -> Signal:
-    """As `fit_quartics`, as a function of time within the breaks; where the function is not finite, itself."""
+    """Replace a function by its `fit_quartics` within the breaks, or give it back if it is not finite everywhere."""
     fitted = fit_quartics(function, breaks, tolerance)
     return function if fitted is None else fitted.signal()

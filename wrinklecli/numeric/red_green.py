@@ -1,14 +1,14 @@
-"""Red-green refinement: which edges of a mesh are split at each level, so that it stays conforming.
+"""Red-green refinement: finds the edges to split at each level so that the mesh stays conforming.
 
-A face of which all edges are split is red: it splits in four, and its quarters belong to the next level. One with some
+A face whose edges are all split is red: it splits in four, and its quarters belong to the next level. A face with some
 split edges is green: it splits in two or three, and is a leaf.
 
 Source: R. E. Bank, A. H. Sherman, A. Weiser, *Some Subdivision Algorithms and Data Structures for Regular Local Mesh
 Subdivision*, Scientific Computing, 1983: red-green closure.
 
 Differs:
-    - An edge splits only where all faces round both its ends belong to the level, so that stencils put each new vertex
-      exactly where refining the whole mesh would. None reads green faces.
+    - An edge splits only where all faces round both its ends belong to the level, so that stencils, which never read
+      green faces, put each new vertex exactly where refining the whole mesh would.
     - A face with two split edges splits in four unless its third edge must not split, then in three.
 """
 
@@ -30,17 +30,17 @@ _RED = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
 
 @dataclass(frozen=True, slots=True)
 class Level:
-    """One level of subdivision as far as it exists; what the criteria of `subdivide` look at.
+    """One level of subdivision as far as it exists, as the criteria of `subdivide` see it.
 
     Attributes:
         number: 0 for the coarse mesh.
-        linear: (vertices, coarse vertices), where the vertices lie on the coarse mesh: each new one at the midpoint of
-            its edge. None is the identity (level 0).
-        triangles: (F, 3) vertices. Level 0 has the coarse triangles `near` which splits are wanted, except those
-            with two equal corners, a higher one the quarters of the faces that split in four, not the green ones.
-            Vertices are the coarse ones, then those of each level up to this one.
-        parents: (F,) coarse triangle that each lies in, ascending.
-        edges: (E, 2) vertices, the lower first; ordered by them.
+        linear: (vertices, coarse vertices) weights that put each new vertex at the midpoint of its edge. None is the
+            identity (level 0).
+        triangles: (F, 3) vertices. Level 0 has the coarse triangles `near` wanted splits, except those with two equal
+            corners. A higher level has the quarters of red faces. Vertices are the coarse ones, then those of each
+            level.
+        parents: (F,) the coarse triangle of each, sorted.
+        edges: (E, 2) vertices, the lower first, sorted.
         triangle_edges: (F, 3); column c is the edge from corner c to the corner that follows it.
     """
 
@@ -52,11 +52,11 @@ class Level:
     triangle_edges: Ints
 
     def of_vertices(self, vertices: Ints, coarse: Floats) -> Floats:
-        """(vertices, …) what (coarse vertices, …) values are at some vertices, mixed linearly."""
+        """(vertices, …) linear mixtures of (coarse vertices, …) values at some vertices."""
         return coarse[vertices] if self.linear is None else self.linear.of_rows(vertices, coarse)
 
     def of_midpoints(self, edges: Ints, coarse: Floats) -> Floats:
-        """(edges, …) what (coarse vertices, …) values are halfway between the ends of some edges."""
+        """(edges, …) linear mixtures of (coarse vertices, …) values at the midpoints of some edges."""
         vertices, ends = np.unique(self.edges[edges], return_inverse=True)
         a, b = self.of_vertices(vertices, coarse)[ends.reshape(-1, 2).T]
         middles: Floats = (a + b) / 2.0
@@ -68,7 +68,7 @@ Criterion: TypeAlias = Callable[[Level], Bools]
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """What is asked of a subdivision: the options of `subdivide`, which explains them."""
+    """The options of `subdivide`, which explains them."""
 
     wants: Criterion
     forbids: Criterion | None
@@ -79,18 +79,17 @@ class Rules:
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """A level with what is known of its edges, as long as splits are still added.
+    """A level and the state of its edges while splits are still added.
 
     Attributes:
-        level: The faces and edges.
-        codes: (F,) the face's path from its coarse triangle, four times the parent's plus 0 to 3; ascending.
-            The same face has the same code however the level grows.
-        barycentrics: (F, 3, 3) of each corner in the coarse triangle.
-        complete: (vertices,) whether all faces round the vertex exist at this level.
+        codes: (F,) sorted paths from the coarse triangles: four times the parent's code plus 0 to 3. A face keeps its
+            code however the level grows.
+        barycentrics: (F, 3, 3) coordinates of each corner in the coarse triangle.
+        complete: (vertices,) True if all faces round the vertex exist at this level.
         wanted: (E,) edges that should split, for themselves or for a finer level.
-        forbidden: (E,) edges that must not.
+        forbidden: (E,) edges that must not split.
         denied: (E,) edges that should split but cannot.
-        split: (E,) edges that do; both ends are complete.
+        split: (E,) edges that split; both their ends are complete.
     """
 
     level: Level
@@ -153,19 +152,19 @@ def coarse_stage(triangles: Ints, held: Bools, vertex_count: int, rules: Rules) 
 
 
 def close(root: Stage, earlier: list[Stage], rules: Rules) -> tuple[list[Stage], bool]:
-    """Find the smallest set of splits that has all the wanted ones and is closed.
+    """Find the smallest closed set of splits that has all wanted ones.
 
-    Splits are made level by level. One that comes too early, since not all faces round its ends exist at its level,
-    asks for them one level below, where the work goes on; or it is denied, where they cannot be. Splits and denials
-    only ever grow and faces are finitely many, so this ends.
+    Splits are made level by level. A split whose ends lack faces at its level asks for these faces one level below,
+    where the work goes on, or is denied if they cannot exist. Splits and denials only grow, and faces are finitely
+    many, so this ends.
 
     Args:
         root: Level 0 with nothing split.
-        earlier: The stages of an earlier attempt, for what they denied; or none.
-        rules: What is asked for.
+        earlier: The stages of an earlier attempt, whose denials are kept; or none.
+        rules: The options of the subdivision.
 
     Returns:
-        The stages, and whether one found out late that a split cannot be.
+        The stages, and True if a split was denied after others had been made for its sake.
 
     Raises:
         BakeError: There would be too many new vertices.
@@ -185,7 +184,7 @@ def close(root: Stage, earlier: list[Stage], rules: Rules) -> tuple[list[Stage],
             at += 1
             stages[at : at + 1] = [_child(stage, stages, earlier, rules)]
             continue
-        # The faces round the ends of those must first all exist here, that is, be red one level below.
+        # All faces round the ends of the early edges must first exist here, so they must be red one level below.
         below = stages[at - 1]
         hopeless = below.vertices_on(any_of(below.forbidden | below.denied, below.level.triangle_edges))
         lost = early & hopeless[stage.level.edges].any(axis=1)
@@ -203,15 +202,15 @@ def close(root: Stage, earlier: list[Stage], rules: Rules) -> tuple[list[Stage],
 
 
 def _lacking(below: Stage, stage: Stage, edges: Bools) -> Bools:
-    """(E of the level below,) the edges of the faces there that must split for all faces round flagged edges' ends."""
+    """(E of the level below,) edges that must split so that all faces round the flagged edges' ends exist above."""
     ends = flags_of(stage.level.edges[edges], stage.complete.size)
     return below.edges_of(below.faces_at(ends & ~stage.complete))
 
 
 def _promoted(stage: Stage) -> Stage:
-    """Split the third edge of each face that has two split ones, unless that is forbidden.
+    """Split the third edge of each face with two split ones, unless it is forbidden.
 
-    Its ends are ends of the other two, so no finer face is missing there.
+    Its ends are ends of the other two edges, so no finer face is missing there.
     """
     split, denied = stage.split.copy(), stage.denied.copy()
     following = stage.level.triangle_edges
@@ -226,10 +225,10 @@ def _promoted(stage: Stage) -> Stage:
 
 
 def _child(stage: Stage, stages: list[Stage], earlier: list[Stage], rules: Rules) -> Stage:
-    """The next level: the quarters of the red faces, and a vertex for each split edge.
+    """Build the next level: the quarters of the red faces, and a vertex for each split edge.
 
-    Built anew each time, as what changed below may have renumbered the vertices. But what was settled there stays
-    settled, in `stages` and, if denied, in `earlier` ones: else the work would double with each level.
+    The level is built anew each time, as changes below may have renumbered the vertices. Decisions are taken over from
+    `stages` and, if denied, from `earlier` ones: otherwise the work would double with each level.
     """
     level, red = stage.level, stage.red
     ends = level.edges[stage.split]
@@ -299,7 +298,7 @@ def _level(
 
 
 def _carried(stages: list[Stage], stage: Stage, name: Literal["wanted", "denied", "split"]) -> Bools:
-    """(E,) the flags that the same level's edges had among `stages`, faces being known by their codes."""
+    """(E,) the flags that the edges of this level have in `stages`, where faces are found by their codes."""
     flags = np.zeros(stage.split.size, dtype=np.bool_)
     if stage.level.number < len(stages):
         old = stages[stage.level.number]

@@ -1,4 +1,4 @@
-"""A sparse matrix by rows, and its product with arrays: what refinement needs of one, and no more."""
+"""A sparse matrix by rows, with the few operations that refinement needs."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from wrinklecli.numeric.arrays import Floats, Ints, runs
 
-# Numbers of a product that are computed at once: bounds the memory.
+# Numbers of a product that are computed at once. Bounds the memory.
 _AT_ONCE = 2**22
 
 
@@ -17,14 +17,12 @@ _AT_ONCE = 2**22
 class Matrix:
     """A sparse matrix by rows, none of which is empty.
 
-    Three operations are all that refinement needs of one; importing scipy.sparse for them would take longer than
-    baking a small asset does.
+    Importing scipy.sparse in its place would take longer than baking a small asset.
 
     Attributes:
-        starts: (rows + 1,) where each row's entries start.
-        columns: (entries,) ascending within a row.
-        weights: (entries,) other than 0.
-        column_count: Of all columns.
+        starts: (rows + 1,) index of each row's first entry.
+        columns: (entries,) columns, sorted within a row.
+        weights: (entries,) values other than 0.
     """
 
     starts: Ints
@@ -34,7 +32,7 @@ class Matrix:
 
     @classmethod
     def of_entries(cls, rows: Ints, columns: Ints, weights: Floats, column_count: int) -> Matrix:
-        """The sums of weights that fall on the same place; there is one in each row up to the last."""
+        """Sum the weights of equal places. Each row up to the last must have an entry."""
         order = np.argsort(rows * column_count + columns, kind="stable")
         rows, columns, weights = rows[order], columns[order], weights[order]
         first = np.ones(len(rows), np.bool_)
@@ -46,7 +44,7 @@ class Matrix:
 
     @classmethod
     def identity(cls, count: int) -> Matrix:
-        """Of some rows and columns."""
+        """The identity of `count` rows."""
         return cls(np.arange(count + 1), np.arange(count), np.ones(count), count)
 
     @property
@@ -59,7 +57,7 @@ class Matrix:
         return self.of_rows(np.arange(len(self.starts) - 1), dense)
 
     def of_rows(self, rows: Ints, dense: Floats) -> Floats:
-        """Some rows of the product with (columns, …) → (chosen, …)."""
+        """(chosen, …) rows of the product with (columns, …)."""
         width = max(1, int(np.prod(dense.shape[1:])))
         product = np.zeros((len(rows), *dense.shape[1:]))
         counts = self._counts(rows)
@@ -77,17 +75,17 @@ class Matrix:
         return Matrix(starts, self.columns[entries], self.weights[entries], self.column_count)
 
     def _entries(self, rows: Ints) -> tuple[Ints, Ints]:
-        """Numbers of some rows' entries, row by row, and where among them each row begins."""
+        """Indices of some rows' entries, row by row, and the position of each row's first one among them."""
         counts = self._counts(rows)
         return runs(self.starts[rows], counts), np.cumsum(counts) - counts
 
     def _counts(self, rows: Ints) -> Ints:
-        """How many entries some rows have."""
+        """(chosen,) numbers of entries of some rows."""
         counts: Ints = self.starts[rows + 1] - self.starts[rows]
         return counts
 
     def below(self, above: Matrix | None) -> Matrix:
-        """The rows of `above`, (n, V) (None: identity), then those of this matrix, on its n rows: (n + m, V)."""
+        """(n + m, V) the rows of (n, V) `above` (None: identity), then those of this (m, n) matrix times `above`."""
         above = Matrix.identity(self.column_count) if above is None else above
         counts = np.append(0, np.cumsum(np.diff(above.starts)[self.columns]))[self.starts]
         parts = [above]
@@ -113,7 +111,7 @@ class Matrix:
 
 
 def _portions(ends: Ints) -> Iterator[tuple[int, int]]:
-    """Runs of rows, of which (rows,) ends say how many numbers there are up to each, that are computed at once."""
+    """Ranges of rows to compute at once, from the (rows,) numbers of values up to the end of each row."""
     cuts = np.searchsorted(ends, np.arange(_AT_ONCE, (ends[-1] if len(ends) else 0) + _AT_ONCE, _AT_ONCE)) + 1
     low = 0
     for high in np.minimum(cuts, len(ends)).tolist():
@@ -122,7 +120,7 @@ def _portions(ends: Ints) -> Iterator[tuple[int, int]]:
 
 
 def apply(matrix: Matrix | None, coarse: Floats) -> Floats:
-    """(V', V) times (..., V, C) → (..., V', C). The first V are copied: 0.0 + -0.0 would lose a sign."""
+    """(V', V) times (..., V, C) → (..., V', C). The first V are copied, as 0.0 + -0.0 would lose a sign."""
     coarse = np.asarray(coarse, dtype=np.float64)
     if matrix is None:
         return coarse.copy()

@@ -1,10 +1,9 @@
-"""Subdivision of a triangle mesh where it is wanted: without T-junctions, and as a sparse matrix on its vertices.
+"""Subdivides chosen edges of a triangle mesh without T-junctions, and gives a sparse matrix on its vertices.
 
 (A T-junction is a vertex inside a neighbour's edge: a gap opens there as soon as it moves.)
 
-Which edges are split is decided in `red_green`, and of what new vertices are mixed in `butterfly`. Here the levels
-become one mesh: splits of which nothing would be seen are undone, and what is left splits coarse faces into fine
-triangles.
+`red_green` decides which edges are split, and `butterfly` which vertices a new vertex is mixed of. Here the levels
+become one mesh: invisible splits are undone, and the others split coarse faces into fine triangles.
 """
 
 from __future__ import annotations
@@ -29,19 +28,19 @@ _TRISECTED = (  # edge 0 is not split; the diagonal leaves corner 0 or corner 1
 
 @dataclass(frozen=True, slots=True)
 class Subdivision:
-    """The refined mesh. Coarse vertices keep number and place, new ones follow.
+    """The refined mesh. Coarse vertices keep their indices and positions, new ones follow.
 
     Attributes:
-        triangles: (F', 3) fine vertices; children take their coarse triangle's place, others are unchanged.
-        parents: (F',) coarse triangle, ascending.
+        triangles: (F', 3) fine vertices; the children of a coarse triangle replace it, others are unchanged.
+        parents: (F',) the coarse triangle of each, sorted.
         barycentrics: (F', 3, 3); corner c of fine triangle f is `barycentrics[f, c] @ corners` of its coarse
             triangle. Multiples of powers of two, exact. For corner attributes, so that seams stay seams.
-        vertex_count: Of the fine mesh.
-        matrix: (V', V), where the scheme's stencils put the vertices; None is the identity: nothing was split.
-        linear: (V', V), where they lie on the coarse mesh, by edge midpoints; None as above.
-        limited: Edges that still want a split at the highest level allowed.
-        blocked: Edges that should have been split (asked for, or needed for others) and must not be.
-        levels: Deepest level reached; 0: nothing was split.
+        vertex_count: V'.
+        matrix: (V', V) weights by the scheme's stencils. None is the identity: nothing was split.
+        linear: (V', V) weights by edge midpoints, on the coarse mesh. None is the identity.
+        limited: Number of edges that still want a split at the highest level allowed.
+        blocked: Number of edges that should have been split, for themselves or for others, but are forbidden.
+        levels: Deepest level reached; 0 if nothing was split.
     """
 
     triangles: Ints
@@ -56,7 +55,7 @@ class Subdivision:
 
     @property
     def changed(self) -> Bools:
-        """(F',) the triangles that are not coarse ones."""
+        """(F',) True for triangles that are not coarse ones."""
         changed: Bools = np.bincount(self.parents)[self.parents] > 1
         return changed
 
@@ -83,33 +82,32 @@ def subdivide(
     max_vertices: int | None = None,
     where: str = "",
 ) -> Subdivision:
-    """Split the edges that want it, and those that must follow to keep the mesh conforming.
+    """Split the wanted edges, and those that must follow to keep the mesh conforming.
 
-    Any mesh will do: open, non-manifold, in pieces, wound inconsistently. A triangle with two equal corners
-    passes through untouched and does not count as a face.
+    The mesh may be open, non-manifold, in pieces or wound inconsistently. A triangle with two equal corners stays
+    unchanged and does not count as a face.
 
     Args:
         triangles: (F, 3) welded vertices.
         vertex_count: V, of the coarse mesh.
-        wants: (E,) for each edge of a level, whether it should split. Called again with a level that has
-            grown (what it once wanted stays wanted), and with level `max_levels`, only to be counted.
-        forbids: (E,) for each edge of a level, whether it must never split. An edge whose split would need
-            that of a forbidden one is not split either.
-        shows: (E,) for each edge of a level, whether a split of it could be seen. One that could not is undone, unless
-            finer ones need it. All are left where there is no such criterion.
+        wants: Gives (E,) True for the edges of a level that should split. Called again when a level has grown (wanted
+            edges stay wanted), and with level `max_levels`, only to count its edges.
+        forbids: Gives (E,) True for the edges of a level that must never split, nor any edge whose split needs theirs.
+        shows: Gives (E,) True for the edges of a level whose split is visible. Others are undone unless finer ones need
+            them. By default all are visible.
         max_levels: How often an edge may be halved.
-        near: (F,) triangles that have every edge that wants a split, at any level; all where left out. What lies
-            further off takes hardly any time.
+        near: (F,) True for the triangles that have all wanted edges, at any level; by default all. Triangles further
+            away take hardly any time.
         scheme: `butterfly`, smooth through the coarse vertices, or `midpoint`, which keeps the coarse shape.
         hard: (H, 2) vertices of coarse edges, the lower first, that keep their shape and that no stencil reads across.
-        max_vertices: How many may be new, those that are undone at the end among them; any number where left out.
-        where: Whose triangles they are, for the message.
+        max_vertices: Most new vertices, including those that are undone at the end; by default any number.
+        where: The owner of the triangles, for the message.
 
     Returns:
-        The plan. New vertices are numbered by level, then by their edge's vertex pair.
+        New vertices are numbered by level, then by their edge's vertex pair.
 
     Raises:
-        BakeError: There would be more new vertices.
+        BakeError: There would be more than `max_vertices` new vertices.
     """
     triangles = np.asarray(triangles, dtype=np.intp)
     held = np.ones(len(triangles), dtype=np.bool_) if near is None else two_rings(near, triangles, vertex_count)
@@ -148,11 +146,11 @@ def subdivide(
 
 
 def two_rings(near: Bools, triangles: Ints, vertex_count: int) -> Bools:
-    """(F,) the triangles that matter where all edges that want a split are of the flagged ones: two rings more.
+    """(F,) True for the triangles that can matter if all wanted edges are in the flagged ones: these and two rings.
 
-    A finer edge asks for the faces round its ends, at every level for half as far as at the level below: in all for
-    less than the length of a triangle, so for no vertex beyond the first ring. The third edge of a face with two split
-    ones has no end that they have not. And stencils see the faces round the ends of split edges: the second ring.
+    A finer edge needs the faces round its ends, at each level half as far as at the level below: in all less than the
+    length of a triangle, so no vertex beyond the first ring. The third edge of a face with two split ones shares both
+    its ends with them. Stencils read the faces round the ends of split edges: the second ring.
     """
     for _ in range(2):
         near = any_of(flags_of(triangles[near], vertex_count), triangles)
@@ -160,7 +158,7 @@ def two_rings(near: Bools, triangles: Ints, vertex_count: int) -> Bools:
 
 
 def _stencils(stages: list[Stage], hard: Ints) -> Matrix:
-    """(vertices of the last level, coarse vertices) where the butterfly puts them, from (H, 2) hard coarse edges."""
+    """(vertices of the last level, coarse vertices) butterfly weights, with (H, 2) hard coarse edges."""
     edges, count = stages[0].level.edges, stages[0].complete.size
     is_hard = among(edges[:, 0] * count + edges[:, 1], np.sort(hard[:, 0] * count + hard[:, 1]))
     matrix = Matrix.identity(count)
@@ -168,7 +166,7 @@ def _stencils(stages: list[Stage], hard: Ints) -> Matrix:
         edges, count = stage.level.edges, stage.complete.size
         creased = flags_of(edges[is_hard], count)
         matrix = butterfly(stage.level.triangles, edges[stage.split], count, creased).below(matrix)
-        # Of the finer edges, those with an old end are halves: of the edge whose midpoint the other end is.
+        # A finer edge with one old end is half of the edge whose midpoint is its other end.
         old, middle = finer.level.edges.T
         was_hard, halves = is_hard[stage.split], np.flatnonzero(old < count)
         is_hard = np.zeros(len(old), dtype=np.bool_)
@@ -177,7 +175,7 @@ def _stencils(stages: list[Stage], hard: Ints) -> Matrix:
 
 
 def _needed(stages: list[Stage], shown: list[Bools]) -> list[Bools]:
-    """For each stage (E,) the splits that show, and those that finer ones need: of all faces round their ends."""
+    """(E,) for each stage, the visible splits and those that finer ones need, in all faces round their ends."""
     needed = [stages[-1].split & shown[-1]]
     for below, above, seen in zip(stages[-2::-1], stages[:0:-1], shown[-2::-1], strict=True):
         ends = flags_of(above.level.edges[needed[0]], above.complete.size)
@@ -186,12 +184,9 @@ def _needed(stages: list[Stage], shown: list[Bools]) -> list[Bools]:
 
 
 def _leaves(triangles: Ints, stages: list[Stage], needed: list[Bools]) -> tuple[Ints, Ints, Floats]:
-    """The fine triangles (F', 3), their coarse ones (F',) and barycentrics (F', 3, 3), in coarse order.
+    """Give (F', 3) fine triangles, their (F',) coarse ones and (F', 3, 3) barycentrics, in coarse order.
 
-    Args:
-        triangles: (F, 3) coarse ones.
-        stages: All levels.
-        needed: For each (E,) the splits to make.
+    The splits to make are (E,) `needed` for each stage.
     """
     finest = len(stages) - 1
     whole = np.flatnonzero(~flags_of(stages[0].codes, len(triangles)))
@@ -215,7 +210,7 @@ def _leaves(triangles: Ints, stages: list[Stage], needed: list[Bools]) -> tuple[
         for turn in range(3):
             turned = (np.arange(3) + turn) % 3
             turned = np.append(turned, 3 + turned)
-            # By number, so that faces with the same vertices (double-sided) share the diagonal as well.
+            # The order of vertices decides, so that faces with the same vertices (double-sided) share the diagonal.
             ascending = corners[:, turned[0]] < corners[:, turned[1]]
             for chosen, pattern in (
                 (~two & split[:, turn], _BISECTED),
