@@ -1,4 +1,4 @@
-"""A YAML tree checked by a JSON Schema: each problem with its line, its path and a hint at what was meant."""
+"""Checks a YAML tree by a JSON Schema: each problem gets its line, its path and a hint at the word that was meant."""
 
 import difflib
 import functools
@@ -29,27 +29,27 @@ def _validator(form: Format) -> Draft202012Validator:
 
 
 def _nearest(found: str, known: Iterable[str]) -> str | None:
-    # Longer than any key: no typing error, and difflib takes quadratic time.
+    # A text longer than any key is no typing error, and difflib takes quadratic time.
     if len(found) > MAX_SHOWN:
         return None
     return next(iter(difflib.get_close_matches(found.lower(), list(known), n=1)), None)
 
 
 def refusal(node: Node, expected: str) -> str:
-    """What is said of a value that is not what was expected."""
+    """The message about a value that differs from the expected ones."""
     words = [word for word in re.split(r", | or ", expected.removeprefix("expected ")) if re.fullmatch("[a-z_]+", word)]
     near = _nearest(node.value, words) if isinstance(node.value, str) else None
     return f"found {node.shown}, {expected}" + (f"; did you mean {near}?" if near else "")
 
 
 def at(root: Node, place: Place) -> tuple[Node, str]:
-    """The value at a place, and its path as messages write it."""
+    """The value at a place, and the path that messages write for it."""
     return functools.reduce(lambda node, step: node.children[step], place, root), functools.reduce(path_to, place, "")
 
 
 def check(root: Node, form: Format) -> tuple[list[Problem], set[Place]]:
-    """The problems that the schema has with the tree, and the places of what it refuses and of all around that."""
-    unknown: dict[Place, Schema] = {}  # where a mapping has keys that are not these
+    """The problems that the schema finds, and the places of refused values and of all that holds them."""
+    unknown: dict[Place, Schema] = {}  # the known keys, at each mapping with an unknown one
     missing: dict[Place, list[str]] = {}
     refused: dict[Place, str] = {}
     for error in _validator(form).iter_errors(root.value):
@@ -86,8 +86,7 @@ def check(root: Node, form: Format) -> tuple[list[Problem], set[Place]]:
     for place, keys in missing.items():
         node, path = at(root, place)
         for key in dict.fromkeys(keys):
-            # Not reported beside the misspelt key that was meant to be it, here or in the defaults, or is beside the
-            # items.
+            # A missing key is not reported if a misspelt one was meant to be it: here, in the defaults, or at the root.
             if key not in node.children and not {(place, key), (("defaults",), key), ((), key)} & meant:
                 problems.append(Problem(node.line, path_to(path, key), "required, but missing"))
     for place, expected in refused.items():

@@ -15,49 +15,49 @@ _Record = TypeVar("_Record")
 
 
 def expects(accepted: str, **keywords: Any) -> Schema:
-    """Values of these keywords, with what is said of others."""
+    """Values that fit these keywords, and the message for others: `accepted`."""
     return {**keywords, "errorMessage": f"expected {accepted}"}
 
 
 def number(low: float, high: float, noun: str = "a number") -> Schema:
-    """A number within these ends."""
+    """A number between two ends."""
     ends = [f"{end:g}".replace("e+0", "e") for end in (low, high)]
     return expects(f"{noun} from {ends[0]} to {ends[1]}", type="number", minimum=low, maximum=high)
 
 
 def whole(low: int, high: int) -> Schema:
-    """A whole number within these ends."""
+    """A whole number between two ends."""
     return expects(f"a whole number from {low} to {high}", type="integer", minimum=low, maximum=high)
 
 
 def one_of(*words: str, none: bool = False) -> Schema:
-    """One of these words, or null where `none` is one of them and YAML's own null says the same."""
+    """One of these words; with `none`, YAML's null too."""
     return expects(" or ".join([", ".join(words[:-1]), words[-1]]), enum=[*words, *([None] if none else [])])
 
 
 def list_of(items: Schema, low: int, high: int | None, accepted: str) -> Schema:
-    """A list of so many items."""
+    """A list of `low` to `high` items."""
     limits = {"minItems": low} | ({} if high is None else {"maxItems": high})
     return expects(accepted, type="array", items=items, **limits)
 
 
 def mapping_of(keys: Mapping[str, Schema], required: tuple[str, ...] = ()) -> Schema:
-    """A mapping of these keys; without a message, which editors would show in place of the key that is wrong."""
+    """A mapping of these keys; it has no message, which editors would show in place of the wrong key."""
     return {"type": "object", "properties": keys, "required": list(required), "additionalProperties": False}
 
 
 def any_keys(values: Schema, accepted: str, low: int = 0) -> Schema:
-    """A mapping of any keys to such values."""
+    """A mapping of any keys to these values."""
     return expects(accepted, type="object", additionalProperties=values, minProperties=low)
 
 
 def if_mapping(mapping: Schema, otherwise: Schema, **having: Any) -> Schema:
-    """One schema for mappings and one for the rest: `anyOf` would not say what is wrong in the one that was meant."""
+    """One schema for mappings and one for other values; `anyOf` would not name the fault in the one that was meant."""
     return {"if": {"type": "object", **having}, "then": mapping, "else": otherwise}
 
 
 def key_of(values: Schema, description: str, **default: Any) -> Schema:
-    """Values of a key, with what it means."""
+    """Values of a key, and its meaning."""
     return {**values, "description": description, **default}
 
 

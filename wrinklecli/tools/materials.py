@@ -1,4 +1,4 @@
-"""Materials: what skin, cloth and leather give a tool where its file says nothing.
+"""Materials: defaults that skin, cloth and leather give a tool for keys that its file leaves out.
 
 `configs/README.md` shows the same table with its sources, and a test compares the two.
 """
@@ -12,16 +12,12 @@ from wrinklecli.choices import MaterialName, Profile
 
 @dataclass(frozen=True, slots=True)
 class Material:
-    """Defaults of a tool.
+    """Defaults of a tool's keys.
 
     Attributes:
-        bump_width: Width of a bump at rest, as a part of the segment; gives the number of bumps.
-        bump_height: Highest point of a bump, as a part of its width at rest: what `max_height: auto` is. With
-            `compressible` it is such that bumps are full where a segment loses about 40 %, as at a joint well bent.
-        compressible: Share of every shortening that it takes up itself.
-        profile: Shape of a bump.
-        details: Shares of finer wrinkles.
-        variation: How irregular bumps are.
+        bump_width: Width of a bump at rest relative to the segment; it gives the number of bumps.
+        bump_height: Highest point of a bump relative to its width at rest, for `max_height: auto`. Together with
+            `compressible` it makes bumps full when a segment loses about 40 %, as at a strongly bent joint.
     """
 
     bump_width: float
@@ -33,7 +29,7 @@ class Material:
 
     @property
     def defaults(self) -> dict[str, Any]:
-        """By key, the values that hang on no other key of the tool."""
+        """The values that depend on no other key of the tool, by key."""
         return {
             "compressible": self.compressible,
             "profile": self.profile,
@@ -42,12 +38,13 @@ class Material:
         }
 
     def bumps(self, gap: int) -> int:
-        """Bumps along a segment with so many flat intervals, half a bump each, between neighbours."""
+        """Number of bumps along a segment with `gap` flat intervals, half a bump each, between neighbours."""
         return max(1, round((2.0 / self.bump_width + gap) / (2 + gap)))
 
 
-# Those of a tool without a material.
-_PLAIN_BUMPS, _PLAIN_HEIGHT = 4, 0.25
+# A tool without a material.
+_PLAIN_BUMPS = 4
+_PLAIN_HEIGHT = 0.25  # of a bump's width at rest; higher bumps become blades
 MATERIALS: Mapping[MaterialName, Material] = {
     "skin": Material(bump_width=0.33, bump_height=0.13, compressible=0.87, profile="skin", details=(), variation=0.3),
     "cloth": Material(bump_width=0.25, bump_height=0.38, compressible=0.0, profile="cloth", details=(), variation=1.0),
@@ -58,21 +55,17 @@ MATERIALS: Mapping[MaterialName, Material] = {
 
 
 def bump_height(material: MaterialName | None) -> float:
-    """Highest point of a bump of `max_height: auto`, as a part of its width at rest."""
+    """Highest point of a bump with `max_height: auto`, relative to its width at rest."""
     return _PLAIN_HEIGHT if material is None else MATERIALS[material].bump_height
 
 
 def usual_bumps(material: MaterialName | None, gap: int = 0) -> int:
-    """Bumps of a tool that does not say how many."""
+    """Number of bumps of a tool without the key `bumps`."""
     return _PLAIN_BUMPS if material is None else MATERIALS[material].bumps(gap)
 
 
 def with_material(values: Mapping[str, Any]) -> dict[str, Any]:
-    """A tool's values, with those of its material for keys that neither the tool nor the file's defaults have.
-
-    Args:
-        values: By key, as a record holds them.
-    """
+    """Fields of a tool, with those of its material for keys that neither the tool nor the file's defaults have."""
     if values.get("material") is None:
         return dict(values)
     material = MATERIALS[values["material"]]

@@ -1,4 +1,4 @@
-"""The tool of the other side: what `mirror` makes of a tool, and which part of a name says a side."""
+"""Mirrors a tool to the other side, and finds the part of a name that says a side."""
 
 import re
 from collections.abc import Mapping
@@ -17,12 +17,12 @@ _SIDE = re.compile(
 
 
 def exchange_sides(name: str) -> str:
-    """A name with each of its sides turned into the other; the same name where it has none."""
+    """A name with left and right exchanged; the same name if it says no side."""
     return _SIDE.sub(lambda match: _OTHER_SIDE[match[0]], name)
 
 
 def split_side(name: str) -> tuple[str, str]:
-    """A name without its first side, and `L` or `R` for that; nothing where `mirror` would find none to exchange."""
+    """A name without its first side, and `L` or `R` for that side; no letter if the name says no side."""
     match = _SIDE.search(name)
     if match is None:
         return name, ""

@@ -25,12 +25,12 @@ Keys: TypeAlias = tuple[str, ...]
 
 _FORMAT = Format(TOOLS_SCHEMA, [kind.items for kind in KINDS.values()])
 
-# Keys beside the tools that hold for all tools of merged files; `up` is in the positions, which are Y-up once read.
+# Keys that merged files must share. `up` is not among them: positions are Y-up once they are read.
 _SHARED = ("rest", "sampling", "refinement")
 
 
 def _odd(key: str, value: Any) -> Iterator[tuple[Place, str]]:
-    """What is wrong with a key's value though the schema accepts it: where below the key, and what was expected."""
+    """Faults of a value that the schema accepts: the place below the key, and the expected value."""
     if key == "details" and sum(value) > 0.99:
         yield (), f"expected shares whose sum is at most 0.99, not {sum(value):g}"
     if key == "rest_length" and isinstance(value, dict):
@@ -42,13 +42,13 @@ def _odd(key: str, value: Any) -> Iterator[tuple[Place, str]]:
 
 
 def _read(root: Node, place: Place, record: type, wrong: Collection[Place]) -> tuple[dict[str, Any], list[Problem]]:
-    """The values of a record's keys in a mapping of the file, and what is wrong with them beyond the schema.
+    """The fields of a record that the mapping at a place gives, and problems that the schema cannot find.
 
     Args:
         root: The file.
         place: Keys and indices that lead to the mapping.
-        record: The record; other keys are left out.
-        wrong: Places that are left out.
+        record: The record; other keys are skipped.
+        wrong: Places that are skipped.
     """
     values: dict[str, Any] = {}
     problems: list[Problem] = []
@@ -76,14 +76,9 @@ class _Effect:
 def _effects(
     root: Node, key: str, defaults: Mapping[str, Any], wrong: Collection[Place], owners: dict[str, str]
 ) -> tuple[list[_Effect], list[Problem]]:
-    """All effects of a list, each mirrored one behind its source, and what is wrong with them.
+    """All effects of the list at a key, each mirrored one behind its source, and their problems.
 
-    Args:
-        root: The file.
-        key: Key of the list.
-        defaults: What the effects inherit.
-        wrong: Places that are left out.
-        owners: Whose name gives which identifier; those of these effects are added.
+    `owners` says which effect has which identifier; those of these effects are added.
     """
     node = root.children.get(key)
     if node is None or not isinstance(node.value, list):
@@ -113,7 +108,7 @@ def _effects(
 
 
 def _problems_of(tool: _Effect, owners: Mapping[str, str]) -> Iterator[Problem]:
-    """What is wrong with a tool beside those before it."""
+    """The problems of a tool with its points, and with the names of the tools before it."""
     values, parts = tool.values, tool.node.children
     if "name" in values and (owner := owners.get(identifier(values["name"]))) is not None:
         shown = parts["name"].shown
@@ -128,7 +123,7 @@ def _problems_of(tool: _Effect, owners: Mapping[str, str]) -> Iterator[Problem]:
 
 
 def _problems_of_mirrored(tool: _Effect, other: Mapping[str, Any], owners: Mapping[str, str]) -> Iterator[Problem]:
-    """What is wrong with the keys of the tool that is mirrored from one."""
+    """The problems of the tool that is mirrored from another one."""
     name = tool.node.children["name"]
     if other["name"] == tool.values["name"]:
         message = f"found {name.shown}, expected a side to exchange for mirror, such as brow.L or left_brow"
@@ -146,7 +141,7 @@ def _points(values: Mapping[str, Any]) -> set[Position | Marker | None]:
 
 
 def _record(kind: Kind, effect: _Effect, up: str, inherited: Mapping[Keys, str], shown_name: str) -> Any:
-    """The record of an effect with which nothing is wrong, and the places of what it says and inherits."""
+    """The record of an effect without problems, with the places of its own and its inherited values."""
     values = with_points(kind.record, effect.values, lambda anchor: _y_up(anchor, up))
     places = {keys: place for keys, place in inherited.items() if keys[0] not in effect.node.children}
     places |= _places(effect.node, effect.path, shown_name)
@@ -155,7 +150,7 @@ def _record(kind: Kind, effect: _Effect, up: str, inherited: Mapping[Keys, str],
 
 
 def _places(node: Node, path: str, shown_name: str) -> dict[Keys, str]:
-    """Where the values of a mapping and of those below it stand, for messages, by their keys."""
+    """The places of all values below a node, as messages write them, by their keys."""
     places: dict[Keys, str] = {}
     for key, child in node.children.items() if isinstance(node.value, dict | list) else ():
         places[(str(key),)] = f"{shown_name}:{child.line}: {path_to(path, key)}"
@@ -171,11 +166,7 @@ def _y_up(anchor: Position | Marker, up: str) -> Position | Marker:
 
 
 def parse_tools(text: str, *, name: str = "<tools>") -> ToolsFile:
-    """Read tools from YAML text.
-
-    Args:
-        text: The YAML.
-        name: What error messages call it.
+    """Read tools from YAML text, which error messages call `name`.
 
     Raises:
         ConfigError: All problems of the text, a line each, in the order of its lines.
@@ -184,7 +175,7 @@ def parse_tools(text: str, *, name: str = "<tools>") -> ToolsFile:
 
 
 def read_values(values: Mapping[str, Any], *, name: str = "<tools>") -> ToolsFile:
-    """As `parse_tools`, of what the YAML would say, as plain Python values, without the time that YAML takes."""
+    """Read tools from plain Python values, as `parse_tools` does from YAML, but faster."""
     return _parsed(tree_of(values), [], name)
 
 
@@ -223,9 +214,6 @@ def _parsed(root: Node | None, problems: list[Problem], name: str) -> ToolsFile:
 def load_tools(path: str | os.PathLike[str]) -> ToolsFile:
     """Read a file of tools.
 
-    Args:
-        path: The file; messages repeat it as it is given.
-
     Raises:
         ConfigError: The file cannot be read, or all of its problems, a line each, in the order of its lines.
     """
@@ -233,7 +221,7 @@ def load_tools(path: str | os.PathLike[str]) -> ToolsFile:
 
 
 def load_text(path: str | os.PathLike[str]) -> str:
-    """Read the text of a file of tools, whatever it says.
+    """Read the text of a file of tools.
 
     Raises:
         ConfigError: The file cannot be read, or is no text.
@@ -266,7 +254,7 @@ def load_merged(paths: Sequence[str | os.PathLike[str]]) -> ToolsFile:
         paths: The files. The first gives the result its name and its `up`, in which results are shown.
 
     Raises:
-        ConfigError: All problems of the files; or two have a tool of one name, or differ in what stands beside tools.
+        ConfigError: All problems of the files; or two files share a tool's name, or differ in their other keys.
     """
     files, problems = [], []
     for path in paths:
@@ -293,7 +281,7 @@ def load_merged(paths: Sequence[str | os.PathLike[str]]) -> ToolsFile:
 
 
 def _differences(merged: ToolsFile, other: ToolsFile) -> list[ConfigError]:
-    """Why a file cannot be merged with those before it."""
+    """The reasons why a file cannot be merged with the files before it."""
     problems = []
     for key in _SHARED:
         both = (key,) in merged.places and (key,) in other.places

@@ -89,7 +89,7 @@ class Marker:
     marker: str = key(TEXT, "Node whose position at rest is the anchor.")
 
 
-# What is said of items holds for lists alone, what is said of properties for mappings: both stand side by side.
+# Keywords for items hold for lists alone, keywords for properties for mappings alone, so both stand side by side.
 _ANCHOR = expects(
     "[x, y, z] or {marker: NODE}",
     type=["array", "object"],
@@ -123,7 +123,7 @@ class RestFrame:
 
 @dataclass(frozen=True, slots=True)
 class Sampling:
-    """At which times which clips are evaluated."""
+    """The times at which clips are evaluated."""
 
     fps: float = key(
         number(0.1, 1000), "Samples per second, joined with the clip's own key times. Default 30.", 30.0, read=float
@@ -266,7 +266,7 @@ class WrinkleTool:
         details: Each > 0, their sum < 1.
         mirrored: True if `mirror` made it.
         where: Its place in the file for later errors, such as `tools.yaml:12: tools[0]`.
-        places: Places of what the file says of it, by keys such as those of `rest_length.morph`; see `place`.
+        places: The places of its keys, such as those of `rest_length.morph`; see `place`.
     """
 
     name: str = key(TEXT, "Unique name; also when all but letters, digits and _ is replaced by _.")
@@ -420,27 +420,27 @@ class WrinkleTool:
 
     @classmethod
     def fields_of(cls, values: Mapping[str, Any]) -> dict[str, Any]:
-        """The fields that the keys of a file give: ends and points between from a path, defaults from the material."""
+        """The fields that the keys of a file give: a path gives the points, a material gives defaults."""
         found = {name: each for name, each in values.items() if name not in ("mirror", "path")}
         points = values.get("path") or (values["origin"], values["target"])
         found["origin"], *between, found["target"] = points
         return with_material({**found, "between": tuple(between)})
 
     def place(self, *keys: str) -> str:
-        """The place of what the file says of it, for later errors, such as `tools.yaml:14: tools[0].node`."""
+        """The place of a key, for later errors, such as `tools.yaml:14: tools[0].node`."""
         return self.places.get(keys, self.where)
 
     @property
     def points(self) -> tuple[Position | Marker, ...]:
-        """From origin to target."""
+        """All points from origin to target."""
         return (self.origin, *self.between, self.target)
 
     def point_name(self, number: int) -> str:
-        """What messages call one of the points."""
+        """The name of a point in messages."""
         return f"path[{number}]" if self.between else ("origin", "target")[number]
 
     def place_of(self, number: int, *keys: str) -> str:
-        """The place of one of the points in the file, whichever way it is given there."""
+        """The place of a point in the file, in a path or not."""
         given = ("path", str(number)) if ("path",) in self.places or self.between else (("origin", "target")[number],)
         return self.place(*given, *keys)
 
@@ -476,8 +476,8 @@ class ToolsFile:
         path: The file as the user typed it.
         up: The up axis of the file; positions here are Y-up already.
         tools: The enabled tools in the file's order, a mirrored one behind its source.
-        places: Of what stands beside the tools, by keys, such as those of `rest.clip`, for later errors.
-        beside: Further files that this one is merged with.
+        places: Places of the other keys of the file, such as those of `rest.clip`, for later errors.
+        beside: Further files that are merged into this one.
     """
 
     path: str
@@ -511,5 +511,5 @@ class ToolsFile:
     beside: tuple[str, ...] = ()
 
     def place(self, *keys: str) -> str:
-        """The place of what stands beside the tools, for later errors, such as `tools.yaml:4: rest.clip`."""
+        """The place of a key beside the tools, for later errors, such as `tools.yaml:4: rest.clip`."""
         return self.places.get(keys, self.path)

@@ -1,7 +1,6 @@
-"""What a file of wrinkling tools may say, as a JSON Schema: a bake checks files by it, an editor marks and completes.
+"""The JSON Schema of a file of wrinkling tools, by which a bake checks files, and editors mark and complete them.
 
-Source: JSON Schema, draft 2020-12. What the schema has no words for (order, sums, names that differ) `read` checks as
-it reads the values.
+Source: JSON Schema, draft 2020-12. `read` checks order, sums and unique names, for which the schema has no words.
 """
 
 from dataclasses import dataclass

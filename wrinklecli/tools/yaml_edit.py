@@ -31,7 +31,7 @@ _DASH = re.compile(r"^ *(-)", re.MULTILINE)
 
 
 def written(value: Any) -> str:
-    """A value in one line of YAML, as the reader of tools files takes it back."""
+    """A value in one line of YAML, which the reader of tools files reads as the same value."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if value is None:
@@ -129,7 +129,10 @@ def _read_part(event: yaml.Event, events: Iterator[yaml.Event], text: str) -> _P
 
 @dataclass(frozen=True)
 class ToolsText:
-    """The text of a tools file.
+    """The text of a tools file; each edit gives another one.
+
+    Edits raise ConfigError for a tool that is an alias, and for a block that others repeat by an alias and that the
+    edit would remove. `number` is a tool's index, `steps` lead to a value within it.
 
     Attributes:
         text: The YAML; lines may end as they do on any system.
@@ -146,7 +149,7 @@ class ToolsText:
 
     @cached_property
     def tools(self) -> tuple[Mapping[str, Any], ...]:
-        """The keys that each tool of the file says itself; empty for a tool that is no mapping."""
+        """The keys that each tool has itself; none for a tool that is no mapping."""
         tools = self._value.get("tools") if isinstance(self._value, dict) else None
         return tuple(each if isinstance(each, dict) else {} for each in tools) if isinstance(tools, list) else ()
 
@@ -172,16 +175,7 @@ class ToolsText:
         return str(self.beside.get("up", "y"))
 
     def with_value(self, number: int, steps: Steps, value: Any) -> "ToolsText":
-        """The file with another value in one of its tools; the key is added where the tool itself has none.
-
-        Args:
-            number: Index of the tool.
-            steps: Keys and indices that lead to the value.
-            value: Plain Python: text, numbers, lists, mappings.
-
-        Raises:
-            ConfigError: The tool is an alias, or others repeat a block of what would go.
-        """
+        """Set a value to plain Python (text, numbers, lists, mappings); a key that the tool lacks is added."""
         part = self._item(number)
         values: Any = self.tools[number]
         for depth, step in enumerate(steps):
@@ -196,11 +190,7 @@ class ToolsText:
         raise ValueError("expected one step at least")
 
     def without(self, number: int, steps: Steps) -> "ToolsText":
-        """The file without a key of one of its tools; the same file where the tool itself has none.
-
-        Raises:
-            ConfigError: As for `with_value`.
-        """
+        """Remove a key, if the tool itself has it."""
         part = self._item(number)
         for step in steps[:-1]:
             at = part.number_of(step)
@@ -211,33 +201,22 @@ class ToolsText:
         return self if at is None else self._with(self._removal(part, at))
 
     def with_tool(self, values: Mapping[str, Any]) -> "ToolsText":
-        """The file with one more tool, at its end, a line for each of its keys.
-
-        Raises:
-            ConfigError: The file is no mapping.
-        """
+        """Add a tool at the end, with a line for each of its keys."""
         return self.with_item([f"{written(key)}: {written(value)}" for key, value in values.items()])
 
     def with_copy(self, number: int, name: str) -> "ToolsText":
-        """The file with a copy of one of its tools behind it, with another name and without anchors.
-
-        Raises:
-            ConfigError: The tool is an alias.
-        """
+        """Add a copy of a tool behind it, with another name and without anchors."""
         anchored = (each.start for each in self._item(number).within() if each.anchor and each.kind != "alias")
         gone = [(*found.span(), "") for at in anchored if (found := _ANCHOR.match(self.text, at))]
         lines = ToolsText(_changed(self.text, gone), self.name).lines_of(number)
         return self._with(*self._new_tool(lines, behind=number)).with_value(number + 1, ("name",), name)
 
     def with_item(self, lines: Sequence[str], *, instead_of: int | None = None) -> "ToolsText":
-        """The file with one more tool at its end, or in place of another.
+        """Add a tool at the end, or in place of the tool `instead_of`.
 
         Args:
             lines: Lines of the tool without a dash; those after the first are indented relative to it.
-            instead_of: Index of the tool that goes.
-
-        Raises:
-            ConfigError: The file is no mapping, or others repeat what would go.
+            instead_of: Index of the replaced tool.
         """
         if instead_of is None:
             return self._with(*self._new_tool(lines, behind=-1))
@@ -245,7 +224,7 @@ class ToolsText:
         return self._with((part.start, part.end, self._indented(lines, self._column(part.start))))
 
     def lines_of(self, number: int) -> list[str]:
-        """The lines of one of the tools, as `with_item` takes them."""
+        """The lines of a tool, as `with_item` takes them."""
         part = self._item(number)
         first, *others = re.split(r"\r?\n", self.text[part.start : part.end])
         indents = [len(each) - len(each.lstrip()) for each in others if not re.match(r"\s*(#|$)", each)]
@@ -253,11 +232,7 @@ class ToolsText:
         return [first, *(line[column:] if not line[:column].strip() else line.lstrip() for line in others)]
 
     def without_tool(self, number: int) -> "ToolsText":
-        """The file without one of its tools and the comments right above it.
-
-        Raises:
-            ConfigError: Others repeat a block of it.
-        """
+        """Remove a tool and the comments right above it."""
         tools, part = self._tools, self._item(number)
         assert tools is not None
         if tools.flow:
@@ -319,12 +294,12 @@ class ToolsText:
         return f"{self.name}:{self.text.count(chr(10), 0, part.start) + 1}"
 
     def _dash(self, part: _Part) -> tuple[int, int]:
-        """The indices of an item's dash and of the start of its line."""
+        """Indices of an item's dash and of the start of the dash's line."""
         found = [*_DASH.finditer(self.text, 0, part.start)][-1]
         return found.start(1), found.start()
 
     def _lead(self, part: _Part) -> int:
-        """The index where the line of an item's dash begins, or the comments right above it."""
+        """Index of the start of the line with an item's dash, or of the comments right above it."""
         _, start = self._dash(part)
         while start > 0:
             above = self._line_start(start - 1)
@@ -341,7 +316,7 @@ class ToolsText:
         return self.text.rfind("\n", 0, at) + 1
 
     def _line_end(self, at: int, *, behind: bool = False) -> int:
-        """The index of the end of a line, before its line break or behind it."""
+        """Index of the end of a line, before its line break or `behind` it."""
         end = self.text.find("\n", at)
         if end < 0:
             return len(self.text)
@@ -353,11 +328,7 @@ class ToolsText:
     # Changes of the text.
 
     def _with(self, *changes: _Change) -> "ToolsText":
-        """The file after changes; an anchored value that goes stands where it is repeated first instead.
-
-        Raises:
-            ConfigError: Such a value is a block.
-        """
+        """Apply changes; an anchored value that they remove moves to the first alias that repeats it."""
         moved = [each for start, end, _ in changes for each in self._moved_anchors(start, end)]
         return ToolsText(_changed(self.text, [*changes, *moved]), self.name)
 
@@ -377,7 +348,7 @@ class ToolsText:
             reached = part.end
 
     def _value_at(self, parent: _Part, number: int, value: Any) -> _Change:
-        """Another value in place of an item; its anchor stays where nothing repeats it."""
+        """Replace an item's value; an anchor that nothing repeats stays."""
         part, text = parent.items[number], written(value)
         start = part.start
         if part.kind != "alias" and not self._uses(part) and (found := _ANCHOR.match(self.text, start)):
@@ -385,7 +356,7 @@ class ToolsText:
         return (start, part.end, " " * (self.text[start - 1 : start] == ":") + text)
 
     def _addition(self, part: _Part, key: str, value: Any) -> _Change:
-        """A key behind the last one of a mapping."""
+        """Add a key behind the last one of a mapping."""
         text = f"{written(key)}: {written(value)}"
         if part.flow:
             at = part.items[-1].end if part.items else self.text.index("{", part.start) + 1
@@ -394,7 +365,7 @@ class ToolsText:
         return (at, at, f"{self._newline}{' ' * self._column(part.keys[0].start)}{text}")
 
     def _removal(self, part: _Part, number: int) -> _Change:
-        """An item taken away: from brackets with its comma, from a block with its line and the comment there."""
+        """Remove an item: from brackets with its comma, from a block with its lines and the comments on them."""
         starts = [each.start for each in part.keys or part.items]
         start, end = starts[number], part.items[number].end
         if len(starts) == 1:
@@ -411,7 +382,7 @@ class ToolsText:
         return (line, self._line_end(end, behind=True), "")
 
     def _new_tool(self, lines: Sequence[str], *, behind: int) -> list[_Change]:
-        """One more tool behind another."""
+        """Add a tool behind another one."""
         tools, newline = self._tools, self._newline
         if tools is None or not tools.items:
             new = f"{newline}  - {self._indented(lines, 4)}"
@@ -430,7 +401,7 @@ class ToolsText:
         return [(at, at, newline * (1 + spaced) + text)]
 
     def _indented(self, lines: Sequence[str], indent: int) -> str:
-        """The lines of a tool as they stand behind a dash; in one line where all tools stand in brackets."""
+        """The text of a tool's lines behind a dash; one line if all tools stand in brackets."""
         tools = self._tools
         if tools is not None and tools.items and tools.flow and not _BRACKET.match(lines[0]):
             root, _ = read_tree("\n".join(lines))

@@ -1,25 +1,25 @@
-"""What is wrong with text that is no YAML, in words for those who wrote it: its indents, dashes, brackets, quotes."""
+"""Explains text that is no YAML to the people who wrote it: its indents, dashes, brackets and quotes."""
 
 import re
 from dataclasses import dataclass
 
 from wrinklecli.errors import counted
 
-# As PyYAML counts lines.
+# The line ends that PyYAML counts.
 _LINE_END = re.compile("\r\n|[\r\n\x85\u2028\u2029]")
 # Indent, dashes of list items, and a key if there is one.
 _ENTRY = re.compile(r"( *)((?:- +)*)(?:([\w.\"'-]+): *(?:[^ ]|$))?")
 
 
 def explained(text: str, problem: str, line: int, context: str, start: int) -> tuple[int, str]:
-    """The line, from 1, and what to say of what PyYAML cannot read; its own words where we know none better.
+    """The line, from 1, and a message for text that PyYAML cannot read; PyYAML's words if none here fit.
 
     Args:
         text: The YAML.
-        problem: What PyYAML says of it.
-        line: Where, from 0.
-        context: What PyYAML was reading.
-        start: The line where that begins, from 0.
+        problem: PyYAML's words for the problem.
+        line: Line of the problem, from 0.
+        context: PyYAML's words for the part that it was reading.
+        start: First line of that part, from 0.
     """
     lines = _LINE_END.split(text)[: line + 1]
     if "block" in context or "not allowed here" in problem or "cannot start any token" in problem:
@@ -41,7 +41,7 @@ def explained(text: str, problem: str, line: int, context: str, start: int) -> t
 
 
 def _at_its_start(lines: list[str]) -> tuple[int, str] | None:
-    """What is wrong with how the last of some lines begins, or the one above it: a tab, a dash, or the indent."""
+    """The fault at the start of the last line or of the line above it: a tab, a dash, or the indent."""
     here = lines[-1]
     if "\t" in here[: len(here) - len(here.lstrip())]:
         return len(lines), "YAML: indented by a tab; only spaces are taken"
@@ -53,7 +53,7 @@ def _at_its_start(lines: list[str]) -> tuple[int, str] | None:
     beside = [each for each in _open(lines, written[:-1]) if (each.name == "-") == here.lstrip().startswith("-")]
     if not beside or any(each.indent == indent for each in beside):
         return None
-    # Of two as near, the inner one.
+    # The inner one of two that are equally near.
     near = min(beside, key=lambda each: (abs(each.indent - indent), -each.indent))
     return len(lines), (
         f"YAML: indented by {counted(indent, 'space')}, but `{near.name}` on line {near.line} by {near.indent}:"
@@ -63,21 +63,15 @@ def _at_its_start(lines: list[str]) -> tuple[int, str] | None:
 
 @dataclass(frozen=True, slots=True)
 class _Entry:
-    """A key or the dash of a list item.
+    """A key, or the dash of a list item."""
 
-    Attributes:
-        name: The key, or `-`.
-        line: From 1.
-        indent: Characters before it.
-    """
-
-    name: str
-    line: int
-    indent: int
+    name: str  # of the key, or `-`
+    line: int  # from 1
+    indent: int  # characters before it
 
 
 def _open(lines: list[str], numbers: list[int]) -> list[_Entry]:
-    """The entries of some lines to which one more could be put."""
+    """The entries of some lines that could have another entry beside them."""
     entries: list[_Entry] = []
     for number in numbers:
         match = _ENTRY.match(lines[number])

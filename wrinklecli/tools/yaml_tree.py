@@ -1,4 +1,4 @@
-"""YAML text to a tree that knows its lines, within limits; what is wrong with the YAML itself is collected.
+"""Reads YAML text into a tree that knows its lines, within limits; problems of the YAML itself are collected.
 
 Source: YAML 1.1 as PyYAML's SafeLoader reads it. Differs: see `_Composer`.
 """
@@ -27,7 +27,7 @@ _DECIMAL = re.compile(r"[-+]?(?:(?:[0-9]+\.[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?|
 
 @dataclass(frozen=True, slots=True)
 class Node:
-    """A YAML value: plain Python, the 1-based line of its key, how a message shows it, its parts."""
+    """A YAML value: plain Python, the 1-based line of its key, its words in a message, and its parts."""
 
     value: Any
     line: int
@@ -37,7 +37,7 @@ class Node:
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """Something wrong at a line and path of the file, such as `tools[0].width`."""
+    """A fault at a line and a path of the file, such as `tools[0].width`."""
 
     line: int
     path: str
@@ -45,14 +45,14 @@ class Problem:
 
 
 class _TooMuchError(yaml.MarkedYAMLError):
-    """A limit of this module, met while composing."""
+    """The text exceeds a limit of this module."""
 
 
 class _Composer(yaml.SafeLoader):
-    """SafeLoader's nodes, within limits; plain scalars are numbers only where YAML 1.1 and 1.2 agree.
+    """Composes nodes as SafeLoader does, within limits; a plain scalar is a number only if YAML 1.1 and 1.2 agree.
 
     Differs from SafeLoader: 010, 1:30, 0x10, 1_000 and 2020-01-01 stay text, 1e-3 is a number; .inf, .nan and 1e999,
-    which JSON has no numbers for, stay text as well.
+    for which JSON has no numbers, stay text too.
     """
 
     yaml_implicit_resolvers = {}  # noqa: RUF012 - as the base class declares it
@@ -90,7 +90,7 @@ for _kind, _pattern, _first in (
 
 
 def printable(text: str, limit: int = MAX_SHOWN) -> str:
-    """Text that is safe in a line of a terminal: cut, and control characters as escapes."""
+    """Text that is safe in a line of a terminal: it is cut, and control characters become escapes."""
     cut = text if len(text) <= limit else text[: limit - 1] + "…"
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in cut)
 
@@ -105,18 +105,14 @@ def path_to(path: str, key: str | int) -> str:
 
 
 class _TreeBuilder:
-    """Composed YAML nodes to `Node`s; collects what is wrong with the YAML itself."""
+    """Turns composed YAML nodes into `Node`s, and collects problems of the YAML itself."""
 
     def __init__(self) -> None:
         self.problems: list[Problem] = []
         self.count = 0
 
     def build(self, node: yaml.Node, line: int, path: str, depth: int = 1) -> Node:
-        """One value and all below it.
-
-        Raises:
-            _TooMuchError: Aliases make it too large, or endless.
-        """
+        """Turn a value and all below it; raises _TooMuchError if aliases make it too large, or endless."""
         self._spend(node, depth)
         children: dict[str | int, Node]
         kind = node.tag.removeprefix(_TAG)
@@ -167,7 +163,7 @@ class _TreeBuilder:
     def _members(
         self, node: yaml.MappingNode, path: str, depth: int, *, report: bool
     ) -> dict[str, tuple[int, yaml.Node]]:
-        """Line and value by key, `<<` merged; keys are as written, so that a clip may be called on, or 1."""
+        """Line and value of each key, `<<` merged; keys stay as written, so that a clip may be called on, or 1."""
         own: dict[str, tuple[int, yaml.Node]] = {}
         merged: dict[str, tuple[int, yaml.Node]] = {}
         problems: list[Problem] = []
@@ -212,7 +208,7 @@ class _TreeBuilder:
 
 
 def tree_of(value: Any) -> Node:
-    """The tree of plain Python values, as if they stood in one line of YAML."""
+    """The tree of plain Python values; every line is 1."""
     children: dict[str | int, Node] = {}
     if isinstance(value, Mapping):
         children = {str(key): tree_of(each) for key, each in value.items()}
@@ -225,7 +221,7 @@ def tree_of(value: Any) -> Node:
 
 
 def read_tree(text: str) -> tuple[Node | None, list[Problem]]:
-    """The tree, None for an empty file or YAML that cannot be read, and the problems of the YAML itself."""
+    """The tree and the problems of the YAML itself; no tree for an empty file or YAML that cannot be read."""
     if len(text) > MAX_BYTES:
         return None, [Problem(1, "", f"found {len(text):,} characters, expected at most {MAX_BYTES:,}")]
     builder = _TreeBuilder()
