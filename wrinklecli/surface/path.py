@@ -240,14 +240,7 @@ Path = Straight | Curve
 def path_through(
     points: Sequence[Floats], normals: Sequence[Floats], foot: Foot, *, names: Sequence[str], where: str
 ) -> Path:
-    """Make the path through a tool's anchors.
-
-    Args:
-        points: (3,) positions, two or more, no two neighbours equal.
-        normals: (3,) unit normals of the surface at the points.
-        foot: The surface between them.
-        names: The anchors' names in messages.
-        where: The tool's place in its file.
+    """Make the path through a tool's anchors, with their (3,) points, no two neighbours equal, and unit normals.
 
     Raises:
         BakeError: The surface faces opposite ways at two neighbours, or the path turns back.
@@ -315,13 +308,9 @@ def _curve(points: Floats, facing: Floats) -> Curve:
 
 
 def _arc(start: Floats, end: Floats, third: Floats, t: Floats) -> Floats:
-    """(times, 3) points on the circle through three points, from start to end on the arc away from the third.
+    """(times, 3) points, at (times, 1) t from 0 to 1, on the arc from start to end of the circle through a third point.
 
-    Args:
-        start: (3,).
-        end: (3,).
-        third: (3,).
-        t: (times, 1) from 0 to 1.
+    The third point is not on the arc.
     """
     chord = end - start
     length = float(np.linalg.norm(chord))

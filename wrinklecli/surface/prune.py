@@ -26,14 +26,10 @@ _BENDING_LENGTH = 1000.0
 
 
 def pruning_errors(weights: Floats, positions: Floats, distances: Floats, influences: int, poses: Floats) -> Floats:
-    """(vertices,) greatest distance by which pruned skin weights move each vertex off.
+    """(vertices,) greatest distance by which pruning moves each vertex off in (poses, joints, 4, 4) poses.
 
-    Args:
-        weights: (vertices, joints) skin weights before pruning.
-        positions: (vertices, 3) bind space.
-        distances: (joints, joints) in the skeleton.
-        influences: Number of joints kept.
-        poses: (poses, joints, 4, 4) bind to world space.
+    Weights are (vertices, joints) before pruning, positions (vertices, 3) in bind space, and distances (joints, joints)
+    in the skeleton.
     """
     joints, kept = prune(weights, distances, influences)
     change = weights.copy()
@@ -112,12 +108,8 @@ def prune(weights: Floats, distances: Floats, influences: int) -> tuple[Ints, Fl
     """Reduce each vertex to as many joints as the file can store.
 
     Each step drops the influence that costs least: its weight times the distance to the nearest joint kept. That joint
-    takes over the weight; the heaviest does if several are equally near.
-
-    Args:
-        weights: (vertices, joints), rows summing to 1.
-        distances: (joints, joints) in the skeleton.
-        influences: Number of joints to keep.
+    takes over the weight; the heaviest does if several are equally near. Weights are (vertices, joints), with rows that
+    sum to 1, and distances (joints, joints) in the skeleton.
 
     Returns:
         (vertices, influences) joints and weights, heaviest first.

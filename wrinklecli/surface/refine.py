@@ -49,8 +49,6 @@ class Refinement:
     """A surface refined under its regions. New vertices follow the old ones, both among welded and glTF vertices.
 
     Attributes:
-        surface: The coarse surface.
-        subdivision: The splits.
         positions: (vertices, 3) stored positions, bind space.
         morph_deltas: (morph targets, vertices, 3).
         bind_positions: (vertices, 3) positions under the morph weights of the rest pose, bind space.

@@ -71,10 +71,7 @@ class HardEdges:
 def hard_edges(surface: Surface, positions: Floats, regions: Sequence[Region]) -> HardEdges:
     """Find the hard edges at the regions: where authored normals differ or are missing, and at sharp angles.
 
-    Args:
-        surface: The coarse surface.
-        positions: (vertices, 3) bind space.
-        regions: If more than half of a region's edges are hard, all are.
+    Angles are those of (vertices, 3) positions in bind space.
     """
     count = len(surface.positions)
     members = flags_of(np.concatenate([region.members for region in regions]), len(surface.triangles))
@@ -132,16 +129,10 @@ def rounded(
     rest_normals: Floats,
     full: bool,
 ) -> Rounded:
-    """Place the vertices of a subdivision.
+    """Place the vertices of a subdivision, with the whole offset if `full`.
 
-    Args:
-        surface: The coarse surface.
-        subdivision: The splits.
-        regions: All regions on the surface.
-        blended: (vertices, 3, 4) bind to world space at rest.
-        rest_places: (vertices, 3) places on the coarse surface, world space at rest.
-        rest_normals: (vertices, 3) normals of the coarse surface, world space at rest; needed only at regions.
-        full: True to apply the whole offset.
+    `blended` are (vertices, 3, 4) matrices from bind to world space at rest; `rest_places` and `rest_normals` are
+    (vertices, 3) of the coarse surface, in world space at rest, and needed only at regions.
     """
     old = len(surface.positions)
     places, deltas = subdivision.interpolate(surface.positions), subdivision.interpolate(surface.morph_deltas)
@@ -176,13 +167,8 @@ def _heights(places: Floats, smooth: Floats, triangles: Ints, old: int) -> tuple
 
     The normal is that of the face in the middle of a coarse face, and the mean of both faces' on an edge. A vertex goes
     along the normal to the plane that touches the smooth surface at the vertex's place there; a line to the vertex on
-    the smooth surface itself would lean.
-
-    Args:
-        places: (vertices, 3) fine vertices on the coarse surface.
-        smooth: (vertices, 3) fine vertices on the smooth surface.
-        triangles: (triangles, 3).
-        old: Number of coarse vertices, which come first.
+    the smooth surface itself would lean. `places` and `smooth` are (vertices, 3), the `old` coarse vertices first, on
+    the coarse and on the smooth surface.
     """
     new = np.arange(old, len(places))
     normals, smooth_normals = normals_at(places, triangles, new), normals_at(smooth, triangles, new)

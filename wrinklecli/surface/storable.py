@@ -20,17 +20,14 @@ from wrinklecli.surface.rest import Rest
 
 @dataclass(frozen=True, slots=True)
 class SplitLimits:
-    """The limits of a file on midpoints, near the regions.
+    """The limits of a file on midpoints near the regions; other fields are those of `refine`.
 
     Attributes:
-        contacts: (coarse vertices,) True for vertices that touch another mesh.
         near: (coarse triangles,) True for triangles at a region.
         bind_positions: (coarse vertices, 3) bind space at rest.
         weights: (coarse vertices, acting joints) skin weights near the regions; 0 elsewhere.
         distances: (acting joints, acting joints) in the skeleton.
         poses: (poses, acting joints, 4, 4) bind to world space.
-        influences: Greatest number of joints of a vertex in the file.
-        tolerance: Greatest distance by which pruned weights may move a midpoint off, scene units.
     """
 
     contacts: Bools

@@ -34,7 +34,6 @@ class Found:
     Methods evaluate another (free, 3) move, in bind space, against it.
 
     Attributes:
-        tissue: The surface.
         moved: (free, 3) the solution's move, bind space.
         shares: (free,) weights of squared errors.
         outward: (free, 3) unit directions in which the barrier pushes, solver's units; 0 where nothing is near.

@@ -42,10 +42,8 @@ _DECREASE = 1e-4
 def march(tissue: Tissue, poses: Iterable[SkinnedPose], start: SolverState | None = None) -> Iterator[SolverState]:
     """Solve poses one after another, each from the correction of the one before, which the skin carries along.
 
-    Args:
-        tissue: The surface.
-        poses: Poses near enough to each other for the surface to follow.
-        start: State before the first pose. If None, the first pose must cross nothing, and begins the march.
+    Poses must be near enough to each other for the surface to follow. Without a start, the first pose begins the march
+    and must cross nothing.
     """
     state = start
     for posed in poses:

@@ -29,11 +29,7 @@ _GREATEST_COTANGENT = 5.0
 def stiffness_of(rest: Floats, triangles: Ints, *, soft: float, heavier: Floats) -> Any:
     """(vertices, vertices) sparse matrix of the quadratic form Σ m |c|² + ℓ² |∇c|² + ℓ⁴ |Δc|².
 
-    Args:
-        rest: (vertices, 3).
-        triangles: (triangles, 3).
-        soft: ℓ, the length over which a correction fades.
-        heavier: (vertices,) factors of the masses.
+    A correction fades over the length `soft`, which is ℓ; `heavier` are (vertices,) factors of the masses.
     """
     import scipy.sparse as sparse
 

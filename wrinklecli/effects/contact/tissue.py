@@ -66,7 +66,6 @@ class SolverState:
 
     Attributes:
         positions: (vertices, 3) solver's units.
-        posed: The pose.
         converged: True if the last step was short enough and all vertices that are not free are in their places.
         near: The collisions in ipctk; None if nothing is near.
     """

@@ -268,20 +268,9 @@ def plan_curve(
     widths: Floats | None = None,
     peaks: Floats | None = None,
 ) -> ControlCurve:
-    """Plan a tool's control curve.
+    """Plan a tool's control curve; arguments are as in `Bumps` and `ControlCurve`.
 
-    Args:
-        bumps: Number of bumps, ≥ 1.
-        gap: Flat intervals between neighbouring bumps, ≥ 0.
-        strategy: The order in which bumps rise.
-        details: Fractions for the finer levels, each > 0, their sum < 1.
-        profile: The shape of a bump.
-        max_height: As in `ControlCurve`, ≥ 0.
-        compressible: As in `ControlCurve`.
-        rest_length: Scene units, > 0.
-        greatest_rest_length: Greatest keyed rest length, scene units; None for `rest_length`.
-        widths: (bumps,) widths over their mean; None for equal ones.
-        peaks: As in `ControlCurve`; None for 1.
+    By default all bumps are equally wide, peaks are 1, and the greatest rest length is the rest length.
     """
     ruled = np.ones(bumps)
     widths, peaks = ruled if widths is None else widths, ruled if peaks is None else peaks

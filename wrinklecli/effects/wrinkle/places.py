@@ -77,13 +77,8 @@ def bowed(u: Floats, v: Floats, bow: float, bumps: int) -> Floats:
     """(…,) places on the control curve if crests bend like an arc: u - bow v² / 2B, less over the first and last bump.
 
     Places rise strictly with u and keep both borders, so that no bump is cut off. Not in the paper, whose wrinkles are
-    straight.
-
-    Args:
-        u: (…,) along the patch; values outside 0 to 1 stay.
-        v: (…,) across it.
-        bow: From -1 to 1; at 1 the ends of crests lie half a bump further towards the target.
-        bumps: B.
+    straight. Places outside the patch, whose (…,) u is not between 0 and 1, stay. At a bow of 1 the ends of crests lie
+    half a bump further towards the target. B is the number of bumps.
     """
     fade = min(1.0 / bumps, 0.5)
     t = np.clip(np.minimum(u, 1.0 - u) / fade, 0.0, 1.0)

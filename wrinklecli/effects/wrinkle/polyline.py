@@ -34,7 +34,7 @@ class PolylineProfile:
     """The paper's discrete bump as a few modes, and its methods as `SmoothProfile` has them.
 
     Attributes:
-        details: Shares of the finer levels.
+        details: Fractions of the shortening that go to the finer levels.
         modes: (modes, knots) heights of a bump's knots, both ends included, greatest |height| 1.
         projection: (modes, knots) from knot heights to amplitudes.
         sampled_amplitudes: (modes,) greatest |amplitude| that the tool can reach, scene units.
@@ -131,13 +131,8 @@ def reachable_heights(
 ) -> Floats:
     """(samples, knots) knot heights of a bump over the (x, D) that a tool can reach, scene units.
 
-    Args:
-        details: Shares of the finer levels.
-        max_height: Greatest height of a bump, scene units.
-        greatest: Greatest taut length, scene units.
-        reached: Greatest d, scene units.
-        interval_count: n.
-        sharing: Sum of the widths of the first group's bumps, which share all of d.
+    `greatest` is the greatest taut length, `reached` the greatest d, and `sharing` the total width of the first group's
+    bumps, which share all of d.
     """
     distances = (greatest - reached) + reached * np.linspace(0.0, 1.0, _SAMPLED_DISTANCES, endpoint=False)
     intervals = distances / interval_count

@@ -100,16 +100,8 @@ def posed_displacements(
 ) -> Floats:
     """(frames, members, 3) displacements by (u, v), normals and patch of each posed frame, in bind space.
 
-    Each is the posed displacement times the inverse of the blended matrix, and 0 where that is singular.
-
-    Args:
-        patch: The tool.
-        ring: Its ring.
-        fine: The refined surface.
-        rig: The mesh's joints.
-        clip: The animation; None for the stored pose.
-        times: (frames,) seconds.
-        amplitudes: (frames, groups, modes), strength in the clip applied.
+    Each is the posed displacement times the inverse of the blended matrix, and 0 where that is singular. The (frames,
+    groups, modes) amplitudes at (frames,) seconds have the clip's strength applied.
     """
     moved = np.zeros((len(times), len(ring.members), 3))
     acting = np.flatnonzero(amplitudes.any(axis=(1, 2)))
@@ -165,13 +157,7 @@ def _at_knots(ring: Ring, vectors: Floats) -> Floats:
 def _along_segments(
     patch: Patch, ring: Ring, positions: Floats, normals: Floats
 ) -> tuple[Floats, Floats, Floats, Bools]:
-    """Project members onto a straight tool, placed by its anchors in each frame.
-
-    Args:
-        patch: A straight tool.
-        ring: Its ring.
-        positions: (3, around, frames) world space.
-        normals: (3, around, frames) unit.
+    """Project members onto a straight tool, by (3, around, frames) world positions and unit normals.
 
     Returns:
         (members, frames) u, v and cosines between the members' normals and the patch's, and (frames,) False where the

@@ -160,11 +160,7 @@ class Variation:
         return peaks
 
     def places(self, u: Floats, v: Floats) -> tuple[Places, Floats]:
-        """Map points of a patch to places on the centre line's curve.
-
-        Args:
-            u: (…,) along the segment.
-            v: (…,) across it.
+        """Map points of a patch, (…,) u along the segment and v across it, to places on the centre line's curve.
 
         Returns:
             Places whose us rise strictly with u, and are u itself where v = 0 and where u is not between 0 and 1. Their
@@ -263,17 +259,9 @@ def plan_variation(
 ) -> Variation:
     """Draw the irregularity of a tool's wrinkles.
 
-    Args:
-        seed: The tool's `seed`, or its name.
-        amount: a, above 0 and up to 1.
-        branch: Probability that a bump merges with its neighbour on one side of the patch. Only bumps that rise
-            together merge.
-        bumps: Number of bumps.
-        gap: Flat intervals between neighbouring bumps.
-        aspect: Half the width of the patch over the segment's length.
-        kind: How crests fade.
-        strategy: The order in which bumps rise.
-        mirrored: True if v counts the other way, as on a mirrored patch.
+    The amount is a, above 0 and up to 1, and `branch` the probability that a bump merges with its neighbour on one side
+    of the patch; only bumps that rise together do. `aspect` is half the patch's width over the segment's length. On a
+    mirrored patch v counts the other way.
     """
     widths = 1.0 + _WIDTH * amount * _well_spread(drawn(seed, "widths", bumps))
     ruled = Bumps(widths * (bumps / widths.sum()), gap)
