@@ -14,8 +14,7 @@ from scipy.sparse import csr_array
 from wrinklecli.character.clip import Clip
 from wrinklecli.numeric.arrays import Floats, Ints, distinct, unit
 from wrinklecli.numeric.nearest import pairs_within
-from wrinklecli.surface.strain import Gauge, principal, strain
-from wrinklecli.surface.strained import StrainedPart
+from wrinklecli.surface.strain import Gauge, StrainedPart, principal, strain
 
 # Radius of the neighbourhood over which strain is averaged, as a part of the diagonal of the mesh's box: 27 mm on a
 # person.

@@ -27,9 +27,9 @@ from wrinklecli.surface.compression import (
     sites_with_twins,
     triangle_shares,
 )
-from wrinklecli.surface.segments import lay_segment
 from wrinklecli.surface.sites import Peaks, at_sites
 from wrinklecli.surface.strain import unscaled_pose
+from wrinklecli.surface.trace import lay_segment
 from wrinklecli.tools.mirror import split_side
 
 # Most regions of a mesh.
@@ -189,7 +189,7 @@ def _joint_shares(mesh: MeasuredMesh, region: CompressedRegion) -> Floats:
     """(joints,) part of a region that follows each joint; their sum is 1."""
     corners = mesh.gauge.triangles
     by_corner = np.repeat(triangle_shares(mesh.sites, region) / 3.0, 3)
-    vertices = np.bincount(corners.ravel(), by_corner, len(mesh.surface.positions))
+    vertices = np.bincount(corners.ravel(), by_corner, len(mesh.gauge.surface.positions))
     shares: Floats = np.asarray(mesh.gauge.influences.T @ vertices)
     total: Floats = shares / shares.sum()
     return total

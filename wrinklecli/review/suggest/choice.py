@@ -6,7 +6,7 @@ Lips, lids and nostrils are *rims*, where a surface slides over another and make
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -38,26 +38,13 @@ _NEAR_RIM = 0.8
 _OPPOSITE = -0.3
 
 
-@dataclass(frozen=True, slots=True)
-class Choice:
-    """Candidates that deserve tools.
-
-    Attributes:
-        candidates: Each with its material.
-        notes: A line for each material, and for each reason to leave out candidates.
-    """
-
-    candidates: tuple[Candidate, ...]
-    notes: tuple[str, ...]
-
-
-def choose_candidates(document: Document, candidates: Sequence[Candidate], options: SuggestOptions) -> Choice:
+def choose_candidates(
+    document: Document, candidates: Sequence[Candidate], options: SuggestOptions
+) -> tuple[list[Candidate], list[str]]:
     """Find the materials of candidates, and leave out those that an artist would not wrinkle.
 
-    Args:
-        document: The asset.
-        candidates: Candidates of all its meshes.
-        options: With `everything`, none is left out.
+    Returns:
+        The other candidates; and a line for each material, and for each reason to leave out candidates.
     """
     everything = options.everything
     scene = () if everything else read_scene(document, leave_out_malformed=True)
@@ -93,7 +80,7 @@ def choose_candidates(document: Document, candidates: Sequence[Candidate], optio
         f"{where}: left out {counted(count, 'fold')}: {why}; --all takes all"
         for (where, why), count in left_out.items()
     ]
-    return Choice(tuple(chosen), (*notes, *lines))
+    return chosen, [*notes, *lines]
 
 
 def _rims(mesh: MeasuredMesh) -> Floats:

@@ -11,20 +11,17 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import node_matrices
-from wrinklecli.effects.wrinkle.attach import attach_tools
 from wrinklecli.effects.wrinkle.patch import Patch
-from wrinklecli.errors import WrinkleError
 from wrinklecli.numeric.arrays import Floats, unit
 from wrinklecli.review.suggest.candidates import Candidate
 from wrinklecli.review.suggest.draft import pair_of, renamed, stem_and_side, tool_of, width_of, written_length
 from wrinklecli.review.suggest.measure import MeasuredMesh
-from wrinklecli.review.suggest.shortening import Shortening, greatest, shortenings_of, with_rising_bumps
+from wrinklecli.review.suggest.shortening import Shortening, attached, greatest, shortenings_of, with_rising_bumps
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
 from wrinklecli.surface.path import Curve
-from wrinklecli.surface.segments import lay_segment
 from wrinklecli.surface.sites import at_sites
 from wrinklecli.surface.strain import principal, unscaled_pose
-from wrinklecli.surface.trace import CLEAR_LOSS, trace
+from wrinklecli.surface.trace import CLEAR_LOSS, lay_segment, trace
 from wrinklecli.tools.mirror import split_side
 from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
 
@@ -68,7 +65,7 @@ class Suggestion:
         driver: Name of the joint or morph target that compresses the region.
         by_morph: True if the driver is a morph target.
         clip: Name of the clip that shortens the tool most.
-        time: The time in this clip, seconds.
+        time: Time of the greatest shortening in this clip, seconds.
         span: Distance of the anchors at rest, scene units.
         clips: By the clip's name, the least distance of the anchors without animated scale, scene units; infinite if
             the character is hidden in all of the clip.
@@ -196,7 +193,7 @@ class _Search:
         if region.twin and apart and not (mesh.node is not None and split_side(mesh.node)[1]):
             choices.insert(0, pair_of(candidate, stem, side, bump_length))
         for tools in choices:
-            patches = _attached(mesh, renamed(tools, stem, self.names))
+            patches = attached(mesh, renamed(tools, stem, self.names))
             if patches is None:
                 continue
             if len(patches) == 2 and _overlap(*patches):
@@ -217,7 +214,7 @@ class _Search:
         """A tool across x = 0 that the weight of a morph target drives, even if the target stretches the middle."""
         for full in _FULL:
             length = RestLengthMorph(candidate.driver, Length(full, percent=True))
-            patches = _attached(candidate.mesh, [replace(tool, rest_length=length)])
+            patches = attached(candidate.mesh, [replace(tool, rest_length=length)])
             if patches is None:
                 return None
             shortenings = shortenings_of(candidate.mesh, patches[0])
@@ -333,12 +330,9 @@ def _tensors(mesh: MeasuredMesh, moment: Shortening) -> Floats:
 
 
 def _misalignment(mesh: MeasuredMesh, patch: Patch, tensors: Floats) -> float:
-    """Median angle between a tool and the direction of the strongest compression, weighted by area, degrees.
+    """Median angle between a tool and the strongest compression of a pose, weighted by area, degrees.
 
-    Args:
-        mesh: The mesh.
-        patch: The attached tool.
-        tensors: (sites, 6) loss tensors of a pose.
+    `tensors` are (sites, 6) loss tensors of the pose.
     """
     sites = mesh.sites
     members = np.isin(mesh.gauge.numbers, patch.members)
@@ -405,13 +399,5 @@ def _of_side(mesh: MeasuredMesh, driver: str, tool: str) -> str:
 
 def _probe(candidate: Candidate, width: float | None = None) -> Patch | None:
     """The tool of a candidate, attached; None if a bake would refuse it."""
-    patches = _attached(candidate.mesh, [tool_of(candidate, "probe", width or width_of(candidate))])
-    return None if patches is None else patches[0]
-
-
-def _attached(mesh: MeasuredMesh, tools: list[WrinkleTool]) -> list[Patch] | None:
-    """Tools attached as in a bake; None if a bake would refuse one."""
-    try:
-        return attach_tools(tools, mesh.surface, mesh.rest, mesh.rig, up="y")
-    except WrinkleError:
-        return None
+    patches = attached(candidate.mesh, [tool_of(candidate, "probe", width or width_of(candidate))])
+    return patches[0] if patches else None

@@ -9,7 +9,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig, moving_nodes, read_hierarchy, read_rig
 from wrinklecli.character.scene import deforms, scene_nodes
-from wrinklecli.character.surface import Surface, read_surface
+from wrinklecli.character.surface import read_surface
 from wrinklecli.errors import AssetError, BakeError, listed, nearest
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats
@@ -61,11 +61,6 @@ class MeasuredMesh:
     def rig(self) -> Rig:
         """The rig that moves the mesh."""
         return self.gauge.rig
-
-    @property
-    def surface(self) -> Surface:
-        """The welded mesh."""
-        return self.gauge.surface
 
     @property
     def rest(self) -> Rest:

@@ -8,15 +8,13 @@ import numpy as np
 
 from wrinklecli.baking.plan import Ground
 from wrinklecli.character.clip import Clip
-from wrinklecli.effects.wrinkle.attach import attach_tools
 from wrinklecli.effects.wrinkle.patch import Patch
-from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.suggest.candidates import Candidate
 from wrinklecli.review.suggest.draft import tool_of, width_of
 from wrinklecli.review.suggest.measure import MeasuredMesh, clips_that_move
-from wrinklecli.review.suggest.shortening import Shortening, greatest, shortenings_of, with_rising_bumps
+from wrinklecli.review.suggest.shortening import Shortening, attached, greatest, shortenings_of, with_rising_bumps
 from wrinklecli.review.suggest.substance import facet_length, read_makeup, substance_of
 from wrinklecli.surface.compression import CompressedRegion, grow_region, triangle_shares
 from wrinklecli.surface.sites import at_sites, spread_sites
@@ -34,13 +32,7 @@ _LEAST_SHORTENING = 0.02
 
 
 class ToolGuesser:
-    """Guesses tools on a mesh. Measuring the mesh takes as long as a few frames.
-
-    Args:
-        document: The asset.
-        ground: The mesh at rest.
-        clips: The asset's clips.
-    """
+    """Guesses tools on a mesh. Measuring the mesh takes as long as a few frames."""
 
     def __init__(self, document: Document, ground: Ground, clips: Sequence[Clip]) -> None:
         moving = clips_that_move(ground.rig, clips)
@@ -57,25 +49,20 @@ class ToolGuesser:
         """
         span = float(np.linalg.norm(target - origin))
         tool = _plain(origin, target, span)
-        probe = self._attached(tool)
-        if probe is None or not self._mesh.clips:
+        probes = attached(self._mesh, [tool])
+        if probes is None or not self._mesh.clips:
             return tool
-        deepest = greatest(shortenings_of(self._mesh, probe))
+        deepest = greatest(shortenings_of(self._mesh, probes[0]))
         if not deepest.ratio > _LEAST_SHORTENING:
             return tool
-        region = self._region(probe, deepest)
+        region = self._region(probes[0], deepest)
         if region is not None:
             candidate = self._candidate(region, deepest, origin, target)
             width = float(np.clip(width_of(candidate), _NARROWEST * span, _WIDEST * span))
             tool = replace(tool_of(candidate, tool.name, width), origin=tool.origin, target=tool.target)
-        return self._with_rising_bumps(tool)
-
-    def _attached(self, tool: WrinkleTool) -> Patch | None:
-        mesh = self._mesh
-        try:
-            return attach_tools([tool], mesh.surface, mesh.rest, mesh.rig, up="y")[0]
-        except WrinkleError:
-            return None
+        patches = attached(self._mesh, [tool])
+        found = patches and with_rising_bumps(self._mesh, patches, [shortenings_of(self._mesh, patches[0])])
+        return found[0] if found else tool
 
     def _region(self, patch: Patch, deepest: Shortening) -> CompressedRegion | None:
         """The region that the pose folds around the middle of a patch; None if it folds nothing there."""
@@ -94,14 +81,6 @@ class ToolGuesser:
         shares = triangle_shares(mesh.sites, region)
         material, facet = substance_of(makeup, shares).material, facet_length(makeup, shares)
         return Candidate(mesh, region, deepest.clip, deepest.time, origin, target, 0.0, material, facet)
-
-    def _with_rising_bumps(self, tool: WrinkleTool) -> WrinkleTool:
-        """A tool whose bumps are full at its greatest shortening, if there is room for them."""
-        patch = self._attached(tool)
-        if patch is None:
-            return tool
-        found = with_rising_bumps(self._mesh, [patch], [shortenings_of(self._mesh, patch)])
-        return tool if found is None else found[0]
 
 
 def _plain(origin: Floats, target: Floats, span: float) -> WrinkleTool:

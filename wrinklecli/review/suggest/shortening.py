@@ -8,8 +8,10 @@ import numpy as np
 
 from wrinklecli.character.clip import Channel, Clip
 from wrinklecli.character.rig import Rig, moving_nodes
+from wrinklecli.effects.wrinkle.attach import attach_tools
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.weights import fitting_compressible
+from wrinklecli.errors import WrinkleError
 from wrinklecli.numeric.arrays import unit
 from wrinklecli.numeric.nearest import balls, distances_along, near_points
 from wrinklecli.review.suggest.measure import MeasuredMesh
@@ -51,13 +53,19 @@ class Shortening:
     rest_length: float
 
 
-def shortenings_of(mesh: MeasuredMesh, patch: Patch, further: Sequence[Clip] = ()) -> dict[str, Shortening]:
-    """Find the greatest shortening of an attached tool in each clip, by the clip's name.
+def attached(mesh: MeasuredMesh, tools: list[WrinkleTool]) -> list[Patch] | None:
+    """Tools attached to a mesh at rest; None if a bake would refuse one."""
+    gauge = mesh.gauge
+    try:
+        return attach_tools(tools, gauge.surface, gauge.rest, gauge.rig, up="y")
+    except WrinkleError:
+        return None
 
-    Args:
-        mesh: The mesh with its clips.
-        patch: The attached tool.
-        further: More clips to look at, each of which goes from one key to another.
+
+def shortenings_of(mesh: MeasuredMesh, patch: Patch, further: Sequence[Clip] = ()) -> dict[str, Shortening]:
+    """Find the greatest shortening of a tool in each clip of a mesh and in further clips, by the clip's name.
+
+    Each further clip goes from one key to another.
     """
     found = {}
     above = [moving_nodes(mesh.rig, [joint]) for joint in {joint for each in patch.anchors for joint in each.joints}]
@@ -95,11 +103,11 @@ def with_rising_bumps(
 
     Args:
         mesh: The mesh.
-        patches: A tool, or a pair.
-        shortenings: Shortenings of each, by the clip's name.
+        patches: One tool, or a pair.
+        shortenings: The `shortenings_of` each.
 
     Returns:
-        The tools; None if their bumps would reach a surface above them.
+        None if the bumps would reach a surface above them.
     """
     width = patches[0].rest_length / patches[0].tool.bumps
     usual = bump_height(patches[0].tool.material)
@@ -133,7 +141,7 @@ def _free_height(mesh: MeasuredMesh, patch: Patch) -> float:
 
     Infinite if no surface lies within the usual height.
     """
-    surface, positions = mesh.surface, mesh.rest.positions
+    surface, positions = mesh.gauge.surface, mesh.rest.positions
     members = surface.triangles[patch.members]
     places = positions[members].mean(axis=1)
     rays = unit(mesh.rest.normals[members].sum(axis=1))

@@ -89,16 +89,16 @@ def suggest(
             clips = (*others, *limit_to_body(generated, read_rig(document, next(iter(nodes))), read_bones(document)))
         meshes = measure_meshes(document, nodes, clips, options, progress) if clips else []
         candidates = _candidates_of(meshes, progress)
-        choice = choose_candidates(document, candidates, options)
-        flat = all(candidate.mesh.flat for candidate in choice.candidates)
-        fitted = fit_tools(choice.candidates, options, generated)
+        chosen, reasons = choose_candidates(document, candidates, options)
+        flat = all(candidate.mesh.flat for candidate in chosen)
+        fitted = fit_tools(chosen, options, generated)
         trial = try_on_refined_meshes(document, fitted, joined.clips, midpoint=flat)
-        notes += [*choice.notes, *trial.notes]
+        notes += [*reasons, *trial.notes]
         text = reason = ""
         if trial.tools:
             text = tools_text(trial.tools, os.path.basename(document.path), trial.refinement)
             refuse_unwritable(text, document, trial.tools)
-        elif (candidates and not choice.candidates) or trial.notes:
+        elif (candidates and not chosen) or trial.notes:
             reason = "what its motions fold is left out, as the notes say"
         elif not nodes:
             reason = "no mesh deforms: none has a skin or morph targets"
