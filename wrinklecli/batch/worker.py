@@ -78,7 +78,7 @@ def _reported(job: BatchJob, settings: Settings, action: Callable[[Staged, Cache
     Raises:
         StoreError: A store does not answer; it may answer later.
     """
-    start = time.perf_counter()
+    start, here = time.perf_counter(), None
     try:
         if settings.program != program():
             raise WrinkleError(
@@ -86,17 +86,12 @@ def _reported(job: BatchJob, settings: Settings, action: Callable[[Staged, Cache
                 where=f"{socket.gethostname()}:{os.getpid()}",
             )
         with staged(job) as here:
-            try:
-                outcome = action(here, Cache(settings.cache))
-            except StoreError:
-                raise
-            except WrinkleError as error:
-                lines = tuple(map(here.with_given_paths, error.lines))
-                outcome = Outcome(job, "refused" if isinstance(error, RefusedError) else "failed", lines=lines)
+            outcome = action(here, Cache(settings.cache))
     except StoreError:
         raise
     except WrinkleError as error:
-        outcome = Outcome(job, "failed", lines=error.lines)
+        lines = tuple(map(here.with_given_paths, error.lines)) if here else error.lines
+        outcome = Outcome(job, "refused" if isinstance(error, RefusedError) else "failed", lines=lines)
     except MemoryError:
         outcome = Outcome(job, "failed", lines=(f"{job.asset}: takes more memory than there is",))
     except Exception:

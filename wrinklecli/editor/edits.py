@@ -1,6 +1,7 @@
-"""A tools file being edited: every step an immutable record of its text, to be undone, done again, saved and recovered.
+"""The steps of editing a tools file, which can be undone, redone, saved, merged and recovered.
 
-Undoing gives the same bytes, as the text is the state. Methods may be called from several threads.
+A step is an immutable record of the file's text, so undoing restores the same bytes. Methods may be called from several
+threads.
 """
 
 import os
@@ -20,8 +21,9 @@ from wrinklecli.tools.read import read_values
 from wrinklecli.tools.records import ToolsFile, identifier, in_axes
 from wrinklecli.tools.yaml_edit import Steps, ToolsText, with_part
 
-# Steps that can be undone, and that can be after the file has changed on disk, to either side: each is merged with it.
-_MOST_STEPS, _MOST_MERGED = 300, 100
+_MAX_STEPS = 300  # steps that can be undone
+_MAX_MERGED = 100  # steps before and after the current one that remain when the file has changed on disk
+_PLACE_DIGITS = 3  # significant digits of a place relative to its tool's length: a thousandth of the length
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,9 +31,9 @@ class Step:
     """A state of the edited file.
 
     Attributes:
-        file: Its text.
-        solo: Names of the tools that are shown alone; all where there are none.
-        done: What made it, for a tip at undo.
+        file: Text of the file.
+        solo: Names of the tools that are shown alone; if empty, all are shown.
+        done: The edit that led here, in words.
     """
 
     file: ToolsText
@@ -41,12 +43,12 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Draft:
-    """A tool while something of it is dragged.
+    """A tool while a value of it is being dragged.
 
     Attributes:
-        number: Of the tool in the file.
-        values: What it says itself then.
-        settings: The tools file with it.
+        number: Number of the tool in the file.
+        values: The tool's own keys.
+        settings: Tools file with this tool.
     """
 
     number: int
@@ -57,14 +59,11 @@ class Draft:
 class Edits:
     """A tools file and its steps.
 
-    Every edit raises ConfigError where the file would not be valid; nothing has changed then. `draft=True` is for what
-    is dragged: it replaces the last draft and is no step; the first edit without it is. `drop_draft` gives a draft up.
-
-    Args:
-        store: The file on disk.
+    An edit raises ConfigError, and changes nothing, if the file would not be valid. With `draft=True` an edit replaces
+    the last draft and is no step; the next edit without it is a step.
 
     Attributes:
-        notes: What happened to the files, a line each, newest last.
+        notes: Lines about changes of the files, the newest last.
 
     Raises:
         ConfigError: The file is not valid.
@@ -74,7 +73,7 @@ class Edits:
         self.notes: list[str] = []
         self._store = store
         self._lock = threading.RLock()
-        self._steps: list[Step] = [Step(store.text(store.base))]
+        self._steps: list[Step] = [Step(store.parsed(store.base))]
         self._at = 0
         self._draft: Draft | None = None
         self._read: tuple[str, ToolsFile] | None = None
@@ -82,54 +81,55 @@ class Edits:
 
     @property
     def path(self) -> str:
-        """Of the tools file."""
+        """Path of the tools file."""
         return self._store.path
 
     @property
     def text(self) -> str:
-        """Of the tools file as it would be saved, without a draft."""
+        """Text that would be saved, without a draft."""
         return self._base.file.text
 
     @property
-    def solo_tools(self) -> frozenset[str]:
-        """Names of those that are shown alone; all where there are none."""
-        return self._base.solo
-
-    @property
-    def changed(self) -> bool:
-        """Whether there is something to save."""
-        return self.text != self.saved_text
-
-    @property
     def saved_text(self) -> str:
-        """Of the tools file as it was last read or saved."""
+        """Text that was last read or saved."""
         return self._store.base
 
     @property
+    def changed(self) -> bool:
+        """True if there is something to save."""
+        return self.text != self.saved_text
+
+    @property
     def undoable(self) -> str | None:
-        """What `undo` would take back; None for nothing."""
+        """The edit that `undo` would take back, in words."""
         return self._base.done if self._at else None
 
     @property
     def redoable(self) -> str | None:
-        """What `redo` would do again; None for nothing."""
+        """The edit that `redo` would make again, in words."""
         return self._steps[self._at + 1].done if self._at + 1 < len(self._steps) else None
 
+    def settings(self) -> ToolsFile:
+        """Read the enabled tools of the file as a bake does, without a draft."""
+        return self._settings_of(self._base.file)
+
+    # Edits.
+
     def set_value(self, tool: str, steps: Steps, value: Any, *, draft: bool = False) -> None:
-        """Set a key of a tool, or what is within it: `("bumps",)`, `("clips", "walk")`, `("lag", "damping")`.
+        """Set a key of a tool, or a part of it: `("bumps",)`, `("clips", "walk")`, `("lag", "damping")`.
 
         Args:
-            tool: Its name.
-            steps: To the value.
-            value: As the schema has it; lengths as numbers or text such as `80%`.
-            draft: See the class.
+            tool: Name of the tool.
+            steps: Steps to the value.
+            value: Value as in the file; lengths are numbers, or text such as `80%`.
+            draft: Replace the last draft instead of adding a step.
         """
         with self._guarded():
             file, number = self._base.file, self._number(tool)
             own, inherited = file.tools[number], file.defaults
             key = str(steps[0])
             if len(steps) > 1 and key not in own and key in inherited:
-                # A tool's own mapping stands in place of what it inherits.
+                # A tool's own mapping replaces the inherited one, so it starts as a copy.
                 steps, value = (key,), with_part(inherited[key], steps[1:], value)
             if draft:
                 self._draft = self._drafted(number, with_part(own, steps, value))
@@ -137,43 +137,43 @@ class Edits:
                 self._become(file.with_value(number, steps, value), f"{tool}: {key}")
 
     def unset(self, tool: str, steps: Steps) -> None:
-        """Take a key away from a tool: what the file's defaults or the schema say holds then."""
+        """Remove a key from a tool, so that its default holds again."""
         with self._guarded():
             self._become(self._base.file.without(self._number(tool), steps), f"{tool}: {steps[0]}")
 
     def move_point(self, tool: str, number: int, place: Sequence[float], *, draft: bool = False) -> None:
-        """Move one of a tool's points to a place at rest, world space: 0 is the origin, the last is the target."""
+        """Move a point of a tool to a (3,) place at rest, world space: 0 is the origin, the last is the target."""
         with self._guarded():
             own = self._base.file.tools[self._number(tool)]
             steps = ("path", number) if "path" in own else (("origin", "target")[number],)
             self.set_value(tool, steps, self._written_place(place, length_of(own)), draft=draft)
 
     def copy(self, tool: str) -> str:
-        """Copy a tool; the copy's name."""
+        """Copy a tool, and return the name of the copy."""
         with self._guarded():
             name = self._new_name(tool)
             self._become(self._base.file.with_copy(self._number(tool), name), f"{name} is a copy")
             return name
 
     def rename(self, tool: str, name: str) -> None:
-        """Give a tool another name."""
+        """Rename a tool."""
         with self._guarded():
             self._become(self._base.file.with_value(self._number(tool), ("name",), name), f"{tool} is {name}")
 
     def delete(self, tool: str) -> None:
-        """Take a tool away."""
+        """Delete a tool."""
         with self._guarded():
             self._become(self._base.file.without_tool(self._number(tool)), f"{tool} is gone")
 
     def enable(self, tool: str, *, enabled: bool) -> None:
-        """Switch a tool on or off in the file."""
+        """Enable or disable a tool in the file."""
         self.set_value(tool, ("enabled",), enabled)
 
     def mirror(self, tool: str, axis: str | None) -> str:
-        """Give a tool a partner on the other side of x, y or z = 0, or none.
+        """Give a tool a partner on the other side of x, y or z = 0, or remove the partner.
 
         Returns:
-            Its name: that of a tool with a partner ends with its side, where it names none.
+            The name of the tool, which gets a side at its end if it has a partner and names no side.
         """
         with self._guarded():
             file, number = self._base.file, self._number(tool)
@@ -190,34 +190,31 @@ class Edits:
             return name
 
     def solo(self, tools: Sequence[str]) -> None:
-        """Show some tools alone; all again where there are none. The file stays as it is."""
+        """Show some tools alone, or all if none are named; the file does not change."""
         with self._guarded():
             self._push(replace(self._base, solo=frozenset(tools), done="solo"))
 
     def drop_draft(self) -> None:
-        """Give a draft up."""
+        """Give up the draft."""
         with self._lock:
             self._draft = None
 
     def undo(self) -> bool:
-        """Go a step back; whether there was one."""
+        """Go one step back; False if there is none."""
         return self._go(-1)
 
     def redo(self) -> bool:
-        """Go a step forward again; whether there was one."""
+        """Go one step forward; False if there is none."""
         return self._go(1)
 
-    # The files.
+    # The file on disk.
 
     def save(self, *, overwrite: bool = False) -> None:
-        """Write the file, merged tool by tool with what others have written meanwhile.
-
-        Args:
-            overwrite: Whatever they have written.
+        """Write the file, merged tool by tool with changes by others unless `overwrite` is set.
 
         Raises:
-            ConfigError: Tools were changed here and there, a line each; nothing is written.
-            BakeError: It cannot be written.
+            ConfigError: A tool was changed here and by others, a line each; nothing is written.
+            BakeError: The file cannot be written.
         """
         with self._lock:
             if not overwrite:
@@ -225,41 +222,35 @@ class Edits:
             self._store.write(self.text)
 
     def merge(self) -> bool:
-        """Take up what others have written into the file; whether there was anything.
+        """Merge changes by others into each step, so that undoing takes back only edits made here.
 
-        Each step gets it, so that undoing takes back only what was done here.
+        Returns:
+            False if others have changed nothing.
 
         Raises:
-            ConfigError: Tools were changed here and there, a line each; nothing has changed then.
+            ConfigError: A tool was changed here and by others, a line each; no step has changed.
         """
         with self._lock:
             now = self._store.on_disk()
             if now == self._store.base:
                 return False
-            steps = [replace(self._base, file=self._store.merged(self.text, now))]
-            at = 0
-            for way in (-1, 1):
-                others = self._steps[self._at + 1 :] if way > 0 else self._steps[: self._at][::-1]
-                for step in others[:_MOST_MERGED]:
-                    try:
-                        found = replace(step, file=self._store.merged(step.file.text, now))
-                    except ConfigError:
-                        break  # steps beyond it would be reached through it alone
-                    steps = [*steps, found] if way > 0 else [found, *steps]
-                    at += way < 0
-            self._steps, self._at, self._draft, self._store.base = steps, at, None, now
+            current = self._merged(self._base, now)
+            before = self._merged_steps(self._steps[: self._at][::-1], now)[::-1]
+            after = self._merged_steps(self._steps[self._at + 1 :], now)
+            self._steps, self._at, self._draft = [*before, current, *after], len(before), None
+            self._store.base = now
             self._keep()
             self.notes.append(f"{self.path}: has changed on disk; both are here now")
             return True
 
     def recover(self) -> None:
-        """Take up what an earlier session has not saved."""
-        found = self._store.unsaved()
-        if found is None:
+        """Recover the unsaved edits of an earlier session as a step."""
+        unsaved = self._store.unsaved()
+        if unsaved is None:
             return
-        was, text = found
+        base, text = unsaved
         try:
-            self._become(self._store.merged(text, self._store.base, since=was), "unsaved edits of an earlier session")
+            self._become(self._store.merged(text, self._store.base, since=base), "unsaved edits of an earlier session")
             self.notes.append(f"{self.path}: unsaved edits of an earlier session are here again; undo takes them away")
         except WrinkleError as error:
             kept = f"{self._store.side}.1"
@@ -269,38 +260,47 @@ class Edits:
                 *error.lines,
             ]
 
-    # Within.
+    # Internals.
 
     @property
     def _base(self) -> Step:
-        """What an edit changes: the present step, whatever is drafted."""
+        """The current step, without a draft."""
         return self._steps[self._at]
 
     @contextmanager
     def _guarded(self) -> Iterator[None]:
-        """One thread at a time."""
+        """Let one thread in at a time."""
         with self._lock:
             yield
 
-    def settings(self) -> ToolsFile:
-        """The tools file as a bake reads it, with its enabled tools and without a draft."""
-        return self._settings_of(self._base.file)
+    def _merged(self, step: Step, now: str) -> Step:
+        return replace(step, file=self._store.merged(step.file.text, now))
+
+    def _merged_steps(self, steps: Sequence[Step], now: str) -> list[Step]:
+        """Merge steps in the order away from the current one, up to one that cannot be merged."""
+        merged: list[Step] = []
+        for step in steps[:_MAX_MERGED]:
+            try:
+                merged.append(self._merged(step, now))
+            except ConfigError:
+                break
+        return merged
 
     def _settings_of(self, file: ToolsText) -> ToolsFile:
-        """A tools file as a bake reads it, with its enabled tools.
+        """Read the enabled tools of a file as a bake does.
 
         Raises:
-            ConfigError: It is not valid.
+            ConfigError: The file is not valid.
         """
         if self._read is None or self._read[0] != file.text:
             self._read = file.text, read_file(file)
         return self._read[1]
 
     def _drafted(self, number: int, values: Mapping[str, Any]) -> Draft:
-        """A tool with other values, read by itself, as a file of many takes longer than a frame. Its partner stays.
+        """Give a tool other values. Its partner stays; a file of many tools takes too long to read for each frame.
 
         Raises:
-            ConfigError: They are not valid.
+            ConfigError: The values are not valid.
         """
         file = self._base.file
         name = str(file.tools[number].get("name"))
@@ -310,7 +310,7 @@ class Edits:
         return Draft(number, values, replace(self._settings_of(file), tools=tuple(tools)))
 
     def _become(self, file: ToolsText, done: str) -> None:
-        """Take a text for the present state, if it is valid."""
+        """Add a step with another text, if it is valid."""
         self._settings_of(file)
         self._push(Step(file, self._base.solo, done))
 
@@ -318,7 +318,7 @@ class Edits:
         self._draft = None
         if (step.file.text, step.solo) == (self._base.file.text, self._base.solo):
             return
-        self._steps = [*self._steps[: self._at + 1], step][-_MOST_STEPS:]
+        self._steps = [*self._steps[: self._at + 1], step][-_MAX_STEPS:]
         self._at = len(self._steps) - 1
         self._keep()
 
@@ -332,7 +332,7 @@ class Edits:
             return able
 
     def _keep(self) -> None:
-        """Put what is not saved where a later session finds it."""
+        """Write unsaved text to the side file; note once if that fails."""
         try:
             self._store.keep(self.text)
         except WrinkleError as error:
@@ -346,7 +346,7 @@ class Edits:
         return names.index(tool)
 
     def _new_name(self, stem: str) -> str:
-        """A name of a stem that no tool has, with the side at its end where the stem has one."""
+        """Number a stem so that no tool has the name; a side of the stem stays at its end."""
         taken = self._taken_names()
         body, side = (stem[:-2], stem[-2:]) if stem[-2:] in (".L", ".R") else (stem, "")
         number = 1
@@ -355,23 +355,23 @@ class Edits:
         return name
 
     def _taken_names(self) -> set[str]:
-        """The identifiers of all tools, mirrored and disabled ones too."""
+        """The identifiers of all tools, with mirrored and disabled ones."""
         every = (*names_of(self._base.file), *(tool.name for tool in self.settings().tools))
         return {identifier(name) for name in every}
 
     def _written_place(self, place: Sequence[float], span: float) -> list[float]:
-        """A Y-up place in the file's axes, with as many digits as matter: a thousandth of the segment, or less."""
-        digits = max(3 - int(np.floor(np.log10(span))), 0) if span > 0 else 6
+        """Convert a Y-up place to the file's axes, rounded to a thousandth of the tool's span or less."""
+        digits = max(_PLACE_DIGITS - int(np.floor(np.log10(span))), 0) if span > 0 else 2 * _PLACE_DIGITS
         turned = in_axes([float(x) for x in place], self._base.file.up)
         return [round(each, digits) + 0.0 for each in turned]
 
 
 def length_of(tool: Mapping[str, Any]) -> float:
-    """How far it is from point to point of a tool, scene units; markers left out."""
+    """The length of a tool from point to point, scene units, without points that are markers."""
     return float(np.linalg.norm(np.diff(_places(tool), axis=0), axis=1).sum())
 
 
 def _places(tool: Mapping[str, Any]) -> Floats:
-    """(points, 3) a tool's points, in the axes of its file, without those that are markers."""
+    """(points, 3) of a tool in the axes of its file, without points that are markers."""
     points = tool["path"] if "path" in tool else [tool["origin"], tool["target"]]
     return np.array([each for each in points if isinstance(each, list)], float).reshape(-1, 3)

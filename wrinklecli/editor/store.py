@@ -1,7 +1,7 @@
-"""The edited tools file on disk: written whole, merged with what others have written meanwhile, kept in a side file.
+"""The edited tools file on disk: written whole, merged with changes by others, and protected by a side file.
 
-What is not saved yet stands in the side file `.NAME.unsaved`, beside the file and with what that was, so that neither
-a crash nor a closed browser loses it.
+Unsaved text stands in the side file `.NAME.unsaved` beside the file, together with the text that the edits began with,
+so that neither a crash nor a closed browser loses it.
 """
 
 import json
@@ -15,27 +15,22 @@ from wrinklecli.tools.read import load_text, parse_tools
 from wrinklecli.tools.records import ToolsFile
 from wrinklecli.tools.yaml_edit import ToolsText
 
-NEW = "version: 1\ntools: []\n"
-"""The text of a file that is not there yet."""
-
-# A tool that no file has, for a file without tools, which the reader refuses.
-_NO_TOOL = {"name": "none", "origin": [0, 0, 0], "target": [1, 0, 0], "width": 1, "enabled": False}
+_NEW_FILE = "version: 1\ntools: []\n"
+# A disabled tool that is added to a file without tools before it is checked, as the reader refuses such a file.
+_PLACEHOLDER = {"name": "none", "origin": [0, 0, 0], "target": [1, 0, 0], "width": 1, "enabled": False}
 _BOM = b"\xef\xbb\xbf"
-_VERSION = 1
+_VERSION = 1  # of the side file's format
 
 
 class Store:
-    """A tools file on disk.
-
-    Args:
-        path: Of it; it need not be there.
+    """A tools file on disk; it need not exist.
 
     Attributes:
-        path: As it was typed.
-        base: Its text as it was read or saved last, which edits began with.
+        path: Path as it was typed.
+        base: Text that was last read or saved, with which edits began.
 
     Raises:
-        ConfigError: It cannot be read.
+        ConfigError: The file cannot be read.
     """
 
     def __init__(self, path: str) -> None:
@@ -44,70 +39,65 @@ class Store:
 
     @property
     def side(self) -> str:
-        """The side file."""
+        """Path of the side file."""
         folder, name = os.path.split(self.path)
         return os.path.join(folder, f".{name}.unsaved")
 
     def on_disk(self) -> str:
-        """The text that the file has now; that of a new one where it is not there.
+        """Read the file; if there is none, return the text of a new one.
 
         Raises:
-            ConfigError: It cannot be read.
+            ConfigError: The file cannot be read.
         """
-        return load_text(self.path) if os.path.lexists(self.path) else NEW
+        return load_text(self.path) if os.path.lexists(self.path) else _NEW_FILE
 
-    def text(self, text: str) -> ToolsText:
-        """A text of the file."""
+    def parsed(self, text: str) -> ToolsText:
+        """Parse a text of the file."""
         return ToolsText(text, self.path)
 
     def keep(self, text: str) -> None:
-        """Put what is not saved into the side file; where all is saved, take that away.
+        """Write unsaved text to the side file, or remove the side file if everything is saved.
 
         Raises:
-            WrinkleError: It cannot be written.
+            WrinkleError: The side file cannot be written.
         """
         if text == self.base:
-            self.forget()
+            self._remove_side()
             return
         data = json.dumps({"wrinkle_edit": _VERSION, "base": self.base, "text": text})
         with Outputs() as outputs:
             outputs.add_bytes(self.side, data.encode(), durable=False)
 
-    def forget(self) -> None:
-        """Take the side file away."""
-        with suppress(OSError):
-            os.unlink(self.side)
-
     def unsaved(self) -> tuple[str, str] | None:
-        """What an earlier session has not saved: what the file was then, and the text; None where there is nothing."""
+        """Read the unsaved text of an earlier session: the text that its edits began with, and the edited text."""
         try:
             with open(self.side, encoding="utf-8") as file:
-                found = json.load(file)
-            if found["wrinkle_edit"] == _VERSION and found["text"] != self.base:
-                return str(found["base"]), str(found["text"])
+                kept = json.load(file)
+            if kept["wrinkle_edit"] == _VERSION and kept["text"] != self.base:
+                return str(kept["base"]), str(kept["text"])
         except (OSError, ValueError, KeyError, TypeError):
             return None
         return None
 
-    def merged(self, text: str, now: str, since: str | None = None) -> ToolsText:
-        """A text, with what others have changed in the file, tool by tool.
+    def merged(self, mine: str, theirs: str, since: str | None = None) -> ToolsText:
+        """Merge two changed texts of the file, tool by tool.
 
         Args:
-            text: What was made of the file here.
-            now: What others have made of it.
-            since: What it was before both; `base` where left out.
+            mine: Text edited here.
+            theirs: Text written by others.
+            since: Text before both changes; None stands for `base`.
 
         Raises:
-            ConfigError: Of all tools that were changed here and there, a line each; or the result is not valid.
+            ConfigError: Both have changed a tool in different ways (a line each), or the result is not valid.
         """
         before = self.base if since is None else since
-        return self.text(text) if now == before else _merged(*map(self.text, (before, text, now)))
+        return self.parsed(mine) if theirs == before else _merged(*map(self.parsed, (before, mine, theirs)))
 
     def write(self, text: str) -> None:
-        """Write a text in place of what is there.
+        """Replace the file.
 
         Raises:
-            BakeError: It cannot be written.
+            BakeError: The file cannot be written.
         """
         start = b""
         with suppress(OSError), open(self.path, "rb") as file:
@@ -115,55 +105,59 @@ class Store:
         with Outputs() as outputs:
             outputs.add_bytes(self.path, start + text.encode())
         self.base = text
-        self.forget()
+        self._remove_side()
+
+    def _remove_side(self) -> None:
+        with suppress(OSError):
+            os.unlink(self.side)
 
 
 def read_file(file: ToolsText) -> ToolsFile:
-    """Check a tools file, which may be without tools, and give what it says.
+    """Check and read a tools file, which may have no tools.
 
     Raises:
-        ConfigError: All of its problems.
+        ConfigError: The file has problems, a line each.
     """
-    return parse_tools((file.with_tool(_NO_TOOL) if file.is_empty else file).text, name=file.name)
+    return parse_tools((file.with_tool(_PLACEHOLDER) if file.is_empty else file).text, name=file.name)
+
+
+def names_of(file: ToolsText) -> list[str]:
+    """List the names of the tools of a file."""
+    return [str(each.get("name")) for each in file.tools]
 
 
 def _lines(file: ToolsText, name: str) -> list[str] | None:
-    """The text of a tool; None where the file has none of this name."""
+    """The lines of a tool; None if the file does not have it."""
     names = names_of(file)
     return file.lines_of(names.index(name)) if name in names else None
 
 
-def names_of(file: ToolsText) -> list[str]:
-    """The names of the tools of a file."""
-    return [str(each.get("name")) for each in file.tools]
-
-
 def _merged(base: ToolsText, mine: ToolsText, theirs: ToolsText) -> ToolsText:
-    """What both have made of a file."""
-    found, problems = theirs, list[WrinkleError]()
+    """Apply the changes from `base` to `mine` to `theirs`."""
+    merged, problems = theirs, list[WrinkleError]()
     for name in dict.fromkeys([*names_of(base), *names_of(mine)]):
-        was, here, there = (_lines(each, name) for each in (base, mine, theirs))
-        if here in (was, there):
+        before, here, there = (_lines(each, name) for each in (base, mine, theirs))
+        if here in (before, there):
             continue
-        if there != was:
+        if there != before:
             message = "was changed here, and otherwise in the file on disk"
             problems.append(ConfigError(message, where=f"{mine.name}: {name}"))
         else:
-            found = _with_lines(found, name, here)
+            merged = _with_lines(merged, name, here)
     if mine.beside not in (base.beside, theirs.beside):
         problems.append(ConfigError("more than its tools was changed here and on disk", where=mine.name))
     if not problems:
         try:
-            read_file(found)
+            read_file(merged)
         except ConfigError as error:
             problems.append(error)
     if problems:
         raise ConfigError.of_all(problems)
-    return found
+    return merged
 
 
 def _with_lines(file: ToolsText, name: str, lines: Sequence[str] | None) -> ToolsText:
-    """A file with another text of a tool, which may be new to it, or go."""
+    """Replace the lines of a tool, add the tool, or remove it if `lines` is None."""
     names = names_of(file)
     if lines is None:
         return file.without_tool(names.index(name))
