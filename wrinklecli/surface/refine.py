@@ -33,11 +33,10 @@ from wrinklecli.numeric.memory import MAX_VERTICES
 from wrinklecli.numeric.nearest import balls
 from wrinklecli.numeric.red_green import Level
 from wrinklecli.numeric.subdivide import Subdivision, subdivide
-from wrinklecli.surface.prune import joint_distances, prune
+from wrinklecli.surface.prune import SplitLimits, joint_distances, prune, spread_weights
 from wrinklecli.surface.region import Region
 from wrinklecli.surface.rest import Rest, carried_normals
 from wrinklecli.surface.rounding import hard_edges, rounded
-from wrinklecli.surface.storable import SplitLimits, spread_weights
 from wrinklecli.tools.records import RefinementSettings
 
 # Fraction of a region's greatest displacement above which a displacement is visible.
