@@ -40,7 +40,8 @@ def test_primitives_go_on_sharing_vertices(tool: Json, accessors: str) -> None:
     grown = parted.path.stat().st_size - asset.stat().st_size
     assert grown < 1.15 * (whole.path.stat().st_size - sample("wrist").stat().st_size)
     lost = [
-        set(range(len(each["accessors"]))) - set(accessor_references(each)) for each in (Gltf(asset).json, parted.json)
+        set(range(len(each["accessors"]))) - {index for index, _ in accessor_references(each)}
+        for each in (Gltf(asset).json, parted.json)
     ]
     assert lost[0] == lost[1], "an accessor that nothing shows any more"
     assert_valid(parted.path)

@@ -61,7 +61,7 @@ class EditedDocument:
         self._dead_spans: list[tuple[int, int, int]] = []  # buffers and bytes that no view of the source shows
         self._free_views: list[int] = []  # of these, whose index no other has got yet
         self._free_accessors: list[int] = []
-        self._accessor_uses = Counter(accessor_references(self.gltf))
+        self._accessor_uses = Counter(index for index, _ in accessor_references(self.gltf))
         self._view_uses = Counter(view_references(self.gltf))
         self._zeros: dict[tuple[Any, ...], int] = {}  # accessors
         self._zeros_view: int | None = None  # below all accessors that are stored `based`
@@ -221,7 +221,7 @@ class EditedDocument:
     def clone_mesh(self, mesh: int) -> int:
         """Append a copy of a mesh, which shares its accessors, and give its index."""
         copied = copy.deepcopy(self.gltf["meshes"][mesh])
-        self._accessor_uses.update(accessor_references({"meshes": [copied]}))
+        self._accessor_uses.update(index for index, _ in accessor_references({"meshes": [copied]}))
         self._view_uses.update(draco_views({"meshes": [copied]}))
         self.gltf["meshes"].append(copied)
         return len(self.gltf["meshes"]) - 1

@@ -33,21 +33,20 @@ def is_placeholder(gltf: Json, buffer: int) -> bool:
     return not read and bool(shown) and all(len(parts) > 1 for parts in shown)
 
 
-def accessor_references(gltf: Json) -> Iterator[int]:
-    """Every use of an accessor that the core specification knows."""
+def accessor_references(gltf: Json) -> Iterator[tuple[int, str]]:
+    """Yield every accessor that the core specification knows to be used, each time with its kind of data."""
     for mesh in gltf.get("meshes", []):
         for primitive in mesh.get("primitives", []):
-            yield from primitive.get("attributes", {}).values()
-            for targets in primitive.get("targets", []):
-                yield from targets.values()
+            yield from ((index, "geometry") for index in primitive.get("attributes", {}).values())
+            yield from ((index, "morph targets") for each in primitive.get("targets", []) for index in each.values())
             if "indices" in primitive:
-                yield primitive["indices"]
+                yield primitive["indices"], "indices"
     for skin in gltf.get("skins", []):
         if "inverseBindMatrices" in skin:
-            yield skin["inverseBindMatrices"]
+            yield skin["inverseBindMatrices"], "skins"
     for animation in gltf.get("animations", []):
         for sampler in animation.get("samplers", []):
-            yield from (sampler[key] for key in ("input", "output") if key in sampler)
+            yield from ((sampler[key], "animation") for key in ("input", "output") if key in sampler)
 
 
 def accessor_views(accessor: Json) -> Iterator[int]:

@@ -22,7 +22,7 @@ from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.gltf.document import TRIANGLE_FAN, TRIANGLE_STRIP, TRIANGLES, Document, read_document
 from wrinklecli.gltf.files import local_file, path_of
 from wrinklecli.gltf.images import read_image
-from wrinklecli.gltf.references import accessor_views, draco_views, view_parts
+from wrinklecli.gltf.references import accessor_references, accessor_views, draco_views, view_parts
 from wrinklecli.gltf.shape import COMPRESSIONS, Json, moves_node
 from wrinklecli.numeric.arrays import distinct_values
 from wrinklecli.numeric.guard import guarded
@@ -306,7 +306,7 @@ def _view_users(document: Document) -> dict[int, Counter[str]]:
     """For each used buffer view the number of its elements of each kind."""
     users: defaultdict[int, Counter[str]] = defaultdict(Counter)
     kinds: dict[int, str] = {}
-    for index, kind in _accessor_uses(document):
+    for index, kind in accessor_references(document.gltf):
         kinds.setdefault(index, kind)
     for index, kind in kinds.items():
         accessor = document.items("accessors")[index]
@@ -323,21 +323,6 @@ def _view_users(document: Document) -> dict[int, Counter[str]]:
         if isinstance(kept, int) and kept in range(len(document.items("bufferViews"))):
             users[kept]["original"] += 1
     return users
-
-
-def _accessor_uses(document: Document) -> Iterator[tuple[int, str]]:
-    for mesh in document.items("meshes"):
-        for primitive in mesh.get("primitives", []):
-            yield from ((index, "geometry") for index in primitive.get("attributes", {}).values())
-            yield from ((index, "morph targets") for each in primitive.get("targets", []) for index in each.values())
-            if "indices" in primitive:
-                yield primitive["indices"], "indices"
-    for skin in document.items("skins"):
-        if "inverseBindMatrices" in skin:
-            yield skin["inverseBindMatrices"], "skins"
-    for animation in document.items("animations"):
-        for sampler in animation.get("samplers", []):
-            yield from ((sampler[key], "animation") for key in ("input", "output") if key in sampler)
 
 
 def _image_size(document: Document, number: int) -> tuple[int | None, str | None]:

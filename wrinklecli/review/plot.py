@@ -85,8 +85,12 @@ def draw_check(checked: Check, kind: str) -> bytes:
         # Names may have characters that the font lacks.
         warnings.simplefilter("ignore", UserWarning)
         count = len(checked.tools)
+        # matplotlib's own layouts take a second for three rows.
+        gap = _GAP / (_ROW * count)
+        margins = {"left": 0.02, "right": 0.84, "bottom": gap, "top": 1.0 - 0.5 * gap}
+        margins |= {"wspace": 0.25, "hspace": _GAP / (_ROW - _GAP)}
         figure = Figure(figsize=(_WIDTH, _ROW * count), dpi=_DOTS)
-        grid = figure.subplots(count, 2, squeeze=False, width_ratios=[3, 2], gridspec_kw=_margins(_ROW * count))
+        grid = figure.subplots(count, 2, squeeze=False, width_ratios=[3, 2], gridspec_kw=margins)
         for tool, (left, right) in zip(checked.tools, grid, strict=True):
             _draw_curves(left, tool)
             _draw_heights(right, tool)
@@ -94,18 +98,6 @@ def draw_check(checked: Check, kind: str) -> bytes:
         grid[-1, 1].set_xlabel("time, s")
         figure.savefig(file, format=kind, metadata={"Date": None} if kind == "svg" else {"Software": None})
     return file.getvalue()
-
-
-def _margins(height: float) -> dict[str, float]:
-    """Margins of rows and columns; matplotlib's own layouts take a second for three rows."""
-    return {
-        "left": 0.02,
-        "right": 0.84,
-        "bottom": _GAP / height,
-        "top": 1.0 - 0.5 * _GAP / height,
-        "wspace": 0.25,
-        "hspace": _GAP / (_ROW - _GAP),
-    }
 
 
 def _draw_curves(axes: "Axes", tool: CheckedTool) -> None:

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -42,7 +41,7 @@ _FACES = 0.7
 _LEVEL = 0.25
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class _Wrinkles:
     """Where the wrinkles are.
 
@@ -50,15 +49,12 @@ class _Wrinkles:
         masks: For each primitive of each asset, (vertices,) True for those that the wrinkles move at the moments, or
             could move if no wrinkle shows.
         totals: (moments,) sum of all displacements; 0 throughout if no wrinkle shows.
+        known: True if there are wrinkles.
     """
 
     masks: list[list[Bools]]
     totals: Floats
-
-    @cached_property
-    def known(self) -> bool:
-        """True if there are wrinkles."""
-        return any(bool(mask.any()) for masks in self.masks for mask in masks)
+    known: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +141,8 @@ def _wrinkles(assets: Sequence[ShownAsset], moments: Sequence[Moment]) -> _Wrink
     if not totals.any():
         found = [[np.sqrt(np.sum(shown.shapes**2, axis=2)).sum(axis=0) for shown in each.primitives] for each in assets]
     greatest = max((float(each.max(initial=0.0)) for amounts in found for each in amounts), default=0.0)
-    return _Wrinkles([[each > _LEAST_WRINKLE * greatest for each in amounts] for amounts in found], totals)
+    masks = [[each > _LEAST_WRINKLE * greatest for each in amounts] for amounts in found]
+    return _Wrinkles(masks, totals, greatest > 0)
 
 
 def _points_to_frame(assets: Sequence[ShownAsset], moment: Moment, wrinkles: _Wrinkles | None) -> tuple[Floats, Floats]:

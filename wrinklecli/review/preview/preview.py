@@ -22,8 +22,8 @@ from wrinklecli.review.preview.apply import PlannedTools, plan_tools
 from wrinklecli.review.preview.preview_options import PreviewOptions
 from wrinklecli.review.preview.rays import leave_room
 
-# The kinds of pictures by the endings of file names.
-_ENDINGS = {".png": "png", ".webp": "webp", ".gif": "gif"}
+# The kinds of pictures, which are the endings of file names.
+_KINDS = ("png", "webp", "gif")
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +90,9 @@ def preview(
         from wrinklecli.review.preview.sheet import draw_sheets
         from wrinklecli.review.preview.sheet_layout import encode_animation, encode_picture
 
-        kind = _kind(path)
+        kind = Path(path).suffix.lower().removeprefix(".")
+        if kind not in _KINDS:
+            raise WrinkleError(f"ends in none of {', '.join(f'.{each}' for each in _KINDS)}", where=path)
         animated = kind != "png"
         if options.grid and not animated and not options.names_a_moment:
             options = replace(options, rest=True)
@@ -130,14 +132,6 @@ def _refuse_missing() -> None:
         raise WrinkleError(
             f"pictures need Pillow and embreex ({error}): pip install 'wrinklecli[preview]'", where="preview"
         ) from error
-
-
-def _kind(path: str) -> str:
-    """The kind of picture, by the ending of the file's name."""
-    kind = _ENDINGS.get(Path(path).suffix.lower())
-    if kind is None:
-        raise WrinkleError(f"ends in none of {', '.join(_ENDINGS)}", where=path)
-    return kind
 
 
 def _read_assets(

@@ -11,12 +11,12 @@ from wrinklecli.errors import counted
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.guard import Progress
 from wrinklecli.review.preview.apply import PlannedTools, apply_tools
-from wrinklecli.review.preview.framing import View, plan_views
+from wrinklecli.review.preview.framing import plan_views
 from wrinklecli.review.preview.grid import draw_grid
 from wrinklecli.review.preview.heat import HEAT, HEAT_TICKS, heat_colours
 from wrinklecli.review.preview.misfits import RED, Misfit, find_misfits, misfit_overlay, misfit_points
 from wrinklecli.review.preview.moments import Moment, frame_seconds, plan_moments
-from wrinklecli.review.preview.overlay import NOTHING, Overlay, placed_words
+from wrinklecli.review.preview.overlay import NOTHING, placed_words
 from wrinklecli.review.preview.preview_options import PreviewOptions
 from wrinklecli.review.preview.render import render
 from wrinklecli.review.preview.sheet_layout import Drawn, Legend, Sheet, refuse_large, sheet_size
@@ -53,9 +53,24 @@ def draw_sheets(
     layout = _Layout(together, columns, len(shown), len(views), beside=options.grid and len(moments) == 1)
     legend = _legend(plans, misfits, heat=options.heat)
     refuse_large(sheet_size(*layout.cells, options.picture_size, legend), len(moments) // together, path)
-    overlays = [misfit_overlay(misfits, shown[-1], moment) for moment in moments]
     up = "y" if planned is None else planned.settings.up
-    sheets = _draw(shown, moments, views, overlays, layout, legend, options, up, progress)
+    sheets: list[Sheet] = []
+    for number, moment in enumerate(moments):
+        if number % layout.moments == 0:
+            sheets.append(Sheet(*layout.cells, options.picture_size, legend))
+        misfit_lines = misfit_overlay(misfits, shown[-1], moment)
+        for column, asset in enumerate(shown):
+            snapshot = take_snapshot(asset, moment, heat=options.heat)
+            for row, view in enumerate(views):
+                camera, size = view.cameras[number], options.picture_size
+                overlay = misfit_lines if asset is shown[-1] else NOTHING
+                if options.grid:
+                    overlay = draw_grid(asset, moment, camera, size, up=up).joined(overlay)
+                picture = render(snapshot, camera, size=size, style=options.style, overlay=overlay)
+                label = "   ".join([asset.label, moment.label, *([view.name] if len(views) > 1 else [])])
+                words = placed_words(overlay, camera, size)
+                sheets[-1].put(*layout.cell(number, column, row), picture, label, words)
+        progress("drawing", number + 1, len(moments))
     return Drawn(
         images=tuple(sheet.image for sheet in sheets),
         seconds=frame_seconds(shown[0].document, moments, options),
@@ -136,34 +151,3 @@ def _legend(plans: Sequence[MeshPlan], misfits: Sequence[Misfit], *, heat: bool)
     top = HEAT[-1][0]
     ticks = tuple((tick / top, f"{tick:.0%}") for tick in HEAT_TICKS)
     return Legend("compressed by", heat_colours(np.linspace(0, top, 256)), ticks, names)
-
-
-def _draw(
-    shown: Sequence[ShownAsset],
-    moments: Sequence[Moment],
-    views: Sequence[View],
-    overlays: Sequence[Overlay],
-    layout: _Layout,
-    legend: Legend,
-    options: PreviewOptions,
-    up: str,
-    progress: Progress,
-) -> list[Sheet]:
-    """Draw all assets at all moments from all views."""
-    sheets: list[Sheet] = []
-    for number, moment in enumerate(moments):
-        if number % layout.moments == 0:
-            sheets.append(Sheet(*layout.cells, options.picture_size, legend))
-        for column, asset in enumerate(shown):
-            snapshot = take_snapshot(asset, moment, heat=options.heat)
-            for row, view in enumerate(views):
-                camera, size = view.cameras[number], options.picture_size
-                overlay = overlays[number] if asset is shown[-1] else NOTHING
-                if options.grid:
-                    overlay = draw_grid(asset, moment, camera, size, up=up).joined(overlay)
-                picture = render(snapshot, camera, size=size, style=options.style, overlay=overlay)
-                label = "   ".join([asset.label, moment.label, *([view.name] if len(views) > 1 else [])])
-                words = placed_words(overlay, camera, size)
-                sheets[-1].put(*layout.cell(number, column, row), picture, label, words)
-        progress("drawing", number + 1, len(moments))
-    return sheets

@@ -257,45 +257,31 @@ def take_snapshot(asset: ShownAsset, moment: Moment, *, heat: bool) -> Snapshot:
     """
     visible = list(asset.posed(moment))
     _refuse_many(asset.document, sum(len(posed.triangles) for posed in visible))
-    corners, normals, colours, coordinates, numbers = [], [], [], [], []
+    # The empty arrays are for a moment at which nothing is visible.
+    parts: list[tuple[Array, ...]] = [(*np.zeros((3, 0, 3, 3)), np.zeros((0, 3, 2)), np.zeros(0, np.intp))]
     textures: list[Texture] = []
     marks: list[Mark] = []
     start = 0
     for posed in visible:
         triangles, paint = posed.triangles, posed.shown.paint
-        corners.append(posed.positions[triangles])
         if posed.normals is None:
-            flat = unit(face_normals(posed.positions, triangles))
-            normals.append(np.repeat(flat[:, None], 3, axis=1))
+            normals = np.repeat(unit(face_normals(posed.positions, triangles))[:, None], 3, axis=1)
         else:
-            normals.append(posed.normals[triangles])
-        shades = paint.colours
+            normals = posed.normals[triangles]
+        colours = paint.colours
         if heat:
-            shades = linear_rgb(heat_colours(compressions(posed.shown.source, posed.positions)))
-        colours.append(shades[triangles])
-        coordinates.append(paint.coordinates[triangles])
+            colours = linear_rgb(heat_colours(compressions(posed.shown.source, posed.positions)))
         number = -1
         if paint.texture is not None and not heat:
             if paint.texture not in textures:
                 textures.append(paint.texture)
             number = textures.index(paint.texture)
-        numbers.append(np.full(len(triangles), number))
+        numbers = np.full(len(triangles), number)
+        parts.append((posed.positions[triangles], normals, colours[triangles], paint.coordinates[triangles], numbers))
         for mark in posed.shown.marks:
             places = mark.places[:, ::-1] if posed.mirrored else mark.places
             tint = 0.0 if heat else mark.tint  # a tint would falsify the colours of compression
             marks.append(replace(mark, triangles=mark.triangles + start, places=places, tint=tint))
         start += len(triangles)
-    return Snapshot(
-        corners=_joined(corners, 3, 3),
-        normals=_joined(normals, 3, 3),
-        colours=_joined(colours, 3, 3),
-        coordinates=_joined(coordinates, 3, 2),
-        texture_numbers=_joined(numbers),
-        textures=tuple(textures),
-        marks=tuple(marks),
-    )
-
-
-def _joined(parts: Sequence[Array], *shape: int) -> Array:
-    """The parts one after another; an empty array with rows of this shape if there are none."""
-    return np.concatenate(parts) if parts else np.zeros((0, *shape))
+    corners, normals, colours, coordinates, numbers = map(np.concatenate, zip(*parts, strict=True))
+    return Snapshot(corners, normals, colours, coordinates, numbers, tuple(textures), tuple(marks))
