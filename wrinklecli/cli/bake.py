@@ -35,7 +35,9 @@ from wrinklecli.cli.streams import command_outputs
     callback=opt.length,
 )
 @opt.max_levels
-@opt.whole("--edges-per-interval", low=1, high=16, text="Overrides refinement.edges_per_interval: on half a bump.")
+@opt.whole(
+    "--edges-per-interval", low=1, high=16, text="Overrides refinement.edges_per_interval, the edges on half a bump."
+)
 @opt.max_vertices
 @opt.choice(
     "--accessors",
@@ -44,7 +46,7 @@ from wrinklecli.cli.streams import command_outputs
     " Godot 3, VTK and f3d.",
 )
 @opt.choice("--tracks", Tracks, "none: write targets and extras, but no weight tracks.")
-@opt.flag("--draft", text="A quick look: no proof, one level of refinement less; OUT says so.")
+@opt.flag("--draft", text="Leave out the proof and one level of refinement, for a quick look; OUT says so.")
 @opt.flag(
     "--split",
     text="Divide meshes into parts, NAME_part2 and so on beside NAME, each with only the morph targets that move it:"
@@ -54,8 +56,9 @@ from wrinklecli.cli.streams import command_outputs
 @click.option(
     "--engine",
     type=click.Choice(get_args(Engine)),
-    help="Hold targets to what it plays, or refuse. three: 256 targets, 4 joints a vertex; unity: weights from 0 to 1"
-    " (the asset's own are only reported); spec8: 8 targets at a time; vtk (f3d too): 4 targets, based; godot3: based.",
+    help="Hold targets to the limits of this engine, or refuse. three: 256 targets, 4 joints a vertex; unity: weights"
+    " from 0 to 1 (the asset's own are only reported); spec8: 8 targets at a time; vtk (f3d too): 4 targets, based;"
+    " godot3: based.",
 )
 @opt.file("--frames-dir", metavar="DIR", text="Also write a file for each frame into DIR.")
 @opt.choice("--frames-format", FrameFormat, "The format of the files in DIR.")
@@ -64,7 +67,7 @@ from wrinklecli.cli.streams import command_outputs
 @opt.file("--depfile", metavar="FILE.d", text="Write the files that OUT depends on, for Make and Ninja.")
 @opt.allow_external()
 @opt.max_memory
-@opt.flag("--replace", text="Where ASSET is the output of a bake: bake its original, as if from another folder.")
+@opt.flag("--replace", text="If ASSET is the output of a bake, bake its original, as if from another folder.")
 @opt.strict
 @opt.quiet()
 @opt.verbose()

@@ -68,13 +68,12 @@ def batch(
 ) -> None:
     """Bake all jobs of MANIFEST (YAML, CSV or JSON lines), or every asset of a pattern such as 'chars/*.glb'.
 
-    A job is an asset, tools, an output, and options of `wrinkle bake`, by the same names: configs/batch.md is the
-    reference. Outputs are those of `wrinkle bake`, to the byte, whoever bakes them. Each appears complete or not at
-    all, and a job that fails does so alone.
+    A job is an asset, tools, an output, and options of `wrinkle bake`, by the same names; configs/batch.md is the
+    reference. Outputs have the same bytes as those of `wrinkle bake`. Each appears complete or not at all, and a job
+    that fails stops no other.
 
-    What a job depends on is known by content. So a job is baked only if its asset, a file that this refers to, its
-    tools, its options or wrinkle itself have changed; else its outputs are in their places, or are taken from the
-    cache.
+    A job is baked only if the content of its asset, of a file that this refers to or of its tools has changed, or its
+    options, or wrinkle itself. Else its outputs are in their places already, or come from the cache.
 
     --report writes an object for each job; within version 1, keys are only added: "batch" (the version), "job",
     "asset", "tools", "out", "result" (hit, built, refused, failed, bug), "reason", "seconds", "key",

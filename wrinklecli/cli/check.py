@@ -13,7 +13,7 @@ from wrinklecli.errors import RefusedError, counted
 
 
 @click.command(
-    short_help="What each tool would do; bakes nothing.",
+    short_help="Say what each tool would do; bake nothing.",
     epilog="Example: wrinkle check samples/trousers.glb configs/trousers.yaml --clip squat --plot knees.svg",
 )
 @click.argument("asset", type=opt.FILE)
@@ -41,16 +41,16 @@ def check(
 ) -> None:
     """Say what the tools of TOOLS (YAML) would do to ASSET (glTF), and what is wrong with them. Bakes nothing.
 
-    For each tool: the anchors found and how far they are from the points asked for, its lengths, the triangles
-    under it, the edges that a bake would split, the vertices that it would move, and for each clip the range of
-    shortening (negative where it is stretched), with the time of the largest and the height reached.
+    The table of a tool has the anchors and their distance from the points asked for, its lengths, the triangles
+    under it, the edges that a bake would split, and the vertices that it would move. For each clip it has the range of
+    shortening (negative where the tool is stretched), the time of the greatest, and the height reached.
 
-    An asset without clips is looked at in its range of motion: each joint bent about its axes, each morph target
-    raised. Of these a tool's table has those that shorten it most.
+    An asset without clips is checked in its range of motion: each joint bent about its axes, each morph target raised.
+    The table of a tool then has the motions that shorten it most.
 
-    With --crossings, which needs no TOOLS: where and when the scene's surfaces go through themselves or each other, as
-    ASSET is without wrinkles, and with those of TOOLS or those that it carries. Skinning alone makes some. A baked file
-    that `wrinkle track` or other software has rewritten is counted as it is alone.
+    --crossings needs no TOOLS. It says where and when surfaces of the scene go through themselves or each other,
+    without wrinkles, and with those of TOOLS or those that ASSET has. Skinning alone makes some crossings. A baked
+    file that `wrinkle track` or other software has rewritten is only counted as it is.
 
     --json prints {"check": 1, "asset", "tools_file", "meshes", "tools", "notes", "warnings"}; within version 1, keys
     are only added. Lengths are scene units, positions have the tools file's axes, shortenings are shares of the rest

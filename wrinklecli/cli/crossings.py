@@ -15,7 +15,7 @@ def emit_crossings(asset: str, tools: str | None, *, as_json: bool, strict: bool
         asset: The .gltf or .glb.
         tools: The YAML file of tools, if any.
         as_json: Print JSON instead of tables.
-        strict: Refuse where there are warnings.
+        strict: Refuse if there are warnings.
         options: Fields of `CheckOptions`.
     """
     from wrinklecli.review.crossings import crossings

@@ -16,7 +16,7 @@ _LINES = 10  # of one kind of difference; --verbose shows all
 
 
 @click.command(
-    short_help="Whether two assets are the same, by meaning.",
+    short_help="Say if two assets mean the same.",
     epilog="Example: wrinkle diff goldens/trousers.glb out/trousers.glb --tolerance 0.01%",
 )
 @click.argument("a", type=opt.FILE)

@@ -16,7 +16,7 @@ _PORT = 8765
 
 
 @click.command(
-    short_help="A web page on which tools are drawn and tuned.",
+    short_help="Serve a page on which tools are drawn and tuned.",
     epilog="Example: wrinkle edit samples/trousers.glb configs/trousers.yaml",
 )
 @click.argument("asset", type=opt.FILE)

@@ -11,7 +11,7 @@ from wrinklecli.errors import counted
 from wrinklecli.numeric.memory import shown_bytes
 
 
-@click.command(short_help="What is in an asset.", epilog="Example: wrinkle inspect samples/trousers.glb")
+@click.command(short_help="Say what is in an asset.", epilog="Example: wrinkle inspect samples/trousers.glb")
 @click.argument("asset", type=opt.FILE)
 @opt.allow_external()
 @opt.max_memory

@@ -76,7 +76,7 @@ def _above_0(_context: click.Context, parameter: click.Parameter, value: float |
 
 
 @click.command(
-    short_help="Pictures of an asset, baked or not.",
+    short_help="Draw an asset, baked or not.",
     epilog="Example: wrinkle preview samples/trousers.glb --tools configs/trousers.yaml --before -o sheet.png",
 )
 @click.argument("assets", type=opt.FILE, metavar="ASSET [ASSET2]", nargs=-1, required=True)
@@ -85,8 +85,8 @@ def _above_0(_context: click.Context, parameter: click.Parameter, value: float |
 @opt.tool("Only this tool of TOOLS; may be repeated.")
 @opt.flag(
     "--review",
-    text="Every tool close up, before and after, at its peak. The default of a sheet where there are several tools or"
-    " clips, unless other options name what to show: --clip, --rest, --times, --frames, --fps, --views, --focus,"
+    text="Show every tool close up, before and after, at its peak. A sheet does so by default if there are several tools"
+    " or clips, unless other options name what to show: --clip, --rest, --times, --frames, --fps, --views, --focus,"
     " --follow, --labels, --grid.",
 )
 @opt.flag("--before", text="Show ASSET without the tools beside it.")
@@ -97,21 +97,24 @@ def _above_0(_context: click.Context, parameter: click.Parameter, value: float |
 @opt.pose
 @opt.morph
 @opt.clip("Default: the first clip. May be repeated.")
-@opt.flag("--rest", text="The pose as stored, no clip.")
+@opt.flag("--rest", text="Show the pose as stored, and no clip.")
 @click.option(
-    "--times", metavar="S,S…", callback=_numbers, help="Seconds. Default: 5 of a clip; of an animation, all of it."
+    "--times",
+    metavar="S,S…",
+    callback=_numbers,
+    help="Moments in seconds. Default: 5 of a clip; of an animation, all of it.",
 )
-@opt.whole("--frames", low=1, high=10_000, text="How many moments of each clip, evenly spaced.")
+@opt.whole("--frames", low=1, high=10_000, text="The number of moments of each clip, evenly spaced.")
 @opt.fps("Moments per second; of an animation 15.")
 @click.option(
     "--views",
     metavar="VIEW,VIEW…",
     callback=_views,
-    help="front, right, back, left, top, bottom, oblique, facing (the wrinkles' side; the default where there are"
+    help="front, right, back, left, top, bottom, oblique, facing (the wrinkles' side; the default if there are"
     " any) or AZIMUTH:ELEVATION in degrees: 0:0 is the front, 90:0 the side of +x.",
 )
 @click.option("--focus", metavar="X,Y,Z", callback=_point, help="Look at this point. Default: the wrinkles, or all.")
-@click.option("--radius", type=float, callback=_above_0, metavar="R", help="See so much about it, scene units.")
+@click.option("--radius", type=float, callback=_above_0, metavar="R", help="See this far around it, scene units.")
 @opt.flag("--follow", text="The camera moves with what it looks at; a --focus is then a point of the stored pose.")
 @click.option(
     "--size", metavar="WxH", callback=_size, help="The size of each picture. Default: 800x600, or what fits a review."
@@ -120,11 +123,11 @@ def _above_0(_context: click.Context, parameter: click.Parameter, value: float |
 @click.option("--labels", metavar="A,B", callback=_words, help="A label for each asset, or for before and after.")
 @opt.flag(
     "--grid",
-    text="Axes, a ruler in scene units and the names of joints, to read coordinates for a tools file off the picture."
-    " Default: the pose as stored, from front, right and top.",
+    text="Draw axes, a ruler in scene units and the names of joints, to read coordinates for a tools file off the"
+    " picture. Default: the pose as stored, from front, right and top.",
 )
 @opt.flag("--wire", text="Draw the triangles' edges.")
-@opt.flag("--clay", text="Grey, whatever the materials say.")
+@opt.flag("--clay", text="Draw in grey, whatever the materials say.")
 @opt.flag("--backfaces", text="Paint triangles seen from behind red.")
 @opt.flag("--watch", text="Draw again whenever ASSET or TOOLS has changed, until Ctrl-C.")
 @opt.allow_external()
@@ -144,8 +147,8 @@ def preview(
     """Draw ASSET (glTF), baked or not: its tools in review, a sheet over time, or an animation.
 
     Two assets are shown side by side, at the same moments and from the same places. The camera looks at the wrinkles,
-    where there are any. Tools are drawn as their patch, the crests of their wrinkles, and their segment, from
-    a dot at the origin to a ring at the target. No display is needed, but Pillow and embreex are: pip install
+    if there are any. Tools are drawn as their patch, the crests of their wrinkles, and their segment, from a dot at
+    the origin to a ring at the target. The command needs no display, but Pillow and embreex: pip install
     'wrinklecli[preview]'.
 
     Exit codes: 0 done; 1 the input is at fault, nothing written; 2 wrong usage; 70 a bug.

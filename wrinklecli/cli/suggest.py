@@ -45,24 +45,24 @@ _WIDEST = 60  # characters of a column
 def suggest(asset: str, output: str | None, as_json: bool, quiet: bool, **options: Any) -> None:
     """Find where the clips of ASSET (glTF) compress its surface most, and write a tools file for `wrinkle bake`.
 
-    Each tool gets a material: skin, cloth or leather, by the names, factors, colours and weights that it is made of.
-    Left out are hard parts, what another layer hides where it folds, ribs, lips and lids; notes on standard error say
-    so, and --all takes all. Where the asset is symmetric about x = 0, tools are too, whatever the clips.
+    Each tool gets a material, skin, cloth or leather, by the names, factors, colours and weights of the surface. Hard
+    parts, folds that another layer hides, ribs, lips and lids are left out; notes on standard error say so, and --all
+    takes all. If the asset is symmetric about x = 0, the tools are symmetric too, whatever the clips.
 
-    An asset without clips is looked at in its range of motion: each joint bent about its axes, each morph target
+    An asset without clips is measured in its range of motion: each joint bent about its axes, each morph target
     raised, as far as a body of such joints goes. --clip takes the names of these motions too, such as
-    "LeftLeg about x, +90°". Joints are known by the names of common rigs, or by what a VRM says they are. Of tools that
-    --range-of-motion finds beside the clips, check says nothing amiss with --range-of-motion too.
+    "LeftLeg about x, +90°". Joints are known by the names of common rigs, or by a VRM. If --range-of-motion found
+    tools beside the clips, give it to check too: without it, check warns of them.
 
-    The file bakes as it is, and is made to be edited. A table of the suggestions goes to standard error. Where there
-    is nothing to suggest, as for a rigid asset, nothing is written and the exit code is 1, so that a pipeline stops.
+    The file bakes as it is, and is made to be edited. A table of the suggestions goes to standard error. If there is
+    nothing to suggest, as for a rigid asset, nothing is written and the exit code is 1, so that a pipeline stops.
 
     --json prints {"suggest": 1, "asset", "reason", "notes", "tools"}; each tool has "name", "node", "origin",
     "between", "target", "mirror", "width", "material", "strategy", "bumps", "max_height", "compressible",
     "rest_length", "mesh", "driver", "driver_kind", "clip", "time", "span", "shortest", "shortening", "clips" and
-    "score". Within version 1, keys are only added. Lengths are scene units, shortenings parts of the span; "between"
-    has the points of a path between its ends; "clips" has the least length in each clip, null where the character is
-    hidden; "reason" says why there are no tools, and is null where there are.
+    "score". Within version 1, keys are only added. Lengths are scene units, shortenings are ratios to the span.
+    "between" has the points of a path between its ends. "clips" has the least length in each clip, null where the
+    character is hidden. "reason" says why there are no tools, and is null if there are some.
 
     Exit codes: 0 done; 1 the input is at fault, or nothing to suggest; 2 wrong usage; 70 a bug.
     """

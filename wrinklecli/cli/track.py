@@ -25,7 +25,7 @@ def _share(_context: click.Context, parameter: click.Parameter, value: str) -> f
 
 
 @click.command(
-    short_help="Wrinkles for clips in files of their own.",
+    short_help="Add wrinkles to clips in other files.",
     epilog="Example: wrinkle track body_wrinkled.glb clips/walk.glb clips/run.glb -o tracked",
 )
 @click.argument("baked", type=opt.FILE)
