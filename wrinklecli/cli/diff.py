@@ -41,12 +41,12 @@ _LINES = 10  # of one kind of difference; --verbose shows all
 def diff(a: str, b: str, *, as_json: bool, quiet: bool, verbose: bool, **options: Any) -> None:
     """Compare two assets (glTF), a golden A and a fresh bake B.
 
-    Documents are compared by meaning: how data is laid out, stored sparsely or compressed makes no difference, nor does
-    asset.generator. Numbers that are no lengths may differ by the tolerance's share of the asset's size. Positions are
-    compared in the stored pose and in every clip, vertex by vertex where the triangles are the same, otherwise by the
-    distance of each one's vertices from the other's surface. With --posed that is all: names, materials and the way in
-    which vertices move are left aside, and normals are reported, not judged. A file of --mode frames is compared at the
-    times of its frames.
+    Documents are compared by meaning: the layout of data, sparse storage, compression and asset.generator make no
+    difference. Numbers that are no lengths may differ by the ratio of the tolerance to the size of the asset. Positions
+    are compared in the stored pose and in every clip: vertex by vertex if the triangles are the same, otherwise by the
+    distance of the vertices of each from the surface of the other. --posed compares nothing else, neither names nor
+    materials nor the way in which vertices move, and it reports normals without judging them. A file of --mode frames
+    is compared at the times of its frames.
 
     \b
     --json prints an object; within a version, keys are only added:

@@ -53,8 +53,9 @@ def edit(
 ) -> None:
     """Draw wrinkling tools on ASSET (glTF) with the mouse, in a web page, while its clips play.
 
-    TOOLS is the YAML file that the page opens and saves; where it is not there, or none is named (then it is ASSET with
-    the ending .yaml), the page begins without tools. Comments, order and all that is not touched stay as they were.
+    TOOLS is the YAML file that the page opens and saves. Without TOOLS, the file has the name of ASSET with the ending
+    .yaml. If the file does not exist, the page begins without tools. Comments, order and lines that are not edited
+    stay as they were.
     The page needs no network, but viser: pip install 'wrinklecli[edit]'. Ctrl-C ends it.
 
     Exit codes: 0 done; 1 the input is at fault, or the port is taken; 2 wrong usage; 70 a bug.

@@ -85,9 +85,9 @@ def _above_0(_context: click.Context, parameter: click.Parameter, value: float |
 @opt.tool("Only this tool of TOOLS; may be repeated.")
 @opt.flag(
     "--review",
-    text="Show every tool close up, before and after, at its peak. A sheet does so by default if there are several tools"
-    " or clips, unless other options name what to show: --clip, --rest, --times, --frames, --fps, --views, --focus,"
-    " --follow, --labels, --grid.",
+    text="Show every tool close up, before and after, at its peak. A sheet does so by default if there are several"
+    " tools or clips, unless other options name what to show: --clip, --rest, --times, --frames, --fps, --views,"
+    " --focus, --follow, --labels, --grid.",
 )
 @opt.flag("--before", text="Show ASSET without the tools beside it.")
 @opt.flag("--hide-tools", text="Apply the tools, but do not draw them.")
