@@ -11,6 +11,7 @@ Lengths are in scene units: D of the bump, x of an interval (a bump spans two).
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -45,20 +46,10 @@ class PolylineProfile:
     projection: Floats
     sampled_amplitudes: Floats
 
-    @property
-    def leans(self) -> bool:
-        """False: the bump is its own mirror image."""
-        return False
-
-    @property
-    def sharp(self) -> bool:
-        """False: apart from its knots, no part turns more sharply than others."""
-        return False
-
-    @property
-    def crest(self) -> float:
-        """The τ of the highest point, without details."""
-        return 0.5
+    # The bump is its own mirror image, turns sharply at its knots only, and has its crest in the middle.
+    leans: ClassVar[bool] = False
+    sharp: ClassVar[bool] = False
+    crest: ClassVar[float] = 0.5
 
     def amplitudes(self, shortenings: Floats, intervals: Floats, max_height: float) -> Floats:
         """(..., modes) amplitudes from D and x."""
