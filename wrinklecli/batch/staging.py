@@ -81,7 +81,7 @@ class _Stager:
             asset=partial(self._asset, external=bool(job.options.get("allow_external", False))),
             tools=self._input,
             file=self._output,
-            folder=self._output_folder,
+            folder=partial(self._output, is_folder=True),
         )
         return Staged(local, self._given, _roots(job, local))
 
@@ -124,19 +124,13 @@ class _Stager:
                 continue
         return local
 
-    def _output(self, path: str) -> str:
+    def _output(self, path: str, *, is_folder: bool = False) -> str:
         if not stores.is_url(path):
             return path
-        local = self._place(path, "out ")
-        os.makedirs(os.path.dirname(local), exist_ok=True)
-        self._given[local] = path
-        return local
-
-    def _output_folder(self, path: str) -> str:
-        if not stores.is_url(path):
-            return path
-        local = os.path.dirname(self._place(stores.join(path, "."), "out "))
-        os.makedirs(local, exist_ok=True)
+        file = self._place(stores.join(path, ".") if is_folder else path, "out ")
+        folder = os.path.dirname(file)
+        os.makedirs(folder, exist_ok=True)
+        local = folder if is_folder else file
         self._given[local] = path
         return local
 

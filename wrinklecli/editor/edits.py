@@ -134,12 +134,12 @@ class Edits:
             if draft:
                 self._draft = self._drafted(number, with_part(own, steps, value))
             else:
-                self._become(file.with_value(number, steps, value), f"{tool}: {key}")
+                self._become(file.with_value(number, steps, value), f"set {key} of {tool}")
 
     def unset(self, tool: str, steps: Steps) -> None:
         """Remove a key from a tool, so that its default holds again."""
         with self._guarded():
-            self._become(self._base.file.without(self._number(tool), steps), f"{tool}: {steps[0]}")
+            self._become(self._base.file.without(self._number(tool), steps), f"reset {steps[0]} of {tool}")
 
     def move_point(self, tool: str, number: int, place: Sequence[float], *, draft: bool = False) -> None:
         """Move a point of a tool to a (3,) place at rest, world space: 0 is the origin, the last is the target."""
@@ -152,18 +152,18 @@ class Edits:
         """Copy a tool, and return the name of the copy."""
         with self._guarded():
             name = self._new_name(tool)
-            self._become(self._base.file.with_copy(self._number(tool), name), f"{name} is a copy")
+            self._become(self._base.file.with_copy(self._number(tool), name), f"copy {tool}")
             return name
 
     def rename(self, tool: str, name: str) -> None:
         """Rename a tool."""
         with self._guarded():
-            self._become(self._base.file.with_value(self._number(tool), ("name",), name), f"{tool} is {name}")
+            self._become(self._base.file.with_value(self._number(tool), ("name",), name), f"rename {tool} to {name}")
 
     def delete(self, tool: str) -> None:
         """Delete a tool."""
         with self._guarded():
-            self._become(self._base.file.without_tool(self._number(tool)), f"{tool} is gone")
+            self._become(self._base.file.without_tool(self._number(tool)), f"delete {tool}")
 
     def enable(self, tool: str, *, enabled: bool) -> None:
         """Enable or disable a tool in the file."""
@@ -186,7 +186,7 @@ class Edits:
                 side = float(_places(file.tools[number])[:, "xyz".index(axis)].sum())
                 name = f"{tool}.{'L' if side > 0 else 'R'}"
                 file = file.with_value(number, ("name",), name)
-            self._become(file.with_value(number, ("mirror",), axis or "none"), f"{name}: mirror")
+            self._become(file.with_value(number, ("mirror",), axis or "none"), f"mirror {name}")
             return name
 
     def solo(self, tools: Sequence[str]) -> None:
@@ -250,7 +250,7 @@ class Edits:
             return
         base, text = unsaved
         try:
-            self._become(self._store.merged(text, self._store.base, since=base), "unsaved edits of an earlier session")
+            self._become(self._store.merged(text, self._store.base, since=base), "recover unsaved edits")
             self.notes.append(f"{self.path}: unsaved edits of an earlier session are here again; undo takes them away")
         except WrinkleError as error:
             kept = f"{self._store.side}.1"

@@ -197,7 +197,7 @@ class Session(Edits):
                 values |= proposed_keys(guess)
             else:
                 values["width"] = significant(span, 2)
-            self._become(file.with_tool(values), f"{name} is new")
+            self._become(file.with_tool(values), f"add {name}")
             return name
 
     def proposals(self) -> list[Proposal]:
@@ -224,7 +224,7 @@ class Session(Edits):
             values = to_axes(proposal.values, file.up) | {"name": name}
             if file.defaults.get("mirror") not in (None, "none"):
                 values.setdefault("mirror", "none")
-            self._become(file.with_tool(values), f"{name} is accepted")
+            self._become(file.with_tool(values), f"accept {name}")
             return name
 
     # The files.

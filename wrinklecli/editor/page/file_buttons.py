@@ -44,7 +44,9 @@ class FileButtons:
         step = self._session.redoable if forward else self._session.undoable
         (self._session.redo if forward else self._session.undo)()
         self._page.refresh()
-        self._page.say(f"{'again' if forward else 'undone'}: {step}" if step else "nothing more")
+        self._page.say(
+            f"{'redone' if forward else 'undone'}: {step}" if step else f"nothing to {'redo' if forward else 'undo'}"
+        )
 
     def _save(self, *, overwrite: bool = False) -> None:
         self._page.commit()

@@ -142,14 +142,14 @@ class Page:
             tip = "Also make the tool of the other side: x negated, left and right exchanged in its name."
             self._both_sides: Any = gui.add_checkbox("both sides", initial_value=False, hint=tip)
             on_set(self, self._both_sides, "both sides", self._mirror)
-            actions = {
-                "Look": self._look,
-                "Solo": self._solo,
-                "On/off": self._switch,
-                "Copy": self._copy,
-                "Delete": self._delete,
+            actions: dict[str, Callable[[EditedTool], str | None]] = {
+                "Solo": lambda tool: session.solo(() if tool.solo else (tool.name,)),
+                "On/off": lambda tool: session.enable(tool.name, enabled=not tool.enabled),
+                "Copy": lambda tool: session.copy(tool.name),
+                "Delete": lambda tool: session.delete(tool.name),
             }
-            add_group(self, "tool", actions)
+            edits = {label: partial(self._edit, edit) for label, edit in actions.items()}
+            add_group(self, "tool", {"Look": self._look, **edits})
             clips = [clip.name for clip in session.clips if clip.name not in session.range_clips]
             self._controls = ToolControls(gui, self._changed, self._unset, clips)
             self._problems = gui.add_html("")  # below the controls, so that no control moves under the mouse
@@ -309,7 +309,7 @@ class Page:
         actions: dict[SetMode, Callable[[], None]] = {
             "slides": lambda: self.slide(key, edit),
             "typed": lambda: self._commit_later(key, _TYPE_SECONDS, lambda: edit(False)),
-            "at once": lambda: self._edit(lambda: edit(False)),
+            "at once": lambda: self._edit(lambda _tool: edit(False)),
         }
         self.work.put(("set", steps), actions[mode])
 
@@ -340,16 +340,17 @@ class Page:
             pending[1]()
             self.refresh()
 
-    def _edit(self, action: Callable[[], object]) -> None:
+    def _edit(self, edit: Callable[[EditedTool], str | None]) -> None:
+        """Edit the chosen tool; the edit may return the name of a tool to choose then."""
         self.commit()
-        action()
-        self.say("")
-        self.refresh()
+        tool = next((tool for tool in self.session.tools() if tool.name == self.chosen), None)
+        if tool is not None:
+            self.chosen = edit(tool) or tool.name
+            self.say("")
+            self.refresh()
 
     def _unset(self, key: str) -> None:
-        name = self.chosen
-        if name is not None:
-            self.work.put(("unset", key), lambda: self._edit(lambda: self.session.unset(name, (key,))))
+        self.work.put(("unset", key), lambda: self._edit(lambda tool: self.session.unset(tool.name, (key,))))
 
     def _rename(self) -> None:
         old, new = self.chosen, str(self._name.value)
@@ -363,29 +364,5 @@ class Page:
         self._commit_later("name", _TYPE_SECONDS, rename)
 
     def _mirror(self) -> None:
-        if self.chosen is not None:
-            self.commit()
-            self.choose(self.session.mirror(self.chosen, "x" if self._both_sides.value else None), look=False)
-
-    def _chosen_tool(self) -> EditedTool | None:
-        return next((tool for tool in self.session.tools() if tool.name == self.chosen), None)
-
-    def _solo(self) -> None:
-        chosen = self._chosen_tool()
-        if chosen is not None:
-            self._edit(lambda: self.session.solo(() if chosen.solo else (chosen.name,)))
-
-    def _switch(self) -> None:
-        chosen = self._chosen_tool()
-        if chosen is not None:
-            self._edit(lambda: self.session.enable(chosen.name, enabled=not chosen.enabled))
-
-    def _copy(self) -> None:
-        if self.chosen is not None:
-            self.commit()
-            self.choose(self.session.copy(self.chosen), look=False)
-
-    def _delete(self) -> None:
-        if self.chosen is not None:
-            name = self.chosen
-            self._edit(lambda: self.session.delete(name))
+        axis = "x" if self._both_sides.value else None
+        self._edit(lambda tool: self.session.mirror(tool.name, axis))
