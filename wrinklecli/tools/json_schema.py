@@ -1,7 +1,7 @@
 """JSON Schemas with messages, and records whose fields are the keys of a file.
 
-Beyond JSON Schema, `errorMessage` is what a refused value should have been: the program puts it behind what it found,
-and the language servers of JSON and YAML show it.
+`errorMessage`, which JSON Schema does not have, names the accepted values: the program's messages end with it, and the
+language servers of JSON and YAML show it.
 """
 
 import functools
@@ -94,12 +94,12 @@ def key(
     """A field of a record that a key of a file gives.
 
     Args:
-        values: What the key may hold.
-        description: What it means, for editors.
-        default: What the file means without the key, as the file would say it; left out where the key is required.
-        read: Makes the field's value of the file's; the same value where left out.
-        name: The key; the field's own name where left out.
-        absent: The field's value without the key, where `read` does not make it of `default`.
+        values: Schema of the key's values.
+        description: Meaning of the key, for editors.
+        default: Default as a file would write it; required keys have none.
+        read: Turns the file's value into the field's value; by default they are equal.
+        name: The key, if it differs from the field's name.
+        absent: The field's default, if it differs from `read(default)`.
         hashed: False for values that cannot be hashed.
     """
     said = {} if default is MISSING else {"default": default}
@@ -120,23 +120,23 @@ def keys_of(record: type) -> dict[str, Schema]:
 
 @functools.cache
 def readers_of(record: type) -> Mapping[str, Reader]:
-    """What makes a record's values of the values of its keys."""
+    """The functions that turn the values of a record's keys into the values of its fields."""
     return {each.metadata["name"] or each.name: each.metadata["read"] for each in _fields(record)}
 
 
 def defaults_of(record: type) -> dict[str, Any]:
-    """The defaults of a record's keys, as a file would say them."""
+    """The defaults of a record's keys, as a file would write them."""
     return {name: schema["default"] for name, schema in keys_of(record).items() if "default" in schema}
 
 
 def schema_of(record: type) -> Schema:
-    """A mapping of a record's keys, of which those without a default are required."""
+    """A mapping of a record's keys; keys without a default are required."""
     keys = keys_of(record)
     return mapping_of(keys, required=tuple(name for name, schema in keys.items() if "default" not in schema))
 
 
 def read_record(record: type[_Record], values: Mapping[str, Any]) -> _Record:
-    """The record of a mapping that its schema accepts."""
+    """The record of a mapping that the record's schema accepts."""
     readers = readers_of(record)  # type: ignore[arg-type]
     return record(**{name: readers[name](value) for name, value in values.items()})
 

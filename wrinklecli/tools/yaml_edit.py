@@ -378,7 +378,7 @@ class ToolsText:
             return (start if "\n" in self.text[before:start] else before, end, "")
         line = self._line_start(start)
         if self.text[line:start].lstrip().startswith("-"):  # the dash stays
-            return (start, self._line_end(end), "")
+            return (line + len(self.text[line:start].rstrip()), self._line_end(end), "")
         return (line, self._line_end(end, behind=True), "")
 
     def _new_tool(self, lines: Sequence[str], *, behind: int) -> list[_Change]:
