@@ -58,7 +58,18 @@ def test_examples_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     doctest.DebugRunner().run(example)
 
 
+PAGE = (ROOT / "wrinklecli" / "README.md").read_text(encoding="utf-8").split("## In Python", 1)[1].split("\n## ", 1)[0]
+
+
 def test_the_page_names_every_function_and_its_options() -> None:
-    page = (ROOT / "wrinklecli" / "README.md").read_text(encoding="utf-8")
-    section = page.split("## In Python", 1)[1].split("\n## ", 1)[0]
-    assert {name for name in wrinklecli.__all__ if f"`{name}" not in section} == set()
+    assert {name for name in wrinklecli.__all__ if f"`{name}" not in PAGE} == set()
+
+
+@pytest.mark.slow
+def test_the_script_of_the_page_runs(tmp_path: Path) -> None:
+    shutil.copy(ROOT / "samples" / "trousers.glb", tmp_path / "character.glb")
+    shutil.copy(ROOT / "configs" / "trousers.yaml", tmp_path / "tools.yaml")
+    script = PAGE.split("```python\n", 1)[1].split("```", 1)[0]
+    done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("", "")
+    assert (tmp_path / "sheet.png").exists()

@@ -4,6 +4,7 @@ import json
 import os
 import sys
 import time
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
@@ -107,7 +108,7 @@ def batch(
     with _report(report, every, manifest) as write, monitor:
         for outcome in done:
             write(json.dumps(_line(outcome), allow_nan=False))
-            monitor.show(outcome)
+            monitor.add(outcome)
             if not outcome.done and not keep_going:
                 break
     monitor.summarize()
@@ -199,34 +200,27 @@ def _line(outcome: "Outcome") -> dict[str, Any]:
     }
 
 
-class _Monitor:
+class _Monitor(Progress):
     """Prints failures as they come, a bar with the rate and the remaining time, and a table at the end."""
 
     def __init__(self, total: int, *, quiet: bool, verbose: bool, dry_run: bool) -> None:
+        super().__init__(quiet=quiet)
         self._total, self._quiet, self._verbose, self._dry_run = total, quiet, verbose, dry_run
         self._start = time.monotonic()
-        self._progress = Progress(quiet=quiet)
-        self._seconds: dict[str, float] = {}
-        self._memory: dict[str, int] = {}
+        self._seconds: defaultdict[str, float] = defaultdict(float)
+        self._memory: defaultdict[str, int] = defaultdict(int)
         self._warnings = 0
-        self.counts: dict[str, int] = {}
+        self.counts: defaultdict[str, int] = defaultdict(int)
 
-    def __enter__(self) -> "_Monitor":
-        self._progress.__enter__()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._progress.__exit__()
-
-    def show(self, outcome: "Outcome") -> None:
+    def add(self, outcome: "Outcome") -> None:
         """Print the outcome of a job."""
         result = outcome.result
-        self.counts[result] = self.counts.get(result, 0) + 1
-        self._seconds[result] = self._seconds.get(result, 0.0) + outcome.seconds
-        self._memory[result] = max(self._memory.get(result, 0), outcome.peak_memory or 0)
+        self.counts[result] += 1
+        self._seconds[result] += outcome.seconds
+        self._memory[result] = max(self._memory[result], outcome.peak_memory or 0)
         self._warnings += len(outcome.warnings)
         if not outcome.done or self._verbose or self._dry_run:
-            self._progress.clear()
+            self.clear()
         for line in outcome.lines:
             say(f"{outcome.job.where}: {line}" if outcome.job.where else line)
         if outcome.done and self._dry_run:
@@ -238,7 +232,7 @@ class _Monitor:
         done = sum(self.counts.values())
         taken = max(time.monotonic() - self._start, 1e-3)
         remaining = taken / done * (self._total - done)
-        self._progress.show("batch", done, self._total, note=f"{done / taken:.3g} a second, {_time(remaining)} left")
+        self.show("batch", done, self._total, note=f"{done / taken:.3g} a second, {_time(remaining)} left")
 
     def summarize(self) -> None:
         """Print the table and the last line."""
