@@ -38,7 +38,7 @@ _DIGITS = 9
 
 @dataclass(frozen=True, slots=True)
 class CheckOptions:
-    """What `check` and `crossings` look at in an asset, and how they read it.
+    """Options of `check` and `crossings`.
 
     Attributes:
         anims: Files with more clips, for joints of the same names.
@@ -81,7 +81,7 @@ class CheckOptions:
 
     @property
     def motions(self) -> Motions:
-        """What moves the asset besides its own clips."""
+        """The motions of the asset besides its own clips."""
         return Motions(self.anims, self.range_of_motion or None, self.pose, self.morphs)
 
 
@@ -102,7 +102,7 @@ class Check:
         data: JSON values only, as `--json` prints them.
         warnings: A line each.
         inputs: Every file that was read, and the asset's images.
-        tools: In the order of `data["tools"]`.
+        tools: The tools in the order of `data["tools"]`.
     """
 
     data: Json
@@ -126,7 +126,7 @@ def check(
     Args:
         asset: The .gltf or .glb to read.
         tools: The YAML file of tools, or several that are merged.
-        options: What to look at; the defaults of `CheckOptions` if None.
+        options: The defaults of `CheckOptions` if None.
         progress: Called with a stage's name, steps done and steps in all.
         named: Single options by their names in `CheckOptions`, in place of those in `options`.
 
@@ -291,7 +291,7 @@ def describe_clip(carried: CarriedPatch, each: ClipActivity) -> Json:
 
 
 def _overlaps(plan: MeshPlan) -> list[list[Json]]:
-    """For each tool of a mesh the other tools that move some of its vertices, and the number of these."""
+    """List, for each tool of a mesh, the other tools that move some of its vertices, and the number of these."""
     counts = [len(carried.vertices) for carried in plan.carried_patches]
     rows = np.repeat(np.arange(len(counts)), counts)
     columns = np.concatenate([carried.vertices for carried in plan.carried_patches])

@@ -68,7 +68,7 @@ def crossings(
     Args:
         asset: The .gltf or .glb to read.
         tools: The YAML file of tools, if any.
-        options: What to look at; the defaults of `CheckOptions` if None.
+        options: The defaults of `CheckOptions` if None.
         progress: Called with a stage's name, steps done and steps in all.
         named: Single options by their names in `CheckOptions`, in place of those in `options`.
 
@@ -168,7 +168,7 @@ def _describe_clip(states: Sequence[_State], clip: Clip, fps: float | None) -> J
 
 
 def _by_place(surface: SceneSurface, frames: Sequence[CrossingPairs]) -> Iterator[tuple[str, int, Floats]]:
-    """For each pair of parts that cross: their names, the number of crossings, and the middle in the stored pose."""
+    """Yield, for each pair of parts that cross, their names, the number of crossings and the middle at rest."""
     edges = np.concatenate([np.zeros((0, 2), np.intp), *(each.edges for each in frames)])
     triangles = np.concatenate([np.zeros((0, 3), np.intp), *(each.triangles for each in frames)])
     if not len(edges):

@@ -38,7 +38,7 @@ KINDS = ("geometry", "indices", "morph targets", "animation", "skins", "images",
 
 @dataclass(frozen=True, slots=True)
 class InspectOptions:
-    """How `inspect` reads an asset.
+    """Options of `inspect`.
 
     Attributes:
         allow_external: Read buffers outside the asset's folder too, and count the bytes of images there.
@@ -54,7 +54,7 @@ def inspect(asset: str | os.PathLike[str], options: InspectOptions | None = None
 
     Args:
         asset: The .gltf or .glb to read.
-        options: How to read it; the defaults of `InspectOptions` if None.
+        options: The defaults of `InspectOptions` if None.
         named: Single options by their names in `InspectOptions`, in place of those in `options`.
 
     Returns:
@@ -151,9 +151,8 @@ def _compressions(document: Document, primitive: Json) -> set[str]:
     found = set(primitive.get("extensions", {}))
     used = [*primitive.get("attributes", {}).values(), *([primitive["indices"]] if "indices" in primitive else [])]
     views = document.items("bufferViews")
-    for index in used:
-        for view in accessor_views(document.items("accessors")[index]):
-            found |= set(views[view].get("extensions", {}))
+    for view in (view for index in used for view in accessor_views(document.items("accessors")[index])):
+        found |= set(views[view].get("extensions", {}))
     return found
 
 
@@ -230,11 +229,8 @@ def _bounds(accessors: Iterable[Json], key: str) -> list[float]:
 
 def _wrinkles(document: Document) -> Iterator[Json]:
     """The tools that a bake has recorded on each node."""
-    for index, node in enumerate(document.items("nodes")):
-        extras = node.get("extras")
-        if not isinstance(extras, dict) or "wrinkle" not in extras or "mesh" not in node:
-            continue
-        entry = extras["wrinkle"]
+    for index in wrinkled(document.gltf):
+        entry = document.items("nodes")[index]["extras"]["wrinkle"]
         try:
             yield {
                 "node": _node_name(document, index),
@@ -326,7 +322,7 @@ def _view_users(document: Document) -> dict[int, Counter[str]]:
 
 
 def _image_size(document: Document, number: int) -> tuple[int | None, str | None]:
-    """The bytes of an image that a URI names, None where it cannot be read, and its file, None for a data URI."""
+    """The bytes of an image with a URI, None if unreadable, and its file, None for a data URI."""
     uri = document.items("images")[number]["uri"]
     if uri.startswith("data:"):
         try:

@@ -63,7 +63,9 @@ def _compare_clip(
     groups: dict[bytes, list[int]] = {}
     for frame, row in enumerate(np.packbits(np.concatenate(shown, axis=1), axis=1)):
         groups.setdefault(row.tobytes(), []).append(frame)
-    same_motion = _equal_clips(*common.clips) and _equal_nodes(a.primitives, b.primitives)
+    clip_a, clip_b = common.clips
+    same_keys = clip_a is clip_b if clip_a is None or clip_b is None else clip_a.moves_as(clip_b)
+    same_motion = same_keys and _equal_nodes(a.primitives, b.primitives)
     found: dict[str, Apart] = {}
     alone: dict[str, Difference] = {}
     for frames in groups.values():
@@ -225,13 +227,6 @@ def _topology(primitive: ScenePrimitive) -> bytes:
     return digest.digest()
 
 
-def _equal_clips(one: Clip | None, other: Clip | None) -> bool:
-    """True if two clips have the same keys to the bit, for nodes of the same indices."""
-    if one is None or other is None:
-        return one is other
-    return one.moves_as(other)
-
-
 def _equal_nodes(one: Sequence[ScenePrimitive], other: Sequence[ScenePrimitive]) -> bool:
     """True if the nodes of two assets, which all their primitives share, are the same to the bit."""
     if not one or not other:
@@ -247,7 +242,10 @@ def _equal_primitives(one: ScenePrimitive, other: ScenePrimitive) -> bool:
     """True if two primitives are the same to the bit; if their nodes are too, a clip poses both alike."""
     if (one.rig.node, one.rig.skinned) != (other.rig.node, other.rig.skinned):
         return False
-    return all(_equal_arrays(*pair) for pair in zip(_arrays(one), _arrays(other), strict=True))
+    for here, there in zip(_arrays(one), _arrays(other), strict=True):
+        if (here is not there) if here is None or there is None else not np.array_equal(here, there):
+            return False
+    return True
 
 
 def _arrays(primitive: ScenePrimitive) -> tuple[NDArray[Any] | None, ...]:
@@ -256,7 +254,3 @@ def _arrays(primitive: ScenePrimitive) -> tuple[NDArray[Any] | None, ...]:
     shape = vertices.positions, vertices.morph_deltas, vertices.normals, vertices.normal_deltas
     skin = vertices.joints, vertices.weights
     return (*shape, *skin, rig.joints, rig.inverse_binds, rig.morph_weights)
-
-
-def _equal_arrays(one: NDArray[Any] | None, other: NDArray[Any] | None) -> bool:
-    return one is other if one is None or other is None else np.array_equal(one, other)

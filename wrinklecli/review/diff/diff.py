@@ -87,7 +87,7 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True)
 class DiffOptions:
-    """What `diff` compares, and how exactly.
+    """Options of `diff`.
 
     Attributes:
         tolerance: The greatest distance at which two assets are the same: scene units, or per cent of the asset's
@@ -125,7 +125,7 @@ def diff(
     Args:
         a: The first .gltf or .glb, such as the golden.
         b: The second.
-        options: What to compare; the defaults of `DiffOptions` if None.
+        options: The defaults of `DiffOptions` if None.
         progress: Called with a stage's name, steps done and steps in all.
         named: Single options by their names in `DiffOptions`, in place of those in `options`.
 
@@ -221,7 +221,7 @@ def _stored_bounds(scene: AnimatedScene) -> Floats:
 
 
 def _scales(scene: AnimatedScene) -> dict[int, float]:
-    """By mesh, the mean number of scene units for each bind unit in the stored pose."""
+    """The mean number of scene units for each bind unit in the stored pose, by mesh."""
     scales: dict[int, float] = {}
     for primitive in scene.primitives:
         matrices = joint_matrices(primitive.rig, None, np.zeros(1))[0, :, :3, :3]

@@ -75,7 +75,7 @@ class Limits:
     Attributes:
         length: For positions, scene units.
         ratio: For other numbers, relative to the greater of the number and 1.
-        scales: By mesh of the first file, scene units for each bind unit in the stored pose.
+        scales: Scene units for each bind unit in the stored pose, by mesh of the first file.
     """
 
     length: float

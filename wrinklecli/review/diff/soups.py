@@ -55,7 +55,7 @@ class Soup:
         return self.primitives[index], number - int(self.starts[index])
 
     def only(self, vertices: Ints) -> "Soup":
-        """The same with (vertices,) sorted vertices only, to be posed, and without triangles."""
+        """The surface with (vertices,) sorted vertices only, to be posed, and without triangles."""
         cuts = np.searchsorted(vertices, self.starts)
         primitives = []
         for primitive, start, first, stop in zip(self.primitives, self.starts, cuts, cuts[1:], strict=False):
@@ -87,7 +87,7 @@ class Far:
 
 @dataclass(frozen=True, slots=True)
 class _Near:
-    """For each of some points, a part of a surface that is near it at one time.
+    """The parts of a surface that are near some points at one time.
 
     Attributes:
         triangles: (points,) a triangle near each point.
@@ -148,7 +148,7 @@ def _farthest_of(side: int, pair: tuple[Soup, Soup], times: Floats, near: Ints, 
 
     Args:
         side: 0 or 1, the surface that has the vertices.
-        pair: That surface and the other.
+        pair: The surface that has the vertices, and the other.
         times: (times,) seconds.
         near: (points,) a triangle near each point.
         peaks: (points,) upper bounds of the points' distances.

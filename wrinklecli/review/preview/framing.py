@@ -43,7 +43,7 @@ _LEVEL = 0.25
 
 @dataclass(frozen=True, slots=True)
 class _Wrinkles:
-    """Where the wrinkles are.
+    """The vertices that wrinkles move.
 
     Attributes:
         masks: For each primitive of each asset, (vertices,) True for those that the wrinkles move at the moments, or

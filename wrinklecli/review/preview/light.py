@@ -42,8 +42,8 @@ def light_up(
 
     Args:
         surface: The triangles.
-        hits: In any order.
-        shape: Rows and columns of the band of pixels.
+        hits: The hits of a band of pixels, in any order.
+        shape: Rows and columns of the band.
         first: Row of the picture at which the band begins.
         from_right: Put the key light on the right, and the fill light on the left.
     """

@@ -15,7 +15,7 @@ from wrinklecli.numeric.arrays import Array, Floats, Ints
 
 Colour = tuple[float, float, float]
 
-# How a texture goes on beyond its border, by the numbers of a sampler (glTF 2.0 §5.26); others mean "repeat".
+# Continuations of a texture, by the numbers of a sampler (glTF 2.0 §5.26); other numbers mean "repeat".
 _WRAPS = {33071: "clamp", 33648: "mirror"}
 # Linear values of the 256 sRGB ones.
 _DECODED = linear_rgb(np.arange(256) / 255.0).astype(np.float32)
@@ -27,7 +27,7 @@ class Texture:
 
     Attributes:
         pixels: (height, width, 3) sRGB.
-        wraps: How it goes on beyond [0, 1], across and down: repeat, mirror or clamp.
+        wraps: Its continuation beyond [0, 1], across and down: repeat, mirror or clamp.
     """
 
     pixels: Bytes

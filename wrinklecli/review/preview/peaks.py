@@ -147,7 +147,7 @@ def baked_tool_count(document: Document) -> int:
 
 
 def _driven_tools(asset: ShownAsset) -> dict[tuple[int, str], StoredDrive]:
-    """By node and name, the tools whose anchors are in the extras; none if a bake did not write the extras."""
+    """The tools whose anchors are in the extras, by node and name; none if a bake did not write the extras."""
     nodes = asset.document.items("nodes")
     try:
         bodies = read_bodies(asset.document)

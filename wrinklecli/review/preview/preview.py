@@ -66,7 +66,7 @@ def preview(
     Args:
         assets: .gltf or .glb; several are shown side by side, at the same moments and from the same places.
         out: A .png (a sheet), or a .webp or .gif (an animation).
-        options: What to show, and how; the defaults of `PreviewOptions` if None.
+        options: The defaults of `PreviewOptions` if None.
         outputs: Other files to write, to which the picture is added. If None, the file is written before returning.
         progress: Called with a stage's name, steps done and steps in all.
         named: Single options by their names in `PreviewOptions`, in place of those in `options`.

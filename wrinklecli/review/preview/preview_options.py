@@ -16,7 +16,7 @@ MOST_SIDE = 16_383
 
 @dataclass(frozen=True, slots=True)
 class Style:
-    """How to draw.
+    """The style of a drawing.
 
     Attributes:
         wire: Draw the triangles' edges too.
@@ -36,7 +36,7 @@ PLAIN = Style()
 
 @dataclass(frozen=True, slots=True)
 class PreviewOptions:
-    """What to show of assets, and how.
+    """Options of `preview`.
 
     Attributes:
         tools: A YAML file of tools to apply to the one asset and to draw on it.
@@ -52,11 +52,11 @@ class PreviewOptions:
         clips: Names of the clips to show; if empty, the first of the first asset.
         rest: Show the stored pose, and no clip.
         times: Seconds; if empty, moments are spread over each clip.
-        frames: How many moments of each clip to show.
+        frames: Number of moments of each clip.
         fps: Moments per second of the clip, and of the animation.
         views: Names of `VIEWS`, `facing` (the wrinkles' side) or azimuth:elevation in degrees.
         focus: (3,) point to look at, world space; if None, the wrinkles, or all if there are none.
-        radius: How far around that point the camera sees, scene units.
+        radius: Distance around that point that the camera sees, scene units.
         follow: Move the camera with the wrinkles, or with the skin that is at `focus` in the stored pose.
         size: Width and height of each picture, pixels; if None, the kind of picture decides.
         columns: Moments in a row of a sheet.
