@@ -245,7 +245,7 @@ def test_only_the_edited_lines_change(
         after, touched = before.with_tool({"name": "new", key: value} if key != "name" else {"name": "new"}), "none"
         expected.append({"name": "new", key: value} if key != "name" else {"name": "new"})
     assert [*map(dict, after.tools)] == expected
-    assert after.beside == before.beside
+    assert after.header == before.header
     if edit == "without_tool":
         return
     kept = [line for line, tool, of in lines if not (tool == number and of in (touched, None) and touched != "none")]

@@ -304,8 +304,8 @@ class Edits:
         """
         file = self._base.file
         name = str(file.tools[number].get("name"))
-        beside = {key: each for key, each in file.beside.items() if key in ("version", "up", "defaults")}
-        drafted = {tool.name: tool for tool in read_values({**beside, "tools": [values]}, name=self.path).tools}
+        header = {key: each for key, each in file.header.items() if key in ("version", "up", "defaults")}
+        drafted = {tool.name: tool for tool in read_values({**header, "tools": [values]}, name=self.path).tools}
         tools = [drafted.get(name, tool) if tool.name == name else tool for tool in self._settings_of(file).tools]
         return Draft(number, values, replace(self._settings_of(file), tools=tuple(tools)))
 

@@ -144,7 +144,7 @@ def _merged(base: ToolsText, mine: ToolsText, theirs: ToolsText) -> ToolsText:
             problems.append(ConfigError(message, where=f"{mine.name}: {name}"))
         else:
             merged = _with_lines(merged, name, here)
-    if mine.beside not in (base.beside, theirs.beside):
+    if mine.header not in (base.header, theirs.header):
         problems.append(ConfigError("more than its tools was changed here and on disk", where=mine.name))
     if not problems:
         try:

@@ -198,8 +198,8 @@ def _parsed(root: Node | None, problems: list[Problem], name: str) -> ToolsFile:
             for problem in sorted(problems, key=lambda problem: problem.line)
         )
     assert root is not None
-    beside = {key: child for key, child in root.children.items() if key not in KINDS}
-    places = _places(replace(root, children=beside), "", shown_name)
+    others = {key: child for key, child in root.children.items() if key not in KINDS}
+    places = _places(replace(root, children=others), "", shown_name)
     inherited = {keys[1:]: place for keys, place in places.items() if keys[0] == "defaults" and keys[1:]}
     up = header.get("up", "y")
     lists: dict[str, Any] = {
@@ -273,7 +273,7 @@ def load_merged(paths: Sequence[str | os.PathLike[str]]) -> ToolsFile:
             **said,
             tools=(*merged.tools, *each.tools),
             places={**merged.places, **{keys: place for keys, place in each.places.items() if keys[0] in said}},
-            beside=(*merged.beside, each.path),
+            merged_paths=(*merged.merged_paths, each.path),
         )
     if problems:
         raise ConfigError.of_all(problems)

@@ -477,7 +477,7 @@ class ToolsFile:
         up: The up axis of the file; positions here are Y-up already.
         tools: The enabled tools in the file's order, a mirrored one behind its source.
         places: Places of the other keys of the file, such as those of `rest.clip`, for later errors.
-        beside: Further files that are merged into this one.
+        merged_paths: Further files that are merged into this one.
     """
 
     path: str
@@ -508,7 +508,7 @@ class ToolsFile:
     )
     tools: tuple[WrinkleTool, ...]
     places: Mapping[tuple[str, ...], str] = field(default_factory=dict, hash=False, compare=False)
-    beside: tuple[str, ...] = ()
+    merged_paths: tuple[str, ...] = ()
 
     def place(self, *keys: str) -> str:
         """The place of a key beside the tools, for later errors, such as `tools.yaml:4: rest.clip`."""

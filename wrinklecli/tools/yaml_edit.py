@@ -159,7 +159,7 @@ class ToolsText:
         return isinstance(self._value, dict) and self._value.get("tools") in (None, [])
 
     @property
-    def beside(self) -> Mapping[str, Any]:
+    def header(self) -> Mapping[str, Any]:
         """The keys of the file without its tools."""
         value = self._value if isinstance(self._value, dict) else {}
         return {key: each for key, each in value.items() if key != "tools"}
@@ -167,12 +167,12 @@ class ToolsText:
     @property
     def defaults(self) -> Mapping[str, Any]:
         """The keys that every tool inherits."""
-        return self.beside.get("defaults") or {}
+        return self.header.get("defaults") or {}
 
     @property
     def up(self) -> str:
         """The axis that points up where the file gives positions."""
-        return str(self.beside.get("up", "y"))
+        return str(self.header.get("up", "y"))
 
     def with_value(self, number: int, steps: Steps, value: Any) -> "ToolsText":
         """Set a value to plain Python (text, numbers, lists, mappings); a key that the tool lacks is added."""
