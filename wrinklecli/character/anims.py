@@ -1,4 +1,4 @@
-"""Clips of other files, for an asset whose nodes have the same names."""
+"""Reads clips of other files for an asset whose nodes have the same names."""
 
 import os
 from collections.abc import Container, Sequence
@@ -20,14 +20,14 @@ from wrinklecli.numeric.guard import guarded
 
 @dataclass(frozen=True, slots=True)
 class Anims:
-    """What was found in files with clips.
+    """The contents of files with clips.
 
     Attributes:
-        clips: Of the asset's nodes.
-        notes: A line each: what of the files is left out, and clips that have another name here.
+        clips: Clips of the asset's nodes.
+        notes: Lines on nodes that are left out and clips that are renamed.
         warnings: A line for each file without clips.
-        read: The files that were read.
-        beside: All files that they consist of, read or not.
+        read: Paths of the files that were read.
+        beside: Paths of all files that these consist of, read or not.
     """
 
     clips: tuple[Clip, ...]
@@ -40,15 +40,11 @@ class Anims:
 def read_anims(document: Document, paths: Sequence[str | os.PathLike[str]]) -> Anims:
     """Read the clips of files for the nodes of an asset.
 
-    A channel moves the node of the same name; weights are those of the morph targets of the same names, others are as
-    stored. A clip whose name is taken gets that of its file, as Mixamo gives all of its clips one name.
-
-    Args:
-        document: The asset.
-        paths: The files, .gltf or .glb.
+    A channel moves the node of the same name. Weights go to morph targets of the same names; other targets keep the
+    stored ones. A clip whose name is taken gets the name of its file, as Mixamo gives all of its clips one name.
 
     Raises:
-        AssetError: One is malformed, or none of its channels moves a node of the asset's.
+        AssetError: A file is malformed, or none of its channels moves a node of the asset.
     """
     taken = {clip.name for clip in read_clips(document)}
     clips: list[Clip] = []
@@ -77,10 +73,10 @@ def read_anims(document: Document, paths: Sequence[str | os.PathLike[str]]) -> A
 
 
 def _for_asset(document: Document, anim: Document, clips: Sequence[Clip]) -> tuple[list[Clip], list[str]]:
-    """The clips of a file that move nodes of the asset's, by the numbers these have there, and notes.
+    """Give the clips of a file with the asset's indices of nodes, and notes.
 
     Raises:
-        AssetError: None does.
+        AssetError: No clip moves a node of the asset.
     """
     names, known = ([str(node.get("name", "")) for node in each.items("nodes")] for each in (anim, document))
     there, here = NamedNodes.of(anim.items("nodes")), NamedNodes.of(document.items("nodes"))
@@ -124,11 +120,11 @@ def _for_asset(document: Document, anim: Document, clips: Sequence[Clip]) -> tup
 
 @dataclass(frozen=True, slots=True)
 class NamedNodes:
-    """Nodes by their names.
+    """Indices of nodes by their names.
 
     Attributes:
-        joints: Among several of one name the first without a mesh, as bodies are often named like a joint.
-        meshes: The first with a mesh.
+        joints: The first node of a name without a mesh, if any, as bodies are often named like a joint.
+        meshes: The first node of a name with a mesh.
     """
 
     joints: dict[str, int]
@@ -136,7 +132,7 @@ class NamedNodes:
 
     @classmethod
     def of(cls, nodes: Sequence[Json]) -> "NamedNodes":
-        """Those of a document; a node without a name has the empty one."""
+        """Index nodes; a node without a name has the empty one."""
         bare: dict[str, int] = {}
         meshes: dict[str, int] = {}
         for index, node in enumerate(nodes):
@@ -144,7 +140,7 @@ class NamedNodes:
         return cls(meshes | bare, meshes)
 
     def moved_by(self, path: str, name: str) -> int | None:
-        """The node that a channel of a path moves where a node of this name is meant, if there is one."""
+        """The node of a name that a channel of a path moves, if any."""
         if not name:
             return None
         return (self.meshes if path == "weights" else self.joints).get(name)
@@ -157,17 +153,10 @@ def _target_names(document: Document, node: int) -> list[str]:
 def _weights(
     channel: Channel, theirs: Sequence[str], node: int, names: Sequence[str], stored: Floats
 ) -> Channel | None:
-    """A channel of weights for a mesh with other morph targets.
+    """Turn a channel of weights of another mesh, with morph targets `theirs`, into one for a node's mesh.
 
-    Args:
-        channel: Of the other mesh.
-        theirs: Names of the other mesh's morph targets.
-        node: That has the mesh.
-        names: Of its morph targets.
-        stored: (morph targets,) its weights; those that the channel lacks stay so.
-
-    Returns:
-        The channel; none where no name is the same.
+    The node's morph targets have `names` and `stored` weights, which targets without a namesake keep. Gives None if no
+    target has a namesake.
     """
     columns = {number: theirs.index(name) for number, name in enumerate(names) if name in theirs}
     if not columns:
@@ -179,6 +168,6 @@ def _weights(
 
 
 def _free_name(name: str, stem: str, taken: Container[str], *, alone: bool) -> str:
-    """A name that no clip has yet: its own, that of its file, or with a number."""
+    """A name that no clip has yet: its own, that of its file, or one with a number."""
     names = [name, stem if alone else f"{stem} {name}"]
     return next(each for each in chain(names, (f"{names[1]} {number}" for number in count(2))) if each not in taken)

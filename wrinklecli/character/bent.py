@@ -1,4 +1,4 @@
-"""What each node bends: the area of the triangles that it carries in part."""
+"""Computes how much area each node bends: that of triangles which it moves in part."""
 
 from collections.abc import Iterator, Sequence
 
@@ -9,24 +9,20 @@ from wrinklecli.character.surface import read_influences, read_positions, read_t
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, Ints, face_normals
 
-# The heaviest joints of a vertex, which tell enough: time and memory grow with the square of their number.
+# Joints of a vertex that count, the heaviest first: time and memory grow with the square of their number.
 _INFLUENCES = 4
-# Triangles that are looked at at once: bounds the memory.
+# Triangles that are processed at once. Bounds the memory.
 _AT_ONCE = 2**16
 
 
 def bent_areas(document: Document, rigs: Sequence[Rig]) -> tuple[Floats, Floats]:
-    """The areas of skinned meshes that would bend, and that would move, if a node alone turned, bind units squared.
+    """Compute the areas of skinned meshes that bend, and that move, if one node alone turns.
 
-    Of a triangle's area A, where s is the share of its weights that is of the node and those below, A s moves, and
-    A s (1 − s) bends. So what moves as a whole does not bend.
-
-    Args:
-        document: The asset.
-        rigs: Of its meshes, at least one.
+    If the node and its descendants have the fraction s of a triangle's weights, A s of its area A moves and A s (1 − s)
+    bends. So a triangle that moves as a whole does not bend.
 
     Returns:
-        (nodes,) what bends, and (nodes,) what moves.
+        (nodes,) areas that bend, and (nodes,) areas that move, bind units squared.
 
     Raises:
         AssetError: A mesh is malformed.
@@ -52,9 +48,9 @@ def bent_areas(document: Document, rigs: Sequence[Rig]) -> tuple[Floats, Floats]
 
 
 def _carried_together(document: Document, rig: Rig) -> Iterator[tuple[Ints, Ints, Floats]]:
-    """Pairs of nodes, either way round and each with itself, and the area that the one carries of the other's.
+    """Give pairs of nodes, in both orders and each with itself, and the sum of A s t over the triangles.
 
-    Of a triangle that two carry by s and t this is A s t.
+    A is a triangle's area, s and t are the fractions of its weights that the two nodes have.
     """
     from scipy.sparse import csr_array
 
@@ -77,7 +73,7 @@ def _carried_together(document: Document, rig: Rig) -> Iterator[tuple[Ints, Ints
 
 
 def _depths(up: Ints) -> Ints:
-    """(nodes,) how many levels each lies below the last, which is above all, by the (nodes,) parents of each."""
+    """(nodes,) levels of each node below the last one, the root of all, from the (nodes,) parents."""
     above, depths = up, np.ones(len(up), np.intp)
     depths[-1] = 0
     # Each round doubles the generations that are looked up.
@@ -87,7 +83,7 @@ def _depths(up: Ints) -> Ints:
 
 
 def _meeting(one: Ints, other: Ints, up: Ints, depths: Ints) -> Ints:
-    """(pairs,) the lowest node that both of each pair hang on, or are."""
+    """(pairs,) the lowest common ancestor of each pair of nodes, which may be one of them."""
     one, other = one.copy(), other.copy()
     while len(apart := np.flatnonzero(one != other)):
         first, second = one[apart], other[apart]

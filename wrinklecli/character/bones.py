@@ -1,7 +1,7 @@
-"""Which part of a body each joint is: as a VRM says outright, else by its name and by what is above and below it.
+"""Finds the part of the body that each joint is: a VRM says so, else names and the joints above and below tell.
 
-Names alone do not tell: `LeftLeg` is the lower leg of Mixamo and the upper leg of many others, `lShoulder` the collar
-bone or the upper arm. So a leg is the upper one unless there is one above it, and so on.
+Names alone do not suffice: `LeftLeg` is the lower leg of Mixamo and the upper leg of many others, `lShoulder` the
+collar bone or the upper arm. So a leg is the upper one unless there is one above it, and so on.
 
 Sources of the names, of which tests have some each:
     - Mixamo, and HumanIK of Maya and MotionBuilder: `LeftUpLeg`, `LeftLeg`, `LeftArm`, `LeftForeArm`.
@@ -30,8 +30,8 @@ Part = Literal[
     "finger", "upper leg", "lower leg", "foot", "toes", "twist",
 ]  # fmt: skip
 _Said = Part | Literal["arm", "leg"]
-# By part, words of names in lower case with a space between them, the first that a name has; and what stands for them
-# in Japanese. An `arm` and a `leg` are the upper or the lower one, by what is above.
+# Parts and patterns of words in lower case with spaces between them, or in Japanese; the first match counts. An `arm`
+# or a `leg` is the upper or the lower one, depending on the parts above it.
 _NAMES: tuple[tuple[_Said, str], ...] = (
     ("twist", r"(arm|leg|thigh|calf|shin|shldr|shoulder|hand|wrist|elbow|knee|foot|ankle)\w* (twist|roll|share)|捩"),
     ("jaw", r"\bjaw|mandible|顎|あご"),
@@ -56,22 +56,23 @@ _NAMES: tuple[tuple[_Said, str], ...] = (
     ("finger", r"\bmid\b"),
 )
 _SIDED = re.compile(r"\b(l|r|left|right)\b|[左右]")
-# What hangs below a part of a limb that has the same name: a piece of the bone, which only twists.
+# A joint below one of these with the same name is a piece of the same bone, which only twists.
 _LIMBS: tuple[Part, ...] = ("upper arm", "lower arm", "upper leg", "lower leg")
 _END_OF: dict[Literal["arm", "leg"], tuple[Part, Part, Part]] = {
     "arm": ("upper arm", "lower arm", "hand"),
     "leg": ("upper leg", "lower leg", "foot"),
 }
-_LOWER_SPINE = 2  # joints of a spine below the chest, where names do not tell
+# Joints of a spine below the chest, if names do not tell.
+_LOWER_SPINE = 2
 
 
 @dataclass(frozen=True, slots=True)
 class Bones:
-    """What a document's nodes are to a body.
+    """The parts of a body among a document's nodes.
 
     Attributes:
-        parts: (nodes,) the part that each moves; None where that is unknown.
-        ahead: (3,) unit, where the character looks, as far as the file format says.
+        parts: (nodes,) the part that each node moves; None if unknown.
+        ahead: (3,) unit direction in which characters of this file format look.
     """
 
     parts: tuple[Part | None, ...]
@@ -79,7 +80,7 @@ class Bones:
 
 
 def read_bones(document: Document) -> Bones:
-    """Tell the parts of a body among a document's nodes.
+    """Find the parts of a body among a document's nodes.
 
     Raises:
         AssetError: The hierarchy has a cycle.
@@ -94,18 +95,18 @@ def read_bones(document: Document) -> Bones:
 
 
 def words_of(name: str) -> str:
-    """The words of a name in lower case, with a space between them: `mixamorig:LeftForeArm` is mixamorig left fore arm.
+    """Split a name into words in lower case: `mixamorig:LeftForeArm` gives `mixamorig left fore arm`.
 
-    Other letters than Latin ones stay together, with digits after them.
+    Letters other than Latin ones stay together, with digits after them.
     """
     return " ".join(re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[^\x00-\x7f]+[0-9]*", name)).lower()
 
 
 def _resolved(names: Sequence[str], parents: Ints) -> tuple[Part | None, ...]:
-    """The parts of nodes, by their names and by those above and below."""
+    """Find the parts of nodes from their names and those of their ancestors and descendants."""
     words = [words_of(name) for name in names]
     said = [next((part for part, pattern in _NAMES if re.search(pattern, each)), None) for each in words]
-    # Of each node the parts that those below it are said to be.
+    # The parts that the names of each node's descendants say.
     below: list[set[_Said]] = [set() for _ in names]
     order = _from_roots(parents)
     for node in reversed(order):
@@ -122,7 +123,7 @@ def _resolved(names: Sequence[str], parents: Ints) -> tuple[Part | None, ...]:
 
 
 def _part(said: _Said | None, above: tuple[Part, ...], below: set[_Said], *, sided: bool) -> Part | None:
-    """What a node is that is said to be something, with these parts above it and these said of those below."""
+    """Find the part of a node from the part that its name says, the parts above, and those said of nodes below."""
     if said == "arm" or said == "leg":
         upper, lower, end = _END_OF[said]
         return end if lower in above else lower if upper in above else upper
@@ -134,7 +135,7 @@ def _part(said: _Said | None, above: tuple[Part, ...], below: set[_Said], *, sid
         return "twist"
     limb: Literal["arm", "leg"] = "arm" if said == "shoulder" else "leg"
     upper, lower, _ = _END_OF[limb]
-    # The upper bone of a limb, where there is no other: between collar bone and elbow, or pelvis and knee.
+    # A joint before an elbow or knee is the upper bone of the limb if there is no other.
     alone = sided and lower in below and not {upper, limb, said} & below
     return upper if said in ("shoulder", "hips") and alone else said
 
@@ -151,14 +152,14 @@ def _from_roots(parents: Ints) -> list[int]:
 
 
 def _of_vrm(document: Document) -> Iterator[tuple[int, str]]:
-    """Nodes with the names of the bones that a VRM says they are."""
+    """Give nodes and the names of the bones that a VRM assigns to them."""
     for extension in ("VRM", "VRMC_vrm"):
         bones = _extensions(document).get(extension)
         for key in ("humanoid", "humanBones"):
             bones = bones.get(key) if isinstance(bones, dict) else None
         if not isinstance(bones, dict | list):
             continue
-        # Version 1 has them by name, version 0 in a list.
+        # Version 1 maps names to bones, version 0 has a list.
         for name, bone in bones.items() if isinstance(bones, dict) else enumerate(bones):
             node = bone.get("node") if isinstance(bone, dict) else None
             if isinstance(node, int) and node >= 0:

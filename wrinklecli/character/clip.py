@@ -1,4 +1,4 @@
-"""Clips: animations with their channels, a channel's value at a time, and the times at which to look at a clip.
+"""Clips: animations with their channels, the values of channels over time, and the times at which clips are sampled.
 
 Source: glTF 2.0 specification, §3.11 and appendix C (animation).
 """
@@ -17,16 +17,16 @@ from wrinklecli.gltf.shape import Json, moves_node
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, float32_values, unit_quaternions
 
 KEY_GAP = 1e-3
-"""Seconds between two keys at least. No player shows what lies between, and Blender drops keys closer than 0.42 ms."""
+"""Least time between two keys, seconds: no player shows less, and Blender drops keys closer than 0.42 ms."""
 
 KEY_STEP = 1 / 600
-"""Seconds of which keys that we add are multiples, as whole frames are at 24, 25, 30, 50 and 60 per second."""
+"""Added keys are multiples of this, seconds, as whole frames are at 24, 25, 30, 50 and 60 per second."""
 
-# `KEY_GAP` between times that are rounded to float32: at 1,000 frames per second, frames are just so far apart.
+# `KEY_GAP` for times that are rounded to float32, seconds: frames at 1,000 per second are just that far apart.
 _ROUNDED_GAP = 0.999 * KEY_GAP
-# Frames of one clip at most: almost two hours at 30 a second.
+# Most frames of a clip: almost two hours at 30 per second.
 _MOST_FRAMES = 200_000
-# Difference of a rotation's, scale's or weight's numbers up to which poses are the same: a tenth of a degree.
+# Greatest difference of the numbers of equal rotations, scales and weights: a tenth of a degree.
 _SAME_POSE = 1e-3
 
 
@@ -35,10 +35,9 @@ class Channel:
     """One animated property.
 
     Attributes:
-        index: Of the channel in its animation.
-        node: The animated node.
+        index: The channel's index in its animation.
         path: translation, rotation, scale or weights.
-        times: (keys,) seconds, strictly rising.
+        times: (keys,) seconds, strictly ascending.
         values: (keys, components), or (keys, 3, components) for CUBICSPLINE: in-tangent, value, out-tangent.
         interpolation: LINEAR, STEP or CUBICSPLINE.
     """
@@ -52,7 +51,7 @@ class Channel:
 
     @property
     def points(self) -> Floats:
-        """(keys, components) of `values`, without tangents."""
+        """(keys, components) values without tangents."""
         return self.values[:, 1] if self.interpolation == "CUBICSPLINE" else self.values
 
 
@@ -61,9 +60,9 @@ class Clip:
     """An animation: the channels that move nodes and morph weights.
 
     Attributes:
-        index: Of the animation in the document.
-        name: Its name; `animation_0` by index where it has none.
-        channels: Those with a node and a core path.
+        index: The animation's index in the document; -1 if it is in none.
+        name: The animation's name, or `animation_0` by index.
+        channels: The channels with a node and a path of the core specification.
         start: Time of the first key, seconds.
         end: Time of the last key, seconds.
     """
@@ -76,20 +75,20 @@ class Clip:
 
     @cached_property
     def by_target(self) -> dict[tuple[int, str], Channel]:
-        """The channel of each node's property; of several the last."""
+        """The channel of each node and path; of several the last."""
         return {(channel.node, channel.path): channel for channel in self.channels}
 
     def key_times(self) -> Floats:
-        """(keys,) the rising, distinct key times of all channels, seconds."""
+        """(keys,) sorted distinct key times of all channels, seconds."""
         return np.unique(np.concatenate([channel.times for channel in self.channels]))
 
     def moves_as(self, other: "Clip") -> bool:
-        """Whether another clip has the same keys to the bit, by the same numbers of nodes; names may differ."""
+        """True if another clip has the same keys, to the bit, for the same nodes; names may differ."""
         return self.motion == other.motion
 
     @cached_property
     def motion(self) -> bytes:
-        """A digest of all that moves: of thousands, clips that are alike are found without comparing all."""
+        """A digest of all channels, which finds equal clips among thousands without comparing all pairs."""
         digest = hashlib.blake2b()
         for each in self.channels:
             # Names of paths and interpolations have no space; -0 and 0 are one value.
@@ -99,12 +98,9 @@ class Clip:
 
     @cached_property
     def loops(self) -> bool:
-        """Whether it ends in the pose in which it begins: rotations, scales and weights; a body may walk off meanwhile.
-
-        A clip whose translations alone move is not asked for these.
-        """
+        """True if the clip ends with the rotations, scales and weights of its beginning; a body may walk off."""
         ends = [(each.points[0], each.points[-1]) for each in self.channels if each.path != "translation"]
-        # A rotation and its negative are one.
+        # A quaternion and its negative are the same rotation.
         return all(np.abs(a - b).max() < _SAME_POSE or np.abs(a + b).max() < _SAME_POSE for a, b in ends)
 
     def channel(self, node: int, path: str) -> Channel | None:
@@ -113,9 +109,9 @@ class Clip:
 
 
 def read_clips(document: Document) -> tuple[Clip, ...]:
-    """The document's animations, those without any readable channel left out.
+    """Read the document's animations that have a channel of the core specification.
 
-    Two animations of one name are told apart by `#` and their index.
+    If two animations have one name, the later one gets `#` and its index behind it.
 
     Raises:
         AssetError: A sampler is malformed.
@@ -169,16 +165,12 @@ def _target_count(document: Document, node: int) -> int:
 
 
 def unknown_clip(name: str, names: Sequence[str]) -> str:
-    """The part of a message that says that no clip has a name, and which names there are."""
+    """Words for a message: no clip has a name, and these are the names."""
     return f"no clip {name!r}{nearest(name, names)}; there are {listed(names)}"
 
 
 def clip_named(clips: Sequence[Clip], name: str, *, where: str) -> Clip:
-    """The clip of a name.
-
-    Raises:
-        AssetError: There is none; `where` is the asset's path.
-    """
+    """Find the clip of a name, or raise AssetError; `where` is the asset's path."""
     names = [clip.name for clip in clips]
     if name not in names:
         raise AssetError(f"has {unknown_clip(name, names)}", where=where)
@@ -186,7 +178,7 @@ def clip_named(clips: Sequence[Clip], name: str, *, where: str) -> Clip:
 
 
 def chosen_clips(clips: Sequence[Clip], asked: Sequence[str], *, where: str) -> tuple[Clip, ...]:
-    """The clips that are asked for by name, in the order of the file; all where none is.
+    """Find the clips of some names, in the order of the file; all clips if no name is given.
 
     Raises:
         AssetError: There is no clip of a name; `where` is the asset's path.
@@ -196,14 +188,14 @@ def chosen_clips(clips: Sequence[Clip], asked: Sequence[str], *, where: str) -> 
 
 
 def sample(channel: Channel, times: Floats) -> Floats:
-    """(frames, components) of a channel at times in seconds, held before the first and after the last key.
+    """(frames, components) values of a channel at (frames,) seconds, held before the first and after the last key.
 
-    Rotations are of unit length.
+    Rotations have unit length.
 
     Source: glTF 2.0, appendix C (LINEAR, with slerp for rotations; STEP; CUBICSPLINE).
     """
     keys, values = channel.times, channel.values
-    # Components first, so that all that follows runs along time.
+    # Components come first, so that all operations run along time.
     points = channel.points.T
     turning = channel.path == "rotation"
     if len(keys) == 1:
@@ -232,19 +224,19 @@ def sample(channel: Channel, times: Floats) -> Floats:
 
 
 def _at(values: Floats, places: Ints) -> Floats:
-    """(…, frames) of (…, keys), at places in range: "clip" spares the check for it, and indexing takes longer still."""
+    """(…, frames) values of (…, keys) at indices in range: "clip" avoids a check, and indexing takes longer still."""
     return values.take(places, axis=-1, mode="clip")
 
 
 def _slerp(points: Floats, before: Ints, t: Floats) -> Floats:
-    """(4, frames) rotations at shares t (frames,) of the intervals `before` (frames,) between (4, keys) unit ones."""
+    """(4, frames) rotations at the fractions t of the intervals `before`, both (frames,), of (4, keys) unit ones."""
     start, stop = points[:, :-1], points[:, 1:]
     cosine = np.einsum("cf,cf->f", start, stop)
     stop = np.where(cosine < 0, -stop, stop)
-    # Halves of sum and difference: the arc cosine of the product loses half the digits of a small angle.
+    # The arc cosine of the product would lose half the digits of a small angle; sum and difference do not.
     angle = 2.0 * np.arctan2(*(np.sqrt(np.einsum("cf,cf->f", each, each)) for each in (stop - start, stop + start)))
     sine = np.sin(angle)
-    # Below this angle the division loses more digits than a straight line does.
+    # Below this angle the division would lose more digits than a straight line.
     near = sine < 1e-6
     inverse = np.where(near, 0.0, 1.0 / np.where(near, 1.0, sine))
     whole, inverse = _at(angle, before), _at(inverse, before)
@@ -258,14 +250,14 @@ def _slerp(points: Floats, before: Ints, t: Floats) -> Floats:
 
 
 def clip_grid(clip: Clip, rig: Rig | None, *, fps: float) -> Floats:
-    """(frames,) seconds, float32 values: a grid over the clip with its end, and the keys that move a rig.
+    """(frames,) sorted seconds, float32 values: a grid over the clip with its end, and the keys that move a rig.
 
-    Before each jump of a STEP channel stands a time too. No two times are closer than `KEY_GAP`, but for the keys of
-    the rig's own morph weights, which a track keeps, and the two ends. Of others the ones of the grid give way, and of
-    keys the earlier.
+    Each jump of a STEP channel has a time just before it, too. No two times are closer than `KEY_GAP`, except the keys
+    of the rig's own morph weights, which a track keeps, and the two ends. A time of the grid gives way to a key, and a
+    key to a later one.
 
     Raises:
-        BakeError: It would have more than 200,000 frames.
+        BakeError: There would be more than 200,000 frames.
     """
     if (clip.end - clip.start) * fps > _MOST_FRAMES:
         raise BakeError(
@@ -286,10 +278,10 @@ def clip_grid(clip: Clip, rig: Rig | None, *, fps: float) -> Floats:
 
 
 def linear_keys(channel: Channel) -> Floats:
-    """(keys,) seconds, rising, between which straight lines play a LINEAR or STEP channel, but inside `KEY_GAP`.
+    """(keys,) sorted seconds between which straight lines play a LINEAR or STEP channel, except within `KEY_GAP`.
 
-    Those of a STEP channel are its keys, and the last float32 time a gap before each, where the channel has not jumped
-    yet; no such time where the key before is closer than two gaps.
+    A STEP channel has its keys and, one gap before each, the last float32 time at which the channel has not jumped yet,
+    unless the key before is closer than two gaps.
     """
     if channel.interpolation != "STEP":
         return channel.times
@@ -298,27 +290,27 @@ def linear_keys(channel: Channel) -> Floats:
 
 
 def _joined(kept: Floats, more: Floats) -> Floats:
-    """(times,) rising: those kept, and of more those no closer than `KEY_GAP` to them, nor to the next of more left."""
+    """(times,) sorted: the kept ones, and those of `more` at least `KEY_GAP` from these and from the next added one."""
     padded, after = np.concatenate([[-np.inf], kept, [np.inf]]), np.searchsorted(kept, more)
     nearest = np.minimum(more - padded[after], padded[after + 1] - more)
     return distinct_values(np.concatenate([kept, _apart(more[nearest >= _ROUNDED_GAP])]))
 
 
 def _apart(times: Floats) -> Floats:
-    """(times,) rising: of rising ones those that are no closer than `KEY_GAP` to the next one left."""
+    """(remaining,) sorted times of which each is at least `KEY_GAP` before the next."""
     if not (np.diff(times) < _ROUNDED_GAP).any():
         return times
-    left = [float(times[-1])]
+    remaining = [float(times[-1])]
     for time in times[-2::-1].tolist():
-        if left[-1] - time >= _ROUNDED_GAP:
-            left.append(time)
-    return np.array(left[::-1])
+        if remaining[-1] - time >= _ROUNDED_GAP:
+            remaining.append(time)
+    return np.array(remaining[::-1])
 
 
 def motion_breaks(clip: Clip, rig: Rig) -> Floats:
-    """(breaks,) seconds, rising, float32 values: between these a clip moves a rig smoothly.
+    """(breaks,) sorted seconds, float32 values, between which a clip moves a rig smoothly.
 
-    Jumps of STEP channels count twice, with the last float32 time before each.
+    A jump of a STEP channel gives two: its key and the last float32 time before it.
     """
     moving = moving_nodes(rig)
     keys = [np.zeros(0)]

@@ -1,4 +1,4 @@
-"""Contacts of a mesh with itself and with the other meshes of its file: vertices at which a gap opens if one moves."""
+"""Finds the vertices at which a mesh touches itself or another mesh of its file: a gap opens there if one moves."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,21 +14,15 @@ from wrinklecli.character.surface import Surface, Vertices, dense_influences, re
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
 
-# Meshes touch where vertices are this near, as a share of the bounding box's diagonal.
+# Greatest distance of vertices that touch, relative to the bounding box's diagonal.
 _CONTACT = 1e-6
-# Share of its coordinates by which a box may be off: rounding errors are far smaller.
+# Slack of boxes, relative to their coordinates: rounding errors are far smaller.
 _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
 class _Shown:
-    """A mesh as one node shows it.
-
-    Attributes:
-        rig: What moves it.
-        vertices: Of the mesh, as stored.
-        acting: (acting,) the joints that any vertex follows.
-    """
+    """A mesh as one node shows it; `acting` are the (acting,) joints that any vertex follows."""
 
     rig: Rig
     vertices: Vertices
@@ -47,10 +41,10 @@ class _Shown:
         return posed
 
     def box(self) -> Floats:
-        """(2, 3) least and greatest coordinates of what has all of it in the stored pose, world space.
+        """(2, 3) least and greatest coordinates, world space, of a box round all vertices in the stored pose.
 
-        Skin weights are shares, so each vertex lies among the places where its joints alone would take it, and these in
-        the boxes that the joints make of the box in bind space.
+        A vertex lies between the places to which each of its joints alone would take it, and these lie in the boxes to
+        which the joints take the box in bind space.
         """
         morphed = self.morphed()
         low, high = morphed.min(axis=0), morphed.max(axis=0)
@@ -61,18 +55,14 @@ class _Shown:
 
 
 class Neighbours:
-    """All meshes of a file in the stored pose, by the nodes that show them. They are read when they are asked for.
-
-    Args:
-        document: The file.
-    """
+    """All meshes of a file in the stored pose, by the nodes that show them, read on demand."""
 
     def __init__(self, document: Document) -> None:
         self._document = document
         self._nodes = np.array([i for i, node in enumerate(document.items("nodes")) if "mesh" in node], np.intp)
 
     def near(self, node: int, low: Floats, high: Floats) -> Iterator[Floats]:
-        """(vertices, 3) positions of each other node's mesh that may reach into a box, of (3,) bounds, world space.
+        """(vertices, 3) world positions of each other node's mesh that may reach into a box of (3,) bounds.
 
         Raises:
             AssetError: A mesh or a skin is malformed.
@@ -88,7 +78,7 @@ class Neighbours:
     @cached_property
     def _shown(self) -> list[_Shown]:
         hierarchy = read_hierarchy(self._document)
-        known: dict[tuple[int, ...], tuple[Vertices, Ints]] = {}  # of meshes that several nodes show
+        known: dict[tuple[int, ...], tuple[Vertices, Ints]] = {}  # several nodes may show one mesh
         shown = []
         for node in self._nodes.tolist():
             rig = read_rig(self._document, node, hierarchy)
@@ -106,7 +96,7 @@ class Neighbours:
 
 
 def contacts_of(neighbours: Neighbours, rig: Rig, surface: Surface, positions: Floats) -> Bools:
-    """Mark the vertices that must stay where they are, or a gap would open.
+    """Mark the vertices at which a gap would open if they moved.
 
     All vertices are compared, also those that nothing displaces: an edge along another mesh leaves it when it is split.
 
@@ -123,7 +113,7 @@ def contacts_of(neighbours: Neighbours, rig: Rig, surface: Surface, positions: F
         AssetError: Another mesh is malformed.
     """
     contacts = surface.twins.copy()
-    # The size in the world: bind space may be of quantised units.
+    # The reach depends on the size in world space, as bind space may have quantised units.
     low, high = positions.min(axis=0), positions.max(axis=0)
     reach = _CONTACT * float(np.linalg.norm(high - low))
     if reach > 0:
@@ -133,12 +123,9 @@ def contacts_of(neighbours: Neighbours, rig: Rig, surface: Surface, positions: F
 
 
 def _touching(positions: Floats, others: Floats, reach: float) -> Bools:
-    """(vertices,) whether one of (others, 3) lies within `reach` along each axis; up to twice as far it may count too.
+    """(vertices,) True if one of (others, 3) lies within `reach` along each axis, and perhaps if one is twice as far.
 
-    Args:
-        positions: (vertices, 3), of 2^20 times `reach` in extent at the most.
-        others: (others, 3).
-        reach: Side of the cells that both are sorted into.
+    Both are sorted into cells of this side; (vertices, 3) positions may extend over 2^20 cells.
     """
     low, high = positions.min(axis=0) - reach, positions.max(axis=0) + reach
     others = others[((others >= low) & (others <= high)).all(axis=1)]
@@ -155,5 +142,5 @@ def _touching(positions: Floats, others: Floats, reach: float) -> Bools:
 
 
 def _cell_numbers(cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(cells,) one number for each (x, y, z), of 20 bits and a sign each."""
+    """(cells,) one number for each (x, y, z), of 20 bits and a sign per coordinate."""
     return cells[:, 0] << 42 | (cells[:, 1] & 0x1FFFFF) << 21 | (cells[:, 2] & 0x1FFFFF)

@@ -1,4 +1,4 @@
-"""A document joined with clips that its file has not: they follow its own animations, in memory."""
+"""Adds clips to a document in memory, behind its own animations."""
 
 from collections.abc import Collection, Sequence
 from typing import Any
@@ -11,17 +11,12 @@ from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, affine_rows, determinants
 
-# Greatest part of a matrix's greatest number by which it may differ from what it was taken apart into.
+# Greatest difference, relative to a matrix's largest number, between it and the product of its decomposition.
 _SHEARED = 1e-6
 
 
 def with_clips(document: Document, clips: Sequence[Clip]) -> Document:
-    """The document with clips as further animations, in their order; where there are none, as it is.
-
-    Args:
-        document: As it was read, or after `with_free_nodes`.
-        clips: Of the document's nodes. Their indices do not matter.
-    """
+    """Append clips of the document's nodes as animations; the indices of the clips do not matter."""
     if not clips:
         return document
     edited = EditedDocument(document)
@@ -31,14 +26,14 @@ def with_clips(document: Document, clips: Sequence[Clip]) -> Document:
 
 
 def _animation(edited: EditedDocument, clip: Clip) -> Json:
-    """The JSON of a clip, whose data has been added; channels with the same key times share them."""
+    """Add the data of a clip and give its JSON; channels with the same key times share them."""
     samplers: list[Json] = []
     inputs: dict[bytes, int] = {}
     for channel in clip.channels:
         times = channel.times.astype(np.float32)
         if times.tobytes() not in inputs:
             inputs[times.tobytes()] = edited.add(times, bounds=True)
-        # Each weight is an element of its own.
+        # Each weight is a separate element.
         width = (-1,) if channel.path == "weights" else (-1, channel.values.shape[-1])
         values = edited.add(channel.values.astype(np.float32).reshape(width))
         samplers.append(
@@ -52,9 +47,9 @@ def _animation(edited: EditedDocument, clip: Clip) -> Json:
 
 
 def with_free_nodes(document: Document, nodes: Collection[int]) -> Document:
-    """The document with translation, rotation and scale of these nodes in the place of matrices: only so can they move.
+    """Replace matrices of nodes by translation, rotation and scale, which alone can be animated.
 
-    A matrix that shears has none of these (glTF 2.0 §3.5.3); its node stays as it is.
+    A matrix that shears has no such parts (glTF 2.0 §3.5.3); its node stays as it is.
     """
     freed = {}
     for index in nodes:
@@ -69,7 +64,7 @@ def with_free_nodes(document: Document, nodes: Collection[int]) -> Document:
 
 
 def _parts(matrix: Floats) -> dict[str, Any] | None:
-    """Translation, rotation and scale of a (4, 4) matrix; none where it shears or is singular."""
+    """Translation, rotation and scale of a (4, 4) matrix; None if it shears or is singular."""
     scale = np.sqrt(np.sum(matrix[:3, :3] ** 2, axis=0))
     if not scale.min() > 0:
         return None
@@ -83,7 +78,7 @@ def _parts(matrix: Floats) -> dict[str, Any] | None:
 
 
 def _quaternion(matrix: Floats) -> Floats:
-    """(4,) x, y, z and w of the rotation that a (3, 3) matrix is, if it is one.
+    """(4,) quaternion x, y, z and w of a (3, 3) rotation matrix.
 
     Source: S. W. Shepperd, Quaternion from Rotation Matrix, Journal of Guidance and Control 1(3), 1978.
     """

@@ -1,6 +1,6 @@
-"""Motions that no file has, as clips of a second: a joint that turns on as it is stored, a morph target that rises.
+"""Makes clips of one second that no file has: a joint that turns from its stored rotation, a morph target that rises.
 
-Not in the paper. They show how a character bends where it has no clips, or where these must have no say.
+Not in the paper. They show how a character bends if it has no clips, or if its clips must not matter.
 """
 
 from collections.abc import Iterable, Mapping
@@ -16,19 +16,15 @@ _FROM_START_TO_END = np.array([0.0, 1.0])
 
 
 def motion_clip(name: str, channels: Iterable[Channel], *, index: int = -1) -> Clip:
-    """A clip of a second; `index` is where its animation will be in a document, -1 where it gets into none."""
+    """Make a clip of one second; `index` is its animation's in a document, or -1 if it will be in none."""
     return Clip(index, name, tuple(replace(each, index=number) for number, each in enumerate(channels)), 0.0, 1.0)
 
 
 def turning(node: int, stored: Floats, axis: Floats, angle: float, times: Floats = _FROM_START_TO_END) -> Channel:
-    """The rotation of a node that turns further and further, on from the stored one.
+    """Make a channel that turns a node evenly from its (4,) stored unit rotation.
 
-    Args:
-        node: The node.
-        stored: (4,) its rotation, of unit length.
-        axis: (3,) unit, in the space of the node's parent.
-        angle: After a second, radians; below 180° from one key to the next.
-        times: (keys,) seconds.
+    The (3,) unit axis is in the space of the node's parent. The angle is reached after a second, in radians, with less
+    than 180° between two of the (keys,) times, seconds.
     """
     halves = times * angle / 2.0
     turns = np.concatenate([np.sin(halves)[:, None] * axis, np.cos(halves)[:, None]], axis=1)
@@ -36,7 +32,7 @@ def turning(node: int, stored: Floats, axis: Floats, angle: float, times: Floats
 
 
 def raising(rig: Rig, weights: Mapping[int, float], times: Floats = _FROM_START_TO_END) -> Channel:
-    """The weights of a rig's mesh, some of which, by their numbers, go from 0 to what they are after a second."""
+    """Make a channel that raises weights of a rig's mesh, given by index, from 0 in a second."""
     values = np.tile(rig.morph_weights, (len(times), 1))
     for number, weight in weights.items():
         values[:, number] = times * weight
@@ -44,21 +40,21 @@ def raising(rig: Rig, weights: Mapping[int, float], times: Floats = _FROM_START_
 
 
 def quaternion_product(turns: Floats, stored: Floats) -> Floats:
-    """(n, 4) quaternions (n, 4) times one (4,), x, y, z and w: first the one, then each turn."""
+    """(n, 4) products of (n, 4) quaternions, x, y, z and w, with a (4,) one, which acts first."""
     vectors, reals = turns[:, :3], turns[:, 3:]
     imaginary = reals * stored[:3] + stored[3] * vectors + np.stack(cross(vectors.T, stored[:3, None]), axis=1)
     return np.concatenate([imaginary, reals * stored[3] - vectors @ stored[:3, None]], axis=1)
 
 
 def turned_axis(rotation: Floats, axis: Floats) -> Floats:
-    """(3,) an axis of a node's own space in that of its parent, by the node's (4,) rotation."""
+    """(3,) an axis of a node with a (4,) rotation, in the space of its parent."""
     vector, real = rotation[:3], rotation[3]
     once = np.cross(vector, axis)
     return np.asarray(axis + 2.0 * (real * once + np.cross(vector, once)))
 
 
 def approach(clip: Clip, time: float, rig: Rig) -> Clip:
-    """A motion of a second from the stored pose to that of a clip at a time, under the clip's name."""
+    """Make a clip, of the same name, that moves in a second from the stored pose to that of a clip at a time."""
     at, channels = np.array([time]), []
     for channel in clip.channels:
         stored = rig.morph_weights if channel.path == "weights" else rig.locals[channel.node].get(channel.path)

@@ -1,4 +1,4 @@
-"""What moves an asset besides its own clips: clips of other files, a pose, the range of motion of its joints."""
+"""Adds motions to an asset: clips of other files, a pose, the range of motion of its joints."""
 
 import os
 from collections.abc import Collection, Mapping, Sequence
@@ -15,13 +15,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Motions:
-    """What is to move an asset besides its own clips.
+    """The motions to add to an asset.
 
     Attributes:
-        anims: Files with clips, for nodes of the same names.
-        range_of_motion: Turn its joints and raise its morph targets, one at a time. None: where it has no clips, and
-            no pose is given.
-        pose: Joints to turn, for one pose.
+        anims: Files with clips for nodes of the same names.
+        range_of_motion: Turn joints and raise morph targets, one at a time. None means only if there are no clips and
+            no pose.
+        pose: Joints to turn in one pose.
         morphs: Weights of morph targets in this pose.
     """
 
@@ -33,18 +33,18 @@ class Motions:
 
 @dataclass(frozen=True, slots=True)
 class Moved:
-    """An asset with what moves it.
+    """An asset with added motions.
 
     Attributes:
-        document: With all clips, its own first.
-        clips: All of them.
-        pose: The name of the clip that is the pose; None where none was asked for.
-        range: The names of the clips that are its range of motion.
-        telling: A few of these, that together show how it moves.
-        further: The names of all clips that the asset's file has not.
-        notes: What was made, and what of the anims was left out or renamed, a line each.
+        document: The asset with all clips, its own first.
+        clips: All clips.
+        pose: Name of the pose's clip, if any.
+        range: Names of the clips of the range of motion.
+        telling: A few of these, which together show how the asset moves.
+        further: Names of all added clips.
+        notes: Lines on motions that were made, and on parts of the anims that were left out or renamed.
         warnings: A line for each anim without clips.
-        beside: The files that the anims consist of, read or not: nothing may be written over them.
+        beside: All files that the anims consist of, which must not be overwritten.
     """
 
     document: Document
@@ -58,11 +58,11 @@ class Moved:
     beside: tuple[str, ...]
 
     def added(self, clips: Sequence[str] = ()) -> set[str]:
-        """The names of the clips that the asset's file has not, of these where some are named."""
+        """The names of the added clips, or of those among `clips` if there are any."""
         return {name for name in self.further if not clips or name in clips}
 
     def chosen(self, clips: Sequence[str]) -> Sequence[str]:
-        """The names of the clips to look at, where these were asked for: the pose, where there is one."""
+        """The names of the clips to look at: the pose if there is one, or else `clips`."""
         return clips if self.pose is None else (self.pose,)
 
 
@@ -73,13 +73,10 @@ def moved(
     *,
     driven: Mapping[int, Collection[str]] | None = None,
 ) -> Moved:
-    """Join an asset with what is to move it.
+    """Add motions to an asset.
 
-    Args:
-        document: As it was read.
-        nodes: Whose meshes are looked at.
-        motions: What is to move them.
-        driven: By node, names of morph targets that no range of motion raises, as tools drive them.
+    The range of motion covers the meshes of `nodes`, except morph targets that tools drive, whose names `driven` has by
+    node.
 
     Raises:
         AssetError: An anim, a mesh, a skin or the hierarchy is malformed; an anim has no joint of the asset, or the
@@ -92,7 +89,7 @@ def moved(
     warnings: tuple[str, ...] = ()
     beside: tuple[str, ...] = ()
     notes: list[str] = []
-    # Most bakes ask for none of what is imported below.
+    # Most bakes need none of the modules that are imported below.
     if motions.anims:
         from wrinklecli.character.anims import read_anims
         from wrinklecli.character.joined import with_clips, with_free_nodes

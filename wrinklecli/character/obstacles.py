@@ -1,4 +1,4 @@
-"""Obstacles: the other meshes of a scene, which move with their own skin and may touch what is wrinkled."""
+"""Obstacles: the other meshes of a scene, which move with their own skins and may touch the wrinkled one."""
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
@@ -19,7 +19,6 @@ class Obstacle:
     """A mesh as a node shows it.
 
     Attributes:
-        rig: What moves it.
         weights: (vertices, joints) skin weights.
         positions: (vertices, 3) bind space.
         morph_deltas: (morph targets, vertices, 3).
@@ -33,17 +32,17 @@ class Obstacle:
     triangles: Ints
 
     def posed(self, clip: Clip | None, times: Floats) -> tuple[Floats, Floats]:
-        """How it lies at (frames,) seconds of a clip; none for the stored pose.
+        """Pose the mesh at (frames,) seconds of a clip, or without a clip in the stored pose.
 
         Returns:
-            (frames, vertices, 3) world space, and (frames, vertices, 3, 3) what turns bind space there.
+            (frames, vertices, 3) world positions, and (frames, vertices, 3, 3) matrices from bind space.
         """
         blended = blend(self.weights, joint_matrices(self.rig, clip, times))
         bind = self.positions + np.tensordot(morph_weights(self.rig, clip, times), self.morph_deltas, axes=1)
         return transform(blended, bind), blended[..., :3]
 
     def part(self, chosen: Bools) -> "Obstacle":
-        """Of (triangles,) those chosen, with their vertices."""
+        """The chosen (triangles,) with their vertices."""
         vertices, local = np.unique(self.triangles[chosen], return_inverse=True)
         return replace(
             self,
@@ -55,7 +54,7 @@ class Obstacle:
 
 
 def read_obstacles(document: Document, node: int, ignored: Collection[str] = ()) -> tuple[Obstacle, ...]:
-    """Every mesh of the default scene but that of a node, and but those of nodes that are named.
+    """Read every mesh of the default scene except those of one node and of the nodes named in `ignored`.
 
     Raises:
         AssetError: A mesh, a skin or the hierarchy is malformed.

@@ -1,4 +1,4 @@
-"""Poses of a mesh over time: world matrices of nodes and joints, morph weights, linear blend skinning.
+"""Poses meshes over time: world matrices of nodes and joints, morph weights, linear blend skinning.
 
 Source: glTF 2.0 specification, §3.5 (nodes), §3.7.3 (skins).
 """
@@ -12,7 +12,7 @@ from wrinklecli.character.clip import Channel, Clip, sample
 from wrinklecli.character.rig import TRANSFORM_DEFAULTS, Hierarchy, Rig
 from wrinklecli.numeric.arrays import Floats, Ints, affine_rows, unit_quaternions
 
-# Least scale of a node or an anchor against rest: below it a character is hidden, and distances on it say nothing.
+# Least scale of a node or an anchor relative to rest. Below it a character is hidden, and distances are meaningless.
 LEAST_SCALE = 1e-6
 
 
@@ -36,16 +36,9 @@ def pose_at(rig: Rig, clip: Clip, time: float) -> Pose:
 
 
 def joint_matrices(rig: Rig, clip: Clip | None, times: Floats, joints: Ints | None = None) -> Floats:
-    """Matrices that take bind positions to world space.
+    """(frames, joints, 4, 4) matrices from bind to world space at (frames,) seconds of a clip.
 
-    Args:
-        rig: Of the mesh.
-        clip: The animation; none for the stored pose.
-        times: (frames,) seconds; before the first and after the last key a channel holds.
-        joints: Which of the rig's joints; all where left out.
-
-    Returns:
-        (frames, joints, 4, 4).
+    Without a clip, the mesh is in the stored pose. `joints` are indices into the rig's; by default all.
 
     Source: glTF 2.0 §3.7.3.1; a skinned node's own transform is ignored (§3.7.3.3).
     """
@@ -55,9 +48,9 @@ def joint_matrices(rig: Rig, clip: Clip | None, times: Floats, joints: Ints | No
     return matrices
 
 
-def node_matrices(rig: Rig, clip: Clip | None, times: Floats, nodes: Iterable[int]) -> Floats:
+def node_matrices(hierarchy: Hierarchy, clip: Clip | None, times: Floats, nodes: Iterable[int]) -> Floats:
     """(frames, nodes, 4, 4) world matrices of nodes; only their ancestors are evaluated."""
-    found = node_rows(rig, clip, times, nodes)
+    found = node_rows(hierarchy, clip, times, nodes)
     matrices = np.zeros((len(times), len(found), 4, 4))
     for index, rows in enumerate(found):
         matrices[:, index, :3] = rows.transpose(2, 0, 1)
@@ -66,30 +59,14 @@ def node_matrices(rig: Rig, clip: Clip | None, times: Floats, nodes: Iterable[in
 
 
 def stored_positions(hierarchy: Hierarchy, nodes: Sequence[int]) -> Floats:
-    """(nodes, 3) where nodes are in the stored pose, world space."""
-    rig = Rig(
-        node=-1,
-        mesh=-1,
-        skinned=False,
-        joints=np.array(nodes, np.intp),
-        inverse_binds=np.tile(np.eye(4), (len(nodes), 1, 1)),
-        parents=hierarchy.parents,
-        locals=hierarchy.locals,
-        rows=hierarchy.rows,
-        names=hierarchy.names,
-        morph_names=(),
-        morph_weights=np.zeros(0),
-    )
-    return node_matrices(rig, None, np.zeros(1), nodes)[0, :, :3, 3]
+    """(nodes, 3) world positions of nodes in the stored pose."""
+    return node_matrices(hierarchy, None, np.zeros(1), nodes)[0, :, :3, 3]
 
 
-def node_rows(rig: Rig, clip: Clip | None, times: Floats, nodes: Iterable[int]) -> list[Floats]:
-    """The first three rows of nodes' world matrices over time; only their ancestors are evaluated.
+def node_rows(hierarchy: Hierarchy, clip: Clip | None, times: Floats, nodes: Iterable[int]) -> list[Floats]:
+    """(3, 4, frames) upper rows of each node's world matrices, or (3, 4, 1) if nothing moves the node.
 
-    Products of 4×4 matrices one by one take five times as long as these, which run along time.
-
-    Returns:
-        For each node (3, 4, frames), or (3, 4, 1) where nothing moves it.
+    Only ancestors are evaluated. Products of 4×4 matrices take five times as long as these, which run along time.
     """
     known: dict[int, Floats] = {}
     channels = clip.by_target if clip else {}
@@ -98,10 +75,10 @@ def node_rows(rig: Rig, clip: Clip | None, times: Floats, nodes: Iterable[int]) 
         chain = []
         while node >= 0 and node not in known:
             chain.append(node)
-            node = int(rig.parents[node])
+            node = int(hierarchy.parents[node])
         matrix = known.get(node)
         for each in reversed(chain):
-            local = _local_rows(rig, channels, times, each)
+            local = _local_rows(hierarchy, channels, times, each)
             matrix = local if matrix is None else _composed(matrix, local)
             known[each] = matrix
         assert matrix is not None
@@ -111,7 +88,7 @@ def node_rows(rig: Rig, clip: Clip | None, times: Floats, nodes: Iterable[int]) 
 
 
 def _composed(outer: Floats, inner: Floats) -> Floats:
-    """(3, 4, frames) product of affine matrices."""
+    """(3, 4, frames) products of affine matrices."""
     product: Floats = outer[:, 0, None] * inner[0]
     product = product + outer[:, 1, None] * inner[1]
     product += outer[:, 2, None] * inner[2]
@@ -119,12 +96,12 @@ def _composed(outer: Floats, inner: Floats) -> Floats:
     return product
 
 
-def _local_rows(rig: Rig, channels: dict[tuple[int, str], Channel], times: Floats, node: int) -> Floats:
-    """(3, 4, frames), or (3, 4, 1) where no channel, by node and path, moves the node."""
-    stored = rig.locals[node]
+def _local_rows(hierarchy: Hierarchy, channels: dict[tuple[int, str], Channel], times: Floats, node: int) -> Floats:
+    """(3, 4, frames) upper rows of a node's local matrices, or (3, 4, 1) if no channel, by node and path, moves it."""
+    stored = hierarchy.locals[node]
     moved = [path for path in TRANSFORM_DEFAULTS if (node, path) in channels and path in stored]
     if not moved:
-        return rig.rows[:, :, node, None]
+        return hierarchy.rows[:, :, node, None]
     parts = {path: value[:, None] for path, value in stored.items()}
     parts["rotation"] = unit_quaternions(stored["rotation"])[:, None]
     return affine_rows(
@@ -133,7 +110,7 @@ def _local_rows(rig: Rig, channels: dict[tuple[int, str], Channel], times: Float
 
 
 def morph_weights(rig: Rig, clip: Clip | None, times: Floats) -> Floats:
-    """(frames, morph targets) weights: those of the clip's channel, else the stored ones."""
+    """(frames, morph targets) weights of the clip's channel, or else the stored ones."""
     channel = clip.channel(rig.node, "weights") if clip else None
     if channel is None:
         return np.tile(rig.morph_weights, (len(times), 1))
@@ -141,15 +118,7 @@ def morph_weights(rig: Rig, clip: Clip | None, times: Floats) -> Floats:
 
 
 def blend(weights: Floats, matrices: Floats) -> Floats:
-    """Blended matrices of linear blend skinning.
-
-    Args:
-        weights: (vertices, joints), rows summing to 1.
-        matrices: (frames, joints, 4, 4) bind to world.
-
-    Returns:
-        (frames, vertices, 3, 4).
-    """
+    """(frames, vertices, 3, 4) sums of (frames, joints, 4, 4) matrices by (vertices, joints) skin weights."""
     frames, joints = matrices.shape[:2]
     rows = matrices[:, :, :3, :].reshape(frames, joints, 12)
     blended: Floats = np.matmul(weights, rows)
@@ -157,14 +126,9 @@ def blend(weights: Floats, matrices: Floats) -> Floats:
 
 
 def transform(blended: Floats, positions: Floats) -> Floats:
-    """Move bind positions by blended matrices.
+    """(frames, vertices, 3) world positions of bind ones, by (frames, vertices, 3, 4) blended matrices.
 
-    Args:
-        blended: (frames, vertices, 3, 4).
-        positions: (vertices, 3), or (frames, vertices, 3) where morph targets act, bind space.
-
-    Returns:
-        (frames, vertices, 3) world space, scene units.
+    The bind positions are (vertices, 3), or (frames, vertices, 3) if morph targets act.
     """
     turned: Floats = (
         np.einsum("fvab,...vb->fva", blended[..., :3], positions)

@@ -1,4 +1,4 @@
-"""One pose, said in words: joints turned by degrees about their own axes, and weights of morph targets, by name."""
+"""Makes a pose of named joints turned by degrees about their own axes, and of named morph targets with weights."""
 
 from collections.abc import Mapping, Sequence
 
@@ -14,29 +14,26 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, unit_quaternions
 
 JointTurn = tuple[str, str, float]
-"""The name of a joint, its own axis x, y or z, and degrees."""
+"""A joint's name, its own axis x, y or z, and degrees."""
 MorphWeight = tuple[str, float]
-"""The name of a morph target, of whatever meshes have it, and its weight."""
+"""A morph target's name, in all meshes that have it, and its weight."""
 
 
 def with_pose(document: Document, turns: Sequence[JointTurn], weights: Sequence[MorphWeight]) -> Document:
-    """The document with a pose as a further clip, of one key.
+    """Add a pose to a document as a clip of one key.
 
-    Args:
-        document: As it was read.
-        turns: From the stored pose; those of one joint one after another.
-        weights: Other morph targets are as stored.
+    Turns start at the stored pose; several turns of a joint follow one another. Other morph targets stay as stored.
 
     Raises:
         AssetError: There is no joint or morph target of a name, or a joint is stored as a matrix that shears.
-        ValueError: An axis is none, or a number is not finite or out of range.
+        ValueError: An axis is unknown, or a number is not finite or out of range.
     """
     document = with_free_nodes(document, [_joint(document, name) for name, _, _ in turns])
     return with_clips(document, [pose_clip(document, turns, weights)])
 
 
 def pose_clip(document: Document, turns: Sequence[JointTurn], weights: Sequence[MorphWeight]) -> Clip:
-    """A pose as a clip of one key, which no file has; as `with_pose`, but no joint that is stored as a matrix turns."""
+    """Make the clip that `with_pose` adds, but turn no joint that is stored as a matrix."""
     if any(axis not in ("x", "y", "z") for _, axis, _ in turns):
         raise ValueError("axes of joints are x, y and z")
     if not all(abs(number) <= LARGEST for number in [*(each[2] for each in turns), *(each[1] for each in weights)]):
@@ -47,7 +44,7 @@ def pose_clip(document: Document, turns: Sequence[JointTurn], weights: Sequence[
 
 
 def posable(document: Document) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """The names of all joints that `pose_clip` turns, and of all morph targets."""
+    """The names of all joints that `pose_clip` can turn, and of all morph targets."""
     stored = read_hierarchy(document).locals
     joints = [name for name, joint in _joints(document).items() if name and "rotation" in stored[joint]]
     morphs = dict.fromkeys(name for rig in _rigs(document) for name in rig.morph_names)
@@ -55,7 +52,7 @@ def posable(document: Document) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def _joint(document: Document, name: str) -> int:
-    """The joint of a name; any other node of the name where none is a joint."""
+    """The joint of a name, or any other node of the name if there is no such joint."""
     known = _joints(document)
     found = known.get(name, NamedNodes.of(document.items("nodes")).joints.get(name) if name else None)
     if found is None:
@@ -75,13 +72,13 @@ def _joints(document: Document) -> dict[str, int]:
 
 
 def _rigs(document: Document) -> list[Rig]:
-    """What moves all meshes."""
+    """The rigs of all meshes."""
     hierarchy = read_hierarchy(document)
     return [read_rig(document, node, hierarchy) for node, each in enumerate(document.items("nodes")) if "mesh" in each]
 
 
 def _turned(document: Document, turns: Sequence[JointTurn]) -> list[Channel]:
-    """The rotations of joints that turn."""
+    """Make the channels of joints that turn."""
     hierarchy = read_hierarchy(document)
     rotations: dict[int, Floats] = {}
     for name, axis, degrees in turns:
@@ -96,7 +93,7 @@ def _turned(document: Document, turns: Sequence[JointTurn]) -> list[Channel]:
 
 
 def _raised(document: Document, weights: Mapping[str, float]) -> list[Channel]:
-    """The weights of all meshes that have one of some morph targets."""
+    """Make the channels of all meshes that have one of the morph targets."""
     rigs = _rigs(document)
     known = dict.fromkeys(name for rig in rigs for name in rig.morph_names)
     for name in weights:

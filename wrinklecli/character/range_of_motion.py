@@ -1,6 +1,6 @@
-"""Range of motion: each joint of a character turned about its axes, each morph target raised, one at a time.
+"""Range of motion: each joint of a character turns about its axes, each morph target rises, one at a time.
 
-So riggers see how a character deforms; and it shows where one folds that has no clips.
+Riggers see so how a character deforms, and `suggest` where a character without clips folds.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -17,27 +17,38 @@ from wrinklecli.errors import counted
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, unit, unit_quaternions
 
-# Degrees that a joint bends to either side; those of the trunk and the jaw about as far as Unity lets its humanoids
-# bend. What else hangs on the head are muscles, often with a pivot behind the eyes: 8° move skin by a centimetre.
-_BEND, _TRUNK_BEND, _JAW_BEND, _FACE_BEND = 90.0, 45.0, 20.0, 8.0
+# Degrees by which a limb's joint bends to either side,
+_BEND = 90.0
+# a joint of the trunk, about as far as Unity lets its humanoids bend,
+_TRUNK_BEND = 45.0
+# the jaw and the eyes, likewise,
+_JAW_BEND = 20.0
+# and other joints of a face, which are muscles, often with a pivot behind the eyes: 8° move skin by a centimetre.
+_FACE_BEND = 8.0
 _TRUNK: tuple[Part, ...] = ("hips", "spine", "chest", "neck", "head", "shoulder", "palm")
-# Degrees at most that a joint turns about its own bone, as a forearm does: linear blend skinning wrings a limb that is
+# Most degrees by which a joint turns about its own bone, as a forearm does: linear blend skinning wrings a limb that is
 # twisted further.
 _TWIST = 45.0
-# Degrees that clips turn a joint before they tell how far it goes: an idle character breathes by less.
+# Clips show a joint's range if they turn it by this many degrees: an idle character breathes by less.
 _TELLING = 30.0
-# Degrees of a motion at least, and at most: a knee or an elbow.
-_LEAST_TURN, _MOST_TURN = 5.0, 150.0
-# Cosine of an axis and a bone above which a turn about the one twists the other: 30°.
+# Least degrees of a motion.
+_LEAST_TURN = 5.0
+# Most degrees of a motion: a knee or an elbow.
+_MOST_TURN = 150.0
+# Cosine between an axis and a bone above which a turn about the axis twists the bone: 30°.
 _ALONG = 0.87
-# Of joints' directions, which say where a bone points: length of their sum over the sum of their lengths.
+# A bone's direction is clear if the sum of the offsets of the joints below is this long, relative to their lengths.
 _LEAST_AGREED = 0.5
-# Part of the largest area below which nobody sees what a joint bends: some square millimetres of a person.
+# A joint counts if it bends this fraction of the largest area: some square millimetres of a person.
 _LEAST_BENT = 1e-5
-# Motions that show how a character moves, and how many of these are morph targets where it has joints too.
-_TELLING_MOTIONS, _TELLING_MORPHS = 6, 2
-# At most: a person with all fingers has 60 joints, a face of ARKit 52 morph targets.
-_MOST_JOINTS, _MOST_MORPHS = 100, 200
+# Number of motions that show how a character moves,
+_TELLING_MOTIONS = 6
+# and of morph targets among them if there are joints, too.
+_TELLING_MORPHS = 2
+# Most joints that move: a person with all fingers has 60.
+_MOST_JOINTS = 100
+# Most morph targets that rise: a face of ARKit has 52.
+_MOST_MORPHS = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +56,9 @@ class RangeOfMotion:
     """The motions of a character.
 
     Attributes:
-        clips: Each of a second, from the stored pose to its end; the name says what it is.
-        telling: Names of a few, of joints that bend most of it and of morph targets, that together show how it moves.
-        summary: How many motions, of how many joints and morph targets, and how many are left out.
+        clips: Clips of a second, from the stored pose on, named for their motions.
+        telling: Names of a few clips, of the joints that bend most and of morph targets, which show how it moves.
+        summary: The numbers of motions, joints and morph targets, and of those that are left out.
     """
 
     clips: tuple[Clip, ...]
@@ -62,18 +73,13 @@ def range_of_motion(
     *,
     driven: Mapping[int, Collection[str]] | None = None,
 ) -> RangeOfMotion:
-    """Turn the joints that bend some meshes about their own axes, both ways, and raise the meshes' morph targets.
+    """Turn the joints of some nodes' meshes about their own axes, both ways, and raise the meshes' morph targets.
 
-    A joint that the clips turn by 30° or more goes as far as they do, each way. Others bend by 90° and twist by 45°;
-    those of the trunk bend by 45°, jaw and eyes by 20°, and others of a face by 8°.
-    Left out are joints that bend nothing, as they carry all of a mesh, or a part that hangs on nothing else; those that
-    are stored as a matrix; and, of more than 100, those that bend the least area.
-
-    Args:
-        document: The asset.
-        nodes: With the meshes that are looked at, at least one.
-        clips: All of the document.
-        driven: By node, names of morph targets that are not raised.
+    A joint that the document's clips turn by 30° or more goes as far as in the clips. Other joints bend by 90° and
+    twist by 45°; those of the trunk bend by 45°, jaw and eyes by 20°, and others of a face by 8°. Joints are left out
+    if they bend nothing, since they move a whole mesh or a separate part of one, or if they are stored as a matrix; if
+    there are more than 100 others, those that bend the least area. Morph targets named in `driven`, by node, are left
+    out, too.
 
     Raises:
         AssetError: A mesh, a skin or the hierarchy is malformed.
@@ -104,7 +110,7 @@ def range_of_motion(
 
 
 def _telling(clips: Sequence[Clip], areas: Floats) -> tuple[str, ...]:
-    """The names of a few of the motions; `areas` are the (nodes,) that bend."""
+    """Choose the names of a few motions, by the (nodes,) areas that the nodes bend."""
     widest: dict[int, Clip] = {}
     morphs = []
     for clip in clips:
@@ -121,13 +127,13 @@ def _telling(clips: Sequence[Clip], areas: Floats) -> tuple[str, ...]:
 
 
 def _angle(clip: Clip) -> float:
-    """Radians by which a joint turns from its first key to its last."""
+    """Radians by which a joint turns from the first key to the last."""
     values = clip.channels[0].values
     return float(2.0 * np.arccos(min(abs(float(values[0] @ values[-1])), 1.0)))
 
 
 def _named(made: Sequence[tuple[str, Sequence[Channel]]], taken: set[str], first: int) -> Iterator[Clip]:
-    """Clips that follow a document's in number, those of a name that is taken told apart as `read_clips` does."""
+    """Make clips with indices from `first` on; a name that is taken gets an index behind it, as in `read_clips`."""
     names = set(taken)
     for index, (name, channels) in enumerate(made, first):
         name = f"{name}#{index}" if name in names else name
@@ -138,7 +144,7 @@ def _named(made: Sequence[tuple[str, Sequence[Channel]]], taken: set[str], first
 def _turns(
     rig: Rig, node: int, bones: Bones, clips: Sequence[Clip], carrying: Bools
 ) -> Iterator[tuple[str, list[Channel]]]:
-    """The turns of a joint about its axes, each way; `carrying` are the (nodes,) that move something."""
+    """Make the turns of a joint about its axes, each way; `carrying` flags the (nodes,) that move something."""
     stored = unit_quaternions(rig.locals[node]["rotation"])
     bone = _bone(rig, node, carrying)
     shown, bend = _shown_turns(node, stored, clips), _usual_bend(rig, node, bones)
@@ -154,7 +160,7 @@ def _turns(
 
 
 def _usual_bend(rig: Rig, node: int, bones: Bones) -> float:
-    """Degrees that a joint bends to either side, by the part of the body that it is and those above."""
+    """Degrees by which a joint bends to either side, depending on its part of the body and the parts above."""
     part, above = bones.parts[node], int(rig.parents[node])
     while above >= 0:
         if bones.parts[above] == "head":
@@ -164,13 +170,13 @@ def _usual_bend(rig: Rig, node: int, bones: Bones) -> float:
 
 
 def _shown_turns(node: int, stored: Floats, clips: Sequence[Clip]) -> Floats:
-    """(3, 2) degrees that keys of clips turn a node about each of its own axes, from its stored rotation, each way."""
+    """(3, 2) least and greatest degrees by which keys turn a node about its own axes, from its stored rotation."""
     extents = np.zeros((3, 2))
     for clip in clips:
         channel = clip.channel(node, "rotation")
         if channel is not None:
             keys = unit_quaternions(channel.points.T).T
-            # The inverse of the turn that leads from the stored rotation to a key's, in the node's own space.
+            # `back` is the inverse of the turn from the stored rotation to a key's, in the node's own space.
             back = quaternion_product(keys * [-1.0, -1.0, -1.0, 1.0], stored)
             turns = np.degrees(2.0 * np.arctan2(-back[:, :3], back[:, 3:]))
             turns -= 360.0 * np.round(turns / 360.0)
@@ -180,7 +186,7 @@ def _shown_turns(node: int, stored: Floats, clips: Sequence[Clip]) -> Floats:
 
 
 def _bone(rig: Rig, node: int, carrying: Bools) -> Floats:
-    """(3,) unit, where a joint's bone points in its own space: to the joints below, or on from above; 0 if unclear."""
+    """(3,) unit direction of a joint's bone, to the joints below or from the parent, in its space; 0 if unclear."""
     below = np.flatnonzero((rig.parents == node) & carrying)
     offsets = rig.rows[:, 3, below].T
     if not len(below):
@@ -194,7 +200,7 @@ def _bone(rig: Rig, node: int, carrying: Bools) -> Floats:
 def _morph_targets(
     document: Document, rigs: Sequence[Rig], driven: Mapping[int, Collection[str]]
 ) -> dict[str, list[tuple[Rig, list[int]]]]:
-    """By name, the meshes with morph targets of that name that move something, and the numbers of these."""
+    """Find, by name, the rigs with morph targets that move something, and the indices of these targets."""
     found: dict[str, list[tuple[Rig, list[int]]]] = {}
     moving: dict[int, set[int]] = {}
     for rig in rigs:
@@ -210,7 +216,7 @@ def _morph_targets(
 
 
 def _moving_targets(document: Document, mesh: int) -> Iterator[int]:
-    """The numbers of a mesh's morph targets that move a vertex."""
+    """Give the indices of a mesh's morph targets that move a vertex."""
     for primitive in document.items("meshes")[mesh].get("primitives", []):
         for number, target in enumerate(primitive.get("targets", [])):
             if "POSITION" in target and len(document.changes(target["POSITION"])[0]):

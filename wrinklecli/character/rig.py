@@ -1,6 +1,6 @@
-"""The rig that moves a mesh, as it is stored: hierarchy of nodes, joints, inverse binds, morph weights.
+"""Reads the rig of a mesh as it is stored: hierarchy of nodes, joints, inverse binds, morph weights.
 
-An unskinned mesh is treated as skinned to its own node with weight 1, so that all later stages know one case.
+An unskinned mesh counts as skinned to its own node with weight 1, so that all later stages know one case.
 
 Source: glTF 2.0 specification, §3.5 (nodes), §3.7.3 (skins).
 """
@@ -15,30 +15,42 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints, affine_rows, unit_quaternions
 
-# Nodes one below the other, and joints of a skin: time and memory grow with them, and nothing real has as many.
+# Most levels of a hierarchy and most joints of a skin: time and memory grow with them, and no real asset has as many.
 _MOST_LEVELS = 4096
 _MOST_JOINTS = 4096
-# Greatest number of a transform: no real one comes near, and products of a dozen of these are still finite.
+# Greatest number of a transform: no real one comes near, and products of a dozen such numbers are still finite.
 LARGEST = 1e15
 TRANSFORM_DEFAULTS = {"translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scale": (1.0, 1.0, 1.0)}
 
 
 @dataclass(frozen=True, slots=True)
-class Rig:
-    """What moves the mesh of one node.
+class Hierarchy:
+    """All nodes of a document.
+
+    Attributes:
+        parents: (nodes,) each node's parent, -1 for roots.
+        locals: Stored translation, rotation (x, y, z, w) and scale of each node, or its stored 4×4 matrix.
+        rows: (3, 4, nodes) upper rows of the stored local matrices.
+        names: One for each node.
+    """
+
+    parents: Ints
+    locals: tuple[dict[str, Floats], ...]
+    rows: Floats
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Rig(Hierarchy):
+    """The joints and morph targets that move the mesh of one node.
 
     Attributes:
         node: The node that has the mesh.
-        mesh: Its mesh.
-        skinned: Whether the node has a skin.
-        joints: (joints,) nodes; the mesh's own node where there is no skin.
+        skinned: True if the node has a skin.
+        joints: (joints,) nodes; the mesh's own node if there is no skin.
         inverse_binds: (joints, 4, 4) bind space to joint space.
-        parents: (nodes,) each node's parent, -1 for roots.
-        locals: Per node: stored translation, rotation (x, y, z, w) and scale, or the stored 4×4 matrix.
-        rows: (3, 4, nodes) of the stored poses' local matrices.
-        names: Per node.
-        morph_names: Per morph target, from the mesh's `extras.targetNames`.
-        morph_weights: (morph targets,) stored weights, those of the node before those of the mesh.
+        morph_names: One for each morph target, from the mesh's `extras.targetNames`.
+        morph_weights: (morph targets,) stored weights of the node, or else of the mesh.
     """
 
     node: int
@@ -46,33 +58,12 @@ class Rig:
     skinned: bool
     joints: Ints
     inverse_binds: Floats
-    parents: Ints
-    locals: tuple[dict[str, Floats], ...]
-    rows: Floats
-    names: tuple[str, ...]
     morph_names: tuple[str, ...]
     morph_weights: Floats
 
 
-@dataclass(frozen=True, slots=True)
-class Hierarchy:
-    """All nodes of a document, which the rigs of its meshes share.
-
-    Attributes:
-        parents: As of `Rig`.
-        locals: As of `Rig`.
-        rows: As of `Rig`.
-        names: As of `Rig`.
-    """
-
-    parents: Ints
-    locals: tuple[dict[str, Floats], ...]
-    rows: Floats
-    names: tuple[str, ...]
-
-
 def read_hierarchy(document: Document) -> Hierarchy:
-    """The nodes with their stored pose.
+    """Read the nodes with their stored pose.
 
     Raises:
         AssetError: The hierarchy has a cycle, or nodes are malformed.
@@ -89,12 +80,7 @@ def read_hierarchy(document: Document) -> Hierarchy:
 
 
 def read_rig(document: Document, node: int, hierarchy: Hierarchy | None = None) -> Rig:
-    """The joints, hierarchy and stored pose that move the mesh of a node.
-
-    Args:
-        document: The asset.
-        node: With a mesh.
-        hierarchy: Of the document, where the rigs of several nodes are read.
+    """Read the rig of a node with a mesh; `hierarchy` is the document's, if it has been read already.
 
     Raises:
         AssetError: The hierarchy has a cycle, or skin or nodes are malformed.
@@ -126,11 +112,7 @@ def read_rig(document: Document, node: int, hierarchy: Hierarchy | None = None) 
 
 
 def read_parents(document: Document) -> Ints:
-    """(nodes,) the parent of each node, -1 of roots.
-
-    Raises:
-        AssetError: A node is its own ancestor, or lies too deep.
-    """
+    """(nodes,) the parent of each node, -1 for roots; AssetError if a node is its own ancestor or lies too deep."""
     nodes = document.items("nodes")
     parents = np.full(len(nodes), -1, np.intp)
     for index, each in enumerate(nodes):
@@ -141,7 +123,7 @@ def read_parents(document: Document) -> Ints:
 
 
 def morph_target_names(mesh: Json) -> list[str]:
-    """A name for each morph target of a mesh: that of `extras.targetNames`, else `target_0` by index."""
+    """A name for each morph target of a mesh: from `extras.targetNames`, or else `target_0` by index."""
     extras = mesh.get("extras")
     names = extras.get("targetNames") if isinstance(extras, dict) else None
     names = names if isinstance(names, list) else []
@@ -151,7 +133,7 @@ def morph_target_names(mesh: Json) -> list[str]:
 
 def _refuse_cycles(parents: Ints, document: Document) -> None:
     above, depths = parents.copy(), (parents >= 0).astype(np.intp)
-    # Each round doubles the generations that are looked up: a chain of 100,000 nodes takes 17.
+    # Each round doubles the generations that are looked up: a chain of 100,000 nodes takes 17 rounds.
     for _ in range(len(parents).bit_length()):
         depths = depths + np.where(above >= 0, depths[above], 0)
         above = np.where(above >= 0, above[above], -1)
@@ -187,7 +169,7 @@ def _read_skin(document: Document, index: int) -> tuple[Ints, Floats]:
 
 
 def in_range(values: Floats) -> bool:
-    """Whether all numbers are finite and no larger than `LARGEST`."""
+    """True if all numbers are finite and no larger than `LARGEST`."""
     with np.errstate(invalid="ignore"):
         return bool((np.abs(values) <= LARGEST).all())
 
@@ -202,7 +184,7 @@ def _stored_local(node: Json) -> dict[str, Floats]:
 
 
 def _stored_rows(local: Sequence[dict[str, Floats]]) -> Floats:
-    """(3, 4, nodes) of the nodes' local matrices."""
+    """(3, 4, nodes) upper rows of the nodes' local matrices."""
     rows = np.zeros((3, 4, len(local)))
     free = [index for index, parts in enumerate(local) if "matrix" not in parts]
     if free:
@@ -217,11 +199,9 @@ def _stored_rows(local: Sequence[dict[str, Floats]]) -> Floats:
 
 
 def moving_nodes(rig: Rig, joints: Iterable[int] | None = None) -> frozenset[int]:
-    """The nodes whose channels can move a mesh: its joints, or some of them, with their ancestors, and the node itself.
+    """The nodes whose channels can move a mesh: its node, its joints and their ancestors.
 
-    Args:
-        rig: Of the mesh.
-        joints: Into the rig's joints; all where left out.
+    `joints` are indices into the rig's joints; by default all.
     """
     nodes: set[int] = {rig.node}
     for joint in range(len(rig.joints)) if joints is None else joints:

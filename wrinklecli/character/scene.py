@@ -1,7 +1,7 @@
-"""All that a scene shows, posed as an engine would: what `preview`, `diff` and `suggest` look at.
+"""Reads all primitives of a scene and poses them as an engine would, for `preview`, `diff` and `suggest`.
 
-Where the stages of a bake know one mesh as a welded surface, here every primitive of every node is as the file stores
-it: its own vertices, its own normals, its own skin weights.
+A bake welds one mesh to a surface. Here every primitive of every node is as the file stores it, with its own vertices,
+normals and skin weights.
 
 Source: glTF 2.0 §3.5 (scenes), §3.7.2.2 (morph targets), §3.7.3.3 (skinned meshes).
 """
@@ -28,13 +28,13 @@ class ScenePrimitive:
     """One primitive as one node shows it.
 
     Attributes:
-        rig: What moves it; an unskinned mesh hangs on its own node with weight 1.
-        primitive: Its number in the mesh.
-        where: Its JSON pointer.
-        vertices: As stored, bind space.
-        triangles: (triangles, 3) its vertices; none for points and lines.
-        skin: Its vertices, ready to be posed.
-        colour: (3,) base colour factor of its material, linear RGB.
+        rig: An unskinned mesh follows its own node with weight 1.
+        primitive: Index in the mesh.
+        where: JSON pointer.
+        vertices: Stored vertices, bind space.
+        triangles: (triangles, 3) vertices; none for points and lines.
+        skin: The vertices, ready to be posed.
+        colour: (3,) base colour factor of the material, linear RGB.
     """
 
     rig: Rig
@@ -52,7 +52,7 @@ class ScenePrimitive:
 
     @property
     def seen(self) -> Ints:
-        """The vertices that are seen, rising: those of triangles, or all of points and lines."""
+        """Sorted visible vertices: those of triangles, or all of points and lines."""
         return distinct_values(self.triangles) if len(self.triangles) else np.arange(len(self.vertices.positions))
 
 
@@ -62,9 +62,9 @@ class PosedPrimitive:
 
     Attributes:
         positions: (frames, vertices, 3).
-        normals: (frames, vertices, 3) unit; None where the file has none, which means flat shading.
-        mirrored: (frames,) whether the node mirrors an unskinned mesh, so that its triangles wind the other way.
-        hidden: (frames,) whether the node of an unskinned mesh is scaled to 0: so files with a mesh a frame hide one.
+        normals: (frames, vertices, 3) unit; None if the file has none, which means flat shading.
+        mirrored: (frames,) True if the node mirrors an unskinned mesh, so that its triangles wind the other way.
+        hidden: (frames,) True if the node of an unskinned mesh is scaled to 0, as files with a mesh per frame do.
     """
 
     positions: Floats
@@ -74,7 +74,7 @@ class PosedPrimitive:
 
 
 def scene_nodes(document: Document) -> list[int]:
-    """The nodes of the default scene, ascending; all of them where the file has no scene."""
+    """Sorted nodes of the default scene; all nodes if the file has no scene."""
     nodes, scenes = document.items("nodes"), document.items("scenes")
     if not scenes:
         return list(range(len(nodes)))
@@ -89,12 +89,12 @@ def scene_nodes(document: Document) -> list[int]:
 
 
 def deforming_nodes(document: Document) -> list[int]:
-    """The nodes of the default scene, ascending, whose meshes a skin or morph targets deform."""
+    """Sorted nodes of the default scene whose meshes a skin or morph targets deform."""
     return [node for node in scene_nodes(document) if deforms(document, node)]
 
 
 def deforms(document: Document, node: int) -> bool:
-    """Whether a node has a mesh that a skin or morph targets deform."""
+    """True if a node has a mesh that a skin or morph targets deform."""
     shown = document.items("nodes")[node]
     if "mesh" not in shown:
         return False
@@ -102,17 +102,13 @@ def deforms(document: Document, node: int) -> bool:
 
 
 def read_scene(document: Document, *, leave_out_malformed: bool = False) -> tuple[ScenePrimitive, ...]:
-    """Every primitive of every node of the default scene, in the document's order.
-
-    Args:
-        document: With the scene.
-        leave_out_malformed: Go on without nodes whose mesh or skin is malformed.
+    """Read every primitive of every node of the default scene, in the document's order.
 
     Raises:
-        AssetError: A mesh, a skin or the hierarchy is malformed.
+        AssetError: The hierarchy is malformed, or a mesh or skin is and `leave_out_malformed` is False.
     """
     nodes = document.items("nodes")
-    read_parents(document)  # a hierarchy is malformed for all
+    read_parents(document)  # a malformed hierarchy is never left out
     primitives: list[ScenePrimitive] = []
     known: dict[tuple[int, ...], ScenePrimitive] = {}
     hierarchy: Hierarchy | None = None
@@ -132,7 +128,7 @@ def read_scene(document: Document, *, leave_out_malformed: bool = False) -> tupl
 def _read_node(
     document: Document, node: int, hierarchy: Hierarchy, known: dict[tuple[int, ...], ScenePrimitive]
 ) -> Iterator[ScenePrimitive]:
-    """What a node shows; `known` is what other nodes show, by mesh and rig, and gets what is new."""
+    """Give the primitives of a node; `known` has those of other nodes, by mesh and rig, and gets new ones."""
     rig = read_rig(document, node, hierarchy)
     for number, primitive in enumerate(document.items("meshes")[rig.mesh].get("primitives", [])):
         where = document.where("meshes", rig.mesh, "primitives", number)
@@ -152,14 +148,14 @@ def _read_node(
 
 
 def _material(document: Document, primitive: Json) -> Json:
-    """A primitive's material; empty where it has none, or one that is not there."""
+    """A primitive's material; empty if it has none, or one that does not exist."""
     materials = document.items("materials")
     number = primitive.get("material", len(materials))
     return materials[number] if number < len(materials) else {}
 
 
 def _base_colour(material: Json) -> Floats:
-    """(3,) linear RGB; white where the file says nothing that is a colour, as looks are no reason to refuse it."""
+    """(3,) linear RGB; white if the file has no valid colour, as appearance is no reason to refuse a file."""
     try:
         factor = np.array(material["pbrMetallicRoughness"]["baseColorFactor"], np.float64)
     except (KeyError, TypeError, ValueError, OverflowError):
@@ -174,13 +170,7 @@ def _skin(vertices: Vertices, joint_count: int) -> Skin:
 
 
 def pose_primitive(primitive: ScenePrimitive, clip: Clip | None, times: Floats) -> PosedPrimitive:
-    """Morph and skin a primitive by its own weights.
-
-    Args:
-        primitive: Of the scene.
-        clip: The animation; none for the stored pose.
-        times: (frames,) seconds; before the first and after the last key a channel holds.
-    """
+    """Morph and skin a primitive at (frames,) seconds of a clip, or without a clip in the stored pose."""
     rig = primitive.rig
     matrices = joint_matrices(rig, clip, times)
     weights = morph_weights(rig, clip, times)

@@ -1,10 +1,10 @@
-"""Many vertices posed at many times: positions and normals as an engine would show them.
+"""Poses many vertices at many times, with positions and normals as an engine would show them.
 
-Arrays hold one coordinate of all vertices after another, so that every operation runs along whole rows, and chunks of
-time stay in a core's cache.
+Arrays hold the coordinates of all vertices one after another, so that every operation runs along whole rows, and chunks
+of time stay in a core's cache.
 
 Source: glTF 2.0 §3.7.2.2 (morph targets), §3.7.3.3 (skinning). Differs from engines that turn normals by the blended
-matrices themselves: their normals lean where joints scale or shear.
+matrices themselves, whose normals lean where joints scale or shear.
 """
 
 from dataclasses import dataclass
@@ -24,8 +24,8 @@ class Skin:
 
     Attributes:
         weights: (joints, vertices) skin weights, columns summing to 1.
-        places: (3, 1 + shapes, vertices) bind positions, then what each shape adds at weight 1.
-        turns: (3, 1 + shapes, vertices) the same of unit normals; None without normals.
+        places: (3, 1 + shapes, vertices) bind positions, then the deltas of each shape at weight 1.
+        turns: (3, 1 + shapes, vertices) unit normals, then their deltas; None without normals.
     """
 
     weights: Floats
@@ -40,14 +40,14 @@ def prepare(
     normals: Floats | None = None,
     normal_deltas: Floats | None = None,
 ) -> Skin:
-    """Lay out what does not change with time.
+    """Lay out arrays that do not change with time.
 
     Args:
         weights: (vertices, joints) skin weights, rows summing to 1.
         positions: (vertices, 3) bind space.
-        deltas: (shapes, vertices, 3) what each shape, such as a morph target, adds at weight 1.
-        normals: (vertices, 3) unit, bind space; none where they are not wanted.
-        normal_deltas: (shapes, vertices, 3) what each shape adds to them.
+        deltas: (shapes, vertices, 3) added by each shape, such as a morph target, at weight 1.
+        normals: (vertices, 3) unit, bind space.
+        normal_deltas: (shapes, vertices, 3) added to the normals.
     """
     turns = None
     if normals is not None and normal_deltas is not None:
@@ -60,17 +60,17 @@ def _by_coordinate(base: Floats, deltas: Floats) -> Floats:
 
 
 def pose(skin: Skin, matrices: Floats, weights: Floats, offsets: Floats | None = None) -> tuple[Floats, Floats | None]:
-    """Morph and skin all vertices at all times given.
+    """Morph and skin all vertices in all frames.
 
     Args:
         skin: The vertices.
         matrices: (frames, joints, 4, 4) bind to world space.
         weights: (frames, shapes).
-        offsets: (frames, 3, vertices) to add to the positions besides, bind space.
+        offsets: (frames, 3, vertices) added to the positions, bind space.
 
     Returns:
-        (frames, 3, vertices) world-space positions, scene units, and unit normals turned by the inverse transposes
-        of the blended matrices; None where the skin has none.
+        (frames, 3, vertices) world positions, scene units, and unit normals turned by the inverse transposes of the
+        blended matrices; None without normals.
     """
     positions = np.zeros((len(matrices), 3, skin.weights.shape[1]))
     normals = None if skin.turns is None else np.zeros_like(positions)
@@ -84,7 +84,7 @@ def pose(skin: Skin, matrices: Floats, weights: Floats, offsets: Floats | None =
         step = max(1, _CHUNK // vertex_count)
         for now in (slice(k, k + step) for k in range(0, len(matrices), step)):
             frames = len(factors[now])
-            # One product, not twelve: those of few frames are slow.
+            # One product is faster than twelve of few frames.
             blended = (rows[:, :, now].reshape(12 * frames, -1) @ shares).reshape(3, 4, frames, vertex_count)
             bind = factors[now] @ skin.places[:, :, block]
             if offsets is not None:
@@ -103,10 +103,10 @@ def pose(skin: Skin, matrices: Floats, weights: Floats, offsets: Floats | None =
 
 
 def _turned(matrices: Floats, normals: Floats, *, mirroring: bool) -> list[Floats]:
-    """Three (…) coordinates of normals (3, …) turned by inverse transposes of matrices (3, 3, …), of other lengths.
+    """Three (…) coordinates of (3, …) normals turned by the inverse transposes of (3, 3, …) matrices, lengths not kept.
 
-    A cofactor matrix is the inverse transpose times the determinant, of which only the sign counts: that of a joint
-    which mirrors.
+    A cofactor matrix is the inverse transpose times the determinant, of which only the sign of a mirroring joint
+    counts.
     """
     turned = []
     signs = None

@@ -1,4 +1,4 @@
-"""Morph targets that move few vertices each: read, kept and added up at those alone, so that many of them cost little.
+"""Reads and adds up morph targets at the few vertices that each moves, so that many of them cost little.
 
 Source: glTF 2.0 §3.7.2.2 (morph targets), §3.6.2.3 (sparse accessors).
 """
@@ -15,16 +15,16 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints
 
-# Targets that are added up by one product: more have many zeros, and take more memory than what they change.
+# Most targets that are added up by one product: more have mostly zeros and would take too much memory.
 _FEW_TARGETS = 16
 
 
 @dataclass(frozen=True, slots=True)
 class SparseDeltas:
-    """What a morph target adds to one attribute, where that is not 0.
+    """The nonzero changes of one attribute by a morph target.
 
     Attributes:
-        vertices: (changed,) each once.
+        vertices: (changed,) distinct vertices.
         deltas: (changed, 3) at weight 1.
     """
 
@@ -32,7 +32,7 @@ class SparseDeltas:
     deltas: Floats
 
     def of_rows(self, rows: Ints) -> "SparseDeltas":
-        """The same of chosen vertices, by their (vertices,) rows among these; -1 for those not chosen."""
+        """The deltas of chosen vertices, by the (vertices,) new index of each; -1 if it is not chosen."""
         found = rows[self.vertices]
         return SparseDeltas(found[found >= 0], self.deltas[found >= 0])
 
@@ -40,15 +40,9 @@ class SparseDeltas:
 def read_sparse_deltas(
     document: Document, primitives: Sequence[Json], starts: Ints, name: str, *, first: int, where: str
 ) -> list[SparseDeltas]:
-    """Read the last morph targets of some primitives of a mesh, whose vertices follow one another.
+    """Read the morph targets from `first` on of primitives with equally many targets, for one attribute.
 
-    Args:
-        document: The asset.
-        primitives: With as many targets each.
-        starts: (primitives + 1,) the first vertex of each.
-        name: The attribute.
-        first: The number of the first target to read.
-        where: The mesh, for messages.
+    The vertices of the primitives follow one another, from (primitives + 1,) `starts`.
 
     Raises:
         AssetError: An accessor is malformed, has numbers that are not finite, or more elements than there are vertices.
@@ -74,7 +68,7 @@ def read_sparse_deltas(
 
 
 def _joined(parts: Sequence[SparseDeltas]) -> SparseDeltas:
-    """What targets of primitives that follow one another change."""
+    """Concatenate the deltas of primitives."""
     vertices, deltas = [np.zeros(0, np.intp)], [np.zeros((0, 3))]
     for part in parts:
         if len(part.vertices):
@@ -85,18 +79,13 @@ def _joined(parts: Sequence[SparseDeltas]) -> SparseDeltas:
 
 @dataclass(frozen=True)
 class Targets:
-    """Morph targets of one attribute, ready to be added up.
-
-    Attributes:
-        targets: What each adds.
-        vertex_count: Of the vertices that they count.
-    """
+    """Morph targets of one attribute, ready to be added up."""
 
     targets: tuple[SparseDeltas, ...]
     vertex_count: int
 
     def added(self, weights: Floats) -> Floats:
-        """(frames, 3, vertices) what (frames, targets) weights add."""
+        """(frames, 3, vertices) sums of the deltas by (frames, targets) weights."""
         if len(self.targets) <= _FEW_TARGETS:
             return (weights @ self._dense).reshape(len(weights), 3, self.vertex_count)
         total = np.zeros((len(weights), 3, self.vertex_count))
@@ -112,7 +101,7 @@ class Targets:
 
     @cached_property
     def _dense(self) -> Floats:
-        """(targets, 3 vertices) all that they add."""
+        """(targets, 3 vertices) deltas with zeros."""
         dense = np.zeros((len(self.targets), 3, self.vertex_count))
         for row, target in zip(dense, self.targets, strict=True):
             row[:, target.vertices] = target.deltas.T

@@ -1,7 +1,7 @@
-"""A mesh's primitives as one welded surface in bind space.
+"""Welds a mesh's primitives to one surface in bind space.
 
-glTF splits vertices at UV and normal seams. Topology, normals and displacement work on welded vertices, so
-that what was one point of the artist's mesh moves as one.
+glTF splits vertices at UV and normal seams. Topology, normals and displacement work on welded vertices, so that each
+point of the artist's mesh moves as one.
 """
 
 from collections.abc import Sequence
@@ -19,15 +19,16 @@ from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, components, distinct
 from wrinklecli.numeric.nearest import pairs_within
 
-# Vertices of one point differ by this at most: in skin weights and, as a share of the bounding box's diagonal, in
-# morph deltas; after Draco, which rounds each primitive on its own, in positions too.
+# Greatest difference of welded vertices in skin weights and, relative to the bounding box's diagonal, in morph deltas
+# and, after Draco, which rounds each primitive separately, in positions.
 _WELD_TOLERANCE = 1e-6
-# Welded vertices at one place that others are compared with, one after another; a vertex unlike all of them is left as
-# it is.
+# Most welded vertices at one place with which others are compared; a vertex unlike all of these stays unwelded.
 _MOST_TWINS = 1000
-# Of a morph target's delta of a vertex, three float64; and of a weight.
-_DELTA_BYTES, _WEIGHT_BYTES = 24, 8
-# Sets of four joints of a vertex: the time to compare each joint with each grows with their square.
+# Bytes of a morph target's delta of a vertex, three float64,
+_DELTA_BYTES = 24
+# and of a weight.
+_WEIGHT_BYTES = 8
+# Most sets of four joints of a vertex: the time to compare all joints grows with the square.
 _MOST_SETS = 16
 
 
@@ -38,15 +39,15 @@ class Surface:
     Attributes:
         positions: (vertices, 3) stored positions.
         morph_deltas: (morph targets, vertices, 3).
-        joints: (vertices, influences) into the rig's joints.
-        weights: (vertices, influences), rows summing to 1; 0 where a vertex has fewer.
-        normals: (glTF vertices, 3) stored normals; 0 where a primitive has none.
+        joints: (vertices, influences) indices into the rig's joints.
+        weights: (vertices, influences), rows summing to 1, padded by 0.
+        normals: (glTF vertices, 3) stored normals; 0 if a primitive has none.
         triangles: (triangles, 3) welded vertices.
         corners: (triangles, 3) the glTF vertices of the same corners.
-        primitives: (triangles,) the primitive that each triangle came from.
+        primitives: (triangles,) the primitive of each.
         weld: (glTF vertices,) the welded vertex of each; primitives follow one another.
         vertex_starts: (primitives + 1,) the first glTF vertex of each primitive.
-        twins: (vertices,) whether another welded vertex lies at the same place, and moves differently.
+        twins: (vertices,) True if another welded vertex, which moves differently, lies at the same place.
     """
 
     positions: Floats
@@ -74,8 +75,8 @@ class Surface:
 def read_surface(document: Document, rig: Rig) -> Surface:
     """Weld the primitives of a rig's mesh.
 
-    Two glTF vertices are one where their bind positions are equal to the bit and their skin influences and
-    morph deltas to 1e-6. (Position alone would glue touching lips.)
+    Two glTF vertices are welded if their bind positions are equal to the bit, and their skin influences and morph
+    deltas to 1e-6. (Position alone would glue touching lips.)
 
     Raises:
         AssetError: An attribute is missing, malformed or not finite, or there is no triangle.
@@ -115,10 +116,10 @@ class Vertices:
         starts: (primitives + 1,) the first vertex of each primitive.
         positions: (vertices, 3).
         morph_deltas: (morph targets, vertices, 3).
-        joints: (vertices, influences) into the rig's joints, each once, in rising order.
+        joints: (vertices, influences) distinct sorted indices into the rig's joints.
         weights: (vertices, influences), rows summing to 1.
-        normals: (vertices, 3); None where a primitive has none.
-        normal_deltas: (morph targets, vertices, 3); None as above.
+        normals: (vertices, 3); None if a primitive has none.
+        normal_deltas: (morph targets, vertices, 3); None if a primitive has no normals.
     """
 
     starts: Ints
@@ -133,13 +134,7 @@ class Vertices:
 def read_vertices(
     document: Document, rig: Rig, chosen: Sequence[int] | None = None, *, targets: int | None = None
 ) -> Vertices:
-    """Read the vertices of a rig's mesh, or of some of its primitives.
-
-    Args:
-        document: The asset.
-        rig: Of the mesh.
-        chosen: The primitives; all where left out.
-        targets: How many of the morph targets, the first ones; all where left out.
+    """Read the vertices of a rig's mesh, or of chosen primitives, with all or the first `targets` morph targets.
 
     Raises:
         AssetError: An attribute is missing, malformed or not finite.
@@ -172,7 +167,7 @@ def read_vertices(
 def read_primitive(
     document: Document, primitive: Json, rig: Rig, where: str, *, targets: int | None = None
 ) -> Vertices:
-    """Read the vertices of one primitive of a rig's mesh, with all of its morph targets or the first of them.
+    """Read the vertices of one primitive of a rig's mesh, with all or the first `targets` morph targets.
 
     Raises:
         AssetError: An attribute is missing, malformed or not finite.
@@ -203,7 +198,7 @@ def read_primitive(
     has_normals = "NORMAL" in attributes
     return Vertices(
         starts=np.array([0, count]),
-        # The sum with 0 makes -0 and 0 one value, as they are one place.
+        # Adding 0 turns -0 into 0, as both are the same place.
         positions=positions + 0.0,
         morph_deltas=deltas_of("POSITION"),
         joints=joints,
@@ -214,11 +209,7 @@ def read_primitive(
 
 
 def read_positions(document: Document, primitive: Json, where: str) -> Floats:
-    """(vertices, 3) stored positions of a primitive, bind space.
-
-    Raises:
-        AssetError: They are missing, malformed or not finite.
-    """
+    """(vertices, 3) stored positions of a primitive; AssetError if they are missing, malformed or not finite."""
     attributes = primitive.get("attributes", {})
     if "POSITION" not in attributes:
         raise AssetError("has no POSITION", where=where)
@@ -236,7 +227,7 @@ def _attribute(document: Document, index: int, count: int, size: int, where: str
 
 
 def influence_sets(attributes: Json) -> int:
-    """How many sets of four joints and weights a primitive has, JOINTS_0 and so on."""
+    """Number of sets of four joints and weights of a primitive, JOINTS_0 and so on."""
     sets = 0
     while f"JOINTS_{sets}" in attributes and f"WEIGHTS_{sets}" in attributes:
         sets += 1
@@ -244,12 +235,12 @@ def influence_sets(attributes: Json) -> int:
 
 
 def read_influences(document: Document, primitive: Json, rig: Rig, count: int, where: str) -> tuple[Ints, Floats]:
-    """(vertices, influences) joints and normalised weights, each joint once, in rising order, padded by 0.
+    """(vertices, influences) distinct sorted joints, and their normalised weights, padded by 0.
 
-    A vertex without weight follows its first joint, as three.js has it; those without a skin follow the node.
+    A vertex without weight follows its first joint, as in three.js; an unskinned one follows the node.
 
     Raises:
-        AssetError: They are missing or malformed.
+        AssetError: Joints or weights are missing or malformed.
     """
     if not rig.skinned:
         return np.zeros((count, 1), np.intp), np.ones((count, 1))
@@ -293,7 +284,7 @@ def read_triangles(document: Document, primitive: Json, count: int, where: str) 
         indices = stored.astype(np.intp)
     else:
         indices = np.arange(count)
-    # Draco streams hold triangles whatever the mode; of a strip, too.
+    # A Draco stream always holds triangles, even if the mode says strip.
     if mode == TRIANGLES or EXTENSION in primitive.get("extensions", {}):
         return indices[: len(indices) // 3 * 3].reshape(-1, 3)
     if len(indices) < 3:
@@ -306,20 +297,19 @@ def read_triangles(document: Document, primitive: Json, count: int, where: str) 
 
 
 def _places(document: Document, primitives: list[Json], positions: Floats) -> Floats:
-    """(vertices, 3) positions to weld by: after Draco, those within the tolerance are those of the first among them."""
+    """(vertices, 3) positions to weld by: after Draco, vertices within the tolerance take the position of the first."""
     if not any(document.is_draco(primitive["attributes"]["POSITION"]) for primitive in primitives):
         return positions
     firsts, which = distinct(positions)
     places = positions[firsts]
     tolerance = _WELD_TOLERANCE * float(np.linalg.norm(np.ptp(positions, axis=0)))
-    near = pairs_within(places, tolerance)
-    groups = components(near, len(places))
+    groups = components(pairs_within(places, tolerance), len(places))
     _, firsts = np.unique(groups, return_index=True)
     return places[firsts[groups[which]]]
 
 
 def _weld(vertices: Vertices, positions: Floats) -> tuple[Ints, Ints, Bools]:
-    """Welded vertex of each vertex, the first vertex of each welded one, and which welded ones have twins."""
+    """The welded vertex of each vertex, the first vertex of each welded one, and flags of welded ones with twins."""
     deltas = vertices.morph_deltas
     joints, weights = vertices.joints, vertices.weights
     _, place = distinct(positions)
@@ -347,7 +337,7 @@ def _weld(vertices: Vertices, positions: Floats) -> tuple[Ints, Ints, Bools]:
 
 
 def dense_influences(joints: Ints, weights: Floats, joint_count: int) -> Floats:
-    """(vertices, joints) skin weights of (vertices, influences) joints and their weights."""
+    """(vertices, joints) skin weights from (vertices, influences) joints and weights."""
     dense = np.zeros((len(joints), joint_count))
     for column, shares in zip(joints.T, weights.T, strict=True):
         dense[np.arange(len(dense)), column] += shares
@@ -355,7 +345,7 @@ def dense_influences(joints: Ints, weights: Floats, joint_count: int) -> Floats:
 
 
 def influence_count(document: Document, rig: Rig) -> int:
-    """How many joints every primitive of a rig's mesh can store for a vertex: 4 for each JOINTS_n."""
+    """Number of joints that every primitive of a rig's mesh can store for a vertex: 4 for each JOINTS_n."""
     if not rig.skinned:
         return 1
     primitives = document.items("meshes")[rig.mesh]["primitives"]
@@ -363,7 +353,7 @@ def influence_count(document: Document, rig: Rig) -> int:
 
 
 def has_triangles(document: Document, mesh: int) -> bool:
-    """Whether any primitive of a mesh is of triangles; others are points and lines."""
+    """True if any primitive of a mesh has triangles; others have points or lines."""
     for number, primitive in enumerate(document.items("meshes")[mesh].get("primitives", [])):
         where = document.where("meshes", mesh, "primitives", number)
         stored = primitive.get("attributes", {}).get("POSITION")

@@ -1,7 +1,7 @@
-"""Weight tracks: the weights of new morph targets, joined with the weights channel that a clip already has.
+"""Joins the weights of new morph targets with the weights channel that a clip already has.
 
-A weights channel drives all targets of a mesh or none, so an existing channel is widened: it keeps its own keys and
-interpolation where that loses nothing.
+A weights channel drives all targets of a mesh or none, so an existing channel is widened. It keeps its own keys and
+interpolation if that loses nothing.
 
 Source: glTF 2.0 §3.11 and appendix C.
 """
@@ -32,19 +32,11 @@ class Track:
 
 
 def widen(channel: Channel | None, rig: Rig, clip: Clip, times: Floats, weights: Floats) -> Track:
-    """Join the weights of new targets with what a clip does to a mesh's old ones.
+    """Join (frames, new targets) weights at (frames,) seconds with a clip's weights channel of the old targets, if any.
 
-    Args:
-        channel: The clip's weights channel of the mesh's node, if it has one.
-        rig: Of the mesh.
-        clip: The animation.
-        times: (frames,) of the new weights, seconds.
-        weights: (frames, new targets).
-
-    Returns:
-        A channel over old and new targets. LINEAR keeps its values at the union of key times. STEP becomes
-        LINEAR with an extra key a millisecond before each jump (see `linear_keys`). CUBICSPLINE stays: its pieces
-        are split where new keys fall, by Hermite subdivision; new weights get the secants' tangents.
+    LINEAR keeps its values at the union of key times. STEP becomes LINEAR with an extra key a millisecond before each
+    jump (see `linear_keys`). CUBICSPLINE stays: its pieces are split at new keys by Hermite subdivision, and new
+    weights get the secants as tangents.
     """
     if channel is None:
         old = morph_weights(rig, None, times)
@@ -57,7 +49,7 @@ def widen(channel: Channel | None, rig: Rig, clip: Clip, times: Floats, weights:
 
 
 def pad(channel: Channel, added: Floats) -> Track:
-    """A clip's weights channel with a constant weight for each of (new targets,); its keys are kept."""
+    """Add (new targets,) constant weights to a clip's weights channel, whose keys are kept."""
     values = channel.values
     constant = np.broadcast_to(added, (*values.shape[:-1], len(added))).copy()
     if channel.interpolation == "CUBICSPLINE":
@@ -66,14 +58,14 @@ def pad(channel: Channel, added: Floats) -> Track:
 
 
 def _widen_spline(channel: Channel, times: Floats, weights: Floats) -> Track:
-    """As `widen`, of a CUBICSPLINE channel."""
+    """Widen a CUBICSPLINE channel."""
     union = distinct_values(np.concatenate([times, channel.times]))
     values = sample(channel, union)
     into, out = _spline_slopes(channel, union)
     fresh = interpolated(union, times, weights)
     slopes = np.diff(fresh, axis=0) / np.diff(union)[:, None] if len(union) > 1 else np.zeros((0, fresh.shape[1]))
     edge = np.zeros((1, fresh.shape[1]))
-    # With the secants of both sides as tangents a Hermite piece is its own straight line.
+    # If the tangents at both ends are its secant, a Hermite piece is a straight line.
     fresh_into, fresh_out = np.concatenate([edge, slopes]), np.concatenate([slopes, edge])
     stacked = [np.concatenate(pair, axis=1) for pair in ((into, fresh_into), (values, fresh), (out, fresh_out))]
     return Track(union, np.stack(stacked, axis=1), "CUBICSPLINE")
