@@ -6,7 +6,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wrinklecli.numeric import arrays
-from wrinklecli.numeric.arrays import ValueIndex, VertexFaces, any_of, children, flags_of, vertex_normals
+from wrinklecli.numeric.arrays import (
+    ValueIndex,
+    VertexFaces,
+    any_of,
+    children,
+    flags_of,
+    vertex_normals,
+    weighted_quantiles,
+)
 
 
 @pytest.mark.parametrize("many", [0.0, 1.0])
@@ -36,3 +44,12 @@ def test_places_of_values_are_found(seed: int) -> None:
     places, which = ValueIndex.of(values).holding(wanted)
     assert np.array_equal(places, np.flatnonzero(np.isin(values, wanted)))
     assert np.array_equal(wanted[which], values[places])
+
+
+@given(seed=st.integers(0, 999))
+def test_weighted_quantiles_are_those_of_repeated_values(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    values, counts, parts = rng.normal(size=9), rng.integers(1, 5, 9), rng.random(4)
+    repeated = np.sort(np.repeat(values, counts))
+    wanted = repeated[np.ceil(parts * len(repeated)).astype(int) - 1]
+    assert np.array_equal(weighted_quantiles(values, counts.astype(float), parts), wanted)

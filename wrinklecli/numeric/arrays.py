@@ -101,6 +101,15 @@ def median(values: Floats) -> Floats:
     return middles
 
 
+def weighted_quantiles(values: Floats, weights: Floats, parts: Floats) -> Floats:
+    """(parts,) the least of (n,) values up to which the sorted values have these parts of the (n,) weights."""
+    order = np.argsort(values, kind="stable")
+    total = np.cumsum(weights[order])
+    places = np.searchsorted(total, parts * total[-1])
+    found: Floats = values[order[np.minimum(places, len(order) - 1)]]
+    return found
+
+
 def cross(a: Floats, b: Floats) -> list[Floats]:
     """Three (…) coordinates of the cross products of (3, …) vectors."""
     products = []

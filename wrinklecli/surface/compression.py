@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, unit
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, unit, weighted_quantiles
 from wrinklecli.numeric.nearest import nearest_of
 from wrinklecli.surface.sites import Sites
 from wrinklecli.surface.strain import along_directions, principal
@@ -254,10 +254,8 @@ def _connected(sites: Sites, inside: Bools, seed: int) -> Ints:
 
 def _extent(values: Floats, weights: Floats) -> tuple[float, float]:
     """Bounds of the values, without a tail of the weight at either end."""
-    order = np.argsort(values, kind="stable")
-    total = np.cumsum(weights[order])
-    low, high = np.searchsorted(total, np.array([_TAIL, 1.0 - _TAIL]) * total[-1])
-    return float(values[order[low]]), float(values[order[min(int(high), len(order) - 1)]])
+    low, high = weighted_quantiles(values, weights, np.array([_TAIL, 1.0 - _TAIL]))
+    return float(low), float(high)
 
 
 def sites_with_twins(sites: Sites) -> Bools:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.numeric.arrays import Floats, Ints, distinct, unit
+from wrinklecli.numeric.arrays import Floats, Ints, distinct, unit, weighted_quantiles
 from wrinklecli.numeric.nearest import pairs_within
 from wrinklecli.surface.strain import Gauge, StrainedPart, principal, strain
 
@@ -86,9 +86,7 @@ def spread_sites(gauge: Gauge) -> Sites:
     areas = np.sqrt(np.sum(crosses**2, axis=1)) / 2.0
     edges = np.sqrt(np.max(np.sum((corners - np.roll(corners, 1, axis=1)) ** 2, axis=2), axis=1))
     size = float(np.linalg.norm(np.ptp(corners.reshape(-1, 3), axis=0)))
-    order = np.argsort(edges, kind="stable")
-    total = np.cumsum(areas[order])
-    typical = float(edges[order[np.searchsorted(total, total[-1] / 2.0)]])
+    typical = float(weighted_quantiles(edges, areas, np.array([0.5]))[0])
     radius = max(_RADIUS * size, _RADIUS_OF_TRIANGLES * typical)
     while True:
         spacing = _SPACING * radius

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from wrinklecli.numeric.arrays import Floats, Ints, unit
+from wrinklecli.numeric.arrays import Floats, Ints, interpolated, unit
 from wrinklecli.numeric.nearest import balls, nearest_points
 from wrinklecli.surface.compression import CompressedRegion
 from wrinklecli.surface.rest import Rest
@@ -255,8 +255,7 @@ def trace(sites: Sites, region: CompressedRegion, tensors: Floats, lengths: tupl
 def _resampled(line: Floats, pieces: int) -> Floats:
     """(pieces + 1, 3) evenly spaced points of a polyline."""
     ways = np.append(0.0, np.cumsum(np.sqrt(np.sum(np.diff(line, axis=0) ** 2, axis=1))))
-    wanted = np.linspace(0.0, ways[-1], pieces + 1)
-    return np.stack([np.interp(wanted, ways, axis) for axis in line.T], axis=1)
+    return interpolated(np.linspace(0.0, ways[-1], pieces + 1), ways, line)
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -104,29 +105,18 @@ def find_candidates(
     seeds = np.unique(summits[summits >= 0])
     seeds = seeds[peaks.losses[seeds] >= LEAST_LOSS]
     seeds = seeds[np.argsort(-peaks.losses[seeds], kind="stable")][:_MOST_REGIONS]
-    known: dict[int, _Pose] = {}
+    pose_of = lru_cache(_KNOWN_POSES)(lambda number: _pose(mesh, peaks.clips[number], float(peaks.times[number])))
     for step, seed in enumerate(seeds.tolist()):
         progress(step / len(seeds))
-        number = int(peaks.poses[seed])
-        if number not in known:
-            if len(known) == _KNOWN_POSES:
-                known.clear()
-            known[number] = _pose(mesh, peaks.clips[number], float(peaks.times[number]))
-        candidate = _candidate(mesh, seed, known[number], summits == seed, twin=bool(twins[seed]))
+        pose = pose_of(int(peaks.poses[seed]))
+        candidate = _candidate(mesh, seed, pose, summits == seed, twin=bool(twins[seed]))
         if candidate is not None:
             yield candidate
 
 
 @dataclass(frozen=True, slots=True)
 class _Pose:
-    """A pose of a mesh.
-
-    Attributes:
-        clip: The clip that has the pose.
-        time: Seconds.
-        tensors: (sites, 6) loss tensors.
-        positions: (vertices, 3) without animated scale.
-    """
+    """A pose: (sites, 6) loss tensors, and (vertices, 3) positions without animated scale."""
 
     clip: Clip
     time: float

@@ -12,7 +12,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import node_matrices
 from wrinklecli.effects.wrinkle.patch import Patch
-from wrinklecli.numeric.arrays import Floats, unit
+from wrinklecli.numeric.arrays import Floats, unit, weighted_quantiles
 from wrinklecli.review.suggest.candidates import Candidate
 from wrinklecli.review.suggest.draft import pair_of, renamed, stem_and_side, tool_of, width_of, written_length
 from wrinklecli.review.suggest.measure import MeasuredMesh
@@ -348,9 +348,7 @@ def _misalignment(mesh: MeasuredMesh, patch: Patch, tensors: Floats) -> float:
     along = patch.path.directions(u)
     along = unit(along - np.sum(along * sites.normals[on], axis=1)[:, None] * sites.normals[on])
     angles = np.degrees(np.arccos(np.clip(np.abs(np.sum(along * directions, axis=1)), 0.0, 1.0)))
-    order = np.argsort(angles, kind="stable")
-    total = np.cumsum(sites.areas[on][order])
-    return float(angles[order[np.searchsorted(total, 0.5 * total[-1])]])
+    return float(weighted_quantiles(angles, sites.areas[on], np.array([0.5]))[0])
 
 
 def _traced(candidate: Candidate, tensors: Floats) -> tuple[Candidate, Patch] | None:

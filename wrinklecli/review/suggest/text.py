@@ -8,20 +8,14 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.review.suggest.draft import SLACK, decimals, place_of, written_length
 from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.tools.read import parse_tools
-from wrinklecli.tools.records import Length, RefinementSettings, RestLengthMorph, WrinkleTool
+from wrinklecli.tools.records import Length, RefinementSettings, RestLengthMorph
 from wrinklecli.tools.yaml_tree import printable
 
 _USUAL = RefinementSettings()
 
 
 def tools_text(suggestions: Sequence[Suggestion], asset: str, refinement: RefinementSettings = _USUAL) -> str:
-    """Write a commented tools file.
-
-    Args:
-        suggestions: At least one.
-        asset: The asset's name in the comments.
-        refinement: Settings that are written if they are not the usual ones.
-    """
+    """Write a tools file, with the asset's name in its comments, and the refinement if it is not the usual one."""
     lines = [
         f"# Tools for {printable(asset, 90)}, as `wrinkle suggest` found them, best first.",
         "#",
@@ -47,21 +41,23 @@ def tools_text(suggestions: Sequence[Suggestion], asset: str, refinement: Refine
         )
         if isinstance(tool.rest_length, RestLengthMorph):
             shortens = "its weight makes the wrinkles, as the skin in the middle hardly shortens"
-        lines += [
-            f"  # {what} {printable(each.driver, 90)}: {shortens}",
-            f"  - name: {tool.name}",
-            *([f"    node: {_quoted(tool.node)}"] if tool.node is not None else []),
-            *_written_points(tool, digits),
-            *(["    mirror: x"] if each.mirrored else []),
-            f"    width: {tool.width.value:.12g}",
-            *([] if isinstance(tool.rest_length, Length) else [f"    rest_length: {written_length(tool.rest_length)}"]),
-            *([f"    material: {tool.material}"] if tool.material else []),
-            f"    strategy: {tool.strategy}",
-            f"    bumps: {tool.bumps}",
-            *([f"    max_height: {tool.max_height.value:.12g}%"] if isinstance(tool.max_height, Length) else []),
-            *([f"    compressible: {100 * tool.compressible:.0f}%"] if tool.compressible or tool.material else []),
-            "",
-        ]
+        places = [f"[{', '.join(f'{x:.{digits}f}' for x in place_of(point))}]" for point in tool.points]
+        keys = {
+            "node": None if tool.node is None else _quoted(tool.node),
+            "path": f"[{', '.join(places)}]" if tool.between else None,
+            "origin": None if tool.between else places[0],
+            "target": None if tool.between else places[-1],
+            "mirror": "x" if each.mirrored else None,
+            "width": f"{tool.width.value:.12g}",
+            "rest_length": None if isinstance(tool.rest_length, Length) else written_length(tool.rest_length),
+            "material": tool.material,
+            "strategy": tool.strategy,
+            "bumps": tool.bumps,
+            "max_height": f"{tool.max_height.value:.12g}%" if isinstance(tool.max_height, Length) else None,
+            "compressible": f"{100 * tool.compressible:.0f}%" if tool.compressible or tool.material else None,
+        }
+        lines += [f"  # {what} {printable(each.driver, 90)}: {shortens}", f"  - name: {tool.name}"]
+        lines += [*(f"    {key}: {value}" for key, value in keys.items() if value is not None), ""]
     return "\n".join(lines[:-1]) + "\n"
 
 
@@ -72,16 +68,6 @@ def _written_refinement(refinement: RefinementSettings) -> list[str]:
     keys = [f"max_levels: {refinement.max_levels}"] * finer + [f"scheme: {refinement.scheme}"] * flat
     why = ["fine enough for triangles as long as these"] * finer + ["keeps the flat faces of a coarse mesh"] * flat
     return [f"refinement: {{{', '.join(keys)}}}   # {', '.join(why)}", ""]
-
-
-def _written_points(tool: WrinkleTool, digits: int) -> list[str]:
-    if tool.between:
-        return [f"    path: [{', '.join(_written(point, digits) for point in tool.points)}]"]
-    return [f"    origin: {_written(tool.origin, digits)}", f"    target: {_written(tool.target, digits)}"]
-
-
-def _written(anchor: object, digits: int) -> str:
-    return f"[{', '.join(f'{x:.{digits}f}' for x in place_of(anchor))}]"
 
 
 def _quoted(name: str) -> str:
