@@ -1,0 +1,36 @@
+"""Lines and tables that commands print."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wrinklecli.cli.output import aligned, printable
+
+WORDS = st.text("abc de", max_size=6).map(str.strip)
+
+
+@given(st.text(max_size=40))
+def test_a_line_cannot_command_the_terminal(text: str) -> None:
+    shown = printable(text)
+    assert shown.isprintable()
+    assert printable(shown) == shown
+    assert shown == text or not text.isprintable()
+
+
+def test_long_words_and_lines_are_cut_in_the_middle() -> None:
+    word = printable("before " + "a" * 700 + "b" * 700 + " after")
+    assert word.startswith("before aaa")
+    assert word.endswith("bbb after")
+    assert " … " in word
+    assert len(word) < 630
+    assert len(printable("ab " * 10_000)) < 10_010
+
+
+@given(st.lists(st.tuples(WORDS, WORDS, WORDS), min_size=1, max_size=5), st.integers(0, 3))
+def test_columns_of_a_table_are_aligned(rows: list[tuple[str, str, str]], texts: int) -> None:
+    widths = [max(len(row[k]) for row in rows) for k in range(3)]
+    starts = [sum(widths[:k]) + 2 * k for k in range(3)]
+    for row, line in zip(rows, aligned(rows, texts), strict=True):
+        assert line == line.rstrip()
+        for k, (cell, start, width) in enumerate(zip(row, starts, widths, strict=True)):
+            placed = line[start : start + width].ljust(width)
+            assert placed == (cell.ljust(width) if k < texts else cell.rjust(width))

@@ -1,0 +1,57 @@
+"""Errors and the words of their messages."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wrinklecli.errors import AssetError, RefusedError, WrinkleError, counted, listed, nearest, shortened
+
+
+@given(st.text(max_size=60), st.integers(2, 40))
+def test_a_long_text_keeps_its_two_ends(text: str, longest: int) -> None:
+    cut = shortened(text, longest)
+    if len(text) <= longest:
+        assert cut == text
+    else:
+        begin, end = cut.split(" … ", 1) if text.count(" … ") == 0 else (cut[: longest // 2], cut[-(longest // 2) :])
+        assert (text.startswith(begin), text.endswith(end)) == (True, True)
+        assert len(begin) == len(end) == longest // 2
+
+
+@pytest.mark.parametrize(
+    ("count", "shown", "more"),
+    [(0, 0, None), (1, 1, None), (21, 21, None), (22, 20, "2 more"), (1500, 20, "1,480 more")],
+)
+def test_many_names_are_cut_to_the_first(count: int, shown: int, more: str | None) -> None:
+    words = listed(f"n{number}" for number in range(count)).split(", ")
+    assert words == ([*(f"'n{number}'" for number in range(shown)), *([more] if more else [])] or ["none"])
+
+
+def test_numbers_have_their_plural() -> None:
+    assert [counted(number, "key") for number in (0, 1, 2, 1234)] == ["0 keys", "1 key", "2 keys", "1,234 keys"]
+    assert counted(2, "vertex", "vertices") == "2 vertices"
+    assert counted(1, "vertex", "vertices") == "1 vertex"
+
+
+def test_a_hint_names_the_nearest_known_name() -> None:
+    assert nearest("wirst", ["hand", "wrist"]) == "; did you mean 'wrist'?"
+    assert nearest("zebra", ["hand", "wrist"]) == nearest("wrist", []) == ""
+    assert nearest("wrist", ["wrists" * 20, "writs"]) == "; did you mean 'writs'?"
+
+
+def test_an_error_prints_its_place_and_its_message() -> None:
+    error = AssetError("has no skin", where="hand.glb")
+    assert (str(error), error.lines, error.places) == (
+        "hand.glb: has no skin",
+        ("hand.glb: has no skin",),
+        ("hand.glb",),
+    )
+    assert str(WrinkleError("alone")) == "alone"
+    assert len(str(WrinkleError("m" * 10_000, where="w" * 10_000))) < 1300
+
+
+def test_one_error_reports_several_problems() -> None:
+    both = WrinkleError.of_all([AssetError("one", where="a"), RefusedError.of_all([RefusedError("two", where="b")])])
+    assert both.lines == ("a: one", "b: two")
+    assert both.places == ("a", "b")
+    assert (both.exit_code, RefusedError("two").exit_code) == (1, 3)
