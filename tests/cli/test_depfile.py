@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kit.places import IN_CI
-from wrinklecli.cli.depfile import dependencies
+from wrinklecli.cli.bake import dependencies
 from wrinklecli.errors import WrinkleError
 
 MAKE = shutil.which("make")

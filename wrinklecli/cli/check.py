@@ -1,15 +1,17 @@
 """`wrinkle check`."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import click
 
 from wrinklecli.cli import options as opt
-from wrinklecli.cli.crossings import emit_crossings
-from wrinklecli.cli.output import Progress, aligned, emit, emit_json
+from wrinklecli.cli.output import Progress, aligned, emit, emit_json, warn
 from wrinklecli.cli.streams import command_outputs
 from wrinklecli.errors import RefusedError, counted
+
+_MOST_PLACES = 8  # of a clip, with the most crossings; the others are summed
 
 
 @click.command(
@@ -67,7 +69,7 @@ def check(
     if crossings:
         if plot is not None:
             raise click.UsageError("'--plot' draws tools: it goes without '--crossings'.")
-        emit_crossings(asset, tools, as_json=as_json, strict=strict, **options)
+        _emit_crossings(asset, tools, as_json=as_json, strict=strict, **options)
         return
     if tools is None:
         raise click.UsageError("Missing argument 'TOOLS'; '--crossings' alone goes without.")
@@ -87,8 +89,8 @@ def check(
             emit_json(made.data)
         else:
             _emit_tables(made.data)
-        if strict and made.warnings:
-            raise RefusedError(f"refused by --strict: {counted(len(made.warnings), 'warning')}", where=tools)
+        if strict:
+            _refuse(made.warnings, tools)
         if plot is not None:
             outputs.add_bytes(plot, draw_check(made, plot.lower().rpartition(".")[2]))
 
@@ -190,3 +192,55 @@ def _anchor(anchor: dict[str, Any]) -> str:
     at = ", ".join(f"{x:.4g}" for x in anchor["position"])
     primitive = f" of primitive {anchor['primitive']}" if anchor["primitive"] else ""
     return f"[{at}], {anchor['off']:.2g} from the point asked for, by vertex {anchor['vertex']}{primitive}"
+
+
+def _emit_crossings(asset: str, tools: str | None, *, as_json: bool, strict: bool, **options: Any) -> None:
+    """Count what crosses, and print it."""
+    from wrinklecli.review.crossings import crossings
+
+    with Progress() as progress:
+        found = crossings(asset, tools, progress=progress.show, **options)
+    if as_json:
+        emit_json(found.data)
+    else:
+        _emit_counts(found.data)
+        for warning in found.warnings:
+            warn(warning)
+    if strict:
+        _refuse(found.warnings, tools or asset)
+
+
+def _emit_counts(data: dict[str, Any]) -> None:
+    emit(f"stored pose: {_changed(data['stored_pose'])}")
+    for clip in data["clips"]:
+        emit(f"{clip['name']}: {_changed(clip['totals'])} in {counted(len(clip['times']), 'moment')}{_most(clip)}")
+        shown, others = clip["places"][:_MOST_PLACES], clip["places"][_MOST_PLACES:]
+        for place in shown:
+            at = ", ".join(f"{x:.3g}" for x in place["at"])
+            emit(f"  {_changed(place['counts'])} between {place['between']}, about [{at}] in the stored pose")
+        if others:
+            rest = [total - sum(place["counts"][k] for place in shown) for k, total in enumerate(clip["totals"])]
+            emit(f"  {_changed(rest)} elsewhere")
+
+
+def _changed(counts: list[int]) -> str:
+    return " -> ".join(f"{count:,}" for count in counts)
+
+
+def _most(clip: dict[str, Any]) -> str:
+    """The moment in which the last state has the most crossings."""
+    counts = clip["counts"][-1]
+    if not any(counts):
+        return ""
+    most = max(range(len(counts)), key=counts.__getitem__)
+    return f", most at {clip['times'][most]:.3g} s ({_changed([each[most] for each in clip['counts']])})"
+
+
+def _refuse(warnings: Sequence[str], where: str) -> None:
+    """Refuse if there are warnings.
+
+    Raises:
+        RefusedError: There is one.
+    """
+    if warnings:
+        raise RefusedError(f"refused by --strict: {counted(len(warnings), 'warning')}", where=where)
