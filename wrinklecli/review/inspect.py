@@ -299,7 +299,7 @@ def _bytes(document: Document) -> tuple[list[Json], Json]:
 
 
 def _view_users(document: Document) -> dict[int, Counter[str]]:
-    """For each used buffer view the number of its elements of each kind."""
+    """Count the elements of each kind in each used buffer view."""
     users: defaultdict[int, Counter[str]] = defaultdict(Counter)
     kinds: dict[int, str] = {}
     for index, kind in accessor_references(document.gltf):

@@ -46,8 +46,8 @@ def test_the_distance_is_that_of_the_message_and_goes_along_with_the_skin(tmp_pa
     assert planned.job is None
     document = read_document(asset)
     (misfit,) = find_misfits(planned, document)
-    assert [end.far for end in misfit.ends] == [True, False]
-    assert f"is {misfit.ends[0].distance:.4g} from the mesh" in misfit.refused.reason
+    assert [end.far for end in misfit.points] == [True, False]
+    assert f"is {misfit.points[0].distance:.4g} from the mesh" in misfit.refused.reason
     shown, _ = read_shown(document, "", ())
     for moment in (Moment(None, 0.0), Moment("fold", 1.0)):
         places = misfit.places(shown, moment)
@@ -72,7 +72,7 @@ def test_whatever_does_not_fit_is_shown_and_said(tmp_path: Path, keys: Json, sai
     tools = write_tools(tmp_path / "tools.yaml", tool(**keys), tool(name="fits"))
     planned = plan_tools(asset, tools, BakeOptions())
     (misfit,) = find_misfits(planned, read_document(asset))
-    assert [len(misfit.ends), len(planned.plans)] == [ends, 1]
+    assert [len(misfit.points), len(planned.plans)] == [ends, 1]
     made = draw([asset], tmp_path / "a.png", tools=tools, size=(32, 24))
     assert made.shown == "2 tools"
     assert said in made.warnings[0]

@@ -10,21 +10,21 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.review.diff.difference import (
     Difference,
-    Found,
+    Findings,
     Limits,
     Link,
     Place,
     Sides,
+    brief,
     differ,
     node_names,
     pairs_by_key,
-    shown,
     without,
 )
 from wrinklecli.review.diff.values import dict_differences, gaps, property_gaps
 
 
-def animation_differences(sides: Sides, chosen: Sequence[str]) -> Found:
+def animation_differences(sides: Sides, chosen: Sequence[str]) -> Findings:
     """Pair animations by name and compare them; only the chosen names, or all without names."""
     first, second = sides.a.items("animations"), sides.b.items("animations")
     clips_a, clips_b = ({clip.index: clip for clip in read_clips(each)} for each in (sides.a, sides.b))
@@ -45,7 +45,7 @@ def animation_differences(sides: Sides, chosen: Sequence[str]) -> Found:
         lambda j: frozenset(_properties(second[j])),
     )
     for i, j in renamed.items():
-        message = f"{shown(names_a[i])} -> {shown(names_b[j])}"
+        message = f"{brief(names_a[i])} -> {brief(names_b[j])}"
         yield differ("structure", ("animations", i, "name"), message, name=names_a[i])
     pairs |= renamed
     for i in without(names_a, pairs):
@@ -66,7 +66,7 @@ def _properties(animation: Json) -> set[tuple[Any, Any]]:
     return {(target.get("node"), target.get("path")) for target in targets}
 
 
-def _clip_differences(sides: Sides, first: Clip, second: Clip) -> Found:
+def _clip_differences(sides: Sides, first: Clip, second: Clip) -> Findings:
     place: Place = ("animations", first.index)
     spans = [(clip.start, clip.end) for clip in (first, second)]
     if gaps(np.array(spans[0]), np.array(spans[1])).max() > sides.limits.slack(np.array(spans[0])):
@@ -126,7 +126,7 @@ def _channel_differences(
         yield differ("animation", place, message, name=clip)
 
 
-def _other_channel_differences(sides: Sides, i: int, j: int, clip_a: Clip | None, clip_b: Clip | None) -> Found:
+def _other_channel_differences(sides: Sides, i: int, j: int, clip_a: Clip | None, clip_b: Clip | None) -> Findings:
     """Compare the channels that move no node, such as those of KHR_animation_pointer, in their order."""
     others_a, others_b = _other_channels(sides.a, i, clip_a), _other_channels(sides.b, j, clip_b)
     place: Place = ("animations", i, "channels")

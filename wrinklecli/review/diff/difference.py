@@ -65,7 +65,7 @@ class Link:
     name: object = None
 
 
-Found = Iterator[Difference | Link]
+Findings = Iterator[Difference | Link]
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +152,7 @@ def is_index(value: Any) -> bool:
     return isinstance(value, int) and not isinstance(value, bool)
 
 
-def shown(value: Any) -> str:
+def brief(value: Any) -> str:
     """A JSON value, shortened for a message."""
     text = repr(value)
     return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"

@@ -17,7 +17,7 @@ from wrinklecli.gltf.shape import COMPRESSIONS
 from wrinklecli.review.diff.animations import animation_differences
 from wrinklecli.review.diff.difference import (
     Difference,
-    Found,
+    Findings,
     Limits,
     Link,
     Place,
@@ -38,7 +38,7 @@ _STORAGE = ("accessors", "bufferViews", "buffers")
 _REFERRED = ("meshes", "images", "materials", "textures", "samplers", "cameras", "skins")
 _COMPARED = (*_REFERRED, "nodes", "scenes", "animations")
 # Comparisons of objects that are more than their JSON.
-_COMPARISONS: dict[str, Callable[[Sides, int, int], Found]] = {
+_COMPARISONS: dict[str, Callable[[Sides, int, int], Findings]] = {
     "meshes": mesh_differences,
     "images": image_differences,
     "skins": skin_differences,
@@ -71,7 +71,7 @@ class _Walk:
         self.sides = sides
         self.met: set[tuple[str, int, int]] = set()
 
-    def follow(self, found: Found) -> Iterator[Difference]:
+    def follow(self, found: Findings) -> Iterator[Difference]:
         """Yield differences, and for each link the differences of the objects to which it leads."""
         for each in found:
             if isinstance(each, Difference):
@@ -93,7 +93,7 @@ class _Walk:
         one, other = (index in range(len(document.items(link.kind))) for document, index in ends)
         return one, other
 
-    def _compare(self, kind: str, i: int, j: int) -> Found:
+    def _compare(self, kind: str, i: int, j: int) -> Findings:
         if kind in _COMPARISONS:
             return _COMPARISONS[kind](self.sides, i, j)
         return dict_differences(*self.sides.items(kind, i, j), (kind, i), kind, self.sides.limits)
@@ -140,7 +140,7 @@ class _Walk:
                 yield differ("structure", (kind, index), "only in B", name=names_b[index])
 
 
-def _scene_differences(sides: Sides) -> Found:
+def _scene_differences(sides: Sides) -> Findings:
     """Compare scenes, in their order, by the nodes that they show."""
     first, second = sides.a.items("scenes"), sides.b.items("scenes")
     if len(first) != len(second):
@@ -160,7 +160,7 @@ def _scene_differences(sides: Sides) -> Found:
                 yield differ("structure", (*place, "nodes"), f"{names_b[node]!r} only in B")
 
 
-def _top_differences(sides: Sides) -> Found:
+def _top_differences(sides: Sides) -> Findings:
     """Compare the asset's own data, its extensions, and keys that glTF 2.0 does not define."""
     a, b, limits = sides.a.gltf, sides.b.gltf, sides.limits
     lists = "extensionsUsed", "extensionsRequired"

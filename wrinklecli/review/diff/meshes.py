@@ -10,7 +10,7 @@ from wrinklecli.errors import AssetError, TooMuchError
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.images import read_image
 from wrinklecli.gltf.shape import Json
-from wrinklecli.review.diff.difference import Difference, Found, Place, Sides, differ
+from wrinklecli.review.diff.difference import Difference, Findings, Place, Sides, differ
 from wrinklecli.review.diff.values import (
     accessor_differences,
     count_that_differ,
@@ -40,7 +40,7 @@ class _Mesh:
     scale: float
 
 
-def mesh_differences(sides: Sides, i: int, j: int) -> Found:
+def mesh_differences(sides: Sides, i: int, j: int) -> Findings:
     """Compare two meshes, primitive by primitive in their order."""
     first, second = sides.items("meshes", i, j)
     place, name = ("meshes", i), first.get("name")
@@ -55,7 +55,7 @@ def mesh_differences(sides: Sides, i: int, j: int) -> Found:
         yield from _primitive_differences(sides, one, other, (*place, "primitives", number), mesh)
 
 
-def _primitive_differences(sides: Sides, first: Json, second: Json, place: Place, mesh: _Mesh) -> Found:
+def _primitive_differences(sides: Sides, first: Json, second: Json, place: Place, mesh: _Mesh) -> Findings:
     name = mesh.name
     skip = {"attributes", "indices", "targets"}
     yield from dict_differences(first, second, place, "primitives", sides.limits, name=name, skip=skip)
@@ -121,7 +121,7 @@ def _triangle_differences(
         yield differ("geometry", at, message, name=name)
 
 
-def image_differences(sides: Sides, i: int, j: int) -> Found:
+def image_differences(sides: Sides, i: int, j: int) -> Findings:
     """Compare two images byte by byte."""
     first, second = sides.items("images", i, j)
     name = first.get("name", first.get("uri"))

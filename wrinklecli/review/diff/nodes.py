@@ -9,7 +9,7 @@ from wrinklecli.character.rig import TRANSFORM_DEFAULTS, morph_target_names
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, affine_rows, unit_quaternions
-from wrinklecli.review.diff.difference import Difference, Found, Link, Sides, differ, pairs_by_key, shown
+from wrinklecli.review.diff.difference import Difference, Findings, Link, Sides, brief, differ, pairs_by_key
 from wrinklecli.review.diff.values import dict_differences, property_gaps, value_differences
 
 
@@ -62,7 +62,7 @@ class _Pairing:
             rest_b = [j for j in level_b if j not in paired and names_b[j] not in known_a]
             alike = pairs_by_key(rest_a, rest_b, lambda i: _features(nodes_a[i]), lambda j: _features(nodes_b[j]))
             for i, j in alike.items():
-                message = f"{shown(names_a[i])} -> {shown(names_b[j])}"
+                message = f"{brief(names_a[i])} -> {brief(names_b[j])}"
                 self.found.append(differ("structure", ("nodes", i, "name"), message, name=names_a[i]))
                 pairs[i] = j
             self.nodes |= pairs
@@ -125,7 +125,7 @@ def _name_at(names: Sequence[Any], index: int) -> str:
     return repr(names[index]) if index >= 0 else "none"
 
 
-def node_differences(sides: Sides, i: int, j: int) -> Found:
+def node_differences(sides: Sides, i: int, j: int) -> Findings:
     """Compare two paired nodes; their meshes, cameras and skins become links."""
     first, second = sides.items("nodes", i, j)
     place, name = ("nodes", i), first.get("name")
@@ -156,7 +156,7 @@ def _transform_differences(sides: Sides, i: int, j: int) -> Iterator[Difference]
         return
     for path, default in TRANSFORM_DEFAULTS.items():
         if property_gaps(path, _stored(sides.a, i, path)[None], _stored(sides.b, j, path)[None], sides.limits).any():
-            message = " -> ".join(shown(node.get(path, list(default))) for node in (first, second))
+            message = " -> ".join(brief(node.get(path, list(default))) for node in (first, second))
             yield differ("value", ("nodes", i, path), message, name=name)
 
 

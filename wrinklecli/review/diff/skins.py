@@ -11,7 +11,7 @@ from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.diff.difference import (
     Difference,
-    Found,
+    Findings,
     Link,
     Place,
     Sides,
@@ -32,7 +32,7 @@ def joint_pairs(sides: Sides, i: int, j: int) -> dict[int, int]:
     return pairs | pairs_by_key(rest_a, rest_b, wanted.__getitem__, second.__getitem__)
 
 
-def skin_differences(sides: Sides, i: int, j: int) -> Found:
+def skin_differences(sides: Sides, i: int, j: int) -> Findings:
     """Compare two skins by their joints, and the inverse bind matrices of these."""
     first, second = sides.items("skins", i, j)
     place, name = ("skins", i), first.get("name")

@@ -69,7 +69,7 @@ class Soup:
 
 
 @dataclass(frozen=True, slots=True)
-class Far:
+class FarthestVertex:
     """The vertex of two surfaces that is farthest from the other surface.
 
     Attributes:
@@ -120,7 +120,7 @@ class _Near:
         return found
 
 
-def farthest_apart(a: Soup, b: Soup, times: Floats, advance: Callable[[float], None]) -> Far:
+def farthest_apart(a: Soup, b: Soup, times: Floats, advance: Callable[[float], None]) -> FarthestVertex:
     """Find the time, of at least one, and the vertex at which two surfaces are farthest apart.
 
     A triangle that is near a vertex at the first time is not far from it at others. So its distance at each time is a
@@ -137,13 +137,15 @@ def farthest_apart(a: Soup, b: Soup, times: Floats, advance: Callable[[float], N
             for ((one, _), own, its), hints, peak in zip(sides, near, peaks, strict=True):
                 np.maximum(peak, hints.distances(own[one.used], its), out=peak)
         advance(len(now))
-    far = Far(0.0, 0, int(a.used[0]), float(times[0]))
+    far = FarthestVertex(0.0, 0, int(a.used[0]), float(times[0]))
     for side in (0, 1) if peaks[0].max() >= peaks[1].max() else (1, 0):
         far = _farthest_of(side, pairs[side], times, near[side].triangles, peaks[side], far)
     return far
 
 
-def _farthest_of(side: int, pair: tuple[Soup, Soup], times: Floats, near: Ints, peaks: Floats, far: Far) -> Far:
+def _farthest_of(
+    side: int, pair: tuple[Soup, Soup], times: Floats, near: Ints, peaks: Floats, far: FarthestVertex
+) -> FarthestVertex:
     """The farthest vertex of one surface from another, or `far` if no vertex is farther.
 
     Args:
@@ -166,7 +168,7 @@ def _farthest_of(side: int, pair: tuple[Soup, Soup], times: Floats, near: Ints, 
             points, corners = one.posed(now)[0, one.used[chosen]], other.posed(now)[0, other.triangles]
             found = farthest(points, corners, hints=hints, floor=far.distance)
             if found.point >= 0:
-                far = Far(found.distance, side, int(one.used[chosen[found.point]]), float(now[0]))
+                far = FarthestVertex(found.distance, side, int(one.used[chosen[found.point]]), float(now[0]))
             changed, hints = np.flatnonzero(found.hints != hints), found.hints
             nearer = _distances(one, other, chosen[changed], hints[changed], times)
             bounds[:, changed] = np.minimum(bounds[:, changed], nearer)

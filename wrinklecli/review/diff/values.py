@@ -14,15 +14,15 @@ from wrinklecli.gltf.shape import COMPRESSIONS, Json
 from wrinklecli.numeric.arrays import Array, Floats
 from wrinklecli.review.diff.difference import (
     Difference,
-    Found,
+    Findings,
     Kind,
     Limits,
     Link,
     Place,
     Sides,
+    brief,
     differ,
     is_index,
-    shown,
 )
 
 # The arrays to which keys of a kind of object refer, at any depth; `attributes` below an extension are accessors.
@@ -65,7 +65,7 @@ def dict_differences(
     name: object = None,
     skip: Iterable[str] = (),
     inside: str = "",
-) -> Found:
+) -> Findings:
     """Compare JSON objects key by key.
 
     Args:
@@ -97,7 +97,7 @@ def dict_differences(
             if one is not other:
                 side, value = ("A", one) if other is _MISSING else ("B", other)
                 # An index would mean nothing in a message.
-                said = "" if deeper != "extras" and _referred(at, kind, deeper) else f"{shown(value)} "
+                said = "" if deeper != "extras" and _referred(at, kind, deeper) else f"{brief(value)} "
                 yield differ("structure", at, f"{said}only in {side}", name=name)
             continue
         yield from value_differences(one, other, at, kind, limits, name=name, inside=deeper)
@@ -105,7 +105,7 @@ def dict_differences(
 
 def value_differences(
     one: Any, other: Any, place: Place, kind: str, limits: Limits, *, name: object = None, inside: str = ""
-) -> Found:
+) -> Findings:
     """Compare JSON values; the arguments are those of `dict_differences`."""
     referred = None if inside == "extras" else _referred(place, kind, inside)
     if referred is not None and is_index(one) and is_index(other):
@@ -117,16 +117,16 @@ def value_differences(
             yield differ("value", place, f"{len(one)} -> {len(other)} items", name=name)
         elif _are_numbers(one) and _are_numbers(other):
             if any(limits.are_apart(*pair) for pair in zip(one, other, strict=True)):
-                yield differ("value", place, f"{shown(one)} -> {shown(other)}", name=name)
+                yield differ("value", place, f"{brief(one)} -> {brief(other)}", name=name)
         else:
             for number, pair in enumerate(zip(one, other, strict=True)):
                 yield from value_differences(*pair, (*place, number), kind, limits, name=name, inside=inside)
     elif _are_numbers([one, other]):
         if limits.are_apart(one, other):
-            yield differ("value", place, f"{shown(one)} -> {shown(other)}", name=name)
+            yield differ("value", place, f"{brief(one)} -> {brief(other)}", name=name)
     elif type(one) is not type(other) or one != other:
         changed: Kind = "structure" if place[-1] == "name" else "value"
-        yield differ(changed, place, f"{shown(one)} -> {shown(other)}", name=name)
+        yield differ(changed, place, f"{brief(one)} -> {brief(other)}", name=name)
 
 
 def _referred(place: Place, kind: str, inside: str) -> str | None:

@@ -21,7 +21,7 @@ from wrinklecli.tools.records import ToolsFile, WrinkleTool
 
 
 @dataclass(frozen=True, slots=True)
-class Refused:
+class RefusedTool:
     """A tool that does not fit, and the line with which a bake would refuse it."""
 
     tool: WrinkleTool
@@ -43,7 +43,7 @@ class PlannedTools:
     settings: ToolsFile
     job: Job | None
     plans: tuple[MeshPlan, ...]
-    misfits: tuple[Refused, ...]
+    misfits: tuple[RefusedTool, ...]
     warnings: tuple[str, ...]
 
     @property
@@ -58,7 +58,7 @@ def plan_tools(asset: Document, tools: str | os.PathLike[str], options: BakeOpti
     Raises:
         WrinkleError: The asset or the tools file is at fault.
     """
-    misfits: list[Refused] = []
+    misfits: list[RefusedTool] = []
     settings = load_tools(tools)
     wanted = [tool for tool in settings.tools if not options.only or tool.name in options.only]
     settings, asked = replace(settings, tools=tuple(wanted)), options
@@ -80,14 +80,14 @@ def plan_tools(asset: Document, tools: str | os.PathLike[str], options: BakeOpti
     return PlannedTools(settings, None, (), tuple(misfits), tuple(each.reason for each in misfits))
 
 
-def _without(tools: Sequence[WrinkleTool], misfits: Sequence[Refused]) -> list[WrinkleTool]:
+def _without(tools: Sequence[WrinkleTool], misfits: Sequence[RefusedTool]) -> list[WrinkleTool]:
     names = {each.tool.name for each in misfits}
     return [tool for tool in tools if tool.name not in names]
 
 
-def _at_fault(error: WrinkleError, tools: Sequence[WrinkleTool]) -> list[Refused] | None:
+def _at_fault(error: WrinkleError, tools: Sequence[WrinkleTool]) -> list[RefusedTool] | None:
     """The tools that an error names, each with its first line; None if a line is about something else."""
-    found: dict[str, Refused] = {}
+    found: dict[str, RefusedTool] = {}
     for place, line in zip(error.places, error.lines, strict=True):
         # Several tools may inherit a key; the place of a mirrored tool is its source's place and one more word.
         of_place = [tool for tool in tools if place in tool.places.values()]
@@ -97,7 +97,7 @@ def _at_fault(error: WrinkleError, tools: Sequence[WrinkleTool]) -> list[Refused
         if not of_place:
             return None
         for tool in of_place:
-            found.setdefault(tool.name, Refused(tool, line))
+            found.setdefault(tool.name, RefusedTool(tool, line))
     return list(found.values())
 
 

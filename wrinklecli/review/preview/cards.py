@@ -10,7 +10,7 @@ from wrinklecli.gltf.pixels import Bytes
 from wrinklecli.review.preview.overlay import Placed
 from wrinklecli.review.preview.paints import Colour
 from wrinklecli.review.preview.peaks import Fact
-from wrinklecli.review.preview.sheet_layout import code, cut_to, font_of, tagged
+from wrinklecli.review.preview.sheet_layout import cut_to, font_of, labelled, rgb_bytes
 
 # Colours of the sheet, of its cards and of their frames, 8-bit sRGB.
 _PAGE = (238, 240, 243)
@@ -77,7 +77,7 @@ class CardSheet:
         pen = ImageDraw.Draw(self.image)
         pen.rectangle((left - 1, top - 1, left + width, top + height), fill=_CARD, outline=_RULE)
         for place, each in enumerate(card.pictures):
-            cell = tagged(each.pixels, each.label, font_of(self._text), each.words)
+            cell = labelled(each.pixels, each.label, font_of(self._text), each.words)
             self.image.paste(cell, (left + place * (self._size[0] + _SLIT), top))
         self._write(pen, left + _GAP // 2 + 2, top + self._size[1] + self._text // 2, width - _GAP - 4, card)
 
@@ -90,7 +90,7 @@ class CardSheet:
         start = left
         if card.colour is not None:
             side = self._text - 3
-            pen.rectangle((left, top + 3, left + side, top + 3 + side), fill=code(card.colour))
+            pen.rectangle((left, top + 3, left + side, top + 3 + side), fill=rgb_bytes(card.colour))
             start += side + self._text // 2
         name = cut_to(left + width - start - small.getlength(aside) - self._text, card.name, large)
         # A stroke around the letters makes them bold, because Pillow's own font has one weight.

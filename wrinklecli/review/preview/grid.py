@@ -17,7 +17,7 @@ from wrinklecli.review.preview.overlay import Dot, Overlay, Placed, Stroke, Word
 from wrinklecli.review.preview.paints import Colour
 from wrinklecli.review.preview.shown import ShownAsset
 
-# For each up axis of a tools file, rows: where its x, y and z point in glTF's axes.
+# The axes x, y and z of a tools file as rows in glTF's axes, by the file's up axis.
 _AXES = {"y": np.eye(3), "z": np.array(((1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0)))}
 _NAMES = "xyz"
 # Colours of the x, y and z axes, sRGB.

@@ -1,4 +1,4 @@
-"""Show tools that do not fit their asset: the points that they name, and how far the mesh is from there."""
+"""Show tools that do not fit their asset: the points of their paths, and the distances of these from the mesh."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from wrinklecli.character.surface import Surface, read_surface
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, Ints
-from wrinklecli.review.preview.apply import PlannedTools, Refused
+from wrinklecli.review.preview.apply import PlannedTools, RefusedTool
 from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.overlay import Dot, Overlay, Stroke, Word
 from wrinklecli.review.preview.shown import ShownAsset
@@ -22,7 +22,7 @@ from wrinklecli.tools.records import WrinkleTool
 
 # Colour of tools that do not fit, sRGB.
 RED = (0.89, 0.0, 0.0)
-# Distance from the mesh from which on an end is not framed, over the asset's size.
+# Points farther from the mesh than this are not framed, over the asset's size.
 _FARTHEST = 1.0
 # Angle by which a view looks past the ends, so that their distance from the mesh shows, degrees.
 _PAST = 60
@@ -32,7 +32,7 @@ _HIGHEST = 30
 
 
 @dataclass(frozen=True, slots=True)
-class LostEnd:
+class PathPoint:
     """A point of a tool's path, such as an end, and the place of a mesh that is nearest to it at rest.
 
     Attributes:
@@ -64,11 +64,11 @@ class Misfit:
     """A tool that does not fit.
 
     Attributes:
-        ends: All points of its path; none if a point's place is unknown.
+        points: The points of its path; none if a point's place is unknown.
     """
 
-    refused: Refused
-    ends: tuple[LostEnd, ...]
+    refused: RefusedTool
+    points: tuple[PathPoint, ...]
 
     @property
     def name(self) -> str:
@@ -78,7 +78,7 @@ class Misfit:
     @property
     def view(self) -> str:
         """The view, as azimuth:elevation, that looks past the side of the mesh to which the ends are nearest."""
-        x, y, z = sum((each.normal for each in self.ends), np.array((0.0, 0.0, 1e-9)))
+        x, y, z = sum((each.normal for each in self.points), np.array((0.0, 0.0, 1e-9)))
         azimuth, elevation = np.degrees([np.arctan2(x, z), np.arctan2(y, np.hypot(x, z))])
         turned = (round(azimuth / _STEP) * _STEP + _PAST + 180) % 360 - 180
         return f"{turned}:{_STEP * round(min(max(elevation, -_HIGHEST), _HIGHEST) / _STEP)}"
@@ -86,7 +86,7 @@ class Misfit:
     def places(self, asset: ShownAsset, moment: Moment) -> Floats:
         """(ends, 2, 3) for each end the nearest place of the mesh, and the point, which moves along with that place."""
         found = []
-        for end in self.ends:
+        for end in self.points:
             for posed in asset.posed(moment):
                 source = posed.shown.source
                 if (source.rig.node, source.primitive) == (end.node, end.primitive):
@@ -114,13 +114,13 @@ def find_misfits(planned: PlannedTools, document: Document) -> list[Misfit]:
         named = [index for index, name in nodes.items() if name == refused.tool.node]
         try:
             meshes = {index: at_rest(index, refused.tool) for index in named or nodes}
-            found.append(Misfit(refused, _ends_of(refused.tool, meshes)))
+            found.append(Misfit(refused, _points_of(refused.tool, meshes)))
         except WrinkleError:  # a marker is not a node, or a mesh cannot be posed
             found.append(Misfit(refused, ()))
     return found
 
 
-def _ends_of(tool: WrinkleTool, meshes: Mapping[int, tuple[Rig, Surface, Rest]]) -> tuple[LostEnd, ...]:
+def _points_of(tool: WrinkleTool, meshes: Mapping[int, tuple[Rig, Surface, Rest]]) -> tuple[PathPoint, ...]:
     """All points of a tool's path, by their nearest meshes at rest; `meshes` are those that it may be on, by node."""
     if not meshes:
         return ()
@@ -133,7 +133,7 @@ def _ends_of(tool: WrinkleTool, meshes: Mapping[int, tuple[Rig, Surface, Rest]])
         _, surface, rest = meshes[node]
         primitive = int(surface.primitives[triangle])
         ends.append(
-            LostEnd(
+            PathPoint(
                 offset=point - place,
                 node=node,
                 primitive=primitive,
@@ -156,7 +156,7 @@ def misfit_overlay(misfits: Sequence[Misfit], asset: ShownAsset, moment: Moment)
         if len(places):
             strokes.append(Stroke(places[:, 1], RED, width=1.6, behind=0.5, dash=6.0))
         tool = misfit.refused.tool
-        for number, (end, (place, point)) in enumerate(zip(misfit.ends, places, strict=False)):
+        for number, (end, (place, point)) in enumerate(zip(misfit.points, places, strict=False)):
             if end.far:
                 strokes.append(Stroke(np.array([place, point]), RED, width=1.2, behind=0.5))
                 dots += [Dot(point, RED, 5.0, "cross"), Dot(place, RED, 2.0)]
@@ -165,7 +165,7 @@ def misfit_overlay(misfits: Sequence[Misfit], asset: ShownAsset, moment: Moment)
                 )
             else:
                 dots.append(Dot(point, RED, 3.5))
-        if len(places) and not any(end.far for end in misfit.ends):
+        if len(places) and not any(end.far for end in misfit.points):
             words.append(Word(places[0, 1], misfit.name, RED))
     return Overlay(strokes, dots, words)
 

@@ -206,8 +206,8 @@ def _peak(data: Json, node: int, clips: Sequence[Json]) -> Peak:
     tallest_clips = [each for each in clips if each["height"] >= _EQUAL * tallest > 0]
     best = max(tallest_clips, key=_shortest, default=None)
     moment = Moment(None, 0.0) if best is None else Moment(best["name"], best["time"])
-    further = [row for row in (tuple(_lie(data)), tuple(_others(best, clips))) if row]
-    return Peak(data["name"], node, moment, best is not None, (tuple(_figures(data, best)), *further))
+    further = [row for row in (tuple(_patch_facts(data)), tuple(_clip_facts(best, clips))) if row]
+    return Peak(data["name"], node, moment, best is not None, (tuple(_peak_facts(data, best)), *further))
 
 
 def _shortest(clip: Json) -> float:
@@ -215,7 +215,7 @@ def _shortest(clip: Json) -> float:
     return float((clip.get("shortening") or (-1.0, -1.0))[1])
 
 
-def _figures(data: Json, best: Json | None) -> Iterator[Fact]:
+def _peak_facts(data: Json, best: Json | None) -> Iterator[Fact]:
     """The facts of a tool at its peak."""
     if best is None:
         yield Fact("no clip raises it: shown at its full height", alarming=True)
@@ -230,7 +230,7 @@ def _figures(data: Json, best: Json | None) -> Iterator[Fact]:
         yield Fact(f"{_percent(best['unabsorbed'])} not absorbed", alarming=True)
 
 
-def _lie(data: Json) -> Iterator[Fact]:
+def _patch_facts(data: Json) -> Iterator[Fact]:
     """The facts of a tool on its mesh."""
     if "bumps" in data:
         yield Fact(f"{data['bumps']} bump{'s' * (data['bumps'] != 1)}, {data['strategy']}")
@@ -242,7 +242,7 @@ def _lie(data: Json) -> Iterator[Fact]:
         yield Fact(f"{data['triangles']:,} triangles + {data['edges_split']:,} vertices")
 
 
-def _others(best: Json | None, clips: Sequence[Json]) -> Iterator[Fact]:
+def _clip_facts(best: Json | None, clips: Sequence[Json]) -> Iterator[Fact]:
     """The shortenings of a tool in other clips."""
     found = sorted((each for each in clips if each is not best and _shortest(each) > _VISIBLE), key=_shortest)[::-1]
     if found:

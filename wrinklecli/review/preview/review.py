@@ -231,12 +231,12 @@ def _cards(
         together.setdefault((shot.moment, -1 if shot.peak.raised else shot.ink), []).append(shot)
     for (moment, _), members in together.items():
         source = after if members[0].peak.raised else _alone(after, members[0].peak)
-        snapshots = [_toned(take_snapshot(each, moment, heat=options.heat), options) for each in (before, source)]
+        snapshots = [_dimmed(take_snapshot(each, moment, heat=options.heat), options) for each in (before, source)]
         for shot in members:
             yield shot.number, _card(shot, snapshots, options)
 
 
-def _toned(snapshot: Snapshot, options: PreviewOptions) -> Snapshot:
+def _dimmed(snapshot: Snapshot, options: PreviewOptions) -> Snapshot:
     """A snapshot whose colours are dimmed to _BRIGHTEST, unless they show compression."""
     return snapshot if options.heat else replace(snapshot, colours=np.minimum(snapshot.colours, _BRIGHTEST))
 
@@ -316,7 +316,7 @@ def _misfit_cards(asset: ShownAsset, misfits: Sequence[Misfit], options: Preview
     if not misfits:
         return
     stored, size = Moment(None, 0.0), options.picture_size
-    snapshot = _toned(replace(take_snapshot(asset, stored, heat=options.heat), marks=()), options)
+    snapshot = _dimmed(replace(take_snapshot(asset, stored, heat=options.heat), marks=()), options)
     whole = snapshot.corners.reshape(-1, 3)
     for misfit in misfits:
         points = misfit_points([misfit], asset, stored)

@@ -34,7 +34,7 @@ _PALE = (255, 255, 255)
 _WEBP_QUALITY = 90
 # Frames of an animation from which its palette is made.
 _PALETTE_FRAMES = 8
-# Letters of a text that are looked at.
+# The greatest number of letters of a line.
 _MOST_LETTERS = 200
 
 
@@ -88,7 +88,7 @@ class Sheet:
     def put(self, column: int, row: int, picture: Bytes, label: str, words: Sequence[Placed] = ()) -> None:
         """Place a picture with its label, and words beside the places that they name."""
         width, height = self._size
-        cell = tagged(picture, label, font_of(_font_size(self._size)), words)
+        cell = labelled(picture, label, font_of(_font_size(self._size)), words)
         self.image.paste(cell, (column * (width + _GUTTER), row * (height + _GUTTER)))
 
     def _draw_legend(self, top: int) -> None:
@@ -102,7 +102,7 @@ class Sheet:
             if width > 4 * step:
                 for x in range(width):
                     colour = self._legend.ramp[x * len(self._legend.ramp) // width]
-                    pen.line((left + x, line + 1, left + x, line + step), fill=code(colour))
+                    pen.line((left + x, line + 1, left + x, line + step), fill=rgb_bytes(colour))
                 for place, text in self._legend.ticks:
                     x = left + round(place * width)
                     pen.line((x, line + step, x, line + step + 3), fill=_DARK)
@@ -113,7 +113,7 @@ class Sheet:
             room = 2 * step + int(pen.textlength(text, font=font))
             if left + room > self.image.width:
                 break
-            pen.rectangle((left, line + 2, left + step - 2, line + step), fill=code(colour))
+            pen.rectangle((left, line + 2, left + step - 2, line + step), fill=rgb_bytes(colour))
             pen.text((left + step + 3, line), text, fill=_DARK, font=font)
             left += room + step // 2
 
@@ -148,7 +148,7 @@ def font_of(size: int) -> Any:
     return ImageFont.load_default(float(size))
 
 
-def tagged(picture: Bytes, label: str, font: Any, words: Sequence[Placed] = ()) -> Image.Image:
+def labelled(picture: Bytes, label: str, font: Any, words: Sequence[Placed] = ()) -> Image.Image:
     """A picture with a label in its top left corner, if it fits, and words beside the places that they name."""
     cell = Image.fromarray(picture)
     if words:
@@ -185,7 +185,7 @@ def _write_words(cell: Image.Image, words: Sequence[Placed], font: Any) -> None:
 
 def _write(pen: Any, at: tuple[float, float], text: str, colour: Colour, font: Any, anchor: str) -> None:
     """Write a word that can be read on any ground."""
-    pen.text(at, text, fill=code(colour), font=font, anchor=anchor, stroke_width=2, stroke_fill=_PALE)
+    pen.text(at, text, fill=rgb_bytes(colour), font=font, anchor=anchor, stroke_width=2, stroke_fill=_PALE)
 
 
 def cut_to(width: float, text: str, font: Any) -> str:
@@ -198,7 +198,7 @@ def cut_to(width: float, text: str, font: Any) -> str:
     return text + "…" if text else ""
 
 
-def code(colour: Any) -> tuple[int, int, int]:
+def rgb_bytes(colour: Any) -> tuple[int, int, int]:
     """An sRGB colour of 0 to 1 as 8-bit numbers."""
     red, green, blue = (round(255 * float(c)) for c in colour)
     return red, green, blue
