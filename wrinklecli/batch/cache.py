@@ -45,11 +45,11 @@ class Record:
 
     Attributes:
         files: Output files, the main one last.
-        said: Outcome as JSON values.
+        outcome: Some fields of the job's outcome.
     """
 
     files: tuple[CachedFile, ...]
-    said: Mapping[str, Any]
+    outcome: Mapping[str, Any]
 
 
 class Cache:
@@ -85,13 +85,13 @@ class Cache:
             return None
         return data if hashlib.sha256(data).hexdigest() == file.digest else None
 
-    def keep(self, key: str, files: Iterable[tuple[str, str, str]], said: Mapping[str, Any]) -> None:
+    def keep(self, key: str, files: Iterable[tuple[str, str, str]], outcome: Mapping[str, Any]) -> None:
         """Store the outputs of a job.
 
         Args:
             key: Key of the job.
             files: Root, path within it, and present place of each file; the main one last.
-            said: Outcome as JSON values.
+            outcome: Some fields of the job's outcome, as JSON values.
 
         Raises:
             OSError: A file cannot be read.
@@ -102,7 +102,7 @@ class Cache:
             digest = hashlib.sha256(data).hexdigest()
             self._put(self._path("files", digest), data)
             kept.append([root, path, digest])
-        self._put(self._path("keys", key), json.dumps({"cache": _VERSION, "files": kept, "said": said}).encode())
+        self._put(self._path("keys", key), json.dumps({"cache": _VERSION, "files": kept, "said": outcome}).encode())
 
     def parts_of_output(self, out: str) -> Parts | None:
         """The inputs that the output at a path was made from, as last noted."""

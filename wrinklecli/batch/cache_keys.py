@@ -20,7 +20,7 @@ from wrinklecli.errors import AssetError
 from wrinklecli.gltf.files import leaves_folder, path_of
 
 Parts: TypeAlias = dict[str, Any]
-"""What a key is made from, by name, as JSON values."""
+"""Everything that a key depends on, by name, as JSON values."""
 
 # Header of a .glb (glTF 2.0, §4.4): magic, version, length; length and kind of the JSON chunk.
 _HEADER = struct.Struct("<4sIIII")

@@ -88,7 +88,7 @@ class Outcome:
         reason: Why the job was (or would be) baked; for a hit, whether its files were in their places already.
         seconds: Time that the job took.
         key: Cache key of the job; empty if an input cannot be read.
-        peak_memory: Bytes, the largest memory of the process meanwhile; None if the system does not tell.
+        peak_memory: Largest memory of the process during the job, bytes; None if the system does not tell.
         summary: One line about the output.
         residual: Largest distance of the file from the method, scene units; None without proof.
         tallest: Height of the tallest wrinkle, scene units.

@@ -11,10 +11,9 @@ from wrinklecli.batch.stores import absolute
 from wrinklecli.batch.worker import OpenOutputs, Settings, fetch_job, run_job
 from wrinklecli.files.outputs import Outputs
 
-# Jobs are looked up in the cache here before workers are started, for as many seconds as starting workers takes …
-_LOOKUP_SECONDS = 3.0
-# … or until this many jobs have to be baked, which is enough work for the workers to start with.
-_ENOUGH_TO_BAKE = 8
+# Before workers are started, jobs are looked up in the cache here, until one of these limits:
+_LOOKUP_SECONDS = 3.0  # as long as it takes to start workers
+_ENOUGH_TO_BAKE = 8  # jobs to bake, which are enough work for the workers to start with
 
 
 def run_jobs(

@@ -12,7 +12,7 @@ import traceback
 from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 from wrinklecli.batch import stores
 from wrinklecli.batch.cache import Cache, Record
@@ -160,15 +160,15 @@ def _fetched(here: Staged, cache: Cache, job: BatchJob, parts: Parts, open_outpu
                 outputs.add_bytes(path, content or b"", last=number == len(record.files) - 1)
         send(here, [(record.files[number].root, record.files[number].path) for number in missing], set())
         cache.note_output(job.out, parts)
-    said: dict[str, Any] = {name: record.said.get(name) for name in ("residual", "tallest")}
     return Outcome(
         job,
         "hit",
         reason="from the cache" if missing else "in place",
         key=key,
-        summary=str(record.said.get("summary", "")),
-        warnings=tuple(map(str, record.said.get("warnings", ()))),
-        **said,
+        summary=str(record.outcome.get("summary", "")),
+        warnings=tuple(map(str, record.outcome.get("warnings", ()))),
+        residual=record.outcome.get("residual"),
+        tallest=record.outcome.get("tallest"),
     )
 
 

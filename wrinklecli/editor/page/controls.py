@@ -39,11 +39,11 @@ class ToolControls:
 
     def __init__(self, gui: viser.GuiApi, change: Change, unset: Callable[[str], None], clips: Sequence[str]) -> None:
         self._gui, self._change = gui, change
-        self._inputs: dict[str, Any] = {}
         self._values: Mapping[str, Any] = {}
         self._distance = 1.0
         self._shows: list[Callable[[], None]] = []
         controls = key_controls()
+        self._keys = {control.key for control in controls}
         tabs = gui.add_tab_group()
         for group in dict.fromkeys([*GROUPS, *(control.group for control in controls)]):
             with tabs.add_tab(group):
@@ -69,21 +69,19 @@ class ToolControls:
         self._values, self._distance = values, distance
         for show in self._shows:
             show()
-        self._own.options = (_NO_KEY, *(key for key in own if key in self._inputs))
+        self._own.options = (_NO_KEY, *(key for key in own if key in self._keys))
         self._own.value = _NO_KEY
 
     def _add(self, control: KeyControl) -> None:
         """Add the widgets of a key."""
         if control.kind in ("list", "record"):
             self._add_parts(control)
-        elif control.kind == "length":
-            self._add_length(control)
+        elif control.kind == "length" or control.also_json:
+            self._add_alternatives(control)
         elif control.kind == "json":
             self._add_json(control, control.title)
-        elif control.kind == "choice" and control.also_json:
-            self._add_choice_or_json(control)
         else:
-            widget = self._inputs[control.key] = self._widget(control, control.title)
+            widget = self._widget(control, control.title)
             on_user_change(widget, lambda: self._set(control, widget.value))
             line = TypedText(widget)
 
@@ -111,73 +109,52 @@ class ToolControls:
             return gui.add_slider(title, low, high, step, start, hint=tip)
         return gui.add_number(title, start, min=low, max=high, step=step, hint=tip)
 
-    def _add_length(self, control: KeyControl) -> None:
-        """Add a slider, and a choice of words if the key may be a word."""
-        key, title = control.key, f"{control.title} (% of length)"
-        choice: Any = None
-        if control.choices:
-            words = [*control.choices, _LENGTH, *([_MAPPING] if control.also_json else [])]
-            choice = self._gui.add_dropdown(control.title, words, hint=control.tip)
-            title = "(% of length)"
-        slider: Any = self._gui.add_slider(
-            title, control.low, control.high, control.step, control.low, hint=control.tip
-        )
-        text = self._add_json(control, "…", visible=False) if control.also_json else None
-        self._inputs[key] = slider
+    def _add_alternatives(self, control: KeyControl) -> None:
+        """Add a choice of words, a slider for a length and a line of text for a mapping, if the key takes them."""
+        key, is_length = control.key, control.kind == "length"
+        words = [*control.choices, *([_LENGTH] if is_length else []), *([_MAPPING] if control.also_json else [])]
+        choice: Any = self._gui.add_dropdown(control.title, words, hint=control.tip) if control.choices else None
+        details: dict[str, Any] = {}
+        if is_length:
+            title = f"{'' if control.choices else control.title + ' '}(% of length)"
+            details[_LENGTH] = self._gui.add_slider(
+                title, control.low, control.high, control.step, control.low, hint=control.tip
+            )
+            on_user_change(details[_LENGTH], lambda: self._set(control, details[_LENGTH].value))
+        if control.also_json:
+            details[_MAPPING] = self._add_json(control, "…", visible=False)
+
+        def show_detail(word: str) -> None:
+            for each, widget in details.items():
+                widget.visible = each == word
 
         def show() -> None:
             value = self._values.get(key)
-            word = NONE if value is None else value if value in control.choices else None
+            word = NONE if value is None else value if value in control.choices else _LENGTH
             if isinstance(value, Mapping):
                 word = _MAPPING
-            slider.visible = word is None
-            if text is not None:
-                text.visible = word == _MAPPING
             if choice is not None:
-                choice.value = word or _LENGTH
-            if word is None:
-                percent = percent_of(value, self._distance)
+                choice.value = word if word in words else words[0]
+            show_detail(word)
+            if is_length and word == _LENGTH:
+                slider, percent = details[_LENGTH], percent_of(value, self._distance)
                 slider.max = max(control.high, percent)
                 slider.min = min(control.low, percent)
                 slider.value = percent
 
         def choose() -> None:
-            if choice.value == _MAPPING:
-                slider.visible = False
-                if text is not None:
-                    text.visible = True
+            value, before = choice.value, self._values.get(key)
+            if value == _MAPPING:
+                show_detail(_MAPPING)
                 return
-            before = self._values.get(key)
-            value = choice.value
             if value == _LENGTH:
-                value = slider.value if isinstance(before, Mapping) else max(slider.value, _USUAL_PERCENT)
+                percent = details[_LENGTH].value
+                value = percent if isinstance(before, Mapping) else max(percent, _USUAL_PERCENT)
                 before = None
             self._change((key,), as_written(control, value, before, self._distance), "at once")
 
         if choice is not None:
             on_user_change(choice, choose)
-        on_user_change(slider, lambda: self._set(control, slider.value))
-        self._shows.append(show)
-
-    def _add_choice_or_json(self, control: KeyControl) -> None:
-        """Add a choice of words, and a line of text for a mapping."""
-        key = control.key
-        choice: Any = self._gui.add_dropdown(control.title, (*control.choices, _MAPPING), hint=control.tip)
-        text = self._add_json(control, "…", visible=False)
-        self._inputs[key] = choice
-
-        def show() -> None:
-            value = self._values.get(key)
-            text.visible = isinstance(value, Mapping)
-            choice.value = _MAPPING if text.visible else value or control.choices[0]
-
-        def choose() -> None:
-            if choice.value == _MAPPING:
-                text.visible = True
-            else:
-                self._change((key,), choice.value, "at once")
-
-        on_user_change(choice, choose)
         self._shows.append(show)
 
     def _add_json(self, control: KeyControl, title: str, *, visible: bool = True) -> Any:
@@ -197,7 +174,6 @@ class ToolControls:
         self._shows.append(
             lambda: line.show(self._values["name"], json.dumps(self._values.get(key), ensure_ascii=False))
         )
-        self._inputs.setdefault(key, widget)
         return widget
 
     def _add_parts(self, control: KeyControl) -> None:
@@ -207,7 +183,6 @@ class ToolControls:
         if not is_list:
             choice = self._gui.add_dropdown(control.title, (*control.choices, _OWN), hint=control.tip)
         sliders = [self._widget(part, part.title) for part in control.parts]
-        self._inputs[key] = choice or sliders[0]
 
         def show() -> None:
             value: Any = self._values.get(key) or ([] if is_list else None)
@@ -268,5 +243,5 @@ class ToolControls:
 
 
 def _mode(control: KeyControl) -> SetMode:
-    """How the control's widget sets its key."""
+    """The mode in which the control's widget sets its key."""
     return "slides" if control.slides else "at once" if control.kind in ("choice", "flag") else "typed"

@@ -1,4 +1,4 @@
-"""What the parts of the page share: commands to the page, widgets that queue actions, and keyboard shortcuts."""
+"""Helpers for the parts of the page: its commands, widgets that queue actions, and keyboard shortcuts."""
 
 import html
 from collections.abc import Callable, Hashable, Mapping
@@ -19,7 +19,7 @@ ASKS = "#1f6fd6"
 """Colour of a message that asks for a next step, or about work that goes on."""
 
 SetMode: TypeAlias = Literal["at once", "slides", "typed"]
-"""How a widget sets a value. While it slides or is typed, more values follow, and only the last one is an edit."""
+"""A way to set a value. While a value slides or is typed, more follow, and only the last one is an edit."""
 
 # Fields keep the keyboard focus after a click, even checkboxes, and the page's commands hear no key then. This script
 # passes Ctrl-S on, and Ctrl-Z too unless a line of text has the focus, where it undoes typing. Enter leaves a field.
