@@ -1,4 +1,4 @@
-"""Paths in, bytes out; bytes in, files that are all there or none.
+"""Reads bytes from paths, and writes files either all or none.
 
-What the files hold, this room does not know. Every command writes through it.
+This room does not know what the files contain. Every command writes through it.
 """

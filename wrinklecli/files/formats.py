@@ -1,4 +1,4 @@
-"""What a file is that stands where an asset or a tools file belongs, in words for those who gave it."""
+"""Recognises the format of a file that was given in place of an asset or a tools file, for messages."""
 
 import re
 from dataclasses import dataclass
@@ -11,12 +11,12 @@ _PICTURE = "a picture"
 
 @dataclass(frozen=True, slots=True)
 class _Format:
-    """A format that people have in the place of glTF.
+    """A format that people have in place of glTF.
 
     Attributes:
-        what: It is, and what to do.
-        endings: Of the names of its files.
-        starts: First bytes of its files, in any case of letters.
+        what: Its name for messages, and what to do.
+        endings: Endings of file names.
+        starts: First bytes of files, in upper or lower case.
     """
 
     what: str
@@ -44,23 +44,24 @@ _FORMATS = (
     ),
     _Format("a web page; has a download failed?", (".html",), (b"<!DOCTYPE html", b"<html")),
 )
-_HEAD = 64  # bytes that hold the longest start
+# Bytes that contain the longest start.
+_HEAD = 64
 
 
 def is_gltf(data: bytes) -> bool:
-    """Whether a file seems to be a glTF asset, .glb or .gltf."""
+    """True if a file seems to be a glTF asset, .glb or .gltf."""
     return data.startswith(b"glTF") or re.match(rb'(\xef\xbb\xbf)?\s*\{(?s:.*)"asset"\s*:\s*\{', data) is not None
 
 
 def is_tools_file(data: bytes, name: str) -> bool:
-    """Whether a file seems to be one of wrinkling tools, or other YAML."""
+    """True if a file seems to be a tools file or other YAML."""
     return name.lower().endswith((".yaml", ".yml")) or re.search(rb"(?m)^tools:", data) is not None
 
 
 def foreign_format(data: bytes, name: str) -> str | None:
-    """What a file is that is no glTF, and what to do, such as `a ZIP archive; unpack it first`; None where unknown.
+    """Name the format of a file that is no glTF, and what to do: `a ZIP archive; unpack it first`; None if unknown.
 
-    By the end of its name, since archives hold several formats, and then by its first bytes.
+    The name's ending decides first, since several formats are archives, and then the first bytes.
     """
     head, name = data[:_HEAD].lstrip().lower(), name.lower()
     by_name = (each.what for each in _FORMATS if name.endswith(each.endings))

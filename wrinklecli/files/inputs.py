@@ -1,4 +1,4 @@
-"""Inputs: regular files. A pipe would be waited for, and a device may never end."""
+"""Opens inputs, which must be regular files: a pipe would block, and a device may never end."""
 
 import errno
 import os
@@ -10,16 +10,16 @@ def open_input(path: str | os.PathLike[str]) -> BinaryIO:
     """Open a file to read.
 
     Raises:
-        OSError: It cannot be read, or is a pipe, a device or the like.
+        OSError: The file cannot be read, or is not a regular file.
         ValueError: The path has a null character.
     """
-    # Looked at first, since to open some devices does something.
+    # The check comes first, since opening some devices has effects.
     _refuse_others(os.stat(path).st_mode)
     return open(path, "rb", opener=_open)
 
 
 def _open(path: str, flags: int) -> int:
-    """Open what may have become a pipe meanwhile, without waiting for it."""
+    """Open a path, which may have become a pipe meanwhile, without blocking."""
     descriptor = os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
     try:
         _refuse_others(os.fstat(descriptor).st_mode)

@@ -1,10 +1,9 @@
-"""Outputs of a command: files that are all written, or none.
+"""Writes the outputs of a command: all files, or none.
 
-Each is written into a folder of this run's, `.wrinkle-…`, beside its destination. When all of them are there, they are
-renamed into their places, the main ones last. So a file is whole at any moment; where something fails, and where a
-signal ends the run before the renaming, all is as it was. Killed outright amid the renaming, which no system does of
-several files at once, a run leaves some old and some new, the last main output old; its folder is taken away by a later
-one.
+Each file is written into a folder of this run, `.wrinkle-…`, beside its destination. When all are complete, they are
+renamed to their destinations, the main ones last. So a file is complete at any moment, and an error, or a signal before
+the renaming, changes nothing. If a run is killed during the renaming, which no system does for several files at once,
+some files are old and some new, the last main output old; a later run removes its folder.
 """
 
 import errno
@@ -22,20 +21,20 @@ from wrinklecli.errors import BakeError
 from wrinklecli.files.workplace import Workplace
 
 Write: TypeAlias = Callable[[IO[bytes]], object]
-# By which a file is known: its real path, and device and inode where it is there.
+# Identifies a file: its real path, or device and inode if it exists.
 _Identity: TypeAlias = str | tuple[int, int]
 
 
 @dataclass(slots=True)
 class _Output:
-    """A file to be.
+    """A future file.
 
     Attributes:
-        path: As the user typed it.
-        target: Its real path, so that a link stays one.
-        through: What is there is a device or a pipe, which is written to and not replaced.
-        staged: Where it is meanwhile; none before it is written.
-        last: Whether it is put into its place after those that are not.
+        path: The path that the user typed.
+        target: The real path, so that a link stays a link.
+        through: True for a device or a pipe, which is written to and not replaced.
+        staged: Temporary path; None before the file is written.
+        last: True for a main output, which is renamed after the others.
     """
 
     path: str
@@ -46,21 +45,20 @@ class _Output:
 
 
 class Outputs:
-    """The files that a command writes. With `with`: in their places when the block ends, nowhere if it raises.
+    """The files that a command writes: a `with` block commits them when it ends, and discards them if it raises.
 
-    Args:
-        at_commit: Called when all are written, before the first is put into its place.
+    `at_commit` is called when all files are written, before the first is renamed.
     """
 
     def __init__(self, *, at_commit: Callable[[], object] = lambda: None) -> None:
         self._at_commit = at_commit
         self._inputs: set[_Identity] = set()
-        self._outputs: dict[str, list[_Output]] = {}  # by real path; several of what is written through
+        self._outputs: dict[str, list[_Output]] = {}  # by real path; a device may have several
         self._claimed: set[_Identity] = set()
         self._dropped: list[str] = []
         self._own: set[str] = set()
-        self._folders: list[str] = []  # that were made, outermost first
-        self._workplaces: dict[str, Workplace] = {}  # by the folder that each is in
+        self._folders: list[str] = []  # new ones, outermost first
+        self._workplaces: dict[str, Workplace] = {}  # by parent folder
 
     def __enter__(self) -> "Outputs":
         return self
@@ -73,36 +71,32 @@ class Outputs:
             self.discard()
 
     def protect(self, inputs: Iterable[str | os.PathLike[str]]) -> None:
-        """Never write over these files, nor drop them.
-
-        Raises:
-            BakeError: An output is one of them, by whatever name.
-        """
+        """Never overwrite or drop these files; BakeError if an output is one of them, by whatever name."""
         for path in inputs:
-            if "\0" not in os.fspath(path) and os.path.exists(path):  # what is not there cannot be overwritten
+            if "\0" not in os.fspath(path) and os.path.exists(path):  # a missing file cannot be overwritten
                 self._inputs |= _identities(path)
         for output in chain.from_iterable(self._outputs.values()):
             self._refuse_input(output)
 
     def claim(self, path: str | os.PathLike[str]) -> None:
-        """Say that a file will be written: what is wrong with its path is found before the work is done.
+        """Announce an output, so that a wrong path is found before the work is done.
 
         Raises:
-            BakeError: It is an input or another output, or it cannot be written there.
+            BakeError: The file is an input or another output, or cannot be written there.
         """
         self._claim(os.fspath(path))
 
     def add(self, path: str | os.PathLike[str], write: Write, *, last: bool = False, durable: bool = True) -> int:
-        """Write a file, claimed or not; its size in bytes.
+        """Write a file, claimed or not, and give its size in bytes.
 
         Args:
-            path: Where it will be.
+            path: The destination.
             write: Called with the open file.
-            last: It is a main output, put into its place after those that are not.
-            durable: Wait until the disk has it. Of a thousand files that takes longer than to write them.
+            last: True for a main output, which is renamed after the others.
+            durable: Wait until the disk has the data. For a thousand files that takes longer than writing them.
 
         Raises:
-            BakeError: As `claim`, or the disk is full.
+            BakeError: The path is wrong, as in `claim`, or the disk is full.
         """
         claimed = self._outputs.get(_real(os.fspath(path)), ())
         output = next((each for each in claimed if each.staged is None), None) or self._claim(os.fspath(path))
@@ -122,57 +116,57 @@ class Outputs:
     def add_bytes(
         self, path: str | os.PathLike[str], data: bytes | memoryview, *, last: bool = False, durable: bool = True
     ) -> int:
-        """Write a file with this content, as `add` does."""
+        """Write a file with some content, as `add` does."""
         return self.add(path, lambda file: file.write(data), last=last, durable=durable)
 
     @property
     def written(self) -> list[str]:
-        """The files that have got a content, as they were named; when it is over, those that are in their places."""
+        """The paths of the files that have been written, as the user typed them."""
         return [each.path for each in chain.from_iterable(self._outputs.values()) if each.staged]
 
     def found(self, path: str | os.PathLike[str]) -> str | None:
-        """The file with the content that a path will have: written here, or there before."""
+        """The file with the content that a path will have, staged or existing, if any."""
         written = [each.staged for each in self._outputs.get(_real(os.fspath(path)), ()) if each.staged]
         return written[0] if written else os.fspath(path) if os.path.exists(path) else None
 
     def own(self, paths: Iterable[str]) -> None:
-        """Note files that an earlier run wrote for the same, which may be replaced though they hold something else."""
+        """Note files of an earlier run for the same purpose, which may be replaced although their content differs."""
         self._own |= set(map(_real, paths))
 
     def is_own(self, path: str) -> bool:
-        """Whether a file is one of those, and not written here."""
+        """True if a file was noted by `own`, and is not written here."""
         return _real(path) in self._own and self.found(path) == path
 
     def make_folders(self, path: str | os.PathLike[str]) -> None:
-        """Make a folder and those above it; where the outputs come to nothing, they go again.
+        """Make a folder and those above it, which are removed again if the outputs are discarded.
 
         Raises:
-            BakeError: One cannot be made.
+            BakeError: A folder cannot be made.
         """
         path = os.fspath(path)
         if not path or os.path.isdir(path):
             return
         self.make_folders(os.path.dirname(path))
-        if os.path.isdir(path):  # `a/..`, by making `a`
+        if os.path.isdir(path):  # such as `a/..` after making `a`
             return
         self._folders.append(path)
         try:
             os.mkdir(path)
         except OSError as error:
             self._folders.remove(path)
-            if not os.path.isdir(path):  # another process has made it meanwhile
+            if not os.path.isdir(path):  # otherwise another process has made it meanwhile
                 raise _unwritable(path, error) from error
 
     def drop(self, path: str) -> None:
-        """Take a file away when the others are in their places, unless it is an input or one of them."""
+        """Remove a file after the commit, unless it is an input or an output."""
         self._dropped.append(path)
 
     def discard(self) -> None:
-        """Take away all that was made and is not in its place. It may be called at any moment, from a signal too."""
+        """Remove everything that is not committed. This may be called at any moment, also from a signal handler."""
         for workplace in self._workplaces.values():
             workplace.remove()
         for folder in reversed(self._folders):
-            with suppress(OSError):  # others have put something into it
+            with suppress(OSError):  # another program may have put something into it
                 os.rmdir(folder)
 
     def _claim(self, path: str) -> _Output:
@@ -195,7 +189,7 @@ class Outputs:
             raise BakeError("is an input too and would be overwritten", where=output.path)
 
     def _workplace(self, output: _Output) -> Workplace:
-        """Where an output is written to: a folder on the same disk, or, for a device or a pipe, any."""
+        """The folder for a staged output: on the same disk, or any for a device or a pipe."""
         if output.through:
             import tempfile
 
@@ -208,7 +202,7 @@ class Outputs:
         return self._workplaces[folder]
 
     def _commit(self) -> None:
-        """Put all files into their places, or none."""
+        """Rename all files to their destinations, or none."""
         every = chain.from_iterable(self._outputs.values())
         written = sorted((each for each in every if each.staged), key=lambda each: each.last)
         for output in written:
@@ -238,7 +232,7 @@ class Outputs:
                     _keep_copy(output.target, old)
                 os.replace(str(output.staged), output.target)
         except BaseException as error:
-            if os.path.exists(str(outputs[-1].staged)):  # else all are in their places
+            if os.path.exists(str(outputs[-1].staged)):  # otherwise all are renamed
                 for output, old in reversed(begun):
                     _take_back(output, old)
             if isinstance(error, OSError):
@@ -247,7 +241,7 @@ class Outputs:
 
 
 def part_of(outputs: Outputs | None) -> AbstractContextManager[Outputs]:
-    """With `with`: outputs that a caller puts into their places; for none, own ones, which are there at its end."""
+    """A `with` block over outputs that the caller commits, or over new ones that the block commits."""
     return Outputs() if outputs is None else nullcontext(outputs)
 
 
@@ -269,10 +263,10 @@ def _unwritable(path: str | os.PathLike[str], error: OSError | ValueError) -> Ba
 
 
 def _is_written_through(path: str) -> bool:
-    """Whether a path names a device or a pipe, or what this process has as a standard stream.
+    """True if a path names a device, a pipe or a standard stream of this process.
 
     Raises:
-        OSError: It names something else that is no regular file.
+        OSError: The path names something else that is no regular file.
     """
     try:
         mode = os.stat(path).st_mode
@@ -288,7 +282,7 @@ def _is_written_through(path: str) -> bool:
 
 
 def _open_descriptor(path: str) -> int | None:
-    """The descriptor of this process that a path stands for: its file may be one that a shell appends to."""
+    """The descriptor of this process that a path names: a shell may append to its file."""
     named = re.fullmatch(r"/(?:dev|proc/self)/fd/(\d+)", os.path.abspath(path))
     numbers = [1, 2, int(named[1])] if named else [1, 2]
     for descriptor in numbers:
@@ -299,11 +293,7 @@ def _open_descriptor(path: str) -> int | None:
 
 
 def _refuse_folder(folder: str) -> None:
-    """Check that files can be put into a folder.
-
-    Raises:
-        OSError: They cannot.
-    """
+    """Raise OSError if files cannot be put into a folder."""
     if not stat.S_ISDIR(os.stat(folder).st_mode):
         raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
     if not os.access(folder, os.W_OK | os.X_OK):
@@ -311,7 +301,7 @@ def _refuse_folder(folder: str) -> None:
 
 
 def _write_through(output: _Output) -> None:
-    """Copy a file to the device or pipe that is there."""
+    """Copy a staged file to its device or pipe."""
     import shutil
 
     number = _open_descriptor(output.path)
@@ -321,7 +311,7 @@ def _write_through(output: _Output) -> None:
 
 
 def _keep_mode_and_owner(output: _Output) -> None:
-    """Give a file those of the one that it will replace, as far as that is allowed."""
+    """Give a staged file the mode and owner of the file that it replaces, as far as allowed."""
     try:
         old, new = os.stat(output.target), os.stat(str(output.staged))
     except FileNotFoundError:
@@ -333,13 +323,13 @@ def _keep_mode_and_owner(output: _Output) -> None:
         except OSError:
             try:
                 os.chown(str(output.staged), -1, old.st_gid)
-            except OSError:  # another group gets no more than all others
+            except OSError:  # the new group gets no more rights than everyone
                 mode &= 0o707 | (mode & 0o007) << 3
     os.chmod(str(output.staged), mode)
 
 
 def _keep_copy(path: str, copy: str) -> None:
-    """Give a file, if it is there, a second name; where the disk has no links, copy it."""
+    """Give a file, if it exists, a second name, or copy it if the disk has no links."""
     if not os.path.exists(path):
         return
     try:
@@ -351,7 +341,7 @@ def _keep_copy(path: str, copy: str) -> None:
 
 
 def _take_back(output: _Output, old: str) -> None:
-    """Undo a renaming, if it was done."""
+    """Undo a renaming that was done."""
     with suppress(OSError):
         if not os.path.exists(str(output.staged)):
             os.replace(old, output.target) if os.path.exists(old) else os.unlink(output.target)

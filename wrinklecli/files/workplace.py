@@ -1,7 +1,7 @@
-"""A run's folder for files that are not yet in their places, and those that runs have left that were killed.
+"""A run's folder for staged files, and the removal of such folders after killed runs.
 
-The folder is locked as long as its run lives; the system drops the lock with the process, however that ends. A lock
-may be unknown to other machines, so their folders are left alone for a week.
+The folder is locked as long as its run lives; the system drops the lock with the process, however it ends. Locks may be
+unknown to other machines, so their folders are kept for a week.
 """
 
 import os
@@ -14,20 +14,16 @@ from functools import cache
 
 try:
     import fcntl
-except ImportError:  # Windows: nothing is known of other runs there, and what they have left stays
+except ImportError:  # Windows has no such locks, so that folders of killed runs stay
     fcntl = None  # type: ignore[assignment]
 
 _NAME = re.compile(r"\.wrinkle-([0-9a-f]{8})-[0-9a-f]{16}")
-# Seconds: longer than any run writes to one folder without a change in it.
+# Seconds after which a folder of another machine is removed: no run leaves its folder unchanged for so long.
 _STALE = 7 * 24 * 3600.0
 
 
 class Workplace:
-    """A folder of this run's.
-
-    Args:
-        folder: That it will be in, and that what killed runs have left is removed from.
-    """
+    """A folder of this run inside `folder`, from which folders of killed runs are removed."""
 
     def __init__(self, folder: str) -> None:
         self._folder = folder
@@ -36,11 +32,7 @@ class Workplace:
         self._count = 0
 
     def make(self) -> None:
-        """Make it.
-
-        Raises:
-            OSError: It cannot be made.
-        """
+        """Create the folder; OSError if that fails."""
         _remove_leftovers(self._folder)
         while True:
             self._path = os.path.join(self._folder, f".wrinkle-{_machine()}-{os.urandom(8).hex()}")
@@ -50,23 +42,23 @@ class Workplace:
             self.remove()
 
     def _is_locked(self) -> bool:
-        """Lock the folder, unless another run has taken it for one that was left."""
+        """Lock the folder, unless another run is removing it as an abandoned one."""
         try:
             self._lock = os.open(self._path, os.O_RDONLY)
             fcntl.flock(self._lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
         except (FileNotFoundError, BlockingIOError):
             return False
-        except OSError:  # a disk without locks: nobody removes the folder, as that needs one
+        except OSError:  # on a disk without locks nobody removes the folder, as that needs a lock
             return True
         return os.path.isdir(self._path)
 
     def next_path(self) -> str:
-        """A path in it that was not given before, for a file or a folder."""
+        """A new path in the folder, for a file or a folder."""
         self._count += 1
         return os.path.join(self._path, str(self._count))
 
     def remove(self) -> None:
-        """Take it away with all that is in it. It may be called at any moment, and again."""
+        """Remove the folder with its content. This may be called at any moment, and repeatedly."""
         if self._path:
             _remove(self._path)
         if self._lock is not None:
@@ -75,7 +67,7 @@ class Workplace:
 
 
 def _remove_leftovers(folder: str) -> None:
-    """Take away the folders of runs of this user's that were killed."""
+    """Remove the folders of this user's killed runs."""
     with suppress(OSError):
         for name in os.listdir(folder):
             found = _NAME.fullmatch(name)
@@ -99,7 +91,7 @@ def _remove_if_left(path: str, *, same_machine: bool) -> None:
 
 
 def _remove(path: str) -> None:
-    """Take away a folder with files that have the names of ours, and nothing else."""
+    """Remove a folder and the files in it that have names of ours, and nothing else."""
     with suppress(OSError):
         for name in os.listdir(path):
             if name.isdecimal():
@@ -117,7 +109,7 @@ def _remove_one(path: str) -> None:
 
 @cache
 def _machine() -> str:
-    """Eight hexadecimal digits that this machine has until it starts anew: other containers on it have them too."""
+    """Eight hexadecimal digits of this machine until it reboots, which other containers on it share."""
     try:
         with open("/proc/sys/kernel/random/boot_id") as file:
             return file.read(8)

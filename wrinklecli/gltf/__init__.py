@@ -1,5 +1,5 @@
-"""Bytes in, a `Document` out; a changed document in, complete files out.
+"""Turns bytes into a `Document`, and a changed document into complete files.
 
-This room knows the glTF container: JSON, buffers, accessors, compression, images. What a skin does or a wrinkle is, it
-must not know.
+This room knows the glTF container: JSON, buffers, accessors, compression, images. It must not know what a skin or a
+wrinkle is.
 """

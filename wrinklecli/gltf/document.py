@@ -1,6 +1,6 @@
-"""glTF documents as they were read: .gltf and .glb bytes to JSON, buffers and accessors.
+"""Reads glTF documents: .gltf and .glb bytes to JSON, buffers and accessors.
 
-The JSON is kept as it was parsed, every key in its order; `edit` patches a copy of it.
+The JSON stays as it was parsed, with every key in its order; `edited_document` patches a copy of it.
 
 Source: glTF 2.0 specification, §3.6 (binary data storage), §4 (GLB), §5.1 (accessors);
     EXT_meshopt_compression, KHR_meshopt_compression and KHR_draco_mesh_compression.
@@ -40,35 +40,37 @@ COMPONENT_TYPES = {dtype: number for number, dtype in _COMPONENT_DTYPES.items()}
 _TYPE_SIZES: dict[Any, int] = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 SIZE_TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 
-# Of a .glb (§4.4).
+# Marks of a .glb (§4.4).
 GLB_MAGIC = b"glTF"
 JSON_CHUNK = b"JSON"
 BIN_CHUNK = b"BIN\0"
 
-# An accessor may claim any count; nothing real has more elements than this.
+# Most elements of an accessor: its count may be any number, but no real one is larger.
 _COUNT_LIMIT = 2**26
-_DECODED_BYTES = 8  # of a number as float64
-# Bytes of numbers that a file may ask for without storing them (zeros, morph deltas, skin weights of all joints), at
-# the usual bound of memory. Any file may ask for the first count, a large one for so many by each byte of its buffers.
-# No real file comes near, and a file of 200 bytes cannot ask for gigabytes.
+# Bytes of a decoded number, a float64.
+_DECODED_BYTES = 8
+# Bytes of numbers that any file may need without storing them (zeros, morph deltas, skin weights of all joints), at the
+# usual limit of memory,
 _FREE_BYTES = 2**25
+# or that a large file may need for each byte of its buffers. No real file comes near, and a file of 200 bytes cannot
+# need gigabytes.
 _FREE_PER_BYTE = 2**11
 
 
 @dataclass(frozen=True)
 class Document:
-    """A glTF asset as it was read: JSON as parsed, buffers as stored.
+    """A glTF asset as it was read.
 
     Attributes:
         path: The file, as the user typed it; messages begin with it.
-        gltf: The JSON; never written to.
-        buffers: One bytes-like object for each of the JSON's `buffers`; an empty one for a placeholder, whose views
-            are all compressed into other buffers.
+        gltf: The parsed JSON; never written to.
+        buffers: One for each of the JSON's `buffers`; empty for a placeholder, whose views are all compressed into
+            other buffers.
         files: Every file that was read, the asset first, as typed or joined to its folder.
-        allow_external: Whether buffers and images may lie outside the asset's folder.
-        resources: Images by relative URI, of a document that was restored from a file elsewhere, where these are not at
-            their places beside `path`. None where they are.
-        memory: That reading may take.
+        allow_external: True if buffers and images may lie outside the asset's folder.
+        resources: Images by relative URI if the document was restored from a file elsewhere and they are not beside
+            `path`; otherwise None.
+        memory: The memory that reading may take.
     """
 
     path: str
@@ -80,12 +82,9 @@ class Document:
     memory: Memory = field(default_factory=Memory, compare=False)
 
     def extended(self, gltf: Json, buffers: Sequence[memoryview], files: Iterable[str] = ()) -> "Document":
-        """The document with more in it, read from further files or made; what has been decoded of it stays so.
+        """Add content, read from further `files` or made, to the document; decoded data is kept.
 
-        Args:
-            gltf: The JSON, whose accessors, views and buffers are those of this document and others behind them.
-            buffers: The contents, this document's first.
-            files: That have been read beside its own.
+        Accessors, views and buffers of the new JSON, and the buffers, begin with those of this document.
         """
         more = replace(self, gltf=gltf, buffers=tuple(buffers), files=tuple(dict.fromkeys([*self.files, *files])))
         for name in ("_decoded", "_decompressed", "_draco_meshes", "_read"):
@@ -97,7 +96,7 @@ class Document:
         return place(self.path, *pointer)
 
     def items(self, kind: str) -> list[Json]:
-        """The JSON objects of a top-level array, none where the document has no such array."""
+        """The JSON objects of a top-level array; none if the document has no such array."""
         found: list[Json] = self.gltf.get(kind, [])
         return found
 
@@ -105,7 +104,7 @@ class Document:
         """One object of a top-level array.
 
         Raises:
-            AssetError: The index, used by `user` (a place from `where`), is out of range or no integer.
+            AssetError: The index, used by `user` (a place from `where`), is out of range or not an integer.
         """
         found = self.items(kind)
         if not isinstance(index, int) or not 0 <= index < len(found):
@@ -113,15 +112,11 @@ class Document:
         return found[index]
 
     def accessor(self, index: int, *, user: str | None = None) -> Array:
-        """The elements of an accessor, sparse substitutions applied.
-
-        Args:
-            index: Into `accessors`.
-            user: What refers to it, for messages.
+        """Decode the elements of an accessor, with sparse substitutions; `user` refers to the accessor, for messages.
 
         Returns:
-            (count, components), or (count,) for SCALAR: float64 where the components are floats or
-            normalised integers, otherwise the stored integers.
+            (count, components), or (count,) for SCALAR: float64 for floats and normalised integers, otherwise the
+            stored integers.
 
         Raises:
             AssetError: The accessor, or a view or buffer behind it, is malformed or out of range.
@@ -142,15 +137,10 @@ class Document:
         return {}
 
     def claim_unstored(self, size: int, what: str, *, where: str) -> None:
-        """Claim memory for what the file does not store byte by byte: it must be large enough to ask for so much.
-
-        Args:
-            size: Bytes.
-            what: That takes them, in the plural, for the message.
-            where: In the document.
+        """Claim bytes for data that the file does not store byte by byte, if the file is large enough for so many.
 
         Raises:
-            TooMuchError: It is not, or there is too little memory left.
+            TooMuchError: The file is too small, or too little memory is left.
         """
         most = max(_FREE_BYTES, _FREE_PER_BYTE * self._stored_bytes) * self.memory.most // MAX_MEMORY
         if size > most:
@@ -163,11 +153,11 @@ class Document:
 
     @cached_property
     def _stored_bytes(self) -> int:
-        """Of all buffers, those that share a file once."""
+        """Bytes of all buffers; a file that several buffers share counts once."""
         return sum({id(each.obj): len(each) for each in self.buffers}.values())
 
     def read_uri(self, uri: str, where: str) -> tuple[memoryview, str | None]:
-        """The bytes behind a URI, and the file they came from (none for a data URI). Each file is read once.
+        """Read the bytes behind a URI, and give their file (None for a data URI). Each file is read once.
 
         Raises:
             AssetError: The file is missing, too large, or lies outside the asset's folder; or the data is malformed.
@@ -185,7 +175,7 @@ class Document:
         return {}
 
     def stored(self, index: int) -> Array:
-        """(count, components) elements of an accessor as they are stored, sparse substitutions applied.
+        """(count, components) stored elements of an accessor, with sparse substitutions.
 
         Raises:
             AssetError: The accessor, or a view or buffer behind it, is malformed or out of range.
@@ -208,12 +198,12 @@ class Document:
         return elements
 
     def changes(self, index: int) -> tuple[Ints, Array]:
-        """The elements of an accessor that are not 0: (changed,) their indices, rising, and (changed, components).
+        """(changed,) sorted indices and (changed, components) values of the elements other than 0.
 
-        Those of a sparse accessor over zeros take no more memory than it does. Nothing is kept.
+        A sparse accessor over zeros takes no more memory than its values. Nothing is kept.
 
         Raises:
-            AssetError: As of `stored`.
+            AssetError: The accessor, or a view or buffer behind it, is malformed or out of range.
         """
         accessor, where = self.items("accessors")[index], self.where("accessors", index)
         sparse = accessor.get("sparse")
@@ -232,12 +222,12 @@ class Document:
         return _element(self.items("accessors")[index], self.where("accessors", index))[0]
 
     def is_draco(self, index: int) -> bool:
-        """Whether an accessor's data is in a Draco stream."""
+        """True if an accessor's data is in a Draco stream."""
         return index in self._draco_sources and "bufferView" not in self.items("accessors")[index]
 
     @cached_property
     def _draco_sources(self) -> dict[int, tuple[Json, str | None]]:
-        """Accessors of primitives that Draco compressed: the extension, and the attribute's name (indices: None)."""
+        """The extension and the attribute's name (None for indices) of each accessor that Draco compressed."""
         sources: dict[int, tuple[Json, str | None]] = {}
         count = len(self.items("accessors"))
         for primitive in draco_primitives(self.gltf):
@@ -270,7 +260,7 @@ class Document:
         if values is None or values.shape[1] != size or not len(values):
             raise AssetError(f"the Draco stream has no {name or 'indices'} of {size} components", where=where)
         if name is not None and name.startswith("WEIGHTS_") and dtype.kind == "f":
-            # Rounded one by one, they add up to 1 no longer, as glTF 2.0 §3.7.3.3 asks.
+            # Weights are rounded separately and no longer add up to 1, as glTF 2.0 §3.7.3.3 asks.
             keys = [key for each, key in extension["attributes"].items() if each.startswith("WEIGHTS_")]
             sets = [mesh.attributes[key] for key in keys if key in mesh.attributes]
             sums = np.sum([weights.sum(axis=1, dtype=np.float64) for weights in sets], axis=0)
@@ -286,7 +276,7 @@ class Document:
     def _sparse_elements(
         self, sparse: Any, dtype: np.dtype[Any], size: int, count: int, where: str
     ) -> tuple[Array, Array]:
-        """(changed,) indices and (changed, size) values of the elements of a sparse accessor, `count` in all."""
+        """(changed,) indices and (changed, size) values of a sparse accessor with `count` elements."""
         if not isinstance(sparse, dict):
             raise AssetError("sparse must be an object", where=where)
         changed = _whole(sparse, "count", where, least=1, most=count)
@@ -302,7 +292,7 @@ class Document:
         return indices, self._view_elements(values_part, dtype, size, changed, where)
 
     def _view_elements(self, source: Json, dtype: np.dtype[Any], size: int, count: int, where: str) -> Array:
-        """(count, size) stored elements of the buffer view that part of an accessor names, not copied."""
+        """(count, size) elements of the buffer view that part of an accessor names, not copied."""
         view_index = source.get("bufferView")
         data = self.view(view_index, user=where)
         view, view_where = self.items("bufferViews")[source["bufferView"]], self.where("bufferViews", str(view_index))
@@ -318,10 +308,10 @@ class Document:
         return np.ndarray((count, size), dtype, data, offset, (stride, dtype.itemsize))
 
     def view(self, index: Any, *, user: str | None = None) -> memoryview:
-        """The bytes of a buffer view, decompressed.
+        """The decompressed bytes of a buffer view.
 
         Raises:
-            AssetError: The view is malformed, or `user` (a place from `where`) refers to none.
+            AssetError: The view is malformed, or does not exist and `user` (a place from `where`) refers to it.
         """
         where = self.where("bufferViews", str(index))
         view = self.item("bufferViews", index, user=user or where)
@@ -371,10 +361,10 @@ def _element(accessor: Json, where: str) -> tuple[np.dtype[Any], int]:
 
 
 def _values(accessor: Json, elements: Array) -> Array:
-    """What the stored elements of an accessor stand for; read-only."""
+    """The read-only values that the stored elements of an accessor represent."""
     values: Array = elements
     if elements.dtype.kind == "f":
-        # A signalling NaN is a NaN like any other: who reads the accessor judges it.
+        # A signalling NaN is converted like any other NaN: the accessor's reader judges it.
         with np.errstate(invalid="ignore"):
             values = elements.astype(np.float64)
     elif accessor.get("normalized"):
@@ -398,14 +388,13 @@ def read_document(
     """Read a .glb or .gltf file and every buffer of it.
 
     Args:
-        path: The file; told apart by its first bytes, not its name.
-        allow_external: Let buffers and images lie outside the asset's folder, where an asset from elsewhere could
-            name any file of this machine.
-        memory: That it may take, now and later; 1 GB where left out.
+        path: The file, whose first bytes, not its name, decide its format.
+        allow_external: Let buffers and images, or the targets of links, lie outside the asset's folder: an asset from
+            elsewhere could name any file of this machine.
+        memory: The memory that the document may take, now and later; by default 1 GB.
 
     Raises:
-        AssetError: A file is missing, truncated or malformed, or lies outside the asset's folder, itself or where a
-            link leads to; or there is more in it than memory may hold.
+        AssetError: A file is missing, truncated, malformed, too large for the memory, or outside the asset's folder.
     """
     name = os.fspath(path)
     memory = memory or Memory()

@@ -1,7 +1,6 @@
-"""Primitives that Draco compressed, decoded by DracoPy.
+"""Decodes primitives that Draco compressed, by DracoPy, which comes with the extra `draco`.
 
-Source: KHR_draco_mesh_compression. Differs: a decoder may come with the extra `draco`, and files without such
-primitives never ask for it.
+Source: KHR_draco_mesh_compression.
 """
 
 from dataclasses import dataclass
@@ -14,21 +13,23 @@ from wrinklecli.numeric.memory import Memory, held
 
 EXTENSION = "KHR_draco_mesh_compression"
 
-# Of the bitstream's header: magic, version, kind of geometry, method, flags.
+# Bytes of the bitstream's header: magic, version, kind of geometry, method, flags.
 _HEADER_BYTES = 11
 _MESH, _EDGEBREAKER = 1, 1
 _METADATA_FLAG = 0x8000
-# Bytes that DracoPy holds for each triangle and each vertex while it decodes: at least so many; measured.
-_TRIANGLE_BYTES, _VERTEX_BYTES = 64, 48
+# Least bytes, measured, that DracoPy takes for each triangle while it decodes,
+_TRIANGLE_BYTES = 64
+# and for each vertex.
+_VERTEX_BYTES = 48
 
 
 @dataclass(frozen=True, slots=True)
 class DracoMesh:
-    """What a Draco stream holds.
+    """The content of a Draco stream.
 
     Attributes:
         indices: (3 · triangles,) vertices; empty for a point cloud.
-        attributes: (vertices, components) by Draco's unique id of the attribute.
+        attributes: (vertices, components) values by Draco's unique id of the attribute.
     """
 
     indices: Array
@@ -36,13 +37,7 @@ class DracoMesh:
 
 
 def decode(data: memoryview, *, memory: Memory, where: str) -> DracoMesh:
-    """Decode one Draco stream.
-
-    Args:
-        data: The stream.
-        memory: That it may take. What the stream says at its beginning is believed before any is taken, and the decoder
-            is held to it.
-        where: The view, for messages.
+    """Decode one Draco stream, whose header first tells the memory that it needs; then the system limits the decoder.
 
     Raises:
         AssetError: DracoPy is not installed, the stream is malformed, or it takes too much memory.
@@ -83,20 +78,20 @@ def decode(data: memoryview, *, memory: Memory, where: str) -> DracoMesh:
 
 
 def _promised(data: memoryview) -> tuple[int, int]:
-    """How many triangles and vertices a stream says that it holds; 0 where it does not say so at its beginning.
+    """Read the numbers of triangles and vertices at the begin of a stream; 0 if it does not say.
 
     Source: Draco bitstream specification 2.2, `Header`, `EdgebreakerConnectivityData`, `SequentialConnectivityData`.
     """
     if len(data) <= _HEADER_BYTES or data[7] != _MESH or int.from_bytes(data[9:11], "little") & _METADATA_FLAG:
         return 0, 0
-    # The method of traversal comes first, for the one; vertices before faces, for the one, and behind, for the other.
+    # Edgebreaker streams have the method of traversal, then vertices, then faces; sequential ones faces, then vertices.
     first, at = _varint(data, _HEADER_BYTES + (data[8] == _EDGEBREAKER))
     second, _ = _varint(data, at)
     return (second, first) if data[8] == _EDGEBREAKER else (first, second)
 
 
 def _varint(data: memoryview, at: int) -> tuple[int, int]:
-    """A number of seven bits a byte, the lowest first, and where it ends; what the stream lacks is 0."""
+    """A number of seven bits per byte, the lowest first, and its end; missing bytes count as 0."""
     value = shift = 0
     while at < len(data) and shift < 35:
         value |= (data[at] & 127) << shift

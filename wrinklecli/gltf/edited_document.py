@@ -1,7 +1,7 @@
-"""A document being changed: the source's JSON patched, accessors and buffer views added in the place of dropped ones.
+"""Changes a document: patches a copy of the JSON, and adds accessors and buffer views in the place of dropped ones.
 
-Objects that we add are built with pygltflib's types. (Round-tripping the source through pygltflib would lose
-unknown keys, `Node.weights` and more.)
+Added objects are built with pygltflib's types. (Round-tripping the source through pygltflib would lose unknown keys,
+`Node.weights` and more.)
 
 Source: glTF 2.0 specification, §3.6 (binary data storage), §5.1 (accessors).
 """
@@ -34,21 +34,22 @@ from wrinklecli.numeric.arrays import Array, nonzero_rows
 VERTEX_DATA: int = pygltflib.ARRAY_BUFFER
 INDEX_DATA: int = pygltflib.ELEMENT_ARRAY_BUFFER
 
-_BASE_COMPONENTS = 3  # of the vectors below those that are stored `based`; others are dense there
-_SPARSE_JSON_BYTES = 130  # by which the JSON of a sparse accessor and its views is longer than a dense one's
+# Components of vectors that storage `based` puts on a view of zeros; it stores other vectors densely.
+_BASE_COMPONENTS = 3
+# Bytes by which the JSON of a sparse accessor and its views is longer than that of a dense one.
+_SPARSE_JSON_BYTES = 130
 
 
 class EditedDocument:
-    """A document being changed: the JSON patched in place, data appended.
+    """A document whose JSON callers patch in place, and to which data is appended.
 
-    Everything that is not set here stays as it was. An accessor whose last reference is replaced gives its
-    index (and its buffer view's) to the new data, and its bytes leave the file: indices elsewhere keep their
-    meaning, and no dead data is left behind.
+    An accessor whose last reference is replaced gives its index, and that of its buffer view, to the new data, and its
+    bytes leave the file. So indices elsewhere keep their meaning, and no dead data remains.
 
     Attributes:
-        source: What was read.
-        gltf: The JSON to patch; a deep copy.
-        storage: Of deltas.
+        source: The document as it was read.
+        gltf: A deep copy of the JSON, to be patched.
+        storage: How deltas are stored.
     """
 
     def __init__(self, source: Document, *, storage: Storage = "sparse") -> None:
@@ -57,16 +58,16 @@ class EditedDocument:
         self.storage = storage
         self._data = NewData()
         self._new_views: set[int] = set()
-        self._dead_views: set[int] = set()  # of the source: nothing refers to them any more
-        self._dead_spans: list[tuple[int, int, int]] = []  # buffers and bytes that no view of the source shows
-        self._free_views: list[int] = []  # of these, whose index no other has got yet
+        self._dead_views: set[int] = set()  # views of the source without references
+        self._dead_spans: list[tuple[int, int, int]] = []  # buffers and byte ranges that no view of the source shows
+        self._free_views: list[int] = []  # dead views whose index is not used again yet
         self._free_accessors: list[int] = []
         self._accessor_uses = Counter(index for index, _ in accessor_references(self.gltf))
         self._view_uses = Counter(view_references(self.gltf))
-        self._zeros: dict[tuple[Any, ...], int] = {}  # accessors
-        self._zeros_view: int | None = None  # below all accessors that are stored `based`
+        self._zeros: dict[tuple[Any, ...], int] = {}  # accessors by count, components and bounds
+        self._zeros_view: int | None = None  # below all accessors of storage `based`
         self._index_views: dict[bytes, int] = {}
-        # An extension that we do not know may refer to accessors and views; whatever it could mean is kept.
+        # An unknown extension may refer to accessors and views: everything that it could mean is kept.
         foreign = set(extension_integers(self.gltf))
         self._accessor_uses.update(foreign)
         self._view_uses.update(foreign)
@@ -84,8 +85,8 @@ class EditedDocument:
 
         Args:
             values: (count, components) or (count,), in the dtype to store: float32 or an integer.
-            target: VERTEX_DATA or INDEX_DATA; none for animation data and matrices.
-            normalized: The integers stand for [0, 1] or [-1, 1].
+            target: VERTEX_DATA or INDEX_DATA; None for animation data and matrices.
+            normalized: The integers represent [0, 1] or [-1, 1].
             bounds: Write `min` and `max`.
             replaces: An accessor to which the caller is about to drop one reference.
         """
@@ -118,17 +119,10 @@ class EditedDocument:
     def add_deltas(
         self, vertices: Array, deltas: Array, *, count: int, bounds: bool = False, replaces: int | None = None
     ) -> int:
-        """Add an accessor of float32 vectors that are zero but at some vertices, stored as `storage` says.
+        """Add an accessor of `count` float32 vectors: zeros, with (changed, components) deltas at (changed,) vertices.
 
-        Those that are zero throughout are shared: one for each count and type. None goes without data, as glTF 2.0
-        §5.1.1 allows: assimp, Open3D, glTFast, UnityGLTF and Bevy refuse that.
-
-        Args:
-            vertices: (changed,) strictly rising.
-            deltas: (changed, components).
-            count: Of the whole accessor.
-            bounds: Write `min` and `max`.
-            replaces: An accessor to which the caller is about to drop one reference.
+        Accessors of zeros alone are shared. None goes without data, although glTF 2.0 §5.1.1 allows it: assimp, Open3D,
+        glTFast, UnityGLTF and Bevy refuse that. `bounds` and `replaces` are those of `add`.
         """
         deltas = deltas.astype("<f4")
         moved = nonzero_rows(deltas)
@@ -150,7 +144,7 @@ class EditedDocument:
         return self._can_be_sparse(components) and len(vertices) * each + _SPARSE_JSON_BYTES < 4 * components * count
 
     def _zeros_accessor(self, count: int, deltas: Array, *, bounds: bool) -> Json:
-        """An accessor of zeros; its bounds are those with deltas in the place of some."""
+        """An accessor of zeros, with the bounds that it has if deltas replace some of them."""
         accessor = _plain(
             pygltflib.Accessor(componentType=pygltflib.FLOAT, count=count, type=SIZE_TYPES[deltas.shape[1]])
         )
@@ -164,10 +158,10 @@ class EditedDocument:
         return accessor
 
     def _sparse(self, vertices: Array, deltas: Array) -> Json:
-        """What a sparse accessor has; `byteOffset` of 0 may be left out (glTF 2.0 §5.3.2), but VTK insists on it."""
+        """The `sparse` of an accessor, with `byteOffset` 0, optional in glTF 2.0 §5.3.2, since VTK insists on it."""
         index_dtype = _index_dtype(vertices)
         indices = vertices.astype(index_dtype).tobytes()
-        # A target's POSITION and NORMAL often change at the same vertices.
+        # POSITION and NORMAL of a target often change at the same vertices.
         if indices not in self._index_views:
             self._index_views[indices] = self._add_view(indices)
         return {
@@ -181,7 +175,7 @@ class EditedDocument:
         }
 
     def _base(self, count: int) -> int:
-        """The view of zeros below sparse vectors, made or grown to hold so many."""
+        """The view of zeros below sparse vectors, made or grown to hold `count` of them."""
         if self._zeros_view is None:
             self._zeros_view = self._place_view(
                 pygltflib.BufferView(
@@ -193,13 +187,13 @@ class EditedDocument:
         return self._zeros_view
 
     def _settle_zeros(self) -> None:
-        """Let the view of zeros show them where they are now, behind all other new data."""
+        """Move the view of zeros to their place behind all other new data."""
         if self._zeros_view is not None:
             place = {"byteOffset": self._data.zeros_start, "byteLength": self._data.zeros}
             self.gltf["bufferViews"][self._zeros_view] |= place
 
     def _add_zeros(self, count: int, components: int, *, bounds: bool, replaces: int | None) -> int:
-        """The accessor of so many zeros."""
+        """Give the shared accessor of `count` zeros."""
         freed = self._release(replaces)
         self._free_accessors += [] if freed is None else [freed]
         key = (count, components, bounds)
@@ -214,7 +208,7 @@ class EditedDocument:
                 zeros = np.zeros((count, components), "<f4")
                 self._zeros[key] = self.add(zeros, target=VERTEX_DATA, bounds=bounds)
         if freed in self._free_accessors:
-            # Until it has another use, it must be something.
+            # The freed index must stay a valid accessor until it is used again.
             self.gltf["accessors"][freed] = copy.copy(self.gltf["accessors"][self._zeros[key]])
         return self._zeros[key]
 
@@ -227,11 +221,11 @@ class EditedDocument:
         return len(self.gltf["meshes"]) - 1
 
     def drop(self, accessor: int) -> None:
-        """Drop one reference to an accessor, not the last: its successor will be there for another's sake."""
+        """Drop one reference to an accessor, which is not the last one."""
         self._release(accessor)
 
     def discard(self, accessor: int, *, like: int) -> None:
-        """Drop one reference to an accessor; after the last it shows what another does, until its index is needed."""
+        """Drop one reference to an accessor; after the last it is a copy of `like` until its index is used again."""
         freed = self._release(accessor)
         if freed is not None:
             self._free_accessors.append(freed)
@@ -242,14 +236,14 @@ class EditedDocument:
         self._release_view(view)
 
     def document(self) -> Document:
-        """The changed document as a reader will see it, in memory: the source's buffers and one of new data."""
+        """The changed document in memory, with the source's buffers and one of new data."""
         buffers = [*self.source.items("buffers"), {"byteLength": self.new_size}]
         data = memoryview(b"".join(self.new_data()))
-        # What the source has decoded is not taken over: an accessor's index may be another's now.
+        # Decoded data of the source is not taken over, as an accessor's index may be reused.
         return replace(self.source, gltf=self.gltf | {"buffers": buffers}, buffers=(*self.source.buffers, data))
 
     def continued(self) -> "EditedDocument":
-        """A document being changed whose source is this one as it is now: what was added may be replaced too."""
+        """Start changing this document as it is: then added accessors may be replaced, too."""
         again = EditedDocument(self.document(), storage=self.storage)
         views = self.source.items("bufferViews")
         dead = [part for slot in sorted(self._dead_views) if slot < len(views) for part in view_parts(views[slot])]
@@ -266,11 +260,11 @@ class EditedDocument:
         return len(self._data)
 
     def new_data(self) -> Iterator[bytes]:
-        """The new data, in pieces: there may be more than memory holds."""
+        """The new data in pieces, as there may be more than memory holds."""
         return self._data.pieces()
 
     def kept(self, buffer: int) -> KeptBytes:
-        """What is kept of a buffer of the source: all but dead views that no other view overlaps."""
+        """The bytes of a source's buffer that are kept: all but dead views that no living view overlaps."""
         living: list[tuple[int, int]] = []
         dead = [(low, high) for number, low, high in self._dead_spans if number == buffer]
         for slot, view in enumerate(self.source.items("bufferViews")):
@@ -280,7 +274,7 @@ class EditedDocument:
         spans: list[tuple[int, int]] = []
         start = 0
         for low, high in sorted(dead):
-            # What follows stays aligned: a span leaves the file in whole units of alignment.
+            # Only whole units of alignment are removed, so that the following data stays aligned.
             low = max(start, -(-low // ALIGNMENT) * ALIGNMENT)
             high -= (high - low) % ALIGNMENT
             if high > low and not any(other < high and end > low for other, end in living):
@@ -290,10 +284,9 @@ class EditedDocument:
         return KeptBytes(data, tuple((low, high) for low, high in spans if low < high))
 
     def placed_views(self, idle: int) -> PlacedViews:
-        """Copies of the buffer views for a file to be written; those at the end whose data is gone are left out.
+        """Copy the buffer views for a file to be written, without dead ones at the end.
 
-        Args:
-            idle: The buffer of which a view in between, whose data is gone, shows one byte: its index must stay.
+        A dead view in between, whose index must stay, shows one byte of the buffer `idle`.
         """
         views: list[Json] = copy.deepcopy(self.gltf.get("bufferViews", []))
         while views and len(views) - 1 in self._free_views:
@@ -326,7 +319,7 @@ class EditedDocument:
         return slot
 
     def _release(self, accessor_index: int | None) -> int | None:
-        """Drop one reference to an accessor; its index where that was the last."""
+        """Drop one reference to an accessor, and give its index if this was the last one."""
         if accessor_index is None:
             return None
         self._accessor_uses[accessor_index] -= 1
@@ -343,7 +336,7 @@ class EditedDocument:
             self._free_views.append(view)
 
     def _add_view(self, data: bytes, *, target: int | None = None, stride: int | None = None) -> int:
-        """Append data; its view's offset is that in the new data until the file is laid out."""
+        """Append data with a view, whose offset counts from the start of the new data until the file is laid out."""
         view = pygltflib.BufferView(
             buffer=len(self.source.buffers),
             byteOffset=self._data.append(data),
@@ -371,7 +364,7 @@ class EditedDocument:
 def index_type(count: int, *, smallest: type = np.uint16) -> np.dtype[Any]:
     """The smallest dtype for indices into `count` vertices.
 
-    The greatest value is left out: it means primitive restart (glTF 2.0 §3.7.2.1).
+    The greatest value is excluded, as it means primitive restart (glTF 2.0 §3.7.2.1).
     """
     for name in ("<u1", "<u2", "<u4"):
         dtype = np.dtype(name)
@@ -381,13 +374,13 @@ def index_type(count: int, *, smallest: type = np.uint16) -> np.dtype[Any]:
 
 
 def _index_dtype(vertices: Array) -> np.dtype[Any]:
-    """The smallest dtype for (changed,) rising indices of a sparse accessor."""
+    """The smallest dtype for (changed,) sorted indices of a sparse accessor."""
     return index_type(int(vertices[-1]) + 1, smallest=np.uint8)
 
 
 def _plain(built: Any) -> Json:
-    """The JSON of an object built with pygltflib's types, without what is left at its default."""
-    # Not `to_dict`, which takes a quarter of a millisecond; these objects hold plain values alone.
+    """The JSON of an object built with pygltflib's types, without default values."""
+    # `to_dict` takes a quarter of a millisecond, and these objects hold only plain values.
     return {key: value for key, value in vars(built).items() if value or key == "buffer"}
 
 

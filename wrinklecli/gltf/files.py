@@ -14,10 +14,10 @@ from wrinklecli.numeric.memory import Memory
 
 
 def read_file(path: str, *, memory: Memory | None = None, where: str = "") -> memoryview:
-    """The bytes of a file, as many as it has when it is opened; of the usual memory where none is given.
+    """Read as many bytes as a file has when it is opened; the memory is by default that of any command.
 
     Raises:
-        AssetError: At `where`: it cannot be read, or is too large.
+        AssetError: The file cannot be read or is too large.
     """
     try:
         with open_input(path) as file:
@@ -30,7 +30,7 @@ def read_file(path: str, *, memory: Memory | None = None, where: str = "") -> me
 
 
 def read_data_uri(uri: str, where: str, *, memory: Memory) -> memoryview:
-    """The bytes that a data URI holds."""
+    """Decode the bytes of a data URI."""
     head, comma, body = uri.partition(",")
     memory.claim(len(body), "the bytes of a data URI", where=where)
     try:
@@ -42,10 +42,10 @@ def read_data_uri(uri: str, where: str, *, memory: Memory) -> memoryview:
 
 
 def local_file(uri: str, asset: str, where: str, *, allow_external: bool) -> str:
-    """The file that a URI without a scheme names; below the asset's folder, unless others are allowed.
+    """The file that a URI without a scheme names.
 
     Raises:
-        AssetError: It lies elsewhere.
+        AssetError: The file is not below the asset's folder, and `allow_external` is False.
     """
     folder = os.path.dirname(asset)
     relative = path_of(uri)
@@ -60,17 +60,13 @@ def local_file(uri: str, asset: str, where: str, *, allow_external: bool) -> str
 
 
 def leaves_folder(uri: str) -> bool:
-    """Whether a URI's path leaves the folder that it is relative to."""
+    """True if a URI's path leaves the folder that it is relative to."""
     relative = path_of(uri)
     return os.path.isabs(relative) or os.path.normpath(relative).split(os.sep)[0] == os.pardir
 
 
 def path_of(uri: str) -> str:
-    """The path that a relative URI names.
-
-    Raises:
-        UnicodeEncodeError: It holds half a character, which no name has.
-    """
+    """The path that a relative URI names; UnicodeEncodeError if it contains half a character."""
     return os.fsdecode(unquote_to_bytes(os.fsencode(uri)))
 
 

@@ -1,4 +1,4 @@
-"""Image files of a document, which it names by relative URIs: found, read, and brought along to where it is written."""
+"""Finds and reads the images of a document, and copies those with relative URIs beside a written file."""
 
 import hashlib
 import os
@@ -12,7 +12,7 @@ from wrinklecli.gltf.shape import Json
 
 
 def lies_beside(document: Document, out: str) -> bool:
-    """Whether OUT is in the document's folder, so that relative URIs still work."""
+    """True if OUT is in the document's folder, so that relative URIs still work."""
     folder = os.path.realpath(os.path.dirname(document.path))
     return document.resources is None and os.path.realpath(os.path.dirname(out)) == folder
 
@@ -26,18 +26,14 @@ def image_files(document: Document, out: str | os.PathLike[str]) -> list[str]:
 
 
 def files_of(document: Document) -> list[str]:
-    """Every file that an asset consists of, read or not: nothing may be written over them."""
+    """Every file that an asset consists of, read or not, which must not be overwritten."""
     folder = os.path.dirname(document.path)
     images = [image for image in document.items("images") if _is_a_file(image)]
     return [*document.files, *(os.path.join(folder, path_of(image["uri"])) for image in images)]
 
 
 def read_image(document: Document, number: int) -> tuple[memoryview, str | None]:
-    """The bytes of an image, and the file that they came from, if any.
-
-    Raises:
-        AssetError: It cannot be read.
-    """
+    """Read the bytes of an image, and give their file, if any; AssetError if the image cannot be read."""
     image, where = document.items("images")[number], document.where("images", number)
     if "uri" not in image:
         return document.view(image.get("bufferView"), user=where), None
@@ -47,10 +43,10 @@ def read_image(document: Document, number: int) -> tuple[memoryview, str | None]
 
 
 def images_to_bring(document: Document, out: str) -> Iterator[tuple[int, memoryview]]:
-    """The images that relative URIs name but that are not beside OUT: numbers and bytes.
+    """Give index and bytes of each image that a relative URI names but that is not beside OUT.
 
     Raises:
-        AssetError: One cannot be read.
+        AssetError: An image cannot be read.
     """
     if lies_beside(document, out):
         return
@@ -60,10 +56,10 @@ def images_to_bring(document: Document, out: str) -> Iterator[tuple[int, memoryv
 
 
 def put_image(uri: str, data: memoryview, out: str, outputs: Outputs) -> str:
-    """Put an image where its URI says beside OUT; the URI, a new one for an image from outside the folder.
+    """Write an image beside OUT as its URI says, and give this URI, or a new one for an image outside the folder.
 
     Raises:
-        BakeError: Another file is there, or it cannot be written.
+        BakeError: Another file has this name, or the image cannot be written.
     """
     folder, stem = os.path.dirname(out), os.path.splitext(os.path.basename(out))[0]
     if leaves_folder(uri):
@@ -82,7 +78,7 @@ def put_image(uri: str, data: memoryview, out: str, outputs: Outputs) -> str:
 
 
 def image_type(head: bytes) -> str:
-    """The MIME type of an image by its first 16 bytes: those of glTF 2.0 and of its texture extensions."""
+    """The MIME type, of glTF 2.0 and its texture extensions, of an image with these first 16 bytes."""
     if head.startswith(b"\x89PNG"):
         return "image/png"
     if head[:4] == b"RIFF" and head[8:12] == b"WEBP":

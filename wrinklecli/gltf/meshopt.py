@@ -1,8 +1,8 @@
-"""Buffer views that meshoptimizer compressed, decoded in numpy.
+"""Decodes buffer views that meshoptimizer compressed, in numpy.
 
-Source: EXT_meshopt_compression and KHR_meshopt_compression, appendices A (bitstream) and B (filters). Differs: what
-    KHR adds (version 1 of the attribute stream, the filter COLOR) is read under either name; filters are computed in
-    float64, and a 16-bit result is one unit from a float32 decoder's in places, as appendix B allows.
+Source: EXT_meshopt_compression and KHR_meshopt_compression, appendices A (bitstream) and B (filters). Differs: KHR's
+    additions (version 1 of the attribute stream, the filter COLOR) are read under either name; filters are computed in
+    float64, so that a 16-bit result may differ by one unit from a float32 decoder's, as appendix B allows.
 """
 
 from collections.abc import Callable
@@ -19,11 +19,11 @@ Bytes = NDArray[np.uint8]
 EXTENSIONS = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 
 _GROUP = 16  # elements that share an encoding
-_BLOCK_ELEMENTS = 256  # at most, and
-_BLOCK_BYTES = 8192
-_WORD = 4  # bytes; channels of attributes are this wide
+_BLOCK_ELEMENTS = 256  # most elements of a block
+_BLOCK_BYTES = 8192  # most bytes of a block
+_WORD = 4  # bytes of a channel of attributes
 _FIFO = 16  # edges and vertices that triangles may refer back to
-_MOST_REMEMBERED = 4096  # edges, before all but those are forgotten
+_MOST_REMEMBERED = 4096  # edges that are stored before all but the last 16 are deleted
 
 # Bits of a delta in a group by the header's two bits, for each version and control mode; 0 stores nothing.
 _BITS_VERSION_0 = (0, 2, 4, 8)
@@ -37,18 +37,19 @@ _TABLE_BYTES = 16
 _VARINT_BYTES = 5
 _MASK = 0xFFFFFFFF  # indices wrap at 32 bits
 
-# Bytes of memory while decoding, at most: for a byte of attributes (deltas, elements, those filtered in float64), for a
-# byte of indices (Python's numbers, of two bytes each at the least), and for a byte of the stream (places of groups).
+# Most bytes of memory while decoding for a byte of attributes (deltas, elements, filtered elements in float64),
 _BYTES_PER_BYTE = 8
+# for a byte of indices (Python's numbers, each of at least two bytes),
 _INDEX_BYTES = 20
+# and for a byte of the stream (offsets of groups).
 _STREAM_BYTES = 80
 
-# Exponents that appendix B allows end at 100; outside of them the result is unspecified, here it stays a float32.
+# Appendix B allows exponents up to 100; others give unspecified results, which here stay within float32.
 _EXPONENTS = (-126, 100)
 
 
 class _MalformedError(ValueError):
-    """What is wrong with a stream; `decode` says where."""
+    """An error in a stream, without its place, which `decode` adds."""
 
 
 def decode(
@@ -64,19 +65,19 @@ def decode(
     """Decode one compressed view.
 
     Args:
-        data: The compressed stream, all of it.
-        count: Elements.
+        data: The whole compressed stream.
+        count: Number of elements.
         stride: Bytes of an element.
         mode: ATTRIBUTES, TRIANGLES or INDICES.
         filter_name: NONE, OCTAHEDRAL, QUATERNION, EXPONENTIAL or COLOR.
-        memory: That it may take; 1 GB where left out.
+        memory: The memory that decoding may take; by default 1 GB.
         where: The view, for messages.
 
     Returns:
         count · stride bytes.
 
     Raises:
-        AssetError: The stream is malformed, or its parameters do not go together.
+        AssetError: The stream is malformed, or its parameters do not fit together.
     """
     decoders: dict[str, Callable[[Bytes, int, int], Array]] = {
         "ATTRIBUTES": _attributes,
@@ -118,7 +119,7 @@ def decode(
 
 
 def _least_bytes(mode: str, count: int, stride: int, version: int) -> int:
-    """The bytes of the shortest stream of so many elements: of attributes, a byte for each channel of each block."""
+    """Bytes of the shortest stream of `count` elements: for attributes, a byte for each channel of each block."""
     if mode == "ATTRIBUTES":
         return 1 + -(-count // _elements_of_a_block(stride)) * stride // _WORD + _tail_bytes(stride, version)
     return 1 + (count // 3 if mode == "TRIANGLES" else count)
@@ -150,7 +151,7 @@ def _attributes(data: Bytes, count: int, stride: int) -> Array:
 
 
 def _undelta(deltas: Bytes, baseline: Bytes, kind: int) -> Bytes:
-    """(count, 4) bytes of a channel from their differences to the element before."""
+    """(count, 4) bytes of a channel from their differences to the previous element."""
     if kind in (0, 1):
         dtype = np.dtype(("<u1", "<u2")[kind])
         codes = np.ascontiguousarray(deltas).view(dtype)
@@ -169,11 +170,11 @@ def _undelta(deltas: Bytes, baseline: Bytes, kind: int) -> Bytes:
 def _deltas(data: Bytes, version: int, count: int, stride: int, per_block: int) -> Bytes:
     """(count, stride) zigzag codes.
 
-    How long a group is depends on its content, so their places are found one after another, from tables of the
-    length that a group would have at each byte; then all groups of an encoding are decoded at once.
+    The length of a group depends on its content, so offsets are found one after another, from tables of the length that
+    a group would have at each byte. Then all groups of an encoding are decoded at once.
     """
     stream, end = data.tobytes(), len(data)
-    # One entry more than bytes: a group that begins at the end goes past it too.
+    # There is one entry more than bytes, since a group that begins at the end goes past it, too.
     sizes = {bits: _group_sizes(data, bits).tobytes() + bytes([_GROUP]) for bits in (1, 2, 4)}
     sizes[8] = bytes([_GROUP]) * (end + 1)
     places: dict[int, list[tuple[int, int, int]]] = {1: [], 2: [], 4: [], 8: []}
@@ -232,7 +233,7 @@ def _codes(packed: Bytes, bits: int) -> Bytes:
 
 
 def _group_sizes(data: Bytes, bits: int) -> Bytes:
-    """(bytes,) how long a group of some bits would be if it began at each byte."""
+    """(bytes,) the length of a group of `bits` if it began at each byte."""
     sentinels = (_codes(np.arange(256, dtype=np.uint8)[:, None], bits) == (1 << bits) - 1).sum(axis=1, dtype=np.uint8)
     packed = _GROUP * bits // 8
     counts = np.pad(sentinels[data], (0, packed - 1))
@@ -242,7 +243,7 @@ def _group_sizes(data: Bytes, bits: int) -> Bytes:
 
 
 def _groups(data: Bytes, starts: NDArray[np.intp], bits: int) -> Bytes:
-    """(groups, 16) deltas of groups of one encoding; a code of all ones stands for a byte after them."""
+    """(groups, 16) deltas of groups of one encoding; a code of all ones means a byte after the codes."""
     packed = _GROUP * bits // 8
     codes = _codes(data[starts[:, None] + np.arange(packed)], bits)
     if bits == 8:
@@ -253,7 +254,7 @@ def _groups(data: Bytes, starts: NDArray[np.intp], bits: int) -> Bytes:
 
 
 def _triangles(data: Bytes, count: int, stride: int) -> Array:
-    """(count,) vertices of mode 1, one triangle after another as each refers to those before."""
+    """(count,) vertices of mode 1, read one triangle after another, as each refers to earlier ones."""
     stream, triangles = data.tobytes(), count // 3
     end = len(stream) - _TABLE_BYTES
     if end < 1 + triangles or stream[0] != 0xE1:
@@ -274,11 +275,11 @@ def _triangles(data: Bytes, count: int, stride: int) -> Array:
 
 
 class _TriangleReader:
-    """What triangles share as they are read, one after another.
+    """The state of reading triangles one after another.
 
     Attributes:
-        table: Codes of the corners of usual triangles.
-        offset: Of the stream's next byte, behind the triangles' own codes.
+        table: Codes of the corners of common triangles.
+        offset: Index of the stream's next byte, behind the triangles' own codes.
     """
 
     def __init__(self, stream: bytes, offset: int, end: int) -> None:
@@ -286,13 +287,13 @@ class _TriangleReader:
         self.offset = offset
         self._stream = stream
         self._end = end
-        self._following = 0  # the next vertex that is new
-        self._last = 0  # the vertex that was spelt out last
+        self._following = 0  # the next new vertex
+        self._last = 0  # the last explicit vertex
         self._edges: list[tuple[int, int]] = []
         self._vertices: list[int] = []
 
     def on_edge(self, edge: int, code: int) -> tuple[int, int, int]:
-        """The triangle on one of the last edges, with a third corner by its code."""
+        """Read a triangle on one of the last edges, with the code of its third corner."""
         a, b = self._edges[-1 - edge]
         if 0 < code < 13:
             c = self._vertices[-1 - code]
@@ -309,7 +310,7 @@ class _TriangleReader:
         return a, b, c
 
     def apart(self, code: int) -> tuple[int, int, int]:
-        """The triangle whose corners' codes stand in the table, or in the stream."""
+        """Read a triangle whose corners' codes are in the table or in the stream."""
         if code < 14:
             first, others = 0, self.table[code]
         else:
@@ -327,7 +328,7 @@ class _TriangleReader:
         return a, b, c
 
     def _corner(self, code: int) -> int:
-        """A vertex by four bits: 0 the next new one, 15 spelt out, else one of the last ones."""
+        """Read a vertex by a code of four bits: 0 is the next new one, 15 explicit, others are recent ones."""
         return self._fresh() if code == 0 else self._explicit() if code == 15 else self._vertices[-code]
 
     def _fresh(self) -> int:
@@ -336,7 +337,7 @@ class _TriangleReader:
         return vertex
 
     def _explicit(self) -> int:
-        """A varint, the step from the vertex that was spelt out last."""
+        """Read a varint, the step from the last explicit vertex."""
         value = 0
         for shift in range(0, 7 * _VARINT_BYTES, 7):
             if self.offset >= self._end:
@@ -358,7 +359,7 @@ class _TriangleReader:
 
 
 def _indices(data: Bytes, count: int, stride: int) -> Array:
-    """(count,) indices of mode 2: varints, each a step from one of two baselines."""
+    """(count,) indices of mode 2, varints that are steps from one of two baselines."""
     if len(data) < 1 + _INDEX_TAIL_BYTES or data[0] != 0xD1:
         raise _MalformedError("no indices of version 1")
     body = data[1:-_INDEX_TAIL_BYTES]
@@ -381,7 +382,7 @@ def _indices(data: Bytes, count: int, stride: int) -> Array:
 
 
 def _rounded(values: Floats, limit: int) -> Array:
-    """Nearest integers, halves away from zero, held within ±limit."""
+    """Nearest integers, halves away from zero, clamped to ±limit."""
     nearest = np.trunc(values + np.copysign(0.5, values))
     return np.clip(nearest, -limit, limit)
 
@@ -426,7 +427,7 @@ def _exponential(elements: Bytes) -> Array:
 
 
 def _color(elements: Bytes) -> Array:
-    """RGBA from YCoCg and an alpha whose highest bit says how many bits all have, as normalised integers."""
+    """RGBA from YCoCg and an alpha whose highest bit gives the number of bits of all, as normalised integers."""
     width = elements.shape[1] // 4
     limit = 256**width - 1
     y, alpha = (elements.view(f"<u{width}")[:, k].astype(np.int64) for k in (0, 3))

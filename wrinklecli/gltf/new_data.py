@@ -12,18 +12,16 @@ from typing import IO
 from wrinklecli.errors import BakeError
 from wrinklecli.gltf.shape import Json
 
-ALIGNMENT = 4  # bytes; the largest component is 4 bytes, and GLB chunks are padded to it
-
-_SPOOL_BYTES = 2**26  # that stay in memory; more goes to a temporary file
-_CHUNK_BYTES = 2**20  # that are read back at a time
+# Bytes: the size of the largest component, and of the padding of GLB chunks.
+ALIGNMENT = 4
+# Bytes that stay in memory; more data goes to a temporary file.
+_SPOOL_BYTES = 2**26
+# Bytes that are read back at a time.
+_CHUNK_BYTES = 2**20
 
 
 class NewData:
-    """Data appended piece by piece; zeros that may grow meanwhile stand behind all of it.
-
-    Attributes:
-        zeros: Bytes of zeros.
-    """
+    """Data appended piece by piece, and `zeros` bytes of zeros, which may grow meanwhile, behind it."""
 
     def __init__(self) -> None:
         self.zeros = 0
@@ -37,15 +35,11 @@ class NewData:
 
     @property
     def zeros_start(self) -> int:
-        """Where the zeros begin."""
+        """Offset of the zeros."""
         return aligned(self._appended)
 
     def append(self, data: bytes) -> int:
-        """Append data; where it begins, at a multiple of 4 bytes.
-
-        Raises:
-            BakeError: The disk is full.
-        """
+        """Append data at a multiple of 4 bytes, and give its offset; BakeError if the disk is full."""
         start = aligned(self._appended)
         try:
             self._file.seek(self._appended)
@@ -56,7 +50,7 @@ class NewData:
         return start
 
     def pieces(self) -> Iterator[bytes]:
-        """All of it, in pieces: there may be more than memory holds."""
+        """All data in pieces, as there may be more than memory holds."""
         self._file.seek(0)
         while piece := self._file.read(_CHUNK_BYTES):
             yield piece
@@ -64,7 +58,7 @@ class NewData:
 
 
 def aligned(size: int) -> int:
-    """The next multiple of what data is aligned to."""
+    """The next multiple of the alignment."""
     return size + -size % ALIGNMENT
 
 

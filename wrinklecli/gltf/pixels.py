@@ -1,4 +1,4 @@
-"""Images of an asset to pixels, and sRGB to linear light and back. A door to Pillow."""
+"""Converts images of an asset to pixels, by Pillow, and sRGB to linear light and back."""
 
 import io
 import math
@@ -11,17 +11,14 @@ from wrinklecli.numeric.arrays import Array
 
 Bytes = NDArray[np.uint8]
 
-# Of textures, pixels: more than a preview shows. Larger ones are reduced.
+# Pixels of a texture's longer side: more than a preview shows. Larger textures are reduced.
 _SIDE = 1024
-_QUALITY = 90  # of a JPEG, per cent
+# Quality of a JPEG, per cent.
+_QUALITY = 90
 
 
 def read_pixels(data: bytes | memoryview) -> Bytes:
-    """(height, width, 3) sRGB of a PNG, JPEG or WebP image; large ones reduced.
-
-    Raises:
-        ValueError: It is none of these, or damaged.
-    """
+    """(height, width, 3) sRGB of a PNG, JPEG or WebP image, reduced if large; ValueError if it is none or damaged."""
     from PIL import Image
 
     try:
@@ -40,17 +37,17 @@ def read_pixels(data: bytes | memoryview) -> Bytes:
 
 
 def linear_rgb(colours: Array) -> Array:
-    """Linear RGB of sRGB; both 0 to 1."""
+    """Convert sRGB to linear RGB, both 0 to 1."""
     return np.where(colours < 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
 
 
 def srgb(colours: Array) -> Array:
-    """The sRGB of linear RGB; both 0 to 1."""
+    """Convert linear RGB to sRGB, both 0 to 1."""
     return np.where(colours < 0.0031308, 12.92 * colours, 1.055 * colours ** (1 / 2.4) - 0.055)
 
 
 def jpeg_of(pixels: Bytes) -> bytes:
-    """(height, width, 3) sRGB as a JPEG, a tenth of a PNG's size and hard to tell from it."""
+    """Encode (height, width, 3) sRGB as a JPEG, which has a tenth of a PNG's size and looks almost the same."""
     from PIL import Image
 
     file = io.BytesIO()

@@ -1,4 +1,4 @@
-"""Which part of a document's JSON refers to what: accessors, buffer views and the bytes of buffers that they show.
+"""Finds references in a document's JSON: to accessors, buffer views and the bytes of buffers.
 
 Source: glTF 2.0 specification, §3.6; EXT_meshopt_compression and KHR_draco_mesh_compression.
 """
@@ -11,7 +11,7 @@ from wrinklecli.gltf.shape import COMPRESSIONS, Json
 
 
 def view_parts(view: Json) -> Iterator[Json]:
-    """What of a view refers to bytes of a buffer: itself, and the extension that compresses it."""
+    """The parts of a view that refer to bytes of a buffer: itself, and the extension that compresses it."""
     yield view
     extensions = view.get("extensions", {})
     yield from (extensions[name] for name in meshopt.EXTENSIONS if name in extensions)
@@ -26,7 +26,7 @@ def draco_primitives(gltf: Json) -> Iterator[Json]:
 
 
 def is_placeholder(gltf: Json, buffer: int) -> bool:
-    """Whether a buffer may go without data: all views that show it are compressed into other buffers."""
+    """True if a buffer needs no data, as all its views are compressed into other buffers."""
     views = [(view, list(view_parts(view))) for view in gltf.get("bufferViews", [])]
     shown = [parts for view, parts in views if view.get("buffer") == buffer]
     read = any(part.get("buffer") == buffer for _, parts in views for part in parts[1:])
@@ -34,7 +34,7 @@ def is_placeholder(gltf: Json, buffer: int) -> bool:
 
 
 def accessor_references(gltf: Json) -> Iterator[tuple[int, str]]:
-    """Yield every accessor that the core specification knows to be used, each time with its kind of data."""
+    """Give the accessor of every reference in the core specification, with its kind of data."""
     for mesh in gltf.get("meshes", []):
         for primitive in mesh.get("primitives", []):
             yield from ((index, "geometry") for index in primitive.get("attributes", {}).values())
@@ -58,7 +58,7 @@ def accessor_views(accessor: Json) -> Iterator[int]:
 
 
 def view_references(gltf: Json) -> Iterator[int]:
-    """Every use of a buffer view that we know."""
+    """Give the buffer view of every known reference."""
     for accessor in gltf.get("accessors", []):
         yield from accessor_views(accessor)
     yield from draco_views(gltf)
@@ -66,14 +66,14 @@ def view_references(gltf: Json) -> Iterator[int]:
 
 
 def draco_views(gltf: Json) -> Iterator[int]:
-    """The buffer views that hold Draco streams, one for each use."""
+    """Give the buffer view of every reference to a Draco stream."""
     for primitive in draco_primitives(gltf):
         if "bufferView" in primitive["extensions"][draco.EXTENSION]:
             yield primitive["extensions"][draco.EXTENSION]["bufferView"]
 
 
 def extension_integers(value: Any, *, inside: bool = False) -> Iterator[int]:
-    """Every integer below any `extensions` object, but those that we understand: a possible reference."""
+    """Give every integer below an `extensions` object that we do not understand: a possible reference."""
     if isinstance(value, dict):
         for key, child in value.items():
             if key != "extras" and not (inside and key in COMPRESSIONS):
@@ -92,6 +92,6 @@ def compressions(gltf: Json) -> set[str]:
 
 
 def view_span(view: Json) -> tuple[int, int]:
-    """The first byte that a view, or the extension that compresses it, shows of its buffer, and the end."""
+    """The range of bytes that a view, or the extension that compresses it, shows of its buffer."""
     start = view.get("byteOffset", 0)
     return start, start + view.get("byteLength", 0)

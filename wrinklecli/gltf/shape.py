@@ -1,4 +1,4 @@
-"""What a valid document looks like: JSON within limits, of the specification's types, without unknown compressions.
+"""Checks a document's JSON: within limits, of the specification's types, without unknown compressions.
 
 Source: glTF 2.0 specification, §5 (properties); EXT_meshopt_compression, KHR_meshopt_compression and
     KHR_draco_mesh_compression.
@@ -18,11 +18,13 @@ from wrinklecli.gltf.files import path_of
 
 Json = dict[str, Any]
 
-# Of CPython's objects, by the mark that none goes without: a value with its place in a list, a key with its place in a
-# dict, an empty dict, an empty list.
+# Bytes of CPython's objects by the mark that each needs in the text: a value with its slot in a list, a key with its
+# slot in a dict, an empty dict, an empty list.
 _MARK_BYTES = {b",": 64, b":": 104, b"{": 136, b"[": 56}
-_DEPTH_LIMIT = 256  # levels of JSON; copying and writing recurse
-_SHOWN = 40  # characters of a found value that a message repeats
+# Levels of JSON: copying and writing recurse.
+_DEPTH_LIMIT = 256
+# Characters of a value that a message repeats.
+_SHOWN = 40
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,14 +36,14 @@ class _Index:
 
 @dataclass(frozen=True, slots=True)
 class _Numbers:
-    """An array of so many numbers."""
+    """An array of `count` numbers."""
 
     count: int
 
 
 @dataclass(frozen=True, slots=True)
 class _Uri:
-    """Text that can be the name of a file, or holds data."""
+    """Text that can be the name of a file, or contains data."""
 
 
 _NODE, _MESH, _SKIN, _ACCESSOR, _VIEW, _BUFFER = map(
@@ -57,8 +59,8 @@ _MESHOPT_SHAPE: Json = {
     "filter": str,
 }
 _DRACO_SHAPE: Json = {"bufferView": _VIEW, "attributes": {"*": int}}
-# What is read of a document: objects by key (`*`: any), arrays by their items, counts as int. What only says how things
-# look may refer to anything, since a bake does not follow it, and converters that drop images leave such behind.
+# The parts of a document that are read: objects by key (`*`: any), arrays by their items, counts as int. References to
+# appearance may be wrong, since a bake does not follow them, and converters that drop images leave such behind.
 _SHAPE: Json = {
     "asset": {"version": str},
     "extensionsUsed": [str],
@@ -148,13 +150,15 @@ _KINDS = {
     list: "an array",
 }
 
-# Compressions that are decoded where needed; with the next, all extensions of geometry that we understand.
+# Compressions that are decoded,
 COMPRESSIONS = (draco.EXTENSION, *meshopt.EXTENSIONS)
+# and all extensions of geometry that are understood.
 _GEOMETRY_EXTENSIONS = (*COMPRESSIONS, "KHR_mesh_quantization", "EXT_mesh_features")
-# What names of extensions that change geometry, or how it is stored, have in them, and what those of others have.
+# Words in names of extensions that change geometry or its storage,
 _GEOMETRY_WORDS = re.compile(
     "mesh|primitive|geometry|vertex|skin|morph|subdiv|splat|curve|compress|accessor|buffer", re.IGNORECASE
 )
+# and in names of extensions that do not.
 _APPEARANCE_WORDS = re.compile("texture|material|image|light", re.IGNORECASE)
 
 
@@ -164,16 +168,12 @@ def place(path: str, *pointer: str | int) -> str:
 
 
 def json_memory(data: bytes) -> int:
-    """Bytes that the values of a JSON text take at most, counted by what stands between them."""
+    """Most bytes that the values of a JSON text take, counted by the marks between them."""
     return len(data) + sum(size * data.count(mark) for mark, size in _MARK_BYTES.items())
 
 
 def parse_json(data: bytes, name: str) -> Json:
-    """The JSON object of a document.
-
-    Raises:
-        AssetError: It is none, or is nested too deeply to copy.
-    """
+    """Parse the JSON object of a document; AssetError if it is none, or is nested too deeply to copy."""
 
     def refuse(constant: str) -> float:
         raise ValueError(f"{constant} is no JSON number")
@@ -205,14 +205,10 @@ def parse_json(data: bytes, name: str) -> Json:
 
 
 def check_asset(gltf: Json, path: str) -> None:
-    """Check that the JSON has the types that the specification asks for, and needs no extension that we cannot read.
-
-    Args:
-        gltf: The JSON; what of it is not read may be anything.
-        path: The file, for messages.
+    """Check the types of all JSON that is read, and that no required extension is unknown.
 
     Raises:
-        AssetError: It does not.
+        AssetError: A type is wrong, or a required extension of geometry is unknown.
     """
     counts: dict[str, int] = {}
     for kind, shape in _SHAPE.items():
@@ -237,14 +233,14 @@ def check_asset(gltf: Json, path: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Limits:
-    """What checks of one document share: its path, for messages, and the lengths of its top-level arrays."""
+    """A document's path, for messages, and the lengths of its top-level arrays."""
 
     path: str
     counts: dict[str, int]
 
 
 def _check_shape(value: Any, shape: Any, limits: _Limits, pointer: tuple[str | int, ...]) -> None:
-    """Check that a value of the JSON, at a pointer into it, and all below are as a shape has them."""
+    """Check that a value at a pointer, and all values below it, have a shape."""
     if isinstance(shape, dict):
         if not isinstance(value, dict):
             raise _misfit(value, dict, limits.path, pointer)
@@ -276,17 +272,17 @@ def _check_shape(value: Any, shape: Any, limits: _Limits, pointer: tuple[str | i
 
 
 def _is_of(value: Any, kind: type) -> bool:
-    """Whether a value is text, true or false, a whole number of 0 or more, or a number that a float can be."""
+    """True if a value is of a kind: text, a boolean, a whole number of 0 or more, or a number that fits a float."""
     if kind is int:
         return type(value) is int and value >= 0
     if kind is float:
-        # An integer of JSON may be too large for a float.
+        # An integer in JSON may be too large for a float.
         return type(value) is float or (type(value) is int and abs(value) <= sys.float_info.max)
     return type(value) is kind
 
 
 def _check_channels(gltf: Json, path: str) -> None:
-    """Check that each channel that moves a node has a sampler with input and output."""
+    """Check that each channel of a node has a sampler with input and output."""
     for index, animation in enumerate(gltf.get("animations", [])):
         samplers = animation.get("samplers", [])
         for number, channel in enumerate(animation.get("channels", [])):
@@ -298,7 +294,7 @@ def _check_channels(gltf: Json, path: str) -> None:
 
 
 def moves_node(channel: Json) -> bool:
-    """Whether a channel animates a property of a node that the core specification knows."""
+    """True if a channel animates a node's property in the core specification."""
     target = channel.get("target", {})
     return "node" in target and target.get("path") in ANIMATED_PATHS
 
@@ -306,7 +302,7 @@ def moves_node(channel: Json) -> bool:
 def _check_uri(value: Any, path: str, pointer: tuple[str | int, ...]) -> None:
     if not isinstance(value, str):
         raise _misfit(value, str, path, pointer)
-    # A name of half a character, or with NUL in it, no system has; data URIs are long, and ASCII.
+    # No system has names with half a character or with NUL in them; data URIs are long, and ASCII.
     try:
         known = value.startswith("data:") or "\0" not in path_of(value)
     except UnicodeEncodeError:

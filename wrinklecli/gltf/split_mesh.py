@@ -1,4 +1,4 @@
-"""A mesh in parts: some of its triangles become meshes and nodes of their own, which move as before.
+"""Splits a mesh into parts: some of its triangles become separate meshes and nodes, which move as before.
 
 Source: glTF 2.0 §3.7.2 (meshes), §3.7.2.2 (morph targets), §3.11 (animation).
 """
@@ -16,21 +16,21 @@ from wrinklecli.gltf.edited_document import INDEX_DATA, VERTEX_DATA, EditedDocum
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Ints
 
-# Extensions of a node that hold for whatever mesh shows there; others, such as lights, would be there twice.
+# Extensions of a node that apply to its mesh; others, such as lights, would be there twice.
 _OF_MESHES = ("KHR_node_visibility", "EXT_mesh_gpu_instancing")
-# What a node that is below another need not have, as that one has it.
+# Properties that a node inherits from the node above.
 _INHERITED = ("matrix", "translation", "rotation", "scale")
-# Extensions of a document in whose lists objects name a mesh, or a node, and mostly a morph target by its number.
+# Extensions of a document whose lists have objects with a mesh, or a node, and mostly the index of a morph target.
 _BINDING = {"VRM": "mesh", "VRMC_vrm": "node"}
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """What one mesh of several gets.
+    """The content of one of several meshes.
 
     Attributes:
-        triangles: For each primitive, (triangles, 3) vertices; where other parts have nothing of it, it stays whole.
-        targets: Numbers of its morph targets, rising. Those left out change nothing of it.
+        triangles: (triangles, 3) vertices for each primitive; a primitive of one part alone stays whole.
+        targets: Sorted indices of the part's morph targets. Others change nothing of it.
     """
 
     triangles: tuple[Ints, ...]
@@ -38,21 +38,17 @@ class Part:
 
 
 def split_node(edited: EditedDocument, node: int, parts: Sequence[Part]) -> list[int]:
-    """Split a node's mesh: the first part stays, each other gets a mesh and node, with the same skin and materials.
+    """Split a node's mesh into two or more parts: the first stays, each other one gets a mesh and a node.
 
-    Where a skin moves them, new nodes stand beside the old one; elsewhere below it, so that they move with it. Vertices
-    keep their order and every stored bit, so that parts agree where they meet, in every pose.
-
-    Args:
-        edited: The document, of whose mesh nothing has been changed.
-        node: Whose mesh no other node shows.
-        parts: Two or more; each has something of a primitive.
+    Skin and materials are the same. New nodes stand beside the old one if a skin moves them, otherwise below it, so
+    that they move with it. Vertices keep their order and every stored bit, so that parts meet in every pose. The mesh
+    must be unchanged, and no other node may show it.
 
     Returns:
         The nodes of all parts.
 
     Raises:
-        BakeError: Something sets the mesh's morph targets in a way that several meshes cannot follow.
+        BakeError: An animation moves the mesh in a way that several meshes cannot follow.
     """
     gltf = edited.gltf
     _refuse_pointers(edited, node)
@@ -61,7 +57,7 @@ def split_node(edited: EditedDocument, node: int, parts: Sequence[Part]) -> list
     for number, primitive in enumerate(mesh["primitives"]):
         divided = _Divided(edited, primitive)
         owners = [k for k, part in enumerate(parts) if len(part.triangles[number])] or [0]
-        # The largest takes the places of what was there, so that the record of the original finds most of it.
+        # The largest part reuses the old indices, so that the record of the original finds most of the data.
         for k in sorted(owners, key=lambda k: -len(parts[k].triangles[number])):
             alone = len(owners) == 1
             triangles, targets = parts[k].triangles[number], parts[k].targets
@@ -83,7 +79,7 @@ def split_node(edited: EditedDocument, node: int, parts: Sequence[Part]) -> list
 
 
 class _Divided:
-    """A primitive that parts take from; what they take of an accessor first takes its place."""
+    """A primitive that is divided among parts; the first data taken from an accessor reuses its index."""
 
     def __init__(self, edited: EditedDocument, primitive: Json) -> None:
         self._edited = edited
@@ -92,13 +88,13 @@ class _Divided:
         self._like: int = primitive["attributes"]["POSITION"]
 
     def whole(self, targets: Sequence[int]) -> Json:
-        """All of it, with some of its morph targets."""
+        """Take the whole primitive, with some of its morph targets."""
         self._taken.update((number, name) for number in targets for name in self._targets[number])
         made = {key: each for key, each in self._primitive.items() if key != "targets"}
         return made | ({"targets": [self._targets[number] for number in targets]} if targets else {})
 
     def take(self, triangles: Ints, targets: Sequence[int]) -> Json:
-        """Some of its triangles, with the vertices that these have, in their order."""
+        """Take some triangles with their vertices, in the same order."""
         rows, corners = np.unique(triangles, return_inverse=True)
         left_out = ("attributes", "targets", "indices", "mode")
         part = {key: copy.deepcopy(each) for key, each in self._primitive.items() if key not in left_out}
@@ -129,14 +125,14 @@ class _Divided:
         return found
 
     def _replaced(self, index: int | None, key: Any) -> int | None:
-        """An accessor, for the first part that asks for it."""
+        """The accessor for the first part that asks for it, then None."""
         if key in self._taken:
             return None
         self._taken.add(key)
         return index
 
     def _elements(self, index: int, rows: Ints, name: str) -> int:
-        """An accessor of some elements of one, as they are stored."""
+        """Add an accessor of some stored elements of another."""
         return self._stored(index, rows, name, replaces=self._replaced(index, name))
 
     def _stored(self, index: int, rows: Ints, name: str, *, replaces: int | None) -> int:
@@ -151,7 +147,7 @@ class _Divided:
         )
 
     def _deltas(self, index: int, rows: Ints, number: int, name: str) -> int:
-        """The same of a morph target's."""
+        """Add an accessor of some elements of a morph target's."""
         source, replaces = self._edited.source, self._replaced(index, (number, name))
         if source.stored_dtype(index).kind != "f":
             return self._stored(index, rows, name, replaces=replaces)
@@ -164,7 +160,7 @@ class _Divided:
 
 
 def _with_targets(holder: Json, kept: Sequence[int]) -> Json:
-    """A mesh or node whose lists over morph targets hold these alone; lists of none are left out."""
+    """Reduce the lists of a mesh or node over morph targets to some targets; empty lists are removed."""
     held = dict(holder)
     if "weights" in held:
         held["weights"] = [held["weights"][number] for number in kept]
@@ -181,7 +177,7 @@ def _with_targets(holder: Json, kept: Sequence[int]) -> Json:
 
 
 def _beside(edited: EditedDocument, before: int, node: int, number: int, targets: Sequence[int]) -> int:
-    """Append a node for the last mesh, like another, below that or after the one before."""
+    """Append a copy of a node for the last mesh, below the node or, if skinned, after the node `before`."""
     nodes = edited.gltf["nodes"]
     skinned = "skin" in nodes[node]
     dropped = ("children", "camera", *(() if skinned else _INHERITED))
@@ -197,7 +193,7 @@ def _beside(edited: EditedDocument, before: int, node: int, number: int, targets
 
 
 def _siblings(gltf: Json, node: int) -> Iterator[list[int]]:
-    """The lists of nodes that have a node: its parent's, or those of scenes."""
+    """The lists of nodes, of a parent or of scenes, which contain a node."""
     for holder in (*gltf["nodes"], *gltf.get("scenes", [])):
         found = holder.get("children", holder.get("nodes", []))
         if node in found:
@@ -205,7 +201,7 @@ def _siblings(gltf: Json, node: int) -> Iterator[list[int]]:
 
 
 def _named(made: Json, number: int, others: Iterable[Json]) -> Json:
-    """An object that is another's part of a number, by its name, if it has one; longer where that is taken."""
+    """Append the number of a part to the name of an object, if it has one, so that no other has the name."""
     if not isinstance(made.get("name"), str):
         return made
     taken = {str(each.get("name")) for each in others}
@@ -215,7 +211,7 @@ def _named(made: Json, number: int, others: Iterable[Json]) -> Json:
 
 
 def _follow(edited: EditedDocument, node: int, part: int, targets: Sequence[int]) -> None:
-    """Let a part's node move as another does: the same keys, and of weights those of its morph targets."""
+    """Let the node of a part move as another node: with the same keys, and the weights of its morph targets."""
     for animation in edited.gltf.get("animations", []):
         for channel in list(animation["channels"]):
             target = channel["target"]
@@ -233,7 +229,7 @@ def _follow(edited: EditedDocument, node: int, part: int, targets: Sequence[int]
 
 
 def _keep_weights(edited: EditedDocument, node: int, targets: Sequence[int]) -> None:
-    """Let the node's own weights be those of its first part's morph targets; no other channel has their samplers."""
+    """Reduce the node's own weights to those of its first part's morph targets; no other channel has their samplers."""
     for animation in edited.gltf.get("animations", []):
         for channel in animation["channels"]:
             if channel["target"].get("node") == node and channel["target"].get("path") == "weights":
@@ -245,7 +241,7 @@ def _keep_weights(edited: EditedDocument, node: int, targets: Sequence[int]) -> 
 def _columns(
     edited: EditedDocument, index: int, node: int, targets: Sequence[int], *, replaces: int | None = None
 ) -> int:
-    """An accessor of the weights of some morph targets of a node's mesh, from that of all of them."""
+    """Add an accessor of the weights of some morph targets of a node's mesh, from the one of all targets."""
     source = edited.source
     mesh = source.items("meshes")[source.items("nodes")[node]["mesh"]]
     weights = source.stored(index).reshape(-1, len(mesh["primitives"][0]["targets"]))[:, list(targets)]
@@ -254,7 +250,7 @@ def _columns(
 
 
 def _bind(gltf: Json, nodes: Sequence[int], parts: Sequence[Part]) -> None:
-    """Let what an extension sets of the mesh, such as an expression, be set of all parts.
+    """Let everything that an extension sets for the mesh, such as an expression, be set for all parts.
 
     Source: VRM 0.x (blendShapeMaster, firstPerson) and VRMC_vrm 1.0 (expressions, firstPerson).
     """
@@ -264,7 +260,7 @@ def _bind(gltf: Json, nodes: Sequence[int], parts: Sequence[Part]) -> None:
 
 
 def _bind_in(value: Any, key: str, places: Sequence[int], parts: Sequence[Part]) -> None:
-    """Let lists below a value that name the first of some places name the others too, with targets' numbers there."""
+    """Copy list entries below a value for the first place to the others, with the indices of their targets."""
     for each in value.values() if isinstance(value, dict) else list(value) if isinstance(value, list) else ():
         _bind_in(each, key, places, parts)
         if not isinstance(value, list) or not isinstance(each, dict) or each.get(key) != places[0]:
@@ -278,11 +274,7 @@ def _bind_in(value: Any, key: str, places: Sequence[int], parts: Sequence[Part])
 
 
 def _refuse_pointers(edited: EditedDocument, node: int) -> None:
-    """Check that no animation names a node or its mesh in a text.
-
-    Raises:
-        BakeError: One does.
-    """
+    """Raise BakeError if an animation names a node or its mesh in a pointer."""
     mesh = edited.gltf["nodes"][node]["mesh"]
     for animation in edited.gltf.get("animations", []):
         for channel in animation["channels"]:

@@ -1,4 +1,4 @@
-"""A primitive that Draco compressed, given plain accessors.
+"""Replaces the Draco stream of a primitive by plain accessors.
 
 Source: KHR_draco_mesh_compression.
 """
@@ -12,13 +12,13 @@ from wrinklecli.numeric.arrays import Array
 
 
 def unpack(edited: EditedDocument, primitive: Json) -> None:
-    """Give a primitive of the edited document plain accessors, where it has not got them yet."""
+    """Give a primitive of the edited document plain accessors, if it has none yet."""
     extension = primitive.get("extensions", {}).pop(draco.EXTENSION, None)
     if extension is None:
         return
     if not primitive["extensions"]:
         del primitive["extensions"]
-    primitive.pop("mode", None)  # a strip came as triangles
+    primitive.pop("mode", None)  # a strip is decoded to triangles
     attributes = primitive["attributes"]
     packed = dict(attributes)
     users = [(attributes, name, VERTEX_DATA) for name in attributes]
@@ -43,12 +43,9 @@ def unpack(edited: EditedDocument, primitive: Json) -> None:
 
 
 def used_joints(joints: Array, weights: Array, name: str) -> Array:
-    """(vertices, 4) joints, those of weight 0 as joint 0: rounding, as Draco's, leaves some behind.
+    """(vertices, 4) joints with joint 0 where the (vertices, 4) weight is 0, as after rounding by Draco.
 
-    Args:
-        joints: (vertices, 4).
-        weights: (vertices, 4) of the same set.
-        name: JOINTS_0 or another set. In the first a vertex without weight keeps its first joint, which it follows.
+    A vertex without weight keeps its first joint of JOINTS_0, which it follows.
 
     Source: glTF 2.0 §3.7.3.3, "joints with a weight of zero SHOULD be set to zero".
     """

@@ -1,4 +1,4 @@
-"""A changed document written as .glb or .gltf: where its bytes go in the file, or in the files beside it.
+"""Writes a changed document as .glb or .gltf, and decides where its bytes go in the file or in files beside it.
 
 Source: glTF 2.0 specification, §3.6 (binary data storage), §4 (GLB).
 """
@@ -29,11 +29,11 @@ from wrinklecli.gltf.shape import Json
 Bytes: TypeAlias = bytes | memoryview
 
 GLB_LIMIT = 2**32 - 1
-"""Bytes of a .glb at most: the length in its header has 32 bits."""
+"""Most bytes of a .glb: the length in its header has 32 bits."""
 
 
 class Span(NamedTuple):
-    """Bytes [low, high) of a buffer of the source are in the written file: in this buffer, from this byte."""
+    """Bytes [low, high) of a source's buffer, and the buffer and first byte of their place in the written file."""
 
     low: int
     high: int
@@ -43,14 +43,14 @@ class Span(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """A file before it is written: the new data ends it, unless a `Seal` adds to that.
+    """A file before it is written, without the new data at its end and the bytes that a `Seal` adds.
 
     Attributes:
         gltf: The JSON; the buffer of the new data may lack its length and name.
-        contents: What each buffer of the JSON holds before the new data, in pieces.
-        buffer: The one that gets the new data.
-        kept: For each buffer of the source, the spans of it that `contents` hold, rising.
-        beside: Whether files that the source names by relative URIs are found from the written file too.
+        contents: The pieces of each buffer of the JSON, without the new data.
+        buffer: Index of the buffer that gets the new data.
+        kept: Sorted spans of each buffer of the source that are in `contents`.
+        beside: True if relative URIs of the source name the same files from the written file.
     """
 
     gltf: Json
@@ -60,35 +60,35 @@ class Layout:
     beside: bool
 
 
-# What is to follow the new data: the JSON, changed or not, and the bytes.
+# Gives the final JSON, and bytes that follow the new data.
 Seal: TypeAlias = Callable[[EditedDocument, Layout], tuple[Json, bytes]]
 
 
 def no_seal(_edited: EditedDocument, layout: Layout) -> tuple[Json, bytes]:
-    """Nothing follows the new data."""
+    """Add nothing behind the new data."""
     return layout.gltf, b""
 
 
 def write(
     edited: EditedDocument, path: str | os.PathLike[str], *, seal: Seal = no_seal, outputs: Outputs | None = None
 ) -> int:
-    """Write .glb or .gltf, as the path's ending says, replacing the file only by a complete one.
+    """Write .glb or .gltf, as the path's ending says, and replace the file OUT only by a complete one.
 
-    A .glb embeds every buffer. A .gltf keeps embedded and relative buffers as they are and writes one
-    more file, `STEM-<hash>.bin`, before its JSON; such a file that only the earlier OUT named goes. Images with
-    relative URIs are copied beside an OUT in another folder (.gltf) or embedded (.glb).
+    A .glb embeds every buffer. A .gltf keeps embedded and relative buffers as they are and writes one more file,
+    `STEM-<hash>.bin`, before its JSON; such a file that only the earlier OUT named is removed. Images with relative
+    URIs are copied beside an OUT in another folder (.gltf) or embedded (.glb).
 
     Args:
         edited: The document.
         path: OUT.
-        seal: Gives what is to follow the new data.
-        outputs: What OUT is one of, as a main output; it is in its place when these are. Left out: at once.
+        seal: Gives the bytes that follow the new data.
+        outputs: The outputs of which OUT is a main one, and with which it is committed; by default at once.
 
     Returns:
-        The bytes written.
+        The number of bytes written.
 
     Raises:
-        BakeError: The disk is full, the folder is missing or read-only, or a .glb passes 4 GiB.
+        BakeError: The disk is full, the folder is missing or read-only, or a .glb exceeds 4 GiB.
     """
     out = os.fspath(path)
     kind = _write_gltf if out.lower().endswith(".gltf") else _write_glb
@@ -124,15 +124,15 @@ def _write_glb(edited: EditedDocument, out: str, seal: Seal, outputs: Outputs) -
 
 
 def _lay_out_glb(edited: EditedDocument, out: str) -> Layout:
-    """All data in one buffer: what is kept of each of the source's, images from elsewhere, new data.
+    """Put all data into one buffer: kept bytes of the source's buffers, images from elsewhere, new data.
 
-    Buffers without data, which only compressed views name, stay as they are behind it.
+    Buffers without data, which only compressed views name, follow unchanged.
     """
     content: list[Bytes] = []
     size = 0
 
     def append(*parts: Bytes) -> int:
-        """Where the parts are, one after another."""
+        """Append parts one after another, and give their offset."""
         nonlocal size
         start = size + -size % ALIGNMENT
         content.extend([bytes(start - size), *parts])
@@ -158,7 +158,7 @@ def _lay_out_glb(edited: EditedDocument, out: str) -> Layout:
             part["buffer"] = 0
     views = placed.views
     images = [dict(image) for image in gltf.get("images", [])]
-    brought: dict[int, int] = {}  # views of what several images share
+    brought: dict[int, int] = {}  # views of data, which several images may share
     for number, data in images_to_bring(edited.source, out):
         if id(data) not in brought:
             brought[id(data)] = len(views)
@@ -177,23 +177,23 @@ def _lay_out_glb(edited: EditedDocument, out: str) -> Layout:
     if size + edited.new_size:
         gltf["buffers"] = [_binary_chunk(gltf) | {"byteLength": size + edited.new_size}, *placeholders]
     gltf = _without_idle_compressions(gltf, edited.source.gltf)
-    # The file holds the buffers itself.
+    # Buffers are in the file itself, so only images count.
     named = [image.get("uri", "data:") for image in edited.source.items("images")]
     return Layout(gltf, [content, *([] for _ in placeholders)], 0, kept, _found_beside(edited.source, out, named))
 
 
 def _refuse_repetition(source: Document, out: str) -> None:
-    """Check that buffers which share a file, and are each written for themselves, do not become a flood."""
+    """Check the memory of buffers that share a file, as each is written separately."""
     size = sum(len(data) for data in source.buffers)
     if size > sum({id(data.obj): len(data) for data in source.buffers}.values()):
         source.memory.check(size, f"{len(source.buffers)} buffers, each written for itself,", where=out)
 
 
 def _binary_chunk(gltf: Json) -> Json:
-    """What is said of the first buffer, where that becomes the binary chunk; its length apart."""
+    """The JSON of the first buffer, without its length, if it becomes the binary chunk."""
     if not gltf.get("buffers"):
         return {}
-    # A fallback of compressed views the chunk is not.
+    # The chunk is no fallback of compressed views.
     fallback = any(name in gltf["buffers"][0].get("extensions", {}) for name in meshopt.EXTENSIONS)
     left_out = ("uri", "extensions") if fallback else ("uri",)
     return {key: value for key, value in gltf["buffers"][0].items() if key not in left_out}
@@ -222,10 +222,10 @@ def _write_gltf(edited: EditedDocument, out: str, seal: Seal, outputs: Outputs) 
 
 
 def _lay_out_gltf(edited: EditedDocument, images: list[Json], out: str) -> tuple[Layout, list[tuple[str, list[Bytes]]]]:
-    """Buffers where they are, but those that lost data, or would not be found from OUT: these get files of their own.
+    """Keep buffers where they are, but write new files for those that lost data or would not be found from OUT.
 
     Returns:
-        The layout; for each such file the name and the content.
+        The layout; name and content of each new file.
     """
     source = edited.source
     gltf = copy.copy(edited.gltf)
@@ -275,7 +275,7 @@ def _lay_out_gltf(edited: EditedDocument, images: list[Json], out: str) -> tuple
 
 
 def _is_in_place(source: Document, number: int, out: str) -> bool:
-    """Whether the JSON or a file of a buffer's own, beside OUT, goes on holding it."""
+    """True if the JSON, or a file beside OUT, still contains a buffer."""
     uri, content = source.items("buffers")[number].get("uri", ""), source.buffers[number]
     if uri.startswith("data:"):
         return True
@@ -290,17 +290,17 @@ def _is_in_place(source: Document, number: int, out: str) -> bool:
 
 
 def _found_beside(source: Document, out: str, uris: Sequence[str]) -> bool:
-    """Whether some of the URIs name files, and these are found from OUT as from the source."""
+    """True if some of the URIs name files, which are the same from OUT as from the source."""
     return lies_beside(source, out) and not all(uri.startswith("data:") for uri in uris)
 
 
 def _buffer_file(out: str, digest: str) -> str:
-    """The name of a buffer's file beside OUT, by the digest of its content."""
+    """The name of a buffer's file beside OUT, with the digest of its content."""
     return f"{os.path.splitext(os.path.basename(out))[0]}-{digest[:12]}.bin"
 
 
 def _put_buffer(name: str, content: Iterable[Bytes], out: str, outputs: Outputs) -> int:
-    """Write a buffer's file beside OUT, unless it is there: its name tells its content. Its size."""
+    """Write a buffer's file beside OUT, unless one with this name and content exists, and give its size."""
     path = os.path.join(os.path.dirname(out), name)
     there = outputs.found(path)
     if there is not None and _is_buffer_file(there, name, out):
@@ -310,7 +310,7 @@ def _put_buffer(name: str, content: Iterable[Bytes], out: str, outputs: Outputs)
 
 
 def _old_buffer_files(out: str) -> Iterator[str]:
-    """The files of buffers that an earlier bake has written beside OUT: those that OUT names and that have its name."""
+    """Give the buffer files of an earlier bake beside OUT: OUT names them, and their names begin with its name."""
     with suppress(AssetError):
         for uri in re.findall(rb'"uri": *"([^"\\/]+-[0-9a-f]{12}\.bin)"', read_file(out)):
             name = path_of(os.fsdecode(uri))
@@ -320,7 +320,7 @@ def _old_buffer_files(out: str) -> Iterator[str]:
 
 
 def _is_buffer_file(path: str, name: str, out: str) -> bool:
-    """Whether a file has the content that its name as a buffer of OUT tells."""
+    """True if a file's name has the digest of its content, as a buffer of OUT."""
     try:
         return name == _buffer_file(out, hashlib.sha256(read_file(path)).hexdigest())
     except AssetError:
@@ -328,7 +328,7 @@ def _is_buffer_file(path: str, name: str, out: str) -> bool:
 
 
 def _without_idle_compressions(gltf: Json, source: Json) -> Json:
-    """The JSON without those compressions in its lists of extensions that nothing uses any more."""
+    """Remove compressions that nothing uses any more from the JSON's lists of extensions."""
     gone = compressions(source) - compressions(gltf)
     slim = dict(gltf)
     for key in ("extensionsUsed", "extensionsRequired"):
@@ -349,5 +349,5 @@ def _dump(gltf: Json, *, indent: int | None = None) -> bytes:
     text = json.dumps(gltf, ensure_ascii=False, allow_nan=False, indent=indent, separators=separators)
     try:
         return text.encode()
-    except UnicodeEncodeError:  # half a surrogate pair, which some exporters cut from a name: only escapes can say it
+    except UnicodeEncodeError:  # half a surrogate pair, which some exporters cut from a name, needs an escape
         return json.dumps(gltf, allow_nan=False, indent=indent, separators=separators).encode()
