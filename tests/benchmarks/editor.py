@@ -69,7 +69,7 @@ class Felt:
 
 def felt(asset: Path, tools: Path) -> Felt:
     """Measure an asset; the tools file is written to."""
-    session = Session.open(asset, tools)
+    session = Session(asset, tools)
     if not session.tools():
         session.accept(session.proposals()[0])
     page = Page(session, Address())

@@ -8,6 +8,7 @@ import pytest
 
 from kit.asset import stored
 from kit.limb import limb, limb_asset
+from wrinklecli.editor.asset import ReadOptions
 from wrinklecli.editor.session import Session
 from wrinklecli.errors import WrinkleError
 
@@ -28,7 +29,7 @@ def test_a_broken_file_is_a_line(text: str, said: str, tmp_path: Path) -> None:
     path = limb(tmp_path / "limb.glb", rings=6, sides=6)
     (tmp_path / "tools.yaml").write_text(text)
     with pytest.raises(WrinkleError, match=said):
-        Session.open(path, tmp_path / "tools.yaml").meshes(None, 0.0)
+        Session(path, tmp_path / "tools.yaml").meshes(None, 0.0)
     assert (tmp_path / "tools.yaml").read_text() == text
 
 
@@ -37,20 +38,20 @@ def test_a_clip_with_a_nan_is_a_line(tmp_path: Path) -> None:
     (sampler,) = asset.gltf["animations"][0]["samplers"]
     stored(asset, sampler["output"])[1] = np.nan
     with pytest.raises(WrinkleError, match="finite"):
-        Session.open(asset.write(tmp_path / "limb.glb"))
+        Session(asset.write(tmp_path / "limb.glb"))
 
 
 def test_an_asset_that_takes_too_much_memory_is_a_line(tmp_path: Path) -> None:
     path = limb(tmp_path / "limb.glb", rings=60, sides=60)
     with pytest.raises(WrinkleError, match="max-memory"):
-        Session.open(path, max_memory=100_000).meshes(None, 0.0)
+        Session(path, read_options=ReadOptions(max_memory=100_000)).meshes(None, 0.0)
 
 
 def test_an_interrupted_save_leaves_a_whole_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = limb(tmp_path / "limb.glb", rings=6, sides=6)
     tools = tmp_path / "tools.yaml"
     tools.write_text("version: 1\n" + TOOL)
-    session = Session.open(path, tools)
+    session = Session(path, tools)
     session.set_value("a", ("bumps",), 2)
 
     def interrupted(*_: object) -> None:
@@ -62,7 +63,7 @@ def test_an_interrupted_save_leaves_a_whole_file(tmp_path: Path, monkeypatch: py
             session.save()
     assert tools.read_text() == "version: 1\n" + TOOL
     assert session.changed
-    assert Session.open(path, tools).text == session.text
+    assert Session(path, tools).text == session.text
     session.save()
     assert "bumps: 2" in tools.read_text()
     assert sorted(each.name for each in tmp_path.iterdir()) == ["limb.glb", "tools.yaml"]

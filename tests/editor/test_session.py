@@ -38,7 +38,7 @@ tools:
 def session(tmp_path: Path) -> Session:
     """A limb with three tools."""
     (tmp_path / "tools.yaml").write_text(TOOLS)
-    return Session.open(limb(tmp_path / "limb.glb", rings=20, sides=12), tmp_path / "tools.yaml")
+    return Session(limb(tmp_path / "limb.glb", rings=20, sides=12), tmp_path / "tools.yaml")
 
 
 def test_what_is_shown_is_what_is_baked(session: Session, tmp_path: Path) -> None:
@@ -66,7 +66,7 @@ def test_what_was_baked_is_shown_in_place_and_of_it_the_original_edited(session:
     assert len(written.faces) == len(edited.faces)
     assert cKDTree(written.positions).query(edited.positions)[0].max() < 0.01 * tallest
     out = tmp_path / "limb_wrinkled.glb"
-    again = Session.open(out, tmp_path / "tools.yaml")
+    again = Session(out, tmp_path / "tools.yaml")
     assert again.notes == [f"{out}: is the output of a bake: its original is shown, and baked anew"]
     assert [tool.problem for tool in again.tools()] == [None] * 3
     bake_saved(again)
@@ -78,7 +78,7 @@ def test_an_asset_with_wrinkles_that_no_record_tells_of_is_shown_as_it_is(tmp_pa
     node = next(node for node in asset.gltf["nodes"] if "mesh" in node)
     node["extras"] = {"wrinkle": {}}
     (tmp_path / "tools.yaml").write_text(TOOLS)
-    session = Session.open(asset.write(tmp_path / "limb.glb"), tmp_path / "tools.yaml")
+    session = Session(asset.write(tmp_path / "limb.glb"), tmp_path / "tools.yaml")
     assert "the record of the original asset is missing" in session.notes[0]
     assert all("already carries wrinkles" in str(tool.problem) for tool in session.tools())
 
@@ -140,7 +140,7 @@ def test_a_draft_is_no_step(session: Session) -> None:
 
 def test_a_draft_of_one_side_leaves_the_other_as_it_is(tmp_path: Path) -> None:
     (tmp_path / "tools.yaml").write_text(TOOLS.replace("crease", "crease.L").replace("far", "crease.R"))
-    session = Session.open(limb(tmp_path / "limb.glb", rings=20, sides=12), tmp_path / "tools.yaml")
+    session = Session(limb(tmp_path / "limb.glb", rings=20, sides=12), tmp_path / "tools.yaml")
     session.set_value("crease.L", ("bumps",), 5, draft=True)
     assert set(session.attached_tools()) == {"crease.L", "across", "crease.R"}
     session.mirror("across", "z")

@@ -48,7 +48,7 @@ def take_picture(tab: Tab, name: str) -> None:
 @pytest.mark.slow
 def test_a_tool_is_drawn_tuned_and_saved(tmp_path: Path) -> None:
     asset = Path(shutil.copy(ROOT / "samples" / "trousers.glb", tmp_path))
-    session = Session.open(asset)
+    session = Session(asset)
     page = Page(session, Address())
     try:
         with browsing(tmp_path, f"http://127.0.0.1:{page.port}", SIZE) as tab:

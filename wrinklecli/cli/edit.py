@@ -63,6 +63,7 @@ def edit(
     from wrinklecli.numeric.guard import guarded
 
     with guarded(asset):
+        from wrinklecli.editor.asset import ReadOptions
         from wrinklecli.editor.session import Session
 
         try:
@@ -75,7 +76,7 @@ def edit(
     def end(_number: int, _frame: FrameType | None) -> None:
         ended.set()
 
-    session = Session.open(asset, tools, **options)
+    session = Session(asset, tools, ReadOptions(**options))
     page = Page(session, Address(host, port), heat=heat)
     for each in (signal.SIGINT, signal.SIGTERM):
         signal.signal(each, end)

@@ -5,6 +5,7 @@ finished plans are kept, so that an edit costs the time of the tools that it tou
 are carried on the triangles that are there, and refined later.
 """
 
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -50,7 +51,7 @@ class ReadOptions:
         max_memory: Bytes that reading may take.
     """
 
-    anims: tuple[str, ...] = ()
+    anims: Sequence[str | os.PathLike[str]] = ()
     range_of_motion: bool = False
     allow_external: bool = False
     max_memory: int = MAX_MEMORY

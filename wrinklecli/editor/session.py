@@ -25,7 +25,6 @@ from wrinklecli.files.watched import Watched
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, significant
 from wrinklecli.numeric.guard import guarded
-from wrinklecli.numeric.memory import MAX_MEMORY
 from wrinklecli.review.suggest.placed import ToolGuesser
 from wrinklecli.review.suggest.suggest import suggest
 from wrinklecli.tools.mirror import exchange_sides
@@ -59,9 +58,17 @@ class EditedTool:
 
 
 class Session(Edits):
-    """An asset and its tools, being edited; made by `Session.open`.
+    """An asset and its tools, being edited. Unsaved edits of an earlier session are recovered as a step.
 
     A draft is shown at once, on the triangles that are there.
+
+    Args:
+        asset: The .gltf or .glb.
+        tools: YAML file, which need not exist; None stands for the asset's path with the ending .yaml.
+        read_options: How to read the asset.
+
+    Raises:
+        WrinkleError: A file is at fault.
 
     Attributes:
         asset: Path of the asset.
@@ -69,46 +76,26 @@ class Session(Edits):
         notes: Lines about the asset's motions and about changes of the files, the newest last.
     """
 
-    def __init__(self, asset: str, read_options: ReadOptions, store: Store) -> None:
-        super().__init__(store)
-        self.asset = asset
-        self.read_options = read_options
+    def __init__(
+        self,
+        asset: str | os.PathLike[str],
+        tools: str | os.PathLike[str] | None = None,
+        read_options: ReadOptions | None = None,
+    ) -> None:
+        self.asset = os.fspath(asset)
+        super().__init__(Store(os.path.splitext(self.asset)[0] + ".yaml" if tools is None else os.fspath(tools)))
+        self.read_options = read_options or ReadOptions()
         self.pose = FreePose()
         self._pose_clip: Clip | None = None
-        self._watched_asset = Watched([asset, *read_options.anims])
+        self._watched_asset = Watched([self.asset, *self.read_options.anims])
         self._loaded = self._load()
         # The step or draft that the tools are of, and the tools: the last ones shown, and the last refined ones.
         self._shown: tuple[object, AttachedTools] | None = None
         self._refined: tuple[object, AttachedTools] | None = None
         self._measured = RecentResults(_KEPT_MEASURED)
         self._proposals: list[Proposal] | None = None
-        self._watched_tools = Watched([store.path])
-
-    @classmethod
-    def open(
-        cls,
-        asset: str | os.PathLike[str],
-        tools: str | os.PathLike[str] | None = None,
-        *,
-        anims: Sequence[str | os.PathLike[str]] = (),
-        range_of_motion: bool = False,
-        allow_external: bool = False,
-        max_memory: int = MAX_MEMORY,
-    ) -> "Session":
-        """Read an asset and its tools, and recover unsaved edits of an earlier session as a step that can be undone.
-
-        The tools file need not exist; without `tools` it is the asset's path with the ending .yaml. The other options
-        are those of `ReadOptions`.
-
-        Raises:
-            WrinkleError: A file is at fault.
-        """
-        path = os.fspath(asset)
-        name = os.fspath(tools) if tools is not None else os.path.splitext(path)[0] + ".yaml"
-        options = ReadOptions(tuple(os.fspath(each) for each in anims), range_of_motion, allow_external, max_memory)
-        session = cls(path, options, Store(name))
-        session.recover()
-        return session
+        self._watched_tools = Watched([self.path])
+        self.recover()
 
     # The asset and its tools.
 

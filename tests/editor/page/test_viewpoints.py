@@ -14,7 +14,7 @@ TOOL = "tools: [{name: a, origin: [-0.4, 0.25, 0], target: [0.4, 0.25, 0], width
 
 def test_a_tool_is_seen_from_its_side_and_all_of_the_asset_from_any(tmp_path: Path) -> None:
     (tmp_path / "limb.yaml").write_text("version: 1\n" + TOOL)
-    session = Session.open(limb(tmp_path / "limb.glb", rings=20, sides=12))
+    session = Session(limb(tmp_path / "limb.glb", rings=20, sides=12))
     (mesh,) = session.meshes(None, 0.0)
     outline = outline_of(session.attached_tools()["a"], mesh.source, 0, (1.0, 0.0, 0.0))
     body = Body(mesh.faces, ())
