@@ -1,13 +1,14 @@
 """Errors and the words of their messages."""
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from wrinklecli.errors import AssetError, RefusedError, WrinkleError, counted, listed, nearest, shortened
 
 
 @given(st.text(max_size=60), st.integers(2, 40))
+@example("a" * 10, 10)
 def test_a_long_text_keeps_its_two_ends(text: str, longest: int) -> None:
     cut = shortened(text, longest)
     if len(text) <= longest:

@@ -1,9 +1,12 @@
 """Lines and tables that commands print."""
 
+import sys
+
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wrinklecli.cli.output import aligned, printable
+from wrinklecli.cli.output import Progress, aligned, printable
 
 WORDS = st.text("abc de", max_size=6).map(str.strip)
 
@@ -34,3 +37,21 @@ def test_columns_of_a_table_are_aligned(rows: list[tuple[str, str, str]], texts:
         for k, (cell, start, width) in enumerate(zip(row, starts, widths, strict=True)):
             placed = line[start : start + width].ljust(width)
             assert placed == (cell.ljust(width) if k < texts else cell.rjust(width))
+
+
+def test_a_bar_grows_on_a_terminal_and_goes(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with Progress() as hidden:
+        hidden.show("bake", 1, 3)
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    with Progress() as shown:
+        for done in range(4):
+            shown.show("bake", done, 3, note="soon")
+            bar = "#" * (10 * done) + "." * (30 - 10 * done)
+            assert capsys.readouterr().err.endswith(f"    bake {bar} {done}/3  soon")
+    assert capsys.readouterr().err == "\r\x1b[K"
+    with Progress(quiet=True) as quiet:
+        quiet.show("bake", 1, 3)
+    assert capsys.readouterr().err == ""
