@@ -15,6 +15,8 @@ from wrinklecli.review.preview.rays import TracedSurface, in_sight
 _POINTS = 2.0
 # The greatest number of points of a stroke, because one that leaves the picture may be very long.
 _MOST_POINTS = 4096
+# Half the width of the line of a ring or a cross, pixels.
+_SIGN = 0.9
 # Coordinates of a dot beyond which it is not drawn, pixels: it is far outside any picture.
 _OUTSIDE = 1e6
 
@@ -138,19 +140,16 @@ def draw_overlay(picture: Array, overlay: Overlay, camera: Camera, surface: Trac
 
 
 def _draw_dot(picture: Array, dot: Dot, place: Floats) -> None:
-    one = np.ones(1)
     if not (np.isfinite(place).all() and (np.abs(place) < _OUTSIDE).all()):
         return
-    if dot.kind == "disc":
-        _splat(picture, place[None], one, dot.radius, dot.colour)
-    elif dot.kind == "ring":
+    offsets, radius = np.zeros((1, 2)), dot.radius
+    if dot.kind == "ring":
         angles = np.linspace(0, 2 * np.pi, int(8 * dot.radius) + 8)
-        ring = place + dot.radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        _splat(picture, ring, np.ones(len(ring)), 0.9, dot.colour)
-    else:
+        offsets, radius = dot.radius * np.stack([np.cos(angles), np.sin(angles)], axis=1), _SIGN
+    elif dot.kind == "cross":
         ts = np.linspace(-dot.radius, dot.radius, int(4 * dot.radius) + 4)
-        arms = np.concatenate([np.stack([ts, ts], axis=1), np.stack([ts, -ts], axis=1)])
-        _splat(picture, place + arms, np.ones(len(arms)), 0.9, dot.colour)
+        offsets, radius = np.concatenate([np.stack([ts, ts], axis=1), np.stack([ts, -ts], axis=1)]), _SIGN
+    _splat(picture, place + offsets, np.ones(len(offsets)), radius, dot.colour)
 
 
 def _splat(picture: Array, places: Floats, opacities: Floats, radius: float, colour: Colour) -> None:

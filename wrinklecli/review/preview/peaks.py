@@ -1,7 +1,7 @@
 """Find the moment at which each tool's wrinkles are tallest, and the facts that an artist wants to know about it."""
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -105,25 +105,14 @@ def baked_peaks(asset: ShownAsset, clips: Sequence[Clip]) -> list[Peak]:
         scale = float(median(np.cbrt(np.abs(determinants(joint_matrices(rig, None, np.zeros(1))[0, :, :3, :3])))))
         tracked = [clip for clip in clips if clip.channel(node, "weights") is not None]
         grids = [clip_grid(clip, rig, fps=_FPS) for clip in tracked]
-        weights = [
-            {part: morph_weights(each, clip, times) for part, each in rigs.items()}
-            for clip, times in zip(tracked, grids, strict=True)
-        ]
+        played = list(zip(tracked, grids, strict=True))
+        weights = [{part: morph_weights(each, *clip) for part, each in rigs.items()} for clip in played]
         for name, targets in _tools_on(asset, node, rigs.values()):
             reaches = [(each, *_reaches(each, targets)) for each in shown]
-            heights = [
-                np.max(
-                    [
-                        np.max(np.abs(of[each.source.rig.node][:, columns]) * scale * reach, axis=1, initial=0.0)
-                        for each, columns, reach in reaches
-                    ],
-                    axis=0,
-                )
-                for of in weights
-            ]
+            heights = [_heights(of, reaches, scale) for of in weights]
             found = []
             top = _EQUAL * max((float(each.max(initial=0.0)) for each in heights), default=0.0)
-            for clip, times, each in zip(tracked, grids, heights, strict=True):
+            for (clip, times), each in zip(played, heights, strict=True):
                 data: Json = {"name": clip.name, "height": float(each.max()), "time": float(times[np.argmax(each)])}
                 if (node, name) in driven and data["height"] >= top > 0:
                     data |= _shortening(driven[node, name], asset, rig, clip, times[each >= top])
@@ -177,6 +166,18 @@ def _tools_on(asset: ShownAsset, node: int, rigs: Iterable[Rig]) -> Iterator[tup
         if found:
             undriven.setdefault(found[1], []).append(name)
     yield from undriven.items()
+
+
+def _heights(
+    weights: Mapping[int, Floats], reaches: Sequence[tuple[ShownPrimitive, Ints, Floats]], scale: float
+) -> Floats:
+    """(frames,) greatest displacement by targets of a tool, scene units; weights are (frames, targets) by node."""
+    of_primitives = [
+        np.max(np.abs(weights[shown.source.rig.node][:, columns]) * scale * reach, axis=1, initial=0.0)
+        for shown, columns, reach in reaches
+    ]
+    found: Floats = np.max(of_primitives, axis=0)
+    return found
 
 
 def _reaches(shown: ShownPrimitive, targets: Sequence[str]) -> tuple[Ints, Floats]:

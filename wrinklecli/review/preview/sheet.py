@@ -1,7 +1,6 @@
 """Draw assets side by side, at some moments and from some sides, as one sheet or as the frames of an animation."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +8,7 @@ import numpy as np
 from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.errors import counted
 from wrinklecli.gltf.document import Document
+from wrinklecli.numeric.arrays import Ints
 from wrinklecli.numeric.guard import Progress
 from wrinklecli.review.preview.apply import PlannedTools, apply_tools
 from wrinklecli.review.preview.framing import plan_views
@@ -50,16 +50,17 @@ def draw_sheets(
     views = plan_views(shown, moments, options, progress, further=further)
     together = 1 if animated else len(moments)
     columns = min(options.columns or (_COLUMNS if len(shown) == 1 else 1), together)
-    layout = _Layout(together, columns, len(shown), len(views), beside=options.grid and len(moments) == 1)
+    cells = _cells(together, columns, len(shown), len(views), beside=options.grid and len(moments) == 1)
+    across, down = (cells.max(axis=(0, 1, 2)) + 1).tolist()
     legend = _legend(plans, misfits, heat=options.heat)
-    refuse_large(sheet_size(*layout.cells, options.picture_size, legend), len(moments) // together, path)
+    refuse_large(sheet_size(across, down, options.picture_size, legend), len(moments) // together, path)
     up = "y" if planned is None else planned.settings.up
     sheets: list[Sheet] = []
     for number, moment in enumerate(moments):
-        if number % layout.moments == 0:
-            sheets.append(Sheet(*layout.cells, options.picture_size, legend))
+        if number % together == 0:
+            sheets.append(Sheet(across, down, options.picture_size, legend))
         misfit_lines = misfit_overlay(misfits, shown[-1], moment)
-        for column, asset in enumerate(shown):
+        for place, asset in enumerate(shown):
             snapshot = take_snapshot(asset, moment, heat=options.heat)
             for row, view in enumerate(views):
                 camera, size = view.cameras[number], options.picture_size
@@ -69,7 +70,8 @@ def draw_sheets(
                 picture = render(snapshot, camera, size=size, style=options.style, overlay=overlay)
                 label = "   ".join([asset.label, moment.label, *([view.name] if len(views) > 1 else [])])
                 words = placed_words(overlay, camera, size)
-                sheets[-1].put(*layout.cell(number, column, row), picture, label, words)
+                at_column, at_row = cells[number % together, place, row].tolist()
+                sheets[-1].put(at_column, at_row, picture, label, words)
         progress("drawing", number + 1, len(moments))
     return Drawn(
         images=tuple(sheet.image for sheet in sheets),
@@ -105,41 +107,17 @@ def _read_shown(
     return shown, plans, tuple(dict.fromkeys(warnings))
 
 
-@dataclass(frozen=True, slots=True)
-class _Layout:
-    """The places of pictures on a sheet.
+def _cells(moments: int, columns: int, assets: int, views: int, *, beside: bool) -> Ints:
+    """(moments, assets, views, 2) column and row of each picture on a sheet.
 
-    Attributes:
-        moments: Number of moments on each sheet; 1 if each sheet is a frame of an animation.
-        columns: Moments in a row.
-        assets: Number of assets, which stand side by side at each moment.
-        views: Number of views, each with rows of its own.
-        beside: Put the views side by side, because there is one moment.
+    Assets stand side by side at each moment, with `columns` moments in a row; each view has rows of its own, or stands
+    `beside` the others.
     """
-
-    moments: int
-    columns: int
-    assets: int
-    views: int
-    beside: bool = False
-
-    @property
-    def _rows(self) -> int:
-        return -(-self.moments // self.columns)
-
-    @property
-    def cells(self) -> tuple[int, int]:
-        """Columns and rows of pictures."""
-        if self.beside:
-            return self.assets * self.views, 1
-        return self.columns * self.assets, self._rows * self.views
-
-    def cell(self, moment: int, asset: int, view: int) -> tuple[int, int]:
-        """Column and row of a picture."""
-        if self.beside:
-            return view * self.assets + asset, 0
-        row, column = divmod(moment % self.moments, self.columns)
-        return column * self.assets + asset, view * self._rows + row
+    moment, asset, view = np.indices((moments, assets, views))
+    if beside:
+        return np.stack([view * assets + asset, 0 * view], axis=-1)
+    rows = -(-moments // columns)
+    return np.stack([moment % columns * assets + asset, view * rows + moment // columns], axis=-1)
 
 
 def _legend(plans: Sequence[MeshPlan], misfits: Sequence[Misfit], *, heat: bool) -> Legend:
