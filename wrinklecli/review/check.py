@@ -96,13 +96,9 @@ class CheckedTool:
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """The result of `check`.
+    """The result of `check`: what `--json` prints, and the tools in the same order.
 
-    Attributes:
-        data: JSON values only, as `--json` prints them.
-        warnings: A line each.
-        inputs: Every file that was read, and the asset's images.
-        tools: The tools in the order of `data["tools"]`.
+    `inputs` are all files that were read, and the asset's images.
     """
 
     data: Json

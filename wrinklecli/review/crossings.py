@@ -40,13 +40,7 @@ _REWRITTEN = (
 
 @dataclass(frozen=True, slots=True)
 class CrossingsFound:
-    """The result of `crossings`.
-
-    Attributes:
-        data: JSON values only, as `check --crossings --json` prints them.
-        inputs: Every file that was read.
-        warnings: A line each.
-    """
+    """The result of `crossings`: what `check --crossings --json` prints, the files that were read, and warnings."""
 
     data: Json
     inputs: tuple[str, ...]

@@ -50,12 +50,8 @@ class Difference:
 class Link:
     """References of both documents to objects that are to be compared next.
 
-    Attributes:
-        kind: Name of the top-level array.
-        first: Index there in the first document.
-        second: Index there in the second document.
-        place: Place of the reference in the first document.
-        name: Name of the object that refers, for messages.
+    They are indices into the top-level array named `kind`, at a place of the first document; `name` is that of the
+    object that refers, for messages.
     """
 
     kind: str

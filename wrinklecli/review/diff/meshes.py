@@ -25,13 +25,9 @@ _IMAGE_STORAGE = ("uri", "bufferView", "mimeType")
 
 @dataclass(frozen=True, slots=True)
 class _Mesh:
-    """Facts about a mesh for the comparisons of its primitives.
+    """Facts about a mesh for the comparisons of its primitives: its stored name and the names of its targets.
 
-    Attributes:
-        name: Its stored name.
-        targets: Names of its morph targets.
-        skinned: True if skins move it in both documents.
-        scale: Scene units for each bind unit.
+    `skinned` if skins move it in both documents; `scale` is in scene units for each bind unit.
     """
 
     name: object

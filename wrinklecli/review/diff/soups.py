@@ -70,13 +70,9 @@ class Soup:
 
 @dataclass(frozen=True, slots=True)
 class FarthestVertex:
-    """The vertex of two surfaces that is farthest from the other surface.
+    """The vertex of two surfaces that is farthest from the other surface, at a time in seconds.
 
-    Attributes:
-        distance: Scene units; 0 if no vertex is off the other surface.
-        side: 0 for a vertex of the first surface, 1 for the second.
-        vertex: Its number.
-        time: Seconds.
+    The distance is in scene units; `side` is 0 for a vertex of the first surface, 1 for the second.
     """
 
     distance: float
@@ -146,15 +142,9 @@ def farthest_apart(a: Soup, b: Soup, times: Floats, advance: Callable[[float], N
 def _farthest_of(
     side: int, pair: tuple[Soup, Soup], times: Floats, near: Ints, peaks: Floats, far: FarthestVertex
 ) -> FarthestVertex:
-    """The farthest vertex of one surface from another, or `far` if no vertex is farther.
+    """The farthest vertex of one surface (side 0 or 1, first of the pair) from another, or `far` if none is farther.
 
-    Args:
-        side: 0 or 1, the surface that has the vertices.
-        pair: The surface that has the vertices, and the other.
-        times: (times,) seconds.
-        near: (points,) a triangle near each point.
-        peaks: (points,) upper bounds of the points' distances.
-        far: The farthest vertex so far.
+    `near` is (points,) a triangle near each point, `peaks` (points,) upper bounds of the points' distances.
     """
     one, other = pair
     order = np.argsort(-peaks, kind="stable")

@@ -20,16 +20,10 @@ _ZERO_CHORD = 0.99
 
 @dataclass(frozen=True, slots=True)
 class Worst:
-    """The place where two posed assets are farthest apart.
+    """The place where two posed assets are farthest apart: a vertex of asset A or B (`side`).
 
-    Attributes:
-        distance: Scene units.
-        side: The asset that has the vertex, A or B.
-        place: JSON pointer of the primitive there.
-        name: Name of its node.
-        vertex: Index in the primitive.
-        clip: None for the stored pose.
-        time: Seconds.
+    The distance is in scene units and the time in seconds; `place` is a JSON pointer to the vertex's primitive, and
+    `name` that of its node. In the stored pose `clip` is None.
     """
 
     distance: float
@@ -45,11 +39,8 @@ class Worst:
 class Apart:
     """The distance between two primitives, or between the unpaired parts of both assets, in a clip.
 
-    Attributes:
-        worst: The greatest distance.
-        normal: The greatest angle between normals, degrees; None unless both sides have normals.
-        off: Number of vertices beyond the tolerance; None if surfaces were compared.
-        total: Number of all vertices.
+    The greatest angle between normals is in degrees, or None unless both sides have normals. Of `total` vertices, `off`
+    are beyond the tolerance; None if surfaces were compared.
     """
 
     worst: Worst

@@ -30,14 +30,10 @@ class RefusedTool:
 
 @dataclass(frozen=True, slots=True)
 class PlannedTools:
-    """Tools attached to an asset.
+    """Tools attached to an asset; `settings` are the tools file with all tools that were asked for.
 
-    Attributes:
-        settings: The tools file, with all tools that were asked for.
-        job: The asset and the tools that fit; None if no tool fits.
-        plans: One for each mesh that has tools that fit.
-        misfits: The tools that do not fit.
-        warnings: A line each, first the reasons of the misfits.
+    `job` and `plans`, one for each mesh, have the tools that fit; without any, `job` is None. The warnings begin with
+    the reasons of the misfits.
     """
 
     settings: ToolsFile

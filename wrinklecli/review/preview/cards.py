@@ -39,14 +39,9 @@ class Picture:
 
 @dataclass(frozen=True, slots=True)
 class Card:
-    """One tool, seen from one side.
+    """A tool, seen from one side: its name, the moment and the view in words (`aside`), rows of facts, two pictures.
 
-    Attributes:
-        name: The tool's name.
-        colour: The colour in which the tool is drawn; None if it is not drawn.
-        aside: The moment and the view, in words.
-        facts: Rows of facts.
-        pictures: Two, of the picture size.
+    `colour` is the one in which the tool is drawn, if it is.
     """
 
     name: str

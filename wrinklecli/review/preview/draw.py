@@ -112,10 +112,7 @@ def blend(colours: Array, opacities: Array, ink: Array, rows: Ints | slice = sli
 def edge_cover(projected: Array, places: Array, triangles: Ints) -> Array:
     """(hits,) part of each sub-pixel that an edge of its triangle covers, 0 to 1; lines are a pixel wide.
 
-    Args:
-        projected: (triangles, 3, 2) corners, sub-pixels.
-        places: (hits, 2) middles of the sub-pixels.
-        triangles: (hits,) their triangles.
+    `projected` are the (triangles, 3, 2) corners and `places` the (hits, 2) middles of the sub-pixels, in sub-pixels.
     """
     nearest = np.full(len(triangles), np.inf, np.float32)
     for i in range(3):

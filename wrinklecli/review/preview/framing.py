@@ -46,7 +46,7 @@ class _Wrinkles:
     """The vertices that wrinkles move.
 
     Attributes:
-        masks: For each primitive of each asset, (vertices,) True for those that the wrinkles move at the moments, or
+        masks: For each primitive of each asset (vertices,) True for those that the wrinkles move at the moments, or
             could move if no wrinkle shows.
         totals: (moments,) sum of all displacements; 0 throughout if no wrinkle shows.
         known: True if there are wrinkles.

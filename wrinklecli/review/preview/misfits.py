@@ -61,11 +61,7 @@ class PathPoint:
 
 @dataclass(frozen=True, slots=True)
 class Misfit:
-    """A tool that does not fit.
-
-    Attributes:
-        points: The points of its path; none if a point's place is unknown.
-    """
+    """A tool that does not fit, and the points of its path; none if a point's place is unknown."""
 
     refused: RefusedTool
     points: tuple[PathPoint, ...]

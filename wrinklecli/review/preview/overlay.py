@@ -23,14 +23,9 @@ _OUTSIDE = 1e6
 
 @dataclass(frozen=True, slots=True)
 class Stroke:
-    """A straight line.
+    """A straight line between (2, 3) world-space ends, in sRGB; lengths are pixels.
 
-    Attributes:
-        ends: (2, 3) world space.
-        colour: sRGB.
-        width: Pixels.
-        behind: Opacity where the surface hides it; elsewhere 1.
-        dash: Length of its dashes and of the gaps between them, pixels; 0 for a solid line.
+    It is less opaque (`behind`) where the surface hides it, and dashed unless `dash` is 0.
     """
 
     ends: Floats
@@ -42,13 +37,7 @@ class Stroke:
 
 @dataclass(frozen=True, slots=True)
 class Dot:
-    """A small sign that shows through the surface.
-
-    Attributes:
-        place: (3,) world space.
-        colour: sRGB.
-        radius: Pixels.
-    """
+    """A small sign at a (3,) world-space place, in sRGB, that shows through the surface; its radius is in pixels."""
 
     place: Floats
     colour: Colour
@@ -58,13 +47,7 @@ class Dot:
 
 @dataclass(frozen=True, slots=True)
 class Word:
-    """A name at a place.
-
-    Attributes:
-        place: (3,) world space.
-        colour: sRGB.
-        always: If the place lies outside the picture, write the name at its border.
-    """
+    """A name in sRGB at a (3,) world-space place; with `always`, one outside the picture is written at its border."""
 
     place: Floats
     text: str
@@ -92,12 +75,10 @@ NOTHING = Overlay()
 
 @dataclass(frozen=True, slots=True)
 class Placed:
-    """A word in a picture.
+    """A word in sRGB in a picture.
 
-    Attributes:
-        at: Pixels from the left and the top, of the place that it names.
-        colour: sRGB.
-        anchor: Pillow's name of the point of the word that lies there; if empty, the word stands beside the place.
+    It names the place `at`, in pixels from the left and the top. Pillow's `anchor` says which point of the word lies
+    there; if empty, the word stands beside the place.
     """
 
     at: tuple[float, float]

@@ -23,11 +23,9 @@ _DECODED = linear_rgb(np.arange(256) / 255.0).astype(np.float32)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Texture:
-    """An image that colours a surface; equal only to itself.
+    """A (height, width, 3) sRGB image that colours a surface; equal only to itself.
 
-    Attributes:
-        pixels: (height, width, 3) sRGB.
-        wraps: Its continuation beyond [0, 1], across and down: repeat, mirror or clamp.
+    `wraps` says how it continues beyond [0, 1], across and down: by "repeat", "mirror" or "clamp".
     """
 
     pixels: Bytes
@@ -36,13 +34,7 @@ class Texture:
 
 @dataclass(frozen=True, slots=True)
 class Paint:
-    """The base colours of a primitive.
-
-    Attributes:
-        colours: (vertices, 3) base colours, linear RGB.
-        coordinates: (vertices, 2) texture coordinates.
-        texture: Multiplies the colours, if there is one.
-    """
+    """The base colours of a primitive: (vertices, 3) linear RGB, times a texture at (vertices, 2) coordinates."""
 
     colours: Floats
     coordinates: Floats

@@ -48,14 +48,10 @@ class Fact:
 
 @dataclass(frozen=True, slots=True)
 class Peak:
-    """A tool where its wrinkles are tallest.
+    """A tool, on the mesh of a node, at the moment when its wrinkles are tallest.
 
-    Attributes:
-        name: The tool's name.
-        node: Index of its mesh's node.
-        moment: The stored pose if no clip raises the wrinkles.
-        raised: True if a clip raises them; otherwise they are shown at their full height.
-        facts: At least one row.
+    If no clip has raised them, the moment is the stored pose, and they are shown at their full height. There is at
+    least one row of facts.
     """
 
     name: str

@@ -168,11 +168,8 @@ def in_sight(surface: TracedSurface, points: Floats) -> Bools:
 def visible(corners: Floats, points: Floats, normals: Floats, directions: Floats) -> Bools:
     """(directions, points) True if nothing lies between points of a surface and a far eye.
 
-    Args:
-        corners: (triangles, 3, 3) of everything, scene units.
-        points: (points, 3) on the surface.
-        normals: (points, 3) unit.
-        directions: (directions, 3) unit, towards the eye.
+    `corners` are the (triangles, 3, 3) corners of everything; the points have unit normals, and the unit directions
+    point to the eye.
     """
     middle = (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1))) / 2
     extent = max(float(np.abs(corners - middle).max()), 1e-30)

@@ -67,14 +67,9 @@ _INSET_GAP = 3
 
 @dataclass(frozen=True, slots=True)
 class _Shot:
-    """A tool to draw.
+    """A tool to draw on the card of a number, in the colour numbered `ink`.
 
-    Attributes:
-        number: Number of its card.
-        peak: The tool.
-        ink: Number of its colour.
-        moment: Its peak, or an earlier moment if its wrinkles are hidden then.
-        view: One view with one camera.
+    It is shown at its peak, or earlier if its wrinkles are hidden then. The view has one camera.
     """
 
     number: int

@@ -40,14 +40,7 @@ _MOST_LETTERS = 200
 
 @dataclass(frozen=True, slots=True)
 class Legend:
-    """Explains the colours of a sheet by a ramp with numbers, and by names.
-
-    Attributes:
-        title: Title of the ramp.
-        ramp: (colours, 3) sRGB, 0 to 1.
-        ticks: Places along the ramp, 0 to 1, and their numbers.
-        names: Names and their colours.
-    """
+    """Explains the colours of a sheet by names, and by a ramp of (colours, 3) sRGB with numbers at places, 0 to 1."""
 
     title: str = ""
     ramp: Floats | None = None
@@ -57,14 +50,9 @@ class Legend:
 
 @dataclass(frozen=True, slots=True)
 class Drawn:
-    """A sheet, or the frames of an animation.
+    """One sheet, or the frames of an animation, which follow each other after so many seconds.
 
-    Attributes:
-        images: One sheet, or all frames.
-        shown: The number of moments, or of tools, in words.
-        views: Views as they were used; `facing` as azimuth:elevation.
-        seconds: Time from one frame to the next.
-        warnings: A line each.
+    `shown` is the number of moments, or of tools, in words. In `views`, `facing` has become azimuth:elevation.
     """
 
     images: tuple[Image.Image, ...]
