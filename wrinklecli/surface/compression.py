@@ -279,8 +279,8 @@ def is_buried(sites: Sites, region: CompressedRegion) -> bool:
     return bool((before & (sites.normals @ region.normal < _OPPOSITE)).any())
 
 
-def triangle_shares(sites: Sites, region: CompressedRegion) -> Floats:
+def triangle_weights(sites: Sites, region: CompressedRegion) -> Floats:
     """(triangles,) the part of a region's loss in each triangle of the gauge; their sum is 1."""
-    shares: Floats = np.asarray((region.weights @ sites.smooth[region.members]) @ sites.gather)
-    total: Floats = shares / shares.sum()
-    return total
+    losses = np.asarray((region.weights @ sites.smooth[region.members]) @ sites.gather)
+    weights: Floats = losses / losses.sum()
+    return weights

@@ -125,8 +125,8 @@ def _points(corners: Floats, areas: Floats, edges: Floats, spacing: float) -> tu
         down = i + j < k - 1
         first = np.concatenate([i[up] + 1 / 3, i[down] + 2 / 3]) / k
         second = np.concatenate([j[up] + 1 / 3, j[down] + 2 / 3]) / k
-        shares = np.stack([1.0 - first - second, first, second], axis=1)
-        places.append(np.einsum("pk,tkc->tpc", shares, corners[chosen]).reshape(-1, 3))
+        barycentrics = np.stack([1.0 - first - second, first, second], axis=1)
+        places.append(np.einsum("pk,tkc->tpc", barycentrics, corners[chosen]).reshape(-1, 3))
         sizes.append(np.repeat(areas[chosen] / k**2, k**2))
         parents.append(np.repeat(chosen, k**2))
     return np.concatenate(places), np.concatenate(sizes), np.concatenate(parents)

@@ -67,7 +67,7 @@ _NEIGHBOURS = 6
 _SITE_FACING = -0.3
 
 
-def lay_segment(sites: Sites, region: CompressedRegion, poses: Sequence[Floats]) -> tuple[Floats, Floats] | None:
+def find_segment(sites: Sites, region: CompressedRegion, poses: Sequence[Floats]) -> tuple[Floats, Floats] | None:
     """Find the segment across a region that poses shorten best. Each pose has (vertices, 3) without animated scale.
 
     Returns:
@@ -203,19 +203,19 @@ def _walk(
     corners = rest.positions[triangles]
     middles, radii = balls(corners)
     radius, tree = float(radii.max()), cKDTree(middles)
-    first, shares = nearest_points(centre[None], corners)
-    found, shares = np.repeat(first, len(directions)), np.repeat(shares, len(directions), axis=0)
+    first, barycentrics = nearest_points(centre[None], corners)
+    found, barycentrics = np.repeat(first, len(directions)), np.repeat(barycentrics, len(directions), axis=0)
     points = []
     for _ in range(_WALK_STEPS + 1):
         every = (rest.normals, rest.positions, *poses)
-        normals, places, *moved = (np.einsum("pk,pkc->pc", shares, each[triangles[found]]) for each in every)
+        normals, places, *moved = (np.einsum("pk,pkc->pc", barycentrics, each[triangles[found]]) for each in every)
         normals = unit(normals)
         points.append(np.stack([normals, places, *moved], axis=1))
         directions = unit(directions - np.sum(directions * normals, axis=1)[:, None] * normals)
         ahead = places + step * directions
         # The surface is no further away than the place that the step came from.
         close = np.unique(np.concatenate(tree.query_ball_point(ahead, 1.001 * step + radius)).astype(np.intp))
-        which, shares = nearest_points(ahead, corners[close])
+        which, barycentrics = nearest_points(ahead, corners[close])
         found = close[which]
     lines = np.stack(points, axis=1)
     # At a border the nearest point stays behind.
@@ -292,8 +292,8 @@ class _Field:
         ahead, step, peak = start, length / _TRACE_STEPS, 0.0
         ranks = list(range(1, min(_NEIGHBOURS, len(self.tensors)) + 1))
         for _ in range(_TRACE_STEPS + 1):
-            (triangle,), shares = nearest_points(ahead[None], self.corners)
-            place, normal = shares[0] @ self.corners[triangle], unit(shares[0] @ self.normals[triangle])
+            (triangle,), barycentrics = nearest_points(ahead[None], self.corners)
+            place, normal = barycentrics[0] @ self.corners[triangle], unit(barycentrics[0] @ self.normals[triangle])
             if line and np.linalg.norm(place - line[-1]) < _BORDER * step:
                 break
             distances, near = (np.asarray(each) for each in self.tree.query(place, k=ranks))

@@ -26,11 +26,11 @@ from wrinklecli.surface.compression import (
     grow_region,
     is_buried,
     sites_with_twins,
-    triangle_shares,
+    triangle_weights,
 )
 from wrinklecli.surface.sites import Peaks, at_sites
 from wrinklecli.surface.strain import unscaled_pose
-from wrinklecli.surface.trace import lay_segment
+from wrinklecli.surface.trace import find_segment
 from wrinklecli.tools.mirror import split_side
 
 # Most regions of a mesh.
@@ -133,7 +133,7 @@ def _candidate(mesh: MeasuredMesh, seed: int, pose: _Pose, free: Bools, *, twin:
     """The candidate around a seed; across x = 0 if it extends there and its driver has no side."""
     for across in (True, False):
         region = grow_region(mesh.sites, seed, pose.tensors, free, twin=twin, across=across)
-        ends = None if region is None else lay_segment(mesh.sites, region, [pose.positions])
+        ends = None if region is None else find_segment(mesh.sites, region, [pose.positions])
         if region is None or ends is None:
             continue
         score = float(region.weights.sum()) * (_BURIED_SCORE if is_buried(mesh.sites, region) else 1.0)
@@ -159,7 +159,7 @@ def _driver_of(candidate: Candidate) -> tuple[str, bool]:
 
     def span(of_clip: Clip | None, morphs: Floats) -> float:
         now = unscaled_pose(mesh.gauge, of_clip, candidate.time, morphs)
-        first, second = (shares @ now[mesh.gauge.triangles[triangle]] for triangle, shares, _ in ends)
+        first, second = (barycentrics @ now[mesh.gauge.triangles[triangle]] for triangle, barycentrics, _ in ends)
         return float(np.linalg.norm(second - first))
 
     if len(moving):
@@ -168,21 +168,21 @@ def _driver_of(candidate: Candidate) -> tuple[str, bool]:
         if rest_span - span(clip, stored) <= _OF_JOINTS * lost:
             alone = [span(None, np.where(np.arange(len(stored)) == k, weights, stored)) for k in moving]
             return rig.morph_names[moving[int(np.argmin(alone))]], True
-    shares = _joint_shares(mesh, region)
-    beyond = _descends(rig) @ shares
+    joint_weights = _joint_weights(mesh, region)
+    beyond = _descends(rig) @ joint_weights
     merits = beyond * (1.0 - beyond) * _turns(rig, clip, times)
-    joint = int(merits.argmax()) if merits.max() > _LEAST_MERIT else int(shares.argmax())
+    joint = int(merits.argmax()) if merits.max() > _LEAST_MERIT else int(joint_weights.argmax())
     return rig.names[rig.joints[joint]], False
 
 
-def _joint_shares(mesh: MeasuredMesh, region: CompressedRegion) -> Floats:
+def _joint_weights(mesh: MeasuredMesh, region: CompressedRegion) -> Floats:
     """(joints,) part of a region that follows each joint; their sum is 1."""
     corners = mesh.gauge.triangles
-    by_corner = np.repeat(triangle_shares(mesh.sites, region) / 3.0, 3)
+    by_corner = np.repeat(triangle_weights(mesh.sites, region) / 3.0, 3)
     vertices = np.bincount(corners.ravel(), by_corner, len(mesh.gauge.surface.positions))
-    shares: Floats = np.asarray(mesh.gauge.influences.T @ vertices)
-    total: Floats = shares / shares.sum()
-    return total
+    by_joint = np.asarray(mesh.gauge.influences.T @ vertices)
+    weights: Floats = by_joint / by_joint.sum()
+    return weights
 
 
 def _descends(rig: Rig) -> Floats:

@@ -21,7 +21,7 @@ from wrinklecli.review.suggest.cover import is_covered
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.review.suggest.substance import facet_length, read_makeup, substance_of
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
-from wrinklecli.surface.compression import CompressedRegion, triangle_shares
+from wrinklecli.surface.compression import CompressedRegion, triangle_weights
 from wrinklecli.tools.mirror import split_side
 
 # Words of joints and morph targets that move what slides, swells or swings: lips and lids, cheeks, tails and ears.
@@ -60,8 +60,8 @@ def choose_candidates(
             known[id(mesh)] = read_makeup(document, mesh.rig, mesh.gauge), _rims(mesh)
         makeup, rims = known[id(mesh)]
         where = mesh.rig.names[mesh.rig.node]
-        shares = triangle_shares(mesh.sites, each.region)
-        substance = substance_of(makeup, shares)
+        weights = triangle_weights(mesh.sites, each.region)
+        substance = substance_of(makeup, weights)
         if substance.kind == "hard" and not everything:
             left_out[where, f"hard, as {substance.why}"] += 1
         elif not everything and _SLIDING.search(words_of(each.driver)):
@@ -70,10 +70,10 @@ def choose_candidates(
             left_out[where, "over ribs, which hold the skin"] += 1
         elif not everything and each.by_morph and _is_rim(each.region, rims):
             left_out[where, "at a rim, such as of lips or lids"] += 1
-        elif not everything and is_covered(mesh, scene, shares, each.clip, each.time):
+        elif not everything and is_covered(mesh, scene, weights, each.clip, each.time):
             left_out[where, "under another layer where it folds"] += 1
         else:
-            facet = facet_length(makeup, shares)
+            facet = facet_length(makeup, weights)
             chosen.append(replace(each, material=substance.material, facet=facet, part=part))
             notes[f"{where}: {substance.kind}, as {substance.why}"] += 1
     lines = [

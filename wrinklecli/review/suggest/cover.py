@@ -1,4 +1,4 @@
-"""Whether another layer of a character covers a region in the pose that folds it: a cape a belly, trousers a knee.
+"""Regions that another layer covers in the pose that folds them: a belly under a cape, a knee in trousers.
 
 Rays leave the region along its normals. They meet a layer that covers it from inside: clothes look away from the body
 that wears them, whereas a forearm in front of an upper arm looks at it.
@@ -29,19 +29,19 @@ _RAYS = 32
 _HIDDEN = 0.6
 
 
-def is_covered(mesh: MeasuredMesh, scene: Sequence[ScenePrimitive], shares: Floats, clip: Clip, time: float) -> bool:
+def is_covered(mesh: MeasuredMesh, scene: Sequence[ScenePrimitive], weights: Floats, clip: Clip, time: float) -> bool:
     """True if most of a region lies under another layer in a pose.
 
     Args:
         mesh: The mesh with the region; pieces of it that the region is not on are layers too.
         scene: The other layers, and the mesh itself.
-        shares: (triangles,) of the gauge, the part of the region's loss in each.
+        weights: (triangles,) `triangle_weights` of the region.
         clip: The animation.
         time: Seconds.
     """
     gauge = mesh.gauge
-    chosen = np.argsort(-shares, kind="stable")[:_RAYS]
-    chosen = chosen[shares[chosen] > 0]
+    chosen = np.argsort(-weights, kind="stable")[:_RAYS]
+    chosen = chosen[weights[chosen] > 0]
     own, _ = posed(gauge, clip, np.array([time]))
     faces = face_normals(own[0], gauge.triangles[chosen])
     at_rest = face_normals(mesh.rest.positions, gauge.triangles[chosen])
@@ -59,8 +59,7 @@ def is_covered(mesh: MeasuredMesh, scene: Sequence[ScenePrimitive], shares: Floa
             faces_of = other.triangles[:, ::-1] if shown.mirrored[0] else other.triangles
             corners.append(shown.positions[0][faces_of])
     covered = _met_from_inside(starts, rays, np.concatenate(corners), size)
-    weights = shares[chosen]
-    return bool(weights @ covered > _HIDDEN * weights.sum())
+    return bool(weights[chosen] @ covered > _HIDDEN * weights[chosen].sum())
 
 
 def _met_from_inside(starts: Floats, rays: Floats, corners: Floats, size: float) -> Floats:

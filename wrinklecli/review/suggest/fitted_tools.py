@@ -21,7 +21,7 @@ from wrinklecli.review.suggest.suggest_options import SuggestOptions
 from wrinklecli.surface.path import Curve
 from wrinklecli.surface.sites import at_sites
 from wrinklecli.surface.strain import principal, unscaled_pose
-from wrinklecli.surface.trace import CLEAR_LOSS, lay_segment, trace
+from wrinklecli.surface.trace import CLEAR_LOSS, find_segment, trace
 from wrinklecli.tools.mirror import split_side
 from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
 
@@ -180,7 +180,7 @@ class _Search:
         return replace(fitted, suggestion=replace(fitted.suggestion, straight=straight.suggestion))
 
     def _fit_refined(self, candidate: Candidate, *, apart: bool) -> _Fitted | None:
-        """As `_fit`, of a candidate whose ends are refined; `apart` says that it is clear of its twin."""
+        """Fit a tool to a candidate with refined ends, as `_fit`; `apart` is True if it is clear of its twin."""
         mesh, region, driver = candidate.mesh, candidate.region, candidate.driver
         stem, side = stem_and_side(driver, candidate.part or "fold")
         bump_length = self.bump_lengths.get((mesh.rig.node, driver))
@@ -272,7 +272,7 @@ def _within_bones(candidate: Candidate) -> Candidate:
     lengths = [length for end in ends if (length := float(np.linalg.norm(end - joint))) > 0]
     region = replace(region, length=min([region.length, *(_OF_BONE * each for each in lengths)]))
     pose = unscaled_pose(candidate.mesh.gauge, candidate.clip, candidate.time)
-    found = lay_segment(candidate.mesh.sites, region, [pose])
+    found = find_segment(candidate.mesh.sites, region, [pose])
     return candidate if found is None else replace(candidate, region=region, origin=found[0], target=found[1])
 
 
@@ -291,7 +291,7 @@ def _refined(candidate: Candidate) -> Candidate | None:
             break
         moments = ((candidate.clip, candidate.time), (best.clip, best.time))
         poses = [unscaled_pose(mesh.gauge, clip, time) for clip, time in moments]
-        ends = lay_segment(mesh.sites, candidate.region, poses)
+        ends = find_segment(mesh.sites, candidate.region, poses)
         if ends is None:
             return None
         candidate = replace(candidate, origin=ends[0], target=ends[1])
@@ -338,8 +338,8 @@ def _misalignment(mesh: MeasuredMesh, patch: Patch, tensors: Floats) -> float:
     members = np.isin(mesh.gauge.numbers, patch.members)
     under = np.flatnonzero(sites.gather[:, members].sum(axis=1))
     u, v = patch.coordinates(sites.positions[under])
-    shares = np.abs(patch.magnitudes(u, v, sites.normals[under]) / patch.shape_strength)
-    on, u = under[shares > _PRESENT], u[shares > _PRESENT]
+    present = np.abs(patch.magnitudes(u, v, sites.normals[under]) / patch.shape_strength) > _PRESENT
+    on, u = under[present], u[present]
     losses, directions = principal(tensors[on], sites.normals[on])
     strained = losses > CLEAR_LOSS * losses.max(initial=0.0)
     on, u, directions = on[strained], u[strained], directions[strained]
@@ -370,8 +370,8 @@ def _traced(candidate: Candidate, tensors: Floats) -> tuple[Candidate, Patch] | 
     if patch is None or width_of(curved) < _LEAST_WIDTH * width_of(candidate):
         return None
     # The straight tool, measured as a path is: from point to point over the skin.
-    shares = np.linspace(0.0, 1.0, len(points))[1:-1, None]
-    over = [mesh.rest.foot(place)[0] for place in candidate.origin + shares * (candidate.target - candidate.origin)]
+    parts = np.linspace(0.0, 1.0, len(points))[1:-1, None]
+    over = [mesh.rest.foot(place)[0] for place in candidate.origin + parts * (candidate.target - candidate.origin)]
     straight = _probe(replace(candidate, between=np.array(over)), width_of(candidate))
     least = _least_shortening(candidate, mild=False)
     if straight is not None:

@@ -16,7 +16,7 @@ from wrinklecli.review.suggest.draft import tool_of, width_of
 from wrinklecli.review.suggest.measure import MeasuredMesh, clips_that_move
 from wrinklecli.review.suggest.shortening import Shortening, attached, greatest, shortenings_of, with_rising_bumps
 from wrinklecli.review.suggest.substance import facet_length, read_makeup, substance_of
-from wrinklecli.surface.compression import CompressedRegion, grow_region, triangle_shares
+from wrinklecli.surface.compression import CompressedRegion, grow_region, triangle_weights
 from wrinklecli.surface.sites import at_sites, spread_sites
 from wrinklecli.surface.strain import read_gauge
 from wrinklecli.tools.records import Length, WrinkleTool
@@ -78,8 +78,8 @@ class ToolGuesser:
 
     def _candidate(self, region: CompressedRegion, deepest: Shortening, origin: Floats, target: Floats) -> Candidate:
         mesh, makeup = self._mesh, self._makeup
-        shares = triangle_shares(mesh.sites, region)
-        material, facet = substance_of(makeup, shares).material, facet_length(makeup, shares)
+        weights = triangle_weights(mesh.sites, region)
+        material, facet = substance_of(makeup, weights).material, facet_length(makeup, weights)
         return Candidate(mesh, region, deepest.clip, deepest.time, origin, target, 0.0, material, facet)
 
 

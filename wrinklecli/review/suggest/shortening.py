@@ -1,4 +1,4 @@
-"""How far clips shorten a tool, and bumps that keep rising until the greatest shortening."""
+"""The greatest shortening of a tool in each clip, and bumps that keep rising until then."""
 
 import math
 from collections.abc import Mapping, Sequence

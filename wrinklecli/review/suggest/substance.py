@@ -49,13 +49,13 @@ _METALLIC = 0.5
 # Least weight of a joint that a vertex follows alone.
 _RIGID_WEIGHT = 0.98
 # Part of a region's corners that follow one joint each in a rigid region.
-_RIGID_SHARE = 0.9
+_RIGID_PART = 0.9
 # Least part of a rigid region that follows a second joint: else all of it moves as one, as a face moves with its head.
 _SECOND_JOINT = 0.05
 # Length of the mean unit normal of a point below which its normals are split: two differ by 20°.
 _SPLIT_NORMALS = 0.985
 # Part of a region's corners with split normals in a faceted region.
-_FACETED_SHARE = 0.6
+_FACETED_PART = 0.6
 # Red over green of human skin, pale and dark, linear RGB.
 _SKIN_RED = (1.2, 2.8)
 # Green over blue of human skin, likewise.
@@ -124,31 +124,31 @@ def read_makeup(document: Document, rig: Rig, gauge: Gauge) -> Makeup:
     return Makeup(hints, primitives, split[gauge.triangles], followed[gauge.triangles], gauge.radii)
 
 
-def substance_of(makeup: Makeup, shares: Floats) -> Substance:
-    """The substance of a region with (triangles,) `triangle_shares`."""
-    of_primitives = np.bincount(makeup.primitives, shares, len(makeup.hints))
+def substance_of(makeup: Makeup, weights: Floats) -> Substance:
+    """The substance of a region with (triangles,) `triangle_weights`."""
+    of_primitives = np.bincount(makeup.primitives, weights, len(makeup.hints))
     hints = makeup.hints[int(of_primitives.argmax())]
     if hints.material is not None:
         return hints.material
-    corners = np.repeat(shares / 3.0, 3)
+    corners = np.repeat(weights / 3.0, 3)
     total = float(corners.sum())
     followed = makeup.followed.ravel()
     by_joint = np.bincount(followed + 1, corners)[1:] / total
-    rigid = by_joint.sum() > _RIGID_SHARE and (by_joint > _SECOND_JOINT).sum() > 1
+    rigid = by_joint.sum() > _RIGID_PART and (by_joint > _SECOND_JOINT).sum() > 1
     looks = ["it is metallic"] * hints.metallic + ["each part of it follows one joint"] * bool(rigid)
     if looks:
-        return Substance("hard", " and ".join([*looks, *(["it is faceted"] if _is_faceted(makeup, shares) else [])]))
+        return Substance("hard", " and ".join([*looks, *(["it is faceted"] if _is_faceted(makeup, weights) else [])]))
     return hints.node or hints.colour or Substance("skin", "nothing says what it is made of")
 
 
-def facet_length(makeup: Makeup, shares: Floats) -> float:
+def facet_length(makeup: Makeup, weights: Floats) -> float:
     """Length of the triangles' edges in a region that is shaded flat, scene units; 0 in a smooth one."""
     # The edges of equilateral triangles with these radii.
-    return 3.0**0.5 * float(shares @ makeup.radii) if _is_faceted(makeup, shares) else 0.0
+    return 3.0**0.5 * float(weights @ makeup.radii) if _is_faceted(makeup, weights) else 0.0
 
 
-def _is_faceted(makeup: Makeup, shares: Floats) -> bool:
-    return float(shares @ makeup.split.mean(axis=1)) > _FACETED_SHARE * float(shares.sum())
+def _is_faceted(makeup: Makeup, weights: Floats) -> bool:
+    return float(weights @ makeup.split.mean(axis=1)) > _FACETED_PART * float(weights.sum())
 
 
 def named(names: Iterable[str], of: str) -> Substance | None:

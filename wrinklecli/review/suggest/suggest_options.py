@@ -9,7 +9,7 @@ from wrinklecli.numeric.memory import MAX_MEMORY
 
 @dataclass(frozen=True, slots=True)
 class SuggestOptions:
-    """What to look at, and how many tools to suggest.
+    """The clips and meshes to look at, and the number of tools to suggest.
 
     Attributes:
         clips: Names of the clips to look at; all if empty.
