@@ -120,7 +120,7 @@ def _json_tool(each: "Suggestion") -> dict[str, Any]:
         "bumps": tool.bumps,
         "max_height": "auto" if tool.max_height == "auto" else written_length(tool.max_height),
         "compressible": f"{100 * tool.compressible:.0f}%",
-        "rest_length": each.rest_length,
+        "rest_length": written_length(tool.rest_length),
         "mesh": each.mesh,
         "driver": each.driver,
         "driver_kind": "morph target" if each.by_morph else "joint",

@@ -75,15 +75,9 @@ class CompressedRegion:
 
 
 def basins(losses: Floats, near: csr_array, least: float) -> Ints:
-    """Find the summit to which each site belongs.
+    """(sites,) number of the site that is the summit of each site's basin; -1 for losses below the least.
 
-    Args:
-        losses: (sites,)
-        near: (sites, sites) nonzero for neighbours.
-        least: Loss below which a site belongs to no basin.
-
-    Returns:
-        (sites,) number of the site that is the summit; -1 for none.
+    `losses` are (sites,), and `near` is (sites, sites), nonzero for neighbours.
     """
     order = np.argsort(-losses, kind="stable")
     order = order[losses[order] >= least]

@@ -145,19 +145,11 @@ def _cells(points: Floats, normals: Floats, pieces: Ints, spacing: float) -> tup
 def _neighbours(
     positions: Floats, normals: Floats, areas: Floats, cell: Ints, corners: Ints, radius: float
 ) -> tuple[csr_array, csr_array]:
-    """Find neighbouring sites, over the surface and not through the air.
+    """Find (sites, sites) `near` and `smooth` of `Sites`, over the surface and not through the air.
 
-    Args:
-        positions: (sites, 3)
-        normals: (sites, 3)
-        areas: (sites,)
-        cell: (points,) the site of each point.
-        corners: (points, 3) vertices of the triangle of each point.
-        radius: Greatest distance of two neighbours, scene units.
-
-    Returns:
-        (sites, sites) `near` and `smooth` of `Sites`. Neighbours are on triangles that touch and face the same way.
-        A site's neighbourhood has the sites within the radius and within three steps between neighbours.
+    Neighbours are on triangles that touch and face the same way. A site's neighbourhood has the sites within the radius
+    and within three steps between neighbours. Points have (points,) cells, which are sites, and (points, 3) corners of
+    their triangles.
     """
     from scipy.sparse import eye_array
 
@@ -238,13 +230,9 @@ def _averaged(gauge: Gauge, area: _StrainedArea, clip: Clip | None, times: Float
 def find_peaks(
     sites: Sites, clips: Sequence[Clip], times: Sequence[Floats], progress: Callable[[int], None] = lambda _done: None
 ) -> Peaks:
-    """Find the greatest compression of each site over clips.
+    """Find the greatest compression of each site over clips, each at (frames,) times, seconds.
 
-    Args:
-        sites: The points to look at.
-        clips: The animations.
-        times: (frames,) seconds of each clip.
-        progress: Called with the number of poses done.
+    `progress` is called with the number of poses done.
     """
     count = len(sites.positions)
     losses, poses = np.full(count, -np.inf), np.zeros(count, np.intp)

@@ -184,7 +184,7 @@ def posed(
     """Pose the welded vertices.
 
     Args:
-        gauge: Measures the surface.
+        gauge: Has the surface.
         clip: None for the stored pose.
         times: (frames,) seconds.
         weights: (frames, morph targets), in place of the clip's.
@@ -259,11 +259,7 @@ def strain(gauge: Gauge, clip: Clip | None, times: Floats, part: StrainedPart | 
 
 
 def principal(tensors: Floats, normals: Floats) -> tuple[Floats, Floats]:
-    """Find the greatest loss within tangent planes.
-
-    Args:
-        tensors: (…, points, 6) loss tensors.
-        normals: (points, 3) unit normals of the planes.
+    """Find the greatest loss of (…, points, 6) tensors within tangent planes with (points, 3) unit normals.
 
     Returns:
         (…, points) losses 1 − σ, and (…, points, 3) unit vectors of their directions.

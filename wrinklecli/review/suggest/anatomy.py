@@ -72,10 +72,7 @@ _LIMITS: Mapping[Part, _JointLimits] = {
 def limit_to_body(clips: Sequence[Clip], rig: Rig, bones: Bones) -> list[Clip]:
     """Limit motions to the angles that a body reaches, and raise morph targets of both sides together.
 
-    Args:
-        clips: Each turns one joint, or raises one morph target, evenly.
-        rig: The rig with the joints.
-        bones: The parts of the body that its joints are.
+    Each clip turns one joint, or raises one morph target, evenly.
     """
     forwards = _forwards(rig, bones)
     found = []

@@ -94,10 +94,7 @@ def find_candidates(
 ) -> Iterator[Candidate]:
     """Find the regions of a mesh that are compressed most, none within another, and a segment across each.
 
-    Args:
-        mesh: The mesh.
-        peaks: The greatest compression of its sites over the clips.
-        progress: Called with the part of the work that is done.
+    `progress` is called with the part of the work that is done.
     """
     sites = mesh.sites
     summits = basins(peaks.losses, sites.near, LEAST_LOSS * _BASIN_LOSS)

@@ -30,14 +30,9 @@ _HIDDEN = 0.6
 
 
 def is_covered(mesh: MeasuredMesh, scene: Sequence[ScenePrimitive], weights: Floats, clip: Clip, time: float) -> bool:
-    """True if most of a region lies under another layer in a pose.
+    """True if most of a region, with (triangles,) `triangle_weights`, lies under another layer in a pose.
 
-    Args:
-        mesh: The mesh with the region; pieces of it that the region is not on are layers too.
-        scene: The other layers, and the mesh itself.
-        weights: (triangles,) `triangle_weights` of the region.
-        clip: The animation.
-        time: Seconds.
+    Layers are the other primitives of the scene, and the pieces of the mesh that the region is not on.
     """
     gauge = mesh.gauge
     chosen = np.argsort(-weights, kind="stable")[:_RAYS]
@@ -63,16 +58,13 @@ def is_covered(mesh: MeasuredMesh, scene: Sequence[ScenePrimitive], weights: Flo
 
 
 def _met_from_inside(starts: Floats, rays: Floats, corners: Floats, size: float) -> Floats:
-    """Find the rays that meet the inside of a layer before they meet anything thicker.
+    """(rays,) 1 for rays that meet the inside of a layer before they meet anything thicker; else 0.
 
     Args:
         starts: (rays, 3)
         rays: (rays, 3) unit.
         corners: (triangles, 3, 3) of the layers.
         size: Diagonal of the mesh's box, scene units.
-
-    Returns:
-        (rays,) 1 for these rays, else 0.
     """
     near = corners[near_points(corners, starts, _REACH * size)]
     covered = np.zeros(len(starts))

@@ -14,7 +14,7 @@ from wrinklecli.character.pose import node_matrices
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.numeric.arrays import Floats, unit, weighted_quantiles
 from wrinklecli.review.suggest.candidates import Candidate
-from wrinklecli.review.suggest.draft import pair_of, renamed, stem_and_side, tool_of, width_of, written_length
+from wrinklecli.review.suggest.draft import pair_of, renamed, stem_and_side, tool_of, width_of
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.review.suggest.shortening import Shortening, attached, greatest, shortenings_of, with_rising_bumps
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
@@ -87,21 +87,13 @@ class Suggestion:
     score: float
     straight: "Suggestion | None" = None
 
-    @property
-    def rest_length(self) -> str:
-        """The tool's rest length, as it is written."""
-        return written_length(self.tool.rest_length)
-
 
 def fit_tools(
     candidates: Sequence[Candidate], options: SuggestOptions, further: Sequence[Clip] = ()
 ) -> list[Suggestion]:
     """Fit tools to the best candidates, best first.
 
-    Args:
-        candidates: Candidates of all meshes.
-        options: How many tools to suggest.
-        further: More clips that `check` looks at: no bump reaches its full height before their greatest shortening.
+    No bump reaches its full height before the greatest shortening in the further clips either, as `check` has them.
     """
     for search in (_Search(further), _Search(further, one_sided=True), _Search(further, one_sided=True, mild=True)):
         found = search.ranked(candidates, options.count)

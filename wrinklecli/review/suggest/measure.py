@@ -1,7 +1,7 @@
 """Meshes that clips move, measured: the nodes that have one, the poses to look at, and where these compress each."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -114,10 +114,10 @@ def measure_meshes(
     options: SuggestOptions,
     progress: Progress,
 ) -> list[tuple[MeasuredMesh, Peaks]]:
-    """Measure the meshes of nodes, which `find_mesh_nodes` found, where clips move them.
+    """Measure those meshes of the nodes of `find_mesh_nodes` that clips move.
 
     Returns:
-        Each mesh that clips move, with the greatest compression of its sites over the clips.
+        Each mesh, with the greatest compression of its sites over the clips.
 
     Raises:
         BakeError: The work would take minutes.
@@ -133,17 +133,26 @@ def measure_meshes(
         def report(done: int, before: int = before) -> None:
             progress("posing", before + done, total)
 
-        meshes.append(_measure(document, each, counts, report))
+        sites = spread_sites(each.gauge)
+        times = tuple(np.linspace(clip.start, clip.end, counts[clip.index]) for clip in each.clips)
+        peaks = find_peaks(sites, each.clips, times, report)
+        meshes.append((MeasuredMesh(sites, each.clips, times, each.node, each.flat), peaks))
     return meshes
 
 
 @dataclass(frozen=True, slots=True)
 class _MovedMesh:
-    """A mesh, the name of its node as in `MeasuredMesh`, and the clips that move it."""
+    """A mesh, not measured, and the clips that move it; `node` and `flat` are as in `MeasuredMesh`."""
 
-    node: str | None
     gauge: Gauge
     clips: tuple[Clip, ...]
+    node: str | None
+    flat: bool
+
+    def triangle_count(self, clip: Clip) -> int:
+        """The number of triangles to measure in a clip."""
+        part = self.gauge.strained.of(clip)
+        return len(self.gauge.triangles if part is None else part.triangles)
 
 
 def _moved_meshes(document: Document, nodes: Mapping[int, str | None], clips: tuple[Clip, ...]) -> Iterator[_MovedMesh]:
@@ -156,7 +165,9 @@ def _moved_meshes(document: Document, nodes: Mapping[int, str | None], clips: tu
             what = f"{len(surface.triangles):,} triangles to measure"
             document.memory.claim(_TRIANGLE_BYTES * len(surface.triangles), what, where=document.path)
             rest = rest_pose(surface, rig, ToolsFile(path=document.path, tools=()), its_clips, [])
-            yield _MovedMesh(name, read_gauge(surface, rest, rig), its_clips)
+            primitives = document.items("meshes")[rig.mesh]["primitives"]
+            flat = not any("NORMAL" in primitive["attributes"] for primitive in primitives)
+            yield _MovedMesh(read_gauge(surface, rest, rig), its_clips, name, flat)
 
 
 def clips_that_move(rig: Rig, clips: Sequence[Clip]) -> tuple[Clip, ...]:
@@ -174,8 +185,7 @@ def _pose_counts(moved: Sequence[_MovedMesh], clips: Sequence[Clip], fps: float,
         )
         for clip in clips
     }
-
-    strained = [(clip.index, _strained_count(each, clip)) for each in moved for clip in each.clips]
+    strained = [(clip.index, each.triangle_count(clip)) for each in moved for clip in each.clips]
 
     def work(counts: Mapping[int, float]) -> float:
         """Triangles times poses."""
@@ -190,21 +200,3 @@ def _pose_counts(moved: Sequence[_MovedMesh], clips: Sequence[Clip], fps: float,
             where=where,
         )
     return counts
-
-
-def _strained_count(mesh: _MovedMesh, clip: Clip) -> int:
-    """The number of a mesh's triangles to measure in a clip."""
-    part = mesh.gauge.strained.of(clip)
-    return len(mesh.gauge.triangles if part is None else part.triangles)
-
-
-def _measure(
-    document: Document, moved: _MovedMesh, counts: Mapping[int, int], progress: Callable[[int], None]
-) -> tuple[MeasuredMesh, Peaks]:
-    """Measure a mesh over its clips, with a number of poses by each clip's index."""
-    sites = spread_sites(moved.gauge)
-    times = tuple(np.linspace(clip.start, clip.end, counts[clip.index]) for clip in moved.clips)
-    primitives = document.items("meshes")[moved.gauge.rig.mesh]["primitives"]
-    flat = not any("NORMAL" in primitive["attributes"] for primitive in primitives)
-    mesh = MeasuredMesh(sites, moved.clips, times, moved.node, flat)
-    return mesh, find_peaks(sites, moved.clips, times, progress)

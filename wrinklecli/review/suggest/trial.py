@@ -120,11 +120,7 @@ def try_on_refined_meshes(
     A path that crosses a fold gives way to the straight tool. Suggestions are left out where triangles are so long that
     even a finer refinement than usual shows no wrinkles.
 
-    Args:
-        document: The asset.
-        suggestions: Best first.
-        clips: All clips of the asset.
-        midpoint: True if refinement must keep faces flat.
+    The clips are all of the asset. `midpoint` is True if refinement must keep faces flat.
     """
     trial = _Trial(document, clips, RefinementSettings(scheme="midpoint" if midpoint else "butterfly"))
     placed = trial.placements(suggestions)
