@@ -1,5 +1,5 @@
-"""Takes a welded mesh, its rig and the places of tools; gives what lies on the mesh at rest, and how the mesh deforms.
+"""Takes a welded mesh, its rig and the places of tools; gives its rest pose, anchors, paths, strain and refinement.
 
-The room holds the rest pose, anchors, paths, strain, and the refinement that splits triangles where an effect needs
-finer ones. It knows no effect: an effect asks for split edges through a `Region`.
+Triangles are split where an effect needs finer ones. The room knows no effect: an effect asks for split edges through a
+`Region`.
 """
