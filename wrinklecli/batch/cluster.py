@@ -15,7 +15,7 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
@@ -28,6 +28,8 @@ _MAX_TASK_JOBS = 16  # jobs of one task
 _TASK_SECONDS = 0.5  # seconds after which a worker begins no other job of its task
 _TASKS_PER_THREAD = 4  # tasks that the remaining jobs are divided into, so that all threads end at about the same time
 _CONNECT = 10.0  # seconds for a scheduler to answer
+_CLOSE_CLIENT = 2.0  # seconds for the connection to a scheduler to close
+_CLOSE_CLUSTER = 5.0  # seconds for this process's own workers to end
 _PULSE = 0.5  # seconds between checks of the scheduler
 _RECOUNT = 5.0  # seconds between counts of the workers' threads, as workers come and go
 _MAX_DEAD = 100  # workers that may die one after another while no task ends
@@ -114,22 +116,22 @@ def _client(settings: Settings, workers: Workers) -> Iterator[tuple[Any, Callabl
     for name in ("distributed", "tornado", "asyncio", "bokeh"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     warnings.filterwarnings("ignore", module="distributed")  # such as of a taken port: another one is reported
-    cluster = _start_cluster(settings, workers) if workers.scheduler is None else None
-    try:
+    with ExitStack() as opened:
+        cluster = _start_cluster(settings, workers) if workers.scheduler is None else None
+        if cluster is not None:
+            opened.callback(_close, cluster, _CLOSE_CLUSTER)
         try:
             client = untyped.Client(cluster or workers.scheduler, timeout=_CONNECT, set_as_default=False)
         except (OSError, ValueError, RuntimeError, TypeError, ImportError) as error:  # tls:// without its settings
             where = workers.scheduler or "Dask"
             raise WrinkleError(f"no scheduler answers: {str(error).splitlines()[0]}", where=where) from error
-        try:
-            yield client, lambda: 0 if cluster is None else _replace_dead(cluster, workers.count)
-        finally:
-            with suppress(Exception):
-                client.close(timeout=2)
-    finally:
-        if cluster is not None:
-            with suppress(Exception):
-                cluster.close(timeout=5)
+        opened.callback(_close, client, _CLOSE_CLIENT)
+        yield client, lambda: 0 if cluster is None else _replace_dead(cluster, workers.count)
+
+
+def _close(opened: Any, patience: float) -> None:
+    with suppress(Exception):
+        opened.close(timeout=patience)
 
 
 def _start_cluster(settings: Settings, workers: Workers) -> Any:
