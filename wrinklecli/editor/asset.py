@@ -34,10 +34,10 @@ from wrinklecli.tools.records import Length, ToolsFile, WrinkleTool
 
 _MAX_ERROR = Length(1.0, percent=True)  # the default of a bake
 _RINGS = 4  # rings of triangles around a tool that its refinement may read or split; tools whose rings meet overlap
-# Results that are kept for undone steps, beside those in use:
-_KEPT_PATCHES = 256
+# Numbers of results that are kept for undone steps, beside those in use:
+_KEPT_PATCHES = 256  # they are small
 _KEPT_PLANS = 24  # a plan may take 10 MB
-_KEPT_MESHES = 8
+_KEPT_MESHES = 8  # those of the last steps
 
 
 @dataclass(frozen=True, slots=True)

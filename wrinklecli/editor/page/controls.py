@@ -22,7 +22,7 @@ _OWN = "as below"
 _NO_KEY = "–"
 _CLIPS_TAB = "Clips"
 _MAX_STRENGTH = 2.0  # greatest strength, of either sign, that a slider offers
-_STRENGTH_STEP = 0.05
+_STRENGTH_STEP = 0.05  # step of that slider
 _USUAL_PERCENT = 25.0  # per cent of the tool's length that a new length has at least
 _DIGITS = 3  # decimals of a number from a slider
 

@@ -15,9 +15,9 @@ Kind = Literal["choice", "flag", "whole", "number", "percent", "length", "list",
 
 _MAX_STEPS = 200  # steps of a slider; a finer one cannot be set by hand, so such numbers are typed
 _STEP = 0.01  # step of a number; smaller changes are not visible
-_PERCENT_STEP = 0.5
+_PERCENT_STEP = 0.5  # step of a length or share in per cent
 _MIN_PERCENT = 1.0  # of the tool's rest distance, the least length that a slider offers; its box takes any
-_MAX_PERCENT = 300.0  # the greatest
+_MAX_PERCENT = 300.0  # of the rest distance, the greatest length that a slider offers
 _MAX_COMPRESSIBLE = 95.0  # per cent, as in the schema's pattern
 NONE = "none"
 

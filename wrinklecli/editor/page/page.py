@@ -11,12 +11,10 @@ from typing import Any
 
 from wrinklecli.editor.baked_file import BakedFile
 from wrinklecli.editor.page.controls import Steps, ToolControls
-from wrinklecli.editor.page.file_buttons import FileButtons
+from wrinklecli.editor.page.panels import FileButtons, PosePanel, SuggestPanel
 from wrinklecli.editor.page.player import Charts, Player
 from wrinklecli.editor.page.pointer import Pointer
-from wrinklecli.editor.page.pose_panel import PosePanel
 from wrinklecli.editor.page.server import Address, serve
-from wrinklecli.editor.page.suggest_panel import SuggestPanel
 from wrinklecli.editor.page.viewport import Viewport
 from wrinklecli.editor.page.widgets import (
     BAD,

@@ -14,8 +14,8 @@ from wrinklecli.numeric.arrays import Floats
 _REST = "as stored"
 _FPS = 30.0  # frames per second, if the machine is fast enough
 _MIN_SPEED = 0.1  # times the clip's own speed
-_MAX_SPEED = 2.0
-_SPEED_STEP = 0.05
+_MAX_SPEED = 2.0  # times the clip's own speed
+_SPEED_STEP = 0.05  # times the clip's own speed
 _TIME_STEP = 0.001  # seconds
 _CHART_HEIGHT = 110  # pixels
 _HEADROOM = 1.1  # greatest height on the curve's axis over the tool's greatest height

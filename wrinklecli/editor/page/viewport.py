@@ -34,8 +34,8 @@ _SKY = (255, 255, 255)  # sRGB of light from above
 _GROUND = (150, 152, 158)  # sRGB of light from below
 _AMBIENT = 0.9  # strength of the light from sky and ground
 _BACKGROUND = ((236, 239, 243), (203, 208, 215))  # sRGB above and below
-_BACKGROUND_ROWS = 64
-_UP = np.array([0.0, 1.0, 0.0])
+_BACKGROUND_ROWS = 64  # pixels, which the browser stretches and smooths
+_UP = np.array([0.0, 1.0, 0.0])  # as in glTF
 _DEPTH = 100.0  # a camera sees from its distance over this to its distance times this
 
 

@@ -1,0 +1,218 @@
+"""Panels of the page beside that of a tool: the buttons for files, the list of proposed tools, and the free pose."""
+
+import html
+import time
+from functools import partial
+from typing import Any
+
+import viser
+
+from wrinklecli.character.posing import posable
+from wrinklecli.editor.baked_file import BakedFile, bake_saved
+from wrinklecli.editor.free_pose import POSE, FreePose
+from wrinklecli.editor.page.player import Player
+from wrinklecli.editor.page.widgets import ASKS, PageHost, add_button, add_group, add_shortcut, on_set, paragraph
+from wrinklecli.editor.proposals import Proposal
+from wrinklecli.errors import ConfigError
+from wrinklecli.gltf.document import Document
+
+_PROGRESS_SECONDS = 0.2  # seconds between two shown steps of a bake
+_CHECK_SECONDS = 1.0  # seconds between two checks for changed files
+_AXES = ("x", "y", "z")
+_MAX_DEGREES = 180.0  # greatest turn of a joint, of either sign
+_DEGREES_STEP = 1.0  # step of a turn
+_WEIGHT_STEP = 0.01  # step of a morph target's weight, which goes from 0 to 1
+_NOTHING = "–"  # the only choice of an asset without joints or morph targets
+
+
+class _EndedError(Exception):
+    """Ends a bake that nobody waits for; nothing of it is written."""
+
+
+class FileButtons:
+    """Widgets for the files of a session, at the current place of the panel."""
+
+    def __init__(self, page: PageHost) -> None:
+        self._page, self._session = page, page.session
+        self._noted = 0  # notes of the session that were shown
+        undo, redo = partial(self._step, forward=False), partial(self._step, forward=True)
+        add_group(page, "file", {"Save": self._save, "Bake": self._bake, "Undo": undo, "Redo": redo})
+        overwrite = partial(self._save, overwrite=True)
+        label = "Save over what others have written"
+        self._overwrite = add_button(page, label, overwrite, color="red", visible=False)
+        self._progress: Any = page.server.gui.add_progress_bar(0.0, visible=False)
+        add_shortcut(page, "Save", self._save, hotkey="S", modifier="cmd/ctrl")
+        add_shortcut(page, "Undo", undo, hotkey="Z", modifier="cmd/ctrl")
+        add_shortcut(page, "Redo", redo, hotkey="Z", modifier="cmd/ctrl+shift")
+        page.slow.put_later("watch", _CHECK_SECONDS, self._check_files)
+
+    def show_notes(self) -> None:
+        """Show the session's new notes."""
+        notes, self._noted = self._session.notes[self._noted :], len(self._session.notes)
+        if notes:
+            self._page.say("\n".join(notes), ASKS)
+
+    def _step(self, *, forward: bool) -> None:
+        self._page.commit()
+        step = self._session.redoable if forward else self._session.undoable
+        (self._session.redo if forward else self._session.undo)()
+        self._page.refresh()
+        self._page.say(
+            f"{'redone' if forward else 'undone'}: {step}" if step else f"nothing to {'redo' if forward else 'undo'}"
+        )
+
+    def _save(self, *, overwrite: bool = False) -> None:
+        self._page.commit()
+        try:
+            self._session.save(overwrite=overwrite)
+            self._overwrite.visible = False
+        except ConfigError:
+            self._overwrite.visible = True
+            raise
+        self._page.refresh()
+        self._page.say(f"saved as {self._session.path}")
+
+    def _bake(self) -> None:
+        self._save()
+        self._progress.visible = True
+        self._page.say("baking …", ASKS)
+        self._page.slow.put("bake", self._bake_saved)
+
+    def _bake_saved(self) -> None:
+        shown = 0.0
+
+        def progress(stage: str, done: int, total: int) -> None:
+            nonlocal shown
+            if self._page.slow.ended:
+                raise _EndedError
+            if time.monotonic() - shown > _PROGRESS_SECONDS:
+                shown = time.monotonic()
+                self._page.work.put("progress", lambda: self._show_progress(stage, done, total))
+
+        try:
+            baked = bake_saved(self._session, progress)
+        except _EndedError:
+            return
+        finally:
+            self._page.work.put("progress", lambda: self._show_progress("", 0, 1))
+        self._page.work.put(object(), lambda: self._show_baked(baked))
+
+    def _show_baked(self, baked: BakedFile) -> None:
+        self._page.compare(baked)
+        self._page.say(f"{baked.summary}\nView, baked file: shows it in place")
+
+    def _show_progress(self, stage: str, done: int, total: int) -> None:
+        self._progress.visible = bool(stage)
+        self._progress.value = 100.0 * done / max(total, 1)
+        if stage:
+            self._page.say(f"baking: {stage} {done}/{total}", ASKS)
+
+    def _check_files(self) -> None:
+        try:
+            if self._session.refresh():
+                self._page.work.put("watched", self._page.refresh)
+        finally:
+            self._page.slow.put_later("watch", _CHECK_SECONDS, self._check_files)
+
+
+class SuggestPanel:
+    """Widgets for proposed tools, at the current place of the panel."""
+
+    def __init__(self, page: PageHost) -> None:
+        self._page = page
+        self._folder: Any = page.server.gui.add_folder("Suggested")
+        self._buttons: dict[int, Any] = {}
+        self._document: Document | None = None  # the asset that the proposals are for
+        with self._folder:
+            tip = "Looks for the places that clips compress most, as wrinkle suggest does."
+            add_button(page, "Find places", self._ask, icon=viser.Icon.SEARCH, color="gray", hint=tip)
+
+    def drop_outdated(self) -> None:
+        """Remove the proposals if the asset has changed."""
+        if self._document is not self._page.session.document:
+            for button in self._buttons.values():
+                button.remove()
+            self._buttons.clear()
+
+    def _ask(self) -> None:
+        self._page.say("looking for places that fold …", ASKS)
+        self._page.slow.put("proposals", self._find)
+
+    def _find(self) -> None:
+        proposals = self._page.session.proposals()
+        self._page.work.put("proposals", lambda: self._show(proposals))
+
+    def _show(self, proposals: list[Proposal]) -> None:
+        self._document = None
+        self.drop_outdated()
+        self._document = self._page.session.document
+        for number, proposal in enumerate(proposals):
+            accept = partial(self._accept, number, proposal)
+            with self._folder:
+                label = f"+ {proposal.name}"
+                self._buttons[number] = add_button(self._page, label, accept, color="gray", hint=proposal.why)
+        self._page.say(f"{len(proposals)} found: a click takes one" if proposals else "nothing found that folds")
+
+    def _accept(self, number: int, proposal: Proposal) -> None:
+        self._page.commit()
+        name = self._page.session.accept(proposal)
+        self._buttons.pop(number).remove()
+        self._page.choose(name, look=True)
+
+
+class PosePanel:
+    """Widgets for the free pose, which a player shows, at the current place of the panel."""
+
+    def __init__(self, page: PageHost, player: Player) -> None:
+        self._session, self._player = page.session, player
+        gui = page.server.gui
+        self._document: Document | None = None
+        self._joint: Any = gui.add_dropdown("joint", (_NOTHING,), hint="Turned on from the stored pose.")
+        self._axes: dict[str, Any] = {}
+        for axis in _AXES:
+            tip = f"About its own axis {axis}."
+            self._axes[axis] = gui.add_slider(f"{axis} (°)", -_MAX_DEGREES, _MAX_DEGREES, _DEGREES_STEP, 0.0, hint=tip)
+            on_set(page, self._axes[axis], f"pose {axis}", partial(self._turn, axis))
+        self._morph: Any = gui.add_dropdown("morph target", (_NOTHING,))
+        self._weight: Any = gui.add_slider("weight", 0.0, 1.0, _WEIGHT_STEP, 0.0)
+        add_group(page, "pose", {"Pose": self._show, "As stored": partial(self._take, FreePose())})
+        self._options: Any = gui.add_html("")
+        on_set(page, self._weight, "pose weight", self._set_weight)
+        for choice in (self._joint, self._morph):
+            on_set(page, choice, "posed", self.refresh)
+
+    def refresh(self) -> None:
+        """Show the session's free pose, and the joints and morph targets of its asset."""
+        if self._document is not self._session.document:
+            self._document = self._session.document
+            for choice, names in zip((self._joint, self._morph), posable(self._document), strict=True):
+                chosen = choice.value
+                choice.options = names or (_NOTHING,)
+                choice.value = chosen if chosen in names else choice.options[0]
+                choice.visible = bool(names)
+            for slider in self._axes.values():
+                slider.visible = self._joint.visible
+            self._weight.visible = self._morph.visible
+        pose = self._session.pose
+        turns, weights = dict(pose.turns), dict(pose.weights)
+        for axis, slider in self._axes.items():
+            slider.value = turns.get((self._joint.value, axis), 0.0)
+        self._weight.value = weights.get(self._morph.value, 0.0)
+        self._options.content = paragraph(f"<code>{html.escape(pose.options)}</code>" if pose.options else "")
+
+    def _turn(self, axis: str) -> None:
+        degrees = float(self._axes[axis].value)
+        self._take(self._session.pose.with_turn(self._joint.value, axis, degrees))
+
+    def _set_weight(self) -> None:
+        self._take(self._session.pose.with_weight(self._morph.value, float(self._weight.value)))
+
+    def _take(self, pose: FreePose) -> None:
+        self._session.take_pose(pose)
+        self.refresh()
+        self._show()
+
+    def _show(self) -> None:
+        if self._player.playing:
+            self._player.toggle()
+        self._player.go(POSE, 0.0)
