@@ -1,4 +1,4 @@
-"""A session of the editor, without a page: what it shows is what a bake writes, and every step can be undone."""
+"""A session of the editor without a page: it shows the wrinkles that a bake writes, and every step can be undone."""
 
 from dataclasses import replace
 from pathlib import Path
