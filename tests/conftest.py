@@ -14,6 +14,7 @@ from hypothesis import settings
 
 from kit.clients import install
 from kit.command import Wrinkle
+from kit.golden import Golden
 
 # Workers, and the hundreds of commands that they start, would else compile all modules anew.
 sys.dont_write_bytecode = False
@@ -63,3 +64,9 @@ def wrinkle(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, 
     """The command, run in this process and in a folder of its own."""
     monkeypatch.chdir(tmp_path)
     return Wrinkle(capfd, monkeypatch)
+
+
+@pytest.fixture
+def golden(request: pytest.FixtureRequest) -> Golden:
+    """Compares with the files in tests/data/goldens; `--wrinkle-update` replaces those that differ."""
+    return Golden(update=bool(request.config.getoption("--wrinkle-update")))

@@ -1,0 +1,80 @@
+"""Goldens: bakes, and what the other commands say of the samples, are as they were when somebody last looked."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+import wrinklecli
+from kit.bakes import bake_config, bake_fold, bake_once, place, report_of
+from kit.golden import Golden, words_and_numbers, wrinkles_of
+from kit.limb import RADIUS, limb_asset, tool
+from kit.places import ROOT
+from kit.player import Gltf
+from kit.samples import sample
+
+Json = dict[str, Any]
+TOP, SIDE = 0.8 * RADIUS, 0.6 * RADIUS
+# A limb that folds at x = -1/3 and 1/3: together these tools set nearly each key to a value that is not the default.
+TOOLS: list[Json] = [
+    tool(name="cloth", origin=[-0.6, RADIUS, 0.0], target=[-0.05, RADIUS, 0.0], strategy="both_ends", bumps=5, gap=1,
+         profile="cloth", compressible="10%", details=[0.3], bow=0.5, seed=3, variation=0.9, branch=0.9),
+    {"name": "path", "path": [[0.05, TOP, -SIDE], [0.3, RADIUS, 0.0], [0.6, TOP, SIDE]], "strategy": "origin",
+     "bumps": 3, "profile": "polyline", "attachment": "patch", "max_height": "5%", "strength": -0.7, "width": "30%"},
+    tool(name="swing", origin=[0.05, TOP, -SIDE], target=[0.6, TOP, -SIDE], profile="skin", attenuation="linear",
+         rest_length={"keys": {"fold": [[0.0, "100%"], [1.0, "105%"]]}}, lag={"frequency": 3, "damping": 0.3},
+         max_height="none", clips={"fold": 0.8}, snap="vertex"),
+    tool(name="leather.L", origin=[-0.6, TOP, SIDE], target=[-0.05, TOP, SIDE], material="leather", mirror="z",
+         rest_length={"morph": "morph_0", "full": "110%"}),
+]  # fmt: skip
+
+
+def limb_with_every_key() -> Gltf:
+    asset = limb_asset(rings=15, sides=10, joints=3, morphs=1, morph_clip="CUBICSPLINE", tangents=True)
+    return bake_once(place(asset), *TOOLS, morph_tangents=True, details=True)
+
+
+BAKES: dict[str, Callable[[], Gltf]] = {
+    "wrist": lambda: bake_config("wrist", "wrist"),
+    "head": lambda: bake_config("head", "head"),
+    "head_keyed": lambda: bake_config("head", "head_keyed"),
+    "trousers": lambda: bake_config("trousers", "trousers"),
+    "limb": limb_with_every_key,
+}
+
+
+@pytest.mark.parametrize("name", BAKES)
+def test_a_bake_adds_the_same_wrinkles(name: str, golden: Golden) -> None:
+    file = BAKES[name]()
+    report = report_of(file).data
+    for clip in report["clips"]:
+        del clip["residual"]  # what rounding leaves
+    golden({"wrinkles": wrinkles_of(file), "report": report}, f"bake_{name}.json")
+
+
+def test_contact_moves_a_fold_as_far_as_before(golden: Golden) -> None:
+    """The solver's steps amplify rounding, so that other processors find other shapes of nearly the same size."""
+    ((_, found),) = wrinkles_of(bake_fold()).items()
+    sizes = [[positions[1], normals[1]] for positions, normals in found["moments"]["fold"]]
+    golden([sizes, len(found["shapes"])], "bake_fold.json", tolerance=0.05)
+
+
+@pytest.mark.parametrize("name", ["wrist", "head", "trousers", "limb"])
+def test_tools_are_suggested_as_before(name: str, golden: Golden) -> None:
+    asset = place(limb_asset(rings=14, sides=10, joints=3)) if name == "limb" else sample(name)
+    found = wrinklecli.suggest(asset)
+    golden([*map(words_and_numbers, found.text.splitlines()), *found.notes], f"suggest_{name}.json")
+
+
+def test_tools_are_checked_as_before(golden: Golden) -> None:
+    found = wrinklecli.check(sample("wrist"), ROOT / "configs" / "wrist.yaml", max_levels=1)
+    golden([found.data, *found.warnings], "check_wrist.json")
+
+
+def test_an_asset_is_described_as_before(golden: Golden) -> None:
+    golden(wrinklecli.inspect(limb_with_every_key().path), "inspect_limb.json")
+
+
+def test_differences_are_as_before(golden: Golden) -> None:
+    found = wrinklecli.diff(sample("wrist"), bake_config("wrist", "wrist").path)
+    golden([*map(words_and_numbers, found.lines(20))], "diff_wrist.json")
