@@ -1,4 +1,4 @@
-"""`wrinkle batch` in one process writes the bytes of `bake`, bakes only changed jobs, and isolates faults."""
+"""`wrinkle batch` in one process: the bytes of `bake`, only what changed, and faults that stay alone."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Workers of Dask write the bytes of one process, even if workers or the driver are killed."""
+"""Workers of Dask: the bytes of one process, whoever is killed meanwhile."""
 
 import importlib.util
 import json
@@ -28,7 +28,7 @@ COUNT = 12
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with assets, and with the outputs of one process."""
+    """Assets, and what one process makes of them."""
     made = tmp_path_factory.mktemp("batch")
     (made / "chars").mkdir()
     for number in range(COUNT):
@@ -56,7 +56,7 @@ def batch(folder: Path, out: str, *arguments: str) -> subprocess.Popen[bytes]:
         return subprocess.Popen([*MAIN, *command, *report, *arguments], cwd=folder, stderr=errors)
 
 
-def report_of(folder: Path, out: str) -> list[dict[str, Any]]:
+def told(folder: Path, out: str) -> list[dict[str, Any]]:
     path = folder / f"{out}.jsonl"
     return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
 
@@ -77,23 +77,23 @@ def until(true: Callable[[], object], process: subprocess.Popen[Any]) -> None:
 
 def test_workers_and_drivers_that_are_killed_change_no_byte(folder: Path) -> None:
     started = batch(folder, "killed", "-j", "2", "--retry", "20")
-    until(lambda: len(report_of(folder, "killed")) >= 2, started)
+    until(lambda: len(told(folder, "killed")) >= 2, started)
     for _ in range(20):  # those that follow, too, before they have begun
         for worker in children(started.pid):
             os.kill(worker, signal.SIGKILL)
         time.sleep(0.1)
-    until(lambda: len(report_of(folder, "killed")) >= 5, started)
+    until(lambda: len(told(folder, "killed")) >= 5, started)
     started.kill()
     started.wait()
-    done = {each["out"] for each in report_of(folder, "killed")}
+    done = {each["out"] for each in told(folder, "killed")}
     assert 5 <= len(done) < COUNT
     # What a worker had kept but not told of when it was killed is a hit the second time: at most one job of each.
-    results = [each["result"] for each in report_of(folder, "killed")]
+    results = [each["result"] for each in told(folder, "killed")]
     assert results.count("built") + results.count("hit") == len(results)
     assert results.count("hit") <= 2
     again = batch(folder, "killed", "-j", "2")
     assert again.wait() == 0, (folder / "killed.err").read_text()
-    every = report_of(folder, "killed")
+    every = told(folder, "killed")
     assert {each["out"] for each in every if each["result"] == "hit"} >= done
     assert {each["worker"] for each in every if each["result"] == "built"} != {""}
     made = files(folder / "killed")
@@ -102,7 +102,7 @@ def test_workers_and_drivers_that_are_killed_change_no_byte(folder: Path) -> Non
 
 def test_a_signal_ends_a_batch_in_a_line_and_its_workers(folder: Path) -> None:
     started = batch(folder, "ended", "-j", "2")
-    until(lambda: report_of(folder, "ended"), started)
+    until(lambda: told(folder, "ended"), started)
     workers = children(started.pid)
     started.terminate()
     assert started.wait(timeout=60) == 128 + signal.SIGTERM
@@ -145,10 +145,10 @@ def test_a_scheduler_with_two_workers_and_one_that_is_lost(folder: Path) -> None
         started = batch(folder, "far", "--scheduler", address)
         assert started.wait(timeout=300) == 0
         assert files(folder / "far") == files(folder / "alone")
-        assert len({each["worker"] for each in report_of(folder, "far")}) == 2
+        assert len({each["worker"] for each in told(folder, "far")}) == 2
 
         started = batch(folder, "lost", "--scheduler", address)
-        until(lambda: report_of(folder, "lost"), started)
+        until(lambda: told(folder, "lost"), started)
         scheduler.kill()
         assert started.wait(timeout=60) == 1
         *_, line = (folder / "lost.err").read_text().splitlines()

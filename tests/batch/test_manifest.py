@@ -1,4 +1,4 @@
-"""Manifests mean the same in YAML, CSV and JSON lines, and all problems of one are reported at once."""
+"""Manifests: what they say, the same in YAML, CSV and JSON lines, and all that is wrong with one at once."""
 
 from pathlib import Path
 from typing import Any

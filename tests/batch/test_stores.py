@@ -1,4 +1,4 @@
-"""Errors of store libraries become messages with a reason; no run leaves temporary files."""
+"""What libraries of stores answer, and what is said of it; no run leaves anything behind."""
 
 import errno
 import os
@@ -31,7 +31,7 @@ def store() -> Iterator[Any]:
 
 
 class BrokenError(OSError):
-    """An error of a library's own kind, such as those of aiohttp."""
+    """As aiohttp has them."""
 
 
 @pytest.mark.parametrize(

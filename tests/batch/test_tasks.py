@@ -1,4 +1,4 @@
-"""Tasks of several jobs: each job comes back once, even if its worker gives it back or dies."""
+"""Tasks of several jobs: each job comes back once, whatever its worker leaves undone or dies of."""
 
 import itertools
 from collections.abc import Callable
@@ -19,7 +19,7 @@ POISON = JOBS[21]
 
 
 class Future:
-    """A future of Dask for a task that is done at once."""
+    """What came of a task, as Dask's future of it."""
 
     def __init__(self, key: str, function: Callable[[], Any]) -> None:
         self.key, self.status, self._made = key, "finished", None

@@ -41,15 +41,15 @@ tools:
 
 
 @dataclass(frozen=True)
-class Delays:
-    """The times that a user waits for the page.
+class Felt:
+    """How long a hand waits.
 
     Attributes:
-        name: Name of the asset.
-        triangles: Triangles of the asset.
-        vertices: Vertices that are shown.
-        clock: Median seconds of `frame`, `width`, `end` and `bumps`, and the seconds of one `refined`.
-        processor: The same in processor time.
+        name: Of the asset.
+        triangles: Of it.
+        vertices: That are shown.
+        clock: Medians by the clock, seconds: `frame`, `width`, `end` and `bumps`; `refined` but once.
+        processor: The same of processor time.
     """
 
     name: str
@@ -67,7 +67,7 @@ class Delays:
         return f"{self.name:16}{self.triangles:8,} triangles{self.vertices:8,} vertices   ms: {', '.join(found)}"
 
 
-def measure(asset: Path, tools: Path) -> Delays:
+def felt(asset: Path, tools: Path) -> Felt:
     """Measure an asset; the tools file is written to."""
     session = Session(asset, tools)
     if not session.tools():
@@ -107,7 +107,7 @@ def measure(asset: Path, tools: Path) -> Delays:
     tab.close()
     page.close()
     triangles = sum(len(mesh.source.ground.surface.triangles) for mesh in shown)
-    return Delays(asset.stem, triangles, sum(len(mesh.positions) for mesh in shown), clock, processor)
+    return Felt(asset.stem, triangles, sum(len(mesh.positions) for mesh in shown), clock, processor)
 
 
 def _medians(job: Callable[[int], object], times: int) -> tuple[float, float]:
@@ -143,7 +143,7 @@ def main(arguments: list[str]) -> None:
                 tools.write_text(Path(arguments[1]).read_text())
             chosen = [(Path(arguments[0]), tools)]
         for asset, tools in chosen or cases(folder):
-            print(measure(asset, tools))
+            print(felt(asset, tools))
 
 
 if __name__ == "__main__":

@@ -437,13 +437,13 @@ def start(places: Places) -> Iterator[Row]:
 
 def edits(places: Places) -> Iterator[Row]:
     """What a hand feels in `wrinkle edit`: what is dragged and let go, and a frame of a playing clip."""
-    from editor import cases, measure
+    from editor import cases, felt
 
     assets = cases(places.folder)
     if found(asset := places.assets / "trousers.glb"):
         assets.append((asset, places.folder / "theirs.yaml"))
     for asset, tools in assets:
-        each = measure(asset, tools)
+        each = felt(asset, tools)
         what = f"{tools.stem} of {each.triangles:,} triangles"
         dragged = max(each.clock[job] for job in ("width", "end", "bumps"))
         for name, said, seconds, reach in (

@@ -1,4 +1,4 @@
-"""A fault of a file gives one line, and no file is ever half written."""
+"""What is wrong with files is said in a line, and no file is ever half written."""
 
 import os
 from pathlib import Path

@@ -1,10 +1,11 @@
-"""A session of the editor without a page: it shows the wrinkles that a bake writes, and every step can be undone."""
+"""A session of the editor, without a page: what it shows is what a bake writes, and every step can be undone."""
 
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from scipy.spatial import cKDTree
 
 import wrinklecli
@@ -60,7 +61,7 @@ def test_what_was_baked_is_shown_in_place_and_of_it_the_original_edited(session:
     session.save()
     baked = bake_saved(session)
     assert baked.text == session.text
-    assert not baked.plays(POSE)
+    assert [baked.plays(clip) for clip in (POSE, None, "fold")] == [False, True, True]
     (edited,), (written,) = session.meshes("fold", 0.4), baked.meshes("fold", 0.4)
     tallest = max(tool.patch.greatest_height for tool in session.attached_tools().values())
     assert len(written.faces) == len(edited.faces)
@@ -168,6 +169,21 @@ def test_a_frame_that_is_looked_up_is_the_one_that_is_computed(session: Session)
     assert np.abs(looked_up.positions - computed.positions).max() < 1e-9
     (flat,) = session.meshes("fold", time, wrinkled=False)
     assert np.abs(looked_up.positions - flat.positions).max() > 0.01
+
+
+@pytest.mark.parametrize("size", [1e-3, 1.0, 1e4])
+def test_a_place_is_written_to_a_thousandth_of_the_segment(tmp_path: Path, size: float) -> None:
+    tools = TOOLS.partition("  - {name: across")[0].replace("0.4", str(0.4 * size)).replace("0.25", str(0.25 * size))
+    (tmp_path / "tools.yaml").write_text(tools.replace("0.3", str(0.3 * size)))
+    session = Session.open(
+        limb(tmp_path / "limb.glb", rings=5, sides=6, root={"scale": [size] * 3}), tmp_path / "tools.yaml"
+    )
+    wanted = size * np.array([-0.39172839, 0.25, 1e-7])
+    session.move_point("crease", 0, wanted)
+    written = yaml.safe_load(session.text)["tools"][0]["origin"]
+    assert np.abs(written - wanted).max() <= 0.001 * 0.8 * size
+    # No digit is written that says less than a ten-thousandth of the segment.
+    assert all(abs(x / (1e-4 * size) - round(x / (1e-4 * size))) < 1e-6 for x in written)
 
 
 def test_what_is_not_valid_changes_nothing(session: Session) -> None:

@@ -1,4 +1,4 @@
-"""Edits of a tools file are merged with changes by others, overwrite nothing, and are never lost."""
+"""What becomes of an edited tools file on disk: merged, never overwritten, and never lost."""
 
 from pathlib import Path
 

@@ -325,7 +325,9 @@ def mixed_kinds(asset: Asset) -> None:
         mesh["primitives"][0]["material"] = last - mesh["primitives"][0]["material"]
     felt = next(each for each in gltf["materials"] if each["name"] == "felt")
     felt["pbrMetallicRoughness"]["baseColorTexture"]["index"] = 1
-    felt["extensions"]["KHR_materials_clearcoat"]["clearcoatTexture"]["index"] = 0
+    for info in (felt["extensions"]["KHR_materials_clearcoat"]["clearcoatTexture"], felt["normalTexture"]):
+        info["index"] = 0
+    felt["occlusionTexture"]["index"] = 0
     for texture in gltf["textures"]:
         texture["source"] = 1 - texture["source"]
     gltf["animations"][1]["channels"].reverse()
@@ -339,9 +341,16 @@ def defaults_written_out(asset: Asset) -> None:
     hat = node(asset, "hat")
     hat |= {"translation": [0, 0, 0], "rotation": [0, 0, 0, 1], "scale": [1, 1, 1]}
     asset.gltf["meshes"][1]["primitives"][0]["mode"] = 4
-    asset.gltf["materials"][0] |= {"alphaMode": "OPAQUE", "doubleSided": False, "emissiveFactor": [0, 0, 0]}
-    asset.gltf["materials"][0]["pbrMetallicRoughness"] |= {"metallicFactor": 1, "roughnessFactor": 1.0}
-    asset.gltf["samplers"][0]["wrapT"] = 10497
+    skin, felt, spare = asset.gltf["materials"]
+    skin |= {"alphaMode": "OPAQUE", "alphaCutoff": 0.5, "doubleSided": False, "emissiveFactor": [0, 0, 0]}
+    skin["pbrMetallicRoughness"] |= {"metallicFactor": 1, "roughnessFactor": 1.0}
+    felt["pbrMetallicRoughness"] |= {"baseColorFactor": [1, 1, 1, 1]}
+    felt["pbrMetallicRoughness"]["baseColorTexture"]["texCoord"] = 0
+    felt["normalTexture"]["scale"] = 1
+    felt["occlusionTexture"]["strength"] = 1.0
+    spare["pbrMetallicRoughness"] = {}
+    asset.gltf["samplers"] = [each | {"wrapT": 10497} for each in asset.gltf["samplers"]]
+    asset.gltf["samplers"][1]["wrapS"] = 10497
     for animation in asset.gltf["animations"]:
         for sampler in animation["samplers"]:
             if sampler["interpolation"] == "LINEAR":

@@ -38,11 +38,13 @@ def rich(**options: Any) -> Asset:
         "pbrMetallicRoughness": {
             "baseColorTexture": {"index": 0, "extensions": {"KHR_texture_transform": {"scale": [2, 2]}}}
         },
+        "normalTexture": {"index": 1},
+        "occlusionTexture": {"index": 1},
         "extensions": {"KHR_materials_clearcoat": {"clearcoatFactor": 0.25, "clearcoatTexture": {"index": 1}}},
     }
     gltf["materials"] = [skin, felt, {"name": "spare"}]
-    gltf["textures"] = [{"source": 0, "sampler": 0}, {"source": 1, "sampler": 0}]
-    gltf["samplers"] = [{"magFilter": 9729, "wrapS": 33071}]
+    gltf["textures"] = [{"source": 0, "sampler": 0}, {"source": 1, "sampler": 1}]
+    gltf["samplers"] = [{"magFilter": 9729, "wrapS": 33071}, {"magFilter": 9729}]
     gltf["images"] = [
         {"name": "felt", "mimeType": "image/png", "bufferView": asset.view(PICTURE)},
         {"name": "coat", "mimeType": "image/png", "bufferView": asset.view(PICTURE[::-1])},

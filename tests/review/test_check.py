@@ -571,6 +571,29 @@ def test_without_matplotlib_it_says_what_to_install(
 # What moves an asset besides its own clips
 
 
+@pytest.mark.parametrize(
+    ("options", "is_said"),
+    [
+        ({"morphs": 1}, True),
+        ({"morphs": 1, "tracks": "none"}, False),
+        ({"morphs": 1, "morph_clip": "LINEAR"}, False),
+        ({}, False),
+    ],
+)
+def test_a_clip_that_gets_a_weights_channel_is_told_where_morph_targets_were_free(
+    tmp_path: Path, options: Json, *, is_said: bool
+) -> None:
+    tracks = {"tracks": options.pop("tracks")} if "tracks" in options else {}
+    report = wrinklecli.bake(
+        limb(tmp_path / "limb.glb", rings=8, sides=6, **options),
+        write_tools(tmp_path / "tools.yaml", tool()),
+        tmp_path / "out.glb",
+        max_levels=0,
+        **tracks,
+    )
+    assert any("weights channel" in line for line in report.data["warnings"]) == is_said
+
+
 def test_an_asset_without_clips_is_checked_in_its_range_of_motion(tmp_path: Path, wrinkle: Wrinkle) -> None:
     path = limb(tmp_path / "limb.glb", clip=None, morphs=1, joints=3)
     tools = write_tools(tmp_path / "tools.yaml", tool(origin=[-0.7, 0.25, 0], target=[0.05, 0.25, 0]))

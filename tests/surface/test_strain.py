@@ -92,6 +92,17 @@ def test_sites_cover_the_surface_whatever_its_triangles(tmp_path: Path) -> None:
     assert areas[-1] == pytest.approx(2 * np.pi * RADIUS * LENGTH, rel=0.01)
 
 
+@given(exponent=st.integers(-4, 4), thinness=st.sampled_from([1e-4, 1e-5, 1e-7, 1e-8]))
+def test_a_triangle_is_too_thin_by_its_proportions_alone(exponent: int, thinness: float) -> None:
+    """Scale does not matter: a triangle counts if its height is more than a millionth of its longest edge."""
+    sound = unattached(limb_asset(rings=3, sides=4))
+    positions = sound.rest.positions.copy()
+    positions[:3] = 10.0**exponent * np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, thinness, 0.0]])
+    surface = replace(sound.surface, triangles=np.array([[0, 1, 2], [1, 2, 0]]))
+    gauge = read_gauge(surface, replace(sound.rest, positions=positions), sound.rig)
+    assert len(gauge.triangles) == (2 if thinness > 1e-6 else 0)
+
+
 def test_slivers_and_degenerate_triangles_change_little(tmp_path: Path) -> None:
     sound, _ = gauge_of(limb(tmp_path / "sound.glb"))
     surface = sound.surface

@@ -14,44 +14,53 @@ OWN_KEYS = ("name", "origin", "target", "path")  # of each tool; no defaults
 TOOL_KEYS = keys_of(WrinkleTool)
 
 
-_TOOL: Schema = {
-    **mapping_of(TOOL_KEYS, required=("name",)),
-    "if": {"required": ["path"]},
-    "then": {
-        "properties": dict.fromkeys(("origin", "target"), expects("path alone, or origin and target", **{"not": {}}))
-    },
-    "else": {"required": ["origin", "target"]},
-}
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Kind:
     """A kind of effects, which a list of the file holds.
 
     Attributes:
-        items: Keys of one effect.
+        items: Its keys.
         record: Record of one effect; `fields_of` gives its fields from the keys.
-        schema: Schema of the list.
+        schema: Schema of one effect.
+        description: What the list means, for editors.
+        most: Most effects of the list.
     """
 
     items: Items
     record: type[Any]
     schema: Schema
+    description: str
+    most: int
 
 
 KINDS = {
     "tools": Kind(
         Items("tool", TOOL_KEYS, OWN_KEYS),
         WrinkleTool,
-        key_of(
-            list_of(_TOOL, 1, MAX_TOOLS, f"a list of 1 to {MAX_TOOLS:,} tools, each begun by a dash"),
-            "The wrinkling tools.",
-        ),
+        {
+            **mapping_of(TOOL_KEYS, required=("name",)),
+            "if": {"required": ["path"]},
+            "then": {
+                "properties": dict.fromkeys(
+                    ("origin", "target"), expects("path alone, or origin and target", **{"not": {}})
+                )
+            },
+            "else": {"required": ["origin", "target"]},
+        },
+        "The wrinkling tools.",
+        MAX_TOOLS,
     ),
 }
 """The kinds of effects by the keys of their lists. A new kind is an entry, a record, and a field of `ToolsFile`."""
 
 _INHERITED = mapping_of({name: each for kind in KINDS.values() for name, each in kind.items.inherited.items()})
+_LISTS = {
+    name: key_of(
+        list_of(kind.schema, 1, kind.most, f"a list of 1 to {kind.most:,} {kind.items.item}s, each begun by a dash"),
+        kind.description,
+    )
+    for name, kind in KINDS.items()
+}
 
 TOOLS_SCHEMA: Schema = {
     "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -64,7 +73,7 @@ TOOLS_SCHEMA: Schema = {
                 "What every tool inherits where it does not say otherwise.",
                 default=None,
             ),
-            **{name: kind.schema for name, kind in KINDS.items()},
+            **_LISTS,
         },
         required=("version", "tools"),
     ),

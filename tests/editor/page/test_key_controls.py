@@ -1,4 +1,4 @@
-"""Each key has a control that is made from its schema, and the schema accepts all that a control writes."""
+"""Controls made from the schema: each key has one, and what they write is what the schema takes."""
 
 import pytest
 from jsonschema import Draft202012Validator
@@ -17,12 +17,12 @@ def test_every_key_has_a_control_or_is_set_elsewhere() -> None:
 
 @pytest.mark.parametrize("control", PLAIN, ids=lambda each: each.key)
 def test_what_a_control_offers_is_valid(control: KeyControl) -> None:
-    written = [as_written(control, value, before, 0.2) for value in values_of(control) for before in (None, 0.1, "80%")]
+    written = [as_written(control, value, before, 0.2) for value in offered(control) for before in (None, 0.1, "80%")]
     validator = Draft202012Validator(TOOL_KEYS[control.key])
     assert [value for value in written if not validator.is_valid(value)] == []
 
 
-def values_of(control: KeyControl) -> list[object]:
+def offered(control: KeyControl) -> list[object]:
     """Some values that the widgets of a control can have."""
     if control.kind == "flag":
         return [True, False]
@@ -31,10 +31,17 @@ def values_of(control: KeyControl) -> list[object]:
     if control.kind == "list":
         return [[part.high for part in control.parts], []]
     if control.kind == "record":
-        ends = ({part.key: getattr(part, end) for part in control.parts} for end in ("low", "high"))
-        return [*control.choices, *ends]
+        return [*control.choices, *({part.key: end(part) for part in control.parts} for end in (lowest, highest))]
     numbers = [] if control.kind == "choice" else [control.low, control.high]
     return [*control.choices, *numbers]
+
+
+def lowest(control: KeyControl) -> float:
+    return control.low
+
+
+def highest(control: KeyControl) -> float:
+    return control.high
 
 
 def test_a_length_stays_what_it_was_written_as() -> None:

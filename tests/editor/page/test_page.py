@@ -1,4 +1,4 @@
-"""Hostile messages to the page end at most the tab that sends them; drafts of two keys are two edits."""
+"""The page for those who mean it no good: what they send ends at most their own tab."""
 
 import contextlib
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Cameras of the page see the tool or the asset that they are placed for."""
+"""Cameras of the page stand where there is something to see."""
 
 from pathlib import Path
 
