@@ -114,8 +114,7 @@ def _states(
 ) -> tuple[list[Document], tuple[Clip, ...], tuple[str, ...]]:
     """The asset without and with wrinkles, or only as it is if it has none; the chosen clips; and warnings.
 
-    Raises:
-        BakeError: No tool fits, or the file is baked, and its original cannot be restored.
+    BakeError if no tool fits, or if the file is baked, and its original cannot be restored.
     """
     carries = bool(wrinkled(document.gltf))
     rewritten: tuple[str, ...] = ()

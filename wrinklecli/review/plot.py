@@ -56,11 +56,7 @@ _STYLE: dict[Any, Any] = {
 
 
 def refuse_without_matplotlib() -> None:
-    """Check that matplotlib is installed.
-
-    Raises:
-        WrinkleError: It is not installed.
-    """
+    """Raise WrinkleError if matplotlib is not installed."""
     if importlib.util.find_spec("matplotlib") is None:
         raise WrinkleError("--plot needs matplotlib: pip install 'wrinklecli[plot]'")
 

@@ -175,11 +175,7 @@ def _bounds(points: Floats) -> Floats:
 
 
 def _facing(assets: Sequence[ShownAsset], moments: Sequence[Moment], wrinkles: _Wrinkles) -> View:
-    """The view, without cameras yet, from which most of the wrinkles are visible when they are tallest.
-
-    Raises:
-        AssetError: There are no wrinkles.
-    """
+    """The view, without cameras yet, from which most of the wrinkles are visible; AssetError if there are none."""
     if not wrinkles.known:
         others = ", ".join(VIEWS)
         raise AssetError(f"has no wrinkles to face; other views are {others}", where=assets[-1].document.path)

@@ -78,12 +78,7 @@ def _texture_info(document: Document, primitive: Json) -> Json:
 
 
 def _read_texture(document: Document, info: Json) -> Texture:
-    """Read the texture of a base colour.
-
-    Raises:
-        AssetError: The image file is missing, or outside the asset's folder.
-        ValueError: The image is damaged, or its format is unknown.
-    """
+    """Read the texture of a base colour; AssetError if its file may not be read, ValueError if it is malformed."""
     where = document.where("textures")
     texture = document.item("textures", info.get("index"), user=where)
     webp = texture.get("extensions", {}).get("EXT_texture_webp", {})
@@ -100,11 +95,7 @@ def _read_texture(document: Document, info: Json) -> Texture:
 
 
 def _texture_coordinates(document: Document, primitive: Json, info: Json, count: int) -> Floats:
-    """(vertices, 2) texture coordinates.
-
-    Raises:
-        AssetError: The primitive has none.
-    """
+    """(vertices, 2) texture coordinates; AssetError if the primitive has none."""
     transform = info.get("extensions", {}).get("KHR_texture_transform", {})
     name = f"TEXCOORD_{transform.get('texCoord', info.get('texCoord', 0))}"
     if name not in primitive["attributes"]:
@@ -125,11 +116,7 @@ def _vertex_colours(document: Document, primitive: Json, count: int) -> Floats:
 
 
 def _attribute(document: Document, primitive: Json, name: str, count: int, size: int) -> Floats:
-    """(vertices, size) first numbers of an attribute.
-
-    Raises:
-        AssetError: The attribute is malformed.
-    """
+    """(vertices, size) first numbers of an attribute; AssetError if it is malformed."""
     values = document.accessor(primitive["attributes"][name])
     if values.ndim != 2 or len(values) != count or values.shape[1] < size or not np.isfinite(values).all():
         raise AssetError(f"{name} must hold {size} finite numbers for {count} vertices", where=document.path)

@@ -63,11 +63,7 @@ def _traced(corners: Floats) -> Any:
 
 
 def leave_room(triangles: int = 0) -> None:
-    """Check that Embree can have its memory, because without it Embree ends the process.
-
-    Raises:
-        MemoryError: There is too little memory.
-    """
+    """Raise MemoryError if Embree cannot have its memory, because without it Embree ends the process."""
     np.empty(_EMBREE + _EMBREE_TRIANGLE * triangles, np.uint8)
 
 

@@ -176,11 +176,7 @@ def _left_out(missed: Sequence[Peak], count: int) -> list[str]:
 def _read(
     document: Document, planned: PlannedTools | None, options: PreviewOptions, progress: Progress
 ) -> tuple[ShownAsset, ShownAsset, list[Peak], list[str]]:
-    """Read the asset without and with wrinkles, its tools at their peaks, and warnings.
-
-    Raises:
-        AssetError: The asset has no wrinkles, or lacks a clip or a tool that the options name.
-    """
+    """Read the asset without and with wrinkles, its tools at their peaks, and warnings; AssetError without tools."""
     if planned is None:
         after, warnings = read_shown(document, "", ())
         clips = chosen_clips(after.clips, options.clips, where=document.path)

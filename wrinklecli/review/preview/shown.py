@@ -146,19 +146,11 @@ class ShownAsset:
         return replace(self, primitives=tuple(primitives))
 
     def clip(self, name: str | None) -> Clip | None:
-        """The clip of a name; None for None.
-
-        Raises:
-            AssetError: There is no such clip.
-        """
+        """The clip of a name, None for None; AssetError if there is no such clip."""
         return None if name is None else clip_named(self.clips, name, where=self.document.path)
 
     def posed(self, moment: Moment) -> Iterator[VisiblePrimitive]:
-        """Pose the primitives that are visible at a moment.
-
-        Raises:
-            AssetError: There is no such clip.
-        """
+        """Pose the primitives that are visible at a moment; AssetError if there is no such clip."""
         clip, times = self.clip(moment.clip), np.array([moment.time])
         for number, shown in enumerate(self.primitives):
             posed = pose_primitive(shown.source, clip, times)
