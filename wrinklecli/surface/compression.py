@@ -29,10 +29,16 @@ _REGION_ASIDE = 1.3
 _REGION_AHEAD = 0.9
 # Least number of sites of a region: fewer say too little.
 _FEWEST_SITES = 4
+# Part of the spacing of sites by which one half of a pair may extend beyond x = 0.
+_OVERHANG = 0.5
+# Distance from an axis over the spacing of sites, at most, of members that lie on the axis.
+_ON_AXIS = 1.5
 # Part of a region's loss left out at either end when its extent is measured.
 _TAIL = 0.03
 # Greatest |x| of a unit normal, 68° from the plane x = 0, at which a region may cross that plane, as at a temple.
 _MOST_SIDEWAYS = 0.93
+# Least |x| of a unit direction along x: 45°.
+_ALONG_X = 0.5**0.5
 # Two halves are one region across x = 0 if the surface between them loses this part of the one half's loss ...
 _MIDDLE_LOSS = 0.15
 # ... and the other half this part; ...
@@ -43,6 +49,8 @@ _EVEN = 0.7
 _SYMMETRIC = 0.75
 # Least cosine of the normals of a site and of its mirror image.
 _TWIN_FACING = 0.5
+# Distance from a region's normal over the height above the region, at most, of a site that it looks at.
+_CONE = 0.5
 # Greatest cosine of the normals of a region and of a site that looks at it.
 _OPPOSITE = -0.3
 
@@ -128,7 +136,7 @@ def grow_region(
     places = sites.positions[grown.members]
     centre = weights @ places / float(weights.sum())
     on_plane = twin and across and _is_half(sites, grown, centre, tensors)
-    along_x = bool(on_plane and abs(along[0]) > 0.5**0.5)
+    along_x = bool(on_plane and abs(along[0]) > _ALONG_X)
     if on_plane:
         # Made exactly symmetric.
         flattened = np.array([0.0, 1.0, 1.0])
@@ -172,7 +180,7 @@ def _grow(sites: Sites, seed: int, tensors: Floats, free: Bools, twin: bool) -> 
     allowed = free
     if twin and abs(x) > sites.radius:
         # Each half of a pair stays on its side.
-        allowed = free & (sites.positions[:, 0] * np.sign(x) > -0.5 * sites.spacing)
+        allowed = free & (sites.positions[:, 0] * np.sign(x) > -_OVERHANG * sites.spacing)
     members, weights = np.array([seed]), np.ones(1)
     most_aside = most_ahead = np.inf
     for _ in range(3):
@@ -199,7 +207,7 @@ def _is_half(sites: Sites, grown: _GrownSites, centre: Floats, tensors: Floats) 
     """True if the sites, grown on one side of x = 0, are half of a region across that plane."""
     if abs(grown.normal[0]) > _MOST_SIDEWAYS:
         return False
-    along_x = abs(grown.along[0]) > 0.5**0.5
+    along_x = abs(grown.along[0]) > _ALONG_X
     along = np.array([1.0, 0.0, 0.0]) if along_x else unit(grown.along * [0.0, 1.0, 1.0])
     outward = unit(grown.normal * [0.0, 1.0, 1.0])
     lost = along_directions(tensors, sites.normals, along)
@@ -231,7 +239,7 @@ def _is_even(sites: Sites, grown: _GrownSites, centre: Floats, along: Floats, ou
 
 def _thickness(sites: Sites, along: Floats, aside: Floats, weights: Floats) -> float:
     """Extent along an axis of the members that lie on the axis; at least two radii, scene units."""
-    middle = np.abs(aside) <= 1.5 * sites.spacing
+    middle = np.abs(aside) <= _ON_AXIS * sites.spacing
     low, high = _extent(along[middle], weights[middle])
     return max(high - low + sites.spacing, 2.0 * sites.radius)
 
@@ -269,7 +277,7 @@ def is_buried(sites: Sites, region: CompressedRegion) -> bool:
     ahead = sites.positions - region.centre
     heights = ahead @ region.normal
     aside = np.sqrt(np.maximum(np.sum(ahead**2, axis=1) - heights**2, 0.0))
-    before = (heights > 0) & (heights < region.length) & (aside < 0.5 * heights)
+    before = (heights > 0) & (heights < region.length) & (aside < _CONE * heights)
     return bool((before & (sites.normals @ region.normal < _OPPOSITE)).any())
 
 

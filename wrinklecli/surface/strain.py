@@ -27,7 +27,7 @@ from wrinklecli.surface.rest import Rest
 _MOST_STRETCH = 2.0
 # Part of the mesh's area below which a connected piece is a small one, such as a strand of hair.
 _SMALL_PIECE = 0.01
-# Least height of a triangle over its longest edge: of a lower one, the height has no digits left.
+# Least height of a triangle, and least length of its first edge, over its longest edge: shorter ones have no digits.
 _LEAST_HEIGHT = 1e-6
 # Part of a mesh's triangles from which on measuring all of them costs no more than selecting some.
 _WHOLE_MESH = 0.5
@@ -152,7 +152,7 @@ def read_gauge(surface: Surface, rest: Rest, rig: Rig) -> Gauge:
     a, b, c = (rest.positions[surface.triangles[:, k]] for k in range(3))
     longest = np.sqrt(np.max([np.sum((p - q) ** 2, axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0))
     solid = areas > _LEAST_HEIGHT * longest**2
-    solid &= np.sum((b - a) ** 2, axis=1) > 1e-12 * longest**2
+    solid &= np.sum((b - a) ** 2, axis=1) > _LEAST_HEIGHT**2 * longest**2
     triangles = surface.triangles[solid]
     a, b, c, normals = a[solid], b[solid], c[solid], unit(normals[solid])
     first = unit(b - a)

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 _WALK_STEPS = 30
 # Length of a walk over the region's length.
 _REACH = 2.0
+# Greatest distance of the triangles that count over the region's length.
+_AROUND = 1.5 * _REACH
 # A step that advances less than this part of its length is at a border.
 _BORDER = 0.4
 # Angles between the directions that are tried and the region's direction of loss, radians.
@@ -185,7 +187,7 @@ def _surface_around(sites: Sites, region: CompressedRegion) -> Ints:
     gauge = sites.gauge
     distances = np.sqrt(np.sum((gauge.middles - region.centre) ** 2, axis=1))
     piece = sites.pieces[region.members[region.weights.argmax()]]
-    close = gauge.triangles[(distances < 1.5 * _REACH * region.length + gauge.radii) & (gauge.pieces == piece)]
+    close = gauge.triangles[(distances < _AROUND * region.length + gauge.radii) & (gauge.pieces == piece)]
     found: Ints = close[gauge.rest.normals[close].sum(axis=1) @ region.normal > _TRIANGLE_FACING]
     return found
 

@@ -15,12 +15,16 @@ from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
 # Greatest length of a bump over the tool's width, by material: wrinkles are several times as long as they are wide, in
 # cloth most.
 _BUMP_OF_WIDTH = {"skin": 0.3, "cloth": 0.15, "leather": 0.3, None: 0.3}
+# Bounds of a bump's length over this one between which the bumps around a joint get the same length.
+_SIMILAR = (0.5, 1.5)
 # Most bumps added to the usual number for that.
 _MORE_BUMPS = 3
 # Width of a tool over its region's: the attenuation falls to half within the region, and to 0 beyond it.
 _WIDTH_OF_REGION = 1.4
 # The same for a region across x = 0, which is known as a whole and fades by itself.
 _WIDTH_ACROSS = 1.15
+# Least |x| of the unit vector across a tool that stands beside its twin.
+_SIDE_BY_SIDE = 0.5
 # Shortening without wrinkles, per cent of the rest distance, for a tool that a joint drives: clips rarely return to the
 # stored pose, and 1 % is visible.
 SLACK = 5
@@ -53,7 +57,7 @@ def pair_of(candidate: Candidate, stem: str, side: str, bump_length: float | Non
     region = candidate.region
     width = width_of(candidate)
     across = abs(float(np.cross(region.normal, region.along)[0]))
-    if across > 0.5:
+    if across > _SIDE_BY_SIDE:
         # Two bell curves whose middles are half a width apart add up to a constant height between them.
         width = min(width, 4.0 * abs(float(region.centre[0])) / across)
     here = tool_of(candidate, f"{stem}.L", width, bump_length)
@@ -98,7 +102,7 @@ def tool_of(candidate: Candidate, name: str, width: float, bump_length: float | 
     (a, b, c), *between, (d, e, f) = ([round(float(x), decimals(span)) + 0.0 for x in point] for point in points)
     usual = usual_bumps(candidate.material)
     longest = _BUMP_OF_WIDTH[candidate.material] * width
-    if bump_length is not None and longest / 2.0 < bump_length < 1.5 * longest:
+    if bump_length is not None and _SIMILAR[0] * longest < bump_length < _SIMILAR[1] * longest:
         longest = bump_length
     bumps = min(max(usual, round(span / longest)), usual + _MORE_BUMPS)
     if candidate.facet:

@@ -47,6 +47,12 @@ _OF_RADIUS = 0.9
 _LEAST_WIDTH = 0.6
 # Greatest length of a region at a finger's joint over the shorter bone's: a segment then ends halfway along the bone.
 _OF_BONE = 0.6
+# Least distance of a candidate from x = 0 over its length or width, for a pair whose halves are apart.
+_APART = 0.25
+# Greatest |v| of a place well within a patch.
+_WITHIN = 0.8
+# Greatest distance of such a place from the patch over the patch's length or half width.
+_ABOVE = 0.5
 # Shortening of the left tool of a pair over the right one's below which the right one is written.
 _RESTS = 0.7
 # Per cent of its rest distance that a tool across the middle of a face has at weight 1 of its morph target; the first
@@ -156,7 +162,7 @@ class _Search:
     def _fit(self, candidate: Candidate) -> _Fitted | None:
         """The tool of a candidate, with its twin if it has one; None if it does not attach or shorten."""
         region = candidate.region
-        apart = not region.on_plane and 2.0 * abs(float(region.centre[0])) > 0.5 * min(region.length, region.width)
+        apart = not region.on_plane and abs(float(region.centre[0])) > _APART * min(region.length, region.width)
         if region.twin and not (apart or region.on_plane or self.one_sided):
             return None
         refined = _refined(_within_bones(candidate) if candidate.part == "finger" else candidate)
@@ -245,7 +251,7 @@ def _covers(patch: Patch, place: Floats, normal: Floats) -> bool:
     """True if a place with this normal lies well within a patch."""
     u, v = patch.coordinates(place)
     height = abs(float(patch.path.depths(place)))
-    on = 0.0 <= u <= 1.0 and abs(v) <= 0.8 and height < 0.5 * max(patch.span, patch.half_width)
+    on = 0.0 <= u <= 1.0 and abs(v) <= _WITHIN and height < _ABOVE * max(patch.span, patch.half_width)
     return bool(on and patch.cosines(u, normal) > 0)
 
 
