@@ -22,12 +22,14 @@ from matplotlib.collections import LineCollection, PolyCollection
 
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.pipeline import bake
-from wrinklecli.baking.plan import MeshPlan, plan_meshes
+from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.character.clip import Clip, read_clips
 from wrinklecli.character.pose import node_matrices
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.scene_surface import read_scene_surface
+from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.wrinkle.curve import ControlCurve, plan_curve
+from wrinklecli.effects.wrinkle.layer import carried_patches_of
 from wrinklecli.gltf.document import read_document
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, unit
 
@@ -87,7 +89,7 @@ def plans_of(sample: str, max_levels: int | None = None) -> MeshPlan:
 
 def on_patch(plan: MeshPlan, number: int, positions: Floats, triangles: Ints) -> tuple[Floats, Ints]:
     """(vertices, 2) (u, v) on a tool's patch, and which triangles are near it and face it."""
-    patch = plan.carried_patches[number].patch
+    patch = carried_patches_of(plan)[number].patch
     u, v = patch.coordinates(positions)
     corners = positions[triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -99,7 +101,7 @@ def draw_patch() -> None:
     """A patch: u along the segment, v across it, member triangles, and how much of a height is left where."""
     _, (left, right) = plt.subplots(1, 2, figsize=(9.6, 4.2), gridspec_kw={"width_ratios": [1.5, 1]})
     plan = plans_of("wrist", 0)
-    patch = plan.carried_patches[0].patch
+    patch = carried_patches_of(plan)[0].patch
     places, near = on_patch(plan, 0, plan.rest.positions, plan.rest.triangles)
     members = np.isin(near, patch.members)
     add_triangles(left, places[plan.rest.triangles[near[~members]]], "white")
@@ -210,7 +212,7 @@ def draw_index_spaces() -> None:
     number, corner = seam_on_patch(plan)
     coarse = [k for k in range(len(surface.triangles)) if corner in surface.triangles[k]]
     children = np.flatnonzero(np.isin(fine.subdivision.parents, coarse))
-    patch = plan.carried_patches[number].patch
+    patch = carried_patches_of(plan)[number].patch
     place = np.stack(patch.coordinates(fine.rest_positions), axis=1)
     spaces = (
         ("glTF vertices", surface.corners[coarse], surface.triangles[coarse]),
@@ -236,7 +238,7 @@ def draw_index_spaces() -> None:
 def seam_on_patch(plan: MeshPlan) -> tuple[int, int]:
     """A tool, and a welded vertex in the middle of its patch that stands for two glTF vertices or more."""
     surface = plan.fine.surface
-    for number, carried in enumerate(plan.carried_patches):
+    for number, carried in enumerate(carried_patches_of(plan)):
         patch = carried.patch
         for vertex in np.unique(surface.triangles[patch.members]):
             fan = (surface.triangles == vertex).any(axis=1)

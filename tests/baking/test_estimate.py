@@ -8,10 +8,11 @@ import pytest
 from kit.bakes import bake_once
 from kit.limb import limb, tool, write_tools
 from wrinklecli import bake
-from wrinklecli.baking import pipeline, sample
-from wrinklecli.baking.estimate import morph_target_bytes, moved_by_targets
+from wrinklecli.baking import pipeline
+from wrinklecli.baking.estimate import morph_target_bytes, target_sizes
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
+from wrinklecli.effects.wrinkle import sample
 from wrinklecli.errors import BakeError, TooMuchError
 from wrinklecli.review.check import check
 
@@ -31,7 +32,7 @@ def test_bytes_of_targets_are_those_that_are_written(tmp_path: Path, tools: Any,
     asset = limb(tmp_path / "limb.glb")
     job = read_job(asset, write_tools(tmp_path / "tools.yaml", tools), BakeOptions())
     (plan,) = plan_meshes(job)
-    moved = moved_by_targets(plan, job.clips, 61, job.document.memory)
+    moved = target_sizes(plan, job.clips, 61, job.document.memory)
     size = morph_target_bytes(plan, moved, dense=accessors == "dense")
     baked = bake_once(asset, tools, accessors=accessors)
     (primitive,) = baked.json["meshes"][0]["primitives"]
@@ -73,7 +74,7 @@ def test_too_much_is_refused_before_it_is_made(
 
 
 def test_frames_that_no_glb_holds_are_refused(paths: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delattr(pipeline, "sample_with_creases")
+    monkeypatch.delattr(pipeline, "sample_effects")
     with pytest.raises(
         BakeError, match=r"^limb: 200,001 frames of [\d,]+ vertices would be .* GB, and a .glb holds 4 GiB"
     ):

@@ -14,17 +14,19 @@ from kit.limb import tool, write_tools
 from kit.player import Floats, Gltf, Json
 from kit.samples import BROW, PALM, edited, sample, sharp_keys
 from wrinklecli.baking import morphs as encode
-from wrinklecli.baking import plan as plan_module
-from wrinklecli.baking import sample as sample_module
-from wrinklecli.baking.creases import sample_with_creases
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.baking.proof import Residual, prove
-from wrinklecli.baking.targets import AnySet, Target, of_folds
 from wrinklecli.character import weight_track
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.pose import blend, joint_matrices, morph_weights, transform
+from wrinklecli.effects import plan as plan_module
+from wrinklecli.effects.effect import Effect, MeshPlan, Sampling, Target
+from wrinklecli.effects.plan import plan_mesh
+from wrinklecli.effects.sampling import sample_effects
+from wrinklecli.effects.wrinkle import sample as sample_module
 from wrinklecli.effects.wrinkle.carry import displacements
+from wrinklecli.effects.wrinkle.layer import carried_patches_of
 from wrinklecli.errors import RefusedError
 from wrinklecli.gltf.document import read_document
 from wrinklecli.gltf.edited_document import EditedDocument
@@ -33,10 +35,10 @@ from wrinklecli.tools.read import load_tools
 from wrinklecli.tools.records import Length
 
 
-def planned(asset: Path, tools: Path, **options: Any) -> plan_module.MeshPlan:
+def planned(asset: Path, tools: Path, **options: Any) -> MeshPlan:
     """The plan of a bake of one mesh."""
     document, settings = read_document(asset), load_tools(tools)
-    return plan_module.plan_mesh(
+    return plan_mesh(
         document,
         0,
         list(settings.tools),
@@ -46,12 +48,12 @@ def planned(asset: Path, tools: Path, **options: Any) -> plan_module.MeshPlan:
     )
 
 
-def method(plan: plan_module.MeshPlan, asset: Path, clip: str, times: Floats) -> Floats:
+def method(plan: MeshPlan, asset: Path, clip: str, times: Floats) -> Floats:
     """(times, glTF vertices, 3) what the method itself makes of a clip: no pruning, no targets, no tracks."""
     rig, fine = plan.rig, plan.fine
     (found,) = (each for each in read_clips(read_document(asset)) if each.name == clip)
     bind = fine.positions + np.tensordot(morph_weights(rig, found, times), fine.morph_deltas, axes=1)
-    for carried in plan.carried_patches:
+    for carried in carried_patches_of(plan):
         bind[:, carried.vertices] += displacements(carried, fine, rig, found, times)
     weights = fine.dense_weights(np.arange(len(fine.positions)), len(rig.joints))
     moved = transform(blend(weights, joint_matrices(rig, found, times)), bind)
@@ -249,23 +251,23 @@ def test_targets_of_contact_are_proven_as_those_of_tools(tmp_path: Path) -> None
     crease = tool(bumps=3, max_height="10%", contact="resolve")
     job = read_job(folding_limb(), write_tools(tmp_path / "tools.yaml", crease), BakeOptions(max_levels=1))
     (plan,) = plan_meshes(job, influences=None)
-    sets, motions = sample_with_creases(
-        plan, job.clips, fps=30.0, mode="morph", memory=job.document.memory, progress=no_progress
-    )
-    (motion,), (fold,) = motions, of_folds(sets)
+    effects, motions = sample_effects(plan, job.clips, Sampling(30.0, "morph", job.document.memory, no_progress))
+    (motion,), (_, fold) = motions, effects
 
-    def residual(written: Sequence[AnySet] = sets, change: Callable[[Floats], Floats] = lambda each: each) -> Residual:
+    def residual(
+        written: Sequence[Effect] = effects, change: Callable[[Floats], Floats] = lambda each: each
+    ) -> Residual:
         edited = EditedDocument(job.document)
         changed = dataclasses.replace(motion, weights=(*motion.weights[:-1], change(motion.weights[-1])))
         encode.encode_morphs(edited, plan, written, [changed])
-        return prove(edited, plan, sets, motions, details=True, progress=no_progress)[motion.clip.name]
+        return prove(edited, plan, effects, motions, details=True, progress=no_progress)[motion.clip.name]
 
     found = residual()
     assert 0.0 < found.weights < plan.max_error / 2
     assert found.position < plan.max_error
     damaged = [each and stray_vertex(each) for each in fold.targets]
     with pytest.raises(RefusedError):
-        residual([*sets[:-1], dataclasses.replace(fold, targets=tuple(damaged))])
+        residual([*effects[:-1], dataclasses.replace(fold, targets=tuple(damaged))])
     with pytest.raises(RefusedError):
         residual(change=lambda each: 1.1 * each)
     # A track that is late is wrong between the frames at which whole shapes are compared, too.

@@ -51,12 +51,14 @@ from kit.crowd import write_crowds, write_frames  # noqa: E402
 from kit.limb import limb_asset, nose, sleeved_limb, waving_limb, write_tools  # noqa: E402
 from kit.limb import tool as limb_tool  # noqa: E402
 from kit.tube import write_tube  # noqa: E402
-from wrinklecli.baking.plan import MeshPlan, plan_mesh  # noqa: E402
 from wrinklecli.character.clip import Clip, read_clips  # noqa: E402
 from wrinklecli.character.pose import joint_matrices, morph_weights  # noqa: E402
 from wrinklecli.character.skin import pose, prepare  # noqa: E402
 from wrinklecli.character.surface import read_triangles  # noqa: E402
+from wrinklecli.effects.effect import MeshPlan  # noqa: E402
+from wrinklecli.effects.plan import plan_mesh  # noqa: E402
 from wrinklecli.effects.wrinkle.activity import activities  # noqa: E402
+from wrinklecli.effects.wrinkle.layer import carried_patches_of  # noqa: E402
 from wrinklecli.effects.wrinkle.shapes import shapes_of  # noqa: E402
 from wrinklecli.effects.wrinkle.weights import weights_of  # noqa: E402
 from wrinklecli.gltf.document import read_document  # noqa: E402
@@ -200,10 +202,10 @@ def finished(sample: str, levels: int, paper: float) -> Iterator[Row]:
     """The frames of one workload."""
     plan, clip = planned(sample, levels)
     rig, fine = plan.rig, plan.fine
-    patches = [each.patch for each in plan.carried_patches]
-    members = np.unique(np.concatenate([each.vertices for each in plan.carried_patches]))
+    patches = [each.patch for each in carried_patches_of(plan)]
+    members = np.unique(np.concatenate([each.vertices for each in carried_patches_of(plan)]))
     weights, positions = fine.dense_weights(members, len(rig.joints)), fine.positions[members]
-    every = [shape for each in plan.carried_patches for shape in shapes_of(each, fine, plan.rest, plan.rest.pose)]
+    every = [shape for each in carried_patches_of(plan) for shape in shapes_of(each, fine, plan.rest, plan.rest.pose)]
     shown = [shape is not None for shape in every]
     shapes = [shape for shape in every if shape is not None]
     old = fine.morph_deltas[:, members]

@@ -338,7 +338,7 @@ def test_strict_refuses_warnings(wrinkle: Wrinkle, tmp_path: Path, old: Path) ->
 
 def test_max_error_refuses(wrinkle: Wrinkle, tmp_path: Path, old: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_tools(old, BROW)
-    monkeypatch.setattr("wrinklecli.baking.sample.KEY_GAP", 1.0)
+    monkeypatch.setattr("wrinklecli.effects.wrinkle.sample.KEY_GAP", 1.0)
     ran = wrinkle("bake", sample("head"), "tools.yaml", "-o", "out.glb", "--max-error", "0.1%", "--report", "r.json")
     assert (ran.code, ran.out, len(ran.lines)) == (3, "", 1)
     assert "--max-error" in ran.lines[0]

@@ -7,11 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from kit.player import Floats, Gltf
-from wrinklecli.baking.plan import MeshPlan, plan_mesh
 from wrinklecli.baking.refined_mesh import primitives_of, shared_vertices
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.pose import blend, joint_matrices, morph_weights, transform
+from wrinklecli.effects.effect import MeshPlan
+from wrinklecli.effects.plan import plan_mesh
 from wrinklecli.effects.wrinkle.carry import displacements
+from wrinklecli.effects.wrinkle.layer import carried_patches_of
 from wrinklecli.gltf.document import read_document
 from wrinklecli.tools.read import load_tools
 from wrinklecli.tools.records import Length
@@ -45,7 +47,7 @@ def method(plan: MeshPlan, asset: Path, clip: int, times: Floats) -> Floats:
     document = read_document(asset)
     (found,) = (each for each in read_clips(document) if each.index == clip)
     bind = fine.positions + np.tensordot(morph_weights(rig, found, times), fine.morph_deltas, axes=1)
-    for carried in plan.carried_patches:
+    for carried in carried_patches_of(plan):
         bind[:, carried.vertices] += displacements(carried, fine, rig, found, times)
     weights = fine.dense_weights(np.arange(len(fine.positions)), len(rig.joints))
     moved = transform(blend(weights, joint_matrices(rig, found, times)), bind)

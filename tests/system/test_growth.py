@@ -13,14 +13,20 @@ from kit.asset import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Asset
 from kit.limb import RADIUS, limb_asset, tool, write_tools
 from kit.player import Gltf
 from wrinklecli import bake
-from wrinklecli.baking import plan, proof, sample
+from wrinklecli.baking import plan, proof
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.character import pose
+from wrinklecli.effects.effect import MeshPlan, Motion, Sampling
+from wrinklecli.effects.sampling import sample_effects
+from wrinklecli.effects.wrinkle import sample
 from wrinklecli.effects.wrinkle.activity import points_of
+from wrinklecli.effects.wrinkle.layer import carried_patches_of
 from wrinklecli.gltf import new_data
 from wrinklecli.numeric import piecewise as tracks
 from wrinklecli.numeric import red_green
+from wrinklecli.numeric.guard import no_progress
 from wrinklecli.numeric.memory import Memory
+from wrinklecli.surface import ground
 
 # Frames per second, and seconds in which the limb folds and unfolds.
 FPS, PERIOD = 30, 2.0
@@ -75,13 +81,11 @@ class Baker:
     def written(self, asset: Asset) -> Path:
         return asset.write(self.folder / "asset.glb")
 
-    def sample(self, asset: Asset) -> tuple[plan.MeshPlan, sample.Motion]:
+    def sample(self, asset: Asset) -> tuple[MeshPlan, Motion]:
         """The asset's mesh with its tool, and its clip, sampled."""
         job = read_job(self.written(asset), self.tools, BakeOptions())
         (planned,) = plan.plan_meshes(job)
-        _, (motion,) = sample.sample_clips(
-            planned, job.clips, fps=FPS, mode="morph", memory=Memory(), progress=lambda *_: None
-        )
+        _, (motion,) = sample_effects(planned, job.clips, Sampling(FPS, "morph", Memory(), no_progress))
         return planned, motion
 
     def bake(self, asset: Asset, **options: Any) -> tuple[Gltf, int]:
@@ -146,12 +150,14 @@ def track_bytes(file: Gltf) -> int:
 
 def test_only_joints_that_move_anchors_are_evaluated(baker: Baker, monkeypatch: pytest.MonkeyPatch) -> None:
     # Refinement looks at a few poses of all joints, the proof too.
-    monkeypatch.setattr(plan, "poses_of", lambda rig, *_: pose.joint_matrices(rig, None, np.zeros(1)))
+    monkeypatch.setattr(ground, "poses_of", lambda rig, *_: pose.joint_matrices(rig, None, np.zeros(1)))
     evaluated = counting(monkeypatch, pose, "_local_rows", lambda _rig, _channels, times, node: (node, len(times)))
     planned, _ = baker.sample(folding(3, joints=6))
     rig = planned.rig
     wanted = set()
-    for node in {n for each in points_of([it.patch for it in planned.carried_patches]) for n in each.nodes.tolist()}:
+    for node in {
+        n for each in points_of([it.patch for it in carried_patches_of(planned)]) for n in each.nodes.tolist()
+    }:
         while node >= 0:
             wanted.add(node)
             node = int(rig.parents[node])
@@ -211,7 +217,7 @@ def test_the_proof_poses_as_much_of_any_clip_and_of_any_mesh(baker: Baker, monke
 
 
 def test_a_take_of_several_names_is_looked_into_once(baker: Baker, monkeypatch: pytest.MonkeyPatch) -> None:
-    sampled = counting(monkeypatch, sample, "_key_times", lambda _plan, clip, *_, **__: clip.name)
+    sampled = counting(monkeypatch, sample, "_key_times", lambda _tools, _plan, clip, *_: clip.name)
     proven = counting(monkeypatch, proof, "measure_residual", lambda *arguments, **_: arguments[4].name)
     asset = folding(3)
     (fold,) = asset.gltf["animations"]

@@ -27,29 +27,22 @@ Sources:
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrinklecli.baking.plan import MeshPlan, poses_of
-from wrinklecli.baking.remix import (
-    keyed_at_turns,
-    most_at_once,
-    with_fewest,
-    with_fewest_at_once,
-    with_unit_weights,
-)
-from wrinklecli.baking.sample import Motion, target_weights
-from wrinklecli.baking.targets import AnySet, TargetSet, of_folds, targets_of
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import blend, morph_weights, transform
 from wrinklecli.character.surface import dense_influences, read_vertices
 from wrinklecli.character.weight_track import widen
 from wrinklecli.choices import Engine, Storage
+from wrinklecli.effects.effect import Effect, MeshPlan, Motion, target_weights, targets_of
+from wrinklecli.effects.sampling import observed, with_times
 from wrinklecli.errors import RefusedError
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools
+from wrinklecli.surface.ground import poses_of
 
 # Share of the error bound that fewer shapes may take, as for `attachment: patch`.
 _REDUCTION_SHARE = 0.25
@@ -124,23 +117,23 @@ def _attributes(plan: MeshPlan) -> int:
 def fit_budget(
     document: Document,
     plan: MeshPlan,
-    target_sets: Sequence[AnySet],
+    effects: Sequence[Effect],
     motions: list[Motion],
     clips: Sequence[Clip],
     engine: Engine,
-) -> tuple[list[AnySet], list[Motion], Json]:
+) -> tuple[list[Effect], list[Motion], Json]:
     """Hold a mesh's morph targets to what an engine plays.
 
     Weights outside 0 to 1 cost nothing: a scaled shape, and a shape with its negative as a second one, play the
     same at all times. Too many targets are reduced, tool by tool, to the fewest that give all heights over the
     tool's whole range of shortenings within a quarter of the error bound, whatever the clips do. Too many at a time
-    cost nothing where a tool's bumps rise one after another: see `remix.in_turn`. (Tools that happen to move alike, as
+    cost nothing where a tool's bumps rise one after another: see `wrinkle.remix.in_turn`. (Tools that move alike, as
     mirrored ones may, keep targets of their own: shared ones would change with the clips.)
 
     Args:
         document: The source.
         plan: The tools on a mesh.
-        target_sets: Their targets.
+        effects: Those on the mesh.
         motions: Clips that are baked.
         clips: All clips, whose poses judge joints.
         engine: Whose limits.
@@ -157,32 +150,32 @@ def fit_budget(
     if budget.influences is not None:
         found.update(_judge_influences(document, plan, clips, budget.influences, engine))
     if budget.unit_weights:
-        target_sets = [
-            with_unit_weights(target_set, [motion.weights[number] for motion in motions])
-            for number, target_set in enumerate(target_sets)
+        effects = [
+            effect.with_unit_weights([motion.weights[number] for motion in motions])
+            for number, effect in enumerate(effects)
         ]
-        found.update(_weight_range(plan, target_sets, motions))
-    target_sets, motions = list(target_sets), list(motions)
-    if _excess(plan, target_sets, motions, budget):
-        target_sets, motions, found["reduced"] = _reduce(plan, target_sets, motions, budget)
-    excess = _excess(plan, target_sets, motions, budget)
+        found.update(_weight_range(plan, effects, motions))
+    effects, motions = list(effects), list(motions)
+    if _excess(plan, effects, motions, budget):
+        effects, motions, found["reduced"] = _reduce(plan, effects, motions, budget)
+    excess = _excess(plan, effects, motions, budget)
     if excess:
-        less = "`contact: off`, fewer bumps" if of_folds(target_sets) else "Fewer bumps"
+        less = ", ".join(dict.fromkeys([*(each.remedy for each in effects if each.remedy), "fewer bumps"]))
         raise RefusedError(
-            f"{excess}; --engine {engine} allows {budget.targets or budget.active}. {less},"
+            f"{excess}; --engine {engine} allows {budget.targets or budget.active}. {less[0].upper()}{less[1:]},"
             " `strategy: everywhere`, fewer tools on this mesh or a larger --max-error would help",
             where=name,
         )
-    found["targets"] = len(plan.rig.morph_names) + len(targets_of(target_sets))
-    found["active"] = max((int(_active(plan, target_sets, motion)[0].sum()) for motion in motions), default=0)
+    found["targets"] = len(plan.rig.morph_names) + len(targets_of(effects))
+    found["active"] = max((int(_active(plan, effects, motion)[0].sum()) for motion in motions), default=0)
     found["active_attributes"] = found["active"] * _attributes(plan)
-    return target_sets, motions, found
+    return effects, motions, found
 
 
-def _weight_range(plan: MeshPlan, target_sets: Sequence[AnySet], motions: Sequence[Motion]) -> Json:
+def _weight_range(plan: MeshPlan, effects: Sequence[Effect], motions: Sequence[Motion]) -> Json:
     """The least and greatest weights of the wrinkles, and the least of the asset's own, which are not changed."""
     own = [morph_weights(plan.rig, motion.clip, motion.times) for motion in motions]
-    wrinkles = [target_weights(target_sets, motion) for motion in motions]
+    wrinkles = [target_weights(effects, motion) for motion in motions]
     return {
         "least_weight": min((float(weights.min(initial=0.0)) for weights in wrinkles), default=0.0),
         "greatest_weight": max((float(weights.max(initial=0.0)) for weights in wrinkles), default=0.0),
@@ -191,59 +184,66 @@ def _weight_range(plan: MeshPlan, target_sets: Sequence[AnySet], motions: Sequen
 
 
 def _reduce(
-    plan: MeshPlan, target_sets: Sequence[AnySet], motions: Sequence[Motion], budget: Budget
-) -> tuple[list[AnySet], list[Motion], list[Json]]:
+    plan: MeshPlan, effects: Sequence[Effect], motions: Sequence[Motion], budget: Budget
+) -> tuple[list[Effect], list[Motion], list[Json]]:
     """Give each tool the fewest targets, or the fewest at a time, and say what changed."""
     tolerance = _REDUCTION_SHARE * plan.max_error
     reduced, changes = [], []
-    for old in target_sets:
-        if budget.active is None:
-            new, error = with_fewest(old, tolerance)
-        else:
-            new, error = with_fewest_at_once(plan, old, tolerance)
+    for old in effects:
+        new, error = old.with_fewest_targets(plan, tolerance, at_once=budget.active is not None)
         reduced.append(new)
         if new is not old:
             changes.append(
                 {
-                    "tool": _user(old),
-                    "from": len(targets_of([old])),
-                    "to": len(targets_of([new])),
-                    "at_once": most_at_once(new),
+                    "tool": old.name,
+                    "from": len(old.target_names),
+                    "to": len(new.target_names),
+                    "at_once": new.most_at_once,
                     "error": float(f"{error:.3e}"),
                 }
             )
     if budget.active is not None:
-        return reduced, [keyed_at_turns(plan, reduced, motion) for motion in motions], changes
+        return reduced, [_keyed_at_turns(plan, reduced, motion) for motion in motions], changes
     return reduced, list(motions), changes
 
 
-def _user(target_set: AnySet) -> str:
-    """Whose targets they are, for messages."""
-    return target_set.carried.patch.tool.name if isinstance(target_set, TargetSet) else target_set.identifier
+def _keyed_at_turns(plan: MeshPlan, effects: Sequence[Effect], motion: Motion) -> Motion:
+    """A clip keyed where fewer targets of an effect are active at once, as one gives way to the next."""
+    keyed = motion
+    for number, effect in enumerate(effects):
+        while True:
+            weights = effect.shape_weights(keyed.weights[number])[keyed.keys]
+            turns = effect.turns(plan.rig, motion.clip, keyed.times[keyed.keys], weights)
+            if not len(turns):
+                break
+            times = np.union1d(keyed.times[keyed.keys], turns)
+            keyed = with_times(effects, plan.rig, keyed, np.setdiff1d(turns, keyed.times), states=False)
+            keyed = replace(keyed, keys=np.searchsorted(keyed.times, times))
+    return replace(keyed, states=tuple(observed(effects, plan.rig, motion, keyed.times)))
 
 
-def _excess(plan: MeshPlan, target_sets: Sequence[AnySet], motions: Sequence[Motion], budget: Budget) -> str:
+def _excess(plan: MeshPlan, effects: Sequence[Effect], motions: Sequence[Motion], budget: Budget) -> str:
     """What exceeds the limits on targets; empty where they hold."""
     own = len(plan.rig.morph_names)
-    count = own + len(targets_of(target_sets))
+    count = own + len(targets_of(effects))
     if budget.targets is not None and count > budget.targets:
         return f"has {count} morph targets, {own} of them the asset's own"
     if budget.active is not None:
         for motion in motions:
-            shown, time = _active(plan, target_sets, motion)
+            shown, time = _active(plan, effects, motion)
             if shown.sum() > budget.active:
-                ends = np.cumsum([own, *(len(targets_of([target_set])) for target_set in target_sets)])
-                users = ["the asset's own", *(_user(target_set) for target_set in target_sets)]
+                ends = np.cumsum([own, *(len(effect.target_names) for effect in effects)])
+                users = ["the asset's own", *(effect.name for effect in effects)]
                 counts = [int(each.sum()) for each in np.split(shown, ends[:-1])]
                 listed = ", ".join(f"{many} of {user}" for user, many in zip(users, counts, strict=True) if many)
                 return f"needs {int(shown.sum())} morph targets at once in {motion.clip.name} at {time:.3g} s: {listed}"
     return ""
 
 
-def _active(plan: MeshPlan, target_sets: Sequence[AnySet], motion: Motion) -> tuple[Bools, float]:
+def _active(plan: MeshPlan, effects: Sequence[Effect], motion: Motion) -> tuple[Bools, float]:
     """(targets,) which have a weight other than 0 when most do, at and between keys, and that time in seconds."""
     channel = motion.clip.channel(plan.rig.node, "weights")
-    weights = target_weights(target_sets, motion)[motion.keys]
+    weights = target_weights(effects, motion)[motion.keys]
     track = widen(channel, plan.rig, motion.clip, motion.times[motion.keys], weights)
     stored = track.values.astype(np.float32) != 0
     # A key of CUBICSPLINE has tangents too.

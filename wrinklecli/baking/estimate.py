@@ -2,19 +2,14 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from wrinklecli.baking.budget import storage
 from wrinklecli.baking.job import Job
-from wrinklecli.baking.plan import MeshPlan
-from wrinklecli.baking.sample import compress_displacements, moving_clips
 from wrinklecli.character.clip import Clip
-from wrinklecli.effects.wrinkle.carry import CarriedPatch
+from wrinklecli.effects.effect import MeshPlan
+from wrinklecli.effects.sampling import moving_clips
 from wrinklecli.errors import BakeError, counted
 from wrinklecli.gltf.writer import GLB_LIMIT
-from wrinklecli.numeric.arrays import Ints
 from wrinklecli.numeric.memory import Memory, shown_bytes
-from wrinklecli.numeric.reduction import refuse_large_series
 
 # Of all clips that are baked at once: nine hours at 30 a second.
 _MOST_FRAMES = 1_000_000
@@ -22,10 +17,6 @@ _MOST_FRAMES = 1_000_000
 _VECTOR, _INDEX = 12, 4
 # Bytes of one number that is sampled of a tool at one time, with its copies.
 _SAMPLED = 40
-# Numbers that are sampled of each tool besides its amplitudes.
-_BESIDE = 4
-# Moments of all clips at which it is tried how many shapes a tool with `attachment: patch` needs.
-_MOMENTS = 32
 
 
 def refuse_too_much(job: Job, plan: MeshPlan, clips: Sequence[Clip], out: str | None) -> None:
@@ -44,7 +35,7 @@ def refuse_too_much(job: Job, plan: MeshPlan, clips: Sequence[Clip], out: str | 
     options, memory, vertices = job.options, job.document.memory, len(plan.fine.weld)
     clips = clips if options.mode == "frames" else moving_clips(plan, clips)
     frames = refuse_many_samples(job, plan, clips)
-    moved = moved_by_targets(plan, clips, frames, memory)
+    moved = target_sizes(plan, clips, frames, memory)
     if out is not None and options.mode == "morph":
         dense = storage(options.engine, options.accessors) == "dense"
         size = morph_target_bytes(plan, moved, dense=dense)
@@ -73,8 +64,8 @@ def refuse_many_samples(job: Job, plan: MeshPlan, clips: Sequence[Clip]) -> int:
     fps = job.settings.sampling.fps
     refuse_many_frames(plan, clips, fps=fps)
     frames = sum(1 + int((clip.end - clip.start) * fps) for clip in clips)
-    numbers = sum(each.patch.curve.greatest_amplitudes.size + _BESIDE for each in plan.carried_patches)
-    what = f"{frames:,} samples of {counted(len(plan.carried_patches), 'tool')}"
+    numbers = sum(each.sampled_numbers for each in plan.layers)
+    what = f"{frames:,} samples of {counted(sum(len(each.moved) for each in plan.layers), 'tool')}"
     job.document.memory.check(_SAMPLED * numbers * frames, what, where=_where(plan))
     return frames
 
@@ -93,37 +84,20 @@ def refuse_many_frames(plan: MeshPlan, clips: Sequence[Clip], *, fps: float) -> 
         )
 
 
-def moved_by_targets(plan: MeshPlan, clips: Sequence[Clip], frames: int, memory: Memory) -> Ints:
-    """(targets,) how many welded vertices each morph target moves.
-
-    Those of `attachment: skin` are as many as there are at the most. With `attachment: patch` there are as many as the
-    clips ask for: at least about as many as some moments ask for.
-
-    Args:
-        plan: The tools on a mesh.
-        clips: To bake.
-        frames: Of them.
-        memory: That there may be.
+def target_sizes(plan: MeshPlan, clips: Sequence[Clip], frames: int, memory: Memory) -> list[int]:
+    """How many welded vertices each morph target moves, at most.
 
     Raises:
-        TooMuchError: All frames of a tool that is projected anew in each would take more.
+        TooMuchError: Sampling would take more memory than there may be.
     """
-    moved = [np.zeros(0, np.intp)]
-    for carried in plan.carried_patches:
-        if carried.patch.tool.attachment == "skin":
-            moved.append(_moved(carried))
-        elif clips:
-            count = _least_shapes(plan, carried, clips, memory)
-            refuse_large_series(memory, frames, len(carried.vertices), count, where=carried.patch.tool.where)
-            moved.append(np.full(count, len(carried.vertices)))
-    return np.concatenate(moved)
+    return [size for layer in plan.layers for size in layer.target_sizes(plan, clips, frames, memory)]
 
 
-def morph_target_bytes(plan: MeshPlan, moved: Ints, *, dense: bool) -> int:
-    """The bytes in the file of morph targets that move so many welded vertices each, (targets,)."""
+def morph_target_bytes(plan: MeshPlan, moved: Sequence[int], *, dense: bool) -> int:
+    """The bytes in the file of morph targets that move so many welded vertices each."""
     if dense:
         return len(moved) * len(plan.fine.weld) * _vectors(plan) * _VECTOR
-    return int(moved.sum()) * _vectors(plan) * (_VECTOR + _INDEX)
+    return sum(moved) * _vectors(plan) * (_VECTOR + _INDEX)
 
 
 def _where(plan: MeshPlan) -> str:
@@ -133,21 +107,3 @@ def _where(plan: MeshPlan) -> str:
 def _vectors(plan: MeshPlan) -> int:
     """Of a vertex: POSITION, and NORMAL where there is one."""
     return 1 + plan.has_normals
-
-
-def _moved(carried: CarriedPatch) -> Ints:
-    """(targets,) how many welded vertices each target of a tool moves: those under its bumps."""
-    curve = carried.patch.curve
-    us = np.sort(carried.us)
-    low, high = (np.searchsorted(us, ends) for ends in (curve.bumps.starts, curve.bumps.ends))
-    of_groups = [int((high - low)[list(bumps)].sum()) for bumps in curve.groups]
-    return np.repeat(of_groups, curve.greatest_amplitudes.shape[1])
-
-
-def _least_shapes(plan: MeshPlan, carried: CarriedPatch, clips: Sequence[Clip], memory: Memory) -> int:
-    """How many shapes some moments, spread over the clips, ask for."""
-    chosen = clips[:: -(-len(clips) // _MOMENTS)]
-    count = -(-_MOMENTS // len(chosen))
-    moments = ((clip, np.linspace(clip.start, clip.end, count)) for clip in chosen)
-    _, shapes = compress_displacements(plan, carried, moments, memory)
-    return len(shapes)

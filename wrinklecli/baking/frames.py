@@ -11,11 +11,10 @@ import numpy as np
 
 from wrinklecli.baking.morphs import encode_mesh, turned_normals
 from wrinklecli.baking.refined_mesh import RefinedPrimitive, base_normals, old_values, primitives_of
-from wrinklecli.baking.sample import Motion, target_weights
-from wrinklecli.baking.targets import AnySet, targets_of
 from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.skin import pose, prepare
+from wrinklecli.effects.effect import Effect, Motion, target_weights, targets_of
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edited_document import VERTEX_DATA, EditedDocument
 from wrinklecli.gltf.shape import Json
@@ -33,7 +32,7 @@ class Frames:
 
     rig: Rig
     fine: Refinement
-    target_sets: tuple[AnySet, ...]
+    effects: tuple[Effect, ...]
     motions: tuple[Motion, ...]
 
 
@@ -60,7 +59,7 @@ def pose_frames(document: Document, frames: Frames, motion: Motion) -> Iterator[
     old_deltas = np.concatenate([_normal_deltas(document, *pair) for pair in pairs], axis=1)
     tangents = _joined([_tangents(document, *pair) for pair in pairs], refined_primitives)
     weights = fine.dense_weights(np.arange(len(fine.positions)), len(rig.joints))[welds]
-    targets = targets_of(frames.target_sets)
+    targets = targets_of(frames.effects)
     shapes = np.zeros((len(targets), *fine.positions.shape))
     for into, target in zip(shapes, targets, strict=True):
         into[target.shape.vertices] = target.shape.deltas
@@ -74,7 +73,7 @@ def pose_frames(document: Document, frames: Frames, motion: Motion) -> Iterator[
             into[vertices] = turns
     skin = prepare(weights, fine.positions[welds], deltas, base, bent)
     along = None if tangents is None else prepare(weights, tangents[:, :3], np.zeros((0, len(welds), 3)))
-    wrinkles = target_weights(frames.target_sets, motion)
+    wrinkles = target_weights(frames.effects, motion)
     for start in range(0, len(motion.times), _CHUNK):
         times = motion.times[start : start + _CHUNK]
         matrices = joint_matrices(rig, motion.clip, times)

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrinklecli.baking.extras import encode_extras
-from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.refined_mesh import (
     Key,
     RefinedPrimitive,
@@ -21,12 +20,11 @@ from wrinklecli.baking.refined_mesh import (
     refine_primitive,
     shared_vertices,
 )
-from wrinklecli.baking.sample import Motion, skin_weights, target_weights
-from wrinklecli.baking.targets import AnySet, Target, of_tools, targets_of
 from wrinklecli.character.clip import Clip, read_clips
 from wrinklecli.character.rig import Rig, morph_target_names
 from wrinklecli.character.weight_track import Track, pad, widen
-from wrinklecli.effects.wrinkle.shapes import Shape, turn_to
+from wrinklecli.effects.effect import Effect, MeshPlan, Motion, Target, target_weights, targets_of
+from wrinklecli.effects.shapes import Shape, turn_to
 from wrinklecli.gltf.document import Document, stored_bytes
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.shape import Json
@@ -58,7 +56,7 @@ class _Base:
 def encode_morphs(
     edited: EditedDocument,
     plan: MeshPlan,
-    target_sets: Sequence[AnySet],
+    effects: Sequence[Effect],
     motions: Sequence[Motion],
     *,
     tangents: bool = False,
@@ -69,34 +67,21 @@ def encode_morphs(
     Args:
         edited: The document.
         plan: The tools on a mesh.
-        target_sets: Their targets.
+        effects: Those on the mesh.
         motions: Clips to write tracks for.
         tangents: Write TANGENT targets where the base has TANGENT.
         draft: Say in the extras that it is one.
     """
-    targets = targets_of(target_sets)
-    stored = _stored_weights(plan, target_sets)
+    targets = targets_of(effects)
+    stored = np.concatenate([each.stored_weights(plan.rig) for each in effects])
     groups = shared_vertices(edited.source, plan.rig.mesh, plan.fine)
     encode_mesh(edited, plan.rig, plan.fine, targets, stored=stored, tangents=tangents, groups=groups)
-    encode_extras(edited, plan, target_sets, draft=draft)
-    _encode_tracks(edited, plan.rig, target_sets, motions, stored)
-
-
-def _stored_weights(plan: MeshPlan, target_sets: Sequence[AnySet]) -> Floats:
-    """(targets,) weights in the stored pose, where nothing is wrinkled unless the tools file has another rest pose."""
-    stored = np.zeros(len(targets_of(target_sets)))
-    tools = of_tools(target_sets)
-    if all(each.from_skin for each in tools):
-        at_once = [
-            each.written(each.shape_weights(skin_weights(plan, each.carried, None, np.zeros(1)))) for each in tools
-        ]
-        # Those of folds come last, and rest.
-        stored[: len(targets_of(tools))] = np.concatenate(at_once, axis=1)[0]
-    return stored
+    encode_extras(edited, plan, effects, draft=draft)
+    _encode_tracks(edited, plan.rig, effects, motions, stored)
 
 
 def _encode_tracks(
-    edited: EditedDocument, rig: Rig, target_sets: Sequence[AnySet], motions: Sequence[Motion], stored: Floats
+    edited: EditedDocument, rig: Rig, effects: Sequence[Effect], motions: Sequence[Motion], stored: Floats
 ) -> None:
     """Write weight tracks of all morph targets, old and new; a clip that is not baked keeps the stored weights."""
     baked = {motion.clip.index for motion in motions}
@@ -108,7 +93,7 @@ def _encode_tracks(
     # Without a target, as where no vertex lies under a bump, a track would have no values.
     for motion in motions if len(stored) else ():
         channel = motion.clip.channel(rig.node, "weights")
-        times, weights = motion.times[motion.keys], target_weights(target_sets, motion)[motion.keys]
+        times, weights = motion.times[motion.keys], target_weights(effects, motion)[motion.keys]
         encode_track(edited, motion.clip, rig.node, widen(channel, rig, motion.clip, times, weights))
 
 

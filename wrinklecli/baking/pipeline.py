@@ -7,21 +7,20 @@ from functools import partial
 from typing import Any
 
 from wrinklecli.baking.budget import BUDGETS, fit_budget, storage
-from wrinklecli.baking.creases import sample_with_creases
 from wrinklecli.baking.estimate import refuse_too_much
 from wrinklecli.baking.frame_files import export_frames
 from wrinklecli.baking.frames import Frames, encode_frames
 from wrinklecli.baking.job import BakeOptions, Job, ToolsPaths, read_job, tools_paths
 from wrinklecli.baking.morphs import encode_morphs, own_target_bytes
 from wrinklecli.baking.original import seal
-from wrinklecli.baking.plan import MeshPlan, plan_meshes
+from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.baking.proof import prove
 from wrinklecli.baking.report import BakedMesh, Report, make_report
-from wrinklecli.baking.sample import Motion
 from wrinklecli.baking.split import split_meshes, weighed
-from wrinklecli.baking.targets import AnySet
 from wrinklecli.baking.timings import StageClock, make_timings
 from wrinklecli.choices import Mode
+from wrinklecli.effects.effect import Effect, MeshPlan, Motion, Sampling
+from wrinklecli.effects.sampling import sample_effects
 from wrinklecli.errors import BakeError, RefusedError
 from wrinklecli.files.outputs import Outputs, part_of
 from wrinklecli.gltf.edited_document import EditedDocument
@@ -126,16 +125,15 @@ def _bake(
 def _pose_frames(job: Job, plan: MeshPlan, clock: StageClock, progress: Progress) -> BakedMesh:
     """Sample a mesh's clips for geometry of its own in each frame."""
     with clock.stage("sample"):
-        every_set, motions = _sample(job, plan, "frames", progress)
+        effects, motions = _sample(job, plan, "frames", progress)
     if not motions:
         raise BakeError("has no clip: there is no frame to write", where=job.document.path)
-    return BakedMesh(plan, tuple(every_set), tuple(motions))
+    return BakedMesh(plan, tuple(effects), tuple(motions))
 
 
-def _sample(job: Job, plan: MeshPlan, mode: Mode, progress: Progress) -> tuple[list[AnySet], list[Motion]]:
-    """Run the tools of a mesh over all clips."""
-    fps, memory = job.settings.sampling.fps, job.document.memory
-    return sample_with_creases(plan, job.clips, fps=fps, mode=mode, memory=memory, progress=progress)
+def _sample(job: Job, plan: MeshPlan, mode: Mode, progress: Progress) -> tuple[list[Effect], list[Motion]]:
+    """Run the effects of a mesh over all clips."""
+    return sample_effects(plan, job.clips, Sampling(job.settings.sampling.fps, mode, job.document.memory, progress))
 
 
 def _add_morph_targets(
@@ -144,22 +142,20 @@ def _add_morph_targets(
     """Sample a mesh's clips, put targets that the engine plays and their tracks into the document, and prove them."""
     options = job.options
     with clock.stage("sample"):
-        every_set, motions = _sample(job, plan, "morph", progress)
+        effects, motions = _sample(job, plan, "morph", progress)
     budget = None
     if options.engine is not None:
         with clock.stage("budget"):
-            every_set, motions, budget = fit_budget(
-                job.document, plan, every_set, motions, job.every_clip, options.engine
-            )
+            effects, motions, budget = fit_budget(job.document, plan, effects, motions, job.every_clip, options.engine)
     tracked = motions if options.tracks == "all" else []
     with clock.stage("encode"):
-        encode_morphs(edited, plan, every_set, tracked, tangents=options.morph_tangents, draft=options.draft)
+        encode_morphs(edited, plan, effects, tracked, tangents=options.morph_tangents, draft=options.draft)
     residuals = {}
     if options.tracks == "all" and not options.draft:
         with clock.stage("prove"):
-            residuals = prove(edited, plan, every_set, motions, details=options.details, progress=progress)
+            residuals = prove(edited, plan, effects, motions, details=options.details, progress=progress)
     own_bytes = own_target_bytes(job.document.gltf, plan.rig), own_target_bytes(edited.gltf, plan.rig)
-    return BakedMesh(plan, tuple(every_set), tuple(motions), residuals, budget, own_bytes)
+    return BakedMesh(plan, tuple(effects), tuple(motions), residuals, budget, own_bytes)
 
 
 def _write(
@@ -173,7 +169,7 @@ def _write(
 ) -> int | None:
     """Write the files of `frames_dir` and OUT; the size of OUT with the files beside it."""
     options = job.options
-    frames = [Frames(mesh.plan.rig, mesh.plan.fine, mesh.target_sets, mesh.motions) for mesh in posed]
+    frames = [Frames(mesh.plan.rig, mesh.plan.fine, mesh.effects, mesh.motions) for mesh in posed]
     if out is not None and options.mode == "frames":
         with clock.stage("encode"):
             encode_frames(edited, frames, progress)

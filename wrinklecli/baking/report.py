@@ -4,30 +4,23 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 
-import numpy as np
-
 from wrinklecli.baking.budget import BUDGETS, texture_bytes
 from wrinklecli.baking.extras import METHOD
 from wrinklecli.baking.job import Job
-from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.proof import Residual
-from wrinklecli.baking.sample import ClipActivity, Motion
-from wrinklecli.baking.targets import AnySet, CreaseSet, TargetSet, of_folds, of_tools, targets_of
-from wrinklecli.baking.warnings import fold_warnings, mesh_warnings, tool_warnings
 from wrinklecli.character.clip import KEY_GAP, Clip
 from wrinklecli.choices import Mode
-from wrinklecli.effects.contact.hinge import Hinge
-from wrinklecli.effects.wrinkle.activity import Activity
-from wrinklecli.effects.wrinkle.patch import Patch
+from wrinklecli.effects.effect import Effect, MeshPlan, Motion, targets_of
+from wrinklecli.effects.plan import mesh_warnings
 from wrinklecli.errors import counted
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.arrays import Floats, significant
 
 VERSION = 1
 
-# v of the lines whose lengths are reported: both borders, where nothing is left of a height, are not among them.
-_LINES = np.linspace(-0.75, 0.75, 13)
-# Decimal digits of measured numbers: those that tell any two float32 values apart.
+# The section of a report that is there in any case.
+_TOOLS = "tools"
+# Decimal digits of measured numbers: they distinguish any two float32 values.
 _DIGITS = 9
 
 
@@ -119,7 +112,7 @@ class BakedMesh:
 
     Attributes:
         plan: The tools on it.
-        target_sets: Of each tool.
+        effects: Those on the mesh.
         motions: Of each clip that was sampled.
         residuals: By clip, where the file was proved.
         budget: What `fit_budget` says, where an engine was named.
@@ -128,16 +121,12 @@ class BakedMesh:
     """
 
     plan: MeshPlan
-    target_sets: tuple[AnySet, ...] = ()
+    effects: tuple[Effect, ...] = ()
     motions: tuple[Motion, ...] = ()
     residuals: dict[str, Residual] = field(default_factory=dict)
     budget: Json | None = None
     own_bytes: tuple[int, int] = (0, 0)
     split: Split | None = None
-
-    def activity(self, tool: int) -> list[ClipActivity]:
-        """What one of the tools does in each clip."""
-        return [ClipActivity(motion.clip, motion.times, motion.seen[tool]) for motion in self.motions]
 
 
 def make_report(job: Job, baked: Sequence[BakedMesh], *, images: Sequence[str], tracks: bool) -> Report:
@@ -153,12 +142,15 @@ def make_report(job: Job, baked: Sequence[BakedMesh], *, images: Sequence[str], 
     for mesh in baked:
         clips = [motion.clip for motion in mesh.motions]
         warnings += mesh_warnings(mesh.plan, job.settings, clips, tracks=tracks)
-        for number, target_set in enumerate(of_tools(mesh.target_sets)):
-            warnings += tool_warnings(mesh.plan, target_set.carried, mesh.activity(number), up=job.settings.up)
-        for number, found in enumerate(mesh.target_sets):
-            if isinstance(found, CreaseSet):
-                acting = [(motion.clip, motion.times[motion.weights[number].any(axis=1)]) for motion in mesh.motions]
-                warnings += fold_warnings(mesh.plan, found, acting)
+        for number, effect in enumerate(mesh.effects):
+            motions = [(motion, motion.states[number], motion.weights[number]) for motion in mesh.motions]
+            warnings += effect.warnings(mesh.plan, motions, up=job.settings.up)
+    sections: dict[str, list[Json]] = {_TOOLS: []}
+    for mesh in baked:
+        for layer in mesh.plan.layers:
+            sections.setdefault(layer.section, [])
+        for effect in mesh.effects:
+            sections[effect.section].append(effect.describe(mesh.plan))
     engine = job.options.engine
     data: Json = {
         "report": VERSION,
@@ -169,12 +161,7 @@ def make_report(job: Job, baked: Sequence[BakedMesh], *, images: Sequence[str], 
         "draft": job.options.draft,
         "tallest_wrinkle": max(mesh.plan.tallest for mesh in baked),
         "meshes": [_describe_mesh(mesh, job.options.mode) for mesh in baked],
-        "tools": [
-            _describe_tool(mesh.plan, number, target_set)
-            for mesh in baked
-            for number, target_set in enumerate(of_tools(mesh.target_sets))
-        ],
-        **_describe_folds(baked),
+        **sections,
         "clips": _describe_clips(baked, details=job.options.details),
         "notes": list(job.notes),
         "warnings": warnings,
@@ -204,60 +191,12 @@ def _describe_mesh(mesh: BakedMesh, mode: Mode) -> Json:
         before, after = mesh.own_bytes
         data["own_targets"] = {"count": len(rig.morph_names), "bytes_before": before, "bytes": after}
         # Of all morph targets, those of the asset among them.
-        data["gpu_bytes"] = texture_bytes(plan, len(rig.morph_names) + len(targets_of(mesh.target_sets)))
+        data["gpu_bytes"] = texture_bytes(plan, len(rig.morph_names) + len(targets_of(mesh.effects)))
         if mesh.split is not None and mesh.split.nodes:
             data |= {"gpu_bytes": mesh.split.gpu_bytes, "parts": list(mesh.split.nodes)}
         elif mesh.split is not None:
             data["split_gpu_bytes"] = mesh.split.gpu_bytes
     return data
-
-
-def _describe_tool(plan: MeshPlan, number: int, target_set: TargetSet) -> Json:
-    carried, patch, fine = target_set.carried, target_set.carried.patch, plan.fine
-    return {
-        "name": patch.tool.name,
-        "node": plan.rig.names[plan.rig.node],
-        "rest_length": patch.rest_length,
-        "anchor_distances": [anchor.distance for anchor in patch.anchors],
-        "moved_vertices": len(carried.vertices),
-        "stuck_vertices": carried.stuck,
-        "scheme": fine.schemes[number],
-        "hard_edges": _round(fine.hard_shares[number]),
-        "departure": _round(fine.departures[number]),
-        "targets": [target.name for target in target_set.targets if target is not None],
-    }
-
-
-def _describe_folds(baked: Sequence[BakedMesh]) -> Json:
-    """An entry for each fold whose contact is resolved; nothing where no tool asks for it. Lengths are scene units."""
-    if not any(mesh.plan.folds for mesh in baked):
-        return {}
-    return {"folds": [_describe_fold(mesh.plan, found) for mesh in baked for found in of_folds(mesh.target_sets)]}
-
-
-def _describe_fold(plan: MeshPlan, found: CreaseSet) -> Json:
-    crease, hinge = found.crease, found.crease.fold.hinge
-    return {
-        "tools": [plan.carried_patches[number].patch.tool.name for number in crease.fold.tools],
-        "clip": found.clip,
-        "joint": plan.rig.names[hinge.signal.node] if isinstance(hinge, Hinge) else None,
-        "degrees": [round(float(np.degrees(end)), 1) for end in (hinge.least, hinge.most)]
-        if isinstance(hinge, Hinge)
-        else None,
-        "moved_vertices": len(crease.vertices),
-        "largest_move": _round(crease.largest),
-        "volume_lost": _round(crease.squeezed),
-        "poses": crease.solved,
-        "unsettled_poses": crease.unsettled,
-        "crossing_poses": crease.crossing,
-        "error": _round(crease.error),
-        "unsettled_frames": sum(each.unsettled for each in found.clips),
-        "crossing_frames": sum(each.crossing for each in found.clips),
-        "clips_given_up": sum(each.given_up for each in found.clips),
-        "left": [asdict(each) | {"time": _round(each.time)} for each in found.left],
-        "clip_error": _round(max((each.error for each in found.clips), default=0.0)),
-        "targets": [target.name for target in targets_of([found])],
-    }
 
 
 def _describe_clips(baked: Sequence[BakedMesh], *, details: bool) -> list[Json]:
@@ -270,11 +209,11 @@ def _describe_clips(baked: Sequence[BakedMesh], *, details: bool) -> list[Json]:
             entry["keys"] = entry.get("keys", 0) + len(motion.keys)
             if motion.clip.name in mesh.residuals:
                 entry["residual"] = _describe_residual(mesh.residuals[motion.clip.name])
-        for number, target_set in enumerate(of_tools(mesh.target_sets) if details else ()):
-            patch = target_set.carried.patch
-            for each in mesh.activity(number):
-                strength = patch.tool.strength_in(each.clip.name)
-                clips[each.clip.name]["tools"].append(_describe_activity(patch, each.seen, strength))
+        for number, effect in enumerate(mesh.effects if details else ()):
+            for motion in mesh.motions:
+                described = effect.describe_clip(motion, motion.states[number])
+                if described is not None:
+                    clips[motion.clip.name][effect.section].append(described)
     return list(clips.values())
 
 
@@ -282,42 +221,10 @@ def _describe_clip(clip: Clip, times: Floats) -> Json:
     """The head of a clip's entry."""
     return {
         "name": clip.name,
-        "start": _round(clip.start),
-        "end": _round(clip.end),
-        "times": _list(times),
+        "start": significant(clip.start, _DIGITS),
+        "end": significant(clip.end, _DIGITS),
+        "times": [significant(each, _DIGITS) for each in times],
         "tools": [],
-    }
-
-
-def _describe_activity(patch: Patch, seen: Activity, strength: float) -> Json:
-    """What one tool does in one clip, frame by frame, scene units; `heights` are those of strength 1."""
-    curve = patch.curve
-    tallest = abs(strength) * float(np.abs(curve.heights(seen.amplitudes)).max(initial=0.0))
-    finite = np.where(np.isfinite(seen.distances), seen.distances, seen.rest_lengths)
-    # A taut curve is as long as its ends are apart; below that it keeps its length, less what is unabsorbed. It is
-    # measured before the tissue squeezes it.
-    ends = finite + curve.compressible / (1.0 - curve.compressible) * seen.shortenings
-    wanted = np.maximum(ends, ends + seen.shortenings) - seen.unabsorbed
-    error = np.abs(curve.lengths(seen.amplitudes, ends) - wanted)
-    deepest = int(seen.shortenings.argmax())
-    lines = patch.line_lengths(seen.amplitudes[deepest], float(ends[deepest]), _LINES) / wanted[deepest] - 1.0
-    return {
-        "name": patch.tool.name,
-        "strength": strength,
-        "distance": [None if np.isinf(each) else _round(each) for each in seen.distances],
-        "rest_length": _list(seen.rest_lengths),
-        "shortening": _list(seen.shortenings),
-        "unabsorbed": _list(seen.unabsorbed),
-        "heights": [_list(frame) for frame in curve.heights(seen.amplitudes)],
-        "curve_length_error": [float(f"{each:.2e}") for each in error],
-        # Of lines beside the segment, of the length that it has where it is shortest.
-        "line_length_errors": {
-            "v": _list(_LINES),
-            "errors": [float(f"{each:.2e}") for each in lines],
-            "worst": float(f"{np.abs(lines).max():.2e}"),
-            "rms": float(f"{np.sqrt(np.mean(lines**2)):.2e}"),
-        },
-        "tallest": _round(tallest),
     }
 
 
@@ -326,15 +233,7 @@ def _describe_residual(residual: Residual) -> Json:
     return {
         "gap": 2.0 * KEY_GAP,
         "position": float(f"{residual.position:.3e}"),
-        "time": _round(residual.time),
+        "time": significant(residual.time, _DIGITS),
         "weights": float(f"{residual.weights:.3e}"),
         "normal_degrees_99": None if residual.normal is None else round(residual.normal, 3),
     }
-
-
-def _round(value: float) -> float:
-    return float(f"{float(value):.{_DIGITS}g}")
-
-
-def _list(values: Floats) -> list[float]:
-    return [_round(value) for value in values]

@@ -9,7 +9,7 @@ from wrinklecli.baking.budget import mesh_texture_bytes, texel_bytes, texture_by
 from wrinklecli.baking.parts import PARTS, parts_of
 from wrinklecli.baking.refined_mesh import primitives_of, shared_vertices
 from wrinklecli.baking.report import BakedMesh, Split
-from wrinklecli.baking.targets import targets_of
+from wrinklecli.effects.effect import targets_of
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.split_mesh import Part, split_node
@@ -38,7 +38,7 @@ def split_meshes(edited: EditedDocument, baked: Sequence[BakedMesh]) -> tuple[Ed
 def weighed(edited: EditedDocument, mesh: BakedMesh) -> BakedMesh:
     """A mesh that is not split, with what its targets would take if it were; as it is where that does not matter."""
     plan = mesh.plan
-    if texture_bytes(plan, len(plan.rig.morph_names) + len(targets_of(mesh.target_sets))) < _MATTERS:
+    if texture_bytes(plan, len(plan.rig.morph_names) + len(targets_of(mesh.effects))) < _MATTERS:
         return mesh
     document = edited.document()
     parts = _parts(document, edited.source, mesh)

@@ -10,8 +10,8 @@ import numpy as np
 
 from wrinklecli.baking.job import Job
 from wrinklecli.baking.report import BakedMesh
-from wrinklecli.baking.targets import targets_of
 from wrinklecli.character.clip import clip_grid
+from wrinklecli.effects.effect import targets_of
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import distinct_values
@@ -52,7 +52,10 @@ def make_timings(clock: StageClock, job: Job, baked: Sequence[BakedMesh], *, byt
         JSON values; keys as in `wrinkle bake --help`.
     """
     clips = {motion.clip.index: motion.clip for each in baked for motion in each.motions}
-    members = [distinct_values(np.concatenate([c.vertices for c in each.plan.carried_patches])) for each in baked]
+    members = [
+        distinct_values(np.concatenate([vertices for layer in each.plan.layers for vertices in layer.moved]))
+        for each in baked
+    ]
     frames = sum(len(clip_grid(clip, None, fps=job.settings.sampling.fps)) for clip in clips.values())
     seconds = {stage: round(each, 6) for stage, each in clock.seconds.items()}
     total = round(sum(seconds.values()), 6)
@@ -64,7 +67,7 @@ def make_timings(clock: StageClock, job: Job, baked: Sequence[BakedMesh], *, byt
         "frames": frames,
         "frames_per_second": round(frames / max(total, 1e-6), 3),
         "members": sum(len(each) for each in members),
-        "targets": sum(len(targets_of(each.target_sets)) for each in baked),
+        "targets": sum(len(targets_of(each.effects)) for each in baked),
         "bytes_added": _bytes_added(job.document, bytes_written),
         "peak_memory_bytes": peak_memory(),
     }

@@ -14,7 +14,6 @@ import numpy as np
 
 from wrinklecli.baking.job import check_clip_names, tools_by_node, why_left_out
 from wrinklecli.baking.original import original, wrinkled
-from wrinklecli.baking.plan import Ground, plan_on, read_ground
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.contacts import Neighbours
 from wrinklecli.character.joined import with_free_nodes
@@ -23,13 +22,16 @@ from wrinklecli.character.scene import deforming_nodes, scene_nodes
 from wrinklecli.character.skin import Skin, prepare
 from wrinklecli.editor.attached import AttachedTool, AttachedTools, Cluster, PlayableMesh
 from wrinklecli.editor.clip_cache import ClipCache, RecentResults
+from wrinklecli.effects.plan import plan_on
 from wrinklecli.effects.wrinkle.attach import attach_tools
 from wrinklecli.effects.wrinkle.carry import carry
+from wrinklecli.effects.wrinkle.layer import Wrinkles, carried_patches_of
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.errors import BakeError, WrinkleError
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.numeric.arrays import Ints, components, distinct_values, flags_of
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory
+from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.tools.records import Length, ToolsFile, WrinkleTool
 
 _MAX_ERROR = Length(1.0, percent=True)  # the default of a bake
@@ -133,7 +135,7 @@ class LoadedAsset:
             for group in groups:
                 clusters += self._planned(ground, group, settings, problems)
             for cluster in clusters:
-                for carried in cluster.plan.carried_patches:
+                for carried in carried_patches_of(cluster.plan):
                     tools[carried.patch.tool.name] = AttachedTool(ground, cluster.plan, carried)
             meshes.append(self._mesh(ground, tuple(clusters)))
         return AttachedTools(tuple(meshes), tools, problems, provisional)
@@ -209,7 +211,7 @@ class LoadedAsset:
         for mesh in before.meshes:
             for cluster in mesh.clusters if mesh.ground is ground else ():
                 again = []
-                for carried in cluster.plan.carried_patches:
+                for carried in carried_patches_of(cluster.plan):
                     patch = waiting.pop(carried.patch.tool.name, None)
                     try:
                         if patch is not None:
@@ -218,7 +220,7 @@ class LoadedAsset:
                     except WrinkleError as error:
                         problems[carried.patch.tool.name] = error.lines[0]
                 if again:
-                    yield Cluster.from_plan(replace(cluster.plan, carried_patches=tuple(again)), cluster)
+                    yield Cluster.from_plan(replace(cluster.plan, layers=(Wrinkles(tuple(again)),)), cluster)
         coarse = replace(settings, refinement=replace(settings.refinement, max_levels=0))
         for patch in waiting.values():
             yield from self._planned(ground, [patch], coarse, problems)

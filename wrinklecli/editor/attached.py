@@ -10,15 +10,19 @@ from functools import cached_property
 
 import numpy as np
 
-from wrinklecli.baking.plan import Ground, MeshPlan
-from wrinklecli.baking.sample import ClipActivity, moving_clips
-from wrinklecli.baking.warnings import mesh_warnings, tool_warnings
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.skin import Skin, pose, prepare
 from wrinklecli.editor.clip_cache import ClipCache
+from wrinklecli.effects.effect import MeshPlan
+from wrinklecli.effects.plan import mesh_warnings
+from wrinklecli.effects.sampling import moving_clips
+from wrinklecli.effects.wrinkle.activity import ClipActivity
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
+from wrinklecli.effects.wrinkle.layer import carried_patches_of
 from wrinklecli.effects.wrinkle.patch import Patch
+from wrinklecli.effects.wrinkle.warnings import tool_warnings
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, children, distinct_values
+from wrinklecli.surface.ground import Ground
 from wrinklecli.tools.records import ToolsFile
 
 _CURVE_POINTS = 200  # points of a drawn control curve
@@ -46,7 +50,7 @@ class Cluster:
         fine, old = plan.fine, len(plan.fine.surface.positions)
         moved = np.zeros(len(fine.positions), bool)
         moved[old:] = True
-        for carried in plan.carried_patches:
+        for carried in carried_patches_of(plan):
             moved[carried.vertices] = True
         parents = distinct_values(fine.subdivision.parents[any_of(moved, fine.triangles)])
         if before is not None:
@@ -135,7 +139,7 @@ class PlayableMesh:
         offsets = np.zeros((1, 3, int(ends[-1])))
         for cluster, shift in zip(self.clusters, self.shifts, strict=True):
             plan = cluster.plan
-            for carried in plan.carried_patches if wrinkled else ():
+            for carried in carried_patches_of(plan) if wrinkled else ():
                 amplitudes, _ = self.cache.amplitudes(self.ground, carried.patch, clip, time)
                 moved = displacements(carried, plan.fine, rig, clip, np.array([time]), amplitudes)[0]
                 offsets[0][:, np.where(carried.vertices < old, carried.vertices, carried.vertices + shift)] += moved.T
@@ -229,7 +233,7 @@ class AttachedTools:
             lines = tool_warnings(tool.plan, tool.carried, sampled, up=settings.up)
             _add_by_name(found, [tool.patch.tool.name], lines)
         for plan in {id(each.plan): each.plan for each in self.tools.values()}.values():
-            names = [each.patch.tool.name for each in plan.carried_patches]
+            names = [each.patch.tool.name for each in carried_patches_of(plan)]
             _add_by_name(found, names, mesh_warnings(plan, settings, clips, tracks=False))
         return found
 

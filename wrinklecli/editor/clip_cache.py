@@ -11,12 +11,12 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from wrinklecli.baking.plan import Ground
 from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.effects.wrinkle.activity import Activity, activities, springs_in
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.numeric.arrays import Floats, distinct_values
+from wrinklecli.surface.ground import Ground
 
 _FPS = 30.0  # frames per second of a clip that plays
 _MAX_FRAMES = 10_000  # frames of one clip; a longer clip plays at fewer frames per second

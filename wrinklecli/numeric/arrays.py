@@ -314,3 +314,10 @@ class VertexFaces:
 
     def _are_many(self, vertices: Ints) -> bool:
         return len(vertices) > _MANY * (len(self.starts) - 1)
+
+
+def matches(vertices: Ints, wanted: Ints) -> tuple[Ints, Ints]:
+    """(n,) which of (vertices,) are any of (wanted,) sorted ones, and (n,) which of these each is."""
+    order = np.argsort(vertices, kind="stable")
+    firsts, ends = (np.searchsorted(vertices, wanted, side, order) for side in ("left", "right"))
+    return order[runs(firsts, ends - firsts)], np.repeat(np.arange(len(wanted)), ends - firsts)

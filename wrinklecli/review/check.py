@@ -10,14 +10,19 @@ from scipy.sparse import csr_array
 
 from wrinklecli.baking.estimate import refuse_many_samples
 from wrinklecli.baking.job import BakeOptions, Job, ToolsPaths, read_job
-from wrinklecli.baking.plan import MeshPlan, plan_meshes
-from wrinklecli.baking.sample import ClipActivity, Motion, sample_activities
-from wrinklecli.baking.warnings import mesh_warnings, tool_warnings
+from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.moved import Motions
 from wrinklecli.character.posing import JointTurn, MorphWeight
 from wrinklecli.character.rig import moving_nodes
+from wrinklecli.effects.effect import MeshPlan, Motion, Sampling
+from wrinklecli.effects.plan import mesh_warnings
+from wrinklecli.effects.sampling import moving_clips
+from wrinklecli.effects.wrinkle.activity import ClipActivity
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
+from wrinklecli.effects.wrinkle.layer import carried_patches_of
+from wrinklecli.effects.wrinkle.sample import sample_activities
+from wrinklecli.effects.wrinkle.warnings import tool_warnings
 from wrinklecli.effects.wrinkle.weights import fitting_compressible
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import children, significant
@@ -145,14 +150,8 @@ def check(
         for plan in plans:
             clips = _clips_to_check(plan, job)
             refuse_many_samples(job, plan, clips)
-            motions = sample_activities(
-                plan,
-                clips,
-                fps=job.settings.sampling.fps,
-                mode="morph",
-                memory=job.document.memory,
-                progress=progress,
-            )
+            sampling = Sampling(job.settings.sampling.fps, "morph", job.document.memory, progress)
+            motions = sample_activities(carried_patches_of(plan), plan, moving_clips(plan, clips), sampling)
             baked = [motion.clip for motion in motions if motion.clip.name not in (*job.range, job.pose)]
             warnings += mesh_warnings(plan, job.settings, baked, tracks=True)
             for number, overlaps in enumerate(_overlaps(plan)):
@@ -175,7 +174,7 @@ def check(
 def _clips_to_check(plan: MeshPlan, job: Job) -> list[Clip]:
     """The chosen clips, without motions of the range of motion that move no anchor on this mesh."""
     moving: set[int] = set()
-    for carried in plan.carried_patches:
+    for carried in carried_patches_of(plan):
         joints = [joint for anchor in carried.patch.anchors for joint in anchor.joints]
         moving |= moving_nodes(plan.rig, joints)
     made = set(job.range)
@@ -186,8 +185,8 @@ def _clips_to_check(plan: MeshPlan, job: Job) -> list[Clip]:
 
 def _check_tool(plan: MeshPlan, number: int, motions: Sequence[Motion], overlaps: list[Json], job: Job) -> CheckedTool:
     """Describe a tool in all clips, and in those motions of a range of motion that shorten it most."""
-    carried, up = plan.carried_patches[number], job.settings.up
-    every = [ClipActivity(motion.clip, motion.times, motion.seen[number]) for motion in motions]
+    carried, up = carried_patches_of(plan)[number], job.settings.up
+    every = [ClipActivity(motion.clip, motion.times, motion.states[number]) for motion in motions]
     made = [each for each in every if each.clip.name in job.range]
     shortening = sorted((each for each in made if _shortest(each) > _VISIBLE), key=_shortest, reverse=True)
     clips = (*(each for each in every if each not in made), *shortening[:_MOST_MOTIONS])
@@ -223,7 +222,7 @@ def _describe_mesh(plan: MeshPlan) -> Json:
 
 def describe_tool(plan: MeshPlan, number: int, up: str) -> Json:
     """Describe a tool on its mesh, independent of clips; JSON values only."""
-    carried, fine = plan.carried_patches[number], plan.fine
+    carried, fine = carried_patches_of(plan)[number], plan.fine
     patch, between = carried.patch, carried.patch.tool.between
     members = np.unique(fine.triangles[children(fine.subdivision.parents, patch.members)])
     return {
@@ -288,12 +287,12 @@ def describe_clip(carried: CarriedPatch, each: ClipActivity) -> Json:
 
 def _overlaps(plan: MeshPlan) -> list[list[Json]]:
     """List, for each tool of a mesh, the other tools that move some of its vertices, and the number of these."""
-    counts = [len(carried.vertices) for carried in plan.carried_patches]
+    counts = [len(carried.vertices) for carried in carried_patches_of(plan)]
     rows = np.repeat(np.arange(len(counts)), counts)
-    columns = np.concatenate([carried.vertices for carried in plan.carried_patches])
+    columns = np.concatenate([carried.vertices for carried in carried_patches_of(plan)])
     moves = csr_array((np.ones(len(rows), np.intp), (rows, columns)), shape=(len(counts), len(plan.fine.positions)))
     shared = (moves @ moves.T).tocsr()
-    names = [carried.patch.tool.name for carried in plan.carried_patches]
+    names = [carried.patch.tool.name for carried in carried_patches_of(plan)]
     found: list[list[Json]] = [[] for _ in names]
     for one, other, count in sorted(zip(*shared.nonzero(), shared.data, strict=True)):
         if one != other:

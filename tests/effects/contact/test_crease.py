@@ -16,6 +16,7 @@ from wrinklecli.effects.contact.crease import resolve
 from wrinklecli.effects.contact.fitting import fewest
 from wrinklecli.effects.contact.fold import RINGS
 from wrinklecli.effects.contact.folding import Found, free_rows
+from wrinklecli.effects.contact.layer import Contact
 from wrinklecli.effects.contact.tissue import FREE, SOFT, SkinnedPose, SolverState, Tissue
 from wrinklecli.numeric.intersections import widened
 
@@ -54,7 +55,9 @@ def test_all_that_is_near_what_crosses_may_move(tmp_path: Path) -> None:
     crease = tool(bumps=1, contact="resolve", origin=[-0.25, 0.25, 0.0], target=[0.25, 0.25, 0.0])
     tools = write_tools(tmp_path / "tools.yaml", crease, refinement={"max_levels": 0})
     (plan,) = plan_meshes(read_job(str(asset.write(tmp_path / "limb.glb")), str(tools), BakeOptions()))
-    found = resolve(plan.folds[0], share=0.35, most=1)
+    contact = plan.layer(Contact)
+    assert contact is not None
+    found = resolve(contact.folds[0], share=0.35, most=1)
     assert found is not None
     free, near = found.tissue.free, found.tissue.apart == 0.0
     assert np.array_equal(free, found.tissue.apart < FREE * SOFT)

@@ -10,6 +10,7 @@ import wrinklecli
 from kit.limb import RADIUS, limb_asset, tool, write_tools
 from kit.pictures import draw, limb, picture, reds
 from wrinklecli.baking.job import BakeOptions
+from wrinklecli.effects.wrinkle.layer import carried_patches_of
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review.preview.apply import plan_tools
@@ -87,7 +88,7 @@ def test_tools_may_fail_at_one_stage_after_another(tmp_path: Path) -> None:
     planned = plan_tools(asset, tools, BakeOptions())
     assert [each.tool.name for each in planned.misfits] == ["b", "far"]
     (plan,) = planned.plans
-    assert [carried.patch.tool.name for carried in plan.carried_patches] == ["crease", "end.L", "end.R"]
+    assert [carried.patch.tool.name for carried in carried_patches_of(plan)] == ["crease", "end.L", "end.R"]
 
 
 def test_what_is_wrong_with_the_file_is_refused_as_ever(tmp_path: Path) -> None:

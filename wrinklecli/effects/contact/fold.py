@@ -46,7 +46,7 @@ class Fold:
     """The surface round a joint, with all that wrinkles it.
 
     Attributes:
-        tools: Numbers of the tools whose contact is resolved here.
+        patches: The tools whose contact is resolved here, as they are baked.
         hinge: The joint; or, where none bends, what raises the tools' wrinkles.
         vertices: (vertices,) fine welded vertices, rising.
         triangles: (triangles, 3) into these, and into those of other meshes, which follow them.
@@ -61,7 +61,7 @@ class Fold:
         others: What of other meshes may touch it.
     """
 
-    tools: tuple[int, ...]
+    patches: tuple[Patch, ...]
     hinge: Hinge | Rise
     vertices: Ints
     triangles: Ints
@@ -74,6 +74,11 @@ class Fold:
     carried: tuple[CarriedPatch, ...]
     weights: Floats
     others: tuple[Obstacle, ...] = ()
+
+    @property
+    def per_clip(self) -> bool:
+        """True if a tool asks for targets of single clips."""
+        return any(each.tool.contact is not None and each.tool.contact.per_clip for each in self.patches)
 
     @cached_property
     def rest_positions(self) -> Floats:
@@ -188,7 +193,7 @@ def find_folds(
     found += [_round_tools([*each], [*each.values()], carried_patches, fine, rest, rig) for each in by_rise.values()]
     folds = []
     for fold in found:
-        settings = [carried_patches[number].patch.tool.contact or Contact() for number in fold.tools]
+        settings = [patch.tool.contact or Contact() for patch in fold.patches]
         ignored = {name for each in settings for name in each.ignore}
         folds.append(_beside(fold, obstacles(ignored) if obstacles else ()))
     return folds, without
@@ -227,7 +232,7 @@ def _round_joint(
     pivot = node_matrices(rig, rest.clip, rest.time, [node])[0, 0, :3, 3]
     radius = max(_limb_radius(patch, pivot) for patch in patches)
     hinge = hinge_of(node, patches, pivot, rig, part)
-    return _fold(tools, hinge, pivot, radius, _REACH_RADII * radius, carried, fine, rest, rig)
+    return _fold(tools, patches, hinge, pivot, radius, _REACH_RADII * radius, carried, fine, rest, rig)
 
 
 def _round_tools(
@@ -242,11 +247,14 @@ def _round_tools(
     pivot = middles.mean(axis=0)
     radius = max(patch.span for patch in patches)
     reach = _REACH_RADII * radius + float(np.sqrt(np.sum((middles - pivot) ** 2, axis=1)).max())
-    return _fold(tools, rises[0], pivot, radius, reach, grown, fine, rest, rig)
+    return _fold(
+        tools, [carried[number].patch for number in tools], rises[0], pivot, radius, reach, grown, fine, rest, rig
+    )
 
 
 def _fold(
     tools: Sequence[int],
+    patches: Sequence[Patch],
     hinge: Hinge | Rise,
     pivot: Floats,
     radius: float,
@@ -257,11 +265,11 @@ def _fold(
     rig: Rig,
 ) -> Fold:
     seeds = np.concatenate([carried[number].vertices for number in tools])
-    contacts = [carried[number].patch.tool.contact for number in tools]
+    contacts = [patch.tool.contact for patch in patches]
     alone = any(rig.names[rig.node] in contact.ignore for contact in contacts if contact)
     vertices, triangles, own = _round(pivot, reach, fine, seeds, alone=alone)
     return Fold(
-        tools=tuple(tools),
+        patches=tuple(patches),
         hinge=hinge,
         vertices=vertices,
         triangles=triangles,

@@ -43,6 +43,21 @@ class Activity:
     spring: SpringFilter | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class ClipActivity:
+    """What one tool does in one clip.
+
+    Attributes:
+        clip: The animation.
+        times: (frames,) seconds.
+        seen: The tool's activity at these times.
+    """
+
+    clip: Clip
+    times: Floats
+    seen: Activity
+
+
 def points_of(patches: Sequence[Patch]) -> list[CarriedPoint]:
     """The points of all tools' segments."""
     return [point for each in patches for point in each.segment.points]

@@ -14,6 +14,7 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
+from wrinklecli.effects.shapes import LEAST_SHARE
 from wrinklecli.effects.wrinkle.activity import activity
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.places import Places
@@ -21,9 +22,6 @@ from wrinklecli.effects.wrinkle.posed import Ring, posed_displacements, ring_aro
 from wrinklecli.errors import BakeError
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, children, distinct_values, inverses, singular
 from wrinklecli.surface.refine import Refinement
-
-LEAST_SHARE = 1e-6
-"""A share of a tool's height too small to be seen or stored; vertices below it do not move."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -168,6 +168,11 @@ class Patch:
         return faded
 
     @property
+    def regions(self) -> "tuple[Patch, ...]":
+        """Where edges must be split: on the patch."""
+        return (self,)
+
+    @property
     def intervals(self) -> float:
         """Intervals of the control curve, each halved once for every level of details."""
         return self.curve.interval_count * 2.0 ** len(self.tool.details)

@@ -1,73 +1,24 @@
-"""Fixed shapes, one for each group of bumps that rise together: morph targets and the normals fitted to them.
+"""The shapes of a wrinkling tool: one for each group of bumps that rise together, at its greatest height.
 
 Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004, on mesh deformation. Differs: the paper
-displaces each frame's vertices; here a shape in bind space times a weight does. What to add to the base normals is
-fitted to the true ones of the tallest wrinkles in a pose that shows them: a surface that a pose makes shorter has
-steeper wrinkles, which neither skinning nor the asset's own morph targets do to normals.
+displaces each frame's vertices; here a shape in bind space times a weight does.
 """
-
-from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from wrinklecli.character.pose import Pose, blend, transform
-from wrinklecli.effects.wrinkle.carry import LEAST_SHARE, CarriedPatch
+from wrinklecli.character.pose import Pose
+from wrinklecli.effects.shapes import Sample, Shape, make_shapes
+from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.weights import weight_path
-from wrinklecli.numeric.arrays import (
-    Floats,
-    Ints,
-    determinants,
-    distinct_values,
-    unit,
-    vertex_normals,
-)
+from wrinklecli.numeric.arrays import Floats
 from wrinklecli.surface.refine import Refinement
-from wrinklecli.surface.rest import Rest, carried_normals
+from wrinklecli.surface.rest import Rest
 
 # Heights, as shares of the greatest, at which true normals are sampled where a group's height has several weights.
 _FIT_HEIGHTS = (0.25, 0.5, 0.75, 1.0)
 # What the rest pose counts beside the pose of the tallest wrinkles. It decides only where that pose makes wrinkles so
 # steep that their own normals hardly count, in a closed fold: lower ones would have such normals too, before it closes.
 _REST_SHARE = 1 / 32
-# Cosine of true and base normal below which the fit does not follow: NORMAL deltas cannot turn a normal over.
-_LEAST_COSINE = 0.1
-
-
-@dataclass(frozen=True, slots=True)
-class Shape:
-    """One morph target: what one independent group of bumps does at its greatest height.
-
-    Attributes:
-        vertices: (vertices,) fine welded vertices, rising.
-        deltas: (vertices, 3) bind displacement at weight 1.
-        tallest: Largest world displacement at rest at weight 1, scene units.
-        normal_vertices: (vertices,) fine welded vertices whose normal changes, rising.
-        normal_deltas: (vertices, 3) to add to the unit bind normal at weight 1.
-    """
-
-    vertices: Ints
-    deltas: Floats
-    tallest: float
-    normal_vertices: Ints
-    normal_deltas: Floats
-
-
-@dataclass(frozen=True, slots=True)
-class Sample:
-    """A state in which normals are to be right.
-
-    Attributes:
-        weights: (shapes,) of shapes that act together.
-        pose: Of the mesh.
-        share: What it counts beside others.
-        beneath: Other shapes that act meanwhile, each with its weight: their normals are there already.
-    """
-
-    weights: Floats
-    pose: Pose
-    share: float = 1.0
-    beneath: Sequence[tuple[Shape, float]] = ()
 
 
 def shapes_of(carried: CarriedPatch, fine: Refinement, rest: Rest, pose: Pose | None) -> list[Shape | None]:
@@ -102,130 +53,3 @@ def _samples(weights: Floats, rest: Rest, pose: Pose) -> list[Sample]:
     heights = _FIT_HEIGHTS if weights.shape[1] > 1 else (1.0,)
     rows = [weights[int(np.argmin(np.abs(sizes - height * sizes.max())))] for height in heights]
     return [*(Sample(row, pose) for row in rows), Sample(rows[-1], rest.pose, _REST_SHARE)]
-
-
-def make_shapes(
-    fine: Refinement, vertices: Ints, deltas: Floats, *, tallest: Floats, samples: Sequence[Sample]
-) -> list[Shape | None]:
-    """Morph targets that act together, with NORMAL deltas fitted over samples of their weights.
-
-    Args:
-        fine: The refined surface.
-        vertices: (vertices,) fine welded vertices, rising.
-        deltas: (shapes, vertices, 3) bind displacement at weight 1.
-        tallest: (shapes,) largest world displacement at weight 1.
-        samples: None where the mesh has no normals.
-    """
-    lengths = np.abs(deltas).max(axis=2)
-    moving = lengths > LEAST_SHARE * lengths.max(initial=0.0)
-    normal_vertices, normal_deltas = np.zeros(0, np.intp), np.zeros((len(deltas), 0, 3))
-    if samples and moving.any():
-        together = moving.any(axis=0)
-        normal_vertices, normal_deltas = _fit_normals(fine, vertices[together], deltas[:, together], samples)
-    shapes: list[Shape | None] = []
-    for shape, moves in enumerate(moving):
-        changed = np.abs(normal_deltas[shape]).max(axis=1) > LEAST_SHARE
-        shapes.append(
-            Shape(
-                vertices[moves],
-                deltas[shape, moves],
-                float(tallest[shape]),
-                normal_vertices[changed],
-                normal_deltas[shape, changed],
-            )
-            if moves.any()
-            else None
-        )
-    return shapes
-
-
-def _fit_normals(fine: Refinement, vertices: Ints, deltas: Floats, samples: Sequence[Sample]) -> tuple[Ints, Floats]:
-    """(touched,) vertices and (shapes, touched, 3) what to add to their unit normals at weight 1.
-
-    An engine adds w ΔN to the base normal N and renormalises, so directions must be right, not lengths: the
-    true unit normal t is scaled to t/(t·N), whose part along N is N, and fitted with weights (t·N)⁴. On a plane that
-    is exact at all heights.
-    """
-    weights, shares = np.stack([each.weights for each in samples]), np.array([each.share for each in samples])
-    displacements = np.einsum("fs,svx->fvx", weights, deltas)
-    touched, true = displaced_normals(
-        fine, vertices, displacements, [each.pose for each in samples], [each.beneath for each in samples]
-    )
-    base = fine.normals_at(touched)
-    cosines = np.maximum(np.sum(true * base, axis=2), _LEAST_COSINE)
-    wanted = true / cosines[..., None] - base
-    for number, sample in enumerate(samples):
-        for shape, weight in sample.beneath:
-            _, rows, others = np.intersect1d(touched, shape.normal_vertices, assume_unique=True, return_indices=True)
-            wanted[number, rows] -= weight * shape.normal_deltas[others]
-    leverage = shares[:, None] * cosines**4
-    normal = np.einsum("fv,fs,ft->vst", leverage, weights, weights)
-    right = np.einsum("fv,fs,fvx->vsx", leverage, weights, wanted)
-    # Shapes that hardly act in any sample get no normals instead of huge ones.
-    ridge = 1e-9 * np.trace(normal, axis1=1, axis2=2).max(initial=0.0) + 1e-30
-    fitted = np.linalg.solve(normal + ridge * np.eye(weights.shape[1]), right)
-    return touched, fitted.transpose(1, 0, 2)
-
-
-def displaced_normals(
-    fine: Refinement,
-    vertices: Ints,
-    displacements: Floats,
-    poses: Sequence[Pose],
-    beneath: Sequence[Sequence[tuple[Shape, float]]] = (),
-) -> tuple[Ints, Floats]:
-    """Bind normals around displaced vertices that a pose takes to true ones.
-
-    A surface's own normals, skinned, lean from the true ones of the posed surface. So what wrinkles do to true normals
-    is done to those that lean: where nothing is displaced, nothing changes.
-
-    Args:
-        fine: The refined surface.
-        vertices: (vertices,) that are displaced.
-        displacements: (samples, vertices, 3) bind space.
-        poses: Of each sample.
-        beneath: Of each sample other shapes that displace vertices too, and their weights; none where left out.
-
-    Returns:
-        (touched,) vertices of every triangle that a displaced vertex has, and (samples, touched, 3) unit vectors, bind
-        space, which the inverse transposes of the blended matrices turn to area-weighted normals.
-    """
-    touched = distinct_values(fine.triangles[fine.around.faces_of(vertices)])
-    faces = fine.triangles[fine.around.faces_of(touched)]
-    around, local = np.unique(faces, return_inverse=True)
-    local = local.reshape(-1, 3)
-    moved, rows = np.searchsorted(around, vertices), np.searchsorted(around, touched)
-    weights, base = fine.dense_weights(around, fine.weights.shape[1]), fine.normals_at(touched)
-    normals = np.zeros((len(displacements), len(touched), 3))
-    for number, (into, displacement, pose) in enumerate(zip(normals, displacements, poses, strict=True)):
-        bind = fine.positions[around] + np.tensordot(pose.morph_weights, fine.morph_deltas[:, around], axes=1)
-        blended = blend(weights, pose.matrices[None])[0]
-        # A mirrored pose turns the winding inside out.
-        outward = np.sign(determinants(blended[rows, :, :3]))[:, None]
-        smooth = outward * vertex_normals(transform(blended[None], bind)[0], local)[rows]
-        bind[moved] += displacement
-        for shape, weight in beneath[number] if beneath else ():
-            _, here, others = np.intersect1d(around, shape.vertices, assume_unique=True, return_indices=True)
-            bind[here] += weight * shape.deltas[others]
-        true = outward * vertex_normals(transform(blended[None], bind)[0], local)[rows]
-        shown = carried_normals(blended[rows], base)
-        back = unit(np.einsum("vji,vj->vi", blended[rows, :, :3], turn_to(smooth, shown, true)))
-        into += np.where(shown.any(axis=1, keepdims=True), back, base)  # where the pose is singular, nothing is shown
-    return touched, normals
-
-
-def turn_to(base: Floats, authored: Floats, vectors: Floats) -> Floats:
-    """Turn vectors by the smallest rotations that take one unit normal to another.
-
-    Args:
-        base: (vertices, 3) unit normals, or 0: no turn.
-        authored: (vertices, 3) unit normals.
-        vectors: (vertices, 3).
-    """
-    axis = np.cross(base, authored)
-    cosine = np.sum(base * authored, axis=1, keepdims=True)
-    # Opposite normals (a face wound inside out) have no smallest rotation; there, both are mirrored.
-    opposite = cosine < -0.999
-    scale = 1.0 / np.where(opposite, 1.0, 1.0 + cosine)
-    turned = vectors + np.cross(axis, vectors) + np.cross(axis, np.cross(axis, vectors)) * scale
-    return np.where(opposite, -vectors, turned)

@@ -7,11 +7,13 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from wrinklecli.baking.creases import sample_with_creases
 from wrinklecli.baking.estimate import refuse_too_much
 from wrinklecli.baking.job import BakeOptions, Job, read_job
 from wrinklecli.baking.morphs import encode_morphs
-from wrinklecli.baking.plan import MeshPlan, plan_meshes
+from wrinklecli.baking.plan import plan_meshes
+from wrinklecli.effects.effect import MeshPlan, Sampling
+from wrinklecli.effects.sampling import sample_effects
+from wrinklecli.effects.wrinkle.layer import carried_patches_of
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edited_document import EditedDocument
@@ -45,7 +47,7 @@ class PlannedTools:
     @property
     def tool_count(self) -> int:
         """The number of tools, with those that do not fit."""
-        return len(self.misfits) + sum(len(plan.carried_patches) for plan in self.plans)
+        return len(self.misfits) + sum(len(carried_patches_of(plan)) for plan in self.plans)
 
 
 def plan_tools(asset: Document, tools: str | os.PathLike[str], options: BakeOptions) -> PlannedTools:
@@ -107,11 +109,10 @@ def apply_tools(planned: PlannedTools, clips: Sequence[str], progress: Progress 
     """
     job = planned.job
     assert job is not None
-    edited, memory = EditedDocument(job.document), job.document.memory
+    edited = EditedDocument(job.document)
     chosen = [clip for clip in job.clips if clip.name in clips]
-    fps = job.settings.sampling.fps
+    sampling = Sampling(job.settings.sampling.fps, "morph", job.document.memory, progress)
     for plan in planned.plans:
         refuse_too_much(job, plan, chosen, job.document.path)
-        every_set, motions = sample_with_creases(plan, chosen, fps=fps, mode="morph", memory=memory, progress=progress)
-        encode_morphs(edited, plan, every_set, motions)
+        encode_morphs(edited, plan, *sample_effects(plan, chosen, sampling))
     return edited.document()

@@ -8,15 +8,16 @@ import numpy as np
 
 from wrinklecli.baking.baked_body import read_bodies
 from wrinklecli.baking.estimate import refuse_many_frames
-from wrinklecli.baking.plan import MeshPlan
-from wrinklecli.baking.sample import ClipActivity, moving_clips
 from wrinklecli.character.anims import NamedNodes
 from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import StoredDrive
 from wrinklecli.drive.segment import Segment
-from wrinklecli.effects.wrinkle.activity import activities
+from wrinklecli.effects.effect import MeshPlan
+from wrinklecli.effects.sampling import moving_clips
+from wrinklecli.effects.wrinkle.activity import ClipActivity, activities
+from wrinklecli.effects.wrinkle.layer import carried_patches_of
 from wrinklecli.effects.wrinkle.weights import group_starts
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document
@@ -75,17 +76,17 @@ def planned_peaks(plans: Sequence[MeshPlan], clips: Sequence[Clip], *, fps: floa
     for plan in plans:
         moving = moving_clips(plan, clips)
         refuse_many_frames(plan, moving, fps=fps)
-        patches = [carried.patch for carried in plan.carried_patches]
+        patches = [carried.patch for carried in carried_patches_of(plan)]
         done: list[list[Json]] = [[] for _ in patches]
         for clip in moving:
             times = clip_grid(clip, plan.rig, fps=fps)
             for carried, seen, found in zip(
-                plan.carried_patches, activities(patches, plan.rig, clip, times), done, strict=True
+                carried_patches_of(plan), activities(patches, plan.rig, clip, times), done, strict=True
             ):
                 found.append(describe_clip(carried, ClipActivity(clip, times, seen)))
         for number, found in enumerate(done):
             data = describe_tool(plan, number, "y")
-            curve = plan.carried_patches[number].patch.curve
+            curve = carried_patches_of(plan)[number].patch.curve
             data["full"] = float(group_starts(curve, curve.rest_length)[-1])
             peaks.append(_peak(data, plan.rig.node, found))
     return peaks

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from wrinklecli.baking.plan import MeshPlan
+from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.errors import counted
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Ints

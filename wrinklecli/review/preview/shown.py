@@ -11,11 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wrinklecli.baking.baked_body import bodies_of_parts, wrinkle_targets
-from wrinklecli.baking.plan import MeshPlan
 from wrinklecli.baking.refined_mesh import primitives_of
 from wrinklecli.character.clip import Clip, clip_named, read_clips
 from wrinklecli.character.pose import morph_weights
 from wrinklecli.character.scene import ScenePrimitive, pose_primitive, read_scene
+from wrinklecli.effects.effect import MeshPlan
+from wrinklecli.effects.wrinkle.layer import carried_patches_of
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import linear_rgb
 from wrinklecli.numeric.arrays import Array, Floats, Ints, among, children, distinct_values, face_normals, unit
@@ -170,7 +171,7 @@ class ShownAsset:
 
 def tool_names(plans: Sequence[MeshPlan]) -> list[str]:
     """The names of all tools, in the order of their colours."""
-    return [carried.patch.tool.name for plan in plans for carried in plan.carried_patches]
+    return [carried.patch.tool.name for plan in plans for carried in carried_patches_of(plan)]
 
 
 def read_shown(
@@ -218,7 +219,7 @@ def _marks(source: ScenePrimitive, plans: Sequence[MeshPlan], refined: bool) -> 
             parents = np.flatnonzero(fine.surface.primitives == source.primitive)
             welded = primitive.weld[source.triangles]
         outwards = fine.rest_normals[welded].sum(axis=1)
-        for carried in plan.carried_patches:
+        for carried in carried_patches_of(plan):
             patch = carried.patch
             # Triangles around the members too, because the ends of the segment lie on the rectangle's edge.
             around = plan.rest.around.faces_of(distinct_values(fine.surface.triangles[patch.members]))

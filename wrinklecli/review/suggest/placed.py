@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrinklecli.baking.plan import Ground
 from wrinklecli.character.clip import Clip
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.gltf.document import Document
@@ -17,6 +16,7 @@ from wrinklecli.review.suggest.measure import MeasuredMesh, clips_that_move
 from wrinklecli.review.suggest.shortening import Shortening, attached, greatest, shortenings_of, with_rising_bumps
 from wrinklecli.review.suggest.substance import facet_length, read_makeup, substance_of
 from wrinklecli.surface.compression import CompressedRegion, grow_region, triangle_weights
+from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.sites import at_sites, spread_sites
 from wrinklecli.surface.strain import read_gauge
 from wrinklecli.tools.records import Length, WrinkleTool

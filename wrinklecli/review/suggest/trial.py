@@ -10,9 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wrinklecli.baking.job import tools_by_node
-from wrinklecli.baking.plan import plan_mesh
-from wrinklecli.baking.warnings import DEPARTURE, placement_warnings
 from wrinklecli.character.clip import Clip
+from wrinklecli.effects.plan import plan_mesh
+from wrinklecli.effects.wrinkle.layer import carried_patches_of
+from wrinklecli.effects.wrinkle.warnings import DEPARTURE, placement_warnings
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Ints, distinct_values, significant
@@ -96,7 +97,7 @@ class _Trial:
                 departs=departure > DEPARTURE,
             )
             for plan in plans
-            for carried, departure in zip(plan.carried_patches, plan.fine.departures, strict=True)
+            for carried, departure in zip(carried_patches_of(plan), plan.fine.departures, strict=True)
         }
 
     def is_coarse(self, suggestions: Sequence[Suggestion]) -> bool:

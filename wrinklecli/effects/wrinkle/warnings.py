@@ -1,24 +1,21 @@
-"""The warnings of a bake and a check: tools that lie or act otherwise than meant, and meshes too coarse for them."""
+"""The warnings of a bake and a check about wrinkling tools that lie or act otherwise than meant."""
 
 import math
 from collections.abc import Sequence
 
 import numpy as np
 
-from wrinklecli.baking.left import Left
-from wrinklecli.baking.placement import collision, ground_under
-from wrinklecli.baking.plan import MeshPlan
-from wrinklecli.baking.sample import ClipActivity
-from wrinklecli.baking.targets import CreaseSet
 from wrinklecli.character.clip import Clip
+from wrinklecli.effects.effect import MeshPlan
+from wrinklecli.effects.wrinkle.activity import ClipActivity
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.patch import Patch
+from wrinklecli.effects.wrinkle.placement import collision, ground_under
 from wrinklecli.effects.wrinkle.weights import fitting_compressible
-from wrinklecli.errors import counted, listed
-from wrinklecli.numeric.arrays import Floats
+from wrinklecli.errors import counted
 from wrinklecli.surface.path import Curve
 from wrinklecli.surface.rest import Rest
-from wrinklecli.tools.records import ToolsFile, in_axes
+from wrinklecli.tools.records import in_axes
 
 # A shortening below this part of the rest length is as good as none.
 _VISIBLE = 1e-3
@@ -37,67 +34,6 @@ _DOUBLED = 0.02
 DEPARTURE = 0.3
 # Ends of two tools nearer than this, over the shorter segment, are at one place.
 _TWIN = 0.1
-
-
-def mesh_warnings(plan: MeshPlan, settings: ToolsFile, clips: Sequence[Clip], *, tracks: bool) -> list[str]:
-    """What a user should know of a mesh with all its tools.
-
-    Args:
-        plan: Of the mesh.
-        settings: The tools file.
-        clips: Those baked.
-        tracks: Whether the clips get tracks of weights.
-    """
-    rig = plan.rig
-    where = rig.names[rig.node]
-    warnings = _twin_warnings(plan, clips) + _departure_warnings(plan)
-    warnings += [
-        f"{plan.carried_patches[number].patch.tool.name}: no joint nor morph target brings its ends together:"
-        " contact is left as it is"
-        for number in plan.unhinged
-    ]
-    if plan.fine.subdivision.limited:
-        warnings.append(
-            f"{where}: {plan.fine.subdivision.limited} edges are still too long for the wrinkles at max_levels"
-            f" {settings.refinement.max_levels}"
-        )
-    return warnings + [
-        f"{where}: {clip.name} gets a weights channel, which will hold the morph targets that were free there;"
-        " --tracks none avoids it"
-        for clip in clips
-        if rig.morph_names and clip.channel(rig.node, "weights") is None and tracks
-    ]
-
-
-def fold_warnings(plan: MeshPlan, found: CreaseSet, acting: Sequence[tuple[Clip, Floats]]) -> list[str]:
-    """What a user should know of a fold: where contact is not resolved wholly.
-
-    Args:
-        plan: Of its mesh.
-        found: The fold's targets.
-        acting: Clips, and (frames,) seconds of each at which these have weights.
-    """
-    tools = [plan.carried_patches[number].patch.tool for number in found.crease.fold.tools]
-    name = ", ".join(tool.name for tool in tools)
-    unsettled = found.crease.unsettled + sum(each.unsettled for each in found.clips)
-    own = any(tool.contact is not None and tool.contact.per_clip for tool in tools)
-    warnings = [f"{name}: {_left_warning(each, own=own)}" for each in found.left]
-    if unsettled:
-        warnings.append(f"{name}: contact did not settle in {counted(unsettled, 'pose')}: they keep the last state")
-    jammed = {node for clip, times in acting for node in found.crease.fold.jammed(clip, times)}
-    if jammed:
-        nodes = listed(sorted(jammed))
-        warnings.append(f"{name}: {nodes} goes through itself there: contact leaves that, and what has no room beneath")
-    return warnings
-
-
-def _left_warning(left: Left, *, own: bool) -> str:
-    """What contact leaves in a clip, whether it got targets of its own or not, and what may help."""
-    clip, left_out = repr(left.clip), "is left out of"
-    what = f"{left_out} {clip}, where it would leave more" if left.given_up else f"leaves crossings in {clip}"
-    counts = f"{counted(left.resolved, 'edge passes', 'edges pass')} through triangles at {left.time:.3g} s"
-    hint = "fewer or lower bumps leave more room" if own else "contact: {per_clip: true} gives it targets of its own"
-    return f"contact {what}: {counts}, {left.before:,} before the bake ({counted(left.frames, 'frame')} in all); {hint}"
 
 
 def tool_warnings(plan: MeshPlan, carried: CarriedPatch, clips: Sequence[ClipActivity], *, up: str) -> list[str]:
@@ -210,20 +146,20 @@ def _room_warnings(plan: MeshPlan, carried: CarriedPatch, clips: Sequence[ClipAc
     ]
 
 
-def _departure_warnings(plan: MeshPlan) -> list[str]:
+def departure_warnings(plan: MeshPlan, carried_patches: Sequence[CarriedPatch], first: int) -> list[str]:
     """Tools under which refinement rounds the surface so much that it shows where nothing wrinkles."""
     return [
         f"{carried.patch.tool.name}: refinement moves the surface at rest by {100 * departure:.0f} % of the tallest"
         " wrinkle, as the mesh is coarse for it: scheme: midpoint keeps it as it is"
         + (", butterfly nearly" if scheme == "butterfly_full" else "")
         for carried, scheme, departure in zip(
-            plan.carried_patches, plan.fine.schemes, plan.fine.departures, strict=True
+            carried_patches, plan.fine.schemes[first:], plan.fine.departures[first:], strict=False
         )
         if departure > DEPARTURE
     ]
 
 
-def _twin_warnings(plan: MeshPlan, clips: Sequence[Clip]) -> list[str]:
+def twin_warnings(carried_patches: Sequence[CarriedPatch], clips: Sequence[Clip]) -> list[str]:
     """Pairs of tools that make their wrinkles at one place, where their heights add up.
 
     Not those that never act in the same of (all) clips.
@@ -234,7 +170,7 @@ def _twin_warnings(plan: MeshPlan, clips: Sequence[Clip]) -> list[str]:
         strengths = [(first.tool.strength_in(name), second.tool.strength_in(name)) for name in names]
         return any(a and b for a, b in strengths or [(first.tool.strength, second.tool.strength)])
 
-    patches = [carried.patch for carried in plan.carried_patches]
+    patches = [carried.patch for carried in carried_patches]
     return [
         f"{patches[one].tool.name} and {patches[other].tool.name}: lie nearly on top of each other, and their heights"
         " add up"

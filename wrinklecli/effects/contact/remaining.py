@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class Left:
+class Remaining:
     """What crosses in a clip with contact, in the frame in which most does.
 
     Attributes:
@@ -40,7 +40,7 @@ class Left:
     given_up: bool
 
 
-def left_in(crease: "Crease", clip: Clip, times: Floats, followed: "Followed") -> Left | None:
+def remaining_in(crease: "Crease", clip: Clip, times: Floats, followed: "Followed") -> Remaining | None:
     """Count what crosses at (frames,) seconds of a clip; None where nothing does.
 
     Args:
@@ -59,7 +59,7 @@ def left_in(crease: "Crease", clip: Clip, times: Floats, followed: "Followed") -
     most = int(np.argmax(resolved))
     (wrinkled,), (before,) = (list(_counts(each, free, clip, times[[most]])) for each in (fold, _bare(fold)))
     frames = int(np.count_nonzero(resolved))
-    return Left(clip.name, float(times[most]), frames, before, wrinkled, int(resolved[most]), followed.given_up)
+    return Remaining(clip.name, float(times[most]), frames, before, wrinkled, int(resolved[most]), followed.given_up)
 
 
 def _counts(

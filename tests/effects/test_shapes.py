@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from kit.carried import carry_patch, moved, placed, scattered
 from kit.limb import limb_asset, tool
 from kit.prepared import prepare
+from wrinklecli.effects.shapes import displaced_normals, turn_to
 from wrinklecli.effects.wrinkle.activity import activity
-from wrinklecli.effects.wrinkle.shapes import displaced_normals, shapes_of, turn_to
+from wrinklecli.effects.wrinkle.shapes import shapes_of
 from wrinklecli.effects.wrinkle.weights import weights_of
 
 Floats = NDArray[np.float64]

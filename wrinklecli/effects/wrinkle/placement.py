@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrinklecli.baking.plan import MeshPlan
-from wrinklecli.baking.sample import ClipActivity
+from wrinklecli.effects.effect import MeshPlan
+from wrinklecli.effects.wrinkle.activity import ClipActivity
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, children, dot
@@ -30,7 +30,7 @@ _MOST_PAIRS = 2**25
 
 
 @dataclass(frozen=True, slots=True)
-class Ground:
+class SurfaceBelow:
     """The surface under a patch, at rest.
 
     Attributes:
@@ -44,7 +44,7 @@ class Ground:
     doubled: float
 
 
-def ground_under(plan: MeshPlan, patch: Patch) -> Ground:
+def ground_under(plan: MeshPlan, patch: Patch) -> SurfaceBelow:
     """Cut the members of a patch by planes along it."""
     fine = plan.fine
     vertices, local = np.unique(fine.triangles[children(fine.subdivision.parents, patch.members)], return_inverse=True)
@@ -72,7 +72,7 @@ def ground_under(plan: MeshPlan, patch: Patch) -> Ground:
         np.minimum.at(low, at, depth)
         np.maximum.at(high, at, depth)
         doubled += int((high > low + _APART * patch.span).sum())
-    return Ground(
+    return SurfaceBelow(
         gap=1.0 - float(covered.mean()),
         detour=float((share * length).sum()) / straight if straight > 0 else 1.0,
         doubled=doubled / (len(_LINES) * _POINTS),

@@ -10,13 +10,13 @@ pytest.importorskip("ipctk", reason="needs the extra `contact`")
 
 from kit.limb import limb, tool, write_tools
 from wrinklecli.baking.job import BakeOptions, read_job
-from wrinklecli.baking.left import left_in
 from wrinklecli.baking.plan import plan_meshes
-from wrinklecli.baking.targets import CreaseSet, Lift
-from wrinklecli.baking.warnings import fold_warnings
 from wrinklecli.effects.contact.crease import resolve
+from wrinklecli.effects.contact.effect import ContactEffect, NonNegativeBasis
 from wrinklecli.effects.contact.fitting import fitted
 from wrinklecli.effects.contact.folding import Found
+from wrinklecli.effects.contact.layer import Contact
+from wrinklecli.effects.contact.remaining import remaining_in
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.crossings import crossings
 
@@ -34,12 +34,14 @@ def test_a_clip_that_would_cross_more_with_contact_is_left_without_and_a_line_sa
     ]
     job = read_job(str(asset), str(files[0]), BakeOptions())
     (plan,) = plan_meshes(job)
-    (fold,), (clip,) = plan.folds, job.clips
+    contact, (clip,) = plan.layer(Contact), job.clips
+    assert contact is not None
+    (fold,) = contact.folds
     crease = resolve(fold, share=0.35, most=7)
     assert crease is not None
     followed = crease.follow(clip, TIMES, crease.marched(clip, TIMES))
     assert not followed.given_up
-    assert left_in(crease, clip, TIMES, followed) is None
+    assert remaining_in(crease, clip, TIMES, followed) is None
 
     # A fit that presses what touches further in.
     worse = replace(crease, table=0.0 * crease.table)
@@ -53,14 +55,27 @@ def test_a_clip_that_would_cross_more_with_contact_is_left_without_and_a_line_sa
     assert given_up.given_up
     assert not given_up.weights.any()
 
-    left = left_in(worse, clip, TIMES, given_up)
+    left = remaining_in(worse, clip, TIMES, given_up)
     assert left is not None
     entry = crossings(asset, files[1]).data["clips"][0]
     before, wrinkled = entry["counts"]
     assert (left.time, left.before, left.wrinkled) == (1.0, before[6], wrinkled[6])
     assert left.resolved == left.wrinkled > 0
-    found = CreaseSet(worse, "crease_contact", Lift(1, 1.5), (), (given_up,), (left,))
-    (line,) = fold_warnings(plan, found, [])
+    found = ContactEffect(
+        identifier="crease_contact",
+        targets=(),
+        crease=worse,
+        patch=fold.patches[0],
+        tools=("crease",),
+        basis=NonNegativeBasis(1, 1.5),
+        followed=(given_up,),
+        remaining=(left,),
+        clip=None,
+        own=(),
+        per_clip=False,
+        scale=1.0,
+    )
+    (line,) = found.warnings(plan, [], up="y")
     assert line == (
         f"crease: contact is left out of 'fold', where it would leave more: {left.wrinkled} edges pass through"
         f" triangles at 1 s, {left.before} before the bake ({left.frames} frames in all);"

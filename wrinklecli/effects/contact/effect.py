@@ -1,0 +1,194 @@
+"""The effect of a fold whose contact is resolved: its targets, how they follow clips, and the drive that says so."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.rig import Rig
+from wrinklecli.character.sparse_targets import SparseDeltas
+from wrinklecli.drive.drive import Drive
+from wrinklecli.drive.table import Table
+from wrinklecli.effects.contact.hinge import Hinge
+from wrinklecli.effects.contact.remaining import Remaining
+from wrinklecli.effects.effect import Effect, MeshPlan, Motion
+from wrinklecli.effects.wrinkle.effect import tool_drive
+from wrinklecli.effects.wrinkle.patch import Patch
+from wrinklecli.errors import counted, listed
+from wrinklecli.gltf.shape import Json
+from wrinklecli.numeric.arrays import Floats, Ints, interpolated, matches, significant
+
+if TYPE_CHECKING:
+    from wrinklecli.effects.contact.crease import Crease, Followed
+
+# Decimal digits of measured numbers in reports: they distinguish any two float32 values.
+_DIGITS = 9
+
+
+@dataclass(frozen=True, slots=True)
+class NonNegativeBasis:
+    """Adds a shape equal to minus the sum of the others, so that signed weights become weights in [0, 1].
+
+    Blender takes no weight below 0 nor above 1, and some other players do not either.
+
+    Attributes:
+        count: Number of the original shapes.
+        greatest: Bound of their weights, to either side of 0.
+    """
+
+    count: int
+    greatest: float
+
+    def weights(self, signed: Floats) -> Floats:
+        """(frames, count + 1) weights from (frames, count) signed ones."""
+        below = np.minimum(signed.min(axis=1, initial=0.0), 0.0)[:, None]
+        weights: Floats = np.concatenate([signed - below, -below], axis=1) / self._full
+        return weights
+
+    @property
+    def unmix(self) -> Floats:
+        """(count + 1, count) the parts of the original shapes in the new ones."""
+        parts = np.concatenate([np.eye(self.count), -np.ones((1, self.count))])
+        return np.asarray(self._full[:, None] * parts)
+
+    @property
+    def _full(self) -> Floats:
+        """(count + 1,) the signed weights that weights of 1 stand for."""
+        return self.greatest * np.append(np.full(self.count, 2.0), 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class ContactEffect(Effect):
+    """The morph targets of a fold. Their weights as sampled are those of the crease's shapes, and signed.
+
+    Attributes:
+        crease: What contact does.
+        patch: The fold's first tool, as it was baked.
+        tools: Names of all tools over the fold.
+        basis: Makes the targets' shapes of the crease's.
+        followed: How the shapes follow the clips that they act in.
+        remaining: What crosses there still.
+        clip: The one clip that the targets act in; None for all.
+        own: Names of the fold's targets that act in one clip alone, in place of these.
+        per_clip: True if a tool asks for targets of single clips.
+        scale: World over bind units.
+    """
+
+    crease: "Crease"
+    patch: Patch
+    tools: tuple[str, ...]
+    basis: NonNegativeBasis
+    followed: "tuple[Followed, ...]"
+    remaining: tuple[Remaining, ...]
+    clip: str | None
+    own: tuple[str, ...]
+    per_clip: bool
+    scale: float
+
+    section: ClassVar[str] = "folds"
+    remedy: ClassVar[str] = "`contact: off`"
+
+    @property
+    def name(self) -> str:
+        """The identifier of the targets."""
+        return self.identifier
+
+    @property
+    def drive(self) -> Drive | None:
+        """Weights by the joint's angle, or by the tool's shortening if no joint bends the fold; None for one clip."""
+        if self.clip is not None:
+            return None
+        weights = self.written(self.shape_weights(self.crease.table))
+        hinge = self.crease.fold.hinge
+        if isinstance(hinge, Hinge):
+            return Drive("", hinge.signal, self.target_names, Table("angles", self.crease.rows, weights), own=self.own)
+        return tool_drive(self.patch, self.target_names, Table("shortenings", self.crease.rows, weights))
+
+    def shape_weights(self, sampled: Floats) -> Floats:
+        """(frames, shapes) weights of the targets' shapes from signed ones of the crease's."""
+        return self.basis.weights(sampled)
+
+    def stored_weights(self, _rig: Rig) -> Floats:
+        """Zeros: nothing touches in the stored pose."""
+        return np.zeros(len(self.target_names))
+
+    def weights_at(self, _rig: Rig, motion: Motion, sampled: Floats, times: Floats) -> Floats:
+        """Straight between those sampled."""
+        return interpolated(times, motion.times, sampled)
+
+    def exact_shapes(self, vertices: Ints) -> Iterator[SparseDeltas]:
+        """What each shape of the crease adds at weight 1."""
+        rows, numbers = matches(vertices, self.crease.vertices)
+        for shape in self.crease.shapes:
+            yield SparseDeltas(rows, shape[numbers])
+
+    def exact_weights(self, motion: Motion, sampled: Floats, times: Floats, _state: Any) -> Floats:
+        """(times, shapes) signed weights, straight between those sampled."""
+        return interpolated(times, motion.times, sampled)
+
+    def telling(self, exact: Floats, _state: Any) -> set[int]:
+        """When each shape is greatest."""
+        return set(np.argmax(np.abs(exact), axis=0).tolist())
+
+    def weight_error(self, played: Floats, exact: Floats, _state: Any, _clip: Clip) -> float:
+        """Largest error of what a shape moves, scene units."""
+        errors = np.abs(played @ self.basis.unmix[self.columns] - exact) * (self.scale * self.crease.sizes)
+        return float(errors.max(initial=0.0))
+
+    def describe(self, plan: MeshPlan) -> Json:
+        """The fold's entry in the report; lengths are scene units."""
+        crease, hinge = self.crease, self.crease.fold.hinge
+        return {
+            "tools": list(self.tools),
+            "clip": self.clip,
+            "joint": plan.rig.names[hinge.signal.node] if isinstance(hinge, Hinge) else None,
+            "degrees": [round(float(np.degrees(end)), 1) for end in (hinge.least, hinge.most)]
+            if isinstance(hinge, Hinge)
+            else None,
+            "moved_vertices": len(crease.vertices),
+            "largest_move": significant(crease.largest, _DIGITS),
+            "volume_lost": significant(crease.squeezed, _DIGITS),
+            "poses": crease.solved,
+            "unsettled_poses": crease.unsettled,
+            "crossing_poses": crease.crossing,
+            "error": significant(crease.error, _DIGITS),
+            "unsettled_frames": sum(each.unsettled for each in self.followed),
+            "crossing_frames": sum(each.crossing for each in self.followed),
+            "clips_given_up": sum(each.given_up for each in self.followed),
+            "left": [asdict(each) | {"time": significant(each.time, _DIGITS)} for each in self.remaining],
+            "clip_error": significant(max((each.error for each in self.followed), default=0.0), _DIGITS),
+            "targets": list(self.target_names),
+        }
+
+    def warnings(self, _plan: MeshPlan, motions: Sequence[tuple[Motion, Any, Floats]], *, up: str) -> list[str]:
+        """Where contact is not resolved wholly."""
+        assert up in ("y", "z")
+        name = ", ".join(self.tools)
+        unsettled = self.crease.unsettled + sum(each.unsettled for each in self.followed)
+        warnings = [f"{name}: {self._remaining_warning(each)}" for each in self.remaining]
+        if unsettled:
+            warnings.append(f"{name}: contact did not settle in {counted(unsettled, 'pose')}: they keep the last state")
+        acting = [(motion.clip, motion.times[weights.any(axis=1)]) for motion, _, weights in motions]
+        jammed = {node for clip, times in acting for node in self.crease.fold.jammed(clip, times)}
+        if jammed:
+            nodes = listed(sorted(jammed))
+            warnings.append(
+                f"{name}: {nodes} goes through itself there: contact leaves that, and what has no room beneath"
+            )
+        return warnings
+
+    def _remaining_warning(self, remaining: Remaining) -> str:
+        """What contact leaves in a clip, whether it got targets of its own or not, and what may help."""
+        clip, left_out = repr(remaining.clip), "is left out of"
+        what = f"{left_out} {clip}, where it would leave more" if remaining.given_up else f"leaves crossings in {clip}"
+        counts = (
+            f"{counted(remaining.resolved, 'edge passes', 'edges pass')} through triangles at {remaining.time:.3g} s"
+        )
+        own, other = "fewer or lower bumps leave more room", "contact: {per_clip: true} gives it targets of its own"
+        hint = own if self.per_clip else other
+        return (
+            f"contact {what}: {counts}, {remaining.before:,} before the bake"
+            f" ({counted(remaining.frames, 'frame')} in all); {hint}"
+        )

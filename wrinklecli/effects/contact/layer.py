@@ -1,0 +1,122 @@
+"""Contact on a mesh: the folds that tools ask for, on the surface as the wrinkles move it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, ClassVar
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.obstacles import read_obstacles
+from wrinklecli.effects.contact.effect import ContactEffect
+from wrinklecli.effects.contact.sample import sample_contact
+from wrinklecli.effects.effect import Attached, Effect, MeshPlan, Motion, Sampling
+from wrinklecli.effects.wrinkle.layer import Wrinkles
+from wrinklecli.errors import BakeError, listed, nearest
+from wrinklecli.gltf.document import Document
+from wrinklecli.numeric.arrays import Ints
+from wrinklecli.numeric.memory import Memory
+from wrinklecli.surface.ground import Ground
+from wrinklecli.tools.records import ToolsFile, WrinkleTool
+
+if TYPE_CHECKING:
+    from wrinklecli.effects.contact.fold import Fold
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """The folds of a mesh whose contact is resolved.
+
+    Attributes:
+        folds: Where that is.
+        tools_without_fold: Names of the tools whose contact is to be resolved, but whose ends nothing brings together.
+    """
+
+    folds: tuple["Fold", ...]
+    tools_without_fold: tuple[str, ...]
+
+    section: ClassVar[str] = ContactEffect.section
+    named_clips: ClassVar[frozenset[str]] = frozenset()
+    keyed_clips: ClassVar[frozenset[str]] = frozenset()
+    sampled_numbers: ClassVar[int] = 0
+
+    @property
+    def moved(self) -> Sequence[Ints]:
+        """Nothing: how far a fold reaches is known when it is solved."""
+        return ()
+
+    def target_sizes(self, _plan: MeshPlan, _clips: Sequence[Clip], _frames: int, _memory: Memory) -> list[int]:
+        """Nothing: a fold has few targets, and few vertices."""
+        return []
+
+    def sample(
+        self,
+        plan: MeshPlan,
+        _clips: Sequence[Clip],
+        effects: Sequence[Effect],
+        motions: Sequence[Motion],
+        how: Sampling,
+    ) -> tuple[list[Effect], list[Motion]]:
+        """Resolve the folds, and follow each clip: frames at their own times, tracks at as many as they need."""
+        return sample_contact(self.folds, plan, effects, motions, how)
+
+    def warnings(self, _plan: MeshPlan, _clips: Sequence[Clip]) -> list[str]:
+        """Tools that ask for contact in vain."""
+        return [
+            f"{name}: no joint nor morph target brings its ends together: contact is left as it is"
+            for name in self.tools_without_fold
+        ]
+
+
+class ContactKind:
+    """Contact has no tools of its own: wrinkling tools ask for it."""
+
+    def attach(self, _tools: Sequence[WrinkleTool], _ground: Ground, _settings: ToolsFile) -> Sequence[Attached]:
+        """Nothing."""
+        return ()
+
+    def plan(self, plan: MeshPlan, ground: Ground, _attached: Mapping[int, Attached]) -> Contact | None:
+        """Find the folds of the tools that ask for contact.
+
+        Raises:
+            BakeError: The library that resolves contact is not there, or a node whose mesh is to be ignored.
+        """
+        wrinkles = plan.layer(Wrinkles)
+        carried = wrinkles.carried_patches if wrinkles else ()
+        chosen = [number for number, each in enumerate(carried) if each.patch.tool.contact is not None]
+        if not chosen:
+            return None
+        tools = [carried[number].patch.tool for number in chosen]
+        if find_spec("ipctk") is None:
+            message = "contact needs ipctk, which is not installed: pip install 'wrinklecli[contact]'"
+            raise BakeError(message, where=tools[0].place("contact"))
+        # Imported here, as other bakes need none of it.
+        from wrinklecli.character.bones import read_bones
+        from wrinklecli.effects.contact.fold import find_folds
+
+        _check_ignored(ground.document, tools)
+        parts = read_bones(ground.document).parts
+        obstacles = partial(read_obstacles, ground.document, ground.rig.node)
+        folds, without = find_folds(carried, chosen, plan.fine, ground.rest, ground.rig, parts, obstacles)
+        return Contact(tuple(folds), tuple(carried[number].patch.tool.name for number in without))
+
+
+def _check_ignored(document: Document, tools: Sequence[WrinkleTool]) -> None:
+    """Refuse names of nodes that are not there, unless the tools file is for other assets too.
+
+    Raises:
+        BakeError: A line for each such name.
+    """
+    known = [str(node["name"]) for node in document.items("nodes") if "mesh" in node and "name" in node]
+    problems = [
+        BakeError(
+            f"node {name!r} is no node with a mesh{nearest(name, known)}; there are {listed(known)}",
+            where=tool.place("contact"),
+        )
+        for tool in tools
+        if tool.contact and not tool.optional
+        for name in tool.contact.ignore
+        if name not in known
+    ]
+    if problems:
+        raise BakeError.of_all(problems)

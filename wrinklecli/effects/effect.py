@@ -1,0 +1,352 @@
+"""Effects: what moves a mesh by a few fixed shapes in bind space, added up by weights over time.
+
+A kind of effect attaches its tools to the mesh at rest and says where edges must be split (`Attached`). On the refined
+mesh all effects of a kind are a `Layer`. Sampled over clips, a layer gives an `Effect` for each tool or fold: targets
+to write, their weights, and the drive that sets these in clips of other files. Layers act in one order, and each sees
+the body as those before it have moved it.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol, Self, TypeVar
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.rig import Rig
+from wrinklecli.character.sparse_targets import SparseDeltas
+from wrinklecli.choices import Mode
+from wrinklecli.drive.drive import Drive
+from wrinklecli.effects.shapes import Shape
+from wrinklecli.gltf.shape import Json
+from wrinklecli.numeric.arrays import Bools, Floats, Ints
+from wrinklecli.numeric.guard import Progress
+from wrinklecli.numeric.memory import Memory
+from wrinklecli.surface.ground import Ground
+from wrinklecli.surface.refine import Refinement
+from wrinklecli.surface.region import Region
+from wrinklecli.surface.rest import Rest
+from wrinklecli.tools.records import ToolsFile, WrinkleTool
+
+LayerType = TypeVar("LayerType", bound="Layer")
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A morph target to write: its name and shape."""
+
+    name: str
+    shape: Shape
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """One clip, sampled.
+
+    Attributes:
+        clip: The animation.
+        times: (frames,) seconds.
+        keys: (keys,) the frames that a track needs, straight between them.
+        states: What each effect measures at these times, such as a segment's length; None where it keeps nothing.
+        weights: For each effect (frames, shapes) of its shapes as sampled; empty before there are shapes.
+    """
+
+    clip: Clip
+    times: Floats
+    keys: Ints
+    states: tuple[Any, ...]
+    weights: tuple[Floats, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Sampling:
+    """How clips are sampled.
+
+    Attributes:
+        fps: Frames per second of the grid.
+        mode: `frames` takes the grid alone, `morph` the times that straight lines between keys need.
+        memory: The limit of what is sampled.
+        progress: Called with a stage's name, steps done and steps in all.
+    """
+
+    fps: float
+    mode: Mode
+    memory: Memory
+    progress: Progress
+
+
+@dataclass(frozen=True, slots=True)
+class MeshPlan:
+    """The effects on one node's mesh, attached and refined: everything but time.
+
+    Attributes:
+        rig: The node's joints and morph targets.
+        rest: The rest pose.
+        fine: The refined surface.
+        layers: The effects, kind by kind, in the order in which they act.
+        tallest: The largest move that any effect can make, as a rule the height of the tallest wrinkle, scene units.
+        max_error: Scene units.
+        scale: World over bind units, at rest.
+        has_normals: True if the mesh has NORMALs, so that shapes need them too.
+    """
+
+    rig: Rig
+    rest: Rest
+    fine: Refinement
+    layers: tuple["Layer", ...]
+    tallest: float
+    max_error: float
+    scale: float
+    has_normals: bool
+
+    def layer(self, kind: type[LayerType]) -> LayerType | None:
+        """The layer of a kind; None if there is none."""
+        return next((each for each in self.layers if isinstance(each, kind)), None)
+
+
+@dataclass(frozen=True, slots=True)
+class Effect(ABC):
+    """One effect on a mesh: its morph targets, and what follows from them.
+
+    By default, no engine's limit can be met by other targets of an effect.
+
+    Attributes:
+        identifier: What the targets are named by.
+        targets: One for each shape; None for a shape that moves no vertex, which is not written.
+    """
+
+    identifier: str
+    targets: tuple[Target | None, ...]
+
+    section: ClassVar[str]
+    """The key of extras and report under which effects of this kind stand."""
+    remedy: ClassVar[str] = ""
+    """What leaves these effects out, for messages about too many targets."""
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """What messages call the effect."""
+
+    @property
+    @abstractmethod
+    def drive(self) -> Drive | None:
+        """What sets the weights of the targets in clips that were never baked; None if nothing can."""
+
+    @property
+    def columns(self) -> Ints:
+        """The shapes that have a target."""
+        return np.array([index for index, target in enumerate(self.targets) if target is not None], np.intp)
+
+    @property
+    def target_names(self) -> tuple[str, ...]:
+        """The names of the targets that are written."""
+        return tuple(target.name for target in self.targets if target is not None)
+
+    def written(self, weights: Floats) -> Floats:
+        """The columns of (frames, shapes) weights that have a target."""
+        chosen: Floats = weights[:, self.columns]
+        return chosen
+
+    @abstractmethod
+    def shape_weights(self, sampled: Floats) -> Floats:
+        """(frames, shapes) weights of the targets' shapes from (frames, …) weights as sampled."""
+
+    @abstractmethod
+    def stored_weights(self, rig: Rig) -> Floats:
+        """(targets,) weights of the written targets in the stored pose."""
+
+    @abstractmethod
+    def weights_at(self, rig: Rig, motion: Motion, sampled: Floats, times: Floats) -> Floats:
+        """(times, …) weights as sampled at further times of a motion, from its (frames, …) ones."""
+
+    def acting(self, _rig: Rig, _clip: Clip, _time: float) -> list[tuple[Shape, float]]:
+        """The shapes that act at a moment of a motion that is in no file, each with its weight; no filter follows."""
+        return []
+
+    @classmethod
+    def observe(cls, effects: Sequence[Self], _rig: Rig, _motion: Motion, _times: Floats, _known: Sequence[Any]) -> Any:
+        """What each of several effects measures at (times,), sorted, the times of a motion with `_known` among them."""
+        return [None] * len(effects)
+
+    # What an engine's limits ask for.
+
+    def with_unit_weights(self, _sampled: Sequence[Floats]) -> "Effect":
+        """The same motion with weights in [0, 1], from each clip's (frames, …) weights as sampled."""
+        return self
+
+    def with_fewest_targets(self, _plan: MeshPlan, _tolerance: float, *, at_once: bool) -> tuple["Effect", float]:
+        """The same motion with the fewest targets, or the fewest `at_once`, and its error, both scene units."""
+        assert at_once in (True, False)
+        return self, 0.0
+
+    @property
+    def most_at_once(self) -> int:
+        """The greatest number of targets whose weights differ from 0 at a time."""
+        return len(self.target_names)
+
+    def turns(self, _rig: Rig, _clip: Clip, _keys: Floats, _weights: Floats) -> Floats:
+        """Times between (keys,) seconds with (keys, shapes) weights that keep fewer targets active at once."""
+        return np.zeros(0)
+
+    # What the proof compares.
+
+    @abstractmethod
+    def exact_shapes(self, vertices: Ints) -> Iterator[SparseDeltas]:
+        """What the method adds to (vertices,) fine welded vertices for each of its own shapes, at weight 1."""
+
+    @abstractmethod
+    def exact_weights(self, motion: Motion, sampled: Floats, times: Floats, state: Any) -> Floats:
+        """(times, shapes) the method's weights of `exact_shapes`, from what the effect measures at the times."""
+
+    def moved_in_frames(self, _plan: MeshPlan, _clip: Clip, _times: Floats) -> tuple[Ints, Floats] | None:
+        """Fine vertices and (times, vertices, 3) what moves them beside `exact_shapes`, bind space; None if none."""
+        return None
+
+    def raised(self, times: Floats, _state: Any) -> Bools:
+        """(times,) True where the normals of the effect are worth comparing."""
+        return np.zeros(len(times), np.bool_)
+
+    @abstractmethod
+    def telling(self, exact: Floats, state: Any) -> set[int]:
+        """Numbers of the times at which an error would show most, from the (times, shapes) exact weights."""
+
+    @abstractmethod
+    def weight_error(self, played: Floats, exact: Floats, state: Any, clip: Clip) -> float:
+        """Largest error of what (times, targets) played weights stand for, scene units."""
+
+    # What people are told.
+
+    @abstractmethod
+    def describe(self, plan: MeshPlan) -> Json:
+        """The effect's entry in the report: JSON values only."""
+
+    def describe_clip(self, _motion: Motion, _state: Any) -> Json | None:
+        """The effect's entry in a clip of a detailed report; None if there is none."""
+        return None
+
+    @abstractmethod
+    def warnings(self, plan: MeshPlan, motions: Sequence[tuple[Motion, Any, Floats]], *, up: str) -> list[str]:
+        """What a user should know, from motions with what the effect measures and its weights in them."""
+
+
+class Attached(Protocol):
+    """A tool on the mesh at rest, before refinement."""
+
+    @property
+    def regions(self) -> Sequence[Region]:
+        """Where edges must be split for it."""
+        ...
+
+    @property
+    def greatest_height(self) -> float:
+        """The largest move that it can make, scene units."""
+        ...
+
+
+class Layer(Protocol):
+    """All effects of one kind on a refined mesh."""
+
+    @property
+    def section(self) -> str:
+        """The key of extras and report under which these effects stand."""
+        ...
+
+    @property
+    def moved(self) -> Sequence[Ints]:
+        """The fine welded vertices that each effect may move."""
+        ...
+
+    @property
+    def named_clips(self) -> frozenset[str]:
+        """Names of clips in which an effect acts otherwise than their motion alone says."""
+        ...
+
+    @property
+    def keyed_clips(self) -> frozenset[str]:
+        """Names of clips that move an effect, though they may move no joint."""
+        ...
+
+    @property
+    def sampled_numbers(self) -> int:
+        """How many numbers are kept for each sampled time."""
+        ...
+
+    def target_sizes(self, plan: MeshPlan, clips: Sequence[Clip], frames: int, memory: Memory) -> list[int]:
+        """How many welded vertices each morph target moves, at most: an estimate before clips are sampled.
+
+        Raises:
+            TooMuchError: Sampling would take more memory than there may be.
+        """
+        ...
+
+    def sample(
+        self, plan: MeshPlan, clips: Sequence[Clip], effects: Sequence[Effect], motions: Sequence[Motion], how: Sampling
+    ) -> tuple[list[Effect], list[Motion]]:
+        """Run the effects over clips.
+
+        Args:
+            plan: The whole mesh.
+            clips: Those that move the mesh.
+            effects: Those of the layers before.
+            motions: What these make of the clips; none for the first layer.
+            how: Times and limits.
+
+        Returns:
+            The effects of the layers before and of this one, and motions with the weights of all.
+
+        Raises:
+            BakeError: There are too many shapes.
+        """
+        ...
+
+    def warnings(self, plan: MeshPlan, clips: Sequence[Clip]) -> list[str]:
+        """What a user should know of how the effects go together, whatever each of them does."""
+        ...
+
+
+class Kind(Protocol):
+    """One kind of effect, from tools to a layer."""
+
+    def attach(self, tools: Sequence[WrinkleTool], ground: Ground, settings: ToolsFile) -> Sequence[Attached]:
+        """Attach the tools of this kind to a mesh at rest.
+
+        Raises:
+            WrinkleError: Tools do not fit, a line for each.
+        """
+        ...
+
+    def plan(self, plan: MeshPlan, ground: Ground, attached: Mapping[int, Attached]) -> Layer | None:
+        """The layer of this kind on a refined mesh; None if no tool asks for it.
+
+        Args:
+            plan: The mesh with the layers before this one.
+            ground: The mesh at rest.
+            attached: All attached tools, by the number of their first region.
+
+        Raises:
+            BakeError: Tools do not fit, a line for each.
+        """
+        ...
+
+
+def named_targets(identifier: str, shapes: Iterable[Shape | None]) -> tuple[Target | None, ...]:
+    """Targets `wrinkle_NAME_1`, `wrinkle_NAME_2` … for the shapes that there are, by an effect's identifier."""
+    targets: list[Target | None] = []
+    number = 0
+    for shape in shapes:
+        number += shape is not None
+        targets.append(None if shape is None else Target(f"wrinkle_{identifier}_{number}", shape))
+    return tuple(targets)
+
+
+def targets_of(effects: Iterable[Effect]) -> tuple[Target, ...]:
+    """The morph targets of all effects, in order."""
+    return tuple(target for each in effects for target in each.targets if target is not None)
+
+
+def target_weights(effects: Sequence[Effect], motion: Motion) -> Floats:
+    """(frames, targets) weights of the targets of all effects in one clip."""
+    columns = [each.written(each.shape_weights(weights)) for each, weights in zip(effects, motion.weights, strict=True)]
+    return np.concatenate(columns, axis=1)

@@ -1,0 +1,144 @@
+"""The effects of a mesh, planned: attached at rest, refined once, then layer by layer on the refined mesh."""
+
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.contacts import Neighbours
+from wrinklecli.character.surface import influence_count
+from wrinklecli.effects.effect import Attached, MeshPlan
+from wrinklecli.effects.order import KINDS
+from wrinklecli.errors import BakeError, WrinkleError
+from wrinklecli.gltf.document import Document
+from wrinklecli.numeric.arrays import determinants, median
+from wrinklecli.numeric.memory import MAX_VERTICES
+from wrinklecli.surface.ground import Ground, read_ground
+from wrinklecli.surface.refine import refine
+from wrinklecli.surface.rest import Rest
+from wrinklecli.tools.records import Length, ToolsFile, WrinkleTool
+
+# Units in the last place that products of skinning round by: below this many, float32 sets the limit of an error.
+_FLOAT32_STEPS = 8
+# Share of the error bound for pruned skin weights. Weights between keys have the rest: see `effects.sampling`.
+_PRUNING_SHARE = 0.5
+
+
+def plan_mesh(
+    document: Document,
+    node: int,
+    tools: list[WrinkleTool],
+    settings: ToolsFile,
+    clips: tuple[Clip, ...],
+    max_error: Length,
+    *,
+    influences: int | None = None,
+    max_vertices: int = MAX_VERTICES,
+    neighbours: Neighbours | None = None,
+) -> MeshPlan:
+    """Attach tools to the mesh of a node and refine it: the part of a bake that depends on mesh and tools only.
+
+    Args:
+        document: The asset.
+        node: The node with the mesh.
+        tools: Those on the mesh.
+        settings: The tools file.
+        clips: All clips of the asset, whichever are baked.
+        max_error: A length, or per cent of the largest move that the effects can make.
+        influences: Joints of a new vertex, at most; by default as many as the asset's sets of joints can hold.
+        max_vertices: How many refinement may add.
+        neighbours: Those of the document, if several meshes are planned.
+
+    Raises:
+        WrinkleError: Tools do not fit, a line for each.
+    """
+    ground = read_ground(document, node, tools, settings, clips, neighbours=neighbours)
+    attached: list[Attached] = []
+    problems: list[WrinkleError] = []
+    for kind in KINDS:
+        try:
+            attached += kind.attach(tools, ground, settings)
+        except WrinkleError as error:
+            problems.append(error)
+    if problems:
+        raise BakeError.of_all(problems)
+    return plan_on(ground, attached, settings, max_error, influences=influences, max_vertices=max_vertices)
+
+
+def plan_on(
+    ground: Ground,
+    attached: Sequence[Attached],
+    settings: ToolsFile,
+    max_error: Length,
+    *,
+    influences: int | None = None,
+    max_vertices: int = MAX_VERTICES,
+) -> MeshPlan:
+    """Plan tools that are attached already, as `plan_mesh` does."""
+    document, rig, rest = ground.document, ground.rig, ground.rest
+    tallest = max(each.greatest_height for each in attached)
+    bound = max(max_error.resolve(tallest), _float32_error(rest))
+    fine = refine(
+        ground.surface,
+        rest,
+        [region for each in attached for region in each.regions],
+        rig,
+        settings=settings.refinement,
+        contacts=ground.contacts,
+        influences=min(influence_count(document, rig), influences or sys.maxsize),
+        poses=ground.poses,
+        tolerance=_PRUNING_SHARE * bound,
+        max_vertices=max_vertices,
+    )
+    plan = MeshPlan(
+        rig=rig,
+        rest=rest,
+        fine=fine,
+        layers=(),
+        tallest=tallest,
+        max_error=bound,
+        scale=float(median(np.cbrt(np.abs(determinants(rest.blended[:, :, :3]))))),
+        has_normals=any(
+            "NORMAL" in each.get("attributes", {}) for each in document.items("meshes")[rig.mesh]["primitives"]
+        ),
+    )
+    firsts = np.cumsum([0, *(len(each.regions) for each in attached)]).tolist()
+    numbered = dict(zip(firsts, attached, strict=False))
+    for kind in KINDS:
+        layer = kind.plan(plan, ground, numbered)
+        if layer is not None:
+            plan = replace(plan, layers=(*plan.layers, layer))
+    return plan
+
+
+def mesh_warnings(plan: MeshPlan, settings: ToolsFile, clips: Sequence[Clip], *, tracks: bool) -> list[str]:
+    """What a user should know of a mesh with all its effects.
+
+    Args:
+        plan: The mesh.
+        settings: The tools file.
+        clips: Those baked.
+        tracks: True if the clips get tracks of weights.
+    """
+    rig = plan.rig
+    where = rig.names[rig.node]
+    warnings = [line for layer in plan.layers for line in layer.warnings(plan, clips)]
+    if plan.fine.subdivision.limited:
+        warnings.append(
+            f"{where}: {plan.fine.subdivision.limited} edges are still too long for the wrinkles at max_levels"
+            f" {settings.refinement.max_levels}"
+        )
+    return warnings + [
+        f"{where}: {clip.name} gets a weights channel, which will hold the morph targets that were free there;"
+        " --tracks none avoids it"
+        for clip in clips
+        if rig.morph_names and clip.channel(rig.node, "weights") is None and tracks
+    ]
+
+
+def _float32_error(rest: Rest) -> float:
+    """The error of a posed position that float32 makes anyway, scene units: no bound can be held below it."""
+    largest = float(np.abs(rest.positions).max())
+    return _FLOAT32_STEPS * float(np.spacing(np.float32(largest)))

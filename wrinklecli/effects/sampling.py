@@ -1,0 +1,133 @@
+"""Effects over time: which clips move them, which clips are alike, and motions sampled at more times."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+
+from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip
+from wrinklecli.character.rig import Rig, moving_nodes
+from wrinklecli.effects.effect import Effect, MeshPlan, Motion, Sampling
+from wrinklecli.numeric.arrays import Floats, Ints, interpolated
+from wrinklecli.numeric.piecewise import key_points
+
+SAMPLING_SHARE = 0.5
+"""Share of the error bound for what lies between two samples; pruned skin weights have the rest."""
+KEYS_SHARE = 0.25
+"""Share of the bound for keys that are left out: their errors are all along a track."""
+
+
+def sample_effects(plan: MeshPlan, clips: Sequence[Clip], how: Sampling) -> tuple[list[Effect], list[Motion]]:
+    """Run the effects of a mesh over clips, layer by layer.
+
+    Args:
+        plan: The mesh.
+        clips: Those to sample; in the mode `morph` those that do not move the mesh are left out.
+        how: Times and limits.
+
+    Returns:
+        The effects, and each clip with the weights of their shapes.
+
+    Raises:
+        BakeError: There are too many shapes.
+    """
+    moving = list(clips) if how.mode == "frames" else moving_clips(plan, clips)
+    effects: list[Effect] = []
+    motions: list[Motion] = []
+    for layer in plan.layers:
+        effects, motions = layer.sample(plan, moving, effects, motions, how)
+    return effects, motions
+
+
+def moving_clips(plan: MeshPlan, clips: Sequence[Clip]) -> list[Clip]:
+    """The clips that move a mesh, or an effect on it by keys of their own."""
+    moving, keyed = moving_nodes(plan.rig), {name for each in plan.layers for name in each.keyed_clips}
+    return [clip for clip in clips if clip.name in keyed or any(c.node in moving for c in clip.channels)]
+
+
+def duplicates_of(plan: MeshPlan, clips: Sequence[Clip]) -> list[int]:
+    """For each clip the index of the first with identical motion: converters write one motion under two names."""
+    named = {name for each in plan.layers for name in (*each.named_clips, *each.keyed_clips)}
+    first: dict[tuple[str, bytes], int] = {}
+    return [
+        first.setdefault((clip.name if clip.name in named else "", clip.motion), index)
+        for index, clip in enumerate(clips)
+    ]
+
+
+def observed(effects: Sequence[Effect], rig: Rig, motion: Motion, times: Floats) -> list[Any]:
+    """What each effect measures at (times,) seconds, sorted, the times of a motion among them."""
+    pairs = zip(effects, motion.states, strict=True)
+    found: list[Any] = []
+    for kind, group in groupby(pairs, lambda pair: type(pair[0])):
+        some, known = zip(*group, strict=True)
+        found += kind.observe(list(some), rig, motion, times, list(known))
+    return found
+
+
+def with_times(effects: Sequence[Effect], rig: Rig, motion: Motion, fresh: Floats, *, states: bool = True) -> Motion:
+    """A motion sampled at more times, (fresh,) sorted seconds; none of them is a key yet.
+
+    `states` may wait if more times follow.
+    """
+    if not len(fresh):
+        return motion
+    places, times = (
+        np.searchsorted(motion.times, fresh),
+        np.insert(motion.times, np.searchsorted(motion.times, fresh), fresh),
+    )
+    weights = tuple(
+        np.insert(sampled, places, each.weights_at(rig, motion, sampled, fresh), axis=0)
+        for each, sampled in zip(effects, motion.weights, strict=True)
+    )
+    found = tuple(observed(effects, rig, motion, times)) if states else motion.states
+    keys = np.searchsorted(times, motion.times[motion.keys])
+    return Motion(motion.clip, times, keys, found, weights)
+
+
+def joined(
+    plan: MeshPlan,
+    effects: Sequence[Effect],
+    motion: Motion,
+    times: Floats,
+    weights: Sequence[Floats],
+    sizes: Floats,
+    *,
+    at_once: bool,
+) -> Motion:
+    """A motion with the weights of further effects, and keys where these bend.
+
+    Args:
+        plan: The mesh.
+        effects: Those that the motion has already.
+        motion: A clip as they sampled it.
+        times: (frames,) seconds at which the further effects have weights; those of the motion, if `at_once`.
+        weights: For each further effect (frames, shapes).
+        sizes: (all further shapes,) the largest move of each, scene units.
+        at_once: True if no time is to be added.
+    """
+    states = (*motion.states, *(None for _ in weights))
+    if at_once:
+        return replace(motion, states=states, weights=(*motion.weights, *weights))
+    # All times, not the keys alone: the proof is to see what is between keys.
+    whole = with_times(effects, plan.rig, motion, np.setdiff1d(times, motion.times))
+    more = [interpolated(whole.times, times, each) for each in weights]
+    keys = np.searchsorted(whole.times, times[_keys(plan, times, np.concatenate(weights, axis=1) * sizes)])
+    states = (*whole.states, *(None for _ in weights))
+    return replace(whole, keys=np.union1d(whole.keys, keys), states=states, weights=(*whole.weights, *more))
+
+
+def _keys(plan: MeshPlan, times: Floats, moves: Floats) -> Ints:
+    """(keys,) the times that straight lines need to give (times, shapes) moves, scene units."""
+    bound = KEYS_SHARE * plan.max_error
+    points, keys = key_points(
+        times,
+        lambda at: interpolated(at, times, moves),
+        tolerance=np.inf,
+        thinning=bound,
+        gap=KEY_GAP,
+        step=KEY_STEP,
+    )
+    return np.searchsorted(times, points[keys])

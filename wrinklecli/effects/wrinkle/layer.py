@@ -1,0 +1,148 @@
+"""Wrinkles on a mesh: the tools attached, then carried by the refined surface."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.effects.effect import Attached, Effect, MeshPlan, Motion, Sampling
+from wrinklecli.effects.wrinkle.attach import attach_tools
+from wrinklecli.effects.wrinkle.carry import CarriedPatch, carry
+from wrinklecli.effects.wrinkle.demand import demanding
+from wrinklecli.effects.wrinkle.effect import WrinkleEffect
+from wrinklecli.effects.wrinkle.patch import Patch
+from wrinklecli.effects.wrinkle.sample import compress_displacements, sample_wrinkles
+from wrinklecli.effects.wrinkle.warnings import departure_warnings, twin_warnings
+from wrinklecli.errors import BakeError
+from wrinklecli.numeric.arrays import Ints
+from wrinklecli.numeric.memory import Memory
+from wrinklecli.numeric.reduction import refuse_large_series
+from wrinklecli.surface.ground import Ground
+from wrinklecli.tools.records import ToolsFile, WrinkleTool
+
+# Numbers that are sampled of each tool besides its amplitudes.
+_BESIDE = 4
+# Moments of all clips at which the number of shapes that a tool with `attachment: patch` needs is tried.
+_MOMENTS = 32
+
+
+@dataclass(frozen=True, slots=True)
+class Wrinkles:
+    """The wrinkling tools of a mesh.
+
+    Attributes:
+        carried_patches: The tools, on the refined surface.
+        first: Which region of the refinement the first tool's patch is; the others follow.
+    """
+
+    carried_patches: tuple[CarriedPatch, ...]
+    first: int = 0
+
+    section: ClassVar[str] = WrinkleEffect.section
+
+    @property
+    def moved(self) -> Sequence[Ints]:
+        """The vertices of each tool."""
+        return [each.vertices for each in self.carried_patches]
+
+    @property
+    def named_clips(self) -> frozenset[str]:
+        """The clips in which a tool has a strength of its own."""
+        return frozenset(name for each in self.carried_patches for name in each.patch.tool.clips)
+
+    @property
+    def keyed_clips(self) -> frozenset[str]:
+        """The clips that key the rest length of a tool."""
+        return frozenset(name for each in self.carried_patches for name in each.patch.keyed_clips)
+
+    @property
+    def sampled_numbers(self) -> int:
+        """Amplitudes, distances and lengths."""
+        return sum(each.patch.curve.greatest_amplitudes.size + _BESIDE for each in self.carried_patches)
+
+    def target_sizes(self, plan: MeshPlan, clips: Sequence[Clip], frames: int, memory: Memory) -> list[int]:
+        """The vertices under each group of bumps; if vertices are projected, at least those that some moments ask for.
+
+        Raises:
+            TooMuchError: All frames of a tool that is projected anew in each would take more memory.
+        """
+        sizes: list[int] = []
+        for carried in self.carried_patches:
+            if carried.ring is None:
+                sizes += _group_sizes(carried)
+            elif clips:
+                count = _least_shapes(plan, carried, clips, memory)
+                refuse_large_series(memory, frames, len(carried.vertices), count, where=carried.patch.tool.where)
+                sizes += [len(carried.vertices)] * count
+        return sizes
+
+    def sample(
+        self,
+        plan: MeshPlan,
+        clips: Sequence[Clip],
+        effects: Sequence[Effect],
+        _motions: Sequence[Motion],
+        how: Sampling,
+    ) -> tuple[list[Effect], list[Motion]]:
+        """Run the tools over clips: the first layer gives the motions their times."""
+        assert not effects, "wrinkles act first"
+        return sample_wrinkles(self.carried_patches, self.first, plan, clips, how)
+
+    def warnings(self, plan: MeshPlan, clips: Sequence[Clip]) -> list[str]:
+        """Tools at one place, and tools under which the refined surface departs from the old one."""
+        return twin_warnings(self.carried_patches, clips) + departure_warnings(plan, self.carried_patches, self.first)
+
+
+class WrinkleKind:
+    """Wrinkling tools."""
+
+    def attach(self, tools: Sequence[WrinkleTool], ground: Ground, settings: ToolsFile) -> Sequence[Attached]:
+        """Attach the tools to the surface at rest.
+
+        Raises:
+            WrinkleError: Tools do not fit, a line for each.
+        """
+        return attach_tools(list(tools), ground.surface, ground.rest, ground.rig, up=settings.up)
+
+    def plan(self, plan: MeshPlan, ground: Ground, attached: Mapping[int, Attached]) -> Wrinkles | None:
+        """Let the refined surface carry the tools.
+
+        Raises:
+            BakeError: Tools move no vertex, a line for each.
+        """
+        carried, problems = [], []
+        patches = {number: each for number, each in attached.items() if isinstance(each, Patch)}
+        for patch in patches.values():
+            try:
+                carried.append(demanding(carry(patch, plan.fine, ground.contacts), plan.fine, plan.rig))
+            except BakeError as error:
+                problems.append(error)
+        if problems:
+            raise BakeError.of_all(problems)
+        return Wrinkles(tuple(carried), min(patches)) if patches else None
+
+
+def carried_patches_of(plan: MeshPlan) -> tuple[CarriedPatch, ...]:
+    """The wrinkling tools of a mesh, on its refined surface."""
+    wrinkles = plan.layer(Wrinkles)
+    return wrinkles.carried_patches if wrinkles else ()
+
+
+def _group_sizes(carried: CarriedPatch) -> list[int]:
+    """How many welded vertices each target of a tool moves: those under its bumps."""
+    curve = carried.patch.curve
+    us = np.sort(carried.us)
+    low, high = (np.searchsorted(us, ends) for ends in (curve.bumps.starts, curve.bumps.ends))
+    of_groups = [int((high - low)[list(bumps)].sum()) for bumps in curve.groups]
+    return [size for size in of_groups for _ in range(curve.greatest_amplitudes.shape[1])]
+
+
+def _least_shapes(plan: MeshPlan, carried: CarriedPatch, clips: Sequence[Clip], memory: Memory) -> int:
+    """How many shapes some moments, spread over the clips, ask for."""
+    chosen = clips[:: -(-len(clips) // _MOMENTS)]
+    count = -(-_MOMENTS // len(chosen))
+    moments = ((clip, np.linspace(clip.start, clip.end, count)) for clip in chosen)
+    _, shapes = compress_displacements(plan, carried, moments, memory)
+    return len(shapes)

@@ -1,0 +1,68 @@
+"""What the report of a bake says of a wrinkling tool: JSON values only, lengths in scene units."""
+
+import numpy as np
+
+from wrinklecli.effects.effect import MeshPlan
+from wrinklecli.effects.wrinkle.activity import Activity
+from wrinklecli.effects.wrinkle.carry import CarriedPatch
+from wrinklecli.effects.wrinkle.patch import Patch
+from wrinklecli.gltf.shape import Json
+from wrinklecli.numeric.arrays import Floats, significant
+
+# v of the lines whose lengths are reported: both borders, where nothing is left of a height, are not among them.
+_LINES = np.linspace(-0.75, 0.75, 13)
+# Decimal digits of measured numbers: they distinguish any two float32 values.
+_DIGITS = 9
+
+
+def describe_tool(plan: MeshPlan, carried: CarriedPatch, region: int, targets: tuple[str, ...]) -> Json:
+    """How a tool lies on its mesh, and its targets; `region` is the number of its patch in the refinement."""
+    patch, fine = carried.patch, plan.fine
+    return {
+        "name": patch.tool.name,
+        "node": plan.rig.names[plan.rig.node],
+        "rest_length": patch.rest_length,
+        "anchor_distances": [anchor.distance for anchor in patch.anchors],
+        "moved_vertices": len(carried.vertices),
+        "stuck_vertices": carried.stuck,
+        "scheme": fine.schemes[region],
+        "hard_edges": significant(fine.hard_shares[region], _DIGITS),
+        "departure": significant(fine.departures[region], _DIGITS),
+        "targets": list(targets),
+    }
+
+
+def describe_activity(patch: Patch, seen: Activity, strength: float) -> Json:
+    """What one tool does in one clip, frame by frame, scene units; `heights` are those of strength 1."""
+    curve = patch.curve
+    tallest = abs(strength) * float(np.abs(curve.heights(seen.amplitudes)).max(initial=0.0))
+    finite = np.where(np.isfinite(seen.distances), seen.distances, seen.rest_lengths)
+    # A taut curve is as long as its ends are apart; below that it keeps its length, less what is unabsorbed. It is
+    # measured before the tissue squeezes it.
+    ends = finite + curve.compressible / (1.0 - curve.compressible) * seen.shortenings
+    wanted = np.maximum(ends, ends + seen.shortenings) - seen.unabsorbed
+    error = np.abs(curve.lengths(seen.amplitudes, ends) - wanted)
+    deepest = int(seen.shortenings.argmax())
+    lines = patch.line_lengths(seen.amplitudes[deepest], float(ends[deepest]), _LINES) / wanted[deepest] - 1.0
+    return {
+        "name": patch.tool.name,
+        "strength": strength,
+        "distance": [None if np.isinf(each) else significant(each, _DIGITS) for each in seen.distances],
+        "rest_length": _list(seen.rest_lengths),
+        "shortening": _list(seen.shortenings),
+        "unabsorbed": _list(seen.unabsorbed),
+        "heights": [_list(frame) for frame in curve.heights(seen.amplitudes)],
+        "curve_length_error": [float(f"{each:.2e}") for each in error],
+        # Of lines beside the segment, of the length that it has where it is shortest.
+        "line_length_errors": {
+            "v": _list(_LINES),
+            "errors": [float(f"{each:.2e}") for each in lines],
+            "worst": float(f"{np.abs(lines).max():.2e}"),
+            "rms": float(f"{np.sqrt(np.mean(lines**2)):.2e}"),
+        },
+        "tallest": significant(tallest, _DIGITS),
+    }
+
+
+def _list(values: Floats) -> list[float]:
+    return [significant(each, _DIGITS) for each in values]

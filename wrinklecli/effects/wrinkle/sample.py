@@ -1,0 +1,253 @@
+"""Wrinkles over clips: the times that need a sample, what the tools do then, and the weights of their shapes."""
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from wrinklecli.character.carried import pose_carriers
+from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip, clip_grid, motion_breaks
+from wrinklecli.character.pose import Pose, pose_at
+from wrinklecli.drive.lag import SpringFilter
+from wrinklecli.effects.effect import Effect, MeshPlan, Motion, Sampling, named_targets
+from wrinklecli.effects.sampling import KEYS_SHARE, SAMPLING_SHARE, duplicates_of
+from wrinklecli.effects.shapes import Sample, Shape, make_shapes
+from wrinklecli.effects.wrinkle.activity import activities, points_of, springs_in
+from wrinklecli.effects.wrinkle.bending import tallest_poses
+from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
+from wrinklecli.effects.wrinkle.effect import WrinkleEffect, curve_weights
+from wrinklecli.effects.wrinkle.shapes import shapes_of
+from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
+from wrinklecli.numeric.guard import Progress
+from wrinklecli.numeric.memory import Memory
+from wrinklecli.numeric.piecewise import Signal, key_times
+from wrinklecli.numeric.quartics import smooth
+from wrinklecli.numeric.reduction import compress
+
+# Bytes of a value while keys are found, with its copies.
+_VALUE = 16
+# Coordinates of displacements that are compressed at once: bounds the memory.
+_MOST_COORDINATES = 2**20
+# Frames between two breaks to begin with, besides the clip's turns; halved where a quartic misses the distances. With 4
+# a bake poses 0.4 to 0.9 times as often as with 1.
+_FRAMES_OF_A_QUARTIC = 4
+# Share of the bound for fewer shapes than there are frames, with `attachment: patch`.
+_COMPRESSION_SHARE = 0.25
+# A vector whose three coordinates are each off by 1 is off by this.
+_PER_COORDINATE = 3.0**0.5
+
+
+def sample_wrinkles(
+    carried_patches: Sequence[CarriedPatch], first: int, plan: MeshPlan, clips: Sequence[Clip], how: Sampling
+) -> tuple[list[Effect], list[Motion]]:
+    """Run tools over clips, as `Layer.sample` does; `first` is the region of the first tool's patch."""
+    motions = sample_activities(carried_patches, plan, clips, how)
+    patches = [carried.patch for carried in carried_patches]
+    poses: Sequence[Pose | None] = [None] * len(patches)
+    if plan.has_normals:
+        poses = tallest_poses(patches, plan.rig, plan.rest)
+    effects: list[Effect] = []
+    by_tool = []
+    for number, pose in enumerate(poses):
+        shapes, weights = _shapes(carried_patches[number], plan, number, motions, pose, how.memory)
+        identifier = patches[number].tool.identifier
+        targets = named_targets(identifier, shapes)
+        effects.append(WrinkleEffect(identifier, targets, carried_patches[number], first + number))
+        by_tool.append(weights)
+    by_clip = zip(*by_tool, strict=True)
+    return effects, [replace(motion, weights=weights) for motion, weights in zip(motions, by_clip, strict=True)]
+
+
+def sample_activities(
+    carried_patches: Sequence[CarriedPatch], plan: MeshPlan, clips: Sequence[Clip], how: Sampling
+) -> list[Motion]:
+    """Sample clips without weights: their times, and the activities of the tools then as states."""
+    patches = [carried.patch for carried in carried_patches]
+    bound, fps, progress = plan.max_error / _overlaps(carried_patches), how.fps, how.progress
+    # Frames up to the end of each clip.
+    ends = np.ceil(np.cumsum([1.0 + (clip.end - clip.start) * fps for clip in clips])).astype(int).tolist()
+    sampled: list[Motion] = []
+    for clip, end, first in zip(clips, ends, duplicates_of(plan, clips), strict=True):
+        springs = springs_in(patches, plan.rig, clip)
+        if how.mode == "frames":
+            times = clip_grid(clip, None, fps=fps)
+            keys = np.arange(len(times))
+        elif first < len(sampled):
+            times, keys = sampled[first].times, sampled[first].keys
+        else:
+            tell_left = partial(_tell_left, progress, end, ends[-1])
+            times, keys = _key_times(carried_patches, plan, clip, springs, bound, how, tell_left)
+        seen = activities(patches, plan.rig, clip, times, springs=springs)
+        sampled.append(Motion(clip, times, keys, tuple(seen)))
+        progress("sampling", end, ends[-1])
+    return sampled
+
+
+def _tell_left(progress: Progress, end: int, total: int, left: int) -> None:
+    progress("sampling", end - left, total)
+
+
+def _key_times(
+    carried_patches: Sequence[CarriedPatch],
+    plan: MeshPlan,
+    clip: Clip,
+    springs: Sequence[SpringFilter | None],
+    bound: float,
+    how: Sampling,
+    tell_left: Callable[[int], None],
+) -> tuple[Floats, Ints]:
+    """Times so close that straight lines between them are right, and which of them to key.
+
+    Args:
+        carried_patches: The tools.
+        plan: Their mesh.
+        clip: The animation.
+        springs: Each tool's filter in the clip, as `springs_in`.
+        bound: Greatest error of one tool, scene units.
+        how: The grid, and the limit of values between keys.
+        tell_left: Called now and then with how many frames of the clip remain.
+
+    Returns:
+        (frames,) seconds and (keys,) indices into them, as `key_times`.
+    """
+    clip_breaks, tolerance = motion_breaks(clip, plan.rig), SAMPLING_SHARE * bound
+
+    def signal_on(stretch: Floats) -> Signal:
+        tell_left(math.ceil((clip.end - stretch[0]) * how.fps))
+        within = clip_breaks[(clip_breaks > stretch[0]) & (clip_breaks < stretch[-1])]
+        breaks = distinct_values(np.concatenate([stretch[::_FRAMES_OF_A_QUARTIC], stretch[-1:], within]))
+        return _within(
+            how.memory, _signals(carried_patches, plan, clip, breaks, tolerance, springs), width, where=clip.name
+        )
+
+    grid, width = clip_grid(clip, plan.rig, fps=how.fps), sum(_width(each) for each in carried_patches)
+    return key_times(
+        grid,
+        signal_on,
+        width=width,
+        tolerance=tolerance,
+        thinning=KEYS_SHARE * bound,
+        gap=KEY_GAP,
+        step=KEY_STEP,
+    )
+
+
+def _shapes(
+    carried: CarriedPatch, plan: MeshPlan, number: int, motions: Sequence[Motion], pose: Pose | None, memory: Memory
+) -> tuple[Sequence[Shape | None], list[Floats]]:
+    """One tool's shapes, with normals for a pose if there is one, and for each clip their (frames, shapes) weights.
+
+    Raises:
+        BakeError: There are too many shapes.
+    """
+    if carried.ring is None:
+        shapes = shapes_of(carried, plan.fine, plan.rest, pose)
+        return shapes, [curve_weights(carried.patch, each.clip, each.states[number]) for each in motions]
+    return _compressed(plan, carried, motions, memory)
+
+
+def _overlaps(carried_patches: Sequence[CarriedPatch]) -> int:
+    """The greatest number of tools that move one vertex: their errors add up there."""
+    moved = np.concatenate([each.vertices for each in carried_patches])
+    return int(np.bincount(moved).max())
+
+
+def _signals(
+    carried_patches: Sequence[CarriedPatch],
+    plan: MeshPlan,
+    clip: Clip,
+    breaks: Floats,
+    tolerance: float,
+    springs: Sequence[SpringFilter | None],
+) -> Signal:
+    """What must be right between keys within a stretch of a clip, of all tools, scene units.
+
+    Heights start like square roots of the anchors' distances, which are smooth between the breaks: few poses tell
+    the distances, and they tell the heights.
+    """
+    rig = plan.rig
+    patches = [each.patch for each in carried_patches]
+    # Where a height starts, √(x D) for x the length of an interval, an error of D shows most.
+    slack = min(tolerance**2 * each.curve.interval_count / (16 * each.rest_length) for each in patches)
+
+    def distances(times: Floats) -> Floats:
+        carriers = pose_carriers(points_of(patches), rig, clip, times)
+        return np.stack([each.segment.lengths(rig, clip, times, carriers)[0] for each in patches], axis=1)
+
+    near = smooth(distances, breaks, slack)
+
+    def signals(times: Floats) -> Floats:
+        values = []
+        for carried, found, late in zip(carried_patches, near(times).T, springs, strict=True):
+            patch, rest_lengths = carried.patch, carried.patch.segment.rest_length.at(rig, clip, times)
+            followed = found if late is None else late.follow(times, found, rest_lengths)
+            amplitudes, _ = patch.curve.follow(followed, rest_lengths)
+            if patch.tool.attachment == "patch":
+                moved = displacements(carried, plan.fine, rig, clip, times, amplitudes)
+                values.append(_PER_COORDINATE * plan.scale * moved.reshape(len(times), -1))
+            else:
+                values.append(patch.clip_strength(clip) * patch.shape_strength * amplitudes.reshape(len(times), -1))
+        return np.concatenate(values, axis=1)
+
+    return signals
+
+
+def _within(memory: Memory, signal: Signal, width: int, *, where: str) -> Signal:
+    """A signal of so many values; it raises TooMuchError before it has been asked for more than there may be."""
+    asked = 0
+
+    def counted(times: Floats) -> Floats:
+        nonlocal asked
+        asked += len(times)
+        memory.check(_VALUE * width * asked, f"{asked:,} moments of {width:,} values to find keys", where=where)
+        return signal(times)
+
+    return counted
+
+
+def _width(carried: CarriedPatch) -> int:
+    """How many values `_signals` has of a tool."""
+    if carried.patch.tool.attachment == "patch":
+        return 3 * len(carried.vertices)
+    return carried.patch.curve.greatest_amplitudes.size
+
+
+def _compressed(
+    plan: MeshPlan, carried: CarriedPatch, motions: Sequence[Motion], memory: Memory
+) -> tuple[list[Shape | None], list[Floats]]:
+    """Shapes and weights of displacements that are new in each frame, all clips together.
+
+    Raises:
+        BakeError: They have too many.
+    """
+    if not motions:
+        return [], []
+    together, deltas = compress_displacements(plan, carried, [(each.clip, each.times) for each in motions], memory)
+    weights = np.split(together, np.cumsum([len(each.times) for each in motions])[:-1])
+    even = np.linspace(0, len(together) - 1, 16).astype(int)
+    rows = distinct_values(np.concatenate([even, np.argmax(together, axis=0)]))
+    moments = [(each.clip, time) for each in motions for time in each.times.tolist()]
+    shapes = make_shapes(
+        plan.fine,
+        carried.vertices,
+        deltas,
+        tallest=plan.scale * np.sqrt(np.sum(deltas**2, axis=2)).max(axis=1, initial=0.0),
+        samples=[Sample(together[row], pose_at(plan.rig, *moments[row])) for row in rows] if plan.has_normals else [],
+    )
+    return shapes, weights
+
+
+def compress_displacements(
+    plan: MeshPlan, carried: CarriedPatch, moments: Iterable[tuple[Clip, Floats]], memory: Memory
+) -> tuple[Floats, Floats]:
+    """Few shapes for all that a tool with `attachment: patch` does at (frames,) times of some clips, as `compress`."""
+    chunk = max(_MOST_COORDINATES // (3 * len(carried.vertices)), 1)
+    series = (
+        displacements(carried, plan.fine, plan.rig, clip, times[k : k + chunk])
+        for clip, times in moments
+        for k in range(0, len(times), chunk)
+    )
+    tolerance = _COMPRESSION_SHARE * plan.max_error / plan.scale / _PER_COORDINATE
+    return compress(series, tolerance, memory=memory, where=carried.patch.tool.where)

@@ -1,0 +1,100 @@
+"""A node's mesh at rest, before effects are on it: what many plans for one mesh share."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.contacts import Neighbours, contacts_of
+from wrinklecli.character.pose import joint_matrices
+from wrinklecli.character.rig import Rig, read_rig
+from wrinklecli.character.surface import Surface, read_surface
+from wrinklecli.errors import AssetError
+from wrinklecli.gltf.document import Document
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
+from wrinklecli.surface.rest import Rest, rest_pose
+from wrinklecli.tools.records import ToolsFile, WrinkleTool
+
+# Poses of a clip at which pruned skin weights are judged before the proof.
+_POSES = 33
+# Matrices of all clips and joints at most, which take half a gigabyte: there are fewer poses where there would be more.
+_MOST_MATRICES = 2**22
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """A node's mesh at rest, before tools are on it: what many plans for one mesh share.
+
+    Attributes:
+        document: The asset.
+        rig: Of the node.
+        surface: The mesh, welded.
+        rest: Its rest pose.
+        clips: Of the asset, whichever are baked.
+        neighbours: The meshes of the asset.
+    """
+
+    document: Document
+    rig: Rig
+    surface: Surface
+    rest: Rest
+    clips: tuple[Clip, ...]
+    neighbours: Neighbours
+
+    @cached_property
+    def contacts(self) -> Bools:
+        """(vertices,) those that must stay where they are, as `contacts_of` marks them."""
+        return contacts_of(self.neighbours, self.rig, self.surface, self.rest.positions)
+
+    @cached_property
+    def poses(self) -> Floats:
+        """(poses, joints, 4, 4) a few of every clip, as `poses_of`."""
+        return poses_of(self.rig, self.clips, distinct_values(self.surface.joints))
+
+
+def read_ground(
+    document: Document,
+    node: int,
+    tools: list[WrinkleTool],
+    settings: ToolsFile,
+    clips: tuple[Clip, ...],
+    *,
+    neighbours: Neighbours | None = None,
+) -> Ground:
+    """Read the mesh of a node, at rest as the tools file says: `rest: bind` asks where its first tool is.
+
+    Raises:
+        WrinkleError: The mesh is at fault, or the clip that `rest` names is not there.
+    """
+    rig = read_rig(document, node)
+    surface = read_surface(document, rig)
+    rest = rest_pose(surface, rig, settings, clips, tools)
+    return Ground(document, rig, surface, rest, clips, neighbours or Neighbours(document))
+
+
+def poses_of(rig: Rig, clips: Sequence[Clip], joints: Ints | None = None) -> Floats:
+    """(poses, joints, 4, 4) a few poses of every clip of the asset, whichever are baked.
+
+    Args:
+        rig: Of a mesh.
+        clips: Of the asset.
+        joints: Those that any vertex follows; the matrices of others are left 0. All where left out.
+
+    Raises:
+        AssetError: There are too many.
+    """
+    count = min(_POSES, _MOST_MATRICES // max(len(clips) * len(rig.joints), 1))
+    if not count:
+        message = f"has {len(clips)} clips of {len(rig.joints)} joints; the product may be {_MOST_MATRICES:,}"
+        raise AssetError(message, where=rig.names[rig.node])
+    chosen = np.arange(len(rig.joints)) if joints is None else joints
+    poses = np.zeros((1 + len(clips) * count, len(rig.joints), 4, 4))
+    poses[:1, chosen] = joint_matrices(rig, None, np.zeros(1), chosen)
+    for number, clip in enumerate(clips):
+        first = 1 + number * count
+        poses[first : first + count, chosen] = joint_matrices(
+            rig, clip, np.linspace(clip.start, clip.end, count), chosen
+        )
+    return poses
