@@ -23,7 +23,7 @@ from kit.places import ROOT
 from kit.player import Json
 from kit.samples import BACK, PALM, sample
 from kit.sheet import REACH, arc, line, sheet
-from wrinklecli.baking import placement
+from wrinklecli.effects.wrinkle import placement
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review.check import Check, check
