@@ -27,12 +27,10 @@ _TRACK_FPS = 30.0  # frames per second of tracked clips if the job names none, a
 
 @dataclass(frozen=True, slots=True)
 class Built:
-    """A finished bake.
+    """A finished bake: its outcome without seconds, and its files, the main one last.
 
-    Attributes:
-        outcome: Outcome without its seconds.
-        files: Root (one of `staging.ROOTS`), path within it, and local path of each file; the main one last. Empty if
-            `out` is no regular file.
+    A file is its root (one of `staging.ROOTS`), its path in the root, and its local path. There are no files if `out`
+    is no regular file.
     """
 
     outcome: Outcome
@@ -44,10 +42,7 @@ def build(
 ) -> Built:
     """Bake a job and put its outputs into their local places; missing folders are made.
 
-    Args:
-        here: Job with local paths.
-        open_outputs: Opens the outputs.
-        own: Root and path of files that the job wrote earlier and that nobody has changed since.
+    `own` has root and path of each file that the job wrote earlier and that nobody has changed since.
 
     Raises:
         WrinkleError: `bake` or `track` fails. Then nothing of the bake is written; of the tracks, all or nothing.

@@ -26,13 +26,7 @@ _TAG = b"Signature: 8a477f597d28d172789f06886806bc55\n# A cache of wrinkle batch
 
 @dataclass(frozen=True, slots=True)
 class CachedFile:
-    """An output file.
-
-    Attributes:
-        root: Name of the job's folder that holds it, such as `out`.
-        path: Path within that folder.
-        digest: SHA-256 of the content.
-    """
+    """An output file: its root (such as `out`), its path in the root, and the SHA-256 of its content."""
 
     root: str
     path: str
@@ -41,12 +35,7 @@ class CachedFile:
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """The outputs of a job.
-
-    Attributes:
-        files: Output files, the main one last.
-        outcome: Some fields of the job's outcome.
-    """
+    """The output files of a job, the main one last, and some fields of its outcome."""
 
     files: tuple[CachedFile, ...]
     outcome: Mapping[str, Any]
@@ -86,12 +75,7 @@ class Cache:
         return data if hashlib.sha256(data).hexdigest() == file.digest else None
 
     def keep(self, key: str, files: Iterable[tuple[str, str, str]], outcome: Mapping[str, Any]) -> None:
-        """Store the outputs of a job.
-
-        Args:
-            key: Key of the job.
-            files: Root, path within it, and present place of each file; the main one last.
-            outcome: Some fields of the job's outcome, as JSON values.
+        """Store the outputs of a job: root, path in the root and present place of each file, the main one last.
 
         Raises:
             OSError: A file cannot be read.

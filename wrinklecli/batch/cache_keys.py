@@ -45,11 +45,7 @@ def program() -> str:
 
 
 def parts_of(job: BatchJob, given: BatchJob) -> Parts:
-    """List what the outputs of a job depend on.
-
-    Args:
-        job: Job with local inputs.
-        given: Job as the manifest has it.
+    """List what the outputs of a job depend on. `job` has local inputs, and `given` those of the manifest.
 
     Raises:
         AssetError: An input cannot be read.

@@ -52,12 +52,9 @@ Task: TypeAlias = tuple[BatchJob, ...]
 
 @dataclass(frozen=True, slots=True)
 class Workers:
-    """The processes that bake.
+    """The processes that bake: a number of them on this machine, of which 1 is this process alone.
 
-    Attributes:
-        count: Worker processes on this machine; 1 is this process alone.
-        scheduler: Address of a Dask scheduler, whose workers are used instead.
-        dashboard: Serve Dask's dashboard.
+    If `scheduler` is the address of a Dask scheduler, its workers bake instead.
     """
 
     count: int = 1
@@ -135,11 +132,7 @@ def _close(opened: Any, patience: float) -> None:
 
 
 def _start_cluster(settings: Settings, workers: Workers) -> Any:
-    """Start a scheduler in this process and workers in other processes.
-
-    Raises:
-        WrinkleError: They do not start.
-    """
+    """Start a scheduler in this process and workers in other processes."""
     import dask
     from distributed import LocalCluster
 

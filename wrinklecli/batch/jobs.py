@@ -52,14 +52,7 @@ class BatchJob:
         file: Callable[[str], str],
         folder: Callable[[str], str],
     ) -> "BatchJob":
-        """Replace every path by a function of it.
-
-        Args:
-            asset: For glTF files to read.
-            tools: For tools files.
-            file: For files to write.
-            folder: For folders to write into.
-        """
+        """Replace every path by a function of it: of assets and tools to read, of files and folders to write."""
         options = dict(self.options)
         if "anim" in options:
             options["anim"] = tuple(map(asset, options["anim"]))

@@ -65,11 +65,7 @@ def read_pattern(pattern: str, given: Mapping[str, Any]) -> list[BatchJob]:
 class _Jobs:
     """Collects jobs, and the problems of entries that cannot become one.
 
-    Args:
-        name: Path of the manifest; empty for a pattern of the command line.
-        folder: Folder that the manifest's paths are relative to.
-        given: Values from the command line.
-        problems: Problems found so far.
+    `name` is the path of the manifest, empty for a pattern of the command line; `given` has the command line's values.
     """
 
     def __init__(self, name: str, folder: str, given: Mapping[str, Any], problems: list[Problem]) -> None:

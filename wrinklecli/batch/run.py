@@ -26,12 +26,7 @@ def run_jobs(
 ) -> Iterator[Outcome]:
     """Run all jobs and yield each outcome as it arrives. A caller that asks for no more outcomes stops the batch.
 
-    Args:
-        jobs: Jobs in any order.
-        settings: Settings of all jobs.
-        workers: Processes that bake.
-        open_outputs: Opens the outputs that this process writes.
-        tell: Called with a line for the user.
+    `open_outputs` opens the outputs that this process writes; `tell` is called with lines for the user.
 
     Raises:
         WrinkleError: The cache cannot be written, Dask is missing, or its scheduler does not answer.

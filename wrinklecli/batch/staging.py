@@ -23,9 +23,8 @@ ROOTS = ("report", "timings", "frames_dir", "tracked", "out")
 class Staged:
     """A job with local paths.
 
-    Attributes:
-        given: Path of the manifest by the local path that stands for it.
-        roots: Folder in the manifest and local folder of each of `ROOTS` that the job has.
+    `given` maps a local path to that of the manifest; `roots` has the manifest's folder and the local one of each of
+    `ROOTS` that the job names.
     """
 
     job: BatchJob
@@ -147,12 +146,9 @@ def _folder(job: BatchJob, root: str) -> str | None:
 
 
 def send(staged: Staged, files: list[tuple[str, str]], own: set[tuple[str, str]]) -> None:
-    """Copy files to the stores that the manifest names, the main one last.
+    """Copy files to the stores that the manifest names, unless their roots are local; the main one last.
 
-    Args:
-        staged: Job with local paths.
-        files: Root and path within it of each file. Files of local roots are in their places already.
-        own: The files that this job wrote earlier; it may replace them.
+    A file is its root and its path in the root. The job may replace its `own` files, which it wrote earlier.
 
     Raises:
         WrinkleError: A store does not take a file, or has another image of that name.

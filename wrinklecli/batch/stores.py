@@ -144,11 +144,7 @@ def put(path: str, data: bytes) -> None:
 
 
 def _system(url: str) -> tuple[Any, str]:
-    """Open the store of a URL; also return the path within it.
-
-    Raises:
-        WrinkleError: A library is missing.
-    """
+    """Open the store of a URL; also return the path within it."""
     try:
         from fsspec.core import url_to_fs
     except ImportError as error:

@@ -33,12 +33,9 @@ _KEPT = ("summary", "warnings", "residual", "tallest", "seconds", "peak_memory")
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """Settings of all jobs of a batch.
+    """Settings of all jobs of a batch: its cache, and how often a job is retried if its store does not answer.
 
-    Attributes:
-        cache: Path or URL of the cache.
-        program: Version of the program that started the batch; each worker must have the same.
-        retries: How often a job is started again if its store did not answer.
+    `program` is the version of the program that started the batch; each worker must have the same.
     """
 
     cache: str

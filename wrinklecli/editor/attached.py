@@ -175,12 +175,7 @@ class ShownMesh:
 
 @dataclass(frozen=True, slots=True)
 class AttachedTool:
-    """A tool on its mesh.
-
-    Attributes:
-        plan: Plan of the tool and of those that overlap it.
-        carried: Tool on the refined surface.
-    """
+    """A tool on its mesh, carried on the refined surface, with the plan for it and the tools that overlap it."""
 
     ground: Ground
     plan: MeshPlan
@@ -208,13 +203,9 @@ class AttachedTool:
 
 @dataclass(frozen=True, slots=True)
 class AttachedTools:
-    """All tools of a file on the meshes of an asset.
+    """All tools of a file on the meshes of an asset: those that fit, and a line for each that does not, by name.
 
-    Attributes:
-        meshes: Meshes of all nodes of the scene.
-        tools: Tools that fit, by name.
-        problems: One line for each tool that does not fit, by name.
-        provisional: Some tools are on triangles that were not refined for them.
+    They are provisional if some are on triangles that were not refined for them.
     """
 
     meshes: tuple[PlayableMesh, ...]

@@ -17,13 +17,9 @@ from wrinklecli.tools.records import ToolsFile
 
 @dataclass(frozen=True, slots=True)
 class BakedFile:
-    """A baked file, read again.
+    """A baked file, read again, with lines about the bake and the text of the tools file that was baked.
 
-    Attributes:
-        summary: Lines about the bake.
-        text: Tools file that was baked.
-        sources: Meshes of the file, whose wrinkles are morph targets.
-        clips: Clips of the file, by name.
+    The wrinkles of its meshes (`sources`) are morph targets.
     """
 
     summary: str

@@ -30,11 +30,7 @@ Kept = TypeVar("Kept")
 
 
 class RecentResults:
-    """The most recent results by key. Several threads may use it.
-
-    Attributes:
-        count: Number of results that are kept; it may be changed.
-    """
+    """The most recent results by key, `count` of them. Several threads may use it, and `count` may change."""
 
     def __init__(self, count: int) -> None:
         self.count, self._lock = count, threading.Lock()

@@ -28,12 +28,9 @@ _PLACE_DIGITS = 3  # significant digits of a place relative to its tool's length
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A state of the edited file.
+    """A state of the edited file, and in words the edit that led to it.
 
-    Attributes:
-        file: Text of the file.
-        solo: Names of the tools that are shown alone; if empty, all are shown.
-        done: The edit that led here, in words.
+    `solo` names the tools that are shown alone; if it is empty, all are shown.
     """
 
     file: ToolsText
@@ -43,13 +40,7 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Draft:
-    """A tool while a value of it is being dragged.
-
-    Attributes:
-        number: Number of the tool in the file.
-        values: The tool's own keys.
-        settings: Tools file with this tool.
-    """
+    """A tool of the file while a value is being dragged: its own keys, and the tools file with them."""
 
     number: int
     values: Mapping[str, Any]
@@ -116,13 +107,9 @@ class Edits:
     # Edits.
 
     def set_value(self, tool: str, steps: Steps, value: Any, *, draft: bool = False) -> None:
-        """Set a key of a tool, or a part of it: `("bumps",)`, `("clips", "walk")`, `("lag", "damping")`.
+        """Set a key of a tool, or a part of it, to a value as the file has it; lengths are numbers, or text like `80%`.
 
-        Args:
-            tool: Name of the tool.
-            steps: Steps to the value.
-            value: Value as in the file; lengths are numbers, or text such as `80%`.
-            draft: Replace the last draft instead of adding a step.
+        The steps to the value are such as `("bumps",)`, `("clips", "walk")` or `("lag", "damping")`.
         """
         with self._guarded():
             file, number = self._base.file, self._number(tool)
@@ -287,21 +274,13 @@ class Edits:
         return merged
 
     def _settings_of(self, file: ToolsText) -> ToolsFile:
-        """Read the enabled tools of a file as a bake does.
-
-        Raises:
-            ConfigError: The file is not valid.
-        """
+        """Read the enabled tools of a file as a bake does, or raise ConfigError."""
         if self._read is None or self._read[0] != file.text:
             self._read = file.text, read_file(file)
         return self._read[1]
 
     def _drafted(self, number: int, values: Mapping[str, Any]) -> Draft:
-        """Give a tool other values. Its partner stays; a file of many tools takes too long to read for each frame.
-
-        Raises:
-            ConfigError: The values are not valid.
-        """
+        """Give a tool other values. Its partner stays; a file of many tools takes too long to read for each frame."""
         file = self._base.file
         name = str(file.tools[number].get("name"))
         header = {key: each for key, each in file.header.items() if key in ("version", "up", "defaults")}

@@ -12,12 +12,9 @@ from wrinklecli.tools.yaml_edit import ToolsText
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """A tool that `suggest` has found.
+    """A tool that `suggest` has found: its keys (Y-up), and one line about the clip that folds the place.
 
-    Attributes:
-        name: Name from `suggest`; a tool of the file may have the same.
-        why: One line about the clip that folds the place.
-        values: Keys of the tool, Y-up.
+    A tool of the file may have the same name.
     """
 
     name: str

@@ -217,12 +217,9 @@ class Session(Edits):
     # The files.
 
     def refresh(self) -> bool:
-        """Read files that others have changed: the asset and the tools file. To be called from time to time.
+        """Read files that others have changed, to be called now and then; True if anything changed, even only `notes`.
 
         Tools are attached to the new asset. If a file cannot be read or merged, `notes` say so, and nothing changes.
-
-        Returns:
-            True if anything has changed, even if only `notes`.
         """
         asset, tools = self._watched_asset.changed(), self._watched_tools.changed()
         try:

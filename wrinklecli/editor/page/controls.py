@@ -28,13 +28,9 @@ _DIGITS = 3  # decimals of a number from a slider
 
 
 class ToolControls:
-    """Widgets for one tool at a time.
+    """Widgets for one tool at a time, and for its strength in each clip of a name.
 
-    Args:
-        gui: Panel of the page.
-        change: Called when the user has set a value.
-        unset: Called with a key that is to have its default again.
-        clips: Names of all clips.
+    `change` is called when the user has set a value, and `unset` with a key that is to have its default again.
     """
 
     def __init__(self, gui: viser.GuiApi, change: Change, unset: Callable[[str], None], clips: Sequence[str]) -> None:
@@ -59,12 +55,9 @@ class ToolControls:
         on_user_change(self._own, lambda: unset(self._own.value) if self._own.value != _NO_KEY else None)
 
     def show(self, values: Mapping[str, Any], own: Sequence[str], distance: float) -> None:
-        """Show the values of a tool.
+        """Show the values of a tool by key, with defaults; `own` are the keys that the tool itself has.
 
-        Args:
-            values: Values by key, with defaults.
-            own: Keys that the tool itself has.
-            distance: Distance of its anchors at rest, scene units.
+        `distance` is that of its anchors at rest, scene units.
         """
         self._values, self._distance = values, distance
         for show in self._shows:

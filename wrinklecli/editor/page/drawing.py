@@ -37,11 +37,7 @@ class DrawnMesh:
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """A mesh of the asset, as a surface of moving points.
-
-    Attributes:
-        triangles: (triangles, 3) points.
-    """
+    """A mesh of the asset as a surface of moving points, joined by (triangles, 3) of them."""
 
     triangles: Ints
     meshes: tuple[DrawnMesh, ...]

@@ -47,12 +47,9 @@ class _PaintedNodes:
 
 
 class DrawnScene:
-    """Bodies and tools in the 3D view of all tabs.
+    """Bodies and tools in the 3D view of all tabs; `drag` is called when the user drags a tool's dot.
 
-    Args:
-        server: Server of the page.
-        name: Name of this scene; several may stand side by side.
-        drag: Called when the user drags a tool's dot.
+    Several scenes, each with a name, may stand side by side.
     """
 
     def __init__(self, server: viser.ViserServer, name: str, drag: Drag) -> None:
@@ -102,14 +99,9 @@ class DrawnScene:
                 )
 
     def move_bodies(self, points: Sequence[Floats], heats: Sequence[Floats] = ()) -> bool:
-        """Move the bodies, and the tools on them.
+        """Move each body to (points, 3) positions, and the tools on it; return True if `swap` is needed in a moment.
 
-        Args:
-            points: (points, 3) positions of each body.
-            heats: (points, 3) linear colours of each body, if compression is shown.
-
-        Returns:
-            True if `swap` has to be called in a moment.
+        `heats` are (points, 3) linear colours of each body, if compression is shown.
         """
         for number, places in enumerate(points):
             if number in self._wires:

@@ -97,11 +97,7 @@ class Page:
         self.server.stop()
 
     def stop_work(self, patience: float | None = None) -> None:
-        """End the threads of this page; its server goes on.
-
-        Args:
-            patience: Seconds to wait for slow work; None waits until it is done.
-        """
+        """End the threads of this page, and wait some seconds for slow work, or until it is done if None."""
         for work, thread in zip((self.work, self.slow), self._threads, strict=True):
             work.end()
             thread.join(patience if work is self.slow else None)
@@ -312,11 +308,9 @@ class Page:
         self.work.put(("set", steps), actions[mode])
 
     def slide(self, key: Hashable, edit: Callable[[bool], None]) -> None:
-        """Show a draft of an edit, which becomes an edit when no other draft follows.
+        """Show a draft of an edit, which `edit` makes if called with True, and make the edit if no draft follows.
 
-        Args:
-            key: What is edited. A draft of anything else becomes an edit first.
-            edit: Makes the edit, or with True a draft of it.
+        A draft of another key becomes an edit first.
         """
         self._commit_later(key, _SLIDE_SECONDS, lambda: edit(False))
         edit(True)

@@ -18,12 +18,9 @@ _ROUGHNESS = 0.9  # like skin or cloth: folds show by their shading, not by refl
 
 
 class PaintedMesh:
-    """The parts of the .glb that stay while its vertices move.
+    """The parts of the .glb that stay while its vertices move: (triangles, 3) vertices, and a texture.
 
-    Args:
-        triangles: (triangles, 3) vertices.
-        coordinates: (vertices, 2) in the texture.
-        texture: Texture that multiplies the vertex colours.
+    Each vertex has (vertices, 2) coordinates in the texture, which multiplies the vertex colours.
     """
 
     def __init__(self, triangles: Ints, coordinates: Floats, texture: Texture | None) -> None:

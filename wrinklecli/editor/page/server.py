@@ -17,12 +17,7 @@ from wrinklecli.errors import WrinkleError
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """The address of the page.
-
-    Attributes:
-        host: Address to listen on.
-        port: Port to listen on; 0 stands for any free port.
-    """
+    """The host and the port that the page is served on; 0 stands for any free port."""
 
     host: str = "127.0.0.1"
     port: int = 0

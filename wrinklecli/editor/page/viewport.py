@@ -41,12 +41,7 @@ _DEPTH = 100.0  # a camera sees from its distance over this to its distance time
 
 @dataclass(frozen=True, slots=True)
 class Hit:
-    """The point of a mesh under the mouse.
-
-    Attributes:
-        place: (3,) position at rest.
-        spot: The single point, on the shown triangles.
-    """
+    """The point of a mesh under the mouse: its (3,) position at rest, and its spot on the shown triangles."""
 
     mesh: ShownMesh
     place: Floats

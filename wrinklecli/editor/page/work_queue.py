@@ -13,11 +13,7 @@ Action: TypeAlias = Callable[[], None]
 
 
 class WorkQueue:
-    """Actions to perform.
-
-    Args:
-        fail: Called with an exception that an action raises; the queue goes on.
-    """
+    """Actions to perform. If one raises an exception, `fail` is called with it, and the queue goes on."""
 
     def __init__(self, fail: Callable[[Exception], None]) -> None:
         self._fail = fail
