@@ -175,7 +175,7 @@ def test_a_frame_that_is_looked_up_is_the_one_that_is_computed(session: Session)
 def test_a_place_is_written_to_a_thousandth_of_the_segment(tmp_path: Path, size: float) -> None:
     tools = TOOLS.partition("  - {name: across")[0].replace("0.4", str(0.4 * size)).replace("0.25", str(0.25 * size))
     (tmp_path / "tools.yaml").write_text(tools.replace("0.3", str(0.3 * size)))
-    session = Session.open(
+    session = Session(
         limb(tmp_path / "limb.glb", rings=5, sides=6, root={"scale": [size] * 3}), tmp_path / "tools.yaml"
     )
     wanted = size * np.array([-0.39172839, 0.25, 1e-7])

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from kit.asset import Asset, attribute, stored
+from kit.golden import Golden
 from kit.limb import RADIUS, flat_limb, limb_asset
 from kit.suggested import ends, middle
 from wrinklecli.character.bones import read_bones
@@ -192,6 +193,37 @@ def test_a_knee_bends_one_way_and_sides_of_a_face_move_together(tmp_path: Path) 
     ]
     (channel,) = found[1].channels
     assert channel.values[-1].tolist() == [1.0, 1.0]
+
+
+BODY = [
+    "Hips",
+    "Spine",
+    "Chest",
+    "Neck",
+    "Head",
+    "LeftShoulder",
+    "LeftUpperArm",
+    "LeftLowerArm",
+    "LeftHand",
+    "LeftHandPalm",
+    "LeftHandIndex1",
+    "LeftUpperLeg",
+    "LeftLowerLeg",
+    "LeftFoot",
+    "LeftToes",
+    "LeftUpperArmTwist",
+]
+
+
+def test_joints_of_a_body_go_as_far_as_before(tmp_path: Path, golden: Golden) -> None:
+    asset = limb_asset(clip=None, joints=len(BODY), rings=40, sides=4)
+    for number, name in enumerate(BODY):
+        asset.gltf["nodes"][1 + number]["name"] = name
+    document = moved(read_document(asset.write(tmp_path / "limb.glb")), [0], Motions()).document
+    found = limit_to_body(read_clips(document), read_rig(document, 0), read_bones(document))
+    turns = {clip.name: clip.channels[0].values[-1].tolist() for clip in found}
+    assert {name.split()[0] for name in turns} >= {"LeftHand", "LeftUpperLeg", "Neck"}
+    golden(turns, "body_limits.json")
 
 
 def test_a_fold_of_a_finger_ends_within_its_bones(tmp_path: Path) -> None:

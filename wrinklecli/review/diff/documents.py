@@ -76,19 +76,27 @@ class _Walk:
         for each in found:
             if isinstance(each, Difference):
                 yield each
-                continue
-            ends = (self.sides.a, each.first), (self.sides.b, each.second)
-            in_a, in_b = (index in range(len(document.items(each.kind))) for document, index in ends)
-            key = each.kind, each.first, each.second
-            if in_a != in_b:
-                yield differ("structure", each.place, f"leads somewhere only in {'A' if in_a else 'B'}")
-            elif in_a and each.kind == "accessors":
+            elif not (reached := self._reached(each))[0] or not reached[1]:
+                if reached[0] or reached[1]:
+                    yield differ("structure", each.place, f"leads somewhere only in {'A' if reached[0] else 'B'}")
+            elif each.kind == "accessors":
                 yield from accessor_differences(self.sides, each.first, each.second, each.place, name=each.name)
-            elif in_a and key not in self.met:  # references of materials may lead nowhere
-                self.met.add(key)
-                pair = self.sides, each.first, each.second
-                compare = _COMPARISONS.get(each.kind)
-                yield from self.follow(compare(*pair) if compare else _json_differences(each.kind, *pair))
+            else:
+                key = each.kind, each.first, each.second
+                if key not in self.met:
+                    self.met.add(key)
+                    yield from self.follow(self._compare(*key))
+
+    def _reached(self, link: Link) -> tuple[bool, bool]:
+        """True, for each document, if a link leads to an object: the references of materials may be broken."""
+        ends = (self.sides.a, link.first), (self.sides.b, link.second)
+        one, other = (index in range(len(document.items(link.kind))) for document, index in ends)
+        return one, other
+
+    def _compare(self, kind: str, i: int, j: int) -> Findings:
+        if kind in _COMPARISONS:
+            return _COMPARISONS[kind](self.sides, i, j)
+        return dict_differences(*self.sides.items(kind, i, j), (kind, i), kind, self.sides.limits)
 
     def node_differences(self) -> Iterator[Difference]:
         """Compare paired nodes with their meshes, skins and cameras."""
@@ -130,10 +138,6 @@ class _Walk:
                 yield differ("structure", (kind, index), "only in A", name=names_a[index])
             for index in without(rest_b, pairs.values()):
                 yield differ("structure", (kind, index), "only in B", name=names_b[index])
-
-
-def _json_differences(kind: str, sides: Sides, i: int, j: int) -> Findings:
-    return dict_differences(*sides.items(kind, i, j), (kind, i), kind, sides.limits)
 
 
 def _scene_differences(sides: Sides) -> Findings:
