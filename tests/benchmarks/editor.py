@@ -27,7 +27,6 @@ from websockets.sync.client import connect  # noqa: E402
 
 from kit.limb import limb  # noqa: E402
 from wrinklecli.editor.page.page import Page  # noqa: E402
-from wrinklecli.editor.page.server import Address  # noqa: E402
 from wrinklecli.editor.session import Session  # noqa: E402
 from wrinklecli.numeric.guard import guarded  # noqa: E402
 
@@ -72,7 +71,7 @@ def felt(asset: Path, tools: Path) -> Felt:
     session = Session(asset, tools)
     if not session.tools():
         session.accept(session.proposals()[0])
-    page = Page(session, Address())
+    page = Page(session)
     tab = connect(f"ws://127.0.0.1:{page.port}", subprotocols=[f"viser-v{viser.__version__}"], max_size=None)
     threading.Thread(target=lambda: [None for _ in tab], daemon=True).start()
     tool, clip = session.tools()[0].name, session.clips[0].name

@@ -14,7 +14,6 @@ from kit.browser import Page as Tab
 from kit.browser import browsing, until
 from kit.places import ROOT
 from wrinklecli.editor.page.page import Page
-from wrinklecli.editor.page.server import Address
 from wrinklecli.editor.session import Session
 from wrinklecli.tools.read import load_tools
 
@@ -49,7 +48,7 @@ def take_picture(tab: Tab, name: str) -> None:
 def test_a_tool_is_drawn_tuned_and_saved(tmp_path: Path) -> None:
     asset = Path(shutil.copy(ROOT / "samples" / "trousers.glb", tmp_path))
     session = Session(asset)
-    page = Page(session, Address())
+    page = Page(session)
     try:
         with browsing(tmp_path, f"http://127.0.0.1:{page.port}", SIZE) as tab:
             until(page.server.get_clients, "a connected tab")

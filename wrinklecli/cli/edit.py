@@ -68,7 +68,7 @@ def edit(
 
         try:
             from wrinklecli.editor.page.page import Page
-            from wrinklecli.editor.page.server import Address, is_own
+            from wrinklecli.editor.page.server import is_own
         except ImportError as error:
             raise WrinkleError(f"needs viser ({error}): pip install 'wrinklecli[edit]'", where="edit") from None
     ended = threading.Event()
@@ -77,7 +77,7 @@ def edit(
         ended.set()
 
     session = Session(asset, tools, ReadOptions(**options))
-    page = Page(session, Address(host, port), heat=heat)
+    page = Page(session, host, port, heat=heat)
     for each in (signal.SIGINT, signal.SIGTERM):
         signal.signal(each, end)
     address = f"http://{f'[{host}]' if ':' in host else host}:{page.port}"

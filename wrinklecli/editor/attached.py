@@ -163,11 +163,6 @@ class ShownMesh:
     positions: Floats
 
     @property
-    def node(self) -> str:
-        """Name of the node."""
-        return self.source.node
-
-    @property
     def faces(self) -> Ints:
         """(triangles, 3) vertices; the same array as long as `source` is the same object."""
         return self.source.faces

@@ -64,7 +64,7 @@ class Edits:
         self.notes: list[str] = []
         self._store = store
         self._lock = threading.RLock()
-        self._steps: list[Step] = [Step(store.parsed(store.base))]
+        self._steps: list[Step] = [Step(ToolsText(store.base, store.path))]
         self._at = 0
         self._draft: Draft | None = None
         self._read: tuple[str, ToolsFile] | None = None

@@ -51,10 +51,6 @@ class Store:
         """
         return load_text(self.path) if os.path.lexists(self.path) else _NEW_FILE
 
-    def parsed(self, text: str) -> ToolsText:
-        """Parse a text of the file."""
-        return ToolsText(text, self.path)
-
     def keep(self, text: str) -> None:
         """Write unsaved text to the side file, or remove the side file if everything is saved.
 
@@ -91,7 +87,8 @@ class Store:
             ConfigError: Both have changed a tool in different ways (a line each), or the result is not valid.
         """
         before = self.base if since is None else since
-        return self.parsed(mine) if theirs == before else _merged(*map(self.parsed, (before, mine, theirs)))
+        files = (ToolsText(text, self.path) for text in (before, mine, theirs))
+        return ToolsText(mine, self.path) if theirs == before else _merged(*files)
 
     def write(self, text: str) -> None:
         """Replace the file.

@@ -12,7 +12,6 @@ from websockets.sync.client import ClientConnection, connect
 
 from kit.limb import limb
 from wrinklecli.editor.page.page import Page
-from wrinklecli.editor.page.server import Address
 from wrinklecli.editor.session import Session
 from wrinklecli.errors import WrinkleError
 
@@ -34,7 +33,7 @@ EVIL = [
 def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
     """A page of a limb without tools."""
     folder = tmp_path_factory.mktemp("page")
-    page = Page(Session(limb(folder / "limb.glb", rings=8, sides=6)), Address())
+    page = Page(Session(limb(folder / "limb.glb", rings=8, sides=6)))
     yield page
     page.close()
 
@@ -74,7 +73,7 @@ def test_other_pages_are_not_let_in(page: Page) -> None:
 def test_what_slides_is_not_lost_to_what_slides_next(tmp_path: Path) -> None:
     (tmp_path / "limb.yaml").write_text("version: 1\n" + TOOL)
     session = Session(limb(tmp_path / "limb.glb", rings=8, sides=6))
-    page = Page(session, Address())
+    page = Page(session)
     try:
         page.stop_work()  # so that nothing becomes an edit by itself
         page.choose("a", look=True)
@@ -93,5 +92,5 @@ def test_what_slides_is_not_lost_to_what_slides_next(tmp_path: Path) -> None:
 def test_a_taken_port_is_said_in_a_line(page: Page, tmp_path: Path) -> None:
     session = Session(limb(tmp_path / "limb.glb", rings=8, sides=6))
     with pytest.raises(WrinkleError, match=r"^edit: port \d+ of 127\.0\.0\.1: .*--port") as caught:
-        Page(session, Address(port=page.port))
+        Page(session, port=page.port)
     assert len(caught.value.lines) == 1

@@ -10,8 +10,8 @@ import viser
 from wrinklecli.editor.page.key_controls import GROUPS, NONE, KeyControl, as_written, key_controls, percent_of
 from wrinklecli.editor.page.widgets import SetMode, TypedText, on_user_change
 from wrinklecli.tools.schema import TOOL_KEYS
+from wrinklecli.tools.yaml_edit import Steps
 
-Steps = tuple[str | int, ...]
 Change = Callable[[Steps, Any, SetMode], None]
 """Called with the steps to a value within a tool, the value as the file has it, and how it was set."""
 

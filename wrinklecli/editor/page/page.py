@@ -10,11 +10,11 @@ from functools import partial
 from typing import Any
 
 from wrinklecli.editor.baked_file import BakedFile
-from wrinklecli.editor.page.controls import Steps, ToolControls
+from wrinklecli.editor.page.controls import ToolControls
 from wrinklecli.editor.page.panels import FileButtons, PosePanel, SuggestPanel
 from wrinklecli.editor.page.player import Charts, Player
 from wrinklecli.editor.page.pointer import Pointer
-from wrinklecli.editor.page.server import Address, serve
+from wrinklecli.editor.page.server import serve
 from wrinklecli.editor.page.viewport import Viewport
 from wrinklecli.editor.page.widgets import (
     BAD,
@@ -30,6 +30,7 @@ from wrinklecli.editor.page.widgets import (
 from wrinklecli.editor.page.work_queue import WorkQueue
 from wrinklecli.editor.session import EditedTool, Session
 from wrinklecli.errors import WrinkleError, counted
+from wrinklecli.tools.yaml_edit import Steps
 
 _SLIDE_SECONDS = 0.35  # seconds without a change after which a slider has been released
 _TYPE_SECONDS = 0.8  # seconds without a key after which a line has been typed
@@ -54,7 +55,8 @@ class Page:
 
     Args:
         session: Session to edit.
-        address: Where the page is served.
+        host: Address to listen on.
+        port: Port to listen on; 0 stands for any free port.
         heat: Begin with the surface coloured by its compression.
 
     Raises:
@@ -64,12 +66,12 @@ class Page:
         player: The shown clip and time. For the other attributes see `PageHost`.
     """
 
-    def __init__(self, session: Session, address: Address, *, heat: bool = False) -> None:
+    def __init__(self, session: Session, host: str = "127.0.0.1", port: int = 0, *, heat: bool = False) -> None:
         self.session = session
         self.work = WorkQueue(self._fail)
         # Actions that take seconds have a thread of their own, so that a clip plays on.
         self.slow = WorkQueue(lambda error: self.work.put(object(), lambda: self._fail(error)))
-        self.server = serve(address)
+        self.server = serve(host, port)
         self._pointer = Pointer(self)
         self._viewport = Viewport(self, self._pointer.drag)
         self._pointer.listen(self._viewport)

@@ -65,7 +65,7 @@ class Pointer:
         first, last = (end.tolist() for end in self._ends)
         self._end_new()
         self._page.commit()
-        name = self._session.add_tool(first, last, hit.mesh.node)
+        name = self._session.add_tool(first, last, hit.mesh.source.node)
         self._page.choose(name, look=False)
         self._page.say(f"{name} is new: drag its ends, and the dots at its sides for the width")
 

@@ -5,7 +5,6 @@ import ipaddress
 import logging
 import re
 import socket
-from dataclasses import dataclass
 from functools import partial
 
 import rich
@@ -15,29 +14,21 @@ import websockets.asyncio.server
 from wrinklecli.errors import WrinkleError
 
 
-@dataclass(frozen=True, slots=True)
-class Address:
-    """The host and the port that the page is served on; 0 stands for any free port."""
-
-    host: str = "127.0.0.1"
-    port: int = 0
-
-
-def serve(address: Address) -> viser.ViserServer:
-    """Serve an empty page.
+def serve(host: str, port: int) -> viser.ViserServer:
+    """Serve an empty page; port 0 stands for any free port.
 
     Raises:
         WrinkleError: The port is taken, or the host is no address of this machine.
     """
     # Left alone, viser would take the next free port, and print messages to stdout, which is for data.
-    port = _free_port(address.host, address.port)
+    port = _free_port(host, port)
     rich.reconfigure(quiet=True)
     # Any other page in the browser could connect and edit; our page is known by its origin.
     usual = websockets.asyncio.server.serve
-    origins = [None, _own_origin(address.host, port)]
+    origins = [None, _own_origin(host, port)]
     websockets.asyncio.server.serve = partial(usual, origins=origins)  # type: ignore
     try:
-        server = viser.ViserServer(host=address.host, port=port, verbose=False)
+        server = viser.ViserServer(host=host, port=port, verbose=False)
     finally:
         websockets.asyncio.server.serve = usual  # type: ignore[misc]
     if server.get_port() != port:
