@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from wrinklecli.numeric import arrays
 from wrinklecli.numeric.arrays import (
@@ -11,7 +13,9 @@ from wrinklecli.numeric.arrays import (
     VertexFaces,
     any_of,
     children,
+    components,
     flags_of,
+    smoothstep,
     vertex_normals,
     weighted_quantiles,
 )
@@ -53,3 +57,22 @@ def test_weighted_quantiles_are_those_of_repeated_values(seed: int) -> None:
     repeated = np.sort(np.repeat(values, counts))
     wanted = repeated[np.ceil(parts * len(repeated)).astype(int) - 1]
     assert np.array_equal(weighted_quantiles(values, counts.astype(float), parts), wanted)
+
+
+@given(seed=st.integers(0, 999), count=st.integers(1, 60), links=st.integers(0, 60))
+def test_components_are_those_of_scipy(seed: int, count: int, links: int) -> None:
+    pairs = np.random.default_rng(seed).integers(0, count, (links, 2))
+    graph = coo_array((np.ones(links), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    assert np.array_equal(components(pairs, count), connected_components(graph, directed=False)[1])
+
+
+def test_components_of_a_long_path_take_few_rounds() -> None:
+    order = np.random.default_rng(0).permutation(2**17)
+    assert not components(np.stack([order[:-1], order[1:]], axis=1), 2**17).any()
+
+
+@given(t=st.floats(0, 1), factor=st.floats(-9, 9))
+def test_smoothstep_is_level_at_both_ends_and_symmetric(t: float, factor: float) -> None:
+    assert smoothstep(np.array([0.0, 1.0]), factor).tolist() == [0.0, factor]
+    assert smoothstep(np.array(t)) + smoothstep(np.array(1.0 - t)) == pytest.approx(1.0)
+    assert smoothstep(np.array(t), factor) == pytest.approx(factor * (3.0 * t**2 - 2.0 * t**3))

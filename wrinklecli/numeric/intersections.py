@@ -93,9 +93,14 @@ class Crossings:
         return np.stack([edges[crosses], triangles[crosses]], axis=1)
 
 
+def sides_of(triangles: Ints) -> Ints:
+    """(3 · triangles, 2) the sides of one of (triangles, 3) after another, the lower vertex of each first."""
+    return np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+
+
 def edges_of(triangles: Ints) -> Ints:
-    """(edges, 2) the distinct edges of (triangles, 3), sorted, the lower vertex of each first."""
-    sides = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    """(edges, 2) the distinct sides of (triangles, 3), sorted."""
+    sides = sides_of(triangles)
     return np.asarray(sides[distinct(sides)[0]], np.intp)
 
 

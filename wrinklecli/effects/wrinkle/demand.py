@@ -28,6 +28,7 @@ from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.curve import ControlCurve
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.numeric.arrays import Floats, Ints, children, inverses, singular, unit
+from wrinklecli.numeric.intersections import edges_of
 from wrinklecli.surface.path import Curve
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rest import Rest
@@ -189,8 +190,7 @@ class _Line:
         """The line on which v = 0 cuts a refined mesh; None if its edges are too long to show the bumps."""
         patch = carried.patch
         triangles = fine.triangles[children(fine.subdivision.parents, patch.members)]
-        edges = np.unique(np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
-        used, edges = np.unique(edges, return_inverse=True)
+        used, edges = np.unique(edges_of(triangles), return_inverse=True)
         edges = edges.reshape(-1, 2)
         u, v = patch.coordinates(fine.rest_positions[used])
         longest = 1.0 / (_LEAST_EDGES * patch.curve.interval_count) * (1.0 + 1e-9)

@@ -15,6 +15,7 @@ from wrinklecli.character.scene import read_scene
 from wrinklecli.errors import counted
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.intersections import sides_of
 from wrinklecli.numeric.nearest import pairs_within
 from wrinklecli.review.suggest.candidates import Candidate
 from wrinklecli.review.suggest.cover import is_covered
@@ -86,9 +87,8 @@ def choose_candidates(
 def _rims(mesh: MeasuredMesh) -> Floats:
     """(points, 3) where the surface ends, or looks at itself within two neighbourhoods' radii."""
     sites, triangles = mesh.sites, mesh.gauge.triangles
-    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
     # One number for each pair of vertices, as rows take ten times as long to sort.
-    distinct, counts = np.unique(edges @ [len(mesh.rest.positions), 1], return_counts=True)
+    distinct, counts = np.unique(sides_of(triangles) @ [len(mesh.rest.positions), 1], return_counts=True)
     ends = mesh.rest.positions[np.unique(np.divmod(distinct[counts == 1], len(mesh.rest.positions)))]
     pairs = pairs_within(sites.positions, 2.0 * sites.radius)
     first, second = pairs.T
