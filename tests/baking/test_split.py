@@ -8,6 +8,7 @@ import pytest
 import wrinklecli
 from kit.bakes import bake_config
 from kit.clients import assert_valid, drive, pose_each, target_bytes
+from kit.golden import Golden
 from kit.limb import limb_asset, tool, write_tools
 from kit.player import Gltf, Json
 from kit.samples import sample
@@ -72,8 +73,10 @@ def ways(file: Gltf) -> set[bytes]:
     return {way.tobytes() for way in shown.transpose(1, 0, 2)}
 
 
-def test_parts_move_as_the_whole_did_to_the_bit(pair: tuple[Gltf, Gltf]) -> None:
+def test_parts_move_as_the_whole_did_to_the_bit(pair: tuple[Gltf, Gltf], golden: Golden) -> None:
     whole, parted = pair
+    parts_of_mesh = [[node, len(parted.triangles(node)), targets_of(parted, node)] for node in nodes_of(parted)]
+    golden(parts_of_mesh, f"split_{'skinned' if 'skins' in parted.json else 'rigid'}.json")
     assert nodes_of(parted)[:2] == ["limb", "limb_part2"]
     assert ways(whole) == ways(parted)
     assert_valid(parted.path)

@@ -25,7 +25,7 @@ _MOST_NUMBERS = 24  # of a list that a golden keeps; of a longer one it keeps su
 _PLACES = re.compile(rf"({re.escape(str(ROOT))}|{re.escape(str(SHARED))})/\S*/")  # folders differ between runs
 # Of a picture: a grey level that the eye sees, and the part of the pixels that may be further off, as fonts differ.
 _LEVELS, _PIXELS = 24, 0.002
-_MEAN = 0.1  # grey levels by which all pixels may be off
+_MEAN = 0.02  # grey levels by which all pixels may be off
 
 
 class Golden:

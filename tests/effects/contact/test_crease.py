@@ -4,6 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import shortest_path
 
 pytest.importorskip("ipctk", reason="needs the extra `contact`")
 
@@ -15,7 +17,7 @@ from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.effects.contact.crease import resolve
 from wrinklecli.effects.contact.fitting import fewest
 from wrinklecli.effects.contact.fold import RINGS
-from wrinklecli.effects.contact.folding import Found, free_rows
+from wrinklecli.effects.contact.folding import Found, _error_weights, free_rows
 from wrinklecli.effects.contact.layer import Contact
 from wrinklecli.effects.contact.tissue import FREE, SOFT, SkinnedPose, SolverState, Tissue
 from wrinklecli.numeric.intersections import widened
@@ -45,6 +47,16 @@ def test_shapes_that_would_take_volume_away_are_more() -> None:
     assert len(shapes) == 2
     assert crossing == 0
     assert max(lost) < 0.01
+
+
+def test_errors_count_less_with_each_ring_around_what_touches() -> None:
+    rest, triangles = tube(60.0)
+    some = np.ones(len(rest), bool)
+    tissue = Tissue(rest, triangles, np.ones(len(triangles), bool), some, some, np.zeros(len(rest)))
+    first = 5 * SIDES
+    steps = shortest_path(coo_array((np.ones(len(tissue.edges)), tissue.edges.T), (len(rest),) * 2), directed=False)
+    weights = _error_weights(tissue, np.arange(len(rest)) == first)
+    assert weights == pytest.approx(np.array([1.0, 0.4, 0.16, 0.064, 0.01])[np.minimum(steps[first], 4).astype(int)])
 
 
 def test_all_that_is_near_what_crosses_may_move(tmp_path: Path) -> None:
