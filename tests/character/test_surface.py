@@ -66,10 +66,10 @@ SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 0, 0], [1, 1, 0], [0, 1,
 ONE = np.tile([1.0, 0.0, 0.0, 0.0], (6, 1))
 
 
-@pytest.mark.parametrize("seam", [False, True])
-@pytest.mark.parametrize("primitives", [1, 3])
-@pytest.mark.parametrize("indices", ["u1", "u2", "u4", None])
-@pytest.mark.parametrize("mode", ["triangles", "strip"])
+@pytest.mark.parametrize(("seam", "primitives"), [(False, 1), (True, 1), (True, 3)])
+@pytest.mark.parametrize(
+    ("indices", "mode"), [("u1", "triangles"), ("u2", "strip"), ("u4", "triangles"), (None, "strip")]
+)
 def test_limb_is_one_closed_tube_however_it_is_stored(seam: bool, primitives: int, indices: Any, mode: Any) -> None:
     surface = surface_of(limb_asset(rings=7, sides=6, seam=seam, primitives=primitives, indices=indices, mode=mode))
     assert len(surface.positions) == 7 * 6

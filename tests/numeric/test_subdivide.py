@@ -327,7 +327,7 @@ def test_refining_everything_is_the_modified_butterfly(name):
         assert_conforming(triangles, len(points), fine)
 
 
-@pytest.mark.parametrize("name", [n for n in ALL if n != "none"])
+@pytest.mark.parametrize("name", [n for n in ALL if n != "none"][::3])
 @pytest.mark.parametrize("scheme", ["butterfly", "midpoint"])
 def test_rows_sum_to_one(name, scheme):
     points, triangles = ALL[name]()

@@ -13,7 +13,7 @@ from wrinklecli.effects.wrinkle.curve import plan_curve
 from wrinklecli.errors import BakeError
 
 
-@pytest.mark.quick(12)
+@pytest.mark.quick(6)
 @pytest.mark.parametrize("root", ROOTS, ids=str)
 @pytest.mark.parametrize("strategy", ["everywhere", "origin", "both_ends"])
 @pytest.mark.parametrize("strength", [1.0, -0.5])

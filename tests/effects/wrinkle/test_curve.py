@@ -187,8 +187,7 @@ def test_the_smooth_curve_is_as_long_as_at_rest(curve):
     np.testing.assert_allclose(reported, TAUT * rest - unabsorbed, rtol=0, atol=1e-11 * rest.max())
 
 
-@pytest.mark.parametrize("details", [(), (0.2,), (0.3, 0.3, 0.3), (0.01, 0.9)])
-@pytest.mark.parametrize("part", [1e-6, 0.01, 0.3, 0.7])
+@pytest.mark.parametrize(("details", "part"), [((), 1e-6), ((0.2,), 0.01), ((0.3, 0.3, 0.3), 0.3), ((0.01, 0.9), 0.7)])
 def test_the_smooth_length_agrees_with_scipys_quadrature(details, part):
     curve = plan(bumps=1, details=details)
     distances, rest = np.array([TAUT * (1 - part)]), np.ones(1)
