@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from wrinklecli.baking.job import BakeOptions as BakeOptions
     from wrinklecli.baking.pipeline import bake as bake
+    from wrinklecli.baking.track import TrackOptions as TrackOptions
     from wrinklecli.baking.track import track as track
     from wrinklecli.errors import WrinkleError as WrinkleError
     from wrinklecli.review.check import CheckOptions as CheckOptions
@@ -32,6 +33,7 @@ _MODULES = {
     "PreviewOptions": "review.preview.preview_options",
     "Style": "review.preview.preview_options",
     "SuggestOptions": "review.suggest.suggest_options",
+    "TrackOptions": "baking.track",
     "WrinkleError": "errors",
     "bake": "baking.pipeline",
     "check": "review.check",

@@ -1,6 +1,6 @@
-"""Weight tracks for clips that lie in other files: the body with its wrinkles in one, each clip in another.
+"""Weight tracks for clips in other files: one file has the body with its wrinkles, and others have the clips.
 
-What a bake writes into a node's extras is enough: anchors by the names of joints, and a table of weights.
+A bake writes into a node's extras all that is needed: anchors by the names of joints, and a table of weights.
 
 Source: the extras of `extras.encode_extras`. Differs from a bake: weights are straight between the rows of a table,
 right to 1/256 of the greatest.
@@ -9,6 +9,7 @@ right to 1/256 of the greatest.
 import os
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -33,18 +34,44 @@ from wrinklecli.numeric.guard import guarded
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory
 from wrinklecli.numeric.piecewise import Signal, key_times
 
-MAX_ERROR = 0.01
-"""Greatest error of a weight, a share of the greatest, unless another is asked for."""
-
-_FPS = 30.0  # frames per second of the grid of times
-# Of what the error bound leaves beside the table's own error, the part of the samples and that of dropped keys.
+# The error bound leaves this much beside the table's own error: a part for samples and a part for dropped keys.
 _SAMPLING_SHARE = 2 / 3
 _KEYS_SHARE = 1 / 3
 
 
 @dataclass(frozen=True, slots=True)
+class TrackOptions:
+    """Options of `track`.
+
+    Attributes:
+        fps: Frames per second of the grid, which is refined where weights bend.
+        max_error: Greatest error of a weight as a ratio of the greatest weight: above 1/256, the error of the table.
+        allow_external: Read buffers and images outside the files' folders too.
+        max_memory: Most bytes that reading all files may take.
+        strict: Refuse to write if there are warnings.
+    """
+
+    fps: float = 30.0
+    max_error: float = 0.01
+    allow_external: bool = False
+    max_memory: int = MAX_MEMORY
+    strict: bool = False
+
+    @property
+    def tolerance(self) -> float:
+        """Greatest error of a weight between keys, as a ratio of the greatest weight.
+
+        Raises:
+            ValueError: `max_error` leaves nothing.
+        """
+        if not self.max_error > TABLE_ERROR:
+            raise ValueError(f"max_error is {self.max_error}; the table of weights is right to 1/256")
+        return self.max_error - TABLE_ERROR
+
+
+@dataclass(frozen=True, slots=True)
 class Tracked:
-    """What was made of one file.
+    """One file that `track` has made.
 
     Attributes:
         path: The file written.
@@ -63,56 +90,55 @@ def track(
     baked: str | os.PathLike[str],
     anims: Sequence[str | os.PathLike[str]],
     folder: str | os.PathLike[str],
+    options: TrackOptions | None = None,
     *,
-    fps: float = _FPS,
-    max_error: float = MAX_ERROR,
-    allow_external: bool = False,
-    max_memory: int = MAX_MEMORY,
-    strict: bool = False,
     outputs: Outputs | None = None,
+    **named: Any,
 ) -> list[Tracked]:
     """Add weight tracks for a baked body to the clips of other files, which share its joints by name.
 
-    Each file is written into the folder under its own name. Where it has a mesh on a node of the body's name, with
-    the body's targets or with those that the body had before, that mesh gets the tracks (and targets that do
-    nothing); otherwise a stub of the same names, three vertices in one point, takes its place in players that bind
+    Each file is written into the folder under its own name. If it has a mesh on a node of the body's name, with the
+    body's targets or with those that the body had before the bake, this mesh gets the tracks (and targets that do
+    nothing). Otherwise a stub of the same names, three vertices in one point, takes its place in players that bind
     tracks by name.
 
     Args:
         baked: A file that `bake` has written.
         anims: Files with clips.
-        folder: Where to write; made where it is missing.
-        fps: Frames per second of the grid, which is refined where weights bend.
-        max_error: Greatest error of a weight, a share of the greatest: above 1/256, which is the table's own.
-        allow_external: Read buffers and images outside the files' folders too.
-        max_memory: Bytes that all of them may take.
-        strict: Refuse where there are warnings.
-        outputs: What the files are added to; left out, they are in their places at the end.
+        folder: The folder to write to; it is made if it is missing.
+        options: The defaults of `TrackOptions` if None.
+        outputs: The files to write are added to these. If None, they are committed before returning.
+        named: Single options by their names in `TrackOptions`, in place of those in `options`.
 
     Returns:
         What was made of each file, in order.
 
     Raises:
-        RefusedError: There are warnings, if `strict`; nothing was written.
+        RefusedError: There are warnings, and `strict` is set; nothing was written.
         ValueError: `max_error` is not above 1/256.
         AssetError: A file is malformed, the body carries no wrinkles, or no joint of any anchor is in an ANIM.
         BakeError: An output would overwrite an input, or cannot be written. All are computed before any is written.
+        TypeError: `TrackOptions` lacks a name of `named`.
 
     Example:
         >>> from wrinklecli import bake, track
         >>> report = bake("samples/wrist.glb", "configs/wrist.yaml", "body.glb", clips=["flex"])
-        >>> [(made.path, made.clips) for made in track("body.glb", ["samples/wrist.glb"], "tracked")]
+        >>> [(made.path, made.clips) for made in track("body.glb", ["samples/wrist.glb"], "tracked", fps=24)]
         [('tracked/wrist.glb', ('flex', 'extend'))]
     """
-    if not max_error > TABLE_ERROR:
-        raise ValueError(f"max_error is {max_error}; the table of weights is right to 1/256")
+    options = replace(options or TrackOptions(), **named)
+    tolerance = options.tolerance
+    memory = Memory(options.max_memory)
     with part_of(outputs) as written:
         written.protect([baked, *anims])
-        memory = Memory(max_memory)
+
+        def read(path: str | os.PathLike[str]) -> Document:
+            document = read_document(path, allow_external=options.allow_external, memory=memory)
+            written.protect(files_of(document))
+            return document
+
         with guarded(os.fspath(baked)):
-            body_file = read_document(baked, allow_external=allow_external, memory=memory)
-            written.protect(files_of(body_file))
-            bodies = read_bodies(body_file)
+            bodies = read_bodies(read(baked))
         paths = [os.path.join(os.fspath(folder), os.path.basename(os.fspath(path))) for path in anims]
         for number, path in enumerate(paths):
             if path in paths[:number]:
@@ -120,12 +146,10 @@ def track(
         edited, results = [], []
         for anim, path in zip(anims, paths, strict=True):
             with guarded(os.fspath(anim)):
-                document = read_document(anim, allow_external=allow_external, memory=memory)
-                written.protect(files_of(document))
-                edited.append(EditedDocument(document))
-                results.append(_track_file(edited[-1], bodies, path, fps=fps, tolerance=max_error - TABLE_ERROR))
+                edited.append(EditedDocument(read(anim)))
+                results.append(_track_file(edited[-1], bodies, path, fps=options.fps, tolerance=tolerance))
         warnings = [line for result in results for line in result.warnings]
-        if strict and warnings:
+        if options.strict and warnings:
             raise RefusedError.of_all(RefusedError(line) for line in warnings)
         written.make_folders(folder)
         for each, path in zip(edited, paths, strict=True):
@@ -136,14 +160,7 @@ def track(
 def _track_file(
     edited: EditedDocument, bodies: Sequence[BakedBody], output: str, *, fps: float, tolerance: float
 ) -> Tracked:
-    """Add the tracks of all bodies.
-
-    Args:
-        edited: The file with the clips.
-        bodies: Whose tracks.
-        output: Where it will be written.
-        fps: Frames per second of the grid.
-        tolerance: Greatest error of a weight between keys, a share of the greatest weight.
+    """Add the tracks of all bodies to a file with clips, which will be written to `output`.
 
     Raises:
         AssetError: No tool's joints are in the file, or a body's node has another mesh there.
@@ -193,10 +210,9 @@ def _track_file(
 
 
 def present_drives(body: BakedBody, nodes: Sequence[Json]) -> tuple[list[StoredDrive], list[str]]:
-    """The drives whose joints are all there; none without a segment.
+    """The drives whose joints are all there, and a warning for each tool of which a joint is missing or ambiguous.
 
-    Returns:
-        The drives, and a warning for each tool of which a joint is missing or ambiguous.
+    There are no drives if none of them measures a segment.
     """
     names = [str(node.get("name", "")) for node in nodes]
     bare = [str(node.get("name", "")) for node in nodes if "mesh" not in node]
@@ -225,7 +241,7 @@ def track_body(
     fps: float,
     tolerance: float,
 ) -> tuple[list[str], list[str]]:
-    """Add one body's tracks; the names of the clips that move its anchors, and of those that do not."""
+    """Add one body's tracks, and give the names of the clips that move its anchors, and of those that do not."""
     node = node_for_tracks(edited, body.parts[0], body.original)
     others = [(part, node_for_tracks(edited, part, part.targets)) for part in body.parts[1:] if part.targets]
     driven = _driven(edited, node, body, drives)
@@ -249,7 +265,7 @@ def track_body(
 
 
 def _track_of(part: BakedPart, made: Track, names: Sequence[str]) -> Track:
-    """The weights of a part's morph targets, from those of names; other parts' undriven targets stay as stored."""
+    """The weights of a part's morph targets from those of `names`; targets without one stay as stored."""
     values = np.zeros((*made.values.shape[:-1], len(part.targets)))
     points = values if values.ndim == 2 else values[:, 1]  # of a cubic, between its tangents
     for column, name in enumerate(part.targets):
@@ -261,9 +277,9 @@ def _track_of(part: BakedPart, made: Track, names: Sequence[str]) -> Track:
 
 
 def _with_own_weights(clip: Clip, node: int, body: BakedBody) -> Clip:
-    """The clip with a weights channel over the targets alone that are not driven; without one where there are none.
+    """The clip with a weights channel of the targets that no drive sets, or none if there are no such targets.
 
-    In a file whose mesh has the asset's own alone, others of the body are as stored.
+    In a file whose mesh has the asset's own targets alone, further undriven ones are as stored.
     """
     channel = clip.channel(node, "weights")
     if channel is None:
@@ -284,11 +300,11 @@ class _Driven:
     """Morph targets of a body, driven by the joints of another file.
 
     Attributes:
-        drives: Those whose joints are all there.
+        drives: The drives whose joints are all there.
         keyed: Names of the clips that key a rest length.
-        rig: Of the node that gets the tracks: joints of the drives, and the morph targets that nothing drives.
-        stored: (driven targets,) weights in the stored pose, of all drives of the body.
-        columns: Of each drive, its targets among them.
+        rig: The joints of the drives, and the morph targets that nothing drives, of the node that gets the tracks.
+        stored: (driven targets,) weights in the stored pose, for all drives of the body.
+        columns: For each drive, the numbers of its targets among the driven ones.
     """
 
     drives: tuple[Drive, ...]
@@ -316,13 +332,13 @@ class _Driven:
         return weights
 
     def _has_own(self, drive: Drive, clip: Clip) -> bool:
-        """True if a clip moves targets that are its alone, as the bake of this clip does."""
+        """True if a clip moves targets that belong to it alone, as in the file of its bake."""
         channel = clip.channel(self.rig.node, "weights")
         columns = [number for number, name in enumerate(self.rig.morph_names) if name in drive.own]
         return channel is not None and bool(channel.points[:, columns].any())
 
     def key_times(self, clip: Clip, *, fps: float, tolerance: float) -> Floats:
-        """(keys,) seconds between which straight lines are right to a share of the greatest weight."""
+        """(keys,) seconds between which straight lines are right to a ratio of the greatest weight."""
         weights = self.weights_in(clip)
         times, keys = key_times(
             clip_grid(clip, self.rig, fps=fps),
@@ -354,14 +370,10 @@ def _driven(edited: EditedDocument, node: int, body: BakedBody, drives: Sequence
 
 
 def with_driven_weights(document: Document, clips: Collection[str]) -> tuple[Document, list[str]]:
-    """Let the drives of baked bodies set their weights in some clips, unless a clip sets these itself.
-
-    Args:
-        document: The baked file with the clips.
-        clips: Names of the clips.
+    """Let the drives of baked bodies set their weights in the clips of these names, unless a clip sets these itself.
 
     Returns:
-        The document, and what is wrong with the extras, a line each.
+        The document, and a line for each fault of the extras.
     """
     chosen = [clip for clip in read_clips(document) if clip.name in clips]
     if not chosen or not any(wrinkle_targets(document).values()):
@@ -370,19 +382,19 @@ def with_driven_weights(document: Document, clips: Collection[str]) -> tuple[Doc
         bodies = read_bodies(document)
     except AssetError as error:
         return document, [f"{line}: its wrinkles stay as stored" for line in error.lines]
-    edited, warnings = EditedDocument(document), []
+    edited, warnings, defaults = EditedDocument(document), [], TrackOptions()
     nodes = NamedNodes.of(document.items("nodes"))
     for body in bodies:
         drives, missed = present_drives(body, document.items("nodes"))
         warnings += [f"{document.path}: {line}" for line in missed]
         undriven = [clip for clip in chosen if not _sets_weights(clip, nodes.meshes, body)]
         if drives:
-            track_body(edited, body, drives, undriven, fps=_FPS, tolerance=MAX_ERROR - TABLE_ERROR)
+            track_body(edited, body, drives, undriven, fps=defaults.fps, tolerance=defaults.tolerance)
     return edited.document(), warnings
 
 
 def _sets_weights(clip: Clip, nodes: Mapping[str, int], body: BakedBody) -> bool:
-    """True if a clip moves a driven morph target of the body itself, as one does that `track` has written."""
+    """True if a clip moves a driven morph target of the body itself, as clips do that `track` has written."""
     for part in body.parts:
         channel = clip.channel(nodes[part.node], "weights")
         columns = [number for number, name in enumerate(part.targets) if name in body.driven]
