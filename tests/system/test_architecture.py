@@ -1,6 +1,7 @@
 """The layout is the data flow: rooms import only from those above them, and each library has one door."""
 
 import ast
+import re
 import subprocess
 import sys
 from functools import cache
@@ -13,25 +14,8 @@ from wrinklecli.cli import cli
 
 TESTS = Path(__file__).parents[1]
 PACKAGE = TESTS.parent / "wrinklecli"
-# The way of the data. A room is a folder, or a module beside the folders.
-ROOMS = [
-    "errors",
-    "choices",
-    "files",
-    "numeric",
-    "tools",
-    "gltf",
-    "character",
-    "surface",
-    "drive",
-    "effects",
-    "baking",
-    "review",
-    "batch",
-    "editor",
-    "testing",
-    "cli",
-]
+# The rooms, folders and modules beside them, in the order in which the page of the program lists them.
+ROOMS = re.findall(r"^\| \[(\w+)\]\(\1(?:\.py)?\) \|", (PACKAGE / "README.md").read_text(), re.MULTILINE)
 # Who may import a library: modules, or all of a folder. Any module may import those that are not here.
 DOORS = {
     "yaml": {"tools/yaml_edit", "tools/yaml_tree"},
@@ -92,7 +76,23 @@ def imports_of(path: Path) -> frozenset[str]:
 
 
 def test_rooms_are_the_folders() -> None:
-    assert {room_of(path) for path in SOURCES} == set(ROOMS)
+    assert sorted({room_of(path) for path in SOURCES}) == sorted(ROOMS)
+
+
+def test_an_effect_knows_only_those_that_act_before_it() -> None:
+    effects = [path.parent.name for path in sorted((PACKAGE / "effects").glob("*/__init__.py"))]
+    acting = [name.lower() for name in re.findall(r"(\w+)Kind\(\)", (PACKAGE / "effects" / "order.py").read_text())]
+    assert sorted(acting) == sorted(effects)
+    for path in (PACKAGE / "effects").glob("*/*.py"):
+        known = {name.split(".")[2] for name in imports_of(path) if name.startswith("wrinklecli.effects.")}
+        later = acting[acting.index(path.parent.name) + 1 :]
+        assert not known & set(later), place_of(path)
+
+
+def test_a_bake_knows_effects_only_as_effects() -> None:
+    for path in (PACKAGE / "baking").glob("*.py"):
+        known = {name for name in imports_of(path) if re.match(r"wrinklecli\.effects\.(wrinkle|contact)\b", name)}
+        assert not known, f"{place_of(path)} imports {known}"
 
 
 def test_rooms_say_what_they_are_for() -> None:

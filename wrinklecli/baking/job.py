@@ -17,7 +17,7 @@ from wrinklecli.gltf.images import files_of
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.memory import MAX_MEMORY, MAX_VERTICES, Memory
 from wrinklecli.tools.read import load_merged
-from wrinklecli.tools.records import Length, RestLengthKeys, ToolsFile, WrinkleTool
+from wrinklecli.tools.records import EffectTool, Length, ToolsFile
 
 ToolsPaths: TypeAlias = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
 
@@ -109,7 +109,7 @@ class Job:
     beside: tuple[str, ...]
     every_clip: tuple[Clip, ...]
     clips: tuple[Clip, ...]
-    by_node: dict[int, list[WrinkleTool]]
+    by_node: dict[int, list[EffectTool]]
     pose: str | None
     range: tuple[str, ...]
     notes: tuple[str, ...]
@@ -176,7 +176,7 @@ def _job(asset: Document, settings: ToolsFile, options: BakeOptions, motions: Mo
     )
 
 
-def tools_by_node(document: Document, settings: ToolsFile) -> tuple[dict[int, list[WrinkleTool]], list[str]]:
+def tools_by_node(document: Document, settings: ToolsFile) -> tuple[dict[int, list[EffectTool]], list[str]]:
     """Find each tool's mesh.
 
     Returns:
@@ -189,10 +189,10 @@ def tools_by_node(document: Document, settings: ToolsFile) -> tuple[dict[int, li
     nodes = document.items("nodes")
     mesh_nodes = [index for index, node in enumerate(nodes) if "mesh" in node]
     deforming = [index for index in mesh_nodes if deforms(document, index)]
-    found: dict[int, list[WrinkleTool]] = {}
+    found: dict[int, list[EffectTool]] = {}
     warnings: list[str] = []
     problems: list[BakeError] = []
-    for tool in settings.tools:
+    for tool in settings.effects:
         why = why_left_out(tool, document)
         if why is not None:
             warnings.append(f"{tool.name}: left out, as {why}")
@@ -229,9 +229,9 @@ def _parts_of(node: Json) -> list[str]:
     return [name for name in parts if isinstance(name, str)] if isinstance(parts, list) else []
 
 
-def why_left_out(tool: WrinkleTool, document: Document) -> str | None:
+def why_left_out(tool: EffectTool, document: Document) -> str | None:
     """Why a bake would go on without a tool; None where it would not."""
-    if not tool.strength and not any(tool.clips.values()):
+    if tool.idle:
         return "its strength is 0 in every clip"
     named = ("mesh" in node and node.get("name") == tool.node for node in document.items("nodes"))
     if tool.optional and tool.node is not None and not any(named):
@@ -239,7 +239,7 @@ def why_left_out(tool: WrinkleTool, document: Document) -> str | None:
     return None
 
 
-def _node_of(tool: WrinkleTool, document: Document, mesh_nodes: Sequence[int], deforming: Sequence[int]) -> int:
+def _node_of(tool: EffectTool, document: Document, mesh_nodes: Sequence[int], deforming: Sequence[int]) -> int:
     """The node whose mesh a tool wrinkles.
 
     Args:
@@ -284,15 +284,15 @@ def _node_of(tool: WrinkleTool, document: Document, mesh_nodes: Sequence[int], d
 
 def _overridden(settings: ToolsFile, options: BakeOptions) -> ToolsFile:
     """The tools file with the options that override it."""
-    names = [tool.name for tool in settings.tools]
+    names = [tool.name for tool in settings.effects]
     for name in options.only:
         if name not in names:
             raise ConfigError(
                 f"no enabled tool is named {name!r}{nearest(name, names)}; there are {listed(names)}",
                 where=settings.path,
             )
-    tools = tuple(tool for tool in settings.tools if not options.only or tool.name in options.only)
-    if not tools:
+    chosen = settings.only(options.only) if options.only else settings
+    if not chosen.effects:
         raise ConfigError("no tool is enabled", where=settings.path)
     sampling, refinement = settings.sampling, settings.refinement
     if options.fps is not None:
@@ -305,7 +305,7 @@ def _overridden(settings: ToolsFile, options: BakeOptions) -> ToolsFile:
         # Edges twice as long need one level less.
         fewer, longer = max(refinement.max_levels - 1, 0), refinement.edges_per_interval / 2
         refinement = replace(refinement, max_levels=fewer, edges_per_interval=longer)
-    return replace(settings, tools=tools, sampling=sampling, refinement=refinement)
+    return replace(chosen, sampling=sampling, refinement=refinement)
 
 
 def check_clip_names(settings: ToolsFile, sampled: Sequence[str], clips: tuple[Clip, ...]) -> list[str]:
@@ -330,9 +330,8 @@ def check_clip_names(settings: ToolsFile, sampled: Sequence[str], clips: tuple[C
     for name in sampled:
         if name not in names:
             refuse(name, settings.place("sampling", "clips"))
-    for tool in settings.tools:
-        keyed = tool.rest_length.keys if isinstance(tool.rest_length, RestLengthKeys) else {}
-        for keys in [("clips", name) for name in tool.clips] + [("rest_length", "keys", name) for name in keyed]:
+    for tool in settings.effects:
+        for keys in tool.clip_keys:
             if keys[-1] not in names and tool.optional:
                 warnings.append(f"{tool.name}: the asset has {unknown_clip(keys[-1], names)}")
             elif keys[-1] not in names:

@@ -27,7 +27,7 @@ from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.region import Region
 from wrinklecli.surface.rest import Rest
-from wrinklecli.tools.records import ToolsFile, WrinkleTool
+from wrinklecli.tools.records import EffectTool, ToolsFile
 
 LayerType = TypeVar("LayerType", bound="Layer")
 
@@ -309,7 +309,7 @@ class Layer(Protocol):
 class Kind(Protocol):
     """One kind of effect, from tools to a layer."""
 
-    def attach(self, tools: Sequence[WrinkleTool], ground: Ground, settings: ToolsFile) -> Sequence[Attached]:
+    def attach(self, tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> Sequence[Attached]:
         """Attach the tools of this kind to a mesh at rest.
 
         Raises:

@@ -18,7 +18,7 @@ from wrinklecli.numeric.memory import MAX_VERTICES
 from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.surface.refine import refine
 from wrinklecli.surface.rest import Rest
-from wrinklecli.tools.records import Length, ToolsFile, WrinkleTool
+from wrinklecli.tools.records import EffectTool, Length, ToolsFile
 
 # Units in the last place that products of skinning round by: below this many, float32 sets the limit of an error.
 _FLOAT32_STEPS = 8
@@ -29,7 +29,7 @@ _PRUNING_SHARE = 0.5
 def plan_mesh(
     document: Document,
     node: int,
-    tools: list[WrinkleTool],
+    tools: Sequence[EffectTool],
     settings: ToolsFile,
     clips: tuple[Clip, ...],
     max_error: Length,

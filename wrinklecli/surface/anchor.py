@@ -11,10 +11,11 @@ import numpy as np
 from wrinklecli.character.carried import CarriedPoint
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
+from wrinklecli.choices import Snap
 from wrinklecli.errors import BakeError
 from wrinklecli.numeric.arrays import Floats, Ints, determinants, distinct_values, singular, unit
 from wrinklecli.surface.rest import Rest
-from wrinklecli.tools.records import Marker, WrinkleTool, in_axes
+from wrinklecli.tools.records import EffectTool, Marker, in_axes
 
 # An anchor further from the mesh than this part of its segment is a mistake.
 _ANCHOR_REACH = 0.25
@@ -46,7 +47,15 @@ class Anchor:
 
 
 def anchor_at(
-    tool: WrinkleTool, number: int, asked: Floats, *, surface: Surface, rest: Rest, rig: Rig, up: str
+    tool: EffectTool,
+    number: int,
+    asked: Floats,
+    *,
+    surface: Surface,
+    rest: Rest,
+    rig: Rig,
+    up: str,
+    snap: Snap = "surface",
 ) -> Anchor:
     """The point of the surface that is nearest to one asked for.
 
@@ -58,13 +67,14 @@ def anchor_at(
         rest: Its rest pose.
         rig: Its joints.
         up: Axis of the tools file, for messages.
+        snap: `vertex` takes the nearest vertex, as the paper does.
 
     Raises:
         BakeError: The surface is too far from the point, or singular there.
     """
     point, segment = asked[number], segment_at(asked, number)
     triangle, barycentrics, place = rest.blocks.closest_point(point)
-    if tool.snap == "vertex":
+    if snap == "vertex":
         used = distinct_values(surface.triangles)
         vertex = int(used[np.argmin(np.sum((rest.positions[used] - point) ** 2, axis=1))])
         vertices, barycentrics, place = np.array([vertex]), np.ones(1), rest.positions[vertex]

@@ -15,7 +15,7 @@ from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
 from wrinklecli.surface.rest import Rest, rest_pose
-from wrinklecli.tools.records import ToolsFile, WrinkleTool
+from wrinklecli.tools.records import EffectTool, ToolsFile
 
 # Poses of a clip at which pruned skin weights are judged before the proof.
 _POSES = 33
@@ -57,7 +57,7 @@ class Ground:
 def read_ground(
     document: Document,
     node: int,
-    tools: list[WrinkleTool],
+    tools: Sequence[EffectTool],
     settings: ToolsFile,
     clips: tuple[Clip, ...],
     *,

@@ -4,6 +4,7 @@ The paper (C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004) t
 pose may also be the stored pose of the nodes, or a moment of a clip.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,7 +17,7 @@ from wrinklecli.character.surface import Surface
 from wrinklecli.errors import BakeError, ConfigError, listed, nearest
 from wrinklecli.numeric.arrays import Floats, Ints, VertexFaces, inverses, unit, vertex_normals
 from wrinklecli.numeric.nearest import Blocks, nearest_vertex
-from wrinklecli.tools.records import Marker, ToolsFile, WrinkleTool
+from wrinklecli.tools.records import EffectTool, Marker, ToolsFile
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,7 @@ class Rest:
 
 
 def rest_pose(
-    surface: Surface, rig: Rig, settings: ToolsFile, clips: tuple[Clip, ...], tools: list[WrinkleTool]
+    surface: Surface, rig: Rig, settings: ToolsFile, clips: tuple[Clip, ...], tools: Sequence[EffectTool]
 ) -> Rest:
     """Pose a surface at rest, as the tools file says.
 
@@ -99,7 +100,7 @@ def rest_pose(
     return Rest(clip, time, matrices, weights, bind, blended, positions, surface.triangles)
 
 
-def _bind_matrices(surface: Surface, rig: Rig, stored: Floats, bind: Floats, tool: WrinkleTool) -> Floats:
+def _bind_matrices(surface: Surface, rig: Rig, stored: Floats, bind: Floats, tool: EffectTool) -> Floats:
     """(joints, 4, 4) stored matrix of the main joint at a tool's origin, repeated for every joint."""
     place = _asked_position(rig, None, np.zeros(1), tool, 0)
     main = 0
@@ -111,7 +112,7 @@ def _bind_matrices(surface: Surface, rig: Rig, stored: Floats, bind: Floats, too
     return np.tile(stored[main], (len(stored), 1, 1))
 
 
-def asked_positions(rig: Rig, clip: Clip | None, time: Floats, tool: WrinkleTool) -> Floats:
+def asked_positions(rig: Rig, clip: Clip | None, time: Floats, tool: EffectTool) -> Floats:
     """(points, 3) where a tool's points are asked for, world space; markers count at (1,) second of a clip.
 
     Raises:
@@ -120,7 +121,7 @@ def asked_positions(rig: Rig, clip: Clip | None, time: Floats, tool: WrinkleTool
     return np.stack([_asked_position(rig, clip, time, tool, number) for number in range(len(tool.points))])
 
 
-def _asked_position(rig: Rig, clip: Clip | None, time: Floats, tool: WrinkleTool, number: int) -> Floats:
+def _asked_position(rig: Rig, clip: Clip | None, time: Floats, tool: EffectTool, number: int) -> Floats:
     point = tool.points[number]
     if not isinstance(point, Marker):
         return np.array(point)

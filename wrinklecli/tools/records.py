@@ -5,9 +5,9 @@
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Literal, TypeAlias, get_args
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, Literal, Protocol, TypeAlias, get_args
 
 from wrinklecli.choices import (
     PROFILES,
@@ -254,6 +254,53 @@ def identifier(name: str) -> str:
     return re.sub(r"[^A-Za-z0-9_]", "_", name)
 
 
+class EffectTool(Protocol):
+    """What a tools file says of one effect, whatever its kind: how a bake finds its mesh, and whether it acts."""
+
+    @property
+    def name(self) -> str:
+        """A unique name."""
+        ...
+
+    @property
+    def node(self) -> str | None:
+        """The node of the mesh; None for the only one that deforms."""
+        ...
+
+    @property
+    def optional(self) -> bool:
+        """True if an absent node or clip is a note, not an error."""
+        ...
+
+    @property
+    def where(self) -> str:
+        """The place in the file, such as `tools.yaml:12: tools[0]`."""
+        ...
+
+    @property
+    def points(self) -> tuple[Position | Marker, ...]:
+        """Where it lies on the mesh, first things first."""
+        ...
+
+    @property
+    def idle(self) -> bool:
+        """True if nothing would be seen of it: its strength is 0 in every clip."""
+        ...
+
+    @property
+    def clip_keys(self) -> Sequence[tuple[str, ...]]:
+        """Paths of the keys that are names of clips."""
+        ...
+
+    def place(self, *keys: str) -> str:
+        """The place of a key in the file."""
+        ...
+
+    def place_of(self, number: int, *keys: str) -> str:
+        """The place of a point in the file."""
+        ...
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WrinkleTool:
     """One wrinkling tool, with defaults and its material applied; mirrored tools are tools of their own.
@@ -449,6 +496,17 @@ class WrinkleTool:
         """The name in letters, digits and `_`, as in the morph targets `wrinkle_IDENTIFIER_1`; unique too."""
         return identifier(self.name)
 
+    @property
+    def idle(self) -> bool:
+        """True if its strength is 0 in every clip."""
+        return not self.strength and not any(self.clips.values())
+
+    @property
+    def clip_keys(self) -> list[tuple[str, ...]]:
+        """Paths of the keys that are names of clips: those with a strength of their own, and of keyed rest lengths."""
+        keyed = self.rest_length.keys if isinstance(self.rest_length, RestLengthKeys) else {}
+        return [*(("clips", name) for name in self.clips), *(("rest_length", "keys", name) for name in keyed)]
+
     def strength_in(self, clip: str) -> float:
         """The factor of the height while a clip plays."""
         return self.clips.get(clip, self.strength)
@@ -509,6 +567,21 @@ class ToolsFile:
     tools: tuple[WrinkleTool, ...]
     places: Mapping[tuple[str, ...], str] = field(default_factory=dict, hash=False, compare=False)
     merged_paths: tuple[str, ...] = ()
+
+    LISTS: ClassVar[tuple[str, ...]] = ("tools",)
+    """The fields that are lists of effects, one for each kind."""
+
+    @property
+    def effects(self) -> tuple[EffectTool, ...]:
+        """The enabled effects of all kinds."""
+        return tuple(each for name in self.LISTS for each in getattr(self, name))
+
+    def only(self, names: Collection[str]) -> "ToolsFile":
+        """The file with the effects of some names alone."""
+        lists: dict[str, Any] = {
+            key: tuple(each for each in getattr(self, key) if each.name in names) for key in self.LISTS
+        }
+        return replace(self, **lists)
 
     def place(self, *keys: str) -> str:
         """The place of a key beside the tools, for later errors, such as `tools.yaml:4: rest.clip`."""

@@ -17,7 +17,7 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Ints
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.surface.ground import Ground
-from wrinklecli.tools.records import ToolsFile, WrinkleTool
+from wrinklecli.tools.records import EffectTool, ToolsFile, WrinkleTool
 
 if TYPE_CHECKING:
     from wrinklecli.effects.contact.fold import Fold
@@ -71,7 +71,7 @@ class Contact:
 class ContactKind:
     """Contact has no tools of its own: wrinkling tools ask for it."""
 
-    def attach(self, _tools: Sequence[WrinkleTool], _ground: Ground, _settings: ToolsFile) -> Sequence[Attached]:
+    def attach(self, _tools: Sequence[EffectTool], _ground: Ground, _settings: ToolsFile) -> Sequence[Attached]:
         """Nothing."""
         return ()
 

@@ -64,7 +64,8 @@ def _attach(tool: WrinkleTool, surface: Surface, rest: Rest, rig: Rig, up: str) 
         )
     asked = asked_positions(rig, rest.clip, rest.time, tool)
     anchors = tuple(
-        anchor_at(tool, number, asked, surface=surface, rest=rest, rig=rig, up=up) for number in range(len(asked))
+        anchor_at(tool, number, asked, surface=surface, rest=rest, rig=rig, up=up, snap=tool.snap)
+        for number in range(len(asked))
     )
     names = [tool.point_name(number) for number in range(len(anchors))]
     spans = [float(np.linalg.norm(b.position - a.position)) for a, b in pairwise(anchors)]

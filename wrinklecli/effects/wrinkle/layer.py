@@ -20,7 +20,7 @@ from wrinklecli.numeric.arrays import Ints
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.numeric.reduction import refuse_large_series
 from wrinklecli.surface.ground import Ground
-from wrinklecli.tools.records import ToolsFile, WrinkleTool
+from wrinklecli.tools.records import EffectTool, ToolsFile, WrinkleTool
 
 # Numbers that are sampled of each tool besides its amplitudes.
 _BESIDE = 4
@@ -98,13 +98,14 @@ class Wrinkles:
 class WrinkleKind:
     """Wrinkling tools."""
 
-    def attach(self, tools: Sequence[WrinkleTool], ground: Ground, settings: ToolsFile) -> Sequence[Attached]:
+    def attach(self, tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> Sequence[Attached]:
         """Attach the tools to the surface at rest.
 
         Raises:
             WrinkleError: Tools do not fit, a line for each.
         """
-        return attach_tools(list(tools), ground.surface, ground.rest, ground.rig, up=settings.up)
+        own = [tool for tool in tools if isinstance(tool, WrinkleTool)]
+        return attach_tools(own, ground.surface, ground.rest, ground.rig, up=settings.up)
 
     def plan(self, plan: MeshPlan, ground: Ground, attached: Mapping[int, Attached]) -> Wrinkles | None:
         """Let the refined surface carry the tools.
