@@ -183,10 +183,10 @@ class _Search:
         stem, side = stem_and_side(driver, candidate.part or "fold")
         bump_length = self.bump_lengths.get((mesh.rig.node, driver))
         if candidate.by_morph and region.on_plane:
-            return self._driven(
-                candidate, renamed([tool_of(candidate, stem, width_of(candidate))], stem, self.names)[0]
-            )
-        choices = [[tool_of(candidate, f"{stem}.{side}" if side else stem, width_of(candidate), bump_length)]]
+            tool, lengths = tool_of(candidate, stem, width_of(candidate)), (Length(x, percent=True) for x in _FULL)
+            choices = [[replace(tool, rest_length=RestLengthMorph(driver, length))] for length in lengths]
+        else:
+            choices = [[tool_of(candidate, f"{stem}.{side}" if side else stem, width_of(candidate), bump_length)]]
         # `mirror` would exchange the side in the node's name too.
         if region.twin and apart and not (mesh.node is not None and split_side(mesh.node)[1]):
             choices.insert(0, pair_of(candidate, stem, side, bump_length))
@@ -206,18 +206,6 @@ class _Search:
                 # The tool that the clips fold is written, and `mirror` makes the other.
                 patches, shortenings = patches[::-1], shortenings[::-1]
             return self._suggested(candidate, patches, shortenings)
-        return None
-
-    def _driven(self, candidate: Candidate, tool: WrinkleTool) -> _Fitted | None:
-        """A tool across x = 0 that the weight of a morph target drives, even if the target stretches the middle."""
-        for full in _FULL:
-            length = RestLengthMorph(candidate.driver, Length(full, percent=True))
-            patches = attached(candidate.mesh, [replace(tool, rest_length=length)])
-            if patches is None:
-                return None
-            shortenings = shortenings_of(candidate.mesh, patches[0])
-            if greatest(shortenings).ratio >= _LEAST_BY_MORPH:
-                return self._suggested(candidate, patches, [shortenings])
         return None
 
     def _suggested(

@@ -7,7 +7,7 @@ A surface about which the file says nothing counts as skin, whose wrinkles are t
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from wrinklecli.choices import MaterialName
 from wrinklecli.errors import shortened
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Bools, Floats, unit
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, unit
 from wrinklecli.surface.strain import Gauge
 
 Kind = MaterialName | Literal["hard"]
@@ -98,9 +98,9 @@ class Makeup:
     """
 
     hints: tuple[_PrimitiveHints, ...]
-    primitives: np.ndarray[Any, np.dtype[np.intp]]
+    primitives: Ints
     split: Bools
-    followed: np.ndarray[Any, np.dtype[np.intp]]
+    followed: Ints
     radii: Floats
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrinklecli.baking.job import tools_by_node
+from wrinklecli.baking.job import BakeOptions, tools_by_node
 from wrinklecli.character.clip import Clip
 from wrinklecli.effects.plan import plan_mesh
 from wrinklecli.effects.wrinkle.layer import carried_patches_of
@@ -29,8 +29,6 @@ _TRIES = 3
 _NARROWER = 0.75
 # Most times that an edge is halved for suggested wrinkles: then a triangle is several times as long as the fold.
 _MOST_LEVELS = 6
-# The usual `max_error` of a bake.
-_MAX_ERROR = Length(1.0, percent=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,8 +80,9 @@ class _Trial:
         try:
             settings = parse_tools(tools_text(suggestions, "", self.refinement))
             by_node, _ = tools_by_node(self.document, settings)
+            usual_error = BakeOptions().max_error
             plans = [
-                plan_mesh(self.document, node, tools, settings, tuple(self.clips), _MAX_ERROR)
+                plan_mesh(self.document, node, tools, settings, tuple(self.clips), usual_error)
                 for node, tools in by_node.items()
             ]
         except WrinkleError:
@@ -145,29 +144,21 @@ def try_on_refined_meshes(
         placed = trial.placements(remaining)
     narrowed = list(remaining)
     for _ in range(_TRIES):
-        crossing = [_crosses(each, placed) for each in narrowed]
-        if not any(crossing):
+        crossing = [each for each in narrowed if _crosses(each, placed)]
+        if not crossing:
             break
-        narrowed = [_narrower(each) if crosses else each for each, crosses in zip(narrowed, crossing, strict=True)]
-        moved = [
-            placed[name]
-            for each, crosses in zip(narrowed, crossing, strict=True)
-            if crosses
-            for name in _names(each, placed)
-        ]
-        again = [
-            each
-            for each in narrowed
-            if any(_touch(placed[name], other) for name in _names(each, placed) for other in moved)
-        ]
-        placed |= trial.placements(again)
+        moved = [placed[name] for each in crossing for name in _names(each, placed)]
+        narrowed = [_narrower(each) if _crosses(each, placed) else each for each in narrowed]
+        placed |= trial.placements([each for each in narrowed if _touches(each, placed, moved)])
     tools = [wide if _crosses(narrow, placed) else narrow for wide, narrow in zip(remaining, narrowed, strict=True)]
     return TrialResult(tools, trial.refinement, notes)
 
 
-def _touch(first: _Placement, second: _Placement) -> bool:
-    """True if the refinement under one tool may change the refinement under another."""
-    return first.node == second.node and len(np.intersect1d(first.vertices, second.vertices)) > 0
+def _touches(suggestion: Suggestion, placed: dict[str, _Placement], moved: Sequence[_Placement]) -> bool:
+    """True if the refinement under moved tools may change the refinement under the suggestion's."""
+    own = [placed[name] for name in _names(suggestion, placed)]
+    pairs = ((first, second) for first in own for second in moved if first.node == second.node)
+    return any(len(np.intersect1d(first.vertices, second.vertices)) > 0 for first, second in pairs)
 
 
 def _crosses(suggestion: Suggestion, placed: dict[str, _Placement]) -> bool:
