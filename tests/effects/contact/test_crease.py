@@ -15,10 +15,10 @@ from kit.limb import limb_asset, tool, write_tools
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.effects.contact.crease import resolve
-from wrinklecli.effects.contact.fitting import fewest
+from wrinklecli.effects.contact.fitting import fit_poses
 from wrinklecli.effects.contact.fold import RINGS
-from wrinklecli.effects.contact.folding import Found, _error_weights, free_rows
 from wrinklecli.effects.contact.layer import Contact
+from wrinklecli.effects.contact.solution import Solution, _error_weights, free_rows
 from wrinklecli.effects.contact.tissue import FREE, SOFT, SkinnedPose, SolverState, Tissue
 from wrinklecli.numeric.intersections import widened
 
@@ -31,7 +31,7 @@ def test_shapes_that_would_take_volume_away_are_more() -> None:
     matrices = np.tile(np.eye(3), (len(rest), 1, 1))
     turning = np.cross([1.0, 0.0, 0.0], rest / 60.0)
 
-    def found(shrunk: int) -> Found:
+    def found(shrunk: int) -> Solution:
         """Two rings that turn and swell, and two that shrink as much, which count little."""
         first, other = np.isin(ring, [4, 5]), np.isin(ring, [shrunk, shrunk + 1])
         moved = 1.5 * (first * 1.0 - other)[:, None] * rest / 60.0 + 8.0 * first[:, None] * turning
@@ -39,11 +39,11 @@ def test_shapes_that_would_take_volume_away_are_more() -> None:
         shares = np.where(other, 0.01, 1.0)
         rows = free_rows(tissue)
         state = SolverState(rest, SkinnedPose(rest, matrices))
-        return Found(tissue, moved[rows], shares[rows], 0.0 * moved[rows], rest, matrices[rows], state)
+        return Solution(tissue, moved[rows], shares[rows], 0.0 * moved[rows], rest, matrices[rows], state)
 
     solved = [found(8), found(11)]
-    weights, shapes, crossing = fewest(solved, share=0.35, most=8)
-    lost = [each.squeezed(np.tensordot(row, shapes, axes=1)) for each, row in zip(solved, weights, strict=True)]
+    weights, shapes, crossing = fit_poses(solved, share=0.35, most=8)
+    lost = [each.volume_loss(np.tensordot(row, shapes, axes=1)) for each, row in zip(solved, weights, strict=True)]
     assert len(shapes) == 2
     assert crossing == 0
     assert max(lost) < 0.01

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wrinklecli.effects.contact.fitting import MOST_WEIGHT, fewest, fitted, made_of
+from wrinklecli.effects.contact.fitting import MOST_WEIGHT, combined, fit_pose, fit_poses
 
 POINTS, POSES = 12, 9
 
@@ -19,17 +19,17 @@ class Wall:
     gaps: np.ndarray
 
     @property
-    def shares(self) -> np.ndarray:
+    def error_weights(self) -> np.ndarray:
         return np.ones(POINTS)
 
     @property
-    def length(self) -> float:
+    def greatest_move(self) -> float:
         return float(np.linalg.norm(self.moved, axis=1).max())
 
-    def off(self, moved: np.ndarray) -> np.ndarray:
+    def errors(self, moved: np.ndarray) -> np.ndarray:
         return np.asarray(np.linalg.norm(moved - self.moved, axis=1))
 
-    def beside(self, marked: np.ndarray) -> np.ndarray:
+    def with_neighbours(self, marked: np.ndarray) -> np.ndarray:
         return np.convolve(marked, [1, 1, 1], "same") > 0
 
     def crosses(self, moved: np.ndarray) -> bool:
@@ -39,7 +39,7 @@ class Wall:
         through = moved[:, 0] > self.moved[:, 0] + self.gaps
         return through if through.any() else None
 
-    def squeezed(self, moved: np.ndarray) -> float:
+    def volume_loss(self, moved: np.ndarray) -> float:
         return abs(float(moved[:, 2].sum()))
 
     def opened(self, moved: np.ndarray) -> np.ndarray:
@@ -59,49 +59,51 @@ def walls(rank: int, *, noise: float = 0.0, touching: int = POINTS, gap: float =
 
 
 def made(weights: np.ndarray, shapes: np.ndarray) -> list[np.ndarray]:
-    return [made_of(row, shapes) for row in weights]
+    return [combined(row, shapes) for row in weights]
 
 
-def left(solved: list[Any], weights: np.ndarray, shapes: np.ndarray) -> int:
+def crossing_count(solved: list[Any], weights: np.ndarray, shapes: np.ndarray) -> int:
     return sum(each.crosses(moved) for each, moved in zip(solved, made(weights, shapes), strict=True))
 
 
 @pytest.mark.parametrize("rank", [1, 2, 3])
 def test_shapes_are_as_many_as_the_poses_are_made_of(rank: int) -> None:
     solved = walls(rank)
-    weights, shapes, crossing = fewest(solved, share=0.1, most=8)
+    weights, shapes, crossing = fit_poses(solved, share=0.1, most=8)
     assert (len(shapes), crossing) == (rank, 0)
     assert np.abs(weights).max(axis=0) == pytest.approx(1.0)
-    assert max(each.off(moved).max() for each, moved in zip(solved, made(weights, shapes), strict=True)) < 1e-3
+    assert max(each.errors(moved).max() for each, moved in zip(solved, made(weights, shapes), strict=True)) < 1e-3
 
 
 @pytest.mark.parametrize(("touching", "count"), [(0, 2), (POINTS, None)])
 def test_noise_costs_shapes_only_where_something_touches(touching: int, count: int | None) -> None:
     solved = walls(2, noise=0.1, touching=touching)
-    weights, shapes, crossing = fewest(solved, share=0.2, most=POSES)
-    assert crossing == left(solved, weights, shapes) == 0
-    longest = max(each.length for each in solved)
-    assert max(each.off(moved).max() for each, moved in zip(solved, made(weights, shapes), strict=True)) < 0.2 * longest
+    weights, shapes, crossing = fit_poses(solved, share=0.2, most=POSES)
+    assert crossing == crossing_count(solved, weights, shapes) == 0
+    longest = max(each.greatest_move for each in solved)
+    assert (
+        max(each.errors(moved).max() for each, moved in zip(solved, made(weights, shapes), strict=True)) < 0.2 * longest
+    )
     assert len(shapes) == count if count else len(shapes) > 2
 
 
 @pytest.mark.parametrize("most", [1, 2, 3])
 def test_too_few_shapes_leave_as_many_crossings_as_they_say(most: int) -> None:
     solved = walls(5, touching=4, gap=0.01)
-    weights, shapes, crossing = fewest(solved, share=0.3, most=most)
+    weights, shapes, crossing = fit_poses(solved, share=0.3, most=most)
     assert len(shapes) == most
-    assert 0 < crossing == left(solved, weights, shapes) < POSES
+    assert 0 < crossing == crossing_count(solved, weights, shapes) < POSES
 
 
 def test_weights_of_a_pose_are_those_that_made_it_within_their_limits() -> None:
     (found, *_), shapes = walls(3), np.random.default_rng(1).normal(size=(3, POINTS, 3))
     wanted = np.array([0.7, -0.2, 1.4])
-    weights, urgent, crosses = fitted(Wall(made_of(wanted, shapes), found.gaps), shapes)  # type: ignore[arg-type]
+    weights, urgent, crosses = fit_pose(Wall(combined(wanted, shapes), found.gaps), shapes)  # type: ignore[arg-type]
     assert weights == pytest.approx(wanted, abs=1e-6)
     assert not crosses
     assert urgent == pytest.approx(1.0)
-    beyond = Wall(made_of(2.0 * wanted, shapes), np.full(POINTS, np.inf))
-    assert fitted(beyond, shapes)[0] == pytest.approx(np.clip(2.0 * wanted, -MOST_WEIGHT, MOST_WEIGHT), abs=1e-6)  # type: ignore[arg-type]
+    beyond = Wall(combined(2.0 * wanted, shapes), np.full(POINTS, np.inf))
+    assert fit_pose(beyond, shapes)[0] == pytest.approx(np.clip(2.0 * wanted, -MOST_WEIGHT, MOST_WEIGHT), abs=1e-6)  # type: ignore[arg-type]
 
 
 def test_errors_count_more_where_a_pose_crosses() -> None:
@@ -111,14 +113,14 @@ def test_errors_count_more_where_a_pose_crosses() -> None:
     shapes = np.zeros((1, POINTS, 3))
     shapes[0, :2, 0] = 1.0
     gaps = np.full(POINTS, np.inf)
-    weights, _, crosses = fitted(Wall(moved, gaps), shapes)  # type: ignore[arg-type]
+    weights, _, crosses = fit_pose(Wall(moved, gaps), shapes)  # type: ignore[arg-type]
     assert weights == pytest.approx([1.5])
     assert not crosses
     gaps[0] = 0.1
-    weights, urgent, crosses = fitted(Wall(moved, gaps), shapes)  # type: ignore[arg-type]
+    weights, urgent, crosses = fit_pose(Wall(moved, gaps), shapes)  # type: ignore[arg-type]
     assert weights[0] <= 1.1
     assert not crosses
     assert urgent[0] > 1.0
     assert urgent[1:] == pytest.approx(1.0)
     gaps[0] = -1.0
-    assert fitted(Wall(moved, gaps), shapes)[2]  # type: ignore[arg-type]
+    assert fit_pose(Wall(moved, gaps), shapes)[2]  # type: ignore[arg-type]

@@ -13,10 +13,10 @@ from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.effects.contact.crease import resolve
 from wrinklecli.effects.contact.effect import ContactEffect, NonNegativeBasis
-from wrinklecli.effects.contact.fitting import fitted
-from wrinklecli.effects.contact.folding import Found
+from wrinklecli.effects.contact.fitting import fit_pose
 from wrinklecli.effects.contact.layer import Contact
 from wrinklecli.effects.contact.remaining import remaining_in
+from wrinklecli.effects.contact.solution import Solution
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.crossings import crossings
 
@@ -46,11 +46,11 @@ def test_a_clip_that_would_cross_more_with_contact_is_left_without_and_a_line_sa
     # A fit that presses what touches further in.
     worse = replace(crease, table=0.0 * crease.table)
 
-    def pressed(found: Found, shapes: Floats, urgent: Floats | None) -> tuple[Floats, Floats, bool]:
-        weights, urgent, _ = fitted(found, shapes, urgent)
+    def pressed(found: Solution, shapes: Floats, urgent: Floats | None) -> tuple[Floats, Floats, bool]:
+        weights, urgent, _ = fit_pose(found, shapes, urgent)
         return -weights, urgent, True
 
-    monkeypatch.setattr("wrinklecli.effects.contact.crease.fitted", pressed)
+    monkeypatch.setattr("wrinklecli.effects.contact.crease.fit_pose", pressed)
     given_up = worse.follow(clip, TIMES, worse.marched(clip, TIMES))
     assert given_up.given_up
     assert not given_up.weights.any()

@@ -171,9 +171,9 @@ class ContactEffect(Effect):
         if unsettled:
             warnings.append(f"{name}: contact did not settle in {counted(unsettled, 'pose')}: they keep the last state")
         acting = [(motion.clip, motion.times[weights.any(axis=1)]) for motion, _, weights in motions]
-        jammed = {node for clip, times in acting for node in self.crease.fold.jammed(clip, times)}
-        if jammed:
-            nodes = listed(sorted(jammed))
+        crossing = {node for clip, times in acting for node in self.crease.fold.meshes_crossing_themselves(clip, times)}
+        if crossing:
+            nodes = listed(sorted(crossing))
             warnings.append(
                 f"{name}: {nodes} goes through itself there: contact leaves that, and what has no room beneath"
             )

@@ -1,65 +1,67 @@
-"""The fewest shapes that follow what contact does in a fold, and weights of them, so that nothing crosses.
+"""Fits the fewest shapes to the solutions of a fold, and weights of these shapes, so that nothing crosses.
 
-What is nearest in the mean may cross where it is off by less than a gap: there errors count more, and shapes are fitted
-again. Where something touches it may be opened further, hidden in the fold.
+Shapes that are nearest in the mean may cross where they are off by less than a gap. Errors count more there, and the
+shapes are fit_pose again. Touching vertices may be opened further, hidden in the fold.
 """
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from wrinklecli.effects.contact.folding import Found
+from wrinklecli.effects.contact.solution import Solution
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
 from wrinklecli.numeric.reduction import project, weighted_basis
 
-# How often shapes and weights are fitted again where they leave crossings, and by how much these then count more.
-_TRIES, _MORE = 8, 3.0
 MOST_WEIGHT = 1.5
 """Greatest weight of a shape in any clip; in the sweeps it is 1."""
-
-# Share of the poses that were not right before above which fitting again is given up, and more shapes are needed.
+# Times that shapes and weights are fit_pose, each time with more weight on what the last fit got wrong.
+_TRIES = 8
+# Factor on the weight of such an error.
+_MORE = 3.0
+# A number of shapes is given up if more than this fraction of the poses that were wrong is still wrong after a fit.
 _HOPELESS = 0.7
-# Volume that shapes may take away, of a limb's as long as it is thick.
+# Volume that shapes may take away, relative to that of a limb as long as it is thick.
 _LOST = 0.01
 
 
-def fewest(solved: Sequence[Found], *, share: float, most: int) -> tuple[Floats, Floats, int]:
-    """The fewest shapes that are right enough, keep the volume and leave no crossing in any sweep.
+def fit_poses(solved: Sequence[Solution], *, share: float, most: int) -> tuple[Floats, Floats, int]:
+    """Fit the fewest shapes that are right enough, keep the volume and leave no crossing in any pose.
 
     Args:
-        solved: What was found, at least one pose.
-        share: Greatest error of a vertex, of the greatest move.
-        most: Shapes at most: of those the ones that leave the fewest crossings, and then the most volume.
+        solved: The solutions, at least one.
+        share: Greatest error of a vertex, relative to the greatest move.
+        most: Greatest number of shapes. If even these leave crossings, the fit with the fewest counts, and of several
+            the one that keeps the most volume.
 
     Returns:
         (poses, shapes) weights in [-1, 1], (shapes, free, 3), and the number of poses in which they leave crossings.
     """
     fields = np.stack([each.moved for each in solved])
-    bound = share * max(each.length for each in solved)
-    # What contact itself takes away, no shapes give back.
-    allowed = max(_LOST, *(each.squeezed(each.moved) for each in solved))
+    bound = share * max(each.greatest_move for each in solved)
+    # No shapes give back the volume that contact itself takes away.
+    allowed = max(_LOST, *(each.volume_loss(each.moved) for each in solved))
     most = min(most, len(solved))
     tries: list[tuple[int, float, Floats, Floats]] = []
     for count in range(1, most + 1):
-        shares, wanted = np.stack([each.shares for each in solved]), fields
+        shares, wanted = np.stack([each.error_weights for each in solved]), fields
         suspects, before = np.arange(len(solved)), len(solved)
         for _ in range(_TRIES):
             weights, shapes = weighted_basis(wanted, shares, count)
-            made = [made_of(row, shapes) for row in weights]
+            made = [combined(row, shapes) for row in weights]
             wrong = _wrong(solved, made, bound) if count < most else {}
             hopeless = _HOPELESS * before if count < most else np.inf
             if len(wrong) > hopeless or _more_cross(solved, made, suspects, hopeless):
                 break
             crossing = _crossing(solved, made, suspects)
-            # The rest are looked at where all may be right, or at last where no try was better.
-            best = min((left for left, *_ in tries), default=len(solved) if count == most else 0)
-            looked = len(crossing) <= best and not wrong
-            if looked and len(suspects) < len(solved):
+            # The other poses are checked only if all may be right or, in the end, if no try was better.
+            best = min((crossings for crossings, *_ in tries), default=len(solved) if count == most else 0)
+            checked = len(crossing) <= best and not wrong
+            if checked and len(suspects) < len(solved):
                 crossing |= _crossing(solved, made, np.setdiff1d(np.arange(len(solved)), suspects))
-            lost = max(each.squeezed(moved) for each, moved in zip(solved, made, strict=True))
+            lost = max(each.volume_loss(moved) for each, moved in zip(solved, made, strict=True))
             if not crossing and not wrong and lost <= allowed:
                 return weights, shapes, 0
-            if count == most and looked:
+            if count == most and checked:
                 tries.append((len(crossing), max(lost, allowed), weights, shapes))
             bad = len(crossing.keys() | wrong.keys())
             if not bad or bad > hopeless:
@@ -68,23 +70,21 @@ def fewest(solved: Sequence[Found], *, share: float, most: int) -> tuple[Floats,
                 shares[number, marked] *= _MORE
             suspects, before = np.array(sorted(crossing), np.intp), bad
             wanted = np.stack([each.opened(moved) for each, moved in zip(solved, made, strict=True)])
-    left, _, weights, shapes = min(tries, key=lambda each: each[:2])
-    return weights, shapes, left
+    crossings, _, weights, shapes = min(tries, key=lambda each: each[:2])
+    return weights, shapes, crossings
 
 
-def _wrong(solved: Sequence[Found], made: Sequence[Floats], bound: float) -> dict[int, Bools]:
-    """Poses in which what shapes made is further off than a bound, solver's units, and (free,) where.
+def _wrong(solved: Sequence[Solution], made: Sequence[Floats], bound: float) -> dict[int, Bools]:
+    """The poses in which a fit is further off than a bound, solver's units, and the (free,) vertices that are.
 
-    With a vertex those count that are beside it: else shapes are rough there.
+    Neighbouring vertices count too; otherwise the shapes become jagged.
     """
-    further = [each.off(moved) > bound for each, moved in zip(solved, made, strict=True)]
-    return {
-        k: each.beside(marked) for k, (each, marked) in enumerate(zip(solved, further, strict=True)) if marked.any()
-    }
+    further = [each.errors(moved) > bound for each, moved in zip(solved, made, strict=True)]
+    return {k: solved[k].with_neighbours(marked) for k, marked in enumerate(further) if marked.any()}
 
 
-def _more_cross(solved: Sequence[Found], made: Sequence[Floats], numbers: Ints, most: float) -> bool:
-    """Whether what shapes made crosses in more of some poses than in a number of them: found by a part of the work."""
+def _more_cross(solved: Sequence[Solution], made: Sequence[Floats], numbers: Ints, most: float) -> bool:
+    """True if a fit crosses in more than `most` of some poses; cheaper than to find all crossings."""
     if most >= len(numbers):
         return False
     crossing = 0
@@ -95,8 +95,8 @@ def _more_cross(solved: Sequence[Found], made: Sequence[Floats], numbers: Ints, 
     return False
 
 
-def _crossing(solved: Sequence[Found], made: Sequence[Floats], numbers: Ints) -> dict[int, Bools]:
-    """Of some poses those in which what shapes made crosses, and (free,) which vertices do."""
+def _crossing(solved: Sequence[Solution], made: Sequence[Floats], numbers: Ints) -> dict[int, Bools]:
+    """The poses, among some, in which a fit crosses, and the (free,) vertices that do."""
     found = {}
     for number in numbers.tolist():
         marked = solved[number].crossing(made[number])
@@ -105,24 +105,24 @@ def _crossing(solved: Sequence[Found], made: Sequence[Floats], numbers: Ints) ->
     return found
 
 
-def fitted(found: Found, shapes: Floats, urgent: Floats | None = None) -> tuple[Floats, Floats, bool]:
-    """Fit shapes to what was found.
+def fit_pose(found: Solution, shapes: Floats, urgent: Floats | None = None) -> tuple[Floats, Floats, bool]:
+    """Fit shapes to a solution.
 
     Args:
-        found: In a pose.
+        found: The solution.
         shapes: (shapes, free, 3).
-        urgent: (free,) by how much more the error of each counts, as it had to in a pose like this one.
+        urgent: (free,) factors on the weights of errors, from the fit of a similar pose.
 
     Returns:
-        (shapes,) weights that leave the fewest crossings, (free,) what is urgent with them, and whether they leave any.
+        (shapes,) weights that leave the fewest crossings, the (free,) factors used, and True if crossings remain.
     """
-    urgent = np.ones(len(found.shares)) if urgent is None else urgent
+    urgent = np.ones(len(found.error_weights)) if urgent is None else urgent
     wanted = found.moved
     tries: list[tuple[int, Floats, Floats]] = []
     for _ in range(_TRIES):
-        shares = found.shares * urgent
+        shares = found.error_weights * urgent
         (weights,) = np.clip(project(wanted[None], shares[None], shapes), -MOST_WEIGHT, MOST_WEIGHT)
-        moved = made_of(weights, shapes)
+        moved = combined(weights, shapes)
         marked = found.crossing(moved)
         if marked is None:
             return weights, urgent, False
@@ -132,6 +132,6 @@ def fitted(found: Found, shapes: Floats, urgent: Floats | None = None) -> tuple[
     return weights, urgent, True
 
 
-def made_of(weights: Floats, shapes: Floats) -> Floats:
-    """(free, 3) what (shapes,) weights make of (shapes, free, 3)."""
+def combined(weights: Floats, shapes: Floats) -> Floats:
+    """(free, 3) sum of (shapes, free, 3) by (shapes,) weights."""
     return np.asarray(np.tensordot(weights, shapes, axes=1))

@@ -1,7 +1,7 @@
-"""Folds: the part of a surface round a joint that bends between a tool's ends, and how it lies, wrinkles and all.
+"""Folds: the surface round a joint that bends between the ends of some tools, posed with all its wrinkles.
 
-Not in the paper, which names contact as a goal. A fold is what module `contact` solves at once: the tools over one
-joint, with the surface round it that may touch.
+Not in the paper, which names contact as a goal. Contact is solved for each fold on its own, that is for the tools over
+one joint and the surface round it that may touch.
 """
 
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -26,39 +26,38 @@ from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import Contact
 
-# How far the surface round a joint may touch, with what gives way there, in radii of the limb: thighs and calves swell.
-_REACH_RADII = 3.6
 RINGS = 3
-"""Edges from what crosses to what stands still, at least: on a coarse limb its next neighbours stood still."""
-
-# Radius of the limb at least, in lengths of the segment: a joint may lie in the skin.
+"""Least number of edges from a crossing to vertices that stand still: on a coarse limb the next neighbours did."""
+# Distance from the joint in which the surface may touch or give way, in radii of the limb: thighs and calves swell.
+_REACH_RADII = 3.6
+# Least radius of the limb, in lengths of the segment: a joint may lie in the skin.
 _LEAST_RADIUS = 0.25
-# Poses that are computed at once: bounds the memory.
-_AT_ONCE = 16
-# Poses on the way to either end of a joint's range at which other meshes are looked at.
-_LOOKS = 4
-# Moments of a clip at which they are looked at for passing through themselves, at most.
+# Poses on the way to either end of a joint's range in which other meshes are checked for nearness.
+_NEARNESS_POSES = 4
+# Moments of a clip at which other meshes are checked for crossing themselves, at most.
 _MOMENTS = 8
+# Poses that are computed at once, to bound memory.
+_AT_ONCE = 16
 
 
 @dataclass(frozen=True)
 class Fold:
-    """The surface round a joint, with all that wrinkles it.
+    """The surface round a joint, with all tools that wrinkle it.
 
     Attributes:
         patches: The tools whose contact is resolved here, as they are baked.
-        hinge: The joint; or, where none bends, what raises the tools' wrinkles.
-        vertices: (vertices,) fine welded vertices, rising.
-        triangles: (triangles, 3) into these, and into those of other meshes, which follow them.
-        own: (vertices,) which may leave their pose: not other meshes, nor what does not hang together with the tools.
-        radius: Of the limb, scene units.
-        pivot: (3,) where the joint is at rest, world space.
-        rig: Of the mesh.
+        hinge: The joint, or the motion that raises the tools' wrinkles if no joint bends.
+        vertices: (vertices,) sorted fine welded vertices.
+        triangles: (triangles, 3) indices into `vertices`, followed by the vertices of other meshes.
+        own: (vertices,) False for vertices of other meshes, and for those that are not connected with the tools.
+        radius: Radius of the limb, scene units.
+        pivot: (3,) place of the joint at rest, world space.
+        rig: The mesh's joints.
         rest: Its rest pose.
         fine: The refined surface.
         carried: All tools on the mesh.
-        weights: (vertices, joints) skin weights of the vertices.
-        others: What of other meshes may touch it.
+        weights: (vertices, joints) skin weights.
+        others: The parts of other meshes that may touch the fold.
     """
 
     patches: tuple[Patch, ...]
@@ -82,18 +81,18 @@ class Fold:
 
     @cached_property
     def rest_positions(self) -> Floats:
-        """(vertices, 3) world space at rest, those of other meshes behind its own."""
+        """(vertices, 3) world space at rest, followed by the vertices of other meshes."""
         others = [each.posed(self.rest.clip, self.rest.time)[0][0] for each in self.others]
         return np.concatenate([self.fine.rest_positions[self.vertices], *others])
 
     @cached_property
     def crossings(self) -> Crossings:
-        """What may cross."""
+        """The edges and triangles that may cross."""
         return Crossings.of(self.rest_positions, self.triangles)
 
     @cached_property
     def moved(self) -> list[tuple[CarriedPatch, Ints, Ints]]:
-        """The tools that move any vertex of it, the rows of these here, and their numbers among the tool's."""
+        """The tools that move any vertices, the indices of these here, and their indices among the tool's."""
         found = []
         for each in self.carried:
             _, here, there = np.intersect1d(self.vertices, each.vertices, assume_unique=True, return_indices=True)
@@ -102,13 +101,13 @@ class Fold:
         return found
 
     def posed(self, clip: Clip | None, times: Floats) -> tuple[Floats, Floats]:
-        """How the wrinkled surface lies at (frames,) seconds of a clip, without contact.
+        """Pose the wrinkled surface at (frames,) seconds of a clip, without contact.
 
-        In a motion that no file has (of index -1) nothing lags: it stands for all clips, fast or slow.
+        Nothing lags in a motion that no file has (of index -1), since it stands for all clips, fast or slow.
 
         Returns:
-            (frames, vertices, 3) world space, and (frames, vertices, 3, 3) what turns bind space there, those of other
-            meshes behind its own.
+            (frames, vertices, 3) world space, and (frames, vertices, 3, 3) matrices from bind space, both followed by
+            the vertices of other meshes.
         """
         blended = blend(self.weights, joint_matrices(self.rig, clip, times))
         bind = self.fine.positions[self.vertices] + np.tensordot(
@@ -125,19 +124,19 @@ class Fold:
         return positions, np.concatenate([blended[..., :3], *(each[1] for each in others)], axis=1)
 
     def poses(self, clip: Clip | None, times: Floats) -> Iterator[tuple[Floats, Floats]]:
-        """As `posed`, for one of (frames,) seconds after the other."""
+        """`posed` frame by frame."""
         for k in range(0, len(times), _AT_ONCE):
             yield from zip(*self.posed(clip, times[k : k + _AT_ONCE]), strict=True)
 
     def crossing(self, positions: Floats) -> Bools:
-        """(vertices,) whether an edge or a triangle of each takes part in a crossing at (vertices, 3) positions.
+        """(vertices,) True for corners of edges and triangles that cross at (vertices, 3) positions.
 
-        Other meshes may cross each other.
+        Crossings between other meshes do not count.
         """
         return self.crossings.vertices_at(positions, self.own)
 
-    def jammed(self, clip: Clip, times: Floats) -> set[str]:
-        """Nodes with other meshes that pass through themselves at some of (frames,) seconds of a clip, not at rest."""
+    def meshes_crossing_themselves(self, clip: Clip, times: Floats) -> set[str]:
+        """Nodes with other meshes that cross themselves at some of (frames,) seconds of a clip, and not at rest."""
         if not self.others or not len(times):
             return set()
         counts = [len(self.vertices), *(len(each.positions) for each in self.others)]
@@ -145,12 +144,12 @@ class Fold:
         chosen = times[distinct_values(np.linspace(0, len(times) - 1, _MOMENTS).astype(int))]
         found = set[int]()
         for positions in self.posed(clip, chosen)[0]:
-            found |= self._through_themselves(owners, positions)
-        found -= self._through_themselves(owners, self.rest_positions) | {0}
+            found |= self._crossing_themselves(owners, positions)
+        found -= self._crossing_themselves(owners, self.rest_positions) | {0}
         return {rig.names[rig.node] for rig in (self.others[number - 1].rig for number in found)}
 
-    def _through_themselves(self, owners: Ints, positions: Floats) -> set[int]:
-        """Which of (vertices,) owners pass through themselves at (vertices, 3) positions."""
+    def _crossing_themselves(self, owners: Ints, positions: Floats) -> set[int]:
+        """The (vertices,) owners that cross themselves at (vertices, 3) positions."""
         edges, triangles = self.crossings.at(positions)
         pairs = np.stack([owners[self.crossings.edges[edges, 0]], owners[self.crossings.triangles[triangles, 0]]])
         return set(pairs[0, pairs[0] == pairs[1]].tolist())
@@ -165,16 +164,16 @@ def find_folds(
     parts: Sequence[Part | None],
     obstacles: Callable[[Collection[str]], Sequence[Obstacle]] | None = None,
 ) -> tuple[list[Fold], list[int]]:
-    """The folds of some tools, of which those over one joint share one; and the tools that nothing shortens.
+    """Find the folds of some tools; those over one joint share a fold. Also return the tools that nothing shortens.
 
     Args:
         carried_patches: All tools on the mesh.
-        chosen: Numbers of those whose contact is to be resolved.
+        chosen: Indices of the tools whose contact is to be resolved.
         fine: The refined surface.
         rest: The rest pose.
         rig: The joints.
-        parts: Of a body, that each node moves, as far as that is known.
-        obstacles: Gives the other meshes but those of nodes of some names; none where left out.
+        parts: The part of a body that each node moves, if known.
+        obstacles: Gives the other meshes, without those of nodes with some names. If None, there are none.
     """
     by_node: dict[int, list[int]] = {}
     by_rise: dict[bytes, dict[int, Rise]] = {}
@@ -195,14 +194,14 @@ def find_folds(
     for fold in found:
         settings = [patch.tool.contact or Contact() for patch in fold.patches]
         ignored = {name for each in settings for name in each.ignore}
-        folds.append(_beside(fold, obstacles(ignored) if obstacles else ()))
+        folds.append(_with_obstacles(fold, obstacles(ignored) if obstacles else ()))
     return folds, without
 
 
-def _beside(fold: Fold, obstacles: Sequence[Obstacle]) -> Fold:
-    """A fold with what of other meshes comes near it in its joint's motion, by boxes."""
-    looks = [fold.hinge.turn(np.linspace(0.0, end, _LOOKS)) for end in fold.hinge.ends]
-    moments = [(look, np.array([time])) for look in looks for time in np.linspace(0.0, 1.0, _LOOKS)]
+def _with_obstacles(fold: Fold, obstacles: Sequence[Obstacle]) -> Fold:
+    """Add the parts of other meshes that come near a fold in its joint's motion, by their bounding boxes."""
+    looks = [fold.hinge.turn(np.linspace(0.0, end, _NEARNESS_POSES)) for end in fold.hinge.ends]
+    moments = [(look, np.array([time])) for look in looks for time in np.linspace(0.0, 1.0, _NEARNESS_POSES)]
     boxes = [(places.min(axis=0), places.max(axis=0)) for places in (fold.posed(*each)[0][0] for each in moments)]
     triangles, others, count = [fold.triangles], list[Obstacle](), len(fold.vertices)
     for obstacle in obstacles:
@@ -238,7 +237,7 @@ def _round_joint(
 def _round_tools(
     tools: Sequence[int], rises: Sequence[Rise], carried: Sequence[CarriedPatch], fine: Refinement, rest: Rest, rig: Rig
 ) -> Fold:
-    """The fold of tools that rise together; as thick as the longest of them is long."""
+    """The fold of tools that rise together; it counts as thick as the longest of them is long."""
     patches = [each.patch for each in rises]
     grown = list(carried)
     for number, patch in zip(tools, patches, strict=True):
@@ -285,7 +284,7 @@ def _fold(
 
 
 def _limb_radius(patch: Patch, pivot: Floats) -> float:
-    """How far a joint is from a tool's segment, scene units."""
+    """Distance of a joint from a tool's segment, scene units."""
     apart = pivot - patch.origin.position
     away = apart - np.clip(apart @ patch.along, 0.0, patch.span) * patch.along
     return max(float(np.linalg.norm(away)), _LEAST_RADIUS * patch.span)
@@ -295,8 +294,8 @@ def _round(pivot: Floats, reach: float, fine: Refinement, seeds: Ints, *, alone:
     """The fine vertices within reach of a joint, and a few edges further.
 
     Returns:
-        (vertices,) rising, (triangles, 3) of these, and (vertices,) whether they hang together with some of (seeds,),
-        or `alone` those that do.
+        (vertices,) sorted, (triangles, 3) of these, and (vertices,) True if connected with some of (seeds,). Others are
+        left out if `alone`.
     """
     near = np.sum((fine.rest_positions - pivot) ** 2, axis=1) <= reach**2
     near[seeds] = True

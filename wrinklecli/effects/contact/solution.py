@@ -1,4 +1,4 @@
-"""Marches a fold through a clip: poses it for the solver of module `march`, and reads its solutions in bind space."""
+"""Solves a fold in the poses of a clip, by module `march`, and gives the solutions in bind space."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -28,14 +28,14 @@ _OPEN = 1.5
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class Solution:
     """The solution of a pose: the move that contact gives the free vertices of the fold's own mesh.
 
     Methods evaluate another (free, 3) move, in bind space, against it.
 
     Attributes:
         moved: (free, 3) the solution's move, bind space.
-        shares: (free,) weights of squared errors.
+        error_weights: (free,) weights of squared errors.
         outward: (free, 3) unit directions in which the barrier pushes, solver's units; 0 where nothing is near.
         positions: (vertices, 3) skinned positions, solver's units.
         matrices: (free, 3, 3) from bind space to solver's units.
@@ -44,7 +44,7 @@ class Found:
 
     tissue: Tissue
     moved: Floats
-    shares: Floats
+    error_weights: Floats
     outward: Floats
     positions: Floats
     matrices: Floats
@@ -56,26 +56,26 @@ class Found:
         return bool(self.moved.any())
 
     @property
-    def length(self) -> float:
+    def greatest_move(self) -> float:
         """Length of the greatest move, solver's units."""
-        return float(self.off(np.zeros_like(self.moved)).max(initial=0.0))
+        return float(self.errors(np.zeros_like(self.moved)).max(initial=0.0))
 
-    def off(self, moved: Floats) -> Floats:
+    def errors(self, moved: Floats) -> Floats:
         """(free,) distances of another move from the solution, solver's units."""
         posed = np.einsum("vij,vj->vi", self.matrices, self.moved - moved)
         return np.asarray(np.sqrt(np.sum(posed**2, axis=1)))
 
-    def missed(self, moved: Floats) -> float:
+    def greatest_error(self, moved: Floats) -> float:
         """Greatest distance of another move from the solution, solver's units."""
-        return float(self.off(moved).max(initial=0.0))
+        return float(self.errors(moved).max(initial=0.0))
 
-    def beside(self, marked: Bools) -> Bools:
+    def with_neighbours(self, marked: Bools) -> Bools:
         """(free,) the marked vertices and their neighbours."""
         rows, every = free_rows(self.tissue), np.zeros(len(self.positions), bool)
         every[rows] = marked
         return widened(self.tissue.edges, every)[rows]
 
-    def with_moved(self, moved: Floats) -> Floats:
+    def positions_under(self, moved: Floats) -> Floats:
         """(vertices, 3) positions of all vertices under another move, solver's units."""
         positions = self.positions.copy()
         positions[free_rows(self.tissue)] += np.einsum("vij,vj->vi", self.matrices, moved)
@@ -83,22 +83,23 @@ class Found:
 
     def crosses(self, moved: Floats) -> bool:
         """True if anything crosses under another move and nothing does in the solution."""
-        return self._ever is None and self.tissue.crosses(self.with_moved(moved))
+        return self._own_crossings is None and self.tissue.crosses(self.positions_under(moved))
 
     def crossing(self, moved: Floats) -> Bools | None:
         """(free,) vertices that cross under another move and not in the solution; None if none do.
 
         The solution itself crosses, for example, where another mesh leaves no room.
         """
-        marked = self.tissue.crossing(self.with_moved(moved))
+        marked = self.tissue.crossing(self.positions_under(moved))
         if marked is None:
             return None
-        fresh = (marked if self._ever is None else marked & ~self._ever)[free_rows(self.tissue)]
+        fresh = (marked if self._own_crossings is None else marked & ~self._own_crossings)[free_rows(self.tissue)]
         return fresh if fresh.any() else None
 
-    def squeezed(self, moved: Floats) -> float:
+    def volume_loss(self, moved: Floats) -> float:
         """Volume that another move takes away, relative to that of a limb as long as it is thick."""
-        return abs(self.tissue.pieces.volume_change(self.with_moved(moved), self.positions)) / (2.0 * np.pi * UNITS**3)
+        change = self.tissue.pieces.volume_change(self.positions_under(moved), self.positions)
+        return abs(change) / (2.0 * np.pi * UNITS**3)
 
     def opened(self, moved: Floats) -> Floats:
         """(free, 3) the solution's move, opened further where another move opens it; the fold hides small gaps."""
@@ -110,14 +111,14 @@ class Found:
         return wanted
 
     @cached_property
-    def _ever(self) -> Bools | None:
+    def _own_crossings(self) -> Bools | None:
         """(vertices,) vertices that cross in the solution."""
-        return self.tissue.crossing(self.with_moved(self.moved))
+        return self.tissue.crossing(self.positions_under(self.moved))
 
 
-def found_in(
+def solutions_in(
     fold: Fold, tissue: Tissue, clip: Clip | None, times: Floats, start: SolverState | None = None
-) -> Iterator[Found]:
+) -> Iterator[Solution]:
     """Solve a fold at each of (frames,) seconds of a clip, from a state, or from a pose in which nothing touches."""
     scale = UNITS / fold.radius
     rows = free_rows(tissue)
@@ -131,7 +132,7 @@ def found_in(
             forces = tissue.forces(state)
             shares = _error_weights(tissue, np.asarray(forces.any(axis=1)))[rows]
             outward = unit(forces[rows])
-        yield Found(tissue, moved, shares, outward, state.posed.positions, matrices, state)
+        yield Solution(tissue, moved, shares, outward, state.posed.positions, matrices, state)
 
 
 def _error_weights(tissue: Tissue, touching: Bools) -> Floats:
@@ -149,18 +150,18 @@ def free_rows(tissue: Tissue) -> Ints:
     return np.flatnonzero(tissue.free & tissue.own)
 
 
-def crossing_vertices(tissue: Tissue, positions: Floats) -> int:
+def crossing_count(tissue: Tissue, positions: Floats) -> int:
     """Number of vertices that cross at (vertices, 3) positions, solver's units."""
     marked = tissue.crossing(positions)
     return 0 if marked is None else int(marked.sum())
 
 
-def positions_of(fold: Fold, tissue: Tissue, clip: Clip | None, times: Floats) -> Iterator[Floats]:
+def skinned_positions(fold: Fold, tissue: Tissue, clip: Clip | None, times: Floats) -> Iterator[Floats]:
     """(vertices, 3) skinned positions at each of (frames,) seconds of a clip, solver's units."""
     return (posed.positions for posed in _poses(fold, tissue, clip, times))
 
 
-def last_of(states: Iterator[Found]) -> SolverState | None:
+def last_state(states: Iterator[Solution]) -> SolverState | None:
     """The state of the last solution."""
     state = None
     for each in states:
