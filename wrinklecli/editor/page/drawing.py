@@ -11,7 +11,6 @@ import numpy as np
 
 from wrinklecli.editor.attached import AttachedTool, PlayableMesh
 from wrinklecli.numeric.arrays import Floats, Ints, among, distinct, distinct_values, face_normals, unit
-from wrinklecli.numeric.nearest import closest_point, distances_along
 from wrinklecli.review.preview.paints import Paint
 
 _NORMAL_STEP = 1 / 127  # difference of stored normals that counts as none: the step of an 8-bit normal
@@ -201,26 +200,3 @@ def _located(line: Floats, places: Floats) -> tuple[Ints, Floats]:
     x, y = second[inside, first], third[inside, first]
     barycentrics[inside] = np.stack([1 - x - y, x, y], axis=1)
     return found, barycentrics
-
-
-def pick(origin: Floats, direction: Floats, points: Floats, triangles: Ints) -> tuple[float, int, Floats] | None:
-    """Find the first triangle that a ray meets.
-
-    Args:
-        origin: (3,) start of the ray.
-        direction: (3,) direction, whose length is the unit of the distance.
-        points: (points, 3) positions of the mesh.
-        triangles: (triangles, 3) points.
-
-    Returns:
-        The distance, the triangle and (3,) barycentric coordinates; None if the ray misses.
-    """
-    if not len(triangles):
-        return None
-    distances = distances_along(origin, direction, points[triangles])
-    nearest = int(np.argmin(distances))
-    if not np.isfinite(distances[nearest]):
-        return None
-    place = origin + distances[nearest] * direction
-    _, barycentrics, _ = closest_point(points, triangles[nearest : nearest + 1], place)
-    return float(distances[nearest]), nearest, barycentrics

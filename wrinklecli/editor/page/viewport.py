@@ -11,7 +11,7 @@ import viser
 from wrinklecli.character.scene import read_scene
 from wrinklecli.editor.attached import ShownMesh
 from wrinklecli.editor.baked_file import BakedFile
-from wrinklecli.editor.page.drawing import Body, SurfacePoints, ToolOutline, body_of, outline_of, pick
+from wrinklecli.editor.page.drawing import Body, SurfacePoints, ToolOutline, body_of, outline_of
 from wrinklecli.editor.page.drawn_scene import LOOKS, Drag, DrawnScene, Look
 from wrinklecli.editor.page.player import Player
 from wrinklecli.editor.page.viewpoints import FOV, SIDES, frame_asset, frame_tool
@@ -19,6 +19,7 @@ from wrinklecli.editor.page.widgets import PageHost, add_group, on_set
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.nearest import closest_point, distances_along
 from wrinklecli.review.preview.camera import Camera
 from wrinklecli.review.preview.heat import point_colours
 from wrinklecli.review.preview.paints import Paint, read_paints
@@ -208,11 +209,14 @@ class Viewport:
         """Find the point that a ray from (3,) in direction (3,) meets first."""
         nearest, hit = np.inf, None
         for number, mesh in enumerate(self.shown):
-            met = pick(origin, direction, mesh.positions, mesh.faces)
-            if met is not None and met[0] < nearest:
-                nearest, triangle, barycentrics = met
-                place = barycentrics @ mesh.source.rest_positions[mesh.faces[triangle]]
-                hit = Hit(mesh, place, SurfacePoints(number, np.array([triangle]), barycentrics[None]))
+            distances = distances_along(origin, direction, mesh.positions[mesh.faces])
+            distance = float(distances.min(initial=np.inf))
+            if distance < nearest:
+                nearest, triangle = distance, np.argmin(distances, keepdims=True)
+                point = origin + distance * direction
+                _, barycentrics, _ = closest_point(mesh.positions, mesh.faces[triangle], point)
+                place = barycentrics @ mesh.source.rest_positions[mesh.faces[triangle[0]]]
+                hit = Hit(mesh, place, SurfacePoints(number, triangle, barycentrics[None]))
         return hit
 
     def highlight(self, hit: Hit | None) -> None:
