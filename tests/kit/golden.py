@@ -45,10 +45,10 @@ class Golden:
         if lines:
             pytest.fail("\n".join([f"{name}: golden, found", *lines[:20]]), pytrace=False)
 
-    def picture(self, found: Path, name: str) -> None:
-        """Compare a picture with a golden."""
+    def picture(self, found: Path, name: str, *, reduced: int = 1) -> None:
+        """Compare a picture, made smaller by a whole number, with a golden."""
         path = FOLDER / name
-        image = Image.open(found).convert("RGB")
+        image = Image.open(found).convert("RGB").reduce(reduced)
         kept = Image.open(path).convert("RGB") if path.exists() else Image.new("RGB", (1, 1))
         off = (
             np.abs(np.subtract(image, kept, dtype=int)).max(axis=2) if image.size == kept.size else np.full((1, 1), 255)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 import wrinklecli
 from kit.asset import Asset
 from kit.command import Wrinkle, files
+from kit.golden import Golden
 from kit.limb import RADIUS, cuffed_limb, limb, limb_asset, tool, write_tools
 from kit.places import ROOT
 from kit.player import Json
@@ -555,6 +556,12 @@ def test_a_picture_takes_no_input_s_place(wrinkle: Wrinkle, tmp_path: Path) -> N
     assert ran.code == 1
     assert "would be overwritten" in ran.lines[0]
     assert files(tmp_path) == before
+
+
+def test_a_plot_looks_as_before(tmp_path: Path, wrinkle: Wrinkle, golden: Golden) -> None:
+    tools = write_tools(tmp_path / "tools.yaml", PALM, BACK)
+    assert wrinkle("check", WRIST, tools, "--max-levels", "0", "--plot", "plot.png").code == 0
+    golden.picture(tmp_path / "plot.png", "plot.png", reduced=4)
 
 
 def test_without_matplotlib_it_says_what_to_install(

@@ -195,6 +195,13 @@ def test_a_knee_bends_one_way_and_sides_of_a_face_move_together(tmp_path: Path) 
     assert channel.values[-1].tolist() == [1.0, 1.0]
 
 
+def test_a_limb_that_is_hard_is_left_out_and_the_reason_says_so(tmp_path: Path) -> None:
+    found = suggested(tmp_path, dressed(limb_asset(rings=12, sides=8), name="ArmorPlate"))
+    assert not found.tools
+    assert "left out, as the notes say" in found.reason
+    assert any("ArmorPlate" in note for note in found.notes)
+
+
 BODY = [
     "Hips",
     "Spine",
