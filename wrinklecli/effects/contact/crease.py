@@ -133,12 +133,7 @@ class Crease:
     ) -> "tuple[Crease, Followed]":
         """The same fold with shapes for one clip alone, and their fit to it.
 
-        Args:
-            clip: The animation, in which something touches.
-            times: (frames,) seconds.
-            marched: The solutions there.
-            share: Greatest error of a vertex, relative to the greatest move.
-            most: Greatest number of shapes.
+        Something touches in the solutions at (frames,) seconds; `share` and `most` are as in `resolve`.
         """
         touching = [frame for frame, found in enumerate(marched) if found.touches]
         solved = [marched[frame] for frame in touching]
@@ -263,7 +258,7 @@ def _tabulated(fold: Fold, solved: Sequence[_Solved], weights: Floats) -> tuple[
 
 
 def _chosen(weights: Floats) -> list[int]:
-    """Frames in which normals are to be right: those where a shape's weight is greatest, and an even choice."""
+    """Frames in which normals are to be right: the frame with the greatest weight of each shape, and an even choice."""
     even = np.linspace(0, len(weights) - 1, _NORMAL_POSES).astype(int).tolist()
     return sorted({*even, *np.argmax(np.abs(weights), axis=0).tolist()})
 

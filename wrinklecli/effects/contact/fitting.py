@@ -14,7 +14,7 @@ from wrinklecli.numeric.reduction import project, weighted_basis
 
 MOST_WEIGHT = 1.5
 """Greatest weight of a shape in any clip; in the sweeps it is 1."""
-# Times that shapes and weights are fit_pose, each time with more weight on what the last fit got wrong.
+# Fits of shapes and weights, each with more weight on the errors of the one before.
 _TRIES = 8
 # Factor on the weight of such an error.
 _MORE = 3.0
@@ -106,12 +106,7 @@ def _crossing(solved: Sequence[Solution], made: Sequence[Floats], numbers: Ints)
 
 
 def fit_pose(found: Solution, shapes: Floats, urgent: Floats | None = None) -> tuple[Floats, Floats, bool]:
-    """Fit shapes to a solution.
-
-    Args:
-        found: The solution.
-        shapes: (shapes, free, 3).
-        urgent: (free,) factors on the weights of errors, from the fit of a similar pose.
+    """Fit (shapes, free, 3) to a solution, from the (free,) factors on weights of errors that a similar pose needed.
 
     Returns:
         (shapes,) weights that leave the fewest crossings, the (free,) factors used, and True if crossings remain.

@@ -164,16 +164,10 @@ def find_folds(
     parts: Sequence[Part | None],
     obstacles: Callable[[Collection[str]], Sequence[Obstacle]] | None = None,
 ) -> tuple[list[Fold], list[int]]:
-    """Find the folds of some tools; those over one joint share a fold. Also return the tools that nothing shortens.
+    """Find the folds of the chosen tools, and the tools that nothing shortens; tools over one joint share a fold.
 
-    Args:
-        carried_patches: All tools on the mesh.
-        chosen: Indices of the tools whose contact is to be resolved.
-        fine: The refined surface.
-        rest: The rest pose.
-        rig: The joints.
-        parts: The part of a body that each node moves, if known.
-        obstacles: Gives the other meshes, without those of nodes with some names. If None, there are none.
+    `parts` names the part of a body that each node moves, if known. `obstacles` gives the other meshes, without the
+    meshes of nodes with some names.
     """
     by_node: dict[int, list[int]] = {}
     by_rise: dict[bytes, dict[int, Rise]] = {}

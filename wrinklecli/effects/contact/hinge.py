@@ -88,11 +88,9 @@ class Hinge:
         return np.asarray(self.rows_in(rig, clip, times) / _STRIDE)
 
     def turn(self, angles: Floats, *, tilt: Floats | None = None) -> Clip:
-        """A clip of a second through (keys,) evenly spaced radians, each less than 180° from the one before.
+        """A clip of a second through (keys,) evenly spaced radians from the stored rotation, less than 180° apart.
 
-        Args:
-            angles: Angles from the stored rotation.
-            tilt: (2,) tangents of the angles by which the axis leans to two sides; None for none.
+        The axis leans to two sides by angles whose tangents are (2,) `tilt`.
         """
         axis = self.signal.axis if tilt is None else unit(self.signal.axis + tilt @ _across(self.signal.axis))
         times = np.linspace(0.0, 1.0, len(angles))
@@ -106,14 +104,9 @@ def hinge_of(node: int, patches: Sequence[Patch], pivot: Floats, rig: Rig, part:
 
     The axis is first guessed for each tool, from the axis about which a turn brings its ends together fastest, and from
     the patch's v axis, along which wrinkles run. Tools count by their areas. If one of the joint's own axes is near, it
-    replaces the guess.
+    replaces the guess. All axes count as one, whichever way each tool closes.
 
-    Args:
-        node: The joint.
-        patches: The tools, at least one. Their axes count as one, whichever way each closes.
-        pivot: (3,) place of the joint at rest, world space.
-        rig: The joints.
-        part: The part of a body that the joint moves, which limits its turn; None if unknown.
+    `pivot` is the (3,) place of the joint at rest, world space; `part` limits the turn.
     """
     stored = unit_quaternions(rig.locals[node]["rotation"])
     parent = int(rig.parents[node])
