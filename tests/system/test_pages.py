@@ -35,6 +35,16 @@ def test_the_map_names_every_room() -> None:
     assert sorted(table) == sorted(rooms)
 
 
+def test_the_page_of_the_program_names_modules_that_are_there() -> None:
+    page = (ROOT / "wrinklecli" / "README.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`((?:\w+/)+\w+)`", page))
+    assert named, "such as `baking/proof`"
+    found = {
+        name for name in named if (ROOT / "wrinklecli" / name).is_dir() or (ROOT / "wrinklecli" / f"{name}.py").exists()
+    }
+    assert named == found
+
+
 def test_the_map_shows_every_module() -> None:
     drawn = (ROOT / "samples" / "pictures" / "method_flow.svg").read_text(encoding="utf-8")
     modules = {path.stem for path in (ROOT / "wrinklecli").glob("*/*.py")} - {"__init__"}
