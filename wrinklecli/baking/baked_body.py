@@ -120,7 +120,7 @@ def read_bodies(document: Document) -> list[BakedBody]:
                 draft=extras["wrinkle"].get("draft") is True,
             )
         )
-    if not any(each.measures_segment for body in bodies for each in body.drives):
+    if not any(body.drives for body in bodies):
         raise AssetError("carries no wrinkles of `wrinkle bake` that anchors drive", where=document.path)
     return bodies
 

@@ -212,7 +212,7 @@ def _track_file(
 def present_drives(body: BakedBody, nodes: Sequence[Json]) -> tuple[list[StoredDrive], list[str]]:
     """The drives whose joints are all there, and a warning for each tool of which a joint is missing or ambiguous.
 
-    There are no drives if none of them measures a segment.
+    Without any of the segments that the body has, there are no drives: a fold alone has nothing to move.
     """
     names = [str(node.get("name", "")) for node in nodes]
     bare = [str(node.get("name", "")) for node in nodes if "mesh" not in node]
@@ -229,7 +229,8 @@ def present_drives(body: BakedBody, nodes: Sequence[Json]) -> tuple[list[StoredD
             warnings.append(f"{drive.name}: left out, as there is no joint {listed(missing)}{hint}")
         elif several:
             warnings.append(f"{drive.name}: several nodes are named {listed(several)}; the first is taken")
-    return present if any(each.measures_segment for each in present) else [], warnings
+    wanted, found = (any(each.measures_segment for each in drives) for drives in (body.drives, present))
+    return present if found or not wanted else [], warnings
 
 
 def track_body(

@@ -7,7 +7,7 @@ the body as those before it have moved it.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol, Self, TypeVar
 
@@ -317,13 +317,13 @@ class Kind(Protocol):
         """
         ...
 
-    def plan(self, plan: MeshPlan, ground: Ground, attached: Mapping[int, Attached]) -> Layer | None:
+    def plan(self, plan: MeshPlan, ground: Ground, attached: Sequence[tuple[int, Attached]]) -> Layer | None:
         """The layer of this kind on a refined mesh; None if no tool asks for it.
 
         Args:
             plan: The mesh with the layers before this one.
             ground: The mesh at rest.
-            attached: All attached tools, by the number of their first region.
+            attached: All attached tools, each with the number of its first region.
 
         Raises:
             BakeError: Tools do not fit, a line for each.

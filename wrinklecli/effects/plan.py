@@ -105,7 +105,7 @@ def plan_on(
         ),
     )
     firsts = np.cumsum([0, *(len(each.regions) for each in attached)]).tolist()
-    numbered = dict(zip(firsts, attached, strict=False))
+    numbered = list(zip(firsts, attached, strict=False))
     for kind in KINDS:
         layer = kind.plan(plan, ground, numbered)
         if layer is not None:

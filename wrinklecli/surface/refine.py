@@ -24,7 +24,6 @@ from wrinklecli.numeric.arrays import (
     children,
     distinct,
     distinct_values,
-    flags_of,
     unit,
     vertex_normals,
 )
@@ -34,7 +33,7 @@ from wrinklecli.numeric.nearest import balls
 from wrinklecli.numeric.red_green import Level
 from wrinklecli.numeric.subdivide import Subdivision, subdivide
 from wrinklecli.surface.prune import SplitLimits, joint_distances, prune, spread_weights
-from wrinklecli.surface.region import Region
+from wrinklecli.surface.region import Region, members_of
 from wrinklecli.surface.rest import Rest, carried_normals
 from wrinklecli.surface.rounding import hard_edges, rounded
 from wrinklecli.tools.records import RefinementSettings
@@ -182,7 +181,7 @@ def refine(
             the midpoint further off in any pose.
         max_vertices: Greatest number of new vertices.
     """
-    members = flags_of(np.concatenate([region.members for region in regions]), len(surface.triangles))
+    members = members_of(regions, len(surface.triangles))
     limits = SplitLimits.of(
         surface, rest, members, rig, regions, contacts=contacts, influences=influences, poses=poses, tolerance=tolerance
     )

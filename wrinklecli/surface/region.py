@@ -3,7 +3,9 @@
 from collections.abc import Sequence
 from typing import Protocol
 
-from wrinklecli.numeric.arrays import Floats, Ints
+import numpy as np
+
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, flags_of
 from wrinklecli.surface.anchor import Anchor
 
 
@@ -55,3 +57,8 @@ class Region(Protocol):
 
     def presence(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
         """(…,) as `share`, but fading to 0 at both ends of the region too."""
+
+
+def members_of(regions: Sequence[Region], count: int) -> Bools:
+    """(count,) True for the coarse triangles, of so many, that belong to a region."""
+    return flags_of(np.concatenate([np.zeros(0, np.intp), *(region.members for region in regions)]), count)

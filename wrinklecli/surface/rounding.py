@@ -28,12 +28,11 @@ from wrinklecli.numeric.arrays import (
     children,
     distinct_values,
     face_normals,
-    flags_of,
     normals_at,
     unit,
 )
 from wrinklecli.numeric.subdivide import Subdivision, two_rings
-from wrinklecli.surface.region import Region
+from wrinklecli.surface.region import Region, members_of
 
 # An edge is hard if authored normals of one vertex on its two sides enclose more than 5°. Smooth surfaces have equal
 # normals at seams, up to half a degree of rounding in bytes.
@@ -74,7 +73,7 @@ def hard_edges(surface: Surface, positions: Floats, regions: Sequence[Region]) -
     Angles are those of (vertices, 3) positions in bind space.
     """
     count = len(surface.positions)
-    members = flags_of(np.concatenate([region.members for region in regions]), len(surface.triangles))
+    members = members_of(regions, len(surface.triangles))
     faces = np.flatnonzero(two_rings(members, surface.triangles, count))
     triangles = surface.triangles[faces]
     starts, ends = triangles.reshape(-1), np.roll(triangles, -1, axis=1).reshape(-1)

@@ -268,10 +268,11 @@ def load_merged(paths: Sequence[str | os.PathLike[str]]) -> ToolsFile:
     for each in files[1:]:
         problems += _differences(merged, each)
         said = {key: getattr(each, key) for key in _SHARED if (key,) in each.places}
+        lists: dict[str, Any] = {key: (*getattr(merged, key), *getattr(each, key)) for key in ToolsFile.LISTS}
         merged = replace(
             merged,
             **said,
-            tools=(*merged.tools, *each.tools),
+            **lists,
             places={**merged.places, **{keys: place for keys, place in each.places.items() if keys[0] in said}},
             merged_paths=(*merged.merged_paths, each.path),
         )
@@ -288,8 +289,8 @@ def _differences(merged: ToolsFile, other: ToolsFile) -> list[ConfigError]:
         if both and getattr(merged, key) != getattr(other, key):
             message = f"differs from {merged.place(key)}, with which it is merged: they must agree"
             problems.append(ConfigError(message, where=other.place(key)))
-    names = {identifier(tool.name): tool for tool in merged.tools}
-    for tool in other.tools:
+    names = {identifier(tool.name): tool for tool in merged.effects}
+    for tool in other.effects:
         if (taken := names.get(identifier(tool.name))) is not None:
             message = f"found {tool.name!r}, but {taken.where} has that name: files that are merged need names apart"
             problems.append(ConfigError(message, where=tool.place("name")))

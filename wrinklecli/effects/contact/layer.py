@@ -1,6 +1,6 @@
 """Contact on a mesh: the folds that tools ask for, on the surface as the wrinkles move it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
@@ -75,7 +75,7 @@ class ContactKind:
         """Nothing."""
         return ()
 
-    def plan(self, plan: MeshPlan, ground: Ground, _attached: Mapping[int, Attached]) -> Contact | None:
+    def plan(self, plan: MeshPlan, ground: Ground, _attached: Sequence[tuple[int, Attached]]) -> Contact | None:
         """Find the folds of the tools that ask for contact.
 
         Raises:

@@ -1,6 +1,6 @@
 """Wrinkles on a mesh: the tools attached, then carried by the refined surface."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -107,14 +107,14 @@ class WrinkleKind:
         own = [tool for tool in tools if isinstance(tool, WrinkleTool)]
         return attach_tools(own, ground.surface, ground.rest, ground.rig, up=settings.up)
 
-    def plan(self, plan: MeshPlan, ground: Ground, attached: Mapping[int, Attached]) -> Wrinkles | None:
+    def plan(self, plan: MeshPlan, ground: Ground, attached: Sequence[tuple[int, Attached]]) -> Wrinkles | None:
         """Let the refined surface carry the tools.
 
         Raises:
             BakeError: Tools move no vertex, a line for each.
         """
         carried, problems = [], []
-        patches = {number: each for number, each in attached.items() if isinstance(each, Patch)}
+        patches = {number: each for number, each in attached if isinstance(each, Patch)}
         for patch in patches.values():
             try:
                 carried.append(demanding(carry(patch, plan.fine, ground.contacts), plan.fine, plan.rig))
