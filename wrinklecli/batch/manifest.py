@@ -28,12 +28,10 @@ _OUTPUT_ENDINGS = (".glb", ".gltf")
 
 
 def read_manifest(path: str, given: Mapping[str, Any]) -> list[BatchJob]:
-    """Read a manifest.
+    """Read a manifest at a path or URL; the paths in it are relative to its folder.
 
-    Args:
-        path: Path or URL. The paths in the manifest are relative to its folder.
-        given: Values from the command line for keys that neither a job nor the defaults name; paths in them are
-            relative to the current folder.
+    `given` has values from the command line for keys that neither a job nor the defaults name; paths in them are
+    relative to the current folder.
 
     Raises:
         ConfigError: The manifest cannot be read, or has problems (a line each).

@@ -60,12 +60,9 @@ class ReadOptions:
 
 
 class LoadedAsset:
-    """An asset to which tools can be attached. Several threads may use it.
+    """An asset with all its clips, to which tools can be attached. Several threads may use it.
 
-    Attributes:
-        document: Asset with all clips.
-        range_clips: Names of the clips that are a range of motion.
-        notes: Lines about the asset's motions.
+    `range_clips` names the clips that are a range of motion; `notes` are lines about the asset's motions.
     """
 
     def __init__(

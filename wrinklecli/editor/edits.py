@@ -51,10 +51,7 @@ class Edits:
     """A tools file and its steps.
 
     An edit raises ConfigError, and changes nothing, if the file would not be valid. With `draft=True` an edit replaces
-    the last draft and is no step; the next edit without it is a step.
-
-    Attributes:
-        notes: Lines about changes of the files, the newest last.
+    the last draft and is no step; the next edit without it is a step. `notes` are lines about changes of the files.
 
     Raises:
         ConfigError: The file is not valid.

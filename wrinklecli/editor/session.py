@@ -60,20 +60,12 @@ class EditedTool:
 class Session(Edits):
     """An asset and its tools, being edited. Unsaved edits of an earlier session are recovered as a step.
 
-    A draft is shown at once, on the triangles that are there.
-
-    Args:
-        asset: The .gltf or .glb.
-        tools: YAML file, which need not exist; None stands for the asset's path with the ending .yaml.
-        read_options: How to read the asset.
+    The tools file need not exist; without `tools` it is the asset's path with the ending .yaml. A draft is shown at
+    once, on the triangles that are there. `pose` is that of the clip `POSE`, which may be named wherever a clip may.
+    `notes` are lines about the asset's motions and about changes of the files, the newest last.
 
     Raises:
         WrinkleError: A file is at fault.
-
-    Attributes:
-        asset: Path of the asset.
-        pose: Pose of the clip `POSE`, which may be named wherever a clip may.
-        notes: Lines about the asset's motions and about changes of the files, the newest last.
     """
 
     def __init__(
@@ -156,15 +148,9 @@ class Session(Edits):
     # Edits.
 
     def add_tool(self, origin: Sequence[float], target: Sequence[float], node: str | None = None) -> str:
-        """Add a tool between two places of a mesh at rest, with a first guess of its width and bumps.
+        """Add a tool between two (3,) places at rest, world space, and guess its width and bumps; return its name.
 
-        Args:
-            origin: (3,) world space.
-            target: (3,) world space.
-            node: Name of the node whose mesh was clicked.
-
-        Returns:
-            The name of the tool.
+        `node` is the name of the node whose mesh was clicked.
         """
         with self._guarded():
             file = self._base.file

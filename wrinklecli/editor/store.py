@@ -23,11 +23,7 @@ _VERSION = 1  # of the side file's format
 
 
 class Store:
-    """A tools file on disk; it need not exist.
-
-    Attributes:
-        path: Path as it was typed.
-        base: Text that was last read or saved, with which edits began.
+    """A tools file on disk, which need not exist. `base` is the text that was last read or saved.
 
     Raises:
         ConfigError: The file cannot be read.
@@ -76,12 +72,7 @@ class Store:
         return None
 
     def merged(self, mine: str, theirs: str, since: str | None = None) -> ToolsText:
-        """Merge two changed texts of the file, tool by tool.
-
-        Args:
-            mine: Text edited here.
-            theirs: Text written by others.
-            since: Text before both changes; None stands for `base`.
+        """Merge a text edited here with one written by others, tool by tool; both have changed `since` (or `base`).
 
         Raises:
             ConfigError: Both have changed a tool in different ways (a line each), or the result is not valid.

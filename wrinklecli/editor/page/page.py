@@ -51,19 +51,12 @@ _HINT = (
 
 
 class Page:
-    """A page that is served until `close`.
+    """A page that shows a session until `close`, at a host and a port, of which 0 stands for any free one.
 
-    Args:
-        session: Session to edit.
-        host: Address to listen on.
-        port: Port to listen on; 0 stands for any free port.
-        heat: Begin with the surface coloured by its compression.
+    With `heat` it begins with the surface coloured by its compression. See `PageHost` for its attributes.
 
     Raises:
         WrinkleError: The port is taken, or the host is no address of this machine.
-
-    Attributes:
-        player: The shown clip and time. For the other attributes see `PageHost`.
     """
 
     def __init__(self, session: Session, host: str = "127.0.0.1", port: int = 0, *, heat: bool = False) -> None:

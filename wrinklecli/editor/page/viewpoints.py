@@ -37,13 +37,9 @@ def frame_asset(points: Floats, side: str) -> Camera:
 
 
 def frame_tool(outline: ToolOutline, body: Body, points: Floats, hiding: Ints) -> Camera:
-    """Place a camera on the side that shows most of a tool.
+    """Place a camera on the side that shows most of a tool on a body, which is at (points, 3) positions.
 
-    Args:
-        outline: Tool to see.
-        body: Mesh that the tool is on.
-        points: (points, 3) present positions of the mesh.
-        hiding: (triangles, 3) points of the triangles that may hide the tool.
+    `hiding` are the (triangles, 3) points of the triangles that may hide the tool.
     """
     places, normals = outline.points.positions(body, points), outline.points.normals(body, points)
     low, high = places.min(axis=0), places.max(axis=0)

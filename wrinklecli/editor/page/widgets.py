@@ -48,12 +48,9 @@ KEYBOARD = f'<img src="data:," style="display:none" onerror="{html.escape(_SCRIP
 
 
 class PageHost(Protocol):
-    """The page, as its parts see it.
+    """The page, as its parts see it, with a queue for quick actions and one for actions that take seconds.
 
-    Attributes:
-        work: Queue for quick actions.
-        slow: Queue for actions that take seconds.
-        chosen: Name of the tool that the page shows.
+    `chosen` is the name of the tool that the page shows.
     """
 
     server: viser.ViserServer
