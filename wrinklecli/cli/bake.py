@@ -48,7 +48,7 @@ _MODIFIERS = {"define", "export", "override", "private", "undefine", "unexport"}
 )
 @opt.max_levels
 @opt.whole(
-    "--edges-per-interval", low=1, high=16, text="Overrides refinement.edges_per_interval, the edges on half a bump."
+    "--edges-per-interval", bounds=(1, 16), text="Overrides refinement.edges_per_interval, the edges on half a bump."
 )
 @opt.max_vertices
 @opt.choice(

@@ -35,18 +35,13 @@ _EXIT_CODES = {"bug": 70, "failed": 1, "refused": 3}
 @click.option(
     "--out", metavar="PATH", help="The output of jobs that name none; {stem} is an asset's name, {folder} its folder."
 )
-@opt.whole("-j", "--jobs", low=1, high=1024, text="Worker processes.", default=1, metavar="N")
+@opt.whole("-j", "--jobs", bounds=(1, 1024), text="Worker processes.", default=1)
 @click.option("--scheduler", metavar="tcp://HOST:PORT", help="Use the workers of this Dask scheduler instead.")
 @click.option("--cache", metavar="DIR_OR_URL", help=f"Where outputs are kept.  [default: {_CACHE} beside MANIFEST]")
 @click.option("--keep-going/--fail-fast", default=True, show_default=True, help="What to do after a job that failed.")
 @opt.flag("--dry-run", text="Say what would be baked, and why; bake nothing.")
 @opt.whole(
-    "--retry",
-    low=0,
-    high=100,
-    text="Begin a job again if its worker died or its store did not answer.",
-    default=3,
-    metavar="N",
+    "--retry", bounds=(0, 100), text="Begin a job again if its worker died or its store did not answer.", default=3
 )
 @opt.file("--report", metavar="FILE.jsonl", text="Write a line for each job as it ends; - is stdout.")
 @opt.flag("--dashboard", text="Serve Dask's dashboard, and say where.")

@@ -24,14 +24,7 @@ _PORT = 8765
 @opt.anim()
 @opt.range_of_motion("Without clips that is done anyway.")
 @opt.flag("--heat", text="Begin with the surface coloured by its compression.")
-@opt.whole(
-    "--port",
-    low=0,
-    high=65_535,
-    text="The port of the page; 0 takes any port that is free.",
-    default=_PORT,
-    metavar="N",
-)
+@opt.whole("--port", bounds=(0, 65_535), text="The port of the page; 0 takes any port that is free.", default=_PORT)
 @opt.valued(
     "--host",
     text="The address to listen on. At any other than this machine's own, whoever reaches it sees and changes all.",

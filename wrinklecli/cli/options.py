@@ -84,9 +84,9 @@ def flag(*names: str, text: str) -> Option:
     return click.option(*names, is_flag=True, help=text)
 
 
-def whole(*names: str, low: int, high: int, text: str, default: int | None = None, **more: Any) -> Option:
+def whole(*names: str, bounds: tuple[int, int], text: str, default: int | None = None) -> Option:
     """A whole number in a range."""
-    return valued(*names, text=text, default=default, type=click.IntRange(low, high), **more)
+    return valued(*names, text=text, default=default, type=click.IntRange(*bounds), metavar="N")
 
 
 def valued(*names: str, text: str, default: Any = None, **more: Any) -> Option:
@@ -168,7 +168,7 @@ morph = click.option(
     callback=_weights,
     help="In place of clips, give this morph target a weight, such as browInnerUp=1. " + _ONE_POSE.format("--pose"),
 )
-max_levels = whole("--max-levels", low=0, high=8, text="Overrides refinement.max_levels; 0 does not refine.")
+max_levels = whole("--max-levels", bounds=(0, 8), text="Overrides refinement.max_levels; 0 does not refine.")
 # Bytes; the process is held to them while the command runs.
 max_memory = valued(
     "--max-memory",
@@ -179,8 +179,7 @@ max_memory = valued(
 )
 max_vertices = whole(
     "--max-vertices",
-    low=0,
-    high=100_000_000,
+    bounds=(0, 100_000_000),
     text="Refuse tools that would add more vertices to a mesh.",
     default=MAX_VERTICES,
 )

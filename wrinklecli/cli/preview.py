@@ -104,7 +104,7 @@ def _above_0(_context: click.Context, parameter: click.Parameter, value: float |
     callback=_numbers,
     help="Moments in seconds. Default: 5 of a clip; of an animation, all of it.",
 )
-@opt.whole("--frames", low=1, high=10_000, text="The number of moments of each clip, evenly spaced.")
+@opt.whole("--frames", bounds=(1, 10_000), text="The number of moments of each clip, evenly spaced.")
 @opt.fps("Moments per second; of an animation 15.")
 @click.option(
     "--views",
@@ -119,7 +119,7 @@ def _above_0(_context: click.Context, parameter: click.Parameter, value: float |
 @click.option(
     "--size", metavar="WxH", callback=_size, help="The size of each picture. Default: 800x600, or what fits a review."
 )
-@opt.whole("--columns", low=1, high=1000, text="Moments in a row of a sheet.")
+@opt.whole("--columns", bounds=(1, 1000), text="Moments in a row of a sheet.")
 @click.option("--labels", metavar="A,B", callback=_words, help="A label for each asset, or for before and after.")
 @opt.flag(
     "--grid",

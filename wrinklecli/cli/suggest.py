@@ -28,11 +28,9 @@ _WIDEST = 60  # characters of a column
 @opt.clip("Look at this clip only; may be repeated.")
 @opt.whole(
     "--count",
-    low=1,
-    high=500,
+    bounds=(1, 500),
     text="Suggestions at most, best first; a pair that `mirror` makes counts as one.",
     default=8,
-    metavar="N",
 )
 @click.option("--node", metavar="NAME", help="Look at the mesh of this node only.")
 @opt.flag("--all", "everything", text="Leave out neither hard parts nor what another layer hides.")
