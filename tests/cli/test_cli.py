@@ -354,7 +354,7 @@ def test_a_bug_keeps_its_traceback(wrinkle: Wrinkle, tmp_path: Path, monkeypatch
     def broken(*_: Any, **__: Any) -> None:
         raise KeyError("surprise")
 
-    monkeypatch.setattr(pipeline, "sample_with_creases", broken)
+    monkeypatch.setattr(pipeline, "sample_effects", broken)
     ran = wrinkle("bake", WRIST, "tools.yaml", "-o", "out.glb")
     assert (ran.code, ran.out) == (70, "")
     assert ran.lines[0] == "Traceback (most recent call last):"
@@ -369,7 +369,7 @@ def test_an_interrupt_is_no_bug(wrinkle: Wrinkle, tmp_path: Path, monkeypatch: p
     def interrupted(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(pipeline, "sample_with_creases", interrupted)
+    monkeypatch.setattr(pipeline, "sample_effects", interrupted)
     ran = wrinkle("bake", WRIST, "tools.yaml", "-o", "out.glb")
     assert (ran.code, ran.out, [line for line in ran.lines if line]) == (130, "", ["wrinkle: interrupted"])
     assert (tmp_path / "out.glb").read_bytes() == b"old"
