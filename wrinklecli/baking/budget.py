@@ -41,7 +41,7 @@ from wrinklecli.effects.sampling import observed, with_times
 from wrinklecli.errors import RefusedError
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Bools
+from wrinklecli.numeric.arrays import Bools, significant
 from wrinklecli.surface.ground import poses_of
 
 # Share of the error bound that fewer shapes may take, as for `attachment: patch`.
@@ -199,7 +199,7 @@ def _reduce(
                     "from": len(old.target_names),
                     "to": len(new.target_names),
                     "at_once": new.most_at_once,
-                    "error": float(f"{error:.3e}"),
+                    "error": significant(error, 4),
                 }
             )
     if budget.active is not None:
@@ -287,4 +287,4 @@ def _judge_influences(document: Document, plan: MeshPlan, clips: Sequence[Clip],
             f" {error:.3g}; --max-error allows {plan.max_error:.3g}. Limit the asset to {limit} joints a vertex",
             where=str(rig.names[rig.node]),
         )
-    return {"vertices_over_influences": len(over), "influence_error": float(f"{error:.3e}")}
+    return {"vertices_over_influences": len(over), "influence_error": significant(error, 4)}

@@ -20,8 +20,6 @@ VERSION = 1
 
 # The section of a report that is there in any case.
 _TOOLS = "tools"
-# Decimal digits of measured numbers: they distinguish any two float32 values.
-_DIGITS = 9
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,9 +219,9 @@ def _describe_clip(clip: Clip, times: Floats) -> Json:
     """The head of a clip's entry."""
     return {
         "name": clip.name,
-        "start": significant(clip.start, _DIGITS),
-        "end": significant(clip.end, _DIGITS),
-        "times": [significant(each, _DIGITS) for each in times],
+        "start": significant(clip.start),
+        "end": significant(clip.end),
+        "times": [significant(each) for each in times],
         "tools": [],
     }
 
@@ -232,8 +230,8 @@ def _describe_residual(residual: Residual) -> Json:
     """How far the written file is from the method in one clip, but inside gaps of seconds that get no further key."""
     return {
         "gap": 2.0 * KEY_GAP,
-        "position": float(f"{residual.position:.3e}"),
-        "time": significant(residual.time, _DIGITS),
-        "weights": float(f"{residual.weights:.3e}"),
+        "position": significant(residual.position, 4),
+        "time": significant(residual.time),
+        "weights": significant(residual.weights, 4),
         "normal_degrees_99": None if residual.normal is None else round(residual.normal, 3),
     }

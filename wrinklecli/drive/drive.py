@@ -34,7 +34,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.drive.angle import Angles, JointAngle
 from wrinklecli.drive.lag import TAUT
 from wrinklecli.drive.segment import Lengths, RestLength, Segment
-from wrinklecli.drive.table import CurveTable, Json, Table, read_table, significant
+from wrinklecli.drive.table import CurveTable, Json, Table, read_table, rounded
 from wrinklecli.numeric.arrays import Floats, unit_quaternions
 from wrinklecli.numeric.piecewise import Signal
 from wrinklecli.tools.records import Lag
@@ -91,7 +91,7 @@ class Drive:
             head = {"name": self.name, **_segment_json(self.signal, names, morph_names)}
             if self.lag is not None:
                 head["lag"] = {"frequency": self.lag.frequency, "damping": self.lag.damping, "taut": TAUT}
-        factors = {clip: significant(each) for clip, each in self.strengths.items()}
+        factors = {clip: rounded(each) for clip, each in self.strengths.items()}
         return {
             **head,
             **({"strengths": factors} if factors else {}),
@@ -171,12 +171,12 @@ def _segment_json(segment: Segment, names: Sequence[str], morph_names: Sequence[
     points = [_point_json(point, names, morph_names) for point in segment.points]
     # A player of two anchors does not look for those of a path.
     anchors = dict(zip(("origin", "target"), points, strict=True)) if len(points) == 2 else {"anchors": points}
-    rest, stored = segment.rest_length, {"rest_length": significant(segment.rest_length.constant)}
+    rest, stored = segment.rest_length, {"rest_length": rounded(segment.rest_length.constant)}
     if rest.morph is not None:
         number, full = rest.morph
-        return {**anchors, **stored, "rest_length_morph": {"name": morph_names[number], "full": significant(full)}}
+        return {**anchors, **stored, "rest_length_morph": {"name": morph_names[number], "full": rounded(full)}}
     if rest.keys:
-        keys = {clip: [[significant(x) for x in key] for key in each] for clip, each in rest.keys.items()}
+        keys = {clip: [[rounded(x) for x in key] for key in each] for clip, each in rest.keys.items()}
         return {**anchors, **stored, "rest_length_keys": keys}
     return {**anchors, **stored}
 
@@ -187,13 +187,13 @@ def _point_json(point: CarriedPoint, names: Sequence[str], morph_names: Sequence
     scales = 1.0 / np.cbrt(np.where(point.shares > 0, point.shares, 1.0))
     stored: Json = {
         "joints": [names[node] for node in point.nodes.tolist()],
-        "weights": [significant(weight) for weight in point.weights],
-        "positions": [[significant(x) for x in place] for place in places[0]],
-        "scales": [significant(scale) for scale in scales],
+        "weights": [rounded(weight) for weight in point.weights],
+        "positions": [[rounded(x) for x in place] for place in places[0]],
+        "scales": [rounded(scale) for scale in scales],
     }
     if places[1:].any():
         stored["morphs"] = {
-            name: [[significant(x) for x in place] for place in deltas]
+            name: [[rounded(x) for x in place] for place in deltas]
             for name, deltas in zip(morph_names, places[1:], strict=True)
             if deltas.any()
         }
@@ -204,8 +204,8 @@ def _angle_json(signal: JointAngle, names: Sequence[str]) -> Json:
     return {
         "joint": names[signal.node],
         **({"parent": names[signal.parent]} if signal.parent >= 0 else {}),
-        "rest": [significant(each) for each in signal.rest],
-        "axis": [significant(each) for each in signal.axis],
+        "rest": [rounded(each) for each in signal.rest],
+        "axis": [rounded(each) for each in signal.axis],
     }
 
 

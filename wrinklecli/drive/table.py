@@ -9,7 +9,7 @@ from typing import Any, Literal, Protocol, TypeAlias
 import numpy as np
 
 from wrinklecli.drive.segment import Lengths
-from wrinklecli.numeric.arrays import Bools, Floats, interpolated
+from wrinklecli.numeric.arrays import Bools, Floats, interpolated, significant
 
 Json: TypeAlias = dict[str, Any]
 
@@ -60,7 +60,7 @@ class Table:
     def to_json(self) -> Json:
         """The rows as extras store them."""
         table = [[significant(value, _TABLE_DIGITS) for value in row] for row in self.table]
-        return {self.by: [significant(value) for value in self.rows], "weights": table}
+        return {self.by: [rounded(value) for value in self.rows], "weights": table}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,13 +126,13 @@ class CurveTable:
                 "taut": self.taut,
                 **({"compressible": self.compressible} if self.compressible else {}),
                 "intervals": self.intervals,
-                "bumps": [int(size) if size.is_integer() else significant(size) for size in self.bumps],
-                **{key: [significant(value) for value in values] for key, values in limited.items()},
-                "parts": [significant(value) for value in self.parts],
-                "rises": [[significant(value) for value in row] for row in self.rises],
-                "mix": [[significant(value) for value in row] for row in self.mix],
+                "bumps": [int(size) if size.is_integer() else rounded(size) for size in self.bumps],
+                **{key: [rounded(value) for value in values] for key, values in limited.items()},
+                "parts": [rounded(value) for value in self.parts],
+                "rises": [[rounded(value) for value in row] for row in self.rises],
+                "mix": [[rounded(value) for value in row] for row in self.mix],
                 **({"positive": True} if self.positive else {}),
-                **({"least": significant(self.least)} if self.least else {}),
+                **({"least": rounded(self.least)} if self.least else {}),
             }
         }
 
@@ -185,6 +185,6 @@ def _sorted_rows(values: object) -> Floats:
     return rows
 
 
-def significant(value: float, digits: int = DIGITS) -> float:
-    """A number rounded to significant decimal digits."""
-    return float(f"{value:.{digits}g}")
+def rounded(value: float) -> float:
+    """Round a number to as many digits as extras have."""
+    return significant(value, DIGITS)

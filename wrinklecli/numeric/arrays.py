@@ -262,8 +262,8 @@ def smoothstep(t: Floats, factor: Floats | float = 1.0) -> Floats:
     return stepped
 
 
-def significant(value: float, digits: int) -> float:
-    """Round a value to some significant decimal digits."""
+def significant(value: float, digits: int = 9) -> float:
+    """Round a value to some significant decimal digits: nine of them distinguish all float32 values."""
     return float(f"{value:.{digits}g}")
 
 

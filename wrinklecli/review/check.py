@@ -37,8 +37,6 @@ VERSION = 1
 _MOST_MOTIONS = 12
 # The least shortening by a motion that is reported, over the rest length.
 _VISIBLE = 1e-3
-# Decimal digits of measured numbers, as in the report of a bake.
-_DIGITS = 9
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,21 +230,21 @@ def describe_tool(plan: MeshPlan, number: int, up: str) -> Json:
         "origin": _describe_anchor(plan, patch.origin, up),
         **({"between": [_describe_anchor(plan, each, up) for each in patch.anchors[1:-1]]} if between else {}),
         "target": _describe_anchor(plan, patch.target, up),
-        "distance": _round(patch.span),
-        "rest_length": _round(patch.rest_length),
-        "width": _round(2.0 * patch.half_width),
+        "distance": significant(patch.span),
+        "rest_length": significant(patch.rest_length),
+        "width": significant(2.0 * patch.half_width),
         "material": patch.tool.material or "none",
         "bumps": patch.tool.bumps,
         "strategy": patch.tool.strategy,
         "compressible": patch.tool.compressible,
         "lag": None if patch.tool.lag is None else asdict(patch.tool.lag),
-        "height_limit": _round(patch.greatest_height),
+        "height_limit": significant(patch.greatest_height),
         "triangles": len(patch.members),
         "edges_split": int((members >= len(fine.surface.positions)).sum()),
         "moved_vertices": len(carried.vertices),
         "scheme": fine.schemes[number],
-        "hard_edges": _round(fine.hard_shares[number]),
-        "departure": _round(fine.departures[number]),
+        "hard_edges": significant(fine.hard_shares[number]),
+        "departure": significant(fine.departures[number]),
     }
 
 
@@ -256,8 +254,8 @@ def _describe_anchor(plan: MeshPlan, anchor: Anchor, up: str) -> Json:
     vertex = int(np.flatnonzero(surface.weld == welded)[0])
     primitive = int(np.searchsorted(surface.vertex_starts, vertex, side="right")) - 1
     return {
-        "position": [_round(each) for each in in_axes(anchor.position.tolist(), up)],
-        "off": _round(anchor.distance),
+        "position": [significant(each) for each in in_axes(anchor.position.tolist(), up)],
+        "off": significant(anchor.distance),
         "primitive": primitive,
         "vertex": vertex - int(surface.vertex_starts[primitive]),
     }
@@ -278,10 +276,10 @@ def describe_clip(carried: CarriedPatch, each: ClipActivity) -> Json:
     return {
         "name": clip.name,
         "strength": strength,
-        "shortening": [_round(shortenings[shown].min()), _round(shortenings[most])],
-        "time": _round(each.times[most]),
-        "unabsorbed": _round((seen.unabsorbed / seen.rest_lengths).max()),
-        "height": _round(abs(strength) * float(heights.max(initial=0.0))),
+        "shortening": [significant(shortenings[shown].min()), significant(shortenings[most])],
+        "time": significant(each.times[most]),
+        "unabsorbed": significant((seen.unabsorbed / seen.rest_lengths).max()),
+        "height": significant(abs(strength) * float(heights.max(initial=0.0))),
     }
 
 
@@ -298,7 +296,3 @@ def _overlaps(plan: MeshPlan) -> list[list[Json]]:
         if one != other:
             found[one].append({"tool": names[other], "vertices": int(count)})
     return found
-
-
-def _round(value: float) -> float:
-    return significant(value, _DIGITS)

@@ -26,6 +26,7 @@ from wrinklecli.effects.contact.solution import (
 from wrinklecli.effects.contact.tissue import FREE, SOFT, UNITS, Tissue
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, interpolated
 from wrinklecli.numeric.intersections import widened
+from wrinklecli.numeric.nearest import nearest_of
 
 # A sweep ends where contact moves a vertex this far, solver's units: a limb is pressed by half of its radius,
 _DEEPEST = 36.0
@@ -273,8 +274,6 @@ def _apart(fold: Fold) -> Floats | None:
 
     Where edges are long, a vertex counts as nearer, so that corrections fade over at least `RINGS` edges.
     """
-    from scipy.spatial import cKDTree
-
     still = fold.crossing(fold.rest_positions)
     marked = np.zeros(len(fold.own), bool)
     for lean in fold.hinge.leanings:
@@ -286,7 +285,7 @@ def _apart(fold: Fold) -> Floats | None:
     marked &= ~still
     if not marked[fold.own].any():
         return None
-    apart = np.asarray(cKDTree(fold.rest_positions[marked]).query(fold.rest_positions)[0] * UNITS / fold.radius)
+    apart = nearest_of(fold.rest_positions[marked], fold.rest_positions)[0] * UNITS / fold.radius
     for ring in range(1, RINGS + 1):
         marked, within = widened(fold.crossings.edges, marked), marked
         apart = np.where(marked & ~within, np.minimum(apart, FREE * SOFT * ring / (RINGS + 1)), apart)

@@ -23,9 +23,6 @@ from wrinklecli.numeric.arrays import Floats, Ints, interpolated, matches, signi
 if TYPE_CHECKING:
     from wrinklecli.effects.contact.crease import Crease, Followed
 
-# Decimal digits of measured numbers in reports: they distinguish any two float32 values.
-_DIGITS = 9
-
 
 @dataclass(frozen=True, slots=True)
 class NonNegativeBasis:
@@ -148,17 +145,17 @@ class ContactEffect(Effect):
             if isinstance(hinge, Hinge)
             else None,
             "moved_vertices": len(crease.vertices),
-            "largest_move": significant(crease.largest, _DIGITS),
-            "volume_lost": significant(crease.squeezed, _DIGITS),
+            "largest_move": significant(crease.largest),
+            "volume_lost": significant(crease.squeezed),
             "poses": crease.solved,
             "unsettled_poses": crease.unsettled,
             "crossing_poses": crease.crossing,
-            "error": significant(crease.error, _DIGITS),
+            "error": significant(crease.error),
             "unsettled_frames": sum(each.unsettled for each in self.followed),
             "crossing_frames": sum(each.crossing for each in self.followed),
             "clips_given_up": sum(each.given_up for each in self.followed),
-            "left": [asdict(each) | {"time": significant(each.time, _DIGITS)} for each in self.remaining],
-            "clip_error": significant(max((each.error for each in self.followed), default=0.0), _DIGITS),
+            "left": [asdict(each) | {"time": significant(each.time)} for each in self.remaining],
+            "clip_error": significant(max((each.error for each in self.followed), default=0.0)),
             "targets": list(self.target_names),
         }
 

@@ -13,7 +13,7 @@ from wrinklecli.drive.segment import Segment
 from wrinklecli.effects.wrinkle.curve import ControlCurve
 from wrinklecli.effects.wrinkle.places import Places, bowed
 from wrinklecli.effects.wrinkle.variation import Variation, attenuation
-from wrinklecli.numeric.arrays import Floats, Ints
+from wrinklecli.numeric.arrays import Floats, Ints, smoothstep
 from wrinklecli.surface.anchor import Anchor
 from wrinklecli.surface.path import Path
 from wrinklecli.tools.records import WrinkleTool
@@ -88,7 +88,7 @@ class Patch:
             return found.u, v
         low, high = _UNFOLDED
         t = np.clip((found.stretches - low) / (high - low), 0.0, 1.0)
-        spread = 1.0 - (1.0 - np.abs(v)) * t * t * (3.0 - 2.0 * t)
+        spread = 1.0 - smoothstep(t, 1.0 - np.abs(v))
         # Beyond the border, not on it.
         return found.u, np.copysign(spread + np.maximum(low - found.stretches, 0.0), v)
 
@@ -151,7 +151,7 @@ class Patch:
         low, high = _FACING
         t = np.clip((cosines - low) / (high - low), 0.0, 1.0)
         inside = (u >= 0.0) & (u <= 1.0) & (np.abs(v) <= 1.0)
-        return np.where(inside, self.shape_strength * left * t * t * (3.0 - 2.0 * t), 0.0)
+        return np.where(inside, smoothstep(t, self.shape_strength * left), 0.0)
 
     def share(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
         """(…,) share of the tool's height at (…,) places: `factors` without strength."""
@@ -164,8 +164,7 @@ class Patch:
         where a bump begins or ends.
         """
         t = np.clip(np.minimum(u, 1.0 - u) * self.curve.interval_count, 0.0, 1.0)
-        faded: Floats = t * t * (3.0 - 2.0 * t) * self.share(u, v, cosines)
-        return faded
+        return smoothstep(t) * self.share(u, v, cosines)
 
     @property
     def regions(self) -> "tuple[Patch, ...]":

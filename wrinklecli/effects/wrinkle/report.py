@@ -11,8 +11,6 @@ from wrinklecli.numeric.arrays import Floats, significant
 
 # v of the lines whose lengths are reported: both borders, where nothing is left of a height, are not among them.
 _LINES = np.linspace(-0.75, 0.75, 13)
-# Decimal digits of measured numbers: they distinguish any two float32 values.
-_DIGITS = 9
 
 
 def describe_tool(plan: MeshPlan, carried: CarriedPatch, region: int, targets: tuple[str, ...]) -> Json:
@@ -26,8 +24,8 @@ def describe_tool(plan: MeshPlan, carried: CarriedPatch, region: int, targets: t
         "moved_vertices": len(carried.vertices),
         "stuck_vertices": carried.stuck,
         "scheme": fine.schemes[region],
-        "hard_edges": significant(fine.hard_shares[region], _DIGITS),
-        "departure": significant(fine.departures[region], _DIGITS),
+        "hard_edges": significant(fine.hard_shares[region]),
+        "departure": significant(fine.departures[region]),
         "targets": list(targets),
     }
 
@@ -47,22 +45,22 @@ def describe_activity(patch: Patch, seen: Activity, strength: float) -> Json:
     return {
         "name": patch.tool.name,
         "strength": strength,
-        "distance": [None if np.isinf(each) else significant(each, _DIGITS) for each in seen.distances],
+        "distance": [None if np.isinf(each) else significant(each) for each in seen.distances],
         "rest_length": _list(seen.rest_lengths),
         "shortening": _list(seen.shortenings),
         "unabsorbed": _list(seen.unabsorbed),
         "heights": [_list(frame) for frame in curve.heights(seen.amplitudes)],
-        "curve_length_error": [float(f"{each:.2e}") for each in error],
+        "curve_length_error": [significant(each, 3) for each in error],
         # Of lines beside the segment, of the length that it has where it is shortest.
         "line_length_errors": {
             "v": _list(_LINES),
-            "errors": [float(f"{each:.2e}") for each in lines],
-            "worst": float(f"{np.abs(lines).max():.2e}"),
-            "rms": float(f"{np.sqrt(np.mean(lines**2)):.2e}"),
+            "errors": [significant(each, 3) for each in lines],
+            "worst": significant(np.abs(lines).max(), 3),
+            "rms": significant(np.sqrt(np.mean(lines**2)), 3),
         },
-        "tallest": significant(tallest, _DIGITS),
+        "tallest": significant(tallest),
     }
 
 
 def _list(values: Floats) -> list[float]:
-    return [significant(each, _DIGITS) for each in values]
+    return [significant(each) for each in values]
