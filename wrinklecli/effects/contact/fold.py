@@ -4,7 +4,7 @@ Not in the paper, which names contact as a goal. Contact is solved for each fold
 one joint and the surface round it that may touch.
 """
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -182,12 +182,13 @@ def find_folds(
             by_rise.setdefault(rise.motion.motion, {})[number] = rise
         else:
             without.append(number)
-    found = [_round_joint(each, node, carried_patches, fine, rest, rig, parts[node]) for node, each in by_node.items()]
-    found += [_round_tools([*each], [*each.values()], carried_patches, fine, rest, rig) for each in by_rise.values()]
+    sites = [_round_joint(each, node, carried_patches, rest, rig, parts[node]) for node, each in by_node.items()]
+    sites += [_round_tools(each, carried_patches) for each in by_rise.values()]
     folds = []
-    for fold in found:
-        settings = [patch.tool.contact or Contact() for patch in fold.patches]
-        ignored = {name for each in settings for name in each.ignore}
+    for site in sites:
+        patches = [carried_patches[number].patch for number in site.tools]
+        ignored = {name for patch in patches for name in (patch.tool.contact or Contact()).ignore}
+        fold = _fold_at(site, patches, fine, rest, rig, alone=rig.names[rig.node] in ignored)
         folds.append(_with_obstacles(fold, obstacles(ignored) if obstacles else ()))
     return folds, without
 
@@ -211,68 +212,56 @@ def _with_obstacles(fold: Fold, obstacles: Sequence[Obstacle]) -> Fold:
     return replace(fold, others=tuple(others), triangles=np.concatenate(triangles), own=own)
 
 
+@dataclass(frozen=True, slots=True)
+class _Site:
+    """The place and reach of a fold; `tools` are indices of its own tools among `carried`, all tools on the mesh."""
+
+    tools: Sequence[int]
+    hinge: Hinge | Rise
+    pivot: Floats
+    radius: float
+    reach: float
+    carried: Sequence[CarriedPatch]
+
+
 def _round_joint(
-    tools: Sequence[int],
-    node: int,
-    carried: Sequence[CarriedPatch],
-    fine: Refinement,
-    rest: Rest,
-    rig: Rig,
-    part: Part | None,
-) -> Fold:
-    """The fold of tools over one joint."""
+    tools: Sequence[int], node: int, carried: Sequence[CarriedPatch], rest: Rest, rig: Rig, part: Part | None
+) -> _Site:
+    """The site of tools over one joint."""
     patches = [carried[number].patch for number in tools]
     pivot = node_matrices(rig, rest.clip, rest.time, [node])[0, 0, :3, 3]
     radius = max(_limb_radius(patch, pivot) for patch in patches)
-    hinge = hinge_of(node, patches, pivot, rig, part)
-    return _fold(tools, patches, hinge, pivot, radius, _REACH_RADII * radius, carried, fine, rest, rig)
+    return _Site(tools, hinge_of(node, patches, pivot, rig, part), pivot, radius, _REACH_RADII * radius, carried)
 
 
-def _round_tools(
-    tools: Sequence[int], rises: Sequence[Rise], carried: Sequence[CarriedPatch], fine: Refinement, rest: Rest, rig: Rig
-) -> Fold:
-    """The fold of tools that rise together; it counts as thick as the longest of them is long."""
-    patches = [each.patch for each in rises]
+def _round_tools(rises: Mapping[int, Rise], carried: Sequence[CarriedPatch]) -> _Site:
+    """The site of tools that rise together; it counts as thick as the longest of them is long."""
+    patches = [each.patch for each in rises.values()]
     grown = list(carried)
-    for number, patch in zip(tools, patches, strict=True):
+    for number, patch in zip(rises, patches, strict=True):
         grown[number] = replace(carried[number], patch=patch)
     middles = np.array([np.mean([anchor.position for anchor in patch.anchors], axis=0) for patch in patches])
     pivot = middles.mean(axis=0)
     radius = max(patch.span for patch in patches)
     reach = _REACH_RADII * radius + float(np.sqrt(np.sum((middles - pivot) ** 2, axis=1)).max())
-    return _fold(
-        tools, [carried[number].patch for number in tools], rises[0], pivot, radius, reach, grown, fine, rest, rig
-    )
+    return _Site([*rises], next(iter(rises.values())), pivot, radius, reach, grown)
 
 
-def _fold(
-    tools: Sequence[int],
-    patches: Sequence[Patch],
-    hinge: Hinge | Rise,
-    pivot: Floats,
-    radius: float,
-    reach: float,
-    carried: Sequence[CarriedPatch],
-    fine: Refinement,
-    rest: Rest,
-    rig: Rig,
-) -> Fold:
-    seeds = np.concatenate([carried[number].vertices for number in tools])
-    contacts = [patch.tool.contact for patch in patches]
-    alone = any(rig.names[rig.node] in contact.ignore for contact in contacts if contact)
-    vertices, triangles, own = _round(pivot, reach, fine, seeds, alone=alone)
+def _fold_at(site: _Site, patches: Sequence[Patch], fine: Refinement, rest: Rest, rig: Rig, *, alone: bool) -> Fold:
+    seeds = np.concatenate([site.carried[number].vertices for number in site.tools])
+    vertices, triangles, own = _round(site.pivot, site.reach, fine, seeds, alone=alone)
     return Fold(
         patches=tuple(patches),
-        hinge=hinge,
+        hinge=site.hinge,
         vertices=vertices,
         triangles=triangles,
         own=own,
-        radius=radius,
-        pivot=pivot,
+        radius=site.radius,
+        pivot=site.pivot,
         rig=rig,
         rest=rest,
         fine=fine,
-        carried=tuple(carried),
+        carried=tuple(site.carried),
         weights=fine.dense_weights(vertices, len(rig.joints)),
     )
 
