@@ -1,4 +1,4 @@
-"""Suggested tools: which meshes are looked at, the file, the command, limits and damage."""
+"""Suggested tools: the meshes that are looked at, the file, the command, limits and damaged assets."""
 
 import json
 import os
@@ -103,7 +103,7 @@ def test_a_clip_that_moves_another_node_is_not_looked_at(tmp_path: Path) -> None
 
 
 def two_limbs() -> Asset:
-    """A folding limb, and further off a twin with a mesh of its own and the same joints."""
+    """A folding limb, and at a distance a twin with its own mesh and the same joints."""
     asset = limb_asset(rings=11, sides=8)
     asset.append("meshes", json.loads(json.dumps(asset.gltf["meshes"][0])))
     (skin,) = asset.gltf["skins"]
@@ -183,7 +183,7 @@ def test_the_file_says_what_the_record_says(tmp_path: Path) -> None:
 
 
 def test_the_file_bakes_without_a_length_that_no_bump_takes(tmp_path: Path) -> None:
-    """Bumps rise through the whole movement: compressible is what the deepest fold asks for, and a little more."""
+    """Bumps rise through the whole movement, as `compressible` is slightly more than the deepest fold needs."""
     path = limb(tmp_path / "limb.glb", angle=120.0)
     found = suggest(path)
     (tmp_path / "tools.yaml").write_text(found.text)

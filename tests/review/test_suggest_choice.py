@@ -1,4 +1,4 @@
-"""What a careful artist leaves out or joins: hard parts, what is covered, lips, sides and slopes of a fold."""
+"""Suggestions leave out or join what an artist would: hard parts, covered skin, lips, both sides of a body."""
 
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ Json = dict[str, Any]
 
 
 def dressed(asset: Asset, **material: Any) -> Asset:
-    """An asset whose first mesh is of one material."""
+    """The asset with one material for all primitives of its first mesh."""
     number = asset.append("materials", material)
     for primitive in asset.gltf["meshes"][0]["primitives"]:
         primitive["material"] = number
@@ -32,7 +32,7 @@ def dressed(asset: Asset, **material: Any) -> Asset:
 
 
 def suggested(folder: Path, asset: Asset, **options: Any) -> Suggestions:
-    """Suggestions for an asset, of whose file `check` has nothing to say."""
+    """Suggestions for an asset, in a file without warnings of `check`."""
     path = asset.write(folder / "asset.glb")
     found = suggest(path, **options)
     if found.text:

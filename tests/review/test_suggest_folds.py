@@ -97,7 +97,7 @@ def test_a_morph_target_that_squashes_is_named(tmp_path: Path) -> None:
 
 
 def measured(path: Path, found: Suggestions) -> None:
-    """Check what suggestions say against the tools that the file makes, as a bake attaches them."""
+    """Compare the numbers of suggestions with the tools of their file, attached as in a bake."""
     document = read_document(path)
     clips = read_clips(document)
     settings = parse_tools(found.text)

@@ -1,4 +1,4 @@
-"""Suggested paths: where the strongest compression turns from place to place, and nowhere else."""
+"""Suggested tools have paths where the strongest compression turns from place to place, and nowhere else."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ MIDDLE = np.array([2.0, 0.0, 0.0])
 
 
 def corner() -> Asset:
-    """A flat sheet round a point, like the skin round the corner of an eye: a morph target squeezes it about there."""
+    """A flat sheet around a point that a morph target squeezes, like the skin around the corner of an eye."""
     angles = np.radians(np.linspace(-130.0, 130.0, 65))
     radii, turns = (each.ravel() for each in np.meshgrid(np.linspace(0.15, 1.3, 29), angles, indexing="ij"))
     squeezed = turns - 0.3 * np.exp(-(((radii - 0.6) / 0.3) ** 2)) * np.tanh(turns / 0.9)
@@ -54,7 +54,7 @@ def test_a_path_follows_the_strongest_compression_round_a_corner(tmp_path: Path)
 
 
 def median_angle(points: object, width: float) -> float:
-    """Of a tool with the circles about the middle, weighted by area, degrees."""
+    """Median angle between a tool and the circles around the middle, weighted by area, degrees."""
     assert isinstance(points, dict)
     prepared = prepare(corner(), {"name": "tool", "width": width, **points})
     places = prepared.rest.positions

@@ -1,4 +1,4 @@
-"""Suggested tools on the refined mesh: those that reach across a fold there are narrower, where that helps."""
+"""Suggested tools that reach across a fold of the refined mesh become narrower if that helps."""
 
 from pathlib import Path
 

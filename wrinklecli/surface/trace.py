@@ -135,14 +135,7 @@ def _ends(line: Floats, centre: int, region: CompressedRegion, smoothing: int) -
     while high < len(steps) and losses[high] >= level and close[min(high + 1, len(steps))]:
         high += 1
     shortest = _SHORTEST * region.length
-    longest = (_LONGER - 1e-6) * float(travelled[high] - travelled[low])
-    while True:
-        span, *spans = _spans(line, low, high)
-        creased = min(spans) < (1.0 - _MOST_SHORTENING) * span
-        grows = span < shortest or (creased and travelled[high] - travelled[low] < longest)
-        if not grows or (low == 0 and high == len(steps)):
-            break
-        low, high = max(low - 1, 0), min(high + 1, len(steps))
+    low, high = _grown(line, low, high, travelled, shortest)
     if region.on_plane and abs(region.along[0]) > 0.5:
         # Both ends are equally far from the plane x = 0.
         reach = min(max(centre - low, high - centre), centre, len(steps) - centre)
@@ -151,6 +144,19 @@ def _ends(line: Floats, centre: int, region: CompressedRegion, smoothing: int) -
         if _spans(line, low, high)[0] < shortest or high - low < 3:
             return None
         low, high = low + 1, high - 1
+    return low, high
+
+
+def _grown(line: Floats, low: int, high: int, travelled: Floats, shortest: float) -> tuple[int, int]:
+    """Move two ends apart while the segment is shorter than the shortest, or within a crease."""
+    longest = (_LONGER - 1e-6) * float(travelled[high] - travelled[low])
+    last = len(line) - 1
+    while low > 0 or high < last:
+        span, *spans = _spans(line, low, high)
+        creased = min(spans) < (1.0 - _MOST_SHORTENING) * span
+        if span >= shortest and not (creased and travelled[high] - travelled[low] < longest):
+            break
+        low, high = max(low - 1, 0), min(high + 1, last)
     return low, high
 
 

@@ -19,11 +19,11 @@ from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, unit
 from wrinklecli.surface.strain import Gauge
 
-Kind = MaterialName | Literal["hard"]
+SubstanceKind = MaterialName | Literal["hard"]
 
 # Words of names, singular; the first kind wins. No fold crosses hair, eyes and teeth. Some words are those of Ready
 # Player Me (`Wolf3D_Outfit_Footwear`), Daz (`EyeMoisture`, `Fingernails`) and Character Creator (`Std_Eye_Occlusion`).
-_WORDS: dict[Kind, str] = {
+_WORDS: dict[SubstanceKind, str] = {
     "leather": "leather boot shoe sneaker footwear sandal belt strap glove saddle holster pouch",
     "hard": """metal metallic steel iron chrome gold silver brass copper alloy armor armour robot bot mech machine
         plastic glass glasses eyewear goggle stone wood wooden plate screw bolt gear helmet headwear visor lens gun
@@ -36,9 +36,9 @@ _WORDS: dict[Kind, str] = {
         tie""",
     "skin": "skin flesh body face head hand wrist arm leg foot neck finger ear nose torso dermis",
 }
-_KIND_OF: dict[str, Kind] = {word: kind for kind, words in reversed(_WORDS.items()) for word in words.split()}
+_KIND_OF: dict[str, SubstanceKind] = {word: kind for kind, words in reversed(_WORDS.items()) for word in words.split()}
 # Japanese words, which have no spaces between them, of MikuMikuDance and VRM models.
-_JAPANESE: dict[Kind, str] = {
+_JAPANESE: dict[SubstanceKind, str] = {
     "leather": "革|靴(?!下)|ブーツ|ベルト|手袋",
     "hard": "金属|金具|鎧|眼鏡|メガネ|ボタン|髪|目|瞳|眉|睫|まつげ|歯|舌|爪|角",
     "cloth": "服|布|袖|襟|シャツ|ズボン|パンツ|スカート|上着|コート|マント|帽子|靴下|リボン|ネクタイ|タイツ|着",
@@ -66,7 +66,7 @@ _SKIN_GREEN = (1.0, 2.6)
 class Substance:
     """The substance of a region, and what in the file says so."""
 
-    kind: Kind
+    kind: SubstanceKind
     why: str
 
     @property
