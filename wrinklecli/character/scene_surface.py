@@ -10,10 +10,9 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import joint_matrices, morph_weights
-from wrinklecli.character.rig import Rig, read_hierarchy, read_rig
-from wrinklecli.character.scene import scene_nodes
+from wrinklecli.character.rig import Rig
+from wrinklecli.character.scene_meshes import read_scene_meshes
 from wrinklecli.character.skin import Skin, pose, prepare
-from wrinklecli.character.surface import has_triangles, read_surface
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.numeric.intersections import Crossings
@@ -80,28 +79,20 @@ def read_scene_surface(document: Document) -> SceneSurface:
     Raises:
         AssetError: A mesh, a skin or the hierarchy is malformed.
     """
-    nodes, hierarchy = document.items("nodes"), read_hierarchy(document)
-    rigs, skins, triangles, carriers, starts = [], [], [np.zeros((0, 3), np.intp)], [np.zeros(0, np.intp)], [0]
-    for node in scene_nodes(document):
-        if "mesh" not in nodes[node] or not has_triangles(document, nodes[node]["mesh"]):
-            continue
-        rig = read_rig(document, node, hierarchy)
-        surface = read_surface(document, rig)
-        count = len(surface.positions)
-        weights = surface.dense_weights(np.arange(count), len(rig.joints))
-        rigs.append(rig)
-        skins.append(prepare(weights, surface.positions, surface.morph_deltas))
-        triangles.append(surface.triangles + starts[-1])
-        carriers.append(rig.joints[np.argmax(weights, axis=1)])
-        starts.append(starts[-1] + count)
+    meshes = read_scene_meshes(document)
+    rigs = tuple(each.rig for each in meshes)
+    skins = tuple(prepare(each.weights, each.positions, each.morph_deltas) for each in meshes)
+    starts = np.cumsum([0, *(len(each.positions) for each in meshes)])
+    triangles = [each.triangles + start for each, start in zip(meshes, starts.tolist(), strict=False)]
+    carriers = [each.rig.joints[np.argmax(each.weights, axis=1)] for each in meshes]
     positions = _posed(rigs, skins, None, np.zeros(1))[0].T
     return SceneSurface(
-        rigs=tuple(rigs),
-        starts=np.array(starts, np.intp),
+        rigs=rigs,
+        starts=starts,
         positions=positions,
-        carriers=np.concatenate(carriers),
-        crossings=Crossings.of(positions, np.concatenate(triangles)),
-        skins=tuple(skins),
+        carriers=np.concatenate([np.zeros(0, np.intp), *carriers]),
+        crossings=Crossings.of(positions, np.concatenate([np.zeros((0, 3), np.intp), *triangles])),
+        skins=skins,
     )
 
 

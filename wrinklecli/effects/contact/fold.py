@@ -12,9 +12,9 @@ import numpy as np
 
 from wrinklecli.character.bones import Part
 from wrinklecli.character.clip import Clip
-from wrinklecli.character.obstacles import Obstacle
 from wrinklecli.character.pose import blend, joint_matrices, morph_weights, node_matrices, transform
 from wrinklecli.character.rig import Rig
+from wrinklecli.character.scene_meshes import SceneMesh
 from wrinklecli.effects.contact.hinge import Hinge, hinge_of
 from wrinklecli.effects.contact.rise import Rise, rise_of
 from wrinklecli.effects.wrinkle.bending import bent_node
@@ -72,7 +72,7 @@ class Fold:
     fine: Refinement
     carried: tuple[CarriedPatch, ...]
     weights: Floats
-    others: tuple[Obstacle, ...] = ()
+    others: tuple[SceneMesh, ...] = ()
 
     @property
     def per_clip(self) -> bool:
@@ -162,7 +162,7 @@ def find_folds(
     rest: Rest,
     rig: Rig,
     parts: Sequence[Part | None],
-    obstacles: Callable[[Collection[str]], Sequence[Obstacle]] | None = None,
+    obstacles: Callable[[Collection[str]], Sequence[SceneMesh]] | None = None,
 ) -> tuple[list[Fold], list[int]]:
     """Find the folds of the chosen tools, and the tools that nothing shortens; tools over one joint share a fold.
 
@@ -193,12 +193,12 @@ def find_folds(
     return folds, without
 
 
-def _with_obstacles(fold: Fold, obstacles: Sequence[Obstacle]) -> Fold:
+def _with_obstacles(fold: Fold, obstacles: Sequence[SceneMesh]) -> Fold:
     """Add the parts of other meshes that come near a fold in its joint's motion, by their bounding boxes."""
     looks = [fold.hinge.turn(np.linspace(0.0, end, _NEARNESS_POSES)) for end in fold.hinge.ends]
     moments = [(look, np.array([time])) for look in looks for time in np.linspace(0.0, 1.0, _NEARNESS_POSES)]
     boxes = [(places.min(axis=0), places.max(axis=0)) for places in (fold.posed(*each)[0][0] for each in moments)]
-    triangles, others, count = [fold.triangles], list[Obstacle](), len(fold.vertices)
+    triangles, others, count = [fold.triangles], list[SceneMesh](), len(fold.vertices)
     for obstacle in obstacles:
         near = np.zeros(len(obstacle.triangles), bool)
         for moment, (low, high) in zip(moments, boxes, strict=True):

@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, ClassVar
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.character.obstacles import read_obstacles
+from wrinklecli.character.scene_meshes import read_scene_meshes
 from wrinklecli.effects.contact.effect import ContactEffect
 from wrinklecli.effects.contact.sample import sample_contact
 from wrinklecli.effects.effect import Attached, Effect, MeshPlan, Motion, Sampling
@@ -96,7 +96,7 @@ class ContactKind:
 
         _check_ignored(ground.document, tools)
         parts = read_bones(ground.document).parts
-        obstacles = partial(read_obstacles, ground.document, ground.rig.node)
+        obstacles = partial(read_scene_meshes, ground.document, ground.rig.node)
         folds, without = find_folds(carried, chosen, plan.fine, ground.rest, ground.rig, parts, obstacles)
         return Contact(tuple(folds), tuple(carried[number].patch.tool.name for number in without))
 

@@ -1,4 +1,4 @@
-"""Obstacles: the other meshes of a scene, which move with their own skins and may touch the wrinkled one."""
+"""Reads all meshes of a scene, welded, with dense skin weights: obstacles of a fold, and surfaces that may cross."""
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
@@ -15,7 +15,7 @@ from wrinklecli.numeric.arrays import Bools, Floats, Ints
 
 
 @dataclass(frozen=True, slots=True)
-class Obstacle:
+class SceneMesh:
     """A mesh as a node shows it.
 
     Attributes:
@@ -41,7 +41,7 @@ class Obstacle:
         bind = self.positions + np.tensordot(morph_weights(self.rig, clip, times), self.morph_deltas, axes=1)
         return transform(blended, bind), blended[..., :3]
 
-    def part(self, chosen: Bools) -> "Obstacle":
+    def part(self, chosen: Bools) -> "SceneMesh":
         """The chosen (triangles,) with their vertices."""
         vertices, local = np.unique(self.triangles[chosen], return_inverse=True)
         return replace(
@@ -53,22 +53,24 @@ class Obstacle:
         )
 
 
-def read_obstacles(document: Document, node: int, ignored: Collection[str] = ()) -> tuple[Obstacle, ...]:
-    """Read every mesh of the default scene except those of one node and of the nodes named in `ignored`.
+def read_scene_meshes(
+    document: Document, without: int | None = None, ignored: Collection[str] = ()
+) -> tuple[SceneMesh, ...]:
+    """Read every mesh of the default scene except those of the node `without` and of nodes with `ignored` names.
 
     Raises:
         AssetError: A mesh, a skin or the hierarchy is malformed.
     """
     nodes, hierarchy = document.items("nodes"), read_hierarchy(document)
     found = []
-    for other in scene_nodes(document):
-        shown = nodes[other]
-        if other == node or shown.get("name") in ignored or "mesh" not in shown:
+    for node in scene_nodes(document):
+        shown = nodes[node]
+        if node == without or shown.get("name") in ignored or "mesh" not in shown:
             continue
         if not has_triangles(document, shown["mesh"]):
             continue
-        rig = read_rig(document, other, hierarchy)
+        rig = read_rig(document, node, hierarchy)
         surface = read_surface(document, rig)
         weights = surface.dense_weights(np.arange(len(surface.positions)), len(rig.joints))
-        found.append(Obstacle(rig, weights, surface.positions, surface.morph_deltas, surface.triangles))
+        found.append(SceneMesh(rig, weights, surface.positions, surface.morph_deltas, surface.triangles))
     return tuple(found)
