@@ -9,8 +9,9 @@ from typing import Any, cast
 
 import numpy as np
 
-from wrinklecli.baking.frames import Frames, PosedFrame, pose_frames
+from wrinklecli.baking.frames import PosedFrame, pose_frames
 from wrinklecli.baking.refined_mesh import old_values, primitives_of
+from wrinklecli.baking.report import BakedMesh
 from wrinklecli.character.clip import Clip
 from wrinklecli.files.outputs import Outputs
 from wrinklecli.gltf.document import Document
@@ -23,7 +24,7 @@ _OBJ_HEADER = "# https://github.com/mikedh/trimesh\n"
 
 def export_frames(
     document: Document,
-    every: Sequence[Frames],
+    meshes: Sequence[BakedMesh],
     folder: str | os.PathLike[str],
     kind: str,
     outputs: Outputs,
@@ -33,31 +34,31 @@ def export_frames(
 
     Args:
         document: The source.
-        every: The meshes, all with the same clips; a file holds one frame of them all.
-        folder: Made where it is not there.
+        meshes: All have the same clips; a file holds one frame of them all.
+        folder: It is made if it is missing.
         kind: obj, ply or glb.
-        outputs: What the files are added to.
+        outputs: The files are added to these.
         progress: Called with a stage's name, frames done and frames in all.
 
     Raises:
         BakeError: The folder cannot be written to, or a file would be another output or an input.
     """
     outputs.make_folders(folder)
-    clips = list(zip(*(frames.motions for frames in every), strict=True))
+    clips = list(zip(*(mesh.motions for mesh in meshes), strict=True))
     paths = [
         [os.path.join(folder, f"{stem}_{number:04d}.{kind}") for number in range(len(motions[0].times))]
         for stem, motions in zip(_stems([motions[0].clip for motions in clips]), clips, strict=True)
     ]
     for path in chain.from_iterable(paths):
         outputs.claim(path)
-    triangles, uvs = _joined_topology(document, every)
+    triangles, uvs = _joined_topology(document, meshes)
     encode = (
         _obj_writer(triangles, uvs) if kind == "obj" else partial(_exported, triangles=triangles, uvs=uvs, kind=kind)
     )
     for motions, own in zip(clips, paths, strict=True):
-        posed = [pose_frames(document, frames, motion) for frames, motion in zip(every, motions, strict=True)]
-        for number, (path, meshes) in enumerate(zip(own, zip(*posed, strict=True), strict=True)):
-            outputs.add_bytes(path, encode(meshes), durable=False)
+        posed = [pose_frames(document, mesh, motion) for mesh, motion in zip(meshes, motions, strict=True)]
+        for number, (path, frame) in enumerate(zip(own, zip(*posed, strict=True), strict=True)):
+            outputs.add_bytes(path, encode(frame), durable=False)
             progress("files", number + 1, len(own))
 
 
@@ -72,12 +73,12 @@ def _stems(clips: Sequence[Clip]) -> list[str]:
     return list(stems)
 
 
-def _joined_topology(document: Document, every: Sequence[Frames]) -> tuple[Ints, Floats | None]:
+def _joined_topology(document: Document, meshes: Sequence[BakedMesh]) -> tuple[Ints, Floats | None]:
     """(triangles, 3) vertices of all meshes one after another, and (vertices, 2) UVs where every primitive has them."""
     triangles, uvs, start = [], [], 0
-    for frames in every:
-        primitives = document.items("meshes")[frames.rig.mesh]["primitives"]
-        for primitive, refined in zip(primitives, primitives_of(frames.fine), strict=True):
+    for mesh in meshes:
+        primitives = document.items("meshes")[mesh.plan.rig.mesh]["primitives"]
+        for primitive, refined in zip(primitives, primitives_of(mesh.plan.fine), strict=True):
             triangles.append(refined.triangles + start)
             start += len(refined.weld)
             if "TEXCOORD_0" in primitive["attributes"]:

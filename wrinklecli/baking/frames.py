@@ -11,29 +11,19 @@ import numpy as np
 
 from wrinklecli.baking.morphs import encode_mesh, turned_normals
 from wrinklecli.baking.refined_mesh import RefinedPrimitive, base_normals, old_values, primitives_of
+from wrinklecli.baking.report import BakedMesh
 from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.skin import pose, prepare
-from wrinklecli.effects.effect import Effect, Motion, target_weights, targets_of
+from wrinklecli.effects.effect import Motion, target_weights, targets_of
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edited_document import VERTEX_DATA, EditedDocument
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints, ValueIndex, unit
 from wrinklecli.numeric.guard import Progress
-from wrinklecli.surface.refine import Refinement
 
 # Frames posed at once: bounds the memory.
 _CHUNK = 16
-
-
-@dataclass(frozen=True, slots=True)
-class Frames:
-    """What the posed frames of one node's mesh are made from."""
-
-    rig: Rig
-    fine: Refinement
-    effects: tuple[Effect, ...]
-    motions: tuple[Motion, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,9 +38,9 @@ class PosedFrame:
     tangents: Floats | None
 
 
-def pose_frames(document: Document, frames: Frames, motion: Motion) -> Iterator[PosedFrame]:
+def pose_frames(document: Document, mesh: BakedMesh, motion: Motion) -> Iterator[PosedFrame]:
     """Pose every frame of a clip by unpruned skin weights, wrinkles included."""
-    rig, fine = frames.rig, frames.fine
+    rig, fine = mesh.plan.rig, mesh.plan.fine
     refined_primitives = primitives_of(fine)
     primitives = document.items("meshes")[rig.mesh]["primitives"]
     welds = np.concatenate([refined.weld for refined in refined_primitives])
@@ -59,7 +49,7 @@ def pose_frames(document: Document, frames: Frames, motion: Motion) -> Iterator[
     old_deltas = np.concatenate([_normal_deltas(document, *pair) for pair in pairs], axis=1)
     tangents = _joined([_tangents(document, *pair) for pair in pairs], refined_primitives)
     weights = fine.dense_weights(np.arange(len(fine.positions)), len(rig.joints))[welds]
-    targets = targets_of(frames.effects)
+    targets = targets_of(mesh.effects)
     shapes = np.zeros((len(targets), *fine.positions.shape))
     for into, target in zip(shapes, targets, strict=True):
         into[target.shape.vertices] = target.shape.deltas
@@ -73,7 +63,7 @@ def pose_frames(document: Document, frames: Frames, motion: Motion) -> Iterator[
             into[vertices] = turns
     skin = prepare(weights, fine.positions[welds], deltas, base, bent)
     along = None if tangents is None else prepare(weights, tangents[:, :3], np.zeros((0, len(welds), 3)))
-    wrinkles = target_weights(frames.effects, motion)
+    wrinkles = target_weights(mesh.effects, motion)
     for start in range(0, len(motion.times), _CHUNK):
         times = motion.times[start : start + _CHUNK]
         matrices = joint_matrices(rig, motion.clip, times)
@@ -123,39 +113,29 @@ def _joined(attributes: Sequence[Floats | None], refined_primitives: Sequence[Re
     )
 
 
-def encode_frames(edited: EditedDocument, every: Sequence[Frames], progress: Progress) -> None:
-    """Replace the node of each mesh by one unskinned node for each frame, shown in turn by STEP scale tracks.
+def encode_frames(edited: EditedDocument, mesh: BakedMesh, progress: Progress) -> None:
+    """Replace the node of a mesh by one unskinned node for each frame, shown in turn by STEP scale tracks.
 
     The first frame of the first clip is shown at rest. A clip that was not baked shows that frame throughout.
-
-    Args:
-        edited: The document.
-        every: The meshes.
-        progress: Called with a stage's name, frames done and frames in all.
     """
-    for frames in every:
-        _encode_node(edited, frames, progress)
-
-
-def _encode_node(edited: EditedDocument, frames: Frames, progress: Progress) -> None:
-    rig = frames.rig
-    encode_mesh(edited, rig, frames.fine, (), stored=np.zeros(0))
+    rig = mesh.plan.rig
+    encode_mesh(edited, rig, mesh.plan.fine, (), stored=np.zeros(0))
     node = edited.gltf["nodes"][rig.node]
     template = edited.gltf["meshes"][node["mesh"]]
     for key in ("mesh", "skin", "weights"):
         node.pop(key, None)
     _drop_weight_channels(edited, rig.node)
-    refined_primitives = primitives_of(frames.fine)
+    refined_primitives = primitives_of(mesh.plan.fine)
     bounds = np.cumsum([0] + [len(refined.weld) for refined in refined_primitives])
     nodes, meshes = edited.gltf["nodes"], edited.gltf["meshes"]
     group: Json = {"name": f"{rig.names[rig.node]}_frames", "children": []}
     nodes.append(group)
     _add_root(edited, rig, len(nodes) - 1)
-    total = sum(len(motion.times) for motion in frames.motions)
+    total = sum(len(motion.times) for motion in mesh.motions)
     first, done = len(nodes), 0
-    for motion in frames.motions:
+    for motion in mesh.motions:
         start = len(nodes)
-        for posed in pose_frames(edited.source, frames, motion):
+        for posed in pose_frames(edited.source, mesh, motion):
             meshes.append(_frame_mesh(edited, template, posed, bounds))
             name = f"{rig.names[rig.node]}_{motion.clip.name}_{len(nodes) - start:04d}"
             hidden = {} if len(nodes) == first else {"scale": [0.0, 0.0, 0.0]}
@@ -164,7 +144,7 @@ def _encode_node(edited: EditedDocument, frames: Frames, progress: Progress) -> 
             done += 1
             progress("frames", done, total)
         _show_in_turn(edited, motion, start, first)
-    baked = {motion.clip.index for motion in frames.motions}
+    baked = {motion.clip.index for motion in mesh.motions}
     for index, animation in enumerate(edited.gltf.get("animations", [])):
         if index not in baked:
             _add_scale(edited, animation, first, np.zeros(1), [1.0])

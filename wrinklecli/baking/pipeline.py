@@ -9,7 +9,7 @@ from typing import Any
 from wrinklecli.baking.budget import BUDGETS, fit_budget, storage
 from wrinklecli.baking.estimate import refuse_too_much
 from wrinklecli.baking.frame_files import export_frames
-from wrinklecli.baking.frames import Frames, encode_frames
+from wrinklecli.baking.frames import encode_frames
 from wrinklecli.baking.job import BakeOptions, Job, ToolsPaths, read_job, tools_paths
 from wrinklecli.baking.morphs import encode_morphs, own_target_bytes
 from wrinklecli.baking.original import seal
@@ -169,13 +169,13 @@ def _write(
 ) -> int | None:
     """Write the files of `frames_dir` and OUT; the size of OUT with the files beside it."""
     options = job.options
-    frames = [Frames(mesh.plan.rig, mesh.plan.fine, mesh.effects, mesh.motions) for mesh in posed]
     if out is not None and options.mode == "frames":
         with clock.stage("encode"):
-            encode_frames(edited, frames, progress)
+            for mesh in posed:
+                encode_frames(edited, mesh, progress)
     if options.frames_dir is not None:
         with clock.stage("export"):
-            export_frames(job.document, frames, options.frames_dir, options.frames_format, outputs, progress)
+            export_frames(job.document, posed, options.frames_dir, options.frames_format, outputs, progress)
     if out is None:
         return None
     with clock.stage("write"):

@@ -34,7 +34,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.drive.angle import Angles, JointAngle
 from wrinklecli.drive.lag import TAUT
 from wrinklecli.drive.segment import Lengths, RestLength, Segment
-from wrinklecli.drive.table import CurveTable, Json, Table, read_table, rounded
+from wrinklecli.drive.table import CurveTable, Json, Table, read_table, stored
 from wrinklecli.numeric.arrays import Floats, unit_quaternions
 from wrinklecli.numeric.piecewise import Signal
 from wrinklecli.tools.records import Lag
@@ -91,7 +91,7 @@ class Drive:
             head = {"name": self.name, **_segment_json(self.signal, names, morph_names)}
             if self.lag is not None:
                 head["lag"] = {"frequency": self.lag.frequency, "damping": self.lag.damping, "taut": TAUT}
-        factors = {clip: rounded(each) for clip, each in self.strengths.items()}
+        factors = {clip: stored(each) for clip, each in self.strengths.items()}
         return {
             **head,
             **({"strengths": factors} if factors else {}),
@@ -137,10 +137,10 @@ class StoredDrive:
             joints = [joint for anchor in anchors_of(data) for joint in anchor["joints"]]
         names = tuple(dict.fromkeys(str(joint) for joint in joints))
         targets = tuple(str(name) for name in data["targets"])
-        stored = cls(str(data.get("name", names[0])), names, targets, frozenset(data.get("rest_length_keys", {})), data)
+        drive = cls(str(data.get("name", names[0])), names, targets, frozenset(data.get("rest_length_keys", {})), data)
         morphs = {name for anchor in ([] if "joint" in data else anchors_of(data)) for name in anchor.get("morphs", {})}
-        stored.on({name: number for number, name in enumerate(names)}, sorted(morphs))
-        return stored
+        drive.on({name: number for number, name in enumerate(names)}, sorted(morphs))
+        return drive
 
     def on(self, nodes: Mapping[str, int], morph_names: Sequence[str]) -> Drive:
         """The drive on a rig, from nodes by name, and the names of the rig's morph targets."""
@@ -171,41 +171,36 @@ def _segment_json(segment: Segment, names: Sequence[str], morph_names: Sequence[
     points = [_point_json(point, names, morph_names) for point in segment.points]
     # A player of two anchors does not look for those of a path.
     anchors = dict(zip(("origin", "target"), points, strict=True)) if len(points) == 2 else {"anchors": points}
-    rest, stored = segment.rest_length, {"rest_length": rounded(segment.rest_length.constant)}
+    rest = segment.rest_length
+    head = {**anchors, "rest_length": stored(rest.constant)}
     if rest.morph is not None:
         number, full = rest.morph
-        return {**anchors, **stored, "rest_length_morph": {"name": morph_names[number], "full": rounded(full)}}
-    if rest.keys:
-        keys = {clip: [[rounded(x) for x in key] for key in each] for clip, each in rest.keys.items()}
-        return {**anchors, **stored, "rest_length_keys": keys}
-    return {**anchors, **stored}
+        return {**head, "rest_length_morph": {"name": morph_names[number], "full": stored(full)}}
+    return {**head, "rest_length_keys": {clip: stored(keys) for clip, keys in rest.keys.items()}} if rest.keys else head
 
 
 def _point_json(point: CarriedPoint, names: Sequence[str], morph_names: Sequence[str]) -> Json:
     """A point in the spaces of its joints; `scales` are those of the joints at rest."""
     places = point.points[..., :3] / point.weights[:, None]
     scales = 1.0 / np.cbrt(np.where(point.shares > 0, point.shares, 1.0))
-    stored: Json = {
+    entry: Json = {
         "joints": [names[node] for node in point.nodes.tolist()],
-        "weights": [rounded(weight) for weight in point.weights],
-        "positions": [[rounded(x) for x in place] for place in places[0]],
-        "scales": [rounded(scale) for scale in scales],
+        "weights": stored(point.weights),
+        "positions": stored(places[0]),
+        "scales": stored(scales),
     }
     if places[1:].any():
-        stored["morphs"] = {
-            name: [[rounded(x) for x in place] for place in deltas]
-            for name, deltas in zip(morph_names, places[1:], strict=True)
-            if deltas.any()
-        }
-    return stored
+        moves = zip(morph_names, places[1:], strict=True)
+        entry["morphs"] = {name: stored(deltas) for name, deltas in moves if deltas.any()}
+    return entry
 
 
 def _angle_json(signal: JointAngle, names: Sequence[str]) -> Json:
     return {
         "joint": names[signal.node],
         **({"parent": names[signal.parent]} if signal.parent >= 0 else {}),
-        "rest": [rounded(each) for each in signal.rest],
-        "axis": [rounded(each) for each in signal.axis],
+        "rest": stored(signal.rest),
+        "axis": stored(signal.axis),
     }
 
 

@@ -59,8 +59,7 @@ class Table:
 
     def to_json(self) -> Json:
         """The rows as extras store them."""
-        table = [[significant(value, _TABLE_DIGITS) for value in row] for row in self.table]
-        return {self.by: [rounded(value) for value in self.rows], "weights": table}
+        return {self.by: stored(self.rows), "weights": stored(self.table, _TABLE_DIGITS)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,13 +125,13 @@ class CurveTable:
                 "taut": self.taut,
                 **({"compressible": self.compressible} if self.compressible else {}),
                 "intervals": self.intervals,
-                "bumps": [int(size) if size.is_integer() else rounded(size) for size in self.bumps],
-                **{key: [rounded(value) for value in values] for key, values in limited.items()},
-                "parts": [rounded(value) for value in self.parts],
-                "rises": [[rounded(value) for value in row] for row in self.rises],
-                "mix": [[rounded(value) for value in row] for row in self.mix],
+                "bumps": [int(size) if size.is_integer() else stored(size) for size in self.bumps],
+                **{key: stored(values) for key, values in limited.items()},
+                "parts": stored(self.parts),
+                "rises": stored(self.rises),
+                "mix": stored(self.mix),
                 **({"positive": True} if self.positive else {}),
-                **({"least": rounded(self.least)} if self.least else {}),
+                **({"least": stored(self.least)} if self.least else {}),
             }
         }
 
@@ -185,6 +184,8 @@ def _sorted_rows(values: object) -> Floats:
     return rows
 
 
-def rounded(value: float) -> float:
-    """Round a number to as many digits as extras have."""
-    return significant(value, DIGITS)
+def stored(values: Floats | float, digits: int = DIGITS) -> Any:
+    """Numbers as extras hold them: rounded to significant decimal digits, arrays as lists."""
+    if isinstance(values, np.ndarray) and values.ndim:
+        return [stored(each, digits) for each in values]
+    return significant(float(values), digits)
