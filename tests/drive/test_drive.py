@@ -1,0 +1,114 @@
+"""Drives in extras: what is written and read again gives the same weights, whatever the signal, filter and response."""
+
+import json
+from collections.abc import Mapping, Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from kit.limb import RADIUS, limb_asset, tool
+from kit.prepared import Prepared, prepare
+from wrinklecli.drive.angle import JointAngle
+from wrinklecli.drive.drive import Drive, StoredDrive
+from wrinklecli.drive.table import Table
+from wrinklecli.effects.wrinkle.lookup import tabulate_curve
+from wrinklecli.numeric.arrays import Floats
+
+TIMES = np.linspace(0.0, 2.0, 41)
+PATH = {"origin": None, "target": None, "path": [[-0.4, RADIUS, 0.0], [0.0, RADIUS, 0.0], [0.4, RADIUS, 0.0]]}
+
+
+SIGNALS: Sequence[Mapping[str, Any]] = (
+    {},
+    PATH,
+    {"lag": {"frequency": 4, "damping": 0.3}},
+    {"rest_length": {"keys": {"fold": [[0, "90%"], [1.5, "130%"]]}}},
+    {"rest_length": {"morph": "morph_1", "full": "140%"}},
+    {**PATH, "lag": {"frequency": 6, "damping": 1}},
+)
+
+
+@cache
+def limb(signal: int) -> Prepared:
+    """The limb with morph targets that move its anchors, and a tool with one of `SIGNALS`."""
+    keys = {key: value for key, value in tool(**SIGNALS[signal]).items() if value is not None}
+    return prepare(limb_asset(rings=9, sides=8, morphs=2, morph_clip="LINEAR", weights_at="node"), keys)
+
+
+def read_again(drive: Drive, prepared: Prepared) -> Drive:
+    """The drive that the JSON of a drive gives, on the same rig."""
+    rig = prepared.rig
+    stored = StoredDrive.read(json.loads(json.dumps(drive.to_json(rig.names, rig.morph_names))))
+    assert stored.targets == drive.targets
+    assert set(stored.joints) <= set(rig.names)
+    assert stored.measures_segment != isinstance(drive.signal, JointAngle)
+    return stored.on({name: number for number, name in enumerate(rig.names)}, rig.morph_names)
+
+
+def assert_same_weights(drive: Drive, prepared: Prepared) -> Floats:
+    """Compare a drive with what is read again; the weights."""
+    again = read_again(drive, prepared)
+    assert (again.own, dict(again.strengths), again.lag) == (drive.own, dict(drive.strengths), drive.lag)
+    wanted = drive.weights_in(prepared.rig, prepared.clip)(TIMES)
+    assert again.weights_in(prepared.rig, prepared.clip)(TIMES) == pytest.approx(wanted, abs=1e-6)
+    return wanted
+
+
+# Weights that a table stores exactly: five digits.
+WEIGHTS = st.lists(st.tuples(*[st.integers(-999, 999)] * 2), min_size=2, max_size=5)
+
+
+@pytest.mark.parametrize("signal", range(len(SIGNALS)))
+@settings(max_examples=3)
+@given(WEIGHTS, st.integers(-200, 200).map(lambda each: each / 100.0))
+def test_a_table_by_shortening_is_read_as_it_was_written(signal: int, rows: Any, strength: float) -> None:
+    prepared = limb(signal)
+    table = Table("shortenings", np.linspace(-0.5, 0.9, len(rows)), np.array(rows) / 1000.0)
+    patch = prepared.patch
+    drive = Drive("crease", patch.segment, ("a", "b"), table, patch.tool.lag, {prepared.clip.name: strength})
+    weights = assert_same_weights(drive, prepared)
+    assert weights.shape == (len(TIMES), 2)
+
+
+@pytest.mark.parametrize("signal", [3, 4])
+def test_a_curve_for_many_rest_lengths_is_read_as_it_was_written(signal: int) -> None:
+    prepared = limb(signal)
+    patch = prepared.patch
+    curve = tabulate_curve(patch.curve, 0.8 * patch.span, 1.5 * patch.span)
+    names = tuple(str(each) for each in range(len(curve.mix)))
+    assert assert_same_weights(Drive("crease", patch.segment, names, curve, patch.tool.lag), prepared).max() > 0.01
+
+
+@given(st.lists(st.floats(-1.0, 1.0), min_size=3, max_size=3).filter(lambda each: np.linalg.norm(each) > 0.1), WEIGHTS)
+def test_a_joint_s_angle_is_read_as_it_was_written(axis: list[float], rows: Any) -> None:
+    prepared = limb(0)
+    node = prepared.rig.names.index("joint_1")
+    signal = JointAngle(
+        node, int(prepared.rig.parents[node]), np.array(axis) / np.linalg.norm(axis), np.array([0.0, 0.0, 0.0, 1.0])
+    )
+    table = Table("angles", np.linspace(-2.0, 2.0, len(rows)), np.array(rows) / 1000.0)
+    assert_same_weights(Drive("", signal, ("a", "b"), table, own=("c",)), prepared)
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [
+        {"rest_length": 0.0},
+        {"shortenings": [0.1, 0.1]},
+        {"weights": [[1.0]]},
+        {"lag": {"frequency": 0.0, "damping": 1.0, "taut": 1.0}},
+        {"rest_length_keys": {"fold": [[1.0, 1.0], [0.0, 1.0]]}},
+        {"origin": {"joints": ["joint_0"], "weights": [1.0], "positions": [[0.0, 0.0, 0.0]], "scales": [0.0]}},
+    ],
+)
+def test_extras_that_no_bake_writes_are_refused(broken: dict[str, Any]) -> None:
+    prepared = limb(0)
+    table = Table("shortenings", np.array([0.0, 0.5]), np.array([[0.0], [1.0]]))
+    data = Drive("crease", prepared.patch.segment, ("a",), table).to_json(prepared.rig.names, prepared.rig.morph_names)
+    StoredDrive.read(data)
+    with pytest.raises(ValueError):  # noqa: PT011  # it has no words: who reads extras says where they are
+        StoredDrive.read({**data, **broken})
