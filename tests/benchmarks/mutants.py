@@ -10,7 +10,7 @@ or makes a predicate constant. Annotations, messages of errors and decorators of
 
 First the quick tests run once under coverage (`pip install coverage`), each file in a process of its own, because files
 share bakes. The folder DIR keeps this map and copies of the tree; nothing is written to the real tree. A change meets
-the tests that run its line, those of its own room first and fast ones before slow ones, and then the other quick tests
+the tests that run its line, those of its own room first and fast ones before others, and then the rest of the tests
 of these files, which may look at the same bakes. A person must judge which of the survivors change no behaviour.
 """
 
@@ -30,6 +30,7 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -37,8 +38,7 @@ import pytest
 from coverage import Coverage, CoverageData
 
 ROOT = Path(__file__).resolve().parents[2]
-FIRST = 25.0  # seconds under coverage of the tests that a change meets first
-THEN = 45.0  # seconds of the tests that a change meets then
+MOST = 70.0  # seconds under coverage of the quick tests that a change meets
 NETS = ("tests/system/test_goldens.py", "tests/review/preview/test_pictures.py")  # tests that look at much at once
 PATIENCE = 90.0  # seconds that tests may take beyond four times their usual time: a change may make a loop endless
 SLOW_PATIENCE = 1200.0  # seconds that the slow tests of a room may take
@@ -60,6 +60,7 @@ OPERATORS: dict[type, type] = {
 }  # fmt: skip
 NAMES = {"min": "max", "minimum": "maximum", "any": "all", "argmin": "argmax"}
 NAMES |= {new: old for old, new in NAMES.items()}
+Lines = tuple[int, int] | None
 
 
 def variants(node: ast.AST) -> Iterator[ast.AST]:
@@ -97,54 +98,44 @@ def variants(node: ast.AST) -> Iterator[ast.AST]:
             yield from (with_(body=[ast.Return(ast.Constant(value))]) for value in (True, False))
 
 
-@dataclass(frozen=True)
-class Place:
-    """A node of a syntax tree that may change.
+def nodes_of(node: ast.AST, lines: Lines = None, *, late: bool = False) -> Iterator[tuple[ast.AST, int, Lines]]:
+    """All nodes below a node that may change, each with its line and the lines of its statement.
 
-    Attributes:
-        parent: The node above.
-        field: The field of the parent that holds the node.
-        index: The index in that field; None where the field is no list.
-        line: The line of the node.
-        lines: First and last line of its statement; None where the statement runs when the module is imported.
+    Args:
+        node: A module, or a node in it.
+        lines: First and last line of the statement around the node.
+        late: The node is in the body of a function. Lines of other statements are None: they run when the module is
+            imported, before any test.
     """
-
-    parent: ast.AST
-    field: str
-    index: int | None
-    node: ast.AST
-    line: int
-    lines: tuple[int, int] | None
-
-    def put(self, node: ast.AST) -> None:
-        """Set the node at this place."""
-        if self.index is None:
-            setattr(self.parent, self.field, node)
-        else:
-            getattr(self.parent, self.field)[self.index] = node
-
-
-def places(node: ast.AST, line: int = 1, lines: tuple[int, int] | None = None, late: bool = False) -> Iterator[Place]:
-    """All places below a node with a line, in a statement with some lines, which runs `late` in a function's body."""
     for field, value in ast.iter_fields(node):
         if field in UNTOUCHED or (field == "decorator_list" and "dataclass" in " ".join(map(ast.unparse, value))):
             continue
-        for i, each in enumerate(value if isinstance(value, list) else [value]):
+        for each in value if isinstance(value, list) else [value]:
             if not isinstance(each, ast.AST) or isinstance(each, ast.JoinedStr):
                 continue
             if isinstance(each, ast.keyword) and each.arg == "strict":  # an assertion of zip
                 continue
-            at, span = getattr(each, "lineno", line), lines
+            span = lines
             if isinstance(each, ast.FunctionDef):
-                span = (each.body[0].lineno, each.end_lineno or at)
+                span = (each.body[0].lineno, each.end_lineno or each.lineno)
             elif isinstance(each, ast.stmt):  # a compound statement is its head alone
                 body = getattr(each, "body", None)
-                span = (at, max(at, body[0].lineno - 1) if body else each.end_lineno or at)
+                span = (each.lineno, max(each.lineno, body[0].lineno - 1) if body else each.end_lineno or each.lineno)
             late_here = late or (isinstance(node, ast.FunctionDef) and field == "body")
             if next(variants(each), None) is not None:
-                known = span if late_here or isinstance(each, ast.FunctionDef) else None
-                yield Place(node, field, i if isinstance(value, list) else None, each, at, known)
-            yield from places(each, at, span, late_here)
+                line = getattr(each, "lineno", span[0] if span else 1)
+                yield each, line, span if late_here or isinstance(each, ast.FunctionDef) else None
+            yield from nodes_of(each, span, late=late_here)
+
+
+class Replacement(ast.NodeTransformer):
+    """Puts one node in the place of another."""
+
+    def __init__(self, old: ast.AST, new: ast.AST) -> None:
+        self._old, self._new = old, new
+
+    def visit(self, node: ast.AST) -> ast.AST:
+        return self._new if node is self._old else self.generic_visit(node)
 
 
 @dataclass(frozen=True)
@@ -153,26 +144,30 @@ class Mutant:
 
     path: str
     line: int
-    lines: tuple[int, int] | None
+    lines: Lines
     change: str
     text: str
 
 
 def mutants(tree: Path, count: int, seed: int, only: str) -> Iterator[Mutant]:
     """A random change at each of `count` random places whose `path:line:` contains `only`."""
-    modules = {str(path.relative_to(tree)): ast.parse(path.read_text()) for path in (tree / "wrinklecli").rglob("*.py")}
-    known = [(path, place) for path in sorted(modules) for place in places(modules[path])]
-    known = [(path, place) for path, place in known if only in f"{path}:{place.line}:"]
+    paths = sorted(str(path.relative_to(tree)) for path in (tree / "wrinklecli").rglob("*.py"))
+    known = [
+        (path, k)
+        for path in paths
+        for k, (_, line, _) in enumerate(nodes_of(ast.parse((tree / path).read_text())))
+        if only in f"{path}:{line}:"
+    ]
     chance = random.Random(seed)
-    for path, place in chance.sample(known, min(count, len(known))):
-        node = chance.choice(list(variants(place.node)))
-        change = " → ".join(ast.unparse(ast.fix_missing_locations(each)) for each in (place.node, node))
-        if isinstance(node, ast.FunctionDef):
-            change = f"{node.name}(): {ast.unparse(node.body[0])}"
-        place.put(node)
-        text = ast.unparse(ast.fix_missing_locations(modules[path]))
-        place.put(place.node)
-        yield Mutant(path, place.line, place.lines, change, text)
+    for path, k in chance.sample(known, min(count, len(known))):
+        module = ast.parse((tree / path).read_text())
+        old, line, lines = list(nodes_of(module))[k]
+        new = chance.choice(list(variants(old)))
+        change = " → ".join(ast.unparse(ast.fix_missing_locations(each)) for each in (old, new))
+        if isinstance(new, ast.FunctionDef):
+            change = f"{new.name}(): {ast.unparse(new.body[0])}"
+        changed = Replacement(old, new).visit(module)
+        yield Mutant(path, line, lines, change, ast.unparse(ast.fix_missing_locations(changed)))
 
 
 class Recorder:
@@ -221,15 +216,9 @@ class Bench:
         self._idle.put(tree)
 
     def _run(self, tree: Path, *command: str, limit: float | None = None, **more: str) -> tuple[int, str]:
-        environment = os.environ | {"PYTHONPATH": str(tree)} | more
+        where: dict[str, Any] = {"cwd": tree, "env": os.environ | {"PYTHONPATH": str(tree)} | more}
         ran = subprocess.run(
-            [sys.executable, *command],
-            cwd=tree,
-            env=environment,
-            timeout=limit,
-            capture_output=True,
-            text=True,
-            check=False,
+            [sys.executable, *command], capture_output=True, text=True, timeout=limit, check=False, **where
         )
         return ran.returncode, ran.stdout
 
@@ -249,8 +238,8 @@ class Bench:
             list(pool.map(record, sorted(str(path.relative_to(tree)) for path in tree.rglob("tests/**/test_*.py"))))
         self._run(tree, "-m", "coverage", "combine", "-q", f"--rcfile={settings}")
 
-    def batches(self, mutant: Mutant) -> list[list[str]]:
-        """The tests that a change meets first, and those that it meets then."""
+    def tests_of(self, mutant: Mutant) -> list[str]:
+        """The quick tests that a change meets, in their order."""
         seconds, data = self.seconds(), CoverageData(str(self.work / "coverage"))
         data.read()
         first, last = mutant.lines or (0, sys.maxsize)
@@ -259,19 +248,11 @@ class Bench:
         own &= seconds.keys()
         room = f"tests/{Path(mutant.path).parts[1]}/"
         files = {test.partition("::")[0] for test in own}
-        others = {
-            test for test in seconds if test.partition("::")[0] in files or (not own and test.startswith(room))
-        } - own
-        batches: list[list[str]] = [[], []]
-        left = [FIRST, THEN]
-        for test in sorted(
-            own | others, key=lambda test: (test in others, not test.startswith((room, *NETS)), seconds[test])
-        ):
-            batch = 0 if test in own and seconds[test] <= left[0] else 1
-            left[batch] -= seconds[test]
-            if left[batch] >= 0.0:
-                batches[batch].append(test)
-        return batches
+        every = [test for test in seconds if test.partition("::")[0] in files or (not own and test.startswith(room))]
+        every.sort(key=lambda test: (test not in own, not test.startswith((room, *NETS)), seconds[test]))
+        return [
+            test for test, past in zip(every, accumulate(seconds[test] for test in every), strict=True) if past <= MOST
+        ]
 
     def seconds(self) -> dict[str, float]:
         """The time of each quick test under coverage."""
@@ -288,12 +269,11 @@ class Bench:
         return failed[1] if failed else "" if code in (0, 5) else f"exit code {code}"
 
     def judge(self, mutant: Mutant, runs: list[tuple[str, list[str], float]]) -> str:
-        """The kind of the runs that notice a change, and the test; a run has a kind, arguments and a time limit."""
+        """The kind of the run that notices a change, and the test; a run has a kind, arguments and a time limit."""
         with self.tree() as tree:
-            place = tree / mutant.path
+            place, listed = tree / mutant.path, self.work / f"{tree.name}.txt"
             original = place.read_text()
-            for number, (kind, arguments, limit) in enumerate(runs):
-                listed = self.work / f"{tree.name}-{number}.txt"
+            for kind, arguments, limit in runs:
                 listed.write_text("\n".join(arguments))
                 place.write_text(mutant.text)
                 try:
@@ -328,11 +308,9 @@ def main() -> None:
     seconds = bench.seconds()
 
     def runs(mutant: Mutant) -> Iterator[tuple[str, list[str], float]]:
-        if chosen.tests is not None:
-            yield "chosen", chosen.tests, SLOW_PATIENCE
-            return
-        for batch in filter(None, bench.batches(mutant)):
-            yield "quick", batch, PATIENCE + 4.0 * sum(seconds[test] for test in batch)
+        quick = bench.tests_of(mutant) if chosen.tests is None else chosen.tests
+        if quick:
+            yield "quick", quick, PATIENCE + 4.0 * sum(seconds.get(test, PATIENCE) for test in quick)
         folder = f"tests/{Path(mutant.path).parts[1]}"
         if chosen.slow and (bench.work / "tree-0" / folder).is_dir():
             yield "slow", ["-m", "slow", folder], SLOW_PATIENCE
