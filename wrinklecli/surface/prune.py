@@ -2,15 +2,14 @@
 
 A midpoint depends on the joints of both ends of its edge, which may be too many. Influences are dropped one by one, and
 each gives its weight to a joint that is near in the skeleton, but not across a bone that bends under a region. (Keeping
-the heaviest four moved a hand's forearm off by 29 %.) `pruning_errors` measures the cost, and `SplitLimits` forbids
-splits of edges whose midpoint could not move as the surface does there.
+the heaviest four moved a hand's forearm off by 29 %.) `pruning_errors` measures the cost, and `forbidden_splits`
+marks edges whose midpoint could not move as the surface does there.
 
 The paper (C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004) refines the posed mesh, where nothing
 has to be pruned.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -139,72 +138,44 @@ def prune(weights: Floats, distances: Floats, influences: int) -> tuple[Ints, Fl
     return np.pad(joints, pad), np.pad(kept, pad)
 
 
-@dataclass(frozen=True, slots=True)
-class SplitLimits:
-    """The limits of a file on midpoints near the regions; other fields are those of `refine`.
+def forbidden_splits(
+    surface: Surface,
+    rest: Rest,
+    members: Bools,
+    rig: Rig,
+    regions: Sequence[Region],
+    *,
+    contacts: Bools,
+    influences: int,
+    poses: Floats,
+    tolerance: float,
+) -> Callable[[Level], Bools]:
+    """Make a function that marks the (edges,) of a level that must not be split.
 
-    Edges along another mesh are not split either: a new midpoint in only one of the meshes would leave a gap.
-
-    Attributes:
-        near: (coarse triangles,) True for triangles at a region.
-        bind_positions: (coarse vertices, 3) bind space at rest.
-        weights: (coarse vertices, acting joints) skin weights near the regions; 0 elsewhere.
-        distances: (acting joints, acting joints) in the skeleton.
-        poses: (poses, acting joints, 4, 4) bind to world space.
+    They are edges along another mesh, where a new midpoint in only one of the meshes would leave a gap, and edges near
+    the (coarse triangles,) members of regions whose midpoint would be too far off with pruned weights. Other arguments
+    are those of `refine`.
     """
+    near = np.asarray(np.isin(surface.triangles, surface.triangles[members]).any(axis=1))
+    used = distinct_values(surface.triangles[near])
+    # Most joints move no vertex of a region.
+    acting = distinct_values(surface.joints[used])
+    coarse_weights = spread_weights(surface, used, len(rig.joints), acting)
+    distances, acting_poses = joint_distances(rig, regions, acting), poses[:, acting]
 
-    contacts: Bools
-    near: Bools
-    bind_positions: Floats
-    weights: Floats
-    distances: Floats
-    poses: Floats
-    influences: int
-    tolerance: float
-
-    @classmethod
-    def of(
-        cls,
-        surface: Surface,
-        rest: Rest,
-        members: Bools,
-        rig: Rig,
-        regions: Sequence[Region],
-        *,
-        contacts: Bools,
-        influences: int,
-        poses: Floats,
-        tolerance: float,
-    ) -> "SplitLimits":
-        """Collect the vertices near the (coarse triangles,) members, and the joints that act there."""
-        near = np.asarray(np.isin(surface.triangles, surface.triangles[members]).any(axis=1))
-        used = distinct_values(surface.triangles[near])
-        # Most joints move no vertex of a region.
-        acting = distinct_values(surface.joints[used])
-        return cls(
-            contacts=contacts,
-            near=near,
-            bind_positions=rest.bind_positions,
-            weights=spread_weights(surface, used, len(rig.joints), acting),
-            distances=joint_distances(rig, regions, acting),
-            poses=poses[:, acting],
-            influences=influences,
-            tolerance=tolerance,
-        )
-
-    def forbidden(self, level: Level) -> Bools:
-        """(edges,) edges along another mesh, and edges near a region whose midpoint has too many joints."""
-        touching = np.zeros(max(int(level.edges.max(initial=0)) + 1, len(self.contacts)), bool)
-        touching[: len(self.contacts)] = self.contacts
+    def forbidden(level: Level) -> Bools:
+        touching = np.zeros(max(int(level.edges.max(initial=0)) + 1, len(contacts)), bool)
+        touching[: len(contacts)] = contacts
         found: Bools = touching[level.edges[:, 0]] & touching[level.edges[:, 1]]
-        edges = distinct_values(level.triangle_edges[self.near[level.parents]])
-        weights = level.of_midpoints(edges, self.weights)
-        many = (weights > 0).sum(axis=1) > self.influences
+        edges = distinct_values(level.triangle_edges[near[level.parents]])
+        weights = level.of_midpoints(edges, coarse_weights)
+        many = (weights > 0).sum(axis=1) > influences
         edges, weights = edges[many], weights[many]
-        positions = level.of_midpoints(edges, self.bind_positions)
-        errors = pruning_errors(weights, positions, self.distances, self.influences, self.poses)
-        found[edges] |= errors > self.tolerance
+        positions = level.of_midpoints(edges, rest.bind_positions)
+        found[edges] |= pruning_errors(weights, positions, distances, influences, acting_poses) > tolerance
         return found
+
+    return forbidden
 
 
 def spread_weights(surface: Surface, vertices: Ints, joint_count: int, chosen: Ints | slice = slice(None)) -> Floats:

@@ -32,7 +32,7 @@ from wrinklecli.numeric.memory import MAX_VERTICES
 from wrinklecli.numeric.nearest import balls
 from wrinklecli.numeric.red_green import Level
 from wrinklecli.numeric.subdivide import Subdivision, subdivide
-from wrinklecli.surface.prune import SplitLimits, joint_distances, prune, spread_weights
+from wrinklecli.surface.prune import forbidden_splits, joint_distances, prune, spread_weights
 from wrinklecli.surface.region import Region, members_of
 from wrinklecli.surface.rest import Rest, carried_normals
 from wrinklecli.surface.rounding import hard_edges, rounded
@@ -182,7 +182,7 @@ def refine(
         max_vertices: Greatest number of new vertices.
     """
     members = members_of(regions, len(surface.triangles))
-    limits = SplitLimits.of(
+    forbids = forbidden_splits(
         surface, rest, members, rig, regions, contacts=contacts, influences=influences, poses=poses, tolerance=tolerance
     )
     hard = hard_edges(surface, rest.bind_positions, regions)
@@ -192,7 +192,7 @@ def refine(
         surface.triangles,
         len(surface.positions),
         wants=lambda level: _long_edges(level, regions, rest, normals, settings),
-        forbids=limits.forbidden,
+        forbids=forbids,
         shows=lambda level: _showing_edges(level, regions, rest, normals),
         max_levels=settings.max_levels,
         max_vertices=max_vertices,
