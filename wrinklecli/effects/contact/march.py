@@ -14,7 +14,6 @@ friction, no material: only the correction c itself resists, so nothing moves wh
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -73,12 +72,12 @@ def _solve(tissue: Tissue, state: SolverState, posed: SkinnedPose) -> SolverStat
 
 def _newton(tissue: Tissue, positions: Floats, posed: SkinnedPose, near: Any) -> SolverState:
     """Lower the energy by projected Newton steps, none of which lets anything pass through anything."""
-    wanted = _Wanted(posed.positions, tissue.pieces.volumes(posed.positions))
-    energy = _energy(tissue, positions, wanted, near)
+    volumes = tissue.pieces.volumes(posed.positions)
+    energy = _energy(tissue, positions, posed, volumes, near)
     settled = False
     held = ~tissue.free
     for _ in range(_STEPS):
-        direction, slope = _direction(tissue, positions, wanted, near)
+        direction, slope = _direction(tissue, positions, posed, volumes, near)
         arriving = np.abs((posed.positions - positions)[held]).max(initial=0.0) > _ARRIVED
         if not arriving and np.abs(direction).max() < (_SETTLED if len(near) else _SETTLED_APART):
             settled = True
@@ -89,7 +88,7 @@ def _newton(tissue: Tissue, positions: Floats, posed: SkinnedPose, near: Any) ->
         for _halving in range(_HALVINGS):
             trial = positions + fraction * direction
             trial_near = step.collisions(trial)
-            trial_energy = _energy(tissue, trial, wanted, trial_near)
+            trial_energy = _energy(tissue, trial, posed, volumes, trial_near)
             if trial_energy <= energy + _DECREASE * fraction * slope or (arriving and trial_energy < energy):
                 break
             fraction /= 2.0
@@ -104,35 +103,25 @@ def _newton(tissue: Tissue, positions: Floats, posed: SkinnedPose, near: Any) ->
     return SolverState(positions, posed, settled, near)
 
 
-@dataclass(frozen=True, slots=True)
-class _Wanted:
-    """The positions and volumes that a pose asks for.
-
-    Attributes:
-        positions: (vertices, 3) solver's units.
-        volumes: (pieces,) volumes under them.
-    """
-
-    positions: Floats
-    volumes: Floats
-
-
-def _energy(tissue: Tissue, positions: Floats, wanted: _Wanted, near: Any) -> float:
-    correction = positions - wanted.positions
+def _energy(tissue: Tissue, positions: Floats, posed: SkinnedPose, volumes: Floats, near: Any) -> float:
+    """The energy of (vertices, 3) positions; `volumes` are (pieces,) under the skinned positions."""
+    correction = positions - posed.positions
     elastic = 0.5 * float(np.sum(correction * (tissue.stiffness @ correction)))
-    pressed = 0.5 * float(tissue.pressures @ (tissue.pieces.volumes(positions) - wanted.volumes) ** 2)
+    pressed = 0.5 * float(tissue.pressures @ (tissue.pieces.volumes(positions) - volumes) ** 2)
     return elastic + pressed + float(tissue.barrier(near, tissue.mesh, tissue.placed(positions)))
 
 
-def _direction(tissue: Tissue, positions: Floats, wanted: _Wanted, near: Any) -> tuple[Floats, float]:
+def _direction(
+    tissue: Tissue, positions: Floats, posed: SkinnedPose, volumes: Floats, near: Any
+) -> tuple[Floats, float]:
     """(vertices, 3) Newton step, which takes vertices that are not free to their places, and the energy's slope."""
     free, touching = tissue.free, tissue.rows
-    correction = positions - wanted.positions
+    correction = positions - posed.positions
     barrier = tissue.gradient(near, positions)
     direction = np.where(free[:, None], 0.0, -correction)
     gradients = tissue.pieces.gradients(positions)
-    excess = tissue.pieces.volumes(positions) - wanted.volumes
-    volume = VolumeForces(
+    excess = tissue.pieces.volumes(positions) - volumes
+    resisting = VolumeForces(
         gradients[:, free],
         tissue.moves_under(gradients[:, free]),
         tissue.pressures,
@@ -147,6 +136,6 @@ def _direction(tissue: Tissue, positions: Floats, wanted: _Wanted, near: Any) ->
         hessian[coordinates][:, coordinates],
         correction[rows],
     )
-    direction[free] = tissue.response.equilibrium(contacts, volume) - correction[free]
+    direction[free] = tissue.response.equilibrium(contacts, resisting) - correction[free]
     gradient = tissue.stiffness @ correction + np.tensordot(tissue.pressures * excess, gradients, axes=1) + barrier
     return direction, float(np.sum(gradient * direction))
