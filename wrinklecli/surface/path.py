@@ -267,7 +267,12 @@ def path_through(
 
 def curve_on(places: Floats, facing: Floats) -> Curve:
     """The smooth curve through (places, 3) points of a surface, with its (places, 3) normals there."""
-    return _curve(*_spline(places, facing, _PIECES))
+    points, vectors = _spline(places, facing, _PIECES)
+    arc_lengths = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+    tangents = unit(np.gradient(points, arc_lengths, axis=0, edge_order=2))
+    bends = np.gradient(tangents, arc_lengths, axis=0)
+    normals = unit(vectors - np.sum(vectors * tangents, axis=1, keepdims=True) * tangents)
+    return Curve(points, tangents, bends, normals, arc_lengths)
 
 
 def _halved(places: Floats, facing: Floats, foot: Foot) -> tuple[Floats, Floats]:
@@ -296,15 +301,6 @@ def _spline(places: Floats, facing: Floats, pieces: int) -> tuple[Floats, Floats
         points.append(arcs[0] + share * (arcs[-1] - arcs[0]))
         normals.append(facing[k] + share * (facing[k + 1] - facing[k]))
     return np.concatenate(points), np.concatenate(normals)
-
-
-def _curve(points: Floats, facing: Floats) -> Curve:
-    """Measure a curve along (samples, 3) points; its normals are (samples, 3) vectors projected across it."""
-    arc_lengths = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
-    tangents = unit(np.gradient(points, arc_lengths, axis=0, edge_order=2))
-    bends = np.gradient(tangents, arc_lengths, axis=0)
-    normals = unit(facing - np.sum(facing * tangents, axis=1, keepdims=True) * tangents)
-    return Curve(points, tangents, bends, normals, arc_lengths)
 
 
 def _arc(start: Floats, end: Floats, third: Floats, t: Floats) -> Floats:
