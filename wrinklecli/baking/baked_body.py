@@ -1,6 +1,6 @@
 """A baked body as its extras describe it: nodes with their morph targets, and the drives that set these.
 
-Source: the extras that `extras.encode_extras` writes.
+Source: the extras of `extras.encode_extras`.
 """
 
 from collections.abc import Sequence
@@ -22,9 +22,9 @@ class BakedPart:
     """A node whose mesh has morph targets of a body.
 
     Attributes:
-        node: Its name.
-        mesh: Of its mesh; none where it has no name.
-        primitives: How many the mesh has.
+        node: The node's name.
+        mesh: The mesh's name, if it has one.
+        primitives: The number of the mesh's primitives.
         targets: The names of its morph targets.
         stored: (targets,) weights in the stored pose.
     """
@@ -81,15 +81,15 @@ class BakedBody:
 
     @property
     def original(self) -> tuple[str, ...]:
-        """Names of those that the asset had before it was baked, all of which are the node's own."""
+        """Names of the targets that the asset had before it was baked, all of which are the node's own."""
         return tuple(name for name in self.kept if name not in self.undriven)
 
 
 def read_bodies(document: Document) -> list[BakedBody]:
-    """The nodes that carry wrinkles.
+    """Read the nodes that carry baked effects.
 
     Raises:
-        AssetError: There are none, or what they carry is not what `bake` writes.
+        AssetError: There are none, or their extras are not what `bake` writes.
     """
     bodies = []
     for index, node in enumerate(document.items("nodes")):
@@ -129,7 +129,7 @@ def part_nodes(document: Document, node: int) -> list[int]:
     """The other nodes among which a baked node's mesh was split.
 
     Raises:
-        KeyError: One is not there, or others: the extras are not what `bake` writes.
+        KeyError, TypeError, AttributeError: The extras are not what `bake` writes.
     """
     nodes = document.items("nodes")
     names = {each.get("name"): index for index, each in enumerate(nodes) if "mesh" in each}
@@ -137,14 +137,14 @@ def part_nodes(document: Document, node: int) -> list[int]:
 
 
 def wrinkle_targets(document: Document) -> dict[int, frozenset[str]]:
-    """For each node the names of the morph targets that a bake has added; none where no extras say so."""
+    """For each node the names of the morph targets that a bake has added, by its extras."""
     nodes = document.items("nodes")
     found = {index: _wrinkle_targets(node) for index, node in enumerate(nodes)}
     return found | {part: found[part] | found[body] for part, body in bodies_of_parts(document).items()}
 
 
 def bodies_of_parts(document: Document) -> dict[int, int]:
-    """For each node with a part of a split mesh, but the one that carries the extras, that one."""
+    """The node that carries the extras, for each other node with a part of its split mesh."""
     found: dict[int, int] = {}
     for index, node in enumerate(document.items("nodes")):
         try:
@@ -174,9 +174,9 @@ def _wrinkle_targets(node: Json) -> frozenset[str]:
         driven = [*entry["tools"], *entry.get("folds", ())]
         return frozenset({name for each in driven for name in each["targets"]} | set(entry.get("undriven", ())))
     except (KeyError, TypeError, AttributeError):
-        return frozenset()  # not what a bake writes: nothing is known of wrinkles
+        return frozenset()  # no bake has written these extras
 
 
 def count_named(document: Document, name: str) -> int:
-    """How many nodes and scenes have a name."""
+    """The number of nodes and scenes of a name."""
     return sum(each.get("name") == name for kind in ("nodes", "scenes") for each in document.items(kind))

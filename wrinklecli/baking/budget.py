@@ -1,7 +1,7 @@
-"""What an engine can play: morph targets, weights and joints held to its limits, or the bake refused.
+"""Budgets of engines: morph targets, weights and joints are held to the limits of one, or the bake is refused.
 
-Only what wrinkles add is changed, and only where a limit is exceeded; what the asset itself exceeds is refused
-or, where it is not ours to judge, reported.
+Only added targets change, and only if a limit is exceeded. If the asset itself exceeds a limit, the bake is refused, or
+reports it.
 
 Sources:
     spec8: glTF 2.0 §3.7.2.2: clients should support at least eight morphed attributes, and may play only those
@@ -44,7 +44,7 @@ from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, significant
 from wrinklecli.surface.ground import poses_of
 
-# Share of the error bound that fewer shapes may take, as for `attachment: patch`.
+# Part of the error bound for fewer shapes, as for `attachment: patch`.
 _REDUCTION_SHARE = 0.25
 # Bytes of a texel of four floats, of which three.js keeps one for each vertex, target and attribute.
 _TEXEL_BYTES = 16
@@ -56,10 +56,10 @@ class Budget:
 
     Attributes:
         targets: Morph targets of a mesh, the asset's own among them.
-        active: Those of a weight other than 0 at a time.
+        active: Morph targets with a weight other than 0 at a time.
         influences: Joints of a vertex, all in JOINTS_0.
-        unit_weights: Whether weights must be from 0 to 1.
-        based: Whether sparse accessors must stand on stored zeros.
+        unit_weights: True if weights must be from 0 to 1.
+        based: True if sparse accessors must stand on stored zeros.
     """
 
     targets: int | None = None
@@ -79,26 +79,26 @@ BUDGETS: dict[Engine, Budget] = {
 
 
 def storage(engine: Engine | None, wanted: Storage) -> Storage:
-    """How to store morph targets for an engine: as wanted, but based where sparse ones must be."""
+    """The storage of morph targets for an engine: as wanted, but based if sparse ones must be."""
     return "based" if engine is not None and BUDGETS[engine].based and wanted == "sparse" else wanted
 
 
 def texture_bytes(plan: MeshPlan, targets: int) -> int:
     """GPU memory that three.js takes for a mesh's targets, old and new, sparse or not.
 
-    It is targets x vertices x attributes (POSITION, and NORMAL where there is one) x 16 bytes, a texture row's
-    padding left out. Source: three.js r187, `WebGLMorphtargets`.
+    The memory is targets x vertices x attributes (POSITION, and NORMAL if there is one) x 16 bytes, without the padding
+    of texture rows. Source: three.js r187, `WebGLMorphtargets`.
     """
     return texel_bytes(plan, targets * len(plan.fine.weld))
 
 
 def texel_bytes(plan: MeshPlan, vertices: int) -> int:
-    """The same of so many vertices of morph targets."""
+    """GPU memory of so many vertices of morph targets, bytes."""
     return vertices * _attributes(plan) * _TEXEL_BYTES
 
 
 def mesh_texture_bytes(gltf: Json, mesh: Json) -> int:
-    """The same of a mesh in a document."""
+    """GPU memory of the morph targets of a mesh in a document, bytes."""
     return sum(
         len(targets)
         * gltf["accessors"][primitive["attributes"]["POSITION"]]["count"]
@@ -122,24 +122,24 @@ def fit_budget(
     clips: Sequence[Clip],
     engine: Engine,
 ) -> tuple[list[Effect], list[Motion], Json]:
-    """Hold a mesh's morph targets to what an engine plays.
+    """Hold a mesh's morph targets to the limits of an engine.
 
-    Weights outside 0 to 1 cost nothing: a scaled shape, and a shape with its negative as a second one, play the
-    same at all times. Too many targets are reduced, tool by tool, to the fewest that give all heights over the
-    tool's whole range of shortenings within a quarter of the error bound, whatever the clips do. Too many at a time
-    cost nothing where a tool's bumps rise one after another: see `wrinkle.remix.in_turn`. (Tools that move alike, as
-    mirrored ones may, keep targets of their own: shared ones would change with the clips.)
+    Weights outside 0 to 1 cost no error: a scaled shape, and a shape with its negative as a second one, play the same
+    at all times. Too many targets are reduced, tool by tool, to the fewest that give all heights over the tool's whole
+    range of shortenings within a quarter of the error bound, independently of the clips. Too many targets at a time
+    cost no error if a tool's bumps rise one after another: see `wrinkle.remix.in_turn`. (Tools that move alike, as
+    mirrored ones may, keep targets of their own, since shared ones would change with the clips.)
 
     Args:
         document: The source.
-        plan: The tools on a mesh.
-        effects: Those on the mesh.
-        motions: Clips that are baked.
+        plan: The mesh.
+        effects: The effects on it.
+        motions: The clips that are baked.
         clips: All clips, whose poses judge joints.
-        engine: Whose limits.
+        engine: The engine.
 
     Returns:
-        What to write in place of the target sets and motions, and what was found, for the report.
+        Effects and motions to write in place of those given, and findings for the report.
 
     Raises:
         RefusedError: A limit cannot be held within the error bound.
@@ -173,7 +173,7 @@ def fit_budget(
 
 
 def _weight_range(plan: MeshPlan, effects: Sequence[Effect], motions: Sequence[Motion]) -> Json:
-    """The least and greatest weights of the wrinkles, and the least of the asset's own, which are not changed."""
+    """The least and greatest weights of effects, and the least of the asset's own targets, which do not change."""
     own = [morph_weights(plan.rig, motion.clip, motion.times) for motion in motions]
     wrinkles = [target_weights(effects, motion) for motion in motions]
     return {
@@ -186,7 +186,7 @@ def _weight_range(plan: MeshPlan, effects: Sequence[Effect], motions: Sequence[M
 def _reduce(
     plan: MeshPlan, effects: Sequence[Effect], motions: Sequence[Motion], budget: Budget
 ) -> tuple[list[Effect], list[Motion], list[Json]]:
-    """Give each tool the fewest targets, or the fewest at a time, and say what changed."""
+    """Give each effect the fewest targets, or the fewest at a time, and list the changes for the report."""
     tolerance = _REDUCTION_SHARE * plan.max_error
     reduced, changes = [], []
     for old in effects:
@@ -223,7 +223,7 @@ def _keyed_at_turns(plan: MeshPlan, effects: Sequence[Effect], motion: Motion) -
 
 
 def _excess(plan: MeshPlan, effects: Sequence[Effect], motions: Sequence[Motion], budget: Budget) -> str:
-    """What exceeds the limits on targets; empty where they hold."""
+    """Words about targets that exceed the limits; empty if none do."""
     own = len(plan.rig.morph_names)
     count = own + len(targets_of(effects))
     if budget.targets is not None and count > budget.targets:
@@ -241,7 +241,7 @@ def _excess(plan: MeshPlan, effects: Sequence[Effect], motions: Sequence[Motion]
 
 
 def _active(plan: MeshPlan, effects: Sequence[Effect], motion: Motion) -> tuple[Bools, float]:
-    """(targets,) which have a weight other than 0 when most do, at and between keys, and that time in seconds."""
+    """(targets,) True if active when most are, at and between keys, and that time in seconds."""
     channel = motion.clip.channel(plan.rig.node, "weights")
     weights = target_weights(effects, motion)[motion.keys]
     track = widen(channel, plan.rig, motion.clip, motion.times[motion.keys], weights)
@@ -255,10 +255,10 @@ def _active(plan: MeshPlan, effects: Sequence[Effect], motion: Motion) -> tuple[
 
 
 def _judge_influences(document: Document, plan: MeshPlan, clips: Sequence[Clip], limit: int, engine: Engine) -> Json:
-    """How many of the asset's own vertices lose joints beyond JOINTS_0, and how far off that puts them.
+    """Count the asset's own vertices that lose joints beyond JOINTS_0, and measure how far this moves them.
 
     Raises:
-        RefusedError: Further than the error bound: the asset's own weights are kept as they are.
+        RefusedError: They move further than the error bound; the asset's own weights do not change.
     """
     rig = plan.rig
     if not rig.skinned:

@@ -1,4 +1,4 @@
-"""What a bake would make, estimated before any of it is made: samples of clips, morph targets, frames, in bytes."""
+"""The size of a bake, estimated before it is made: bytes of samples, morph targets and frames."""
 
 from collections.abc import Sequence
 
@@ -11,22 +11,18 @@ from wrinklecli.errors import BakeError, counted
 from wrinklecli.gltf.writer import GLB_LIMIT
 from wrinklecli.numeric.memory import Memory, shown_bytes
 
-# Of all clips that are baked at once: nine hours at 30 a second.
+# Frames of all clips that are baked at once: nine hours at 30 per second.
 _MOST_FRAMES = 1_000_000
-# Bytes of a float32 vector, and of the index that it has in a sparse accessor.
-_VECTOR, _INDEX = 12, 4
-# Bytes of one number that is sampled of a tool at one time, with its copies.
+# Bytes of a float32 vector.
+_VECTOR = 12
+# Bytes of a vector's index in a sparse accessor.
+_INDEX = 4
+# Bytes of one number that is sampled at one time, with its copies.
 _SAMPLED = 40
 
 
 def refuse_too_much(job: Job, plan: MeshPlan, clips: Sequence[Clip], out: str | None) -> None:
-    """Check that what a bake makes of a mesh can be held, before it takes long.
-
-    Args:
-        job: The asset, its tools and the options.
-        plan: The tools on the mesh.
-        clips: To bake.
-        out: What is to be written, if anything.
+    """Check that the bake of a mesh fits in memory and in the file `out`, if there is one, before it takes long.
 
     Raises:
         TooMuchError: It would take more memory than there may be.
@@ -52,10 +48,10 @@ def refuse_too_much(job: Job, plan: MeshPlan, clips: Sequence[Clip], out: str | 
 
 
 def refuse_many_samples(job: Job, plan: MeshPlan, clips: Sequence[Clip]) -> int:
-    """Check that all that the tools do at all times of clips can be held.
+    """Check that the samples of all clips fit in memory.
 
     Returns:
-        How many times there are at least, those of the grid.
+        The number of times of the grid, to which sampling may add more.
 
     Raises:
         TooMuchError: It would take more memory than there may be.
@@ -74,7 +70,7 @@ def refuse_many_frames(plan: MeshPlan, clips: Sequence[Clip], *, fps: float) -> 
     """Check that clips are short enough to be sampled together.
 
     Raises:
-        BakeError: They are not.
+        BakeError: There are too many frames.
     """
     frames = sum((clip.end - clip.start) * fps for clip in clips)
     if frames > _MOST_FRAMES:
@@ -85,7 +81,7 @@ def refuse_many_frames(plan: MeshPlan, clips: Sequence[Clip], *, fps: float) -> 
 
 
 def target_sizes(plan: MeshPlan, clips: Sequence[Clip], frames: int, memory: Memory) -> list[int]:
-    """How many welded vertices each morph target moves, at most.
+    """The number of welded vertices that each morph target moves, at most.
 
     Raises:
         TooMuchError: Sampling would take more memory than there may be.
@@ -94,7 +90,7 @@ def target_sizes(plan: MeshPlan, clips: Sequence[Clip], frames: int, memory: Mem
 
 
 def morph_target_bytes(plan: MeshPlan, moved: Sequence[int], *, dense: bool) -> int:
-    """The bytes in the file of morph targets that move so many welded vertices each."""
+    """Bytes in the file of morph targets, from the number of welded vertices that each moves."""
     if dense:
         return len(moved) * len(plan.fine.weld) * _vectors(plan) * _VECTOR
     return sum(moved) * _vectors(plan) * (_VECTOR + _INDEX)
@@ -105,5 +101,5 @@ def _where(plan: MeshPlan) -> str:
 
 
 def _vectors(plan: MeshPlan) -> int:
-    """Of a vertex: POSITION, and NORMAL where there is one."""
+    """Vectors of a vertex: POSITION, and NORMAL if the mesh has it."""
     return 1 + plan.has_normals

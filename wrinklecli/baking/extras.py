@@ -8,17 +8,17 @@ from wrinklecli.gltf.shape import Json
 
 # Raised only when the geometry that the same asset and tools give changes.
 METHOD = 3
-# The section of extras that is there in any case: readers tell a baked node by it.
+# The section that extras always have: readers know a baked node by it.
 _TOOLS = "tools"
 
 
 def encode_extras(edited: EditedDocument, plan: MeshPlan, effects: Sequence[Effect], *, draft: bool = False) -> None:
     """Write the drives into the node's extras, enough to play the effects in a clip that was never baked.
 
-    `tools` and `folds` hold drives, as module `drive.drive` describes them. `undriven` are targets that no drive sets:
-    those that are projected in each frame, and those that contact has for one clip alone. `draft` is there if it was
-    one: not proven, and less refined. `parts` is there if the mesh was split: the names of the nodes with the rest of
-    it, of whose morph targets those of one name must have the same weight.
+    `tools` and `folds` hold drives, as module `drive.drive` describes them. `undriven` names targets without a
+    drive: those of vertices that are projected in each frame, and those of contact for one clip alone. `draft` says
+    that the bake was not proven, and less refined. `parts` names the nodes with the other parts of a split mesh;
+    targets of one name must have the same weight in all parts.
     """
     rig = plan.rig
     node = edited.gltf["nodes"][rig.node]

@@ -63,7 +63,7 @@ def export_frames(
 
 
 def _stems(clips: Sequence[Clip]) -> list[str]:
-    """What the names of each clip's files begin with: the clip's name, with its number where another has that."""
+    """The beginnings of the names of each clip's files: the clip's name, with its number if another has that name."""
     stems: dict[str, None] = {}
     for clip in clips:
         stem = re.sub(r"[^A-Za-z0-9_.-]", "_", clip.name)
@@ -74,7 +74,7 @@ def _stems(clips: Sequence[Clip]) -> list[str]:
 
 
 def _joined_topology(document: Document, meshes: Sequence[BakedMesh]) -> tuple[Ints, Floats | None]:
-    """(triangles, 3) vertices of all meshes one after another, and (vertices, 2) UVs where every primitive has them."""
+    """(triangles, 3) vertices of all meshes one after another, and (vertices, 2) UVs if every primitive has them."""
     triangles, uvs, start = [], [], 0
     for mesh in meshes:
         primitives = document.items("meshes")[mesh.plan.rig.mesh]["primitives"]
@@ -90,7 +90,7 @@ def _joined_topology(document: Document, meshes: Sequence[BakedMesh]) -> tuple[I
 
 
 def _obj_writer(triangles: Ints, uvs: Floats | None) -> Callable[[Sequence[PosedFrame]], bytes]:
-    """What makes the text of an OBJ from a frame: trimesh's, without the material file that it names.
+    """A function from a frame to the text of an OBJ: that of trimesh, without the material file that it names.
 
     The lines of UVs and faces, more than half of a file, are the same in all frames and made once.
     """
@@ -113,20 +113,20 @@ def _obj_writer(triangles: Ints, uvs: Floats | None) -> Callable[[Sequence[Posed
 
 
 def _lines(kind: str, rows: Floats | Ints, *, value: str = "%.8f") -> str:
-    """A line for each of (rows, numbers): its kind and values, each of as many numbers as it has places."""
+    """A line for each of (rows, numbers): its kind, then values of as many numbers as `value` has places."""
     values = " ".join([value] * (rows.shape[1] // value.count("%")))
     return f"{kind} {values}\n" * len(rows) % tuple(rows.reshape(-1).tolist())
 
 
 def _joined_frame(frame: Sequence[PosedFrame]) -> tuple[Floats, Floats | None]:
-    """(vertices, 3) positions of all meshes one after another, and normals where every mesh has them."""
+    """(vertices, 3) positions of all meshes one after another, and normals if every mesh has them."""
     normals = [mesh.normals for mesh in frame if mesh.normals is not None]
     positions = np.concatenate([mesh.positions for mesh in frame])
     return positions, np.concatenate(normals) if len(normals) == len(frame) else None
 
 
 def _exported(frame: Sequence[PosedFrame], triangles: Ints, uvs: Floats | None, kind: str) -> bytes:
-    """A frame in a format of trimesh's."""
+    """A frame in a format that trimesh writes."""
     import trimesh
 
     positions, normals = _joined_frame(frame)

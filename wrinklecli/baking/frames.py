@@ -1,4 +1,4 @@
-"""Per-frame geometry: posed, unskinned meshes, as nodes that a clip shows one after another, or as files.
+"""Geometry for each frame: posed, unskinned meshes, as nodes that a clip shows one after another, or as files.
 
 Source: glTF 2.0 §3.7.3.3 (skinning) and §3.11 (STEP). A skinned node must not be hidden by scale, so the
 frames are unskinned and their nodes roots.
@@ -22,7 +22,7 @@ from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints, ValueIndex, unit
 from wrinklecli.numeric.guard import Progress
 
-# Frames posed at once: bounds the memory.
+# Frames posed at once, which bounds the memory.
 _CHUNK = 16
 
 
@@ -30,7 +30,7 @@ _CHUNK = 16
 class PosedFrame:
     """One frame of all glTF vertices, primitive after primitive, world space.
 
-    Normals and tangents are None where no primitive has any, and 0 where a primitive has none.
+    Normals and tangents are None if no primitive has any, and 0 if only this primitive has none.
     """
 
     positions: Floats
@@ -71,7 +71,7 @@ def pose_frames(document: Document, mesh: BakedMesh, motion: Motion) -> Iterator
         positions, normals = pose(skin, matrices, played)
         moved = None
         if along is not None:
-            # Directions: what moves them does not shift them.
+            # Tangents are directions, which translations do not move.
             turning = matrices * np.array([1.0, 1.0, 1.0, 0.0])
             moved = pose(along, turning, np.zeros((len(times), 0)))[0]
         for frame in range(len(times)):
@@ -82,7 +82,7 @@ def pose_frames(document: Document, mesh: BakedMesh, motion: Motion) -> Iterator
 
 
 def _normal_deltas(document: Document, primitive: Json, refined: RefinedPrimitive) -> Floats:
-    """(morph targets, vertices, 3) NORMAL deltas that the source has, those of new vertices mixed."""
+    """(morph targets, vertices, 3) NORMAL deltas of the source, mixed for new vertices."""
     targets = primitive.get("targets", [])
     deltas = np.zeros((len(targets), len(refined.weld), 3))
     for row, target in zip(deltas, targets, strict=True):
@@ -93,7 +93,7 @@ def _normal_deltas(document: Document, primitive: Json, refined: RefinedPrimitiv
 
 
 def _tangents(document: Document, primitive: Json, refined: RefinedPrimitive) -> Floats | None:
-    """(vertices, 4) TANGENTs of a primitive, those of new vertices mixed; None where it has none."""
+    """(vertices, 4) TANGENTs of a primitive, mixed for new vertices; None if it has none."""
     if "TANGENT" not in primitive["attributes"]:
         return None
     old = old_values(document, primitive["attributes"], "TANGENT", refined, size=4)
@@ -101,7 +101,7 @@ def _tangents(document: Document, primitive: Json, refined: RefinedPrimitive) ->
 
 
 def _joined(attributes: Sequence[Floats | None], refined_primitives: Sequence[RefinedPrimitive]) -> Floats | None:
-    """An attribute of all primitives, 0 where one lacks it; None where all do."""
+    """An attribute of all primitives, 0 for those that lack it; None if all do."""
     size = max((each.shape[1] for each in attributes if each is not None), default=0)
     if not size:
         return None
@@ -170,7 +170,7 @@ def _frame_mesh(edited: EditedDocument, template: Json, posed: PosedFrame, bound
 
 
 def _drop_weight_channels(edited: EditedDocument, node: int) -> None:
-    """Take out the channels that drove the morph targets of a mesh that is gone, with their samplers."""
+    """Remove the channels that drove the morph targets of a mesh that is gone, with their samplers."""
     for animation in edited.gltf.get("animations", []):
         gone = [
             channel
@@ -187,7 +187,7 @@ def _drop_weight_channels(edited: EditedDocument, node: int) -> None:
 
 
 def _add_root(edited: EditedDocument, rig: Rig, node: int) -> None:
-    """Put a node at the root of every scene that shows the rig's node: frames are in world space."""
+    """Put a node at the root of every scene that shows the rig's node, as frames are in world space."""
     root = rig.node
     while rig.parents[root] >= 0:
         root = int(rig.parents[root])

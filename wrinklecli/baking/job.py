@@ -26,31 +26,29 @@ _ONE_PERCENT = Length(1.0, percent=True)
 
 @dataclass(frozen=True, slots=True)
 class BakeOptions:
-    """How to bake, besides what the tools file says.
+    """Options of `bake`, besides what the tools file says.
 
     Attributes:
         mode: `morph` keeps the skin and adds morph targets; `frames` writes posed geometry for each frame.
-        anims: Files with clips for the asset's joints, by their names: they get into OUT too.
-        clips: Names of the clips to bake; those of the tools file where left out.
-        only: Names of the tools to bake; all where left out.
+        anims: Files with more clips, for joints of the same names; OUT gets these clips too.
+        clips: Names of the clips to bake; if empty, those of the tools file.
+        only: Names of the tools to bake; if empty, all.
         fps: Overrides `sampling.fps`.
-        max_error: Largest distance of the file from the method, of the tallest wrinkle where in per cent.
+        max_error: Largest distance of the file from the method: a length, or per cent of the tallest wrinkle.
         max_levels: Overrides `refinement.max_levels`.
         edges_per_interval: Overrides `refinement.edges_per_interval`.
-        max_vertices: That refinement may add to a mesh.
+        max_vertices: Most vertices that refinement may add to a mesh.
         accessors: How morph targets are stored: `dense` for readers that cannot take sparse accessors, `based` for
             those that need zeros below them; see `gltf.edited_document`.
         tracks: `none` writes targets and extras without weight tracks.
         frames_dir: Also write a file for each frame into this folder.
-        frames_format: Of those files.
+        frames_format: The format of these files.
         allow_external: Read buffers and images outside the asset's folder too.
-        max_memory: Bytes that reading the asset may take.
+        max_memory: Most bytes that reading the asset may take.
         morph_tangents: Also write TANGENT targets, where the base has TANGENT.
-        engine: Hold morph targets to what this one plays: three, unity, spec8 (eight at a time), vtk or godot3. For
-            the last two, sparse accessors are based.
-        strict: Refuse to write where there are warnings.
-        replace: Bake the asset that an earlier bake was made from, where the asset is that bake's output; see
-            `baking.original`.
+        engine: Hold morph targets to the limits of this engine; see `baking.budget`.
+        strict: Refuse to write if there are warnings.
+        replace: If the asset is the output of an earlier bake, bake the asset of that bake; see `baking.original`.
         details: Measure residuals of normals and curve lengths for the report, which takes longer.
         draft: For a quick look: refine one level less and do not prove the file, which says that it is a draft.
         split: Let faces that the same morph targets move be meshes and nodes of their own, without the other targets.
@@ -82,23 +80,22 @@ class BakeOptions:
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """An asset and its tools, read: what `bake` and `check` begin with.
+    """An asset and its tools, read: `bake` and `check` begin with this record.
 
     Attributes:
-        options: As given.
         settings: The tools file with the options that override it.
-        asset: As it was read; without the wrinkles of an earlier bake where these are to be replaced.
+        asset: The asset as it was read, without the wrinkles of an earlier bake if these are to be replaced.
         document: The asset with the clips of other files, and of its range of motion.
         inputs: Every file that was read, as typed or joined to the asset's folder.
         beside: All files of asset and anims, read or not: nothing may be written over them.
-        every_clip: Of the document.
-        clips: Those to bake.
-        by_node: The tools of each node that has a mesh, nodes rising.
+        every_clip: The clips of the document.
+        clips: The clips to bake.
+        by_node: The tools of each node that has a mesh, sorted by node.
         pose: Name of the clip that is the pose asked for, if any.
         range: Names of the clips that are the asset's range of motion.
-        notes: What motions were made, and what of the anims was left out or renamed, a line each.
-        warnings: A line for each tool that is left out, for each clip that an optional one names in vain, and for each
-            anim without clips.
+        notes: A line for each motion that was made, and for each part of the anims that was left out or renamed.
+        warnings: A line for each tool that is left out, each unknown clip that an optional tool names, and each anim
+            without clips.
     """
 
     options: BakeOptions
@@ -124,14 +121,10 @@ def read_job(
 ) -> Job:
     """Read an asset and its tools, and find each tool's mesh.
 
-    Args:
-        asset: The .gltf or .glb, or what was read of it.
-        tools: The YAML file of tools, or several that are merged.
-        options: Which clips and tools of them, and how to read.
-        motions: What moves the asset besides its own clips; the anims of the options where left out.
+    `motions` are further motions of the asset. If None, they are the anims of the options.
 
     Raises:
-        WrinkleError: One of them is at fault, or they do not go together.
+        WrinkleError: Asset or tools are at fault, or they do not go together.
     """
     settings = _overridden(load_merged(tools_paths(tools)), options)
     document = asset if isinstance(asset, Document) else _read(asset, options)
@@ -141,7 +134,7 @@ def read_job(
 
 
 def tools_paths(tools: ToolsPaths) -> Sequence[str | os.PathLike[str]]:
-    """The tools files, which are mostly one."""
+    """The paths of one tools file or several."""
     return (tools,) if isinstance(tools, str | os.PathLike) else tools
 
 
@@ -150,7 +143,7 @@ def _read(asset: str | os.PathLike[str], options: BakeOptions) -> Document:
 
 
 def _job(asset: Document, settings: ToolsFile, options: BakeOptions, motions: Motions) -> Job:
-    """Join an asset with its tools and with what moves it."""
+    """Join an asset with its tools and its motions."""
     by_node, left_out = tools_by_node(asset, settings)
     joined = moved(asset, list(by_node), motions)
     document = joined.document
@@ -180,11 +173,10 @@ def tools_by_node(document: Document, settings: ToolsFile) -> tuple[dict[int, li
     """Find each tool's mesh.
 
     Returns:
-        The tools of each node that has a mesh, nodes rising; and a warning for each tool that is left out.
+        The tools of each node that has a mesh, sorted by node, and a warning for each tool that is left out.
 
     Raises:
-        BakeError: Of all tools without a mesh and all meshes that are wrinkled already, a line each; or no tool is
-            left.
+        BakeError: Tools have no mesh, or meshes are wrinkled already, a line for each; or no tool remains.
     """
     nodes = document.items("nodes")
     mesh_nodes = [index for index, node in enumerate(nodes) if "mesh" in node]
@@ -217,20 +209,20 @@ def tools_by_node(document: Document, settings: ToolsFile) -> tuple[dict[int, li
 
 
 def _wrinkle_extras(node: Json) -> Any:
-    """What an earlier bake says of a node, or anybody; none where nobody does."""
+    """The entry `wrinkle` of a node's extras, whoever wrote it; None without one."""
     extras = node.get("extras")
     return extras.get("wrinkle") if isinstance(extras, dict) else None
 
 
 def _parts_of(node: Json) -> list[str]:
-    """Names of the nodes that an earlier bake has split from one."""
+    """Names of the nodes that an earlier bake has split from a node."""
     said = _wrinkle_extras(node)
     parts = said.get(PARTS) if isinstance(said, dict) else None
     return [name for name in parts if isinstance(name, str)] if isinstance(parts, list) else []
 
 
 def why_left_out(tool: EffectTool, document: Document) -> str | None:
-    """Why a bake would go on without a tool; None where it would not."""
+    """The reason why a bake would go on without a tool; None if it would not."""
     if tool.idle:
         return "its strength is 0 in every clip"
     named = ("mesh" in node and node.get("name") == tool.node for node in document.items("nodes"))
@@ -240,13 +232,7 @@ def why_left_out(tool: EffectTool, document: Document) -> str | None:
 
 
 def _node_of(tool: EffectTool, document: Document, mesh_nodes: Sequence[int], deforming: Sequence[int]) -> int:
-    """The node whose mesh a tool wrinkles.
-
-    Args:
-        tool: The tool.
-        document: The asset.
-        mesh_nodes: Its nodes that have a mesh.
-        deforming: Those of them whose mesh deforms.
+    """The node whose mesh a tool wrinkles, of the nodes that have a mesh and of those whose mesh deforms.
 
     Raises:
         BakeError: There is none, or more than one.
@@ -311,17 +297,14 @@ def _overridden(settings: ToolsFile, options: BakeOptions) -> ToolsFile:
 def check_clip_names(settings: ToolsFile, sampled: Sequence[str], clips: tuple[Clip, ...]) -> list[str]:
     """A warning for each clip that an optional tool names and the asset lacks.
 
-    Args:
-        settings: The tools file.
-        sampled: Names of the clips that it says to bake.
-        clips: Of the asset.
+    `sampled` are the names of the clips that the tools file says to bake.
 
     Raises:
-        ConfigError: Of all other clips that the file names and the asset lacks, a line each.
+        ConfigError: The asset lacks other clips that the file names, a line for each.
     """
     names = [clip.name for clip in clips]
     warnings: list[str] = []
-    problems: dict[str, ConfigError] = {}  # by their lines: what tools inherit is said once
+    problems: dict[str, ConfigError] = {}  # by their lines: a key that several tools inherit gets one line
 
     def refuse(name: str, where: str) -> None:
         error = ConfigError(f"the asset has {unknown_clip(name, names)}", where=where)

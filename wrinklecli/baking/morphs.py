@@ -1,4 +1,4 @@
-"""Morph targets and weight tracks, written into the document: targets, and channels that drive them.
+"""Encoding of morph targets, and of the weight tracks that drive them.
 
 Source: glTF 2.0 §3.7.2.2 (morph targets), §3.6.2.3 (sparse accessors), §3.11 (animation).
 """
@@ -35,12 +35,12 @@ from wrinklecli.surface.refine import Refinement
 
 @dataclass(frozen=True, slots=True)
 class _Base:
-    """What morph targets turn on one primitive.
+    """The vectors of one primitive that morph targets turn.
 
     Attributes:
-        normals: (vertices, 3) unit; None where targets get no NORMAL.
-        tangents: (vertices, 3) unit; None where they get no TANGENT.
-        key: The same for primitives that share vertices, normals and tangents.
+        normals: (vertices, 3) unit; None if targets get no NORMAL.
+        tangents: (vertices, 3) unit; None if targets get no TANGENT.
+        key: Equal for primitives that share vertices, normals and tangents.
     """
 
     normals: Floats | None
@@ -62,15 +62,9 @@ def encode_morphs(
     tangents: bool = False,
     draft: bool = False,
 ) -> None:
-    """Put meshes, targets, tracks and extras into the edited document.
+    """Put the mesh, targets, extras, and tracks for motions into the edited document.
 
-    Args:
-        edited: The document.
-        plan: The tools on a mesh.
-        effects: Those on the mesh.
-        motions: Clips to write tracks for.
-        tangents: Write TANGENT targets where the base has TANGENT.
-        draft: Say in the extras that it is one.
+    With `tangents`, a base that has TANGENT gets targets of it. With `draft`, the extras say that the bake is a draft.
     """
     targets = targets_of(effects)
     stored = np.concatenate([each.stored_weights(plan.rig) for each in effects])
@@ -83,14 +77,14 @@ def encode_morphs(
 def _encode_tracks(
     edited: EditedDocument, rig: Rig, effects: Sequence[Effect], motions: Sequence[Motion], stored: Floats
 ) -> None:
-    """Write weight tracks of all morph targets, old and new; a clip that is not baked keeps the stored weights."""
+    """Write weight tracks of all morph targets, old and new; a clip that is not baked keeps stored weights."""
     baked = {motion.clip.index for motion in motions}
     for clip in read_clips(edited.source):
         channel = clip.channel(rig.node, "weights")
         if channel is not None and clip.index not in baked:
             # A channel drives all targets of its mesh, so a clip that is not baked is widened too.
             encode_track(edited, clip, rig.node, pad(channel, stored))
-    # Without a target, as where no vertex lies under a bump, a track would have no values.
+    # Without a target, such as when no vertex lies under a bump, a track would have no values.
     for motion in motions if len(stored) else ():
         channel = motion.clip.channel(rig.node, "weights")
         times, weights = motion.times[motion.keys], target_weights(effects, motion)[motion.keys]
@@ -109,20 +103,20 @@ def encode_mesh(
 ) -> None:
     """Write the refined primitives and the new morph targets of a node's mesh.
 
-    Only this node changes: a mesh that others show too is cloned. Every primitive gets every target; those
-    that it leaves alone share one accessor of zeros. A base without NORMAL gets no NORMAL targets: glTF
-    prescribes flat normals there, and ignores tangents. Old targets without NORMAL get one of zeros, which
-    means the same, as three.js otherwise adds the base normal in its place; so do those without TANGENT.
+    Only this node changes: a mesh that other nodes show too is cloned. Every primitive gets every target; targets that
+    do not move it share one accessor of zeros. A base without NORMAL gets no NORMAL targets, since glTF prescribes flat
+    normals there and ignores tangents. Old targets without NORMAL get zeros, which mean the same, as three.js otherwise
+    adds the base normal in its place; so do those without TANGENT.
 
     Args:
         edited: The document.
-        rig: Of the node.
-        fine: Its refined surface.
+        rig: The rig of the node.
+        fine: The refined surface.
         targets: The new morph targets.
         stored: (targets,) weights in the stored pose.
-        tangents: Write TANGENT targets where the base has TANGENT.
-        groups: From `shared_vertices`: primitives that go on sharing vertices. Those that no tool touches too:
-            a vertex more in their accessors does not show, where accessors of their own would be a copy.
+        tangents: Write TANGENT targets if the base has TANGENT.
+        groups: The result of `shared_vertices`: primitives that go on sharing vertices. Primitives that no tool touches
+            do so too, since further vertices do not show, and accessors of their own would be a copy.
     """
     node = edited.gltf["nodes"][rig.node]
     mesh = own_mesh(edited, node, rig.mesh)
@@ -145,14 +139,14 @@ def encode_mesh(
         return
     if isinstance(mesh.setdefault("extras", {}), dict):
         mesh["extras"]["targetNames"] = old_names + [target.name for target in targets]
-    # VTK plays no target of a mesh without.
+    # VTK plays no target of a mesh without weights.
     mesh["weights"] = mesh.get("weights", [0.0] * len(old_names))[: len(old_names)] + [0.0] * len(targets)
     if "weights" in node or stored.any():
         node["weights"] = [float(each) for each in rig.morph_weights] + [float(np.float32(each)) for each in stored]
 
 
 def own_target_bytes(gltf: Json, rig: Rig) -> int:
-    """Bytes that the asset's own morph targets take, in the asset or in what is written."""
+    """Bytes of the asset's own morph targets, in the asset or in the written file."""
     mesh = gltf["meshes"][gltf["nodes"][rig.node]["mesh"]]
     count = len(rig.morph_names)
     own = [target for primitive in mesh["primitives"] for target in primitive.get("targets", [])[:count]]
@@ -169,19 +163,13 @@ def own_mesh(edited: EditedDocument, node: Json, mesh: int) -> Json:
 
 
 def tangent_deltas(tangents: Floats, normals: Floats, normal_deltas: Floats) -> Floats:
-    """What to add to tangents at weight 1 for them to stay in a surface whose normals turn.
+    """(vertices, 3) deltas that keep (vertices, 3) unit tangents in a surface whose unit normals turn, at weight 1.
 
-    Where a surface rises by h along its normal N, its tangent T becomes T + (∂h/∂T) N, and NORMAL deltas, which
-    lie across N, are -∇h: so ΔT = -(T · ΔN) N. With T across N, T + Σ wΔT lies across N + Σ wΔN exactly, at
-    all weights of all tools, and points to where the texture goes.
+    If a surface rises by h along its normal N, its tangent T becomes T + (∂h/∂T) N, and NORMAL deltas, which are
+    orthogonal to N, are -∇h, so ΔT = -(T · ΔN) N. If T is orthogonal to N, T + Σ wΔT is exactly orthogonal to
+    N + Σ wΔN, at all weights of all tools, and points along the texture.
 
-    Args:
-        tangents: (vertices, 3) unit.
-        normals: (vertices, 3) unit.
-        normal_deltas: (vertices, 3) at weight 1.
-
-    Returns:
-        (vertices, 3). Source: glTF 2.0 §3.7.2.2: TANGENT displacements are VEC3, handedness stays.
+    Source: glTF 2.0 §3.7.2.2: TANGENT displacements are VEC3, handedness stays.
     """
     deltas: Floats = -np.sum(tangents * normal_deltas, axis=1, keepdims=True) * normals
     return deltas
@@ -195,7 +183,7 @@ def _read_base(source: Document, primitive: Json, refined: RefinedPrimitive, *, 
 
 
 def _smooth_normals(fine: Refinement, targets: Sequence[Target]) -> Floats:
-    """(fine vertices, 3) normals of the welded surface where a target turns them, 0 elsewhere."""
+    """(fine vertices, 3) normals of the welded surface at vertices where a target turns them, 0 elsewhere."""
     turned = distinct_values(np.concatenate([np.zeros(0, np.intp), *(each.shape.normal_vertices for each in targets)]))
     smooth = np.zeros(fine.positions.shape)
     smooth[turned] = fine.normals_at(turned)
@@ -211,7 +199,7 @@ def _add_targets(
     smooth: Floats,
     written: Written,
 ) -> None:
-    """Append morph targets to a primitive, and zeros to its old ones for attributes that they lack."""
+    """Append morph targets to a primitive, and give its old ones zeros for the attributes that they lack."""
     count, copies = len(refined.weld), ValueIndex.of(refined.weld)
     added: list[Json] = []
     for number, each in enumerate(targets):
@@ -232,7 +220,7 @@ def _add_targets(
 def _target_deltas(
     shape: Shape, refined: RefinedPrimitive, copies: ValueIndex, base: _Base, smooth: Floats
 ) -> dict[str, tuple[Ints, Floats]]:
-    """One morph target on one primitive: the vertices that each attribute changes at, and by how much."""
+    """One morph target on one primitive: for each attribute, the vertices that change and their deltas."""
     moved, rows = copies.holding(shape.vertices)
     deltas = {"POSITION": (moved, shape.deltas[rows])}
     if base.normals is not None:
@@ -246,12 +234,12 @@ def _target_deltas(
 def turned_normals(
     shape: Shape, weld: Ints, copies: ValueIndex, smooth: Floats, normals: Floats
 ) -> tuple[Ints, Floats]:
-    """The glTF vertices whose normal a shape changes, and by how much at weight 1.
+    """The glTF vertices whose normal a shape changes, and their deltas at weight 1.
 
     Args:
-        shape: Of a morph target.
-        weld: (vertices,) fine welded vertex of each,
-        copies: and which vertices have each.
+        shape: The shape of a morph target.
+        weld: (vertices,) fine welded vertex of each.
+        copies: The index of `weld`.
         smooth: (fine vertices, 3) unit normals of the welded surface.
         normals: (vertices, 3) unit normals, which may have edges.
     """

@@ -1,14 +1,14 @@
 """The record of the asset that a baked file was made from: written at the end of the file, and read back.
 
-A bake moves, changes and drops data, so a record holds what of the original is not in the baked file: its JSON, where
-its kept bytes are, and its other bytes. Kept are also those that new data begins or ends with: new vertices follow the
-old ones. Nearly all of the rest is there in another order, which makes the record small: it is compressed with the new
-JSON, and the new data that takes its place, as the dictionary. `zstandard` does that; of the standard library neither
-zlib (a dictionary of 32 KiB) nor lzma (none) can, before Python 3.14.
+A bake moves, changes and drops data. A record holds the original's JSON, the places of its bytes that the baked file
+keeps, and its other bytes. Kept bytes include those with which new data begins or ends, as new vertices follow the old
+ones. Nearly all other bytes are in the file in another order. So the record is small if it is compressed with a
+dictionary: the new JSON, and the new data in place of the old. `zstandard` can do that; of the standard library,
+neither zlib (a dictionary of 32 KiB) nor lzma (none) can, before Python 3.14.
 
 The record is the last buffer view, and the first node that has got wrinkles refers to it by
-`extras.wrinkle.original`. It begins with a digest of all else in the file, so that a file which anything else has
-rewritten is refused: whatever was changed there would be lost.
+`extras.wrinkle.original`. It begins with a digest of the rest of the file. A file that other software has rewritten is
+refused, as its changes would be lost.
 
 Source: RFC 8878 (Zstandard); `zstd --patch-from` does the same with whole files.
 """
@@ -35,7 +35,7 @@ from wrinklecli.gltf.writer import Bytes, Layout, Span
 # Bytes [low, high) of the record's buffer.
 Range = tuple[int, int]
 
-# The digest, and how many ranges of the record's buffer, which follow, the dictionary is made of.
+# The digest, and the number of ranges of the record's buffer that make the dictionary, which follow.
 _HEADER = struct.Struct("<32sI")
 _RANGE = struct.Struct("<QQ")
 _DIGEST_BYTES = 32
@@ -57,16 +57,16 @@ def wrinkled(gltf: Json) -> list[int]:
 
 
 def seal(asset: Document, edited: EditedDocument, layout: Layout) -> tuple[Json, bytes]:
-    """Let a record of the asset follow the new data where wrinkles have been put on a node.
+    """Let a record of the asset follow the new data if a node has got wrinkles.
 
     Args:
-        asset: As it was read.
-        edited: The asset, or the asset with more behind its lists, being changed.
-        layout: Of the file to be written.
+        asset: The asset as it was read.
+        edited: The asset being changed, which may have more items at the ends of its lists.
+        layout: The layout of the file to be written.
 
     Returns:
-        The JSON, in which the first such node refers to the record, and what is to follow the new data; the JSON as it
-        was, and nothing, where there are no new wrinkles.
+        The JSON, in which the first such node refers to the record, and the bytes that follow the new data. Without
+        new wrinkles, the JSON does not change, and there are no bytes.
     """
     added = sorted(set(wrinkled(layout.gltf)) - set(wrinkled(asset.gltf)))
     if not added:
@@ -82,23 +82,17 @@ def seal(asset: Document, edited: EditedDocument, layout: Layout) -> tuple[Json,
 
 
 def _refer(gltf: Json, node: int, view: Json) -> Json:
-    """The JSON with another buffer view, that of a record, and a node that refers to it; a shallow copy."""
+    """A shallow copy of the JSON with the buffer view of a record, and a node that refers to this."""
     views, nodes = [*gltf.get("bufferViews", []), view], list(gltf["nodes"])
     nodes[node] = _with_entry(nodes[node], _entry(nodes[node]) | {"original": len(views) - 1})
     return gltf | {"nodes": nodes, "bufferViews": views}
 
 
 def _pack(source: Document, layout: Layout, new: bytes) -> bytes:
-    """Make a record.
-
-    Args:
-        source: The original.
-        layout: The file, with `_refer`; the record's view may lack its length.
-        new: The new data, which the record follows.
-    """
+    """Make the record that follows the new data; in the layout, the record's view may lack its length."""
     bare, buffer = _without_record(layout.gltf), layout.buffer
     start = sum(len(part) for part in layout.contents[buffer])
-    own = layout.kept[: len(source.buffers)]  # what clips of other files hold is none of the original
+    own = layout.kept[: len(source.buffers)]  # the original has no data of other files' clips
     kept, alike = _with_echoes(source, bare, new, (buffer, start), own)
     dead: list[Bytes] = []
     for data, spans in zip(source.buffers, kept, strict=True):
@@ -120,7 +114,7 @@ def _pack(source: Document, layout: Layout, new: bytes) -> bytes:
 
 
 def _compressed(content: bytes, dictionary: bytes) -> bytes:
-    """What a dictionary is like, small."""
+    """Compress content by a dictionary."""
     import zstandard
 
     bits = (len(dictionary) + len(content)).bit_length()
@@ -139,11 +133,11 @@ def _compressed(content: bytes, dictionary: bytes) -> bytes:
 
 
 def _decompressed(packed: bytes, dictionary: bytes, document: Document, where: str) -> bytes:
-    """The content of what `_compressed` gave, in a view of a document.
+    """Undo `_compressed` for a view of a document.
 
     Raises:
-        ValueError: It is damaged.
-        TooMuchError: It is too large.
+        ValueError: The view is damaged.
+        TooMuchError: The content is too large.
     """
     import zstandard
 
@@ -151,7 +145,7 @@ def _decompressed(packed: bytes, dictionary: bytes, document: Document, where: s
         size = zstandard.frame_content_size(packed)
         if size <= 0:
             raise ValueError("empty, or of no size")
-        # Once more when its JSON is taken off.
+        # The content is copied once more when its JSON is taken off.
         document.claim_unstored(2 * size, "the bytes of the original asset", where=where)
         raw = zstandard.ZstdCompressionDict(dictionary, dict_type=zstandard.DICT_TYPE_RAWCONTENT)
         decompressor = zstandard.ZstdDecompressor(dict_data=raw, max_window_size=2**zstandard.WINDOWLOG_MAX)
@@ -163,17 +157,18 @@ def _decompressed(packed: bytes, dictionary: bytes, document: Document, where: s
 def _with_echoes(
     source: Document, gltf: Json, new: bytes, place: tuple[int, int], kept: Sequence[Sequence[Span]]
 ) -> tuple[list[list[Span]], list[Range]]:
-    """Look for the original's data in the new data that takes its place.
+    """Look for the original's data in the new data in place of it.
 
     Args:
         source: The original.
         gltf: The JSON to be written.
         new: The new data.
-        place: The buffer that it is in, and from which byte.
+        place: The buffer of the new data, and its first byte there.
         kept: For each buffer of the original, the spans that are in the baked file anyway.
 
     Returns:
-        The spans, with those that new data begins or ends with, and where new data is like the original's otherwise.
+        The spans, with those at the beginning or end of new data, and the ranges of new data that resemble the
+        original's otherwise.
     """
     buffer, start = place
     content = np.frombuffer(new, np.uint8)
@@ -207,7 +202,7 @@ def _with_echoes(
 def _stored(gltf: Json, accessor: Json) -> Iterator[tuple[int, int, int, int] | None]:
     """The buffer, first byte, end of the view and count of an accessor's elements, sparse indices and sparse values.
 
-    None where there are none, or only compressed ones. What is never read may refer to anything.
+    None for those that are missing or compressed. Accessors that nothing reads may refer to anything.
     """
     views, sparse = gltf.get("bufferViews", []), accessor.get("sparse", {})
     parts = [(accessor, accessor), (sparse.get("indices", {}), sparse), (sparse.get("values", {}), sparse)]
@@ -223,7 +218,7 @@ def _stored(gltf: Json, accessor: Json) -> Iterator[tuple[int, int, int, int] | 
 
 
 def _alike(one: NDArray[np.uint8], other: NDArray[np.uint8]) -> int:
-    """How many bytes two begin with alike; 0 where these are not worth a span."""
+    """The number of bytes with which both begin; 0 if these are not worth a span."""
     count = min(len(one), len(other))
     differ = np.flatnonzero(one[:count] != other[:count])
     run = int(differ[0]) if len(differ) else count
@@ -231,7 +226,7 @@ def _alike(one: NDArray[np.uint8], other: NDArray[np.uint8]) -> int:
 
 
 def _apart(spans: Sequence[Span]) -> list[Span]:
-    """The spans, rising, without those that overlap others."""
+    """The sorted spans without those that overlap others."""
     apart: list[Span] = []
     for span in sorted(spans):
         if not apart or span[0] >= apart[-1][1]:
@@ -242,12 +237,11 @@ def _apart(spans: Sequence[Span]) -> list[Span]:
 def original(document: Document) -> Document:
     """The asset as it was before any wrinkles were baked into it: its JSON and buffers, bit by bit.
 
-    Args:
-        document: Any asset; one without wrinkles is given back.
+    An asset without wrinkles is returned as it is.
 
     Raises:
-        BakeError: It carries wrinkles, but is not as `bake` wrote it.
-        TooMuchError: It takes too much memory.
+        BakeError: The asset carries wrinkles, but is not as `bake` wrote it.
+        TooMuchError: The original takes too much memory.
     """
     while left := wrinkled(document.gltf):
         where = document.where("nodes", left[0], "extras", "wrinkle")
@@ -269,7 +263,7 @@ def original(document: Document) -> Document:
                 " rewritten the file since its bake; bake from the original asset",
                 where=where,
             ) from error
-        # A bake adds a node to these; a record that takes none away would never come to an end.
+        # Each bake adds a node to these, so a record that removes none is forged, and would make this loop endless.
         if not set(wrinkled(document.gltf)) < set(left):
             raise BakeError("the record of the original asset is not what `wrinkle bake` writes", where=where)
     return document
@@ -279,8 +273,8 @@ def _read_record(document: Document, nodes: Sequence[int], where: str) -> bytes:
     """The content of the record that one of the nodes refers to.
 
     Raises:
-        TooMuchError: It is too large; at `where`.
-        ValueError: Or others: the file is not as it was written.
+        TooMuchError: The record is too large; at `where`.
+        ValueError: This and other errors mean that the file is not as it was written.
     """
     gltf, last = document.gltf, len(document.items("bufferViews")) - 1
     if last not in [_entry(gltf["nodes"][node]).get("original") for node in nodes]:
@@ -307,7 +301,7 @@ def _restored(document: Document, content: bytes) -> Document:
     """The original that a record's content describes.
 
     Raises:
-        ValueError: Or others: the file is not as it was written.
+        ValueError: This and other errors mean that the file is not as it was written.
     """
     text, _, dead = content.partition(b"\n")
     document.memory.claim(json_memory(text), "the values of the original's JSON", where=document.path)
@@ -337,7 +331,7 @@ def _joined(
     """The buffers of an original, from spans that the document keeps and the bytes between them.
 
     Raises:
-        ValueError: They do not fit together.
+        ValueError: Spans and bytes do not fit together.
     """
     left = sum(len(data) for data in document.buffers)  # no span is kept twice
     taken = 0
@@ -362,7 +356,7 @@ def _joined(
 
 
 def _carrying_images(restored: Document, baked: Document) -> Document:
-    """The original with the images that it named by relative URIs, which the baked file embeds or has beside it."""
+    """The original with the images of its relative URIs, which the baked file embeds or has beside it."""
     resources: dict[str, memoryview] = {}
     files = list(baked.files)
     for number, (image, _) in enumerate(zip(restored.items("images"), baked.items("images"), strict=True)):
@@ -374,18 +368,18 @@ def _carrying_images(restored: Document, baked: Document) -> Document:
 
 
 def _entry(node: Json) -> Json:
-    """What a node that carries wrinkles says of them."""
+    """The entry of a node that carries wrinkles."""
     entry = node["extras"]["wrinkle"]
     return entry if isinstance(entry, dict) else {}
 
 
 def _with_entry(node: Json, entry: Json) -> Json:
-    """A node that says something else."""
+    """A node with another entry."""
     return node | {"extras": node["extras"] | {"wrinkle": entry}}
 
 
 def _without_record(gltf: Json) -> Json:
-    """The JSON without its last buffer view, what refers to that, and the length and name of its buffer."""
+    """The JSON without its last buffer view, references to this view, and the length and name of its buffer."""
     views: list[Json] = gltf["bufferViews"]
     nodes, buffers = list(gltf["nodes"]), list(gltf["buffers"])
     for node in wrinkled(gltf):
@@ -398,7 +392,7 @@ def _without_record(gltf: Json) -> Json:
 
 
 def _slim(source: Document, gltf: Json) -> Json:
-    """The original's JSON, without images that are as they were and without the buffers' data in URIs."""
+    """The original's JSON without unchanged images, and without the buffers' data in URIs."""
     slim = dict(source.gltf)
     if "images" in slim:
         pairs = zip(slim["images"], gltf["images"], strict=True)
@@ -413,13 +407,13 @@ def _slim(source: Document, gltf: Json) -> Json:
 
 
 def _dictionary(bare: Json, alike: Sequence[Bytes]) -> bytes:
-    """What the original is like: the JSON without images, which may be large, and new data."""
+    """Bytes that resemble the original: the JSON without images, which may be large, and new data."""
     text = _dump({key: value for key, value in bare.items() if key != "images"})
     return b"".join([text, *alike])[:_DICTIONARY_BYTES]
 
 
 def _digest(bare: Json, contents: Sequence[Sequence[Bytes]]) -> bytes:
-    """Of all that a file holds but its record."""
+    """The digest of all content of a file except its record."""
     digest = hashlib.blake2b(_dump(bare), digest_size=_DIGEST_BYTES)
     for parts in contents:
         digest.update(struct.pack("<Q", sum(len(part) for part in parts)))

@@ -1,7 +1,7 @@
-"""Which faces of a mesh are moved by which morph targets, and in which few parts they take the least memory on a GPU.
+"""Parts of a mesh by the morph targets that move them, chosen so that all targets take the least memory on a GPU.
 
-Engines unpack a morph target over all vertices of its mesh, however few it moves. So what it takes of memory and time
-follows the mesh; of a mesh in parts, of which each has the targets alone that move it, it follows the wrinkles.
+Engines unpack a morph target over all vertices of its mesh, however few it moves, so its costs grow with the mesh. If
+each part has only the targets that move it, the costs grow with the wrinkles.
 """
 
 from collections.abc import Sequence
@@ -17,31 +17,25 @@ from wrinklecli.numeric.arrays import Bools, Floats, Ints
 PARTS = "parts"
 """Key, in a node's `extras.wrinkle`, of the names of the nodes beside it that show the other parts of its mesh."""
 
-# Bytes on a GPU that a mesh more is worth: it takes a draw call.
+# Bytes on a GPU that one more mesh is worth, which takes a draw call.
 _WORTH = 131_072
-# Parts at the most, and those that are compared with each other at first.
-_MOST, _COMPARED = 16, 192
-# Of a vertex and target, two texels of four floats, POSITION and NORMAL; a surface has half as many vertices as faces.
+# Parts at most, as each takes a draw call.
+_MOST = 16
+# Largest kinds of faces that are compared with each other, as time grows with the square; the others join these first.
+_COMPARED = 192
+# A target has two texels of four floats for a vertex, POSITION and NORMAL, and surfaces two faces for a vertex.
 _BYTES_OF_FACE = 16
 
 
 def parts_of(
     document: Document, primitives: Sequence[Json], refined_primitives: Sequence[RefinedPrimitive], *, own: int
 ) -> list[Part]:
-    """Divide a mesh. No morph target moves a vertex of a part that lacks it, nor turns anything there.
+    """Divide a mesh; there is a single part if nothing is gained. No part lacks a morph target that changes it.
 
-    Faces that the same targets move are one; then two are joined, those for which it costs the least, as long as that
-    is little. Faces of a part need not lie together. The first part, for the node itself, is that in which all of the
-    asset's own targets cost the least: players may go on setting these by their numbers.
-
-    Args:
-        document: With the targets.
-        primitives: Of the mesh.
-        refined_primitives: The same.
-        own: How many of the targets, the first, are the asset's own.
-
-    Returns:
-        The parts; a single one where nothing is gained.
+    Faces that the same targets move begin as one part. Then the two parts that cost the least together are joined, as
+    long as this is little. Faces of a part need not lie together. The first part, for the node itself, gets all `own`
+    targets of the asset, the first ones of the mesh, since players may set these by their numbers: it is the part where
+    they cost the least.
     """
     faces = [each.triangles if len(each.triangles) else np.arange(len(each.weld))[None] for each in refined_primitives]
     moved = _moved_faces(document, primitives, refined_primitives, faces)
@@ -73,7 +67,7 @@ def _moved_faces(
     refined_primitives: Sequence[RefinedPrimitive],
     faces: Sequence[Ints],
 ) -> Bools:
-    """(faces, targets) whether a target changes anything at a corner, of whichever primitive that is."""
+    """(faces, targets) True if a target changes anything at a corner of a face, in any primitive."""
     count = 1 + max(int(each.weld.max(initial=0)) for each in refined_primitives)
     moved = np.zeros((count, len(primitives[0]["targets"])), bool)
     for primitive, refined in zip(primitives, refined_primitives, strict=True):
@@ -85,23 +79,23 @@ def _moved_faces(
 
 
 def _joined(kinds: Bools, counts: Floats) -> tuple[Bools, Ints]:
-    """Join kinds of faces while it costs little.
+    """Join kinds of faces while this costs little.
 
     Args:
-        kinds: (kinds, targets) by which each is moved.
-        counts: (kinds,) faces of each.
+        kinds: (kinds, targets) True if a target moves a kind.
+        counts: (kinds,) faces.
 
     Returns:
-        (parts, targets) and (kinds,) the part of each.
+        (parts, targets) and (kinds,) the part of each kind.
     """
     sets, sizes, groups = kinds.astype(np.float64), counts.copy(), np.arange(len(kinds))
     alive = np.argsort(-counts, kind="stable")
-    # Of thousands of kinds most are a few faces each: these join the best of the largest.
+    # Most of thousands of kinds have a few faces: these join the best of the largest.
     alive, few = alive[:_COMPARED], alive[_COMPARED:]
     for kind in few:
         into = int(alive[np.argmin(_costs(sets[alive], sizes[alive], sets[kind], sizes[kind]))])
         _join(sets, sizes, groups, into, int(kind))
-    # (parts, parts) by how much each two would cost; infinitely where one is gone, and of a part with itself.
+    # (parts, parts) the cost of joining each two; infinite if one is gone, and for a part with itself.
     costs = np.stack([_costs(sets[alive], sizes[alive], sets[k], sizes[k]) for k in alive])
     np.fill_diagonal(costs, np.inf)
     gone = np.zeros(len(alive), bool)
@@ -122,7 +116,7 @@ def _joined(kinds: Bools, counts: Floats) -> tuple[Bools, Ints]:
 
 
 def _costs(sets: Floats, sizes: Floats, other: Floats, size: float) -> Floats:
-    """(parts,) by how many faces times targets the mesh grows if another part joins each."""
+    """(parts,) the growth of faces times targets if another part of `size` faces joins each."""
     each, more = sets.sum(axis=1), other.sum()
     both = each + more - sets @ other
     costs: Floats = both * (sizes + size) - each * sizes - more * size

@@ -44,24 +44,19 @@ def bake(
     Args:
         asset: The .gltf or .glb to read.
         tools: The YAML file of tools, or several that are merged.
-        out: The .gltf or .glb to write; may be left out where `frames_dir` is given.
-        options: How to bake; the defaults of `BakeOptions` where left out.
-        outputs: Other files to write, which OUT and the frames become a part of. Left out, these are in their places at
-            the end.
+        out: The .gltf or .glb to write; may be None if `frames_dir` is given.
+        options: The defaults of `BakeOptions` if None.
+        outputs: OUT and the frames are added to these. If None, they are committed before returning.
         progress: Called with a stage's name, steps done and steps in all.
-        named: Single options by their names in `BakeOptions`, in place of those in `options`. Type checkers see them
-            only there.
-
-    Returns:
-        What was made, how exact it is, and what it took.
+        named: Single options by their names in `BakeOptions`, in place of those in `options`.
 
     Raises:
         ConfigError: The tools file is at fault.
-        AssetError: The asset is.
-        BakeError: They do not go together, or OUT cannot be written.
-        TypeError: `named` has a name that `BakeOptions` lacks.
-        RefusedError: The error exceeds `max_error`, a limit of the engine cannot be held, or `strict` and there
-            are warnings. Nothing is written.
+        AssetError: The asset is at fault.
+        BakeError: Asset and tools do not go together, or OUT cannot be written.
+        TypeError: `BakeOptions` lacks a name of `named`.
+        RefusedError: The error exceeds `max_error`, a limit of the engine cannot be held, or there are warnings and
+            `strict` is set. Nothing is written.
 
     Example:
         >>> from wrinklecli import bake
@@ -82,7 +77,7 @@ def _bake(
     outputs: Outputs,
     progress: Progress,
 ) -> Report:
-    """Bake, and add what is to be written to `outputs`."""
+    """Bake, and add the files to write to `outputs`."""
     if options.split and options.mode == "frames":
         raise BakeError(
             "split keeps morph targets from what they do not move; mode frames writes none", where=os.fspath(asset)
@@ -110,7 +105,7 @@ def _bake(
                     edited, morphed = split_meshes(edited, morphed)
                 else:
                     morphed = [weighed(edited, mesh) for mesh in morphed]
-        # Where nothing is to be written, the report tells of the plans alone.
+        # If nothing is to be written, the report describes the plans alone.
         baked = morphed or posed or [BakedMesh(plan) for plan in plans]
         with clock.stage("report"):
             images = image_files(job.document, out) if out is not None else []
@@ -123,7 +118,7 @@ def _bake(
 
 
 def _pose_frames(job: Job, plan: MeshPlan, clock: StageClock, progress: Progress) -> BakedMesh:
-    """Sample a mesh's clips for geometry of its own in each frame."""
+    """Sample a mesh's clips at each frame."""
     with clock.stage("sample"):
         effects, motions = _sample(job, plan, "frames", progress)
     if not motions:
@@ -139,7 +134,7 @@ def _sample(job: Job, plan: MeshPlan, mode: Mode, progress: Progress) -> tuple[l
 def _add_morph_targets(
     job: Job, edited: EditedDocument, plan: MeshPlan, clock: StageClock, progress: Progress
 ) -> BakedMesh:
-    """Sample a mesh's clips, put targets that the engine plays and their tracks into the document, and prove them."""
+    """Sample a mesh's clips, put targets for the engine and their tracks into the document, and prove them."""
     options = job.options
     with clock.stage("sample"):
         effects, motions = _sample(job, plan, "morph", progress)
@@ -167,7 +162,7 @@ def _write(
     clock: StageClock,
     progress: Progress,
 ) -> int | None:
-    """Write the files of `frames_dir` and OUT; the size of OUT with the files beside it."""
+    """Write the files of `frames_dir` and OUT; return the size of OUT with the files beside it."""
     options = job.options
     if out is not None and options.mode == "frames":
         with clock.stage("encode"):

@@ -1,4 +1,4 @@
-"""The meshes of a job, planned: what follows from meshes and tools alone, whichever clips are baked."""
+"""Plans for the meshes of a job, which depend on meshes and tools alone, not on the clips that are baked."""
 
 from wrinklecli.baking.job import Job
 from wrinklecli.character.contacts import Neighbours
@@ -34,6 +34,6 @@ def plan_meshes(job: Job, *, influences: int | None = None) -> list[MeshPlan]:
         else:
             plans.append(plan)
     if problems:
-        # What is wrong with the whole file is wrong with each mesh.
+        # A fault of the whole file is a fault of each mesh.
         raise problems[0] if len({str(each) for each in problems}) == 1 else BakeError.of_all(problems)
     return plans

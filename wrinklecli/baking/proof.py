@@ -1,4 +1,4 @@
-"""The written file, evaluated again as an engine would, against the method's own result."""
+"""The proof: the written file is played as an engine would, and compared with the method's own result."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,12 +23,13 @@ from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, matches, un
 from wrinklecli.numeric.guard import Progress
 from wrinklecli.surface.refine import Refinement
 
-# Frames of a clip at which whole members are compared, besides its tallest and most folded.
+# Frames of a clip at which all vertices are compared, besides those at which an error would show most.
 _FRAMES = 64
-# Frames at which normals are compared, which takes several times as long: of all clips together, and of each at least.
+# Frames of all clips at which normals are compared, which takes several times as long,
 _NORMAL_FRAMES = 128
+# and those of each clip, at least.
 _LEAST_NORMAL_FRAMES = 4
-# Frames posed at once: more where they have fewer vertices than the one, fewer where they have more than the other.
+# Frames posed at once, unless they have fewer vertices together than the next number, or more than the last.
 _CHUNK = 16
 _FEW_VERTICES = 2**15
 _MOST_VERTICES = 2**20
@@ -36,15 +37,14 @@ _MOST_VERTICES = 2**20
 
 @dataclass(frozen=True, slots=True)
 class Residual:
-    """How far the file is from the method in one clip.
+    """The distance of the file from the method in one clip.
 
     Attributes:
         position: Largest distance of a vertex, scene units.
-        time: When that is, seconds.
-        weights: Largest error of a tool's height, or of what a shape of contact moves, at all frames sampled and
-            between them, scene units; not where two are too close for another one (see `KEY_GAP`).
-        normal: 99th percentile of the angle between the file's and the true normals, degrees; None where
-            the mesh has none.
+        time: The time of that distance, seconds.
+        weights: Largest error of a tool's height, or of the move of a shape of contact, scene units, at all frames
+            sampled and between them, unless two are too close for another one (see `KEY_GAP`).
+        normal: 99th percentile of the angle between the file's and the true normals, degrees; None without normals.
     """
 
     position: float
@@ -55,16 +55,14 @@ class Residual:
 
 @dataclass(frozen=True, slots=True)
 class Proof:
-    """The file's side of the comparison: what an engine loads for one mesh, at the vertices to compare.
+    """The file's side of the comparison: one mesh as an engine loads it, at the vertices to compare.
 
     Attributes:
-        rig: Of the written node.
-        clips: Of the written file.
         vertices: (vertices,) fine welded vertex of each.
-        method: What the exact shapes of all effects add to the vertices.
+        method: The exact shapes of all effects, at the vertices: the method's side.
         positions: (vertices, 3) as stored.
         deltas: (old targets, vertices, 3) as stored.
-        added: Of each new target, as stored.
+        added: The new targets, as stored.
         weights: (vertices, joints) as stored, normalised.
         normals: (vertices, 3) as stored, and NORMAL deltas of each new target; None without NORMAL.
     """
@@ -102,7 +100,7 @@ def prove(
     normal_frames = max(_NORMAL_FRAMES // max(len(set(firsts)), 1), _LEAST_NORMAL_FRAMES) if details else 0
     for done, (motion, first) in enumerate(zip(motions, firsts, strict=True), start=1):
         clip = written[motion.clip.index]
-        # The same in the source and in the file as a clip before it.
+        # A clip with the motion of an earlier one, in the source and in the file, has the same residual.
         if first not in proven or not clip.moves_as(proven[first][0]):
             proven[first] = clip, measure_residual(proof, plan, effects, motion, clip, normal_frames=normal_frames)
         residual = proven[first][1]
@@ -125,7 +123,7 @@ def _refuse_beyond_bound(plan: MeshPlan, motion: Motion, residual: Residual) -> 
 
 
 def read_back(edited: EditedDocument, plan: MeshPlan, effects: Sequence[Effect]) -> Proof:
-    """Load what the file says of the vertices that effects or refinement touch."""
+    """Load the vertices of the file that effects or refinement touch."""
     fine = plan.fine
     refined_primitives = primitives_of(fine, shared_vertices(edited.source, plan.rig.mesh, fine))
     written = edited.document()
@@ -171,7 +169,7 @@ def read_back(edited: EditedDocument, plan: MeshPlan, effects: Sequence[Effect])
 
 
 def _distinct(primitives: Sequence[Json], refined_primitives: Sequence[RefinedPrimitive]) -> list[int]:
-    """The primitives without those that have the accessors of one before, and so the same vertices."""
+    """Numbers of the primitives without those that share all accessors, and so all vertices, with an earlier one."""
     seen: dict[str, Ints] = {}
     distinct = []
     for number, (primitive, refined) in enumerate(zip(primitives, refined_primitives, strict=True)):
@@ -195,11 +193,11 @@ def measure_residual(
 
     Args:
         proof: The file's side.
-        plan: The method's; skin weights of its refined surface are not pruned.
-        effects: Those on the mesh.
+        plan: The method's side; skin weights of its refined surface are not pruned.
+        effects: The effects on the mesh.
         motion: The clip as it was in the source, and the times at which it was sampled.
         written: The clip as it is in the file.
-        normal_frames: At most so many frames in which a tool acts have their normals compared too.
+        normal_frames: Most frames in which normals are compared too.
     """
     times = _all_times(motion.times)
     states = observed(effects, plan.rig, motion, times)
@@ -224,8 +222,6 @@ class _Moved:
     """The method's side of the comparison in one clip.
 
     Attributes:
-        plan: The mesh.
-        effects: Those on it.
         clip: The clip as it was in the source.
         times: (times,) seconds.
         exact: For each effect (times, shapes) the method's weights of its exact shapes.
@@ -238,7 +234,7 @@ class _Moved:
     exact: Sequence[Floats]
 
     def displacements(self, proof: Proof, frames: slice) -> Floats:
-        """(frames, 3, vertices) sum of all effects, at the vertices compared, bind space."""
+        """(frames, 3, vertices) sum of all effects at the vertices compared, bind space."""
         now = self.times[frames]
         total = proof.method.added(np.concatenate([each[frames] for each in self.exact], axis=1))
         for each in self.effects:
@@ -253,7 +249,7 @@ class _Moved:
 def _vertex_errors(
     proof: Proof, plan: MeshPlan, moved: _Moved, written: Clip, shaded: Ints
 ) -> tuple[float, float, Floats]:
-    """The largest distance of a vertex, when that is, and the angles of normals in degrees at the times `shaded`."""
+    """The largest distance of a vertex, its time, and the angles of normals in degrees at the times `shaded`."""
     rig, fine, clip, times = plan.rig, plan.fine, moved.clip, moved.times
     weights = fine.dense_weights(proof.vertices, len(rig.joints))
     acting, stored = np.flatnonzero(weights.any(axis=0)), np.flatnonzero(proof.weights.any(axis=0))
@@ -284,7 +280,7 @@ def _vertex_errors(
 def _all_times(times: Floats) -> Floats:
     """(times,) every frame and two points between each two, seconds, as an engine's float32 clock shows them.
 
-    None between frames that are too close for another one (see `KEY_GAP`): no player shows what is there.
+    There are none between frames that are too close for another one (see `KEY_GAP`), as no player shows these.
     """
     gaps = np.diff(times)
     wide = gaps >= 2.0 * KEY_GAP
@@ -301,9 +297,9 @@ def _weight_error(
     exact: Sequence[Floats],
     states: Sequence[Any],
 ) -> float:
-    """Largest error of what the played weights of an effect stand for, scene units."""
+    """Largest error of the moves that the played weights of an effect stand for, scene units."""
     played = morph_weights(proof.rig, written, times)
-    # By place, not by name: a mesh whose extras are no object stores none.
+    # By place, not by name, as a mesh whose extras are no object stores no names.
     after = len(proof.rig.morph_names) - len(targets_of(effects))
     worst = 0.0
     for effect, wanted, state in zip(effects, exact, states, strict=True):
@@ -314,7 +310,7 @@ def _weight_error(
 
 
 def _chosen_times(every: Floats, effects: Sequence[Effect], exact: Sequence[Floats], states: Sequence[Any]) -> Ints:
-    """Sorted numbers of the times to compare at: an even choice, and those at which an effect's error would show."""
+    """Sorted numbers of the times to compare at: an even choice, and those at which an error would show most."""
     picked = set(np.linspace(0, len(every) - 1, min(_FRAMES, len(every))).astype(int).tolist())
     for effect, weights, state in zip(effects, exact, states, strict=True):
         picked |= effect.telling(weights, state)
@@ -329,9 +325,9 @@ def _normal_angles(
     played: Floats,
     poses: Sequence[Pose],
 ) -> Floats:
-    """(frames · vertices,) degrees between the file's normals and those that each pose asks for, where they change.
+    """(frames · vertices,) degrees between the file's normals and the true ones of each pose, where these change.
 
-    Those of the wrinkles alone: what the source's own morph targets do to normals is theirs.
+    Only new targets count: turns of normals by the source's own morph targets are not compared.
     """
     base, deltas = normals
     turned = deltas.added(played[:, len(fine.morph_deltas) :]).transpose(0, 2, 1)

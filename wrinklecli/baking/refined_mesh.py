@@ -1,4 +1,4 @@
-"""Refined primitives of a mesh: each one's vertices, and its attributes, old morph targets and indices written anew.
+"""Refined primitives of a mesh: their vertices, and attributes, old morph targets and indices written anew.
 
 Source: glTF 2.0 §3.7.2.1 (attributes), §3.7.2.2 (morph targets), KHR_mesh_quantization.
 """
@@ -18,15 +18,15 @@ from wrinklecli.gltf.unpack import used_joints
 from wrinklecli.numeric.arrays import Array, Floats, Ints, unit
 from wrinklecli.surface.refine import Refinement
 
-# Components of the attributes that are vectors; TANGENT has a handedness too, save in morph targets.
+# Components of the attributes that are vectors. TANGENT has a handedness too, except in morph targets.
 _VECTORS = {"POSITION": 3, "NORMAL": 3, "TANGENT": 4}
 
 
 Key = tuple[Any, ...]
-"""What an accessor holds: primitives that share vertices ask for the same accessor by the same key."""
+"""The content of an accessor: primitives that share vertices ask for the same accessor by the same key."""
 
 Written = dict[Key, int]
-"""Accessors written so far, so that what primitives share is written once."""
+"""Accessors written so far, so that primitives share them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,15 +34,14 @@ class RefinedPrimitive:
     """The vertices of one primitive after refinement.
 
     Attributes:
-        index: Of the primitive.
-        group: The first primitive that reads the same vertices; the new ones are those of the whole group.
+        group: The first primitive that reads the same vertices; the new vertices are those of the whole group.
         old: (old vertices,) glTF vertices of the surface, in file order.
-        new: (new vertices,) into the refinement's new glTF vertices.
-        sources: (new vertices, 3) vertices of this primitive that each is mixed from.
-        shares: (new vertices, 3).
+        new: (new vertices,) numbers among the refinement's new glTF vertices.
+        sources: (new vertices, 3) vertices of this primitive from which each is mixed.
+        shares: (new vertices, 3) factors on the sources, summing to 1.
         weld: (vertices,) fine welded vertex of each, old ones first.
         triangles: (triangles, 3) of this primitive, local vertices.
-        changed: Whether any triangle was split.
+        changed: True if a triangle was split.
     """
 
     index: int
@@ -66,17 +65,17 @@ class RefinedPrimitive:
         return mixed
 
     def mix_tangents(self, tangents: Floats) -> Floats:
-        """(new vertices, 4) of (old vertices, 4): the fourth number is a handedness, which cannot be mixed."""
+        """(new vertices, 4) of (old vertices, 4) tangents; the fourth number is a handedness, which cannot be mixed."""
         return np.concatenate([unit(self.mix(tangents[:, :3])), tangents[self.heaviest(), 3:]], axis=1)
 
     def heaviest(self) -> Ints:
-        """(new vertices,) the old vertex that each is nearest to; the first among equals."""
+        """(new vertices,) the old vertex that is nearest to each; the first among equals."""
         nearest: Ints = self.sources[np.arange(len(self.sources)), np.argmax(self.shares, axis=1)]
         return nearest
 
 
 def shared_vertices(source: Document, mesh: int, fine: Refinement) -> list[int]:
-    """For each primitive of a mesh the first that reads the same vertices, as exporters write them for materials."""
+    """For each primitive of a mesh the first that reads the same vertices; exporters write one for each material."""
     starts = fine.surface.vertex_starts
     firsts: dict[Any, int] = {}
     groups = []
@@ -119,7 +118,7 @@ def primitives_of(fine: Refinement, groups: Sequence[int] | None = None) -> list
 
 
 def base_normals(source: Document, primitive: Json, refined: RefinedPrimitive) -> Floats | None:
-    """(vertices, 3) unit NORMALs of a primitive, those of new vertices mixed; None where it has none."""
+    """(vertices, 3) unit NORMALs of a primitive, mixed for new vertices; None if it has none."""
     if "NORMAL" not in primitive.get("attributes", {}):
         return None
     old = unit(source.accessor(primitive["attributes"]["NORMAL"]))
@@ -127,10 +126,10 @@ def base_normals(source: Document, primitive: Json, refined: RefinedPrimitive) -
 
 
 def base_tangents(source: Document, primitive: Json, refined: RefinedPrimitive) -> Floats | None:
-    """(vertices, 3) TANGENTs of a primitive without their handedness; None where it has none.
+    """(vertices, 3) TANGENTs of a primitive without their handedness; None if it has none.
 
     Raises:
-        AssetError: They are no tangents of its vertices.
+        AssetError: The accessor does not hold a tangent for each vertex.
     """
     if "TANGENT" not in primitive.get("attributes", {}):
         return None
@@ -144,7 +143,7 @@ def base_tangents(source: Document, primitive: Json, refined: RefinedPrimitive) 
 
 
 def _vertex_accessors(primitive: Json, refined: RefinedPrimitive) -> Iterator[tuple[Key, int]]:
-    """Every accessor that refinement replaces, with what it has in common with those of equal content after it."""
+    """Each accessor that refinement replaces, after the key of its content."""
     for name, index in primitive["attributes"].items():
         yield ("attribute", refined.group, name, index), index
     for number, target in enumerate(primitive.get("targets", [])):
@@ -153,7 +152,7 @@ def _vertex_accessors(primitive: Json, refined: RefinedPrimitive) -> Iterator[tu
 
 
 def drop_repeated(edited: EditedDocument, mesh: Json, refined_primitives: Sequence[RefinedPrimitive]) -> None:
-    """Drop all references but the first to accessors whose successors several primitives will share."""
+    """Drop all references but the first to accessors whose replacements several primitives will share."""
     seen: set[Key] = set()
     for refined in refined_primitives:
         for key, index in _vertex_accessors(mesh["primitives"][refined.index], refined) if len(refined.new) else ():
@@ -170,7 +169,7 @@ def refine_primitive(
     where: str,
     written: Written,
 ) -> None:
-    """Replace a primitive's attributes, old targets and indices by refined ones; `written` are those there already."""
+    """Replace a primitive's attributes, old targets and indices by refined ones, and add these to `written`."""
     original = dict(primitive["attributes"])
     for name, index in original.items():
         key: Key = ("attribute", refined.group, name, index)
@@ -197,7 +196,7 @@ def refine_primitive(
 def _add_refined_target(
     edited: EditedDocument, target: Json, name: str, refined: RefinedPrimitive, deltas: Floats | None, where: str
 ) -> int:
-    """Write an old morph target's attribute with new vertices: mixed, or of (fine vertices, 3) deltas."""
+    """Write an old morph target's attribute; new vertices are mixed, or have (fine vertices, 3) deltas."""
     size = 3 if name in _VECTORS else None
     old = old_values(edited.source, target, name, refined, size=size, where=where)
     new = refined.mix(old) if deltas is None else deltas[refined.new_weld]
@@ -215,18 +214,18 @@ def old_values(
     size: int | None = None,
     where: str | None = None,
 ) -> Array:
-    """The stored values of an attribute or of a morph target's, one for each old vertex.
+    """The stored values of an attribute, or of a morph target's attribute, one for each old vertex.
 
     Args:
         source: The document.
         attributes: Accessors by name.
-        name: One of them.
+        name: The attribute.
         refined: The primitive.
-        size: Components that a value must have; any where left out.
-        where: What errors name; the accessor where left out.
+        size: Components that a value must have; any number if None.
+        where: The place that errors name; the accessor if None.
 
     Raises:
-        AssetError: There are more or fewer values, or they have other components.
+        AssetError: The number of values or of components does not fit.
     """
     index = attributes[name]
     where = where or source.where("accessors", index)
@@ -241,7 +240,7 @@ def old_values(
 def _refined_attribute(
     edited: EditedDocument, attributes: Json, name: str, refined: RefinedPrimitive, fine: Refinement, where: str
 ) -> tuple[Array, bool]:
-    """Stored values of an attribute with those of new vertices appended, and whether they are normalised."""
+    """Stored values of an attribute with those of new vertices appended, and True if they are normalised."""
     source, index = edited.source, attributes[name]
     old = old_values(source, attributes, name, refined, size=_VECTORS.get(name), where=where)
     accessor = source.items("accessors")[index]
@@ -262,20 +261,20 @@ def _refined_attribute(
         return np.rint(np.concatenate([old, refined.mix(old)]) * limit).astype(stored), True
     if kind == "TEXCOORD":  # KHR_mesh_quantization
         return np.rint(np.concatenate([old, refined.mix(old)])).astype(stored), False
-    # Plain integers are names of something (feature ids): nothing lies between two of them.
+    # Plain integers are names of something, such as feature ids, and cannot be mixed.
     return np.concatenate([old, old[refined.heaviest()]]).astype(stored), False
 
 
 def _refined_influences(
     source: Document, attributes: Json, name: str, old: Array, refined: RefinedPrimitive, fine: Refinement
 ) -> Array:
-    """(vertices, 4) of JOINTS_n or WEIGHTS_n, those of new vertices pruned."""
+    """(vertices, 4) values of JOINTS_n or WEIGHTS_n, pruned for new vertices."""
     kind, _, number = name.partition("_")
     pruned = fine.joints_pruned if kind == "JOINTS" else fine.weights_pruned
     new = pruned[refined.new_weld - len(fine.surface.positions), 4 * int(number) : 4 * int(number) + 4]
     if kind == "JOINTS" and f"WEIGHTS_{number}" in attributes:
         old = used_joints(old, source.accessor(attributes[f"WEIGHTS_{number}"]), name)
-    # Of sets that other primitives lack, new vertices use none.
+    # New vertices do not use sets that other primitives lack.
     values = np.concatenate([old, np.pad(new, ((0, 0), (0, 4 - new.shape[1])))])
     return values.astype(_smallest_joint_type(old, values) if kind == "JOINTS" else np.float32)
 

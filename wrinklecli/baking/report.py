@@ -1,4 +1,4 @@
-"""The report of a bake: what was made of each mesh, tool and clip, as JSON values, and in a line."""
+"""The report of a bake: JSON values about each mesh, effect and clip, and a summary in one line."""
 
 import json
 from collections.abc import Sequence
@@ -24,13 +24,13 @@ _TOOLS = "tools"
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What a bake did.
+    """The result of a bake.
 
     Attributes:
         data: For `--report`: JSON values only.
         warnings: A line each; with `--strict` any of them refuses the result.
         inputs: Every file that was read.
-        notes: What of clips of other files was left out or renamed, a line each.
+        notes: A line for each part of other files' clips that was left out or renamed.
         bytes_written: Size of OUT with the files beside it.
         timings: For `--timings`: JSON values only.
     """
@@ -44,7 +44,7 @@ class Report:
 
     @property
     def _contact(self) -> str:
-        """What the summary says of folds whose contact is resolved."""
+        """The part of the summary about folds whose contact is resolved."""
         folds = self.data.get("folds", [])
         targets = sum(len(fold["targets"]) for fold in folds)
         count = sum(fold["clip"] is None for fold in folds)
@@ -52,7 +52,7 @@ class Report:
 
     @property
     def _split(self) -> str:
-        """What the summary says of a split: what it would leave, where that is less than half."""
+        """The part of the summary about a split: the memory that it would leave, if this is less than half."""
         meshes = self.data["meshes"]
         whole = sum(mesh["gpu_bytes"] for mesh in meshes)
         split = sum(mesh.get("split_gpu_bytes", mesh["gpu_bytes"]) for mesh in meshes)
@@ -60,7 +60,7 @@ class Report:
 
     @property
     def summary(self) -> str:
-        """One line: what was made."""
+        """One line about the whole result."""
         meshes = self.data["meshes"]
         targets = sum(len(tool["targets"]) for tool in self.data["tools"])
         added = sum(mesh["vertices"] - mesh["coarse_vertices"] for mesh in meshes)
@@ -96,8 +96,8 @@ class Split:
     """A mesh in parts, made or only weighed.
 
     Attributes:
-        gpu_bytes: That three.js takes for the morph targets of all parts.
-        nodes: Names of the parts' nodes; none where the mesh is whole.
+        gpu_bytes: GPU memory of three.js for the morph targets of all parts.
+        nodes: Names of the parts' nodes; empty if the mesh is whole.
     """
 
     gpu_bytes: int
@@ -109,13 +109,11 @@ class BakedMesh:
     """All that was made of one node's mesh.
 
     Attributes:
-        plan: The tools on it.
-        effects: Those on the mesh.
-        motions: Of each clip that was sampled.
-        residuals: By clip, where the file was proved.
-        budget: What `fit_budget` says, where an engine was named.
-        own_bytes: What the asset's own morph targets take, in the asset and in the written file.
-        split: The mesh in parts; None where little was to be gained.
+        motions: The clips that were sampled.
+        residuals: By clip, if the file was proved.
+        budget: The last result of `fit_budget`, if an engine was named.
+        own_bytes: Bytes of the asset's own morph targets, in the asset and in the written file.
+        split: The mesh in parts; None if little was to be gained.
     """
 
     plan: MeshPlan
@@ -128,13 +126,9 @@ class BakedMesh:
 
 
 def make_report(job: Job, baked: Sequence[BakedMesh], *, images: Sequence[str], tracks: bool) -> Report:
-    """Gather what was made; frame by frame only with the option `details`.
+    """Gather the report, frame by frame only with the option `details`.
 
-    Args:
-        job: The asset, its tools and the options.
-        baked: Each mesh.
-        images: Files that were read for the output, besides those of the job.
-        tracks: Whether clips have tracks of weights.
+    `images` are files that were read besides those of the job. `tracks` is True if clips have tracks of weights.
     """
     warnings = list(job.warnings)
     for mesh in baked:
@@ -188,7 +182,7 @@ def _describe_mesh(mesh: BakedMesh, mode: Mode) -> Json:
     if mode == "morph":
         before, after = mesh.own_bytes
         data["own_targets"] = {"count": len(rig.morph_names), "bytes_before": before, "bytes": after}
-        # Of all morph targets, those of the asset among them.
+        # All morph targets count, those of the asset among them.
         data["gpu_bytes"] = texture_bytes(plan, len(rig.morph_names) + len(targets_of(mesh.effects)))
         if mesh.split is not None and mesh.split.nodes:
             data |= {"gpu_bytes": mesh.split.gpu_bytes, "parts": list(mesh.split.nodes)}
@@ -227,7 +221,7 @@ def _describe_clip(clip: Clip, times: Floats) -> Json:
 
 
 def _describe_residual(residual: Residual) -> Json:
-    """How far the written file is from the method in one clip, but inside gaps of seconds that get no further key."""
+    """The distance of the written file from the method in one clip, except in gaps that are too short for a key."""
     return {
         "gap": 2.0 * KEY_GAP,
         "position": significant(residual.position, 4),

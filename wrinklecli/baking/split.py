@@ -1,4 +1,4 @@
-"""A baked mesh split in parts, of which each gets the morph targets alone that move it: see `baking.parts`."""
+"""A baked mesh split in parts, each with only the morph targets that move it: see `baking.parts`."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,29 +14,25 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.split_mesh import Part, split_node
 
-# Bytes on a GPU below which nobody asks what a split would save.
+# Bytes on a GPU below which a split is not worth a look.
 _MATTERS = 1_000_000
 
 
 def split_meshes(edited: EditedDocument, baked: Sequence[BakedMesh]) -> tuple[EditedDocument, list[BakedMesh]]:
-    """Split the mesh of each baked node where that makes its morph targets smaller.
-
-    Args:
-        edited: With morph targets and tracks, as they were proved: what follows moves no vertex.
-        baked: What was made of each mesh.
+    """Split the mesh of each baked node if that makes its morph targets smaller; no vertex moves.
 
     Returns:
-        A document being changed whose source is what was made, and the meshes with their parts.
+        A document being changed whose source is the whole of `edited`, and the meshes with their parts.
 
     Raises:
-        BakeError: Something sets the morph targets of a mesh in a way that several cannot follow.
+        BakeError: Something sets the morph targets of a mesh in a way that several meshes cannot follow.
     """
     whole = edited.continued()
     return whole, [_split(whole, edited.source, mesh) for mesh in baked]
 
 
 def weighed(edited: EditedDocument, mesh: BakedMesh) -> BakedMesh:
-    """A mesh that is not split, with what its targets would take if it were; as it is where that does not matter."""
+    """A mesh that is not split, with the memory of its targets if it were, unless this is little anyway."""
     plan = mesh.plan
     if texture_bytes(plan, len(plan.rig.morph_names) + len(targets_of(mesh.effects))) < _MATTERS:
         return mesh
@@ -65,7 +61,7 @@ def _split(whole: EditedDocument, source: Document, mesh: BakedMesh) -> BakedMes
 
 
 def _parts(document: Document, source: Document, mesh: BakedMesh) -> list[Part]:
-    """The parts of a baked mesh of a document; none where it has no morph targets."""
+    """The parts of a baked mesh of a document; none if it has no morph targets."""
     plan = mesh.plan
     primitives = document.items("meshes")[document.items("nodes")[plan.rig.node]["mesh"]]["primitives"]
     if not any(primitive.get("targets") for primitive in primitives):

@@ -1,4 +1,4 @@
-"""What a bake took: seconds by stage, memory. Apart from the report, which is the same every time."""
+"""The seconds of each stage of a bake, and its memory, apart from the report, which is the same every time."""
 
 import os
 import sys
@@ -22,34 +22,23 @@ STAGES = ("read", "plan", "sample", "budget", "encode", "prove", "report", "expo
 
 
 class StageClock:
-    """Adds up the seconds of each stage.
-
-    Attributes:
-        seconds: By stage, 0 for one that has not run.
-    """
+    """Adds up the `seconds` of each stage."""
 
     def __init__(self) -> None:
         self.seconds = dict.fromkeys(STAGES, 0.0)
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Count the time spent within as a stage's, which may run several times."""
+        """Add the time spent within to a stage, which may run several times."""
         start = time.perf_counter()
         yield
         self.seconds[name] += time.perf_counter() - start
 
 
 def make_timings(clock: StageClock, job: Job, baked: Sequence[BakedMesh], *, bytes_written: int | None) -> Json:
-    """Gather what a bake took.
+    """Gather the costs of a bake as JSON values, with the keys of `wrinkle bake --help`.
 
-    Args:
-        clock: Of the bake.
-        job: The asset and its tools.
-        baked: What was made of each mesh.
-        bytes_written: Size of OUT with the files beside it; none without OUT.
-
-    Returns:
-        JSON values; keys as in `wrinkle bake --help`.
+    `bytes_written` is the size of OUT with the files beside it; None without OUT.
     """
     clips = {motion.clip.index: motion.clip for each in baked for motion in each.motions}
     members = [
@@ -76,7 +65,7 @@ def make_timings(clock: StageClock, job: Job, baked: Sequence[BakedMesh], *, byt
 
 
 def _bytes_added(document: Document, bytes_written: int | None) -> int | None:
-    """What OUT has more than the asset with its buffers; None without OUT, or where the asset is gone meanwhile."""
+    """Bytes that OUT has more than the asset with its buffers; None without OUT, or if the asset is gone by now."""
     if bytes_written is None:
         return None
     try:
@@ -86,7 +75,7 @@ def _bytes_added(document: Document, bytes_written: int | None) -> int | None:
 
 
 def peak_memory() -> int | None:
-    """The most memory that this process has held, bytes; None on Windows."""
+    """The greatest memory of this process so far, bytes; None on Windows."""
     if sys.platform == "win32":
         return None
     import resource

@@ -1,4 +1,4 @@
-"""The nodes that get a body's tracks in a file of clips: its own of their names, or stubs for players to bind."""
+"""The nodes that get a body's tracks in a file of clips: nodes of the same names, or stubs for players to bind."""
 
 from collections.abc import Sequence
 
@@ -16,10 +16,7 @@ from wrinklecli.gltf.shape import Json
 def node_for_tracks(edited: EditedDocument, body: BakedPart, own: Sequence[str]) -> int:
     """The node that gets a body's tracks: the file's own of that name, or a stub.
 
-    Args:
-        edited: The file with clips.
-        body: The node as it was baked.
-        own: Names of the morph targets that it may have without the others.
+    The file's own node may have the targets `own` without the others of the body.
 
     Raises:
         AssetError: The file has a mesh on a node of that name, with other morph targets, or without vertices.
@@ -56,7 +53,7 @@ def _refuse_incomplete(document: Document, mesh: int, *, targets: int) -> None:
 
 
 def _add_stub(edited: EditedDocument, body: BakedPart) -> int:
-    """Append a node with a mesh of the body's names and targets, three vertices in one point, and give its index."""
+    """Append a node with a mesh of the body's names and targets, three vertices in one point; return its index."""
     point = edited.add(np.zeros((3, 3), np.float32), target=VERTEX_DATA, bounds=True)
     primitive: Json = {"attributes": {"POSITION": point}, "targets": [{"POSITION": point} for _ in body.targets]}
     mesh: Json = {} if body.mesh is None else {"name": body.mesh}
@@ -77,7 +74,7 @@ def _add_stub(edited: EditedDocument, body: BakedPart) -> int:
 
 
 def _add_idle_targets(edited: EditedDocument, node: Json, body: BakedPart, own: Sequence[str]) -> None:
-    """Give a mesh the body's targets that it lacks: they do nothing here, but tracks have a weight for each."""
+    """Give a mesh the body's targets that it lacks. They do nothing here, but tracks have a weight for each."""
     mesh = own_mesh(edited, node, node["mesh"])
     for primitive in mesh["primitives"]:
         old = primitive.get("targets", [])
@@ -94,5 +91,5 @@ def _add_idle_targets(edited: EditedDocument, node: Json, body: BakedPart, own: 
     mesh.setdefault("weights", [0.0] * len(own))
     for holder in (mesh, node):
         if "weights" in holder:
-            weights = [*holder["weights"], *[0.0] * len(own)]  # what is left out is 0
+            weights = [*holder["weights"], *[0.0] * len(own)]  # weights may be fewer than targets; the others are 0
             holder["weights"] = [weights[own.index(name)] if name in own else 0.0 for name in body.targets]
