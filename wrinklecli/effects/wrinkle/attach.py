@@ -19,7 +19,8 @@ from wrinklecli.effects.wrinkle.demand import demand_of
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.variation import Variation, plan_variation
 from wrinklecli.errors import BakeError, WrinkleError, listed, nearest
-from wrinklecli.numeric.arrays import Ints, face_normals
+from wrinklecli.numeric.arrays import Ints, components, face_normals
+from wrinklecli.numeric.intersections import sides_of
 from wrinklecli.numeric.nearest import meets_box
 from wrinklecli.surface.anchor import anchor_at
 from wrinklecli.surface.path import path_through
@@ -187,25 +188,9 @@ def _members(patch: Patch, surface: Surface, rest: Rest) -> Ints:
     inside = np.isin(chosen, np.concatenate([anchor.triangles for anchor in patch.anchors]))
     if not inside.any():
         raise BakeError("no triangle at its ends faces the patch", where=patch.tool.where)
-    sides = np.sort(surface.triangles[chosen][:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
-    _, edge = np.unique(sides[:, 0] * len(rest.positions) + sides[:, 1], return_inverse=True)
-    piece = _pieces(edge.reshape(-1, 3))
+    sides = sides_of(surface.triangles[chosen]) @ [len(rest.positions), 1]
+    order = np.argsort(sides, kind="stable")
+    shared = np.flatnonzero(np.diff(sides[order]) == 0)
+    piece = components(np.stack([order[shared], order[shared + 1]], axis=1) // 3, len(chosen))
     members: Ints = chosen[np.isin(piece, piece[inside])]
     return members
-
-
-def _pieces(triangle_edges: Ints) -> Ints:
-    """(triangles,) the same number for triangles that hang together by edges, (triangles, 3), counted from 0."""
-    # In place of scipy's connected components, whose import takes longer than this does for most meshes.
-    pieces = np.arange(len(triangle_edges))
-    edges = triangle_edges.ravel()
-    order = np.argsort(edges, kind="stable")
-    owners, firsts = order // 3, np.flatnonzero(np.diff(edges[order], prepend=-1))
-    while True:
-        a, b, c = np.minimum.reduceat(pieces[owners], firsts)[triangle_edges].T
-        lower = np.minimum(np.minimum(a, b), c)
-        # A triangle takes the number that the triangle of its number has got: rounds grow like a logarithm.
-        lower = lower[lower]
-        if np.array_equal(lower, pieces):
-            return pieces
-        pieces = lower
