@@ -39,7 +39,7 @@ class Carriers:
     """The nodes that carry some points, posed at a few times.
 
     Attributes:
-        numbers: By node and share, which of `rows` and `scales` they are.
+        numbers: The index into `rows` and `scales` of each pair of a node and its `shares`.
         rows: For each (3, 4, frames) of its world matrix; one frame where nothing moves it.
         scales: For each (frames,) its scale against rest; as many frames.
         weights: (frames, morph targets).

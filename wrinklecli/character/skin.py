@@ -79,13 +79,13 @@ def pose(skin: Skin, matrices: Floats, weights: Floats, offsets: Floats | None =
     a, b, c = rows[:, :3]
     mirroring = bool((dot(a, cross(b, c)) < 0).any())
     for block in (slice(k, k + _CHUNK) for k in range(0, positions.shape[2], _CHUNK)):
-        shares = skin.weights[:, block]
-        vertex_count = shares.shape[1]
+        joint_weights = skin.weights[:, block]
+        vertex_count = joint_weights.shape[1]
         step = max(1, _CHUNK // vertex_count)
         for now in (slice(k, k + step) for k in range(0, len(matrices), step)):
             frames = len(factors[now])
             # One product is faster than twelve of few frames.
-            blended = (rows[:, :, now].reshape(12 * frames, -1) @ shares).reshape(3, 4, frames, vertex_count)
+            blended = (rows[:, :, now].reshape(12 * frames, -1) @ joint_weights).reshape(3, 4, frames, vertex_count)
             bind = factors[now] @ skin.places[:, :, block]
             if offsets is not None:
                 bind += offsets[now, :, block].transpose(1, 0, 2)

@@ -51,12 +51,12 @@ def butterfly(triangles: Ints, ends: Ints, vertex_count: int, creased: Bools) ->
     extraordinary = (valences != 0) & (valences != 6)
     extraordinary_count = extraordinary.sum(axis=1)
     # Each end has a weight in the edge's stencil, and spreads it over itself and its ring.
-    shares = extraordinary / np.maximum(extraordinary_count, 1)[:, None]
-    shares[(valences == 6).all(axis=1)] = 1.0
+    end_weights = extraordinary / np.maximum(extraordinary_count, 1)[:, None]
+    end_weights[(valences == 6).all(axis=1)] = 1.0
 
     border = (fans.border_counts[ends] == 2) & ~creased[ends]
     border = border.all(axis=1) & fans.is_border(ends)
-    plain = (shares.sum(axis=1) == 0.0) & ~border
+    plain = (end_weights.sum(axis=1) == 0.0) & ~border
     edges = np.arange(len(ends))
     beyond = fans.border_sums[ends[border]] - ends[border][:, ::-1]
     rows = [np.repeat(edges[plain], 2), np.repeat(edges[border], 4)]
@@ -65,10 +65,10 @@ def butterfly(triangles: Ints, ends: Ints, vertex_count: int, creased: Bools) ->
         np.full(2 * np.count_nonzero(plain), 1 / 2),
         np.tile([9 / 16, 9 / 16, -1 / 16, -1 / 16], np.count_nonzero(border)),
     ]
-    for valence in distinct_values(valences[shares > 0.0]).tolist():
-        edge, end = np.nonzero((valences == valence) & (shares > 0.0))
+    for valence in distinct_values(valences[end_weights > 0.0]).tolist():
+        edge, end = np.nonzero((valences == valence) & (end_weights > 0.0))
         own, around = _ring_weights(valence)
-        stencil = shares[edge, end][:, None] * [own, *around]
+        stencil = end_weights[edge, end][:, None] * [own, *around]
         ring = fans.rings(ends[edge, end], ends[edge, 1 - end], valence)
         rows.append(np.repeat(edge, valence + 1))
         columns.append(np.concatenate([ends[edge, end][:, None], ring], axis=1).reshape(-1))

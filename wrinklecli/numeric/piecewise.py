@@ -17,13 +17,13 @@ _CHUNK = 8192
 _LONGEST = 64
 # Points inside an interval, as fractions of it, at which errors are measured. If a square root starts anywhere in the
 # interval, its greatest error is at most 1.7 times the measured one; with seven points at equal steps 1.9 times.
-_SHARES = np.array([0.2, 0.5, 0.8])
+_INNER_POINTS = np.array([0.2, 0.5, 0.8])
 # Further points, for an interval whose error is almost too large.
-_CLOSER = np.array([0.3, 0.7])
+_FURTHER_POINTS = np.array([0.3, 0.7])
 # Fraction of the tolerance above which an error is almost too large.
 _ALMOST = 0.75
 # Points of an interval that are known when keys are chosen: its start and the points inside it.
-_PER_INTERVAL = 1 + len(_SHARES)
+_PER_INTERVAL = 1 + len(_INNER_POINTS)
 
 # Maps (points,) seconds within a stretch to (points, values).
 Signal = Callable[[Floats], Floats]
@@ -86,7 +86,7 @@ def _bisected(grid: Floats, signal: Signal, tolerance: float, gap: float, step: 
     low, high, first, last = grid[:-1], grid[1:], at_grid[:-1], at_grid[1:]
     kept: list[tuple[Floats, Floats]] = []
     while len(low):
-        inside = low[:, None] + _SHARES * (high - low)[:, None]
+        inside = low[:, None] + _INNER_POINTS * (high - low)[:, None]
         # The middle may become a time, so it is a float32 value.
         snapped = float32_values(np.round(inside[:, 1] / step) * step)
         fits = np.minimum(snapped - low, high - snapped) >= gap
@@ -94,12 +94,12 @@ def _bisected(grid: Floats, signal: Signal, tolerance: float, gap: float, step: 
         divisible = np.minimum(middles - low, high - middles) >= gap
         inside[divisible, 1] = middles[divisible]
         values = sampled_inside(signal, inside)
-        shares = (inside - low[:, None]) / (high - low)[:, None]
-        error = _farthest(first, last, shares, values)
+        fractions = (inside - low[:, None]) / (high - low)[:, None]
+        error = _farthest(first, last, fractions, values)
         doubtful = np.flatnonzero(divisible & (error > _ALMOST * tolerance) & (error <= tolerance))
         if len(doubtful):
-            closer = sampled_inside(signal, low[doubtful, None] + _CLOSER * (high - low)[doubtful, None])
-            error[doubtful] = _farthest(first[doubtful], last[doubtful], _CLOSER, closer)
+            closer = sampled_inside(signal, low[doubtful, None] + _FURTHER_POINTS * (high - low)[doubtful, None])
+            error[doubtful] = _farthest(first[doubtful], last[doubtful], _FURTHER_POINTS, closer)
         wide = divisible & (error > tolerance)
         points, at_points = np.column_stack([low, inside]), np.concatenate([first[:, None], values], axis=1)
         kept.append((points[~wide], at_points[~wide]))
@@ -128,9 +128,9 @@ def sampled_inside(signal: Signal, times: Floats) -> Floats:
     return found.reshape(*times.shape, found.shape[1])
 
 
-def _farthest(first: Floats, last: Floats, shares: Floats, values: Floats) -> Floats:
-    """(intervals,) greatest distances of (intervals, shares, values) from lines between (intervals, values) ends."""
-    lines = shares[..., None] * (last - first)[:, None]
+def _farthest(first: Floats, last: Floats, fractions: Floats, values: Floats) -> Floats:
+    """(intervals,) greatest distances of (intervals, fractions, values) from lines between (intervals, values) ends."""
+    lines = fractions[..., None] * (last - first)[:, None]
     lines += first[:, None]
     lines -= values
     return greatest_of_rows(np.abs(lines, out=lines))

@@ -116,37 +116,37 @@ def _checked_at_once(width: int) -> int:
     return max(_CHECKED_AT_ONCE // max(width, 1), 1)
 
 
-def weighted_basis(fields: Floats, shares: Floats, count: int) -> tuple[Floats, Floats]:
+def weighted_basis(fields: Floats, importance: Floats, count: int) -> tuple[Floats, Floats]:
     """Find shapes, and weights of them, whose sums are nearest to some fields.
 
     Args:
         fields: (fields, vertices, 3).
-        shares: (fields, vertices) weights above 0 of squared errors.
+        importance: (fields, vertices) weights above 0 of squared errors.
         count: Number of shapes, at most that of the fields.
 
     Returns:
         (fields, count) weights and (count, vertices, 3) shapes.
     """
-    scaled = (fields * np.sqrt(shares.mean(axis=0))[:, None]).reshape(len(fields), -1)
+    scaled = (fields * np.sqrt(importance.mean(axis=0))[:, None]).reshape(len(fields), -1)
     _, vectors = np.linalg.eigh(scaled @ scaled.T)
     weights = vectors[:, ::-1][:, :count]
     shapes = np.zeros((count, *fields.shape[1:]))
     for _ in range(_ROUNDS):
         # First find the shapes at each vertex from the weights, then the weights of each field from the shapes.
         pairs = (weights[:, :, None] * weights[:, None, :]).reshape(len(fields), -1)
-        normal = (shares.T @ pairs).reshape(-1, count, count)
-        right = np.tensordot(weights, shares[..., None] * fields, axes=(0, 0))
+        normal = (importance.T @ pairs).reshape(-1, count, count)
+        right = np.tensordot(weights, importance[..., None] * fields, axes=(0, 0))
         shapes = _solved(normal, right.transpose(1, 0, 2)).transpose(1, 0, 2)
-        weights = project(fields, shares, shapes)
+        weights = project(fields, importance, shapes)
         weights = weights / np.abs(weights).max(axis=0)
     return weights, shapes
 
 
-def project(fields: Floats, shares: Floats, shapes: Floats) -> Floats:
-    """(fields, shapes) weights of (shapes, vertices, 3) nearest to (fields, vertices, 3), by their `shares`."""
+def project(fields: Floats, importance: Floats, shapes: Floats) -> Floats:
+    """(fields, shapes) weights of (shapes, vertices, 3) nearest to (fields, vertices, 3), by their `importance`."""
     together = np.einsum("svx,tvx->vst", shapes, shapes)
-    normal = np.tensordot(shares, together, axes=1)
-    right = np.tensordot(shares[..., None] * fields, shapes, axes=((1, 2), (1, 2)))
+    normal = np.tensordot(importance, together, axes=1)
+    right = np.tensordot(importance[..., None] * fields, shapes, axes=((1, 2), (1, 2)))
     return np.asarray(_solved(normal, right[..., None])[..., 0])
 
 

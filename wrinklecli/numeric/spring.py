@@ -148,11 +148,11 @@ def _transitions(cosines: Floats, sines: Floats, damping: float) -> Floats:
     return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
-def _polynomial(powers: Floats, shares: Floats) -> Floats:
+def _polynomial(powers: Floats, fractions: Floats) -> Floats:
     """(pieces,) values of (pieces, 5) polynomials at (pieces,) fractions of the pieces."""
     value = powers[:, 4]
     for power in range(3, -1, -1):
-        value = value * shares + powers[:, power]
+        value = value * fractions + powers[:, power]
     return value
 
 
@@ -164,8 +164,8 @@ def positive(signal: Quartics) -> Quartics:
     for piece in np.flatnonzero((np.abs(powers[:, 0]) <= spread) & (spread > 0)).tolist():
         cuts = _sign_changes(powers[piece])
         low, wide = cuts[:-1], np.diff(cuts)
-        shares = low[:, None] + NODES * wide[:, None]
-        values = np.polynomial.polynomial.polyval(shares, powers[piece])
+        fractions = low[:, None] + NODES * wide[:, None]
+        values = np.polynomial.polynomial.polyval(fractions, powers[piece])
         above = values[:, 2] > 0
         begins += [signal.begins[done:piece], signal.begins[piece] + low * signal.spans[piece]]
         spans += [signal.spans[done:piece], wide * signal.spans[piece]]
