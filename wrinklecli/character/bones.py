@@ -80,11 +80,7 @@ class Bones:
 
 
 def read_bones(document: Document) -> Bones:
-    """Find the parts of a body among a document's nodes.
-
-    Raises:
-        AssetError: The hierarchy has a cycle.
-    """
+    """Find the parts of a body among a document's nodes; AssetError if the hierarchy has a cycle."""
     named = [str(node.get("name", "")) for node in document.items("nodes")]
     for node, name in _of_vrm(document):
         if node < len(named):

@@ -63,11 +63,7 @@ class Rig(Hierarchy):
 
 
 def read_hierarchy(document: Document) -> Hierarchy:
-    """Read the nodes with their stored pose.
-
-    Raises:
-        AssetError: The hierarchy has a cycle, or nodes are malformed.
-    """
+    """Read the nodes with their stored pose; AssetError if the hierarchy has a cycle, or nodes are malformed."""
     nodes = document.items("nodes")
     parents = read_parents(document)
     locals_ = tuple(_stored_local(each) for each in nodes)
