@@ -1,7 +1,7 @@
-"""Points that joints and morph targets carry, and where they go over time: all that an effect's signal needs to pose.
+"""Points that joints and morph targets carry, and their places over time, from which effects measure their signals.
 
-A point of a skinned surface is a weighted mean of points that one joint each carries rigidly. Its world position is the
-sum over influences k of world(nodes[k]) @ (points[0] + sum over morph targets m of w_m points[m])[k].
+A point of a skinned surface is a weighted mean of points, each rigid with one joint. Its world position is the sum over
+influences k of world(nodes[k]) @ (points[0] + sum over morph targets m of w_m points[m])[k].
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -20,12 +20,12 @@ class CarriedPoint:
     """A point that some nodes and morph targets of an asset carry.
 
     Attributes:
-        nodes: (influences,) the nodes that carry it, joints as a rule.
-        weights: (influences,) their shares, summing to 1.
+        nodes: (influences,) the nodes that carry it, usually joints.
+        weights: (influences,) factors that sum to 1.
         points: (1 + morph targets, influences, 4) homogeneous points times their weights, in the nodes' own spaces: the
-            point itself, then what each morph target adds. The fourth number is the weight itself, 0 in morph deltas.
-        shares: (influences,) 1 / |det| of each node's world matrix at rest. Times the |det| of a pose, the cube root
-            is how much a node is scaled against rest.
+            point itself, then the delta of each morph target. The fourth number is the weight, or 0 in deltas.
+        shares: (influences,) 1 / |det| of each node's world matrix at rest. A node's scale relative to rest is the cube
+            root of this times the |det| of a pose.
     """
 
     nodes: Ints
@@ -40,8 +40,8 @@ class Carriers:
 
     Attributes:
         numbers: The index into `rows` and `scales` of each pair of a node and its `shares`.
-        rows: For each (3, 4, frames) of its world matrix; one frame where nothing moves it.
-        scales: For each (frames,) its scale against rest; as many frames.
+        rows: (3, 4, frames) rows of each node's world matrix; one frame if nothing moves the node.
+        scales: (frames,) each node's scale relative to rest, for as many frames.
         weights: (frames, morph targets).
     """
 
@@ -63,11 +63,11 @@ def pose_carriers(points: Iterable[CarriedPoint], rig: Rig, clip: Clip | None, t
 
 
 def carried_places(point: CarriedPoint, carriers: Carriers, count: int) -> tuple[Floats, Floats]:
-    """(3, count) where `count` poses take a point, world space, and (count,) how they scale it against rest."""
+    """(3, count) world-space places of a point in `count` poses, and its (count,) scales relative to rest."""
     acting = np.flatnonzero(point.points[1:].any(axis=(1, 2)))
     weights, points = carriers.weights[:, acting], point.points[np.append(0, 1 + acting)]
     place, scale = np.zeros((3, count)), np.zeros(count)
-    # What all nodes that nothing moves make together: a point, and what each morph target adds to it.
+    # The sum over all nodes that nothing moves: the point itself, and the delta of each morph target.
     still = np.zeros((1 + len(acting), 3))
     pairs = zip(point.nodes.tolist(), point.shares.tolist(), strict=True)
     for pair, weight, each in zip(pairs, point.weights, points.transpose(1, 0, 2), strict=True):

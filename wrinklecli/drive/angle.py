@@ -12,7 +12,7 @@ from wrinklecli.numeric.arrays import Bools, Floats, affine_rows
 
 
 class Angles(NamedTuple):
-    """What a joint measures: (frames,) radians, by which a table is looked up."""
+    """The measurements of a joint: (frames,) radians, by which a table is looked up."""
 
     rows: Floats
 
@@ -28,7 +28,7 @@ class JointAngle:
 
     Attributes:
         node: The joint.
-        parent: The node above it; -1 for a root.
+        parent: The joint's parent; -1 for a root.
         axis: (3,) unit, in the parent's space.
         rest: (4,) the joint's stored rotation x, y, z, w, of unit length.
     """
@@ -41,8 +41,8 @@ class JointAngle:
     def angles(self, rig: Rig, clip: Clip | None, times: Floats) -> Angles:
         """Measure the twist about the axis at (frames,) seconds of a clip, by world matrices with scale taken out.
 
-        Source: the swing-twist decomposition of quaternions, written for matrices: of a rotation by an angle about a
-        unit vector, both scaled alike, the vector times its sine, and its cosine.
+        Source: the swing-twist decomposition of quaternions (v, w), from the matrix of a rotation: its antisymmetric
+        part gives 4 w v, and 1 + its trace is 4 w².
         """
         nodes = [self.node] if self.parent < 0 else [self.node, self.parent]
         matrices = node_matrices(rig, clip, times, nodes)[:, :, :3, :3]

@@ -1,11 +1,11 @@
-"""Drives: what sets the weights of an effect's morph targets over time, the same in a bake, in `track` and in players.
+"""Drives: they set the weights of an effect's morph targets over time, alike in a bake, in `track` and in players.
 
 A signal is measured in the posed rig, a filter follows it, and a response turns it into weights. A drive evaluates
 itself for arrays of times, and a node's `extras.wrinkle` holds it in JSON:
 
 - A segment has `anchors`, or `origin` and `target` where there are two. Each is the sum over its joints of weight ·
   matrix · position, where the matrix is the joint's own, to world space: optimisers that quantise positions change bind
-  space and inverse bind matrices, but not the joints. `morphs` are what morph targets add to the positions. The segment
+  space and inverse bind matrices, but not the joints. `morphs` are the deltas of morph targets. The segment
   measures the summed distances of neighbouring anchors, divided by the animated scale: the mean over anchors of the sum
   over joints of weight · cbrt(det matrix) / scale.
 - Its `rest_length` is constant, or follows `rest_length_keys` in some clips, or `rest_length_morph`.
@@ -48,13 +48,13 @@ class Drive:
     """A signal, a filter and a response that give the weights of some morph targets.
 
     Attributes:
-        name: The tool's; empty for a joint.
-        signal: What is measured in the posed rig.
+        name: The tool's name; empty for a joint.
+        signal: The measurement in the posed rig.
         targets: Names of the morph targets.
-        response: Weights by what is measured.
-        lag: The filter; None where the weights follow at once.
+        response: Weights by the measurement.
+        lag: The filter; None if the weights follow at once.
         strengths: By clip, factors on the weights.
-        own: Names of targets of one clip alone, in place of these.
+        own: Names of further targets, each of one clip alone, that replace these there.
     """
 
     name: str
@@ -66,7 +66,7 @@ class Drive:
     own: tuple[str, ...] = ()
 
     def reader(self, rig: Rig, clip: Clip) -> Callable[[Floats], Lengths | Angles]:
-        """A function of (frames,) seconds of a clip to what the signal measures there, behind the filter."""
+        """A function from (frames,) seconds of a clip to the filtered measurements."""
         if isinstance(self.signal, JointAngle):
             return partial(self.signal.angles, rig, clip)
         segment, spring = self.signal, self.signal.spring(self.lag, rig, clip)
@@ -78,13 +78,13 @@ class Drive:
         return read
 
     def weights_in(self, rig: Rig, clip: Clip) -> Signal:
-        """A function of (frames,) seconds of a clip to (frames, targets) weights."""
+        """A function from (frames,) seconds of a clip to (frames, targets) weights."""
         read, strength = self.reader(rig, clip), self.strengths.get(clip.name, 1.0)
         response: Any = self.response
         return lambda times: strength * response.weights(read(times))
 
     def to_json(self, names: Sequence[str], morph_names: Sequence[str]) -> Json:
-        """What extras store of the drive, from the names of all nodes and of the rig's morph targets."""
+        """The drive as extras store it, by the names of all nodes and of the rig's morph targets."""
         if isinstance(self.signal, JointAngle):
             head = _angle_json(self.signal, names)
         else:
@@ -106,11 +106,11 @@ class StoredDrive:
     """A drive as extras hold it, by the names of joints: these may be in another file.
 
     Attributes:
-        name: The tool's, or the joint's.
+        name: The tool's name, or the joint's.
         joints: Names of all joints that its signal needs.
         targets: Names of its morph targets.
         keyed: Names of the clips that key its rest length.
-        data: The whole, as stored.
+        data: The whole drive as stored.
     """
 
     name: str
@@ -126,10 +126,10 @@ class StoredDrive:
 
     @classmethod
     def read(cls, data: Json) -> "StoredDrive":
-        """Check what extras hold.
+        """Read and check a drive in extras.
 
         Raises:
-            KeyError, TypeError, ValueError: They are not what `bake` writes.
+            KeyError, TypeError, ValueError: The extras are not what `bake` writes.
         """
         if "joint" in data:
             joints = [data["joint"], *([] if data.get("parent") is None else [data["parent"]])]
@@ -159,11 +159,7 @@ class StoredDrive:
 
 
 def anchors_of(data: Json) -> list[Json]:
-    """The anchors of a segment in extras, from origin to target.
-
-    Raises:
-        KeyError: They are not there.
-    """
+    """The anchors of a segment in extras, from origin to target; KeyError if there are none."""
     return list(data["anchors"]) if "anchors" in data else [data["origin"], data["target"]]
 
 

@@ -1,11 +1,11 @@
 """The filter of a tool with `lag`: a damped spring follows the shortening over a clip, so that heights swing a little.
 
-The shortening is that of the control curve, as a share of the rest length: d = max((1 - 1e-5) - l'/l, 0). The spring
-answers x'' = ω² (d - x) - 2 ζ ω x', and the curve is asked as if its ends were l' = (1 - 1e-5 - x) l apart; where x is
-below 0 nothing rises. So an overshoot is capped like any shortening, by `max_height` and where the ends would meet.
+The shortening is that of the control curve, as a ratio of the rest length: d = max((1 - 1e-5) - l'/l, 0). The spring
+follows x'' = ω² (d - x) - 2 ζ ω x', and the curve has the heights for ends l' = (1 - 1e-5 - x) l apart; none if x is
+below 0. So an overshoot is capped like any shortening, by `max_height` and at the point where the ends would meet.
 
 The clip begins with the spring at rest, as in a player that starts there. A clip that ends as it begins counts as a
-loop, and the spring goes round with it. Not in the paper, whose heights follow at once.
+loop, and the spring's motion is periodic. The paper has no springs: its heights follow at once.
 """
 
 from dataclasses import dataclass
@@ -20,36 +20,32 @@ from wrinklecli.numeric.spring import Spring, SpringResponse, positive, respond
 from wrinklecli.tools.records import Lag
 
 TAUT = 1 - 1e-5
-"""Part of the rest length below which wrinkles start: rounding noise of 1e-7 alone would raise 6e-5 l."""
+"""Part of the rest length below which wrinkles start, as rounding noise of 1e-7 alone would raise 6e-5 l."""
 
-# Seconds that a piece of the shortening lasts at most, to begin with.
+# Longest piece of the fitted shortening before refinement, seconds.
 _PIECE = 0.1
-# How exactly pieces give the shortening, a share of the rest length: a hundredth of what counts as one.
+# Greatest error of the fitted shortening, over the rest length: a hundredth of the least that raises a wrinkle.
 _TOLERANCE = (1.0 - TAUT) / 100.0
-# Difference of the shortening at both ends of a clip, a share of the rest length, up to which it may be a loop.
+# Greatest difference of the shortening at both ends of a loop, over the rest length.
 _SAME = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
 class SpringFilter:
-    """The answer of a spring to a segment's shortening in one clip.
-
-    Attributes:
-        response: The spring's, a share of the rest length.
-    """
+    """The response of a spring to a segment's shortening in one clip, over the rest length."""
 
     response: SpringResponse
 
     def follow(self, times: Floats, distances: Floats, rest_lengths: Floats) -> Floats:
-        """(frames,) distances at which a curve has the heights that the spring asks for, scene units.
+        """(frames,) distances at which a curve has the heights of the spring's response, scene units.
 
         Args:
             times: (frames,) seconds.
-            distances: (frames,) of the segment, scene units; infinite where the tool is inactive.
+            distances: (frames,) distances of the ends, scene units; infinite while the tool is inactive.
             rest_lengths: (frames,) scene units.
         """
         shares = np.minimum(self.response.at(times), TAUT)
-        # Where nothing is to rise, a stretched segment may say so.
+        # While nothing is to rise, the distance of a stretched segment stays as it is.
         slack = np.maximum(distances, TAUT * rest_lengths)
         return np.where((shares > 0) & np.isfinite(distances), (TAUT - shares) * rest_lengths, slack)
 
@@ -58,14 +54,14 @@ def spring_filter(lag: Lag, ratios: Signal, clip: Clip, breaks: Floats) -> Sprin
     """Let a spring follow a clip.
 
     Args:
-        lag: Its frequency and damping.
-        ratios: (times,) seconds to (times, 1) distances of the anchors over rest lengths; infinite where inactive.
-        clip: The animation.
+        lag: The spring's frequency and damping.
+        ratios: (times,) seconds to (times, 1) distances of the anchors over rest lengths; infinite while inactive.
+        clip: The clip.
         breaks: (breaks,) seconds between which ratios are smooth.
     """
 
     def shares(times: Floats) -> Floats:
-        # A tool that is hidden is not shortened; and no segment is a rest length longer than at rest, for the spring.
+        # Neither a hidden tool is shortened nor a stretched one, so ratios above 2 count as 2.
         return TAUT - np.minimum(ratios(times), 2.0)
 
     end = max(clip.end, float(np.nextafter(np.float32(clip.start), np.float32(np.inf))))

@@ -21,11 +21,11 @@ from wrinklecli.tools.records import Lag
 
 
 class Lengths(NamedTuple):
-    """What a segment measures.
+    """The measurements of a segment.
 
     Attributes:
-        distances: (frames,) summed distances of neighbouring points, animated scale taken out, scene units. Infinite
-            where the character is hidden by scale: nothing is measured there.
+        distances: (frames,) summed distances of neighbouring points, animated scale taken out, scene units. They are
+            infinite while scale hides the character.
         rest_lengths: (frames,) scene units.
     """
 
@@ -34,18 +34,18 @@ class Lengths(NamedTuple):
 
     @property
     def active(self) -> Bools:
-        """(frames,) True where something is measured."""
+        """(frames,) True while the character is not hidden."""
         return np.isfinite(self.distances)
 
     @property
     def rows(self) -> Floats:
-        """(frames,) shortenings, 1 - distance / rest length, by which a table is looked up; 0 where inactive."""
+        """(frames,) shortenings, 1 - distance / rest length, by which a table is looked up; 0 while inactive."""
         return np.asarray(1.0 - np.where(self.active, self.distances, self.rest_lengths) / self.rest_lengths)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RestLength:
-    """The length of a segment from which on it is shortened.
+    """The length of a segment below which it counts as shortened.
 
     Attributes:
         constant: Scene units.
@@ -71,12 +71,7 @@ class RestLength:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Segment:
-    """A segment or path through carried points.
-
-    Attributes:
-        points: From its origin to its target, two or more.
-        rest_length: The length from which on it is shortened.
-    """
+    """A segment or path through two or more carried points, from its origin to its target."""
 
     points: tuple[CarriedPoint, ...]
     rest_length: RestLength
@@ -84,11 +79,7 @@ class Segment:
     def lengths(self, rig: Rig, clip: Clip | None, times: Floats, carriers: Carriers | None = None) -> Lengths:
         """Measure the segment at (frames,) seconds of a clip; in the stored pose if `clip` is None.
 
-        Args:
-            rig: The joints and morph targets.
-            clip: The animation.
-            times: Seconds.
-            carriers: What `pose_carriers` gives at these times, if other segments need it too.
+        `carriers` is the result of `pose_carriers` at these times, if other segments share it.
         """
         if carriers is None:
             carriers = pose_carriers(self.points, rig, clip, times)
@@ -101,7 +92,7 @@ class Segment:
         return Lengths(distances, self.rest_length.at(rig, clip, times))
 
     def spring(self, lag: Lag | None, rig: Rig, clip: Clip | None) -> SpringFilter | None:
-        """The answer of a damped spring to the shortening in a clip; None without `lag`, and in the stored pose."""
+        """The response of a damped spring to the shortening in a clip; None without `lag`, and in the stored pose."""
         if lag is None or clip is None:
             return None
 

@@ -1,6 +1,6 @@
-"""The response of a drive: weights looked up in tables of numbers, as players do that do not run the method.
+"""The response of a drive: weights are looked up in tables of numbers, so that players need not run the method.
 
-Source: module `effects.wrinkle.lookup` makes the tables of a control curve, and says why there are two kinds.
+Module `effects.wrinkle.lookup` makes the tables of a control curve, and says why there are two kinds.
 """
 
 from dataclasses import dataclass
@@ -14,28 +14,28 @@ from wrinklecli.numeric.arrays import Bools, Floats, interpolated, significant
 Json: TypeAlias = dict[str, Any]
 
 TABLE_ERROR = 1 / 256
-"""Greatest error of a weight that is looked up, of the greatest weight."""
+"""Greatest error of a weight that is looked up, as a ratio of the greatest weight."""
 
 DIGITS = 8
 """Significant decimal digits of numbers in extras: those of float32."""
 
-# Significant digits of tabulated weights, whose rows are right to about three.
+# Significant digits of tabulated weights, of which about three are right.
 _TABLE_DIGITS = 5
-# Control intervals at most: 64 bumps with gaps of 64, the most of a tools file, have 4,160.
+# Most control intervals: 64 bumps with gaps of 64, the most of a tools file, have 4,160.
 _MOST_INTERVALS = 10_000
 
 
 class Reading(Protocol):
-    """What a signal measures over time."""
+    """The measurements of a signal over time."""
 
     @property
     def rows(self) -> Floats:
-        """(frames,) by which a table is looked up."""
+        """(frames,) numbers by which a table is looked up."""
         ...
 
     @property
     def active(self) -> Bools:
-        """(frames,) False where the weights are 0 whatever the table says."""
+        """(frames,) False where the weights are 0, whatever the table has."""
         ...
 
 
@@ -44,8 +44,8 @@ class Table:
     """Weights against one number.
 
     Attributes:
-        by: What the number is: 1 - distance / rest length, or an angle in radians.
-        rows: (rows,) of it, sorted.
+        by: The kind of number: 1 - distance / rest length, or an angle in radians.
+        rows: (rows,) numbers, sorted.
         table: (rows, targets) weights, straight between rows, constant beyond.
     """
 
@@ -54,7 +54,7 @@ class Table:
     table: Floats
 
     def weights(self, reading: Reading) -> Floats:
-        """(frames, targets) weights at what a signal measured."""
+        """(frames, targets) weights at the measurements of a signal."""
         return np.where(reading.active[:, None], interpolated(reading.rows, self.rows, self.table), 0.0)
 
     def to_json(self) -> Json:
@@ -68,15 +68,15 @@ class CurveTable:
 
     Attributes:
         taut: Part of the rest length below which wrinkles start.
-        compressible: Share of every shortening that the tissue takes itself.
+        compressible: Part of every shortening that the tissue takes itself.
         intervals: Control intervals of the segment; a bump has two.
-        bumps: How many bumps each group has, in the order in which they rise; a bump counts as much as it is wide.
-        distances: (rows,) of the curve's ends, rising, scene units; empty where bumps have no greatest height.
+        bumps: Bumps of each group, in the order in which groups rise; a bump counts as much as it is wide.
+        distances: (rows,) distances of the curve's ends, sorted, scene units; empty if bumps have no greatest height.
         capacities: (rows,) the shortening that one bump takes when full, scene units.
-        parts: (rows,) shortening over chord and shortening of a bump, from 0 to 1.
-        rises: (rows, modes) amplitudes over chord and shortening, and over the root of the part.
+        parts: (rows,) from 0 to 1: a bump's shortening / (its chord + its shortening).
+        rises: (rows, modes) amplitudes / (chord + shortening) / the root of the part.
         mix: (targets, groups · modes) weights for amplitudes of 1 scene unit.
-        positive: Whether weights below 0 are 0.
+        positive: True if weights below 0 are 0.
         least: Weights up to this are 0, whatever their sign.
     """
 
@@ -93,7 +93,7 @@ class CurveTable:
     least: float = 0.0
 
     def weights(self, reading: Lengths) -> Floats:
-        """(frames, targets) weights at what a segment measured."""
+        """(frames, targets) weights at the measurements of a segment."""
         distances = np.where(reading.active, reading.distances, reading.rest_lengths)
         return np.where(reading.active[:, None], self.at(distances, reading.rest_lengths), 0.0)
 
@@ -137,7 +137,7 @@ class CurveTable:
 
 
 def read_table(data: Json, targets: int) -> Table | CurveTable:
-    """The table of so many targets that extras store.
+    """Read the table of so many targets in extras.
 
     Raises:
         KeyError, TypeError, ValueError: The extras are not what `bake` writes.
@@ -173,11 +173,7 @@ def _read_curve(data: Json, targets: int) -> CurveTable:
 
 
 def _sorted_rows(values: object) -> Floats:
-    """(rows,) of a table.
-
-    Raises:
-        ValueError: There are none, or they are not sorted.
-    """
+    """(rows,) numbers of a table; ValueError if there are none, or if they are not sorted."""
     rows = np.array(values, np.float64)
     if rows.ndim != 1 or not len(rows) or not (np.diff(rows) > 0).all():
         raise ValueError

@@ -1,9 +1,9 @@
-"""Effects: what moves a mesh by a few fixed shapes in bind space, added up by weights over time.
+"""Effects: they move a mesh by a few fixed shapes in bind space, added up by weights over time.
 
-A kind of effect attaches its tools to the mesh at rest and says where edges must be split (`Attached`). On the refined
-mesh all effects of a kind are a `Layer`. Sampled over clips, a layer gives an `Effect` for each tool or fold: targets
-to write, their weights, and the drive that sets these in clips of other files. Layers act in one order, and each sees
-the body as those before it have moved it.
+A kind of effect attaches its tools to the mesh at rest and names the regions where edges must be split (`Attached`).
+All effects of a kind on the refined mesh are a `Layer`. When clips are sampled, a layer makes an `Effect` for each tool
+or fold: targets to write, their weights, and the drive that sets these in clips of other files. Layers act in one
+order, and each sees the body as moved by those before it.
 """
 
 from abc import ABC, abstractmethod
@@ -45,11 +45,10 @@ class Motion:
     """One clip, sampled.
 
     Attributes:
-        clip: The animation.
         times: (frames,) seconds.
-        keys: (keys,) the frames that a track needs, straight between them.
-        states: What each effect measures at these times, such as a segment's length; None where it keeps nothing.
-        weights: For each effect (frames, shapes) of its shapes as sampled; empty before there are shapes.
+        keys: (keys,) numbers of the frames that a track needs, straight between them.
+        states: The measurements of each effect at these times, such as a segment's lengths; None if it keeps none.
+        weights: For each effect (frames, shapes) weights as sampled; empty before there are shapes.
     """
 
     clip: Clip
@@ -65,8 +64,8 @@ class Sampling:
 
     Attributes:
         fps: Frames per second of the grid.
-        mode: `frames` takes the grid alone, `morph` the times that straight lines between keys need.
-        memory: The limit of what is sampled.
+        mode: `frames` samples the grid alone, `morph` the times that straight lines between keys need.
+        memory: The limit on samples.
         progress: Called with a stage's name, steps done and steps in all.
     """
 
@@ -81,9 +80,6 @@ class MeshPlan:
     """The effects on one node's mesh, attached and refined: everything but time.
 
     Attributes:
-        rig: The node's joints and morph targets.
-        rest: The rest pose.
-        fine: The refined surface.
         layers: The effects, kind by kind, in the order in which they act.
         tallest: The largest move that any effect can make, as a rule the height of the tallest wrinkle, scene units.
         max_error: Scene units.
@@ -107,12 +103,12 @@ class MeshPlan:
 
 @dataclass(frozen=True, slots=True)
 class Effect(ABC):
-    """One effect on a mesh: its morph targets, and what follows from them.
+    """One effect on a mesh: its morph targets, their weights over time, and words about both.
 
-    By default, no engine's limit can be met by other targets of an effect.
+    By default, an effect has no other targets that would meet an engine's limit.
 
     Attributes:
-        identifier: What the targets are named by.
+        identifier: The part of the targets' names that is the effect's own.
         targets: One for each shape; None for a shape that moves no vertex, which is not written.
     """
 
@@ -122,21 +118,21 @@ class Effect(ABC):
     section: ClassVar[str]
     """The key of extras and report under which effects of this kind stand."""
     remedy: ClassVar[str] = ""
-    """What leaves these effects out, for messages about too many targets."""
+    """The way to leave these effects out, for messages about too many targets."""
 
     @property
     @abstractmethod
     def name(self) -> str:
-        """What messages call the effect."""
+        """The effect's name in messages."""
 
     @property
     @abstractmethod
     def drive(self) -> Drive | None:
-        """What sets the weights of the targets in clips that were never baked; None if nothing can."""
+        """The drive that sets the weights of the targets in clips that were never baked; None if there is none."""
 
     @property
     def columns(self) -> Ints:
-        """The shapes that have a target."""
+        """Numbers of the shapes that have a target."""
         return np.array([index for index, target in enumerate(self.targets) if target is not None], np.intp)
 
     @property
@@ -162,22 +158,22 @@ class Effect(ABC):
         """(times, …) weights as sampled at further times of a motion, from its (frames, …) ones."""
 
     def acting(self, _rig: Rig, _clip: Clip, _time: float) -> list[tuple[Shape, float]]:
-        """The shapes that act at a moment of a motion that is in no file, each with its weight; no filter follows."""
+        """The shapes that act at a moment of a motion that is in no file, each with its weight, without a filter."""
         return []
 
     @classmethod
     def observe(cls, effects: Sequence[Self], _rig: Rig, _motion: Motion, _times: Floats, _known: Sequence[Any]) -> Any:
-        """What each of several effects measures at (times,), sorted, the times of a motion with `_known` among them."""
+        """The measurements of effects at sorted (times,), among which are the motion's, where they are `_known`."""
         return [None] * len(effects)
 
-    # What an engine's limits ask for.
+    # For the limits of engines.
 
     def with_unit_weights(self, _sampled: Sequence[Floats]) -> "Effect":
         """The same motion with weights in [0, 1], from each clip's (frames, …) weights as sampled."""
         return self
 
     def with_fewest_targets(self, _plan: MeshPlan, _tolerance: float, *, at_once: bool) -> tuple["Effect", float]:
-        """The same motion with the fewest targets, or the fewest `at_once`, and its error, both scene units."""
+        """The same motion with the fewest targets, or the fewest `at_once`, and its error; lengths are scene units."""
         assert at_once in (True, False)
         return self, 0.0
 
@@ -190,18 +186,18 @@ class Effect(ABC):
         """Times between (keys,) seconds with (keys, shapes) weights that keep fewer targets active at once."""
         return np.zeros(0)
 
-    # What the proof compares.
+    # For the proof.
 
     @abstractmethod
     def exact_shapes(self, vertices: Ints) -> Iterator[SparseDeltas]:
-        """What the method adds to (vertices,) fine welded vertices for each of its own shapes, at weight 1."""
+        """Each of the method's own shapes at (vertices,) fine welded vertices, at weight 1."""
 
     @abstractmethod
     def exact_weights(self, motion: Motion, sampled: Floats, times: Floats, state: Any) -> Floats:
-        """(times, shapes) the method's weights of `exact_shapes`, from what the effect measures at the times."""
+        """(times, shapes) the method's weights of `exact_shapes`, from the effect's measurements at the times."""
 
     def moved_in_frames(self, _plan: MeshPlan, _clip: Clip, _times: Floats) -> tuple[Ints, Floats] | None:
-        """Fine vertices and (times, vertices, 3) what moves them beside `exact_shapes`, bind space; None if none."""
+        """Fine vertices and their (times, vertices, 3) moves besides `exact_shapes`, bind space; None if none move."""
         return None
 
     def raised(self, times: Floats, _state: Any) -> Bools:
@@ -214,9 +210,9 @@ class Effect(ABC):
 
     @abstractmethod
     def weight_error(self, played: Floats, exact: Floats, state: Any, clip: Clip) -> float:
-        """Largest error of what (times, targets) played weights stand for, scene units."""
+        """Largest error of the moves that (times, targets) played weights stand for, scene units."""
 
-    # What people are told.
+    # For people.
 
     @abstractmethod
     def describe(self, plan: MeshPlan) -> Json:
@@ -228,7 +224,7 @@ class Effect(ABC):
 
     @abstractmethod
     def warnings(self, plan: MeshPlan, motions: Sequence[tuple[Motion, Any, Floats]], *, up: str) -> list[str]:
-        """What a user should know, from motions with what the effect measures and its weights in them."""
+        """Warnings for users, from motions with the effect's measurements and weights in them."""
 
 
 class Attached(Protocol):
@@ -236,12 +232,12 @@ class Attached(Protocol):
 
     @property
     def regions(self) -> Sequence[Region]:
-        """Where edges must be split for it."""
+        """The regions where edges must be split."""
         ...
 
     @property
     def greatest_height(self) -> float:
-        """The largest move that it can make, scene units."""
+        """The largest move of the effect, scene units."""
         ...
 
 
@@ -260,7 +256,7 @@ class Layer(Protocol):
 
     @property
     def named_clips(self) -> frozenset[str]:
-        """Names of clips in which an effect acts otherwise than their motion alone says."""
+        """Names of clips in which an effect acts differently from other clips of the same motion."""
         ...
 
     @property
@@ -270,11 +266,11 @@ class Layer(Protocol):
 
     @property
     def sampled_numbers(self) -> int:
-        """How many numbers are kept for each sampled time."""
+        """The count of numbers that are kept for each sampled time."""
         ...
 
     def target_sizes(self, plan: MeshPlan, clips: Sequence[Clip], frames: int, memory: Memory) -> list[int]:
-        """How many welded vertices each morph target moves, at most: an estimate before clips are sampled.
+        """An estimate, before clips are sampled, of the welded vertices that each morph target moves, at most.
 
         Raises:
             TooMuchError: Sampling would take more memory than there may be.
@@ -288,9 +284,9 @@ class Layer(Protocol):
 
         Args:
             plan: The whole mesh.
-            clips: Those that move the mesh.
-            effects: Those of the layers before.
-            motions: What these make of the clips; none for the first layer.
+            clips: The clips that move the mesh.
+            effects: The effects of the layers before.
+            motions: The clips as these effects sampled them; none for the first layer.
             how: Times and limits.
 
         Returns:
@@ -302,7 +298,7 @@ class Layer(Protocol):
         ...
 
     def warnings(self, plan: MeshPlan, clips: Sequence[Clip]) -> list[str]:
-        """What a user should know of how the effects go together, whatever each of them does."""
+        """Warnings for users about several effects together, besides those of each."""
         ...
 
 

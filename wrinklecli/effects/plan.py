@@ -20,9 +20,9 @@ from wrinklecli.surface.refine import refine
 from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import EffectTool, Length, ToolsFile
 
-# Units in the last place that products of skinning round by: below this many, float32 sets the limit of an error.
+# Units in the last place by which products of skinning are rounded in float32: no error can be held below.
 _FLOAT32_STEPS = 8
-# Share of the error bound for pruned skin weights. Weights between keys have the rest: see `effects.sampling`.
+# Part of the error bound for pruned skin weights. Weights between keys get the rest: see `effects.sampling`.
 _PRUNING_SHARE = 0.5
 
 
@@ -43,13 +43,13 @@ def plan_mesh(
     Args:
         document: The asset.
         node: The node with the mesh.
-        tools: Those on the mesh.
+        tools: The tools on the mesh.
         settings: The tools file.
-        clips: All clips of the asset, whichever are baked.
+        clips: All clips of the asset, whether they are baked or not.
         max_error: A length, or per cent of the largest move that the effects can make.
-        influences: Joints of a new vertex, at most; by default as many as the asset's sets of joints can hold.
-        max_vertices: How many refinement may add.
-        neighbours: Those of the document, if several meshes are planned.
+        influences: Most joints of a new vertex; by default as many as the asset's sets of joints can hold.
+        max_vertices: Most vertices that refinement may add.
+        neighbours: The neighbours in the document, if several meshes are planned.
 
     Raises:
         WrinkleError: Tools do not fit, a line for each.
@@ -114,14 +114,7 @@ def plan_on(
 
 
 def mesh_warnings(plan: MeshPlan, settings: ToolsFile, clips: Sequence[Clip], *, tracks: bool) -> list[str]:
-    """What a user should know of a mesh with all its effects.
-
-    Args:
-        plan: The mesh.
-        settings: The tools file.
-        clips: Those baked.
-        tracks: True if the clips get tracks of weights.
-    """
+    """Warnings about a mesh with all its effects, for clips that are baked and perhaps get tracks of weights."""
     rig = plan.rig
     where = rig.names[rig.node]
     warnings = [line for layer in plan.layers for line in layer.warnings(plan, clips)]
@@ -139,6 +132,6 @@ def mesh_warnings(plan: MeshPlan, settings: ToolsFile, clips: Sequence[Clip], *,
 
 
 def _float32_error(rest: Rest) -> float:
-    """The error of a posed position that float32 makes anyway, scene units: no bound can be held below it."""
+    """The error of posed positions from float32 alone, scene units; no bound can be held below it."""
     largest = float(np.abs(rest.positions).max())
     return _FLOAT32_STEPS * float(np.spacing(np.float32(largest)))

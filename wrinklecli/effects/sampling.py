@@ -1,4 +1,4 @@
-"""Effects over time: which clips move them, which clips are alike, and motions sampled at more times."""
+"""Effects over time: the clips that move them, clips of equal motion, and motions sampled at more times."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,21 +14,17 @@ from wrinklecli.numeric.arrays import Floats, Ints, interpolated
 from wrinklecli.numeric.piecewise import key_points
 
 SAMPLING_SHARE = 0.5
-"""Share of the error bound for what lies between two samples; pruned skin weights have the rest."""
+"""Part of the error bound for errors between two samples; pruned skin weights get the rest."""
 KEYS_SHARE = 0.25
-"""Share of the bound for keys that are left out: their errors are all along a track."""
+"""Part of the bound for keys that are left out, whose errors are all along a track."""
 
 
 def sample_effects(plan: MeshPlan, clips: Sequence[Clip], how: Sampling) -> tuple[list[Effect], list[Motion]]:
     """Run the effects of a mesh over clips, layer by layer.
 
-    Args:
-        plan: The mesh.
-        clips: Those to sample; in the mode `morph` those that do not move the mesh are left out.
-        how: Times and limits.
-
     Returns:
-        The effects, and each clip with the weights of their shapes.
+        The effects, and each clip with the weights of their shapes. The mode `morph` leaves out clips that do not move
+        the mesh.
 
     Raises:
         BakeError: There are too many shapes.
@@ -42,13 +38,13 @@ def sample_effects(plan: MeshPlan, clips: Sequence[Clip], how: Sampling) -> tupl
 
 
 def moving_clips(plan: MeshPlan, clips: Sequence[Clip]) -> list[Clip]:
-    """The clips that move a mesh, or an effect on it by keys of their own."""
+    """The clips that move a mesh, or that key an effect on it."""
     moving, keyed = moving_nodes(plan.rig), {name for each in plan.layers for name in each.keyed_clips}
     return [clip for clip in clips if clip.name in keyed or any(c.node in moving for c in clip.channels)]
 
 
 def duplicates_of(plan: MeshPlan, clips: Sequence[Clip]) -> list[int]:
-    """For each clip the index of the first with identical motion: converters write one motion under two names."""
+    """For each clip the index of the first with identical motion, as converters write one motion under two names."""
     named = {name for each in plan.layers for name in (*each.named_clips, *each.keyed_clips)}
     first: dict[tuple[str, bytes], int] = {}
     return [
@@ -58,7 +54,7 @@ def duplicates_of(plan: MeshPlan, clips: Sequence[Clip]) -> list[int]:
 
 
 def observed(effects: Sequence[Effect], rig: Rig, motion: Motion, times: Floats) -> list[Any]:
-    """What each effect measures at (times,) seconds, sorted, the times of a motion among them."""
+    """The measurements of each effect at sorted (times,) seconds, among which are the motion's."""
     pairs = zip(effects, motion.states, strict=True)
     found: list[Any] = []
     for kind, group in groupby(pairs, lambda pair: type(pair[0])):
@@ -68,9 +64,9 @@ def observed(effects: Sequence[Effect], rig: Rig, motion: Motion, times: Floats)
 
 
 def with_times(effects: Sequence[Effect], rig: Rig, motion: Motion, fresh: Floats, *, states: bool = True) -> Motion:
-    """A motion sampled at more times, (fresh,) sorted seconds; none of them is a key yet.
+    """Sample a motion at more times, (fresh,) sorted seconds, which are no keys yet.
 
-    `states` may wait if more times follow.
+    Without `states`, the measurements stay those of the old times, as more times follow.
     """
     if not len(fresh):
         return motion
@@ -101,9 +97,9 @@ def joined(
 
     Args:
         plan: The mesh.
-        effects: Those that the motion has already.
-        motion: A clip as they sampled it.
-        times: (frames,) seconds at which the further effects have weights; those of the motion, if `at_once`.
+        effects: The effects that the motion has already.
+        motion: A clip as these effects sampled it.
+        times: (frames,) seconds of the further weights; the motion's own if `at_once`.
         weights: For each further effect (frames, shapes).
         sizes: (all further shapes,) the largest move of each, scene units.
         at_once: True if no time is to be added.
@@ -111,7 +107,7 @@ def joined(
     states = (*motion.states, *(None for _ in weights))
     if at_once:
         return replace(motion, states=states, weights=(*motion.weights, *weights))
-    # All times, not the keys alone: the proof is to see what is between keys.
+    # All times are added, not the keys alone, as the proof compares times between keys too.
     whole = with_times(effects, plan.rig, motion, np.setdiff1d(times, motion.times))
     more = [interpolated(whole.times, times, each) for each in weights]
     keys = np.searchsorted(whole.times, times[_keys(plan, times, np.concatenate(weights, axis=1) * sizes)])

@@ -1,8 +1,8 @@
 """Fixed shapes: morph targets in bind space, and the NORMAL deltas that fit them.
 
-NORMAL deltas are fitted to the true normals in samples of states, such as the tallest wrinkles in a pose that shows
-them: a surface that a pose makes shorter has steeper wrinkles, which neither skinning nor the asset's own morph targets
-do to normals.
+NORMAL deltas are fitted to the true normals of sampled states, such as the tallest wrinkles in a pose that raises them.
+If a pose makes a surface shorter, its wrinkles are steeper, but neither skinning nor the asset's own morph targets turn
+normals accordingly.
 """
 
 from collections.abc import Sequence
@@ -23,9 +23,9 @@ from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rest import carried_normals
 
 LEAST_SHARE = 1e-6
-"""Share of the greatest displacement that is too small to be seen or stored: vertices below it do not move."""
+"""Ratio of a displacement to the greatest below which a vertex counts as still: nobody would see the move."""
 
-# Cosine of true and base normal below which the fit does not follow: NORMAL deltas cannot turn a normal over.
+# Least cosine of true and base normal that the fit follows, as NORMAL deltas cannot turn a normal over.
 _LEAST_COSINE = 0.1
 
 
@@ -53,10 +53,9 @@ class Sample:
     """A state in which normals are to be right.
 
     Attributes:
-        weights: (shapes,) of shapes that act together.
-        pose: The mesh's.
-        share: Its weight among the samples of a fit.
-        beneath: Shapes of other effects that act meanwhile, each with its weight: their normals are there already.
+        weights: (shapes,) weights of the shapes that act together.
+        share: The state's weight in the fit.
+        beneath: Shapes of other effects that act meanwhile, each with its weight; these have their normals already.
     """
 
     weights: Floats
@@ -72,10 +71,10 @@ def make_shapes(
 
     Args:
         fine: The refined surface.
-        vertices: (vertices,) fine welded vertices, rising.
+        vertices: (vertices,) fine welded vertices, sorted.
         deltas: (shapes, vertices, 3) bind displacement at weight 1.
-        tallest: (shapes,) largest world displacement at weight 1.
-        samples: None where the mesh has no normals.
+        tallest: (shapes,) largest world displacement at weight 1, scene units.
+        samples: The states of the fit; empty if the mesh has no normals.
     """
     lengths = np.abs(deltas).max(axis=2)
     moving = lengths > LEAST_SHARE * lengths.max(initial=0.0)
@@ -101,11 +100,11 @@ def make_shapes(
 
 
 def _fit_normals(fine: Refinement, vertices: Ints, deltas: Floats, samples: Sequence[Sample]) -> tuple[Ints, Floats]:
-    """(touched,) vertices and (shapes, touched, 3) what to add to their unit normals at weight 1.
+    """(touched,) vertices and (shapes, touched, 3) deltas of their unit normals at weight 1.
 
-    An engine adds w ΔN to the base normal N and renormalises, so directions must be right, not lengths: the
-    true unit normal t is scaled to t/(t·N), whose part along N is N, and fitted with weights (t·N)⁴. On a plane that
-    is exact at all heights.
+    An engine adds w ΔN to the base normal N and renormalises, so only directions must be right. The true unit normal t
+    is scaled to t/(t·N), whose part along N is N, and fitted with weights (t·N)⁴. On a plane, this is exact at all
+    heights.
     """
     weights, shares = np.stack([each.weights for each in samples]), np.array([each.share for each in samples])
     displacements = np.einsum("fs,svx->fvx", weights, deltas)
@@ -137,18 +136,18 @@ def displaced_normals(
 ) -> tuple[Ints, Floats]:
     """Bind normals around displaced vertices that a pose takes to true ones.
 
-    A surface's own normals, skinned, lean from the true ones of the posed surface. So what wrinkles do to true normals
-    is done to those that lean: where nothing is displaced, nothing changes.
+    Skinned normals of a surface differ from the true ones of the posed surface. So the turns of true normals by
+    wrinkles are applied to the skinned ones, and nothing changes where nothing is displaced.
 
     Args:
         fine: The refined surface.
         vertices: (vertices,) that are displaced.
         displacements: (samples, vertices, 3) bind space.
-        poses: Of each sample.
-        beneath: Of each sample other shapes that displace vertices too, and their weights; none where left out.
+        poses: One for each sample.
+        beneath: For each sample other shapes that displace vertices too, and their weights.
 
     Returns:
-        (touched,) vertices of every triangle that a displaced vertex has, and (samples, touched, 3) unit vectors, bind
+        (touched,) vertices of every triangle that has a displaced vertex, and (samples, touched, 3) unit vectors, bind
         space, which the inverse transposes of the blended matrices turn to area-weighted normals.
     """
     touched = distinct_values(fine.triangles[fine.around.faces_of(vertices)])
@@ -171,17 +170,14 @@ def displaced_normals(
         true = outward * vertex_normals(transform(blended[None], bind)[0], local)[rows]
         shown = carried_normals(blended[rows], base)
         back = unit(np.einsum("vji,vj->vi", blended[rows, :, :3], turn_to(smooth, shown, true)))
-        into += np.where(shown.any(axis=1, keepdims=True), back, base)  # where the pose is singular, nothing is shown
+        into += np.where(shown.any(axis=1, keepdims=True), back, base)  # a singular pose shows nothing
     return touched, normals
 
 
 def turn_to(base: Floats, authored: Floats, vectors: Floats) -> Floats:
-    """Turn vectors by the smallest rotations that take one unit normal to another.
+    """Turn (vertices, 3) vectors by the smallest rotations from `base` to `authored`, (vertices, 3) unit normals.
 
-    Args:
-        base: (vertices, 3) unit normals, or 0: no turn.
-        authored: (vertices, 3) unit normals.
-        vectors: (vertices, 3).
+    A base of 0 makes no turn.
     """
     axis = np.cross(base, authored)
     cosine = np.sum(base * authored, axis=1, keepdims=True)
