@@ -1,4 +1,4 @@
-"""The effect of a fold whose contact is resolved: its targets, how they follow clips, and the drive that says so."""
+"""The effect of a fold whose contact is resolved: its targets, their weights in clips, and its drive."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
 class NonNegativeBasis:
     """Adds a shape equal to minus the sum of the others, so that signed weights become weights in [0, 1].
 
-    Blender takes no weight below 0 nor above 1, and some other players do not either.
+    Blender and some other players allow no weight below 0 or above 1.
 
     Attributes:
         count: Number of the original shapes.
-        greatest: Bound of their weights, to either side of 0.
+        greatest: Bound on the absolute values of their weights.
     """
 
     count: int
@@ -58,16 +58,16 @@ class NonNegativeBasis:
 
 @dataclass(frozen=True, slots=True)
 class ContactEffect(Effect):
-    """The morph targets of a fold. Their weights as sampled are those of the crease's shapes, and signed.
+    """The morph targets of a fold. Weights as sampled are those of the crease's shapes, and signed.
 
     Attributes:
-        crease: What contact does.
+        crease: The fold with the shapes that resolve contact.
         patch: The fold's first tool, as it was baked.
         tools: Names of all tools over the fold.
-        basis: Makes the targets' shapes of the crease's.
-        followed: How the shapes follow the clips that they act in.
-        remaining: What crosses there still.
-        clip: The one clip that the targets act in; None for all.
+        basis: The relation of the targets' shapes to the crease's.
+        followed: The weights of the shapes in each clip in which they act.
+        remaining: The intersections that remain there.
+        clip: The one clip in which the targets act; None for all.
         own: Names of the fold's targets that act in one clip alone, in place of these.
         per_clip: True if a tool asks for targets of single clips.
         scale: World over bind units.
@@ -112,11 +112,11 @@ class ContactEffect(Effect):
         return np.zeros(len(self.target_names))
 
     def weights_at(self, _rig: Rig, motion: Motion, sampled: Floats, times: Floats) -> Floats:
-        """Straight between those sampled."""
+        """Weights straight between those sampled."""
         return interpolated(times, motion.times, sampled)
 
     def exact_shapes(self, vertices: Ints) -> Iterator[SparseDeltas]:
-        """What each shape of the crease adds at weight 1."""
+        """The displacements of each shape of the crease at weight 1."""
         rows, numbers = matches(vertices, self.crease.vertices)
         for shape in self.crease.shapes:
             yield SparseDeltas(rows, shape[numbers])
@@ -126,11 +126,11 @@ class ContactEffect(Effect):
         return interpolated(times, motion.times, sampled)
 
     def telling(self, exact: Floats, _state: Any) -> set[int]:
-        """When each shape is greatest."""
+        """The times when each shape is greatest."""
         return set(np.argmax(np.abs(exact), axis=0).tolist())
 
     def weight_error(self, played: Floats, exact: Floats, _state: Any, _clip: Clip) -> float:
-        """Largest error of what a shape moves, scene units."""
+        """Largest error of the move of a shape, scene units."""
         errors = np.abs(played @ self.basis.unmix[self.columns] - exact) * (self.scale * self.crease.sizes)
         return float(errors.max(initial=0.0))
 
@@ -160,7 +160,7 @@ class ContactEffect(Effect):
         }
 
     def warnings(self, _plan: MeshPlan, motions: Sequence[tuple[Motion, Any, Floats]], *, up: str) -> list[str]:
-        """Where contact is not resolved wholly."""
+        """Warnings about contact that is not wholly resolved."""
         assert up in ("y", "z")
         name = ", ".join(self.tools)
         unsettled = self.crease.unsettled + sum(each.unsettled for each in self.followed)
@@ -177,7 +177,7 @@ class ContactEffect(Effect):
         return warnings
 
     def _remaining_warning(self, remaining: Remaining) -> str:
-        """What contact leaves in a clip, whether it got targets of its own or not, and what may help."""
+        """A warning about the intersections that contact leaves in a clip, with a hint at what may help."""
         clip, left_out = repr(remaining.clip), "is left out of"
         what = f"{left_out} {clip}, where it would leave more" if remaining.given_up else f"leaves crossings in {clip}"
         counts = (

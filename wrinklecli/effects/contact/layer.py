@@ -28,8 +28,7 @@ class Contact:
     """The folds of a mesh whose contact is resolved.
 
     Attributes:
-        folds: Where that is.
-        tools_without_fold: Names of the tools whose contact is to be resolved, but whose ends nothing brings together.
+        tools_without_fold: Names of the tools that ask for contact, but whose ends nothing brings together.
     """
 
     folds: tuple["Fold", ...]
@@ -42,11 +41,11 @@ class Contact:
 
     @property
     def moved(self) -> Sequence[Ints]:
-        """Nothing: how far a fold reaches is known when it is solved."""
+        """Nothing, as the reach of a fold is not known before it is solved."""
         return ()
 
     def target_sizes(self, _plan: MeshPlan, _clips: Sequence[Clip], _frames: int, _memory: Memory) -> list[int]:
-        """Nothing: a fold has few targets, and few vertices."""
+        """Nothing, as a fold has few targets and few vertices."""
         return []
 
     def sample(
@@ -57,11 +56,11 @@ class Contact:
         motions: Sequence[Motion],
         how: Sampling,
     ) -> tuple[list[Effect], list[Motion]]:
-        """Resolve the folds, and follow each clip: frames at their own times, tracks at as many as they need."""
+        """Resolve the folds and follow each clip: frames at their own times, tracks at as many as they need."""
         return sample_contact(self.folds, plan, effects, motions, how)
 
     def warnings(self, _plan: MeshPlan, _clips: Sequence[Clip]) -> list[str]:
-        """Tools that ask for contact in vain."""
+        """Warnings about tools that ask for contact in vain."""
         return [
             f"{name}: no joint nor morph target brings its ends together: contact is left as it is"
             for name in self.tools_without_fold
@@ -79,7 +78,7 @@ class ContactKind:
         """Find the folds of the tools that ask for contact.
 
         Raises:
-            BakeError: The library that resolves contact is not there, or a node whose mesh is to be ignored.
+            BakeError: The library that resolves contact is missing, or a node whose mesh is to be ignored.
         """
         wrinkles = plan.layer(Wrinkles)
         carried = wrinkles.carried_patches if wrinkles else ()

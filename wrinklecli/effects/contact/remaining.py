@@ -1,6 +1,6 @@
-"""Where a fold still goes through itself with contact: in which clip, how often, and how often before the bake.
+"""Intersections that remain in a fold with contact, by clip, and those before the bake.
 
-Edges that pass through triangles are counted, as `check --crossings` does, of the vertices that contact may move.
+They are counted as edges that pass through triangles, as in `check --crossings`, at vertices that contact may move.
 """
 
 from collections.abc import Iterator
@@ -19,16 +19,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Remaining:
-    """What crosses in a clip with contact, in the frame in which most does.
+    """The intersections of a clip with contact, in the frame that has most.
 
     Attributes:
-        clip: Its name.
-        time: Of that frame, seconds.
-        frames: In how many frames anything crosses.
-        before: Edges that pass through triangles in that frame of the asset without wrinkles,
-        wrinkled: with them,
-        resolved: and with contact.
-        given_up: Whether the clip is left without contact, as more would cross with it.
+        clip: The clip's name.
+        time: Time of that frame, seconds.
+        frames: Number of frames with intersections.
+        before: Edges that pass through triangles in that frame without wrinkles.
+        wrinkled: Such edges with wrinkles.
+        resolved: Such edges with contact.
+        given_up: True if the clip is left without contact, as there would be more intersections with it.
     """
 
     clip: str
@@ -41,14 +41,7 @@ class Remaining:
 
 
 def remaining_in(crease: "Crease", clip: Clip, times: Floats, followed: "Followed") -> Remaining | None:
-    """Count what crosses at (frames,) seconds of a clip; None where nothing does.
-
-    Args:
-        crease: A fold with its shapes.
-        clip: The animation.
-        times: Those at which it was marched.
-        followed: How the shapes follow it there.
-    """
+    """Count the intersections at the (frames,) seconds at which a clip was marched; None if there are none."""
     if not followed.crossing:
         return None
     fold, free = crease.fold, crease.tissue.free & crease.tissue.own
@@ -65,14 +58,10 @@ def remaining_in(crease: "Crease", clip: Clip, times: Floats, followed: "Followe
 def _counts(
     fold: "Fold", free: Bools, clip: Clip, times: Floats, moves: Iterator[Floats] | None = None
 ) -> Iterator[int]:
-    """How many edges pass through triangles at each of (frames,) seconds of a clip.
+    """The number of edges that pass through triangles at each of (frames,) seconds of a clip.
 
-    Args:
-        fold: The surface.
-        free: (vertices,) those of which it counts what crosses.
-        clip: The animation.
-        times: Seconds.
-        moves: (free, 3) of each frame, what contact adds to these, bind space; nothing where left out.
+    Those of the (vertices,) `free` ones count. `moves` are for each frame the (free, 3) displacements by contact, bind
+    space.
     """
     rows, crossings = np.flatnonzero(free), fold.crossings
     for positions, matrices in fold.poses(clip, times):

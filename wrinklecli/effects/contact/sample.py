@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from wrinklecli.effects.contact.crease import Crease, Followed
     from wrinklecli.effects.contact.fold import Fold
 
-# Shapes of a fold at most, whatever their error: with the one of `NonNegativeBasis` eight morph targets.
+# Most shapes of a fold, whatever their error: with the shape that `NonNegativeBasis` adds, eight morph targets.
 _MOST_SHAPES = 7
-# Shapes at most of one clip alone: who asks for them wants no crossing rather than few targets.
+# Most shapes of one clip alone: users who ask for these want no intersections rather than few targets.
 _MOST_OWN = 11
-# Greatest error of a vertex, of the greatest move. It is hidden in the fold: where something touches, shapes are right.
+# Greatest error of a vertex over the greatest move. Errors are hidden in the fold; shapes are right at contacts.
 _SHAPE_ERROR = 0.35
 
 
@@ -58,9 +58,9 @@ class _Marched:
 
     Attributes:
         times: (frames,) seconds.
-        followed: How shapes follow the clip: those of all clips, or its own.
-        own: Shapes for the clip alone, if those of all clips leave crossings and a tool asks for that.
-        remaining: What crosses with them, if anything does.
+        followed: The weights of the shapes: those of all clips, or the clip's own.
+        own: Shapes for the clip alone, if those of all clips leave intersections and a tool asks for own ones.
+        remaining: The intersections that remain, if there are any.
     """
 
     times: Floats
@@ -115,7 +115,7 @@ def _march(crease: "Crease", motion: Motion, times: Floats | None) -> _Marched:
 def _effect(
     plan: MeshPlan, crease: "Crease", effects: Sequence[Effect], acting: Sequence[_Marched], clip: str | None = None
 ) -> ContactEffect:
-    """The effect of a fold in all clips, or in one, with what crosses still in those that it acts in."""
+    """The effect of a fold in all clips, or in one, with the intersections that remain in those."""
     from wrinklecli.effects.contact.fitting import MOST_WEIGHT
 
     basis = NonNegativeBasis(len(crease.shapes), MOST_WEIGHT)
@@ -144,7 +144,7 @@ def _effect(
 
 
 def _in_basis(basis: NonNegativeBasis, shapes: Sequence[Shape | None]) -> list[Shape | None]:
-    """The shapes of a basis: sums of a fold's and of the normals fitted to these; a fit of their own is worse."""
+    """The shapes of a basis: sums of a fold's shapes with their fitted normals, as a fit of the sums is worse."""
     made: list[Shape | None] = []
     for row in basis.unmix:
         parts = [(shape, factor) for shape, factor in zip(shapes, row, strict=True) if shape is not None and factor]
@@ -153,7 +153,7 @@ def _in_basis(basis: NonNegativeBasis, shapes: Sequence[Shape | None]) -> list[S
 
 
 def _samples(plan: MeshPlan, crease: "Crease", effects: Sequence[Effect]) -> list[Sample]:
-    """Where the normals of a fold are to be right: on what the effects before it have raised there."""
+    """States in which the normals of a fold are to be right, on top of the shapes of earlier effects."""
     return [
         Sample(
             weights,
@@ -165,12 +165,12 @@ def _samples(plan: MeshPlan, crease: "Crease", effects: Sequence[Effect]) -> lis
 
 
 def _identifier(plan: MeshPlan, fold: "Fold", effects: Sequence[Effect], clip: str | None = None) -> str:
-    """What a fold's targets are named by: its first tool's name, so that no other target of the mesh is named so."""
+    """The part of target names that is the fold's own, from its first tool; no other target of the mesh has it."""
     name = f"{fold.patches[0].tool.identifier}_contact"
     taken = {each.identifier for each in effects if not isinstance(each, ContactEffect)}
     while name in taken or any(own.startswith(f"wrinkle_{name}_") for own in plan.rig.morph_names):
         name += "_"
-    # No other name has two of these before a clip's.
+    # No other name has two such parts before a clip's.
     return name if clip is None else f"{name}_in_{identifier(clip)}"
 
 
@@ -181,7 +181,7 @@ def _march_times(crease: "Crease", motion: Motion, fps: float) -> Floats:
     if len(grid) < 2:
         return grid
     parts = np.ceil(np.abs(np.diff(fold.hinge.strides(fold.rig, motion.clip, grid)))).astype(int)
-    # No two times may be as close as no player tells apart.
+    # No player distinguishes closer times.
     parts = np.clip(parts, 1, np.maximum((np.diff(grid) / (2.0 * KEY_GAP)).astype(int), 1))
     steps = zip(grid[:-1], grid[1:], parts, strict=True)
     dense = np.concatenate([*(np.linspace(low, high, count + 1)[:-1] for low, high, count in steps), grid[-1:]])

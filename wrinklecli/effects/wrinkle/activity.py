@@ -1,4 +1,4 @@
-"""Heights over time: what a clip makes of each tool, from the distance of its anchors through its control curve.
+"""Heights over time: each tool in a clip, from the distance of its anchors through its control curve.
 
 Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004: the current distance of origin and target
 gives the control curve of a frame. Differs: only the anchors are posed, those of all tools at once.
@@ -16,23 +16,23 @@ from wrinklecli.drive.lag import SpringFilter
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.numeric.arrays import Floats, Ints
 
-# Anchors' joints and morph weights, times frames, posed at once: bounds the memory.
+# Joints of anchors and morph weights, times frames, posed at once, which bounds the memory.
 _ANCHORS_AT_ONCE = 2**16
 
 
 @dataclass(frozen=True, slots=True)
 class Activity:
-    """What a clip makes of one tool, whichever vertices the tool moves.
+    """One tool in one clip, whichever vertices the tool moves.
 
     Attributes:
-        distances: (frames,) of the anchors, animated scale taken out, scene units; of a tool with `lag` those that its
-            spring asks for.
-        rest_lengths: (frames,).
-        shortenings: (frames,) what rest lengths exceed distances by, without rounding noise and without what the
-            tissue takes itself; 0 where they do not.
-        unabsorbed: (frames,) the part of them that no bump can take.
-        amplitudes: (frames, groups, modes) of the curve; the tool's strength in the clip is not applied.
-        spring: Its filter in this clip; None without `lag`.
+        distances: (frames,) distances of the anchors, animated scale taken out, scene units; after the spring for a
+            tool with `lag`.
+        rest_lengths: (frames,) scene units.
+        shortenings: (frames,) max(rest length - distance, 0), without rounding noise and the part that the tissue takes
+            itself, scene units.
+        unabsorbed: (frames,) the part of the shortening that no bump can take, scene units.
+        amplitudes: (frames, groups, modes) amplitudes of the curve, without the tool's strength in the clip.
+        spring: The filter in this clip; None without `lag`.
     """
 
     distances: Floats
@@ -45,13 +45,7 @@ class Activity:
 
 @dataclass(frozen=True, slots=True)
 class ClipActivity:
-    """What one tool does in one clip.
-
-    Attributes:
-        clip: The animation.
-        times: (frames,) seconds.
-        seen: The tool's activity at these times.
-    """
+    """One tool in one clip: `seen` is its activity at (frames,) `times`, seconds."""
 
     clip: Clip
     times: Floats
@@ -69,7 +63,7 @@ def springs_in(patches: Sequence[Patch], rig: Rig, clip: Clip | None) -> list[Sp
 
 
 def activity(patch: Patch, rig: Rig, clip: Clip | None, times: Floats) -> Activity:
-    """Run a tool's control curve over (frames,) times of a clip, seconds; none for the stored pose."""
+    """Run a tool's control curve over (frames,) seconds of a clip; in the stored pose if `clip` is None."""
     return activities([patch], rig, clip, times)[0]
 
 
@@ -81,7 +75,7 @@ def activities(
     *,
     springs: Sequence[SpringFilter | None] | None = None,
 ) -> list[Activity]:
-    """As `activity`, of several tools: what moves their anchors is posed once. `springs` is what `springs_in` gives."""
+    """The `activity` of several tools, whose joints are posed once. `springs` is the result of `springs_in`."""
     if not patches:
         return []
     springs = springs_in(patches, rig, clip) if springs is None else springs
@@ -109,7 +103,7 @@ def further_activities(
     known: Sequence[Activity],
     known_at: Floats,
 ) -> list[Activity]:
-    """As `activities` at (frames,) times, rising, where those at some of these times, `known_at`, are known already."""
+    """The `activities` at sorted (frames,) times, of which those at the times `known_at` are known already."""
     fresh = np.ones(len(times), bool)
     fresh[np.searchsorted(times, known_at)] = False
     if not fresh.any():
@@ -121,7 +115,7 @@ def further_activities(
 
 
 def _joined(parts: Sequence[Activity], order: Ints | None = None) -> Activity:
-    """Activities of one tool, one after another; with their frames in an order, (frames,), if there is one."""
+    """Join activities of one tool, and bring their frames into an order, (frames,), if there is one."""
     if len(parts) == 1 and order is None:
         return parts[0]
     of_frames = [field.name for field in fields(Activity) if field.name != "spring"]

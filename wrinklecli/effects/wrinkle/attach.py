@@ -1,8 +1,8 @@
 """Tools attached to a surface at rest: their anchors, paths, control curves and member triangles.
 
 Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, Computer Graphics International 2004, on the
-influence region. Differs: members face the patch and are connected to an anchor, where the paper takes every vertex
-that projects onto the patch (the back of a thin limb with them).
+influence region. Differs: members face the patch and are connected to an anchor. The paper takes every vertex that
+projects onto the patch, and with them the back of a thin limb.
 """
 
 from dataclasses import replace
@@ -28,22 +28,15 @@ from wrinklecli.surface.rest import Rest, asked_positions
 from wrinklecli.tools.materials import bump_height
 from wrinklecli.tools.records import RestLengthKeys, RestLengthMorph, WrinkleTool
 
-# Anchors nearer than this share of the mesh's size are one point.
+# Distance of anchors over the mesh's size below which they are one point.
 _LEAST_SPAN = 1e-9
 
 
 def attach_tools(tools: list[WrinkleTool], surface: Surface, rest: Rest, rig: Rig, *, up: str) -> list[Patch]:
-    """Attach every tool of a mesh.
-
-    Args:
-        tools: Of the mesh.
-        surface: The coarse mesh.
-        rest: Its rest pose.
-        rig: Its joints.
-        up: Axis of the tools file, for messages.
+    """Attach every tool of a mesh; `up` is the axis of the tools file, for messages.
 
     Raises:
-        WrinkleError: Of all tools that do not fit, a line each.
+        WrinkleError: Tools do not fit, a line for each.
     """
     patches, problems = [], []
     for tool in tools:
@@ -132,7 +125,7 @@ def _curve(tool: WrinkleTool, span: float, variation: Variation | None) -> Contr
 
 
 def _rest_length(wanted: object, span: float, constant: float, rig: Rig) -> RestLength:
-    """What a tools file says of a rest length, resolved on a segment of a span, scene units."""
+    """The rest length of a tools file, resolved on a segment of a span, scene units."""
     if isinstance(wanted, RestLengthMorph):
         return RestLength(constant, morph=(rig.morph_names.index(wanted.morph), wanted.full.resolve(span)))
     if isinstance(wanted, RestLengthKeys):
@@ -156,13 +149,13 @@ def _rest_lengths(tool: WrinkleTool, span: float) -> tuple[float, float]:
 
 
 def _max_height(tool: WrinkleTool, span: float, rest_length: float, variation: Variation | None) -> float:
-    """Greatest height of all bumps, scene units; for `auto` a part of their widths on the straight segment."""
+    """Greatest height of all bumps, scene units; if it is `auto`, a part of their widths on the straight segment."""
     if tool.max_height is None:
         return np.inf
     if tool.max_height != "auto":
         return tool.max_height.resolve(span)
     width = 2.0 * rest_length / count_intervals(tool.bumps, tool.gap)
-    # Each may be as high as a part of its own width.
+    # Each bump may be as high as that part of its own width.
     highest = 1.0
     if variation is not None:
         peaks = variation.peaks
@@ -171,7 +164,7 @@ def _max_height(tool: WrinkleTool, span: float, rest_length: float, variation: V
 
 
 def _members(patch: Patch, surface: Surface, rest: Rest) -> Ints:
-    """(members,) the coarse triangles, rising, that face a patch, meet it and hang together with an anchor."""
+    """(members,) sorted coarse triangles that face a patch, meet it and are connected with an anchor."""
     near = rest.blocks.boxes.reaching(*patch.path.box(patch.half_width))
     used, corners = np.unique(surface.triangles[near], return_inverse=True)
     places = np.stack(patch.coordinates(rest.positions[used]), axis=1)

@@ -1,8 +1,8 @@
-"""A tool carried by the skin: which vertices of the refined surface it moves, in which direction and how far.
+"""A tool carried by the skin: the vertices of the refined surface that it moves, their directions and distances.
 
 A vertex keeps the (u, v) that it has on the patch at rest, and its displacement direction is the rest normal carried by
-the skin. So a tool's displacement is a sum of fixed shapes times amplitudes that depend on the distance of its anchors
-alone.
+the skin. So a tool's displacement is a sum of fixed shapes times amplitudes, which depend only on the distance of its
+anchors.
 
 Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004, on mesh deformation. Differs: the paper
 projects vertices onto the patch anew each frame, as module `posed` does for `attachment: patch`.
@@ -26,15 +26,14 @@ from wrinklecli.surface.refine import Refinement
 
 @dataclass(frozen=True, slots=True)
 class CarriedPatch:
-    """What carries one tool's curve to vertices: fixed for `attachment: skin`.
+    """A tool on the vertices that it moves.
 
     Attributes:
-        patch: The tool.
-        vertices: (vertices,) fine welded vertices that move, rising.
-        places: Of each on the control curve; their factors are world displacements at rest over the curve's height.
+        vertices: (vertices,) fine welded vertices that move, sorted.
+        places: Their places on the control curve; the factors are world displacements at rest over the curve's height.
         directions: (vertices, 3) bind displacement for a curve height of 1.
-        stuck: How many members stay put because their joints' blend is singular at rest.
-        ring: What poses them; None for `attachment: skin`.
+        stuck: The number of members that stay put because their joints' blend is singular at rest.
+        ring: The surface that is posed in each frame; None for `attachment: skin`.
     """
 
     patch: Patch
@@ -46,7 +45,7 @@ class CarriedPatch:
 
     @property
     def us(self) -> Floats:
-        """(vertices,) where each is along the control curve."""
+        """(vertices,) places along the control curve."""
         return self.places.us
 
     @property
@@ -60,12 +59,7 @@ class CarriedPatch:
 
 
 def carry(patch: Patch, fine: Refinement, pinned: Bools) -> CarriedPatch:
-    """Attach the vertices under a patch to it, at rest.
-
-    Args:
-        patch: The tool.
-        fine: The refined surface.
-        pinned: (coarse vertices,) those that must not move.
+    """Attach the vertices under a patch to it, at rest; (coarse vertices,) `pinned` ones must not move.
 
     Raises:
         BakeError: The tool moves no vertex.
@@ -83,7 +77,7 @@ def carry(patch: Patch, fine: Refinement, pinned: Bools) -> CarriedPatch:
     moving = np.abs(magnitudes) > LEAST_SHARE * abs(patch.shape_strength)
     if not (regular & moving).any():
         raise BakeError("moves no vertex: the mesh faces away or lies beside the patch", where=patch.tool.where)
-    # As members are projected anew each frame, any of them may come to lie on the patch.
+    # If members are projected anew in each frame, any of them may come to lie on the patch.
     chosen = regular & (moving if patch.tool.attachment == "skin" else True)
     vertices = members[chosen]
     normals_bind = np.einsum("vij,vj->vi", inverses(fine.blended[vertices]), normals[chosen])
@@ -92,7 +86,7 @@ def carry(patch: Patch, fine: Refinement, pinned: Bools) -> CarriedPatch:
         vertices=vertices,
         places=places.of(chosen),
         directions=normals_bind * magnitudes[chosen, None],
-        # Where the blend is singular there is no normal either, and no magnitude.
+        # A singular blend gives no normal either, and no magnitude.
         stuck=int(((u >= 0) & (u <= 1) & (np.abs(v) <= 1) & ~regular).sum()),
         ring=ring_around(patch, vertices, free[chosen], fine) if patch.tool.attachment == "patch" else None,
     )
@@ -106,18 +100,15 @@ def displacements(
     times: Floats,
     amplitudes: Floats | None = None,
 ) -> Floats:
-    """What the method displaces a tool's vertices by.
+    """(frames, vertices, 3) the method's displacements of a tool's vertices, bind space.
 
     Args:
         carried: The tool.
         fine: The refined surface.
-        rig: Of the mesh.
-        clip: The animation; none for the stored pose.
+        rig: The rig of the mesh.
+        clip: The clip; None for the stored pose.
         times: (frames,) seconds.
-        amplitudes: (frames, groups, modes) of the tool's activity at these times, where they are known.
-
-    Returns:
-        (frames, vertices, 3) bind space.
+        amplitudes: (frames, groups, modes) amplitudes at these times, if they are known.
     """
     patch = carried.patch
     if amplitudes is None:

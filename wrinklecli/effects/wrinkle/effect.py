@@ -1,4 +1,4 @@
-"""The effect of one wrinkling tool: its targets, how they follow its control curve, and the drive that says so."""
+"""The effect of one wrinkling tool: its targets, their weights by its control curve, and its drive."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -24,9 +24,9 @@ from wrinklecli.effects.wrinkle.weights import weight_path, weights_of
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, interpolated, matches
 
-# Share of the tolerance below which a weight may be left out for its target not to count.
+# Part of the tolerance below which a weight may be left out, so that its target does not count as active.
 _LEAST_SHARE = 0.1
-# The keys of each tool at which its track bends most, which the proof looks at.
+# Keys of each tool at which the proof compares because its track bends most there.
 _BENDS = 4
 
 
@@ -37,12 +37,12 @@ def curve_weights(patch: Patch, clip: Clip | None, found: Activity) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class WrinkleEffect(Effect):
-    """One tool's morph targets. Its states are `Activity`, its weights as sampled those of its curve's shapes.
+    """One tool's morph targets. Its states are `Activity`, and its weights as sampled are those of its curve's shapes.
 
     Attributes:
         carried: The tool on the refined surface.
-        number: Which region of the refinement the tool's patch is.
-        remix: Where the shapes are others than the control curve's, as an engine asked for.
+        number: The number of the tool's patch among the regions of the refinement.
+        remix: The other shapes that an engine's limits ask for; None if the shapes are the control curve's.
     """
 
     carried: CarriedPatch
@@ -53,7 +53,7 @@ class WrinkleEffect(Effect):
 
     @property
     def name(self) -> str:
-        """The tool's."""
+        """The tool's name."""
         return self.carried.patch.tool.name
 
     @property
@@ -102,11 +102,11 @@ class WrinkleEffect(Effect):
         return curve_weights(patch, clip, activity(patch, rig, clip, times))
 
     def weights_at(self, rig: Rig, motion: Motion, sampled: Floats, times: Floats) -> Floats:
-        """(times, shapes) the curve's at further times; straight between those sampled if vertices are projected."""
+        """(times, shapes) the curve's weights; straight between those sampled if vertices are projected."""
         return self._weights(rig, motion.clip, times) if self.on_skin else interpolated(times, motion.times, sampled)
 
     def acting(self, rig: Rig, clip: Clip, time: float) -> list[tuple[Shape, float]]:
-        """The tool's shapes, as its segment alone raises them; none if vertices are projected in each frame."""
+        """The tool's shapes with weights by its segment alone; none if vertices are projected in each frame."""
         patch = self.carried.patch
         if not self.on_skin:
             return []
@@ -117,31 +117,31 @@ class WrinkleEffect(Effect):
 
     @classmethod
     def observe(cls, effects: Sequence[Self], rig: Rig, motion: Motion, times: Floats, known: Sequence[Any]) -> Any:
-        """The activity of each tool; what moves their anchors is posed once."""
+        """The activity of each tool; joints of all anchors are posed once."""
         patches = [each.carried.patch for each in effects]
         return further_activities(patches, rig, motion.clip, times, known=known, known_at=motion.times)
 
     def _path(self) -> Floats:
-        """(rows, shapes) weights that the targets take over all shortenings, in all clips."""
+        """(rows, shapes) weights of the targets over all shortenings, with the strengths of all clips."""
         patch = self.carried.patch
         table, strength = self.shape_weights(weight_path(patch.curve)), patch.shape_strength
         factors = [1.0, *(each / strength for each in patch.tool.clips.values())] if strength else [1.0]
         return np.concatenate([factor * table for factor in factors])
 
     def _remixed(self, remixed: Remixed | None) -> "WrinkleEffect":
-        """The tool on other shapes than its curve's; itself if there are none."""
+        """The tool with other shapes; itself if there are none."""
         if remixed is None:
             return self
         shapes, mixed = remixed
         return replace(self, targets=named_targets(self.identifier, shapes), remix=mixed)
 
     def with_unit_weights(self, sampled: Sequence[Floats]) -> "WrinkleEffect":
-        """The same motion with weights in [0, 1]: scaled, and split where they are negative."""
+        """The same motion with weights in [0, 1]: shapes are scaled, and split if their weights may be negative."""
         path = self._path() if self.on_skin else np.concatenate([np.zeros((0, len(self.targets))), *sampled])
         return self._remixed(unit_weights(self.targets, path))
 
     def with_fewest_targets(self, plan: MeshPlan, tolerance: float, *, at_once: bool) -> tuple["WrinkleEffect", float]:
-        """The fewest targets for the whole range of shortenings; at once, the exact ones are first among equals."""
+        """The fewest targets for the whole range of shortenings; among equals at once, the exact ones are first."""
         if not self.on_skin:
             return self, 0.0
         greatest = self.carried.patch.curve.greatest_amplitudes
@@ -172,7 +172,7 @@ class WrinkleEffect(Effect):
         return turns((groups, modes), weights_at, keys, weights)
 
     def exact_shapes(self, vertices: Ints) -> Iterator[SparseDeltas]:
-        """What each mode of each group of bumps adds at amplitude 1; nothing if vertices are projected."""
+        """The displacements of each mode of each group of bumps at amplitude 1; none if vertices are projected."""
         if self.on_skin:
             rows, numbers = matches(vertices, self.carried.vertices)
             for heights in self.carried.shapes(numbers).reshape(-1, len(numbers)):
@@ -185,7 +185,7 @@ class WrinkleEffect(Effect):
         return np.asarray(self.carried.patch.clip_strength(motion.clip) * state.amplitudes.reshape(len(times), -1))
 
     def moved_in_frames(self, plan: MeshPlan, clip: Clip, times: Floats) -> tuple[Ints, Floats] | None:
-        """What vertices are displaced by that are projected in each frame."""
+        """The displacements of vertices that are projected in each frame."""
         if self.on_skin:
             return None
         return self.carried.vertices, displacements(self.carried, plan.fine, plan.rig, clip, times)
@@ -195,22 +195,22 @@ class WrinkleEffect(Effect):
         return np.asarray(state.amplitudes.any(axis=(1, 2)))
 
     def telling(self, _exact: Floats, state: Activity) -> set[int]:
-        """When the bumps are tallest, the segment is shortest, and the track bends most."""
+        """The times when the bumps are tallest, the segment is shortest, and the track bends most."""
         sizes = np.abs(state.amplitudes)
         tall = np.einsum("fgm->f", sizes)
-        # The straight line through the neighbours misses most here.
+        # The straight line between the neighbours misses most here.
         bend = np.abs(tall[2:] - 2 * tall[1:-1] + tall[:-2])
         tallest = int(np.argmax(sizes)) // sizes[0].size
         bends = (1 + np.argsort(-bend, kind="stable")[:_BENDS]).tolist()
         return {tallest, int(np.argmax(state.shortenings)), *bends}
 
     def weight_error(self, played: Floats, _exact: Floats, state: Activity, clip: Clip) -> float:
-        """Largest error of an amplitude; 0 if vertices are projected, as weights alone do not tell heights then."""
+        """Largest error of an amplitude; 0 if vertices are projected, as weights alone do not give heights then."""
         if not self.on_skin:
             return 0.0
         patch, shown = self.carried.patch, self.columns
         if self.remix is not None:
-            # An engine's budget asked for other shapes: these are their shares of the curve's.
+            # An engine's limits asked for other shapes: these are their parts of the curve's shapes.
             share = self.remix.unmix[shown]
             shown = np.flatnonzero(share.any(axis=0))
             played = played @ share[:, shown]
@@ -231,7 +231,7 @@ class WrinkleEffect(Effect):
         return report.describe_activity(patch, state, patch.tool.strength_in(motion.clip.name))
 
     def warnings(self, plan: MeshPlan, motions: Sequence[tuple[Motion, Any, Floats]], *, up: str) -> list[str]:
-        """What a user should know of the tool's place, and of what it does."""
+        """Warnings about the tool's place and activity."""
         clips = [ClipActivity(motion.clip, motion.times, state) for motion, state, _ in motions]
         return tool_warnings(plan, self.carried, clips, up=up)
 

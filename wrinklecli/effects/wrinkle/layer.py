@@ -22,9 +22,9 @@ from wrinklecli.numeric.reduction import refuse_large_series
 from wrinklecli.surface.ground import Ground
 from wrinklecli.tools.records import EffectTool, ToolsFile, WrinkleTool
 
-# Numbers that are sampled of each tool besides its amplitudes.
+# Numbers of each tool that are sampled besides its amplitudes.
 _BESIDE = 4
-# Moments of all clips at which the number of shapes that a tool with `attachment: patch` needs is tried.
+# Moments of all clips from which the shapes of a tool with `attachment: patch` are estimated.
 _MOMENTS = 32
 
 
@@ -34,7 +34,7 @@ class Wrinkles:
 
     Attributes:
         carried_patches: The tools, on the refined surface.
-        first: Which region of the refinement the first tool's patch is; the others follow.
+        first: The number of the first tool's patch among the regions of the refinement; the others follow.
     """
 
     carried_patches: tuple[CarriedPatch, ...]
@@ -63,10 +63,10 @@ class Wrinkles:
         return sum(each.patch.curve.greatest_amplitudes.size + _BESIDE for each in self.carried_patches)
 
     def target_sizes(self, plan: MeshPlan, clips: Sequence[Clip], frames: int, memory: Memory) -> list[int]:
-        """The vertices under each group of bumps; if vertices are projected, at least those that some moments ask for.
+        """The vertices under each group of bumps, or those of an estimated number of shapes if vertices are projected.
 
         Raises:
-            TooMuchError: All frames of a tool that is projected anew in each would take more memory.
+            TooMuchError: The frames of a tool that is projected in each frame would take more memory.
         """
         sizes: list[int] = []
         for carried in self.carried_patches:
@@ -86,7 +86,7 @@ class Wrinkles:
         _motions: Sequence[Motion],
         how: Sampling,
     ) -> tuple[list[Effect], list[Motion]]:
-        """Run the tools over clips: the first layer gives the motions their times."""
+        """Run the tools over clips; as the first layer, they give motions their times."""
         assert not effects, "wrinkles act first"
         return sample_wrinkles(self.carried_patches, self.first, plan, clips, how)
 
@@ -132,7 +132,7 @@ def carried_patches_of(plan: MeshPlan) -> tuple[CarriedPatch, ...]:
 
 
 def _group_sizes(carried: CarriedPatch) -> list[int]:
-    """How many welded vertices each target of a tool moves: those under its bumps."""
+    """The number of welded vertices under the bumps of each target of a tool."""
     curve = carried.patch.curve
     us = np.sort(carried.us)
     low, high = (np.searchsorted(us, ends) for ends in (curve.bumps.starts, curve.bumps.ends))
@@ -141,7 +141,7 @@ def _group_sizes(carried: CarriedPatch) -> list[int]:
 
 
 def _least_shapes(plan: MeshPlan, carried: CarriedPatch, clips: Sequence[Clip], memory: Memory) -> int:
-    """How many shapes some moments, spread over the clips, ask for."""
+    """The number of shapes that moments spread over the clips ask for."""
     chosen = clips[:: -(-len(clips) // _MOMENTS)]
     count = -(-_MOMENTS // len(chosen))
     moments = ((clip, np.linspace(clip.start, clip.end, count)) for clip in chosen)

@@ -1,14 +1,14 @@
 """A control curve as tables of numbers, for players that look weights up instead of running the method.
 
-Where the rest length is constant, heights depend on one number, and a table of weights will do (`tabulate_weights`).
-Otherwise they depend on two, distance and rest length, and straight lines between several such tables are wrong
-where a group of bumps starts: heights start like a square root there, and the start moves. (To be right to 1/256
-would take about a hundred tables.) But two functions of one number say all of one bump: what it takes when full
-depends on the distance alone, and its height, as a share of chord plus shortening, on the ratio of these two. So these
-functions are tabulated (`tabulate_curve`), and the player distributes the shortening over the bumps itself.
+If the rest length is constant, heights depend on one number, and a table of weights is enough (`tabulate_weights`).
+Otherwise heights depend on two numbers, distance and rest length, and straight lines between several such tables are
+wrong where a group of bumps starts, as heights start like a square root there, and the start moves. (An error of 1/256
+would take about a hundred tables.) But two functions of one number describe a bump: the shortening that fills it
+depends on the distance alone, and its height / (chord + shortening) on the ratio of these two. So these functions are
+tabulated (`tabulate_curve`), and the player distributes the shortening over the bumps itself.
 
-Not in the paper. It works since the profiles are homogeneous: with chord and shortening twice as long, a bump is twice
-as high.
+The paper has no tables. They work because profiles are homogeneous: if chord and shortening are twice as long, a bump
+is twice as high.
 """
 
 from collections.abc import Callable
@@ -23,46 +23,50 @@ from wrinklecli.effects.wrinkle.weights import group_starts, weights_at, weights
 from wrinklecli.numeric.arrays import Floats, distinct_values
 from wrinklecli.numeric.piecewise import key_points
 
-# Tolerances of the two tables to begin with, as shares: of what a bump takes and of its height.
+# First tolerance of a bump's capacity, relative.
 _CAPACITY_ERROR = 1e-3
+# First tolerance of a bump's height, relative to the greatest.
 _RISE_ERROR = 1e-3
-# How much finer the tables get, and how often at most, until the weights are right.
+# Factor by which the tables get finer until the weights are right,
 _FINER = 4.0
+# and the most times that this happens.
 _MOST_TRIES = 12
-# Share of the error between rows that is left to the points at which the curve is sampled.
+# Part of the error between rows for the points at which the curve is sampled.
 _OF_POINTS = 0.25
-# First rows after a group's start, as shares of the way to the next: heights like a root are 1/2, 1/4, 1/8 … there.
+# First rows after a group's start, over the way to the next group's: heights like a root are 1/2, 1/4, 1/8 … there.
 _BEHIND = 0.25 ** np.arange(1, 9)
-# Between two rows, at least.
+# Least step between two rows, shortening over the rest length.
 _LEAST_STEP = 1e-6
-# Decimals of weights that count: the weight of a full bump moves in its last bits, which need no rows.
+# Decimals of weights that count, as the weight of a full bump changes in its last bits, which need no rows.
 _DECIMALS = 7
-# Rows of a table to begin with, and how often an interval between two is halved at most.
+# Rows of a table before refinement.
 _FIRST_ROWS = 17
+# Most times that an interval between two rows is halved.
 _HALVINGS = 12
 # Least part of a bump that is computed, in place of 0, as heights are divided by its root.
 _LEAST_PART = 1e-12
-# Rest lengths at which the tables are checked: at most and at least.
+# Rest lengths at which the tables are checked, at most,
 _MOST_LENGTHS = 33
+# and at least.
 _LEAST_LENGTHS = 5
-# In between, as many as give so many starts of groups of bumps over all lengths.
+# Starts of groups of bumps over all these lengths, which decides their number in between.
 _CHECKED_GROUPS = 200
-# Where they are checked, as shares of the way from one group's start to the next: heights begin like the root of these.
+# Places of the checks over the way from one group's start to the next; heights begin like the root of these.
 _CHECKED_SHARES = np.concatenate([[0.0], np.geomspace(1e-9, 1.0, 128)])
 
 
 def tabulate_weights(curve: ControlCurve, weights: Callable[[Floats], Floats]) -> tuple[Floats, Floats]:
     """Tabulate weights against shortening at the nominal rest length, as coarsely as `TABLE_ERROR` allows.
 
-    Heights start like a square root, each group of bumps where the one before it is full: there rows lie close
-    together. A dozen do for a group; 65 at equal steps of the height were off by 1/15 where a polyline has details.
+    Heights start like a square root, each group of bumps where the one before it is full, and rows are dense there. A
+    dozen rows are enough for a group; 65 at equal steps of the height were off by 1/15 for a polyline with details.
 
     Args:
         curve: The control curve.
-        weights: Those of the targets, (rows, targets), from the curve's own, (rows, groups, modes).
+        weights: From (rows, groups, modes) weights of the curve to (rows, targets) weights of targets.
 
     Returns:
-        (rows,) 1 - distance / rest length from 0 to 1, rising, and (rows, targets) weights; straight lines between.
+        (rows,) 1 - distance / rest length, sorted from 0 to 1, and (rows, targets) weights, straight between rows.
     """
 
     def signal(shortenings: Floats) -> Floats:
@@ -85,17 +89,17 @@ def tabulate_curve(
     Args:
         curve: The control curve.
         shortest: The least rest length, scene units.
-        longest: The greatest.
-        mix: (targets, groups · modes) weights of targets for the curve's own weights; those themselves if left out.
-        positive: Whether weights below 0 are 0.
+        longest: The greatest rest length, scene units.
+        mix: (targets, groups · modes) weights of targets for the curve's weights; by default these themselves.
+        positive: True if weights below 0 are 0.
     """
     greatest = curve.greatest_amplitudes.reshape(-1)
     own = np.eye(len(greatest)) if mix is None else mix
     lengths, distances = _where_to_check(curve, shortest, longest)
     exact = weights_of(curve, curve.follow(distances, lengths)[0]).reshape(len(lengths), -1)
     wanted = np.maximum(exact @ own.T, 0.0 if positive else -np.inf)
-    # A capacity that is wrong by a share e moves the start of a group behind m bumps by m e of a bump, which at its
-    # start, like a square root, is a weight of √(m e).
+    # A relative error e of the capacity moves the start of a group behind m bumps by m e of a bump. As weights start
+    # like a square root, the error of the weight there is √(m e).
     before = float(curve.sizes[:-1].sum())
     tolerance = TABLE_ERROR**2 / before if before else _CAPACITY_ERROR
     finer = 1.0
@@ -122,7 +126,7 @@ def tabulate_curve(
 
 
 def _capacity_rows(curve: ControlCurve, longest: float, tolerance: float) -> tuple[Floats, Floats]:
-    """(rows,) distances of the anchors and what one bump takes there; none where bumps have no greatest height."""
+    """(rows,) distances of the anchors and a bump's capacities there; none if bumps have no greatest height."""
 
     def capacities(distances: Floats) -> Floats:
         return curve.profile.capacity(distances / curve.interval_count, curve.limit)[:, None]
@@ -147,13 +151,13 @@ def _rise_rows(curve: ControlCurve, tolerance: float) -> tuple[Floats, Floats]:
 def _rows(
     function: Callable[[Floats], Floats], rows: Floats, tolerance: float, *, relative: bool
 ) -> tuple[Floats, Floats]:
-    """Rows of a table so close that straight lines are right halfway between, and (rows, columns) its values.
+    """Rows of a table so dense that straight lines are right halfway between, and its (rows, columns) values.
 
     Args:
         function: (rows,) to (rows, columns).
-        rows: To begin with, rising.
-        tolerance: Greatest error, a share of the value there if `relative`, else of the greatest.
-        relative: Which.
+        rows: The first rows, sorted.
+        tolerance: Greatest error, relative to the value there if `relative`, else to the greatest value.
+        relative: See `tolerance`.
     """
     values = function(rows)
     for _ in range(_HALVINGS):

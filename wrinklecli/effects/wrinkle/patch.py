@@ -1,4 +1,4 @@
-"""Patches: tools on a surface at rest, their coordinates (u, v) and what is left of a height there.
+"""Patches: tools on a surface at rest, their coordinates (u, v), and the factors by which heights fade there.
 
 Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, Computer Graphics International 2004, on the
 influence region. Differs: displacement fades where the surface turns away; and (u, v) are those at rest.
@@ -20,9 +20,9 @@ from wrinklecli.tools.records import WrinkleTool
 
 # Cosines of vertex and patch normal between which displacement fades in.
 _FACING = (0.2, 0.6)
-# Points of a line on each control interval, where its length is measured: right to about 1e-4.
+# Points of a line on each control interval for its length, whose relative error is about 1e-4.
 _LINE_POINTS = 24
-# Stretches of a path's map between which displacement fades in: at 0, on the inside of a bend, wrinkles would meet.
+# Stretches of a path's map between which displacement fades in. On the inside of a bend wrinkles would meet at 0.
 _UNFOLDED = (0.2, 0.6)
 
 
@@ -31,15 +31,13 @@ class Patch:
     """A tool attached to a surface at rest.
 
     Attributes:
-        tool: Its definition.
-        curve: Its control curve.
-        variation: How its wrinkles differ from ruled ones; None where they do not.
-        segment: What its length is measured by, over time.
-        anchors: From that at u = 0 to that at u = 1: two, or more where it follows a path.
-        path: The line through them at rest.
+        variation: Its irregularity; None for ruled wrinkles.
+        segment: The signal that measures its length over time.
+        anchors: From u = 0 to u = 1, two, or more along a path.
+        path: The line through the anchors at rest.
         span: The summed distances of neighbouring anchors at rest, scene units.
-        half_width: |v| = 1 at this distance from the path, scene units.
-        members: (members,) the coarse triangles that belong to it, rising.
+        half_width: The distance from the path at which |v| = 1, scene units.
+        members: (members,) the coarse triangles of the patch, sorted.
     """
 
     tool: WrinkleTool
@@ -103,7 +101,8 @@ class Patch:
     def stretched(self, u: Floats, v: Floats) -> Floats:
         """(…,) places along the patch, along which edges as long as each other show as much of the wrinkles.
 
-        Those along the segment, but longer where the profile turns sharply, in furrows, and shorter on flat crests.
+        These are places along the segment, stretched in furrows, where the profile turns sharply, and shrunk on flat
+        crests.
         """
         bent = self.bowed(u, v)
         if not self.curve.profile.sharp:
@@ -111,12 +110,9 @@ class Patch:
         return self.curve.stretched(bent if self.variation is None else self.variation.places(bent, v)[0].us)
 
     def places(self, u: Floats, v: Floats, cosines: Floats) -> Places:
-        """Where points are on the control curve, and the factors on its height there.
+        """Places on the control curve of points at (…,) u and v, and the factors on its height there.
 
-        Args:
-            u: (…,) along the segment.
-            v: (…,) across it.
-            cosines: (…,) of vertex normals and the patch's.
+        (…,) `cosines` are those of vertex normals and the patch's.
         """
         bent = self.bowed(u, v)
         if self.variation is None:
@@ -125,14 +121,9 @@ class Patch:
         return places.times(self.factors(u, np.where(np.abs(v) <= 1.0, 0.0, v), cosines - turned))
 
     def line_lengths(self, amplitudes: Floats, distance: float, lines: Floats) -> Floats:
-        """(lines,) how long the surface's cuts along (lines,) v are, scene units, at a strength of 1.
+        """(lines,) lengths of the surface's cuts along (lines,) v on a plane, scene units, at a strength of 1.
 
-        On a plane, without what fades where the surface turns away.
-
-        Args:
-            amplitudes: (groups, modes), scene units.
-            distance: Of the cuts' ends, scene units.
-            lines: (lines,) v.
+        (groups, modes) `amplitudes` and the `distance` of the cuts' ends are scene units.
         """
         points = _LINE_POINTS * 2 ** len(self.curve.details) * self.curve.interval_count + 1
         u, v = np.meshgrid(np.linspace(0.0, 1.0, points), lines)
@@ -154,21 +145,20 @@ class Patch:
         return np.where(inside, smoothstep(t, self.shape_strength * left), 0.0)
 
     def share(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
-        """(…,) share of the tool's height at (…,) places: `factors` without strength."""
+        """(…,) fractions of the tool's height at (…,) places: `factors` without strength."""
         return np.abs(self.factors(u, v, cosines) / self.shape_strength)
 
     def presence(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
-        """(…,) share of the tool's height that a place may have, from 0 at the patch's border to 1.
+        """(…,) fractions of the tool's height that places may have, from 0 at the patch's border to 1.
 
-        That of `factors`, without strength; over the first and the last control interval it fades along u as well,
-        where a bump begins or ends.
+        They are `factors` without strength, and fade along u as well over the first and the last control interval.
         """
         t = np.clip(np.minimum(u, 1.0 - u) * self.curve.interval_count, 0.0, 1.0)
         return smoothstep(t) * self.share(u, v, cosines)
 
     @property
     def regions(self) -> "tuple[Patch, ...]":
-        """Where edges must be split: on the patch."""
+        """The regions where edges must be split: the patch."""
         return (self,)
 
     @property
@@ -178,7 +168,7 @@ class Patch:
 
     @property
     def projected(self) -> bool:
-        """Whether vertices are projected onto the patch in each frame."""
+        """True if vertices are projected onto the patch in each frame."""
         return self.tool.attachment == "patch"
 
     @property
@@ -188,12 +178,12 @@ class Patch:
 
     @property
     def greatest_height(self) -> float:
-        """Of all wrinkles that the tool can make, scene units."""
+        """Greatest height of all wrinkles that the tool can make, scene units."""
         return abs(self.shape_strength) * self.curve.greatest_height
 
     @property
     def shape_strength(self) -> float:
-        """The strength built into the shapes: the tool's own, or that of its strongest clip where it is 0."""
+        """The strength built into the shapes: the tool's own, or that of its strongest clip if its own is 0."""
         return self.tool.strength or max(self.tool.clips.values(), key=abs, default=0.0)
 
     @property

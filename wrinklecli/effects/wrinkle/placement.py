@@ -1,4 +1,4 @@
-"""How a tool lies on its mesh at rest: the surface under its patch, and the room that its wrinkles have above it."""
+"""A tool's place on its mesh at rest: the surface under its patch, and the room above it for wrinkles."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,18 +14,21 @@ from wrinklecli.numeric.boxes import Cells
 from wrinklecli.numeric.nearest import ray_distances
 from wrinklecli.surface.refine import Refinement
 
-# Lines along a patch, v, on which layers are counted, and points on each.
+# v of the lines along a patch on which layers are counted.
 _LINES = np.linspace(-0.75, 0.75, 7)
+# Points on each line.
 _POINTS = 64
-# Layers of a surface are apart by more than this, over the segment.
+# Least distance of two layers of a surface, over the segment.
 _APART = 0.01
-# Wrinkles lower than this part of the tallest are not looked at, nor are surfaces nearer than this part of the mesh.
+# Height over the tallest below which wrinkles are not checked.
 _LOW = 0.05
+# Distance over the mesh's size below which a surface touches a vertex at rest, and is not opposite.
 _TOUCHING = 1e-6
-# Share of the mesh's size by which distances may be off: rounding errors are far smaller.
+# Error of distances over the mesh's size; rounding errors are far smaller.
 _ROUNDING = 1e-9
-# Pairs of a wrinkle's vertex and a triangle that may be near: looked at together, and in all, which takes some seconds.
+# Pairs of a wrinkle's vertex and a triangle near by that are checked at once, which bounds the memory.
 _CHUNK = 2**15
+# Pairs that are checked in all, which takes some seconds.
 _MOST_PAIRS = 2**25
 
 
@@ -34,9 +37,9 @@ class SurfaceBelow:
     """The surface under a patch, at rest.
 
     Attributes:
-        gap: Share of the segment without a member under it.
-        detour: Length of the surface under the rest of it, over the segment's.
-        doubled: Share of the patch over two or more layers that wrinkle.
+        gap: Fraction of the segment without a member under it.
+        detour: Length of the surface under the rest of the segment, over that of the segment.
+        doubled: Fraction of the patch over two or more layers that wrinkle.
     """
 
     gap: float
@@ -84,7 +87,7 @@ def _cut(triangles: Ints, values: Floats, v: Floats, line: float) -> Floats:
     above = v[triangles] >= line
     count = above.sum(axis=1)
     cut = (count == 1) | (count == 2)
-    # One corner is alone on its side; the cut runs between the edges to the two others.
+    # One corner is alone on its side, and the cut connects its two edges.
     alone = np.argmax(above[cut] == (count[cut] == 1)[:, None], axis=1)
     corners = np.take_along_axis(triangles[cut], (alone[:, None] + np.arange(3)) % 3, axis=1)
     first, others = corners[:, :1], corners[:, 1:]
@@ -94,7 +97,7 @@ def _cut(triangles: Ints, values: Floats, v: Floats, line: float) -> Floats:
 
 
 def _layers(ends: Floats, points: Floats) -> Bools:
-    """(points, cuts) which cuts lie over each u."""
+    """(points, cuts) True if a cut lies over a u."""
     low, high = ends.min(axis=1), ends.max(axis=1)
     layers: Bools = (low <= points[:, None]) & (points[:, None] < high)
     return layers
@@ -105,10 +108,10 @@ class Collision:
     """Wrinkles that are taller than the room that they have at rest.
 
     Attributes:
-        count: How many vertices reach another part of the surface.
-        height: Of the one that goes furthest beyond it, scene units.
-        room: That it has.
-        position: (3,) of it, world space at rest.
+        count: Vertices that reach another part of the surface.
+        height: Height of the vertex that goes furthest beyond, scene units.
+        room: Room of that vertex, scene units.
+        position: (3,) position of that vertex, world space at rest.
     """
 
     count: int
@@ -118,14 +121,10 @@ class Collision:
 
 
 def collision(plan: MeshPlan, carried: CarriedPatch, clips: Sequence[ClipActivity]) -> Collision | None:
-    """Compare a tool's wrinkles at rest with the distance to what lies opposite, along the normals.
+    """Compare a tool's wrinkles at rest with the distance to the opposite surface along the normals.
 
-    Opposite lies any triangle of the same mesh, but for those of the vertex itself and what touches it there.
-
-    Args:
-        plan: Of the mesh.
-        carried: The tool.
-        clips: What it does in each clip; where there is none, the tallest wrinkles possible count.
+    Any triangle of the same mesh may be opposite, except those of the vertex itself and those that touch it there.
+    Without clips, the tallest wrinkles possible count.
     """
     fine = plan.fine
     count, worst = 0, None
@@ -145,17 +144,17 @@ def collision(plan: MeshPlan, carried: CarriedPatch, clips: Sequence[ClipActivit
 
 
 def _rooms(fine: Refinement, vertices: Ints, heights: Floats, way: float) -> tuple[Ints, Floats, Floats]:
-    """Distances from wrinkling vertices at rest to what lies opposite.
+    """Distances from wrinkling vertices at rest to the opposite surface.
 
     Args:
         fine: The refined surface.
-        vertices: (vertices,) those to look at.
-        heights: (vertices,) how far to look, scene units.
+        vertices: (vertices,) vertices to check.
+        heights: (vertices,) greatest distances to check, scene units.
         way: 1 outwards along the normals, -1 inwards.
 
     Returns:
-        (vertices,) those looked at, of very many a choice; their heights; and the room of each, infinite where there
-        is nothing within its height.
+        (vertices,) vertices checked, a choice if there are very many; their heights; and the room of each, infinite if
+        nothing is within its height.
     """
     size = fine.rest_size
     starts, rays = fine.rest_positions[vertices], way * fine.rest_normals_at(vertices)
@@ -166,7 +165,7 @@ def _rooms(fine: Refinement, vertices: Ints, heights: Floats, way: float) -> tup
     balls, reached = cells.meeting(middles, radii + 0.5 * float(heights.max()))
     total = int(cells.counts[reached].sum())
     if total > _MOST_PAIRS:
-        # Only every so many of them, the tallest first: where a wrinkle goes through, so do its neighbours.
+        # A choice is enough, the tallest first, since neighbours of a vertex that goes through do so too.
         kept = np.argsort(-heights, kind="stable")[:: -(-total // _MOST_PAIRS)]
         vertices, heights = vertices[kept], heights[kept]
         starts, rays, points = starts[kept], rays[kept], points[kept]
@@ -177,7 +176,7 @@ def _rooms(fine: Refinement, vertices: Ints, heights: Floats, way: float) -> tup
     portions = np.cumsum(cells.counts[reached]) // _CHUNK
     for part in np.split(np.arange(len(balls)), 1 + np.flatnonzero(np.diff(portions))):
         ball, at = np.repeat(balls[part], cells.counts[reached[part]]), cells.numbers_in(reached[part])
-        # A ray that passes by the ball round a triangle does not meet it.
+        # A ray that misses the ball round a triangle does not meet the triangle.
         away = [axis[at] - middle[ball] for axis, middle in zip(points.T, middles.T, strict=True)]
         squared, along = dot(away, away), dot(away, [axis[at] for axis in rays.T])
         near = squared - along**2 <= radii[ball] ** 2 + _ROUNDING * squared
@@ -190,7 +189,7 @@ def _rooms(fine: Refinement, vertices: Ints, heights: Floats, way: float) -> tup
 
 
 def _near_box(fine: Refinement, points: Floats, distance: float, *, slack: float) -> Ints:
-    """(triangles,) those, rising, whose ball at rest comes within a distance of the box round (points, 3)."""
+    """(triangles,) sorted triangles whose ball at rest comes within a distance of the box round (points, 3)."""
     middles, radii = fine.rest_balls
     low, high = points.min(axis=0), points.max(axis=0)
     near = fine.rest_boxes.reaching(np.zeros(3), np.eye(3), low - (distance + slack), high + (distance + slack))
@@ -200,7 +199,7 @@ def _near_box(fine: Refinement, points: Floats, distance: float, *, slack: float
 
 
 def _peaks(carried: CarriedPatch, clips: Sequence[ClipActivity]) -> tuple[Floats, Floats]:
-    """(vertices,) how far each vertex of a tool is moved outwards, and inwards, at the most, scene units."""
+    """(vertices,) greatest moves of each vertex of a tool outwards, and inwards, scene units."""
     patch, curve = carried.patch, carried.patch.curve
     shapes = carried.shapes()
     moved = [np.zeros(len(carried.us))]

@@ -11,18 +11,18 @@ from wrinklecli.effects.shapes import Shape, summed
 from wrinklecli.numeric.arrays import Bools, Floats
 from wrinklecli.numeric.reduction import fewest_axes, peaks_of
 
-# Groups of bumps that act at a time where they rise one after another: one that is full, and the next.
+# Groups of bumps that act at a time if groups rise one after another: one that is full, and the next.
 _IN_TURN = 2
 
 
 @dataclass(frozen=True, slots=True)
 class Remix:
-    """Shapes in place of the control curve's own, which play the same within an engine's limits.
+    """Other shapes than the control curve's, which play the same motion within an engine's limits.
 
     Attributes:
-        mix: (curve's shapes, shapes before the split) what weights of the curve's shapes are multiplied by.
-        unmix: (shapes, curve's shapes) what the new shapes are made of.
-        split: Columns of `mix` whose negative weights drive shapes of their own, which follow.
+        mix: (curve's shapes, shapes before the split) factors from weights of the curve's shapes to those of the new.
+        unmix: (shapes, curve's shapes) parts of the curve's shapes in the new ones.
+        split: Columns of `mix` whose negative weights drive shapes of their own, which stand behind the others.
         least: Weights up to this are 0.
     """
 
@@ -42,20 +42,18 @@ class Remix:
 
     @property
     def signed_mix(self) -> Floats:
-        """(curve's shapes, shapes) the mix with the split columns' negatives: weights, where those below 0 are 0."""
+        """(curve's shapes, shapes) the mix with the negatives of split columns; weights below 0 are then set to 0."""
         return np.concatenate([self.mix, -self.mix[:, list(self.split)]], axis=1)
 
 
 Remixed = tuple[list[Shape | None], Remix]
-"""New shapes, and what they are made of."""
+"""New shapes, and their relation to the curve's."""
 
 
 def unit_weights(targets: Sequence[Target | None], path: Floats) -> Remixed | None:
-    """Shapes whose weights lie in [0, 1]; None if those of the targets do.
+    """Shapes whose weights lie in [0, 1]; None if the targets' own do.
 
-    Args:
-        targets: The tool's own.
-        path: (rows, shapes) all weights that these take.
+    `path` has (rows, shapes) all weights of the targets.
     """
     peaks = np.maximum(np.abs(path).max(axis=0, initial=0.0), 1.0)
     negative: Bools = np.any(path < 0, axis=0)
@@ -81,11 +79,11 @@ def fewest(
     group of bumps by itself: 19 targets at once instead of 12 for five bumps from the origin.)
 
     Args:
-        targets: The tool's own.
-        path: (rows, shapes) all weights that these take.
+        targets: The tool's own targets.
+        path: (rows, shapes) all weights of these.
         modes: Shapes of a group of bumps.
-        tolerance: Scene units. The error is the greatest over bumps, which lie side by side, and over rows, of the sum
-            over modes.
+        tolerance: Greatest error, scene units: the maximum over rows, and over bumps, as they lie side by side, of the
+            sum over modes.
     """
     written = np.array([number for number, target in enumerate(targets) if target is not None], np.intp)
     if len(written) < 2:
@@ -109,17 +107,17 @@ def fewest(
 
 
 def in_turn(targets: Sequence[Target | None], greatest: Floats, least: float) -> Remixed | None:
-    """Shapes of which few act at a time where a tool's bumps rise one after another; None if they rise together.
+    """Shapes of which few act at a time, if a tool's bumps rise one after another; None if they rise together.
 
-    Each group of bumps rises when those before it are full and stay so. Target k has the first k groups at their
-    full height, so that only the last full one and the one above it, to which it gives way, have weights: what
-    animators call in-betweens. The weights of the amplitudes a are a_k - a_(k+1), of each mode by itself. Targets
+    Each group of bumps rises when those before it are full, and these stay full. Target k has the first k groups at
+    their full height. So only two targets have weights, the last full one and the next, to which it gives way, as with
+    the in-betweens of animators. The weights for amplitudes a are a_k - a_(k+1), separately for each mode. Targets
     overlap, so files grow: samples/head.glb with its tools from 2.7 to 4.3 MB.
 
     Args:
-        targets: The tool's own.
+        targets: The tool's own targets.
         greatest: (groups, modes) the greatest amplitudes of the curve.
-        least: Weights that may be left out.
+        least: Weights up to this may be left out.
     """
     groups, modes = greatest.shape
     if groups < 2:
@@ -131,7 +129,7 @@ def in_turn(targets: Sequence[Target | None], greatest: Floats, least: float) ->
         acting = numbers[has[:, mode], mode]
         heights = greatest[has[:, mode], mode]
         for k, column in enumerate(acting):
-            # In units of the group's own greatest amplitude.
+            # Units are the group's own greatest amplitude.
             shares[column, acting[: k + 1]] = heights[k] / heights[: k + 1]
             mix[column, column] = 1.0
             if k:
@@ -145,7 +143,7 @@ def in_turn(targets: Sequence[Target | None], greatest: Floats, least: float) ->
 
 
 def turns(shape: tuple[int, int], weights_at: Callable[[Floats], Floats], keys: Floats, weights: Floats) -> Floats:
-    """Times between keys when one group of bumps is full and no more have begun, where an interval shows three.
+    """Times when one group of bumps is full and the next has not begun, in intervals of keys that show three.
 
     Args:
         shape: The numbers of groups and of modes.
@@ -162,7 +160,7 @@ def turns(shape: tuple[int, int], weights_at: Callable[[Floats], Floats], keys: 
         return found
 
     def highest(of: Floats) -> NDArray[np.intp]:
-        """How many groups have risen."""
+        """The number of groups that have risen."""
         shown = groups(of)
         numbers: NDArray[np.intp] = np.max(shown * np.arange(1, shown.shape[1] + 1), axis=1)
         return numbers

@@ -1,4 +1,4 @@
-"""What the report of a bake says of a wrinkling tool: JSON values only, lengths in scene units."""
+"""The entries of wrinkling tools in the report of a bake: JSON values only, lengths in scene units."""
 
 import numpy as np
 
@@ -9,12 +9,12 @@ from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, significant
 
-# v of the lines whose lengths are reported: both borders, where nothing is left of a height, are not among them.
+# v of the lines whose lengths are reported, without both borders, where heights are 0.
 _LINES = np.linspace(-0.75, 0.75, 13)
 
 
 def describe_tool(plan: MeshPlan, carried: CarriedPatch, region: int, targets: tuple[str, ...]) -> Json:
-    """How a tool lies on its mesh, and its targets; `region` is the number of its patch in the refinement."""
+    """A tool on its mesh, with its targets; `region` is the number of its patch in the refinement."""
     patch, fine = carried.patch, plan.fine
     return {
         "name": patch.tool.name,
@@ -31,12 +31,12 @@ def describe_tool(plan: MeshPlan, carried: CarriedPatch, region: int, targets: t
 
 
 def describe_activity(patch: Patch, seen: Activity, strength: float) -> Json:
-    """What one tool does in one clip, frame by frame, scene units; `heights` are those of strength 1."""
+    """One tool in one clip, frame by frame, scene units; `heights` are those of strength 1."""
     curve = patch.curve
     tallest = abs(strength) * float(np.abs(curve.heights(seen.amplitudes)).max(initial=0.0))
     finite = np.where(np.isfinite(seen.distances), seen.distances, seen.rest_lengths)
-    # A taut curve is as long as its ends are apart; below that it keeps its length, less what is unabsorbed. It is
-    # measured before the tissue squeezes it.
+    # A taut curve is as long as the distance of its ends. A shortened one keeps its length, except for the unabsorbed
+    # part. Lengths are those before the tissue takes its part.
     ends = finite + curve.compressible / (1.0 - curve.compressible) * seen.shortenings
     wanted = np.maximum(ends, ends + seen.shortenings) - seen.unabsorbed
     error = np.abs(curve.lengths(seen.amplitudes, ends) - wanted)
@@ -51,7 +51,7 @@ def describe_activity(patch: Patch, seen: Activity, strength: float) -> Json:
         "unabsorbed": _list(seen.unabsorbed),
         "heights": [_list(frame) for frame in curve.heights(seen.amplitudes)],
         "curve_length_error": [significant(each, 3) for each in error],
-        # Of lines beside the segment, of the length that it has where it is shortest.
+        # Errors of lines beside the segment, relative to its length at the time when it is shortest.
         "line_length_errors": {
             "v": _list(_LINES),
             "errors": [significant(each, 3) for each in lines],

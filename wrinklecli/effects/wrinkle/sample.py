@@ -1,4 +1,4 @@
-"""Wrinkles over clips: the times that need a sample, what the tools do then, and the weights of their shapes."""
+"""Wrinkles over clips: the times that need a sample, the tools' activities then, and the weights of their shapes."""
 
 import math
 from collections.abc import Callable, Iterable, Sequence
@@ -28,21 +28,21 @@ from wrinklecli.numeric.reduction import compress
 
 # Bytes of a value while keys are found, with its copies.
 _VALUE = 16
-# Coordinates of displacements that are compressed at once: bounds the memory.
+# Coordinates of displacements that are compressed at once, which bounds the memory.
 _MOST_COORDINATES = 2**20
-# Frames between two breaks to begin with, besides the clip's turns; halved where a quartic misses the distances. With 4
-# a bake poses 0.4 to 0.9 times as often as with 1.
+# Frames between two breaks before refinement, besides the clip's own breaks. With 4 a bake poses 0.4 to 0.9 times as
+# often as with 1.
 _FRAMES_OF_A_QUARTIC = 4
-# Share of the bound for fewer shapes than there are frames, with `attachment: patch`.
+# Part of the bound for having fewer shapes than frames, with `attachment: patch`.
 _COMPRESSION_SHARE = 0.25
-# A vector whose three coordinates are each off by 1 is off by this.
+# Length of a vector whose coordinates are all 1: its error if each coordinate is off by 1.
 _PER_COORDINATE = 3.0**0.5
 
 
 def sample_wrinkles(
     carried_patches: Sequence[CarriedPatch], first: int, plan: MeshPlan, clips: Sequence[Clip], how: Sampling
 ) -> tuple[list[Effect], list[Motion]]:
-    """Run tools over clips, as `Layer.sample` does; `first` is the region of the first tool's patch."""
+    """Run tools over clips, as `Layer.sample` does; `first` is the number of the first tool's region."""
     motions = sample_activities(carried_patches, plan, clips, how)
     patches = [carried.patch for carried in carried_patches]
     poses: Sequence[Pose | None] = [None] * len(patches)
@@ -63,7 +63,7 @@ def sample_wrinkles(
 def sample_activities(
     carried_patches: Sequence[CarriedPatch], plan: MeshPlan, clips: Sequence[Clip], how: Sampling
 ) -> list[Motion]:
-    """Sample clips without weights: their times, and the activities of the tools then as states."""
+    """Sample clips without weights: their times, and the tools' activities as states."""
     patches = [carried.patch for carried in carried_patches]
     bound, fps, progress = plan.max_error / _overlaps(carried_patches), how.fps, how.progress
     # Frames up to the end of each clip.
@@ -98,16 +98,16 @@ def _key_times(
     how: Sampling,
     tell_left: Callable[[int], None],
 ) -> tuple[Floats, Ints]:
-    """Times so close that straight lines between them are right, and which of them to key.
+    """Times so dense that straight lines between them are right, and the numbers of the keys among them.
 
     Args:
         carried_patches: The tools.
         plan: Their mesh.
-        clip: The animation.
+        clip: The clip.
         springs: Each tool's filter in the clip, as `springs_in`.
         bound: Greatest error of one tool, scene units.
-        how: The grid, and the limit of values between keys.
-        tell_left: Called now and then with how many frames of the clip remain.
+        how: The grid, and the limit on values between keys.
+        tell_left: Called now and then with the number of frames that remain.
 
     Returns:
         (frames,) seconds and (keys,) indices into them, as `key_times`.
@@ -162,14 +162,14 @@ def _signals(
     tolerance: float,
     springs: Sequence[SpringFilter | None],
 ) -> Signal:
-    """What must be right between keys within a stretch of a clip, of all tools, scene units.
+    """The values of all tools that must be right between keys within a stretch of a clip, scene units.
 
-    Heights start like square roots of the anchors' distances, which are smooth between the breaks: few poses tell
-    the distances, and they tell the heights.
+    Heights start like square roots of the anchors' distances, but distances are smooth between the breaks. So few poses
+    give the distances, and these give the heights.
     """
     rig = plan.rig
     patches = [each.patch for each in carried_patches]
-    # Where a height starts, √(x D) for x the length of an interval, an error of D shows most.
+    # An error of a distance D shows most where a height starts, as √(x D) for an interval of length x.
     slack = min(tolerance**2 * each.curve.interval_count / (16 * each.rest_length) for each in patches)
 
     def distances(times: Floats) -> Floats:
@@ -195,7 +195,7 @@ def _signals(
 
 
 def _within(memory: Memory, signal: Signal, width: int, *, where: str) -> Signal:
-    """A signal of so many values; it raises TooMuchError before it has been asked for more than there may be."""
+    """A signal of so many values that raises TooMuchError before it would give more than fit in memory."""
     asked = 0
 
     def counted(times: Floats) -> Floats:
@@ -208,7 +208,7 @@ def _within(memory: Memory, signal: Signal, width: int, *, where: str) -> Signal
 
 
 def _width(carried: CarriedPatch) -> int:
-    """How many values `_signals` has of a tool."""
+    """The number of values that `_signals` has for a tool."""
     if carried.patch.tool.attachment == "patch":
         return 3 * len(carried.vertices)
     return carried.patch.curve.greatest_amplitudes.size
@@ -220,7 +220,7 @@ def _compressed(
     """Shapes and weights of displacements that are new in each frame, all clips together.
 
     Raises:
-        BakeError: They have too many.
+        BakeError: There are too many shapes.
     """
     if not motions:
         return [], []
@@ -242,7 +242,7 @@ def _compressed(
 def compress_displacements(
     plan: MeshPlan, carried: CarriedPatch, moments: Iterable[tuple[Clip, Floats]], memory: Memory
 ) -> tuple[Floats, Floats]:
-    """Few shapes for all that a tool with `attachment: patch` does at (frames,) times of some clips, as `compress`."""
+    """`compress` the displacements of a tool with `attachment: patch` at (frames,) times of some clips."""
     chunk = max(_MOST_COORDINATES // (3 * len(carried.vertices)), 1)
     series = (
         displacements(carried, plan.fine, plan.rig, clip, times[k : k + chunk])

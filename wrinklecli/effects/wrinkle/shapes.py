@@ -14,23 +14,17 @@ from wrinklecli.numeric.arrays import Floats
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rest import Rest
 
-# Heights, as shares of the greatest, at which true normals are sampled where a group's height has several weights.
+# Heights over the greatest at which true normals are sampled if a group's height has several weights.
 _FIT_HEIGHTS = (0.25, 0.5, 0.75, 1.0)
-# What the rest pose counts beside the pose of the tallest wrinkles. It decides only where that pose makes wrinkles so
-# steep that their own normals hardly count, in a closed fold: lower ones would have such normals too, before it closes.
+# Weight of the rest pose beside the pose of the tallest wrinkles. It matters only if that pose closes a fold and makes
+# wrinkles so steep that their normals hardly count: lower wrinkles would get such normals before the fold closes.
 _REST_SHARE = 1 / 32
 
 
 def shapes_of(carried: CarriedPatch, fine: Refinement, rest: Rest, pose: Pose | None) -> list[Shape | None]:
     """A shape for each group of bumps and mode of their profile, in the order of the curve's amplitudes.
 
-    One that never rises, or moves no vertex, is None.
-
-    Args:
-        carried: The tool.
-        fine: The refined surface.
-        rest: The rest pose.
-        pose: In which normals are to be right; none where the mesh has no normals.
+    A shape that never rises, or that moves no vertex, is None. Normals are fitted in `pose`, if the mesh has normals.
     """
     curve = carried.patch.curve
     scaled = carried.shapes() * curve.greatest_amplitudes[..., None]
@@ -48,7 +42,7 @@ def shapes_of(carried: CarriedPatch, fine: Refinement, rest: Rest, pose: Pose | 
 
 
 def _samples(weights: Floats, rest: Rest, pose: Pose) -> list[Sample]:
-    """Where a group's normals are to be right, from (rows, modes) weights over all shortenings."""
+    """States in which a group's normals are to be right, from (rows, modes) weights over all shortenings."""
     sizes = np.abs(weights[:, 0])
     heights = _FIT_HEIGHTS if weights.shape[1] > 1 else (1.0,)
     rows = [weights[int(np.argmin(np.abs(sizes - height * sizes.max())))] for height in heights]

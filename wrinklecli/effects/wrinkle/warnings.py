@@ -1,4 +1,4 @@
-"""The warnings of a bake and a check about wrinkling tools that lie or act otherwise than meant."""
+"""Warnings of a bake and a check about wrinkling tools whose place or activity is probably a mistake."""
 
 import math
 from collections.abc import Sequence
@@ -17,39 +17,33 @@ from wrinklecli.surface.path import Curve
 from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import in_axes
 
-# A shortening below this part of the rest length is as good as none.
+# Shortening over the rest length below which a tool counts as not shortened.
 _VISIBLE = 1e-3
-# An anchor that snaps by more than this part of its segment lies elsewhere than where it was put.
+# Distance over the segment by which an anchor may be moved onto the mesh without a warning.
 _FAR = 0.05
-# A width over its segment that is likely to be in other units: a forehead is four times as wide as a brow is high.
+# Width over the segment above which units are likely wrong: a forehead is four times as wide as a brow is high.
 _WIDE = 10.0
-# A path that is off the mesh by more than this part of the distance of two points runs beside it.
+# Distance of a path from the mesh, over that of its two points, above which it runs beside the mesh.
 _BESIDE = 0.15
-# The surface under a segment over the segment: a circle's arc of 145° is as long.
+# Length of the surface under a segment over the segment, above which there is a fold: that of an arc of 145°.
 _DETOUR = 1.3
-# Parts of a segment without surface under it, and of a patch with two layers, that are as good as none.
+# Fraction of a segment without surface under it that needs no warning.
 _GAP = 0.05
+# Fraction of a patch over two layers that needs no warning.
 _DOUBLED = 0.02
-# Departure of the refined surface from the old one that shows at rest, over the tallest wrinkle.
+# Visible departure of the refined surface from the old one at rest, over the tallest wrinkle.
 DEPARTURE = 0.3
-# Ends of two tools nearer than this, over the shorter segment, are at one place.
+# Distance of two tools' ends, over the shorter segment, below which they are at one place.
 _TWIN = 0.1
 
 
 def tool_warnings(plan: MeshPlan, carried: CarriedPatch, clips: Sequence[ClipActivity], *, up: str) -> list[str]:
-    """What a user should know of one tool: of its place, and of what it does.
-
-    Args:
-        plan: Of its mesh.
-        carried: The tool.
-        clips: What it does in each clip baked.
-        up: Axis of the tools file.
-    """
+    """Warnings about the place of one tool, and about its activity in the clips baked; `up` is the tools file's."""
     return placement_warnings(plan, carried) + _clip_warnings(carried, clips) + _room_warnings(plan, carried, clips, up)
 
 
 def _clip_warnings(carried: CarriedPatch, clips: Sequence[ClipActivity]) -> list[str]:
-    """What a user should know of how one tool acts, over all clips baked."""
+    """Warnings about the activity of one tool over all clips baked."""
     patch = carried.patch
     where = patch.tool.name
     warnings = []
@@ -60,7 +54,7 @@ def _clip_warnings(carried: CarriedPatch, clips: Sequence[ClipActivity]) -> list
     if not clips:
         return warnings
     still = max(float((each.seen.shortenings / each.seen.rest_lengths).max()) for each in clips) < _VISIBLE
-    # The other side of a tool that folds is there for clips that other files have.
+    # A mirrored tool may be there for clips of other files.
     if still and not patch.tool.mirrored:
         warnings.append(f"{where}: never shortens in {', '.join(each.clip.name for each in clips)}: no wrinkle")
     worst = max(clips, key=lambda each: float((each.seen.unabsorbed / each.seen.rest_lengths).max()))
@@ -78,7 +72,7 @@ def _clip_warnings(carried: CarriedPatch, clips: Sequence[ClipActivity]) -> list
 
 
 def placement_warnings(plan: MeshPlan, carried: CarriedPatch) -> list[str]:
-    """What is wrong with the place of one tool: anchors far off, and a patch that reaches across a fold."""
+    """Warnings about the place of one tool: anchors far off, and a patch that reaches across a fold."""
     patch = carried.patch
     name = patch.tool.name
     warnings = [
@@ -114,7 +108,7 @@ def placement_warnings(plan: MeshPlan, carried: CarriedPatch) -> list[str]:
 
 
 def _path_warnings(patch: Patch, path: Curve, rest: Rest) -> list[str]:
-    """What is wrong with the curve of a tool: bends that are sharp for its width, and places beside the mesh."""
+    """Warnings about the curve of a tool: bends that are sharp for its width, and places beside the mesh."""
     names, warnings = [patch.tool.point_name(number) for number in range(len(patch.anchors))], []
     radius, number = path.sharpest
     if patch.half_width > radius:
@@ -134,7 +128,7 @@ def _path_warnings(patch: Patch, path: Curve, rest: Rest) -> list[str]:
 
 
 def _room_warnings(plan: MeshPlan, carried: CarriedPatch, clips: Sequence[ClipActivity], up: str) -> list[str]:
-    """Wrinkles that go through what lies opposite."""
+    """A warning about wrinkles that go through the opposite surface."""
     found = collision(plan, carried, clips)
     if found is None:
         return []
@@ -147,7 +141,7 @@ def _room_warnings(plan: MeshPlan, carried: CarriedPatch, clips: Sequence[ClipAc
 
 
 def departure_warnings(plan: MeshPlan, carried_patches: Sequence[CarriedPatch], first: int) -> list[str]:
-    """Tools under which refinement rounds the surface so much that it shows where nothing wrinkles."""
+    """Warnings about tools whose refinement rounds the surface visibly, even where nothing wrinkles."""
     return [
         f"{carried.patch.tool.name}: refinement moves the surface at rest by {100 * departure:.0f} % of the tallest"
         " wrinkle, as the mesh is coarse for it: scheme: midpoint keeps it as it is"
@@ -160,10 +154,7 @@ def departure_warnings(plan: MeshPlan, carried_patches: Sequence[CarriedPatch], 
 
 
 def twin_warnings(carried_patches: Sequence[CarriedPatch], clips: Sequence[Clip]) -> list[str]:
-    """Pairs of tools that make their wrinkles at one place, where their heights add up.
-
-    Not those that never act in the same of (all) clips.
-    """
+    """Warnings about pairs of tools at one place whose heights add up, unless they never act in the same clip."""
 
     def together(first: Patch, second: Patch) -> bool:
         names = [clip.name for clip in clips]
@@ -180,11 +171,11 @@ def twin_warnings(carried_patches: Sequence[CarriedPatch], clips: Sequence[Clip]
 
 
 def _twins(patches: Sequence[Patch]) -> list[tuple[int, int]]:
-    """Pairs of tools, rising, whose ends and middles are at one place, whichever way round the two paths are."""
+    """Sorted pairs of tools whose ends and middles are at one place, in either direction of the two paths."""
     spans = np.array([patch.span for patch in patches])
     ends = np.array([[patch.origin.position, patch.target.position] for patch in patches])
     halfway = np.array([patch.path.middle for patch in patches])
-    # Middles of twins are no further apart than their ends; so few are compared, where tools lie side by side.
+    # Middles of twins are no further apart than their ends, so few of many tools side by side are compared.
     middles = ends.mean(axis=1)
     along = middles[:, np.argmax(np.ptp(middles, axis=0))]
     order = np.argsort(along, kind="stable")

@@ -1,6 +1,6 @@
-"""The weights of a control curve's shapes against its shortening: where each group of bumps starts and is full.
+"""The weights of a control curve's shapes against its shortening, and the shortenings at which groups of bumps start.
 
-A weight is a share of the greatest amplitude: that of a morph target, if it is written as it is.
+A weight is an amplitude over the greatest one, and the weight of the morph target that has the shape.
 """
 
 import dataclasses
@@ -13,12 +13,14 @@ from wrinklecli.drive.lag import TAUT
 from wrinklecli.effects.wrinkle.curve import ControlCurve
 from wrinklecli.numeric.arrays import Floats, distinct_values
 
-# Rows of `weight_path` for each group of bumps, and after the last is full, when only details of a polyline still move.
+# Rows of `weight_path` for each group of bumps.
 _PATH_ROWS = 65
+# Rows after the last group is full, when only details of a polyline still move.
 _FULL_ROWS = 8
-# Where a group of bumps starts is found to the last bits of a float by taking one of so many parts, so often. (Halves
-# take three times as long: a curve answers for a hundred lengths nearly as fast as for one.)
+# The start of a group of bumps is found to the last bits of a float by choosing one of so many parts. (Halves take
+# three times as long, since a curve takes hardly longer for a hundred lengths than for one.)
 _PARTS = 64
+# Rounds of that choice.
 _ROUNDS = 9
 
 
@@ -47,18 +49,16 @@ def group_starts(curve: ControlCurve, rest_length: float) -> Floats:
         lengths = np.full(tried.size, rest_length)
         shortenings = curve.shortening((1.0 - tried.reshape(-1)) * lengths, lengths)
         full = curve.absorb(shortenings, lengths).rising.reshape(tried.shape) > groups
-        full[-1] = True  # the last stands for what is never full
+        full[-1] = True  # the last row stands for groups that are never full
         first = np.argmax(full[1:], axis=0)
         low, high = tried[first, groups], tried[first + 1, groups]
     return np.concatenate([[1.0 - TAUT], high])
 
 
 def fitting_compressible(curve: ControlCurve, lengths: Iterable[tuple[Floats, Floats]]) -> float:
-    """The `compressible`, 0 to 1, with which all bumps are just full at the greatest shortening, whatever it is now.
+    """The `compressible`, 0 to 1, with which all bumps are just full at the greatest shortening.
 
-    Args:
-        curve: The control curve.
-        lengths: Of each clip (frames,) current lengths l' and (frames,) rest lengths l, scene units.
+    `lengths` has for each clip (frames,) current lengths l' and (frames,) rest lengths l, scene units.
     """
     greatest: dict[float, float] = {}  # shortening over the rest length, by rest length: most clips share one
     for distances, rest_lengths in lengths:
@@ -76,6 +76,6 @@ def fitting_compressible(curve: ControlCurve, lengths: Iterable[tuple[Floats, Fl
 
 
 def weights_of(curve: ControlCurve, amplitudes: Floats) -> Floats:
-    """(frames, groups, modes) amplitudes as shares of the greatest; 0 for what never rises."""
+    """(frames, groups, modes) amplitudes over the greatest; 0 for groups that never rise."""
     greatest = curve.greatest_amplitudes
     return amplitudes / np.where(greatest != 0, greatest, 1.0)
