@@ -42,7 +42,7 @@ class BakedBody:
 
     Attributes:
         parts: The node itself, whose mesh has all of the asset's own morph targets, and the others.
-        drives: What sets the weights of its morph targets: those that follow segments, then those that follow joints.
+        drives: The drives of its morph targets, first those of segments, then those of joints.
         undriven: Names of further morph targets of effects, which nothing in the extras can drive.
         ambiguous: True if a scene or another node has the node's name too.
         draft: True if it was baked as a draft.

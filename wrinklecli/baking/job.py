@@ -1,4 +1,4 @@
-"""What to bake: options, and an asset with its tools, read and joined: which clips, and which tools on which mesh."""
+"""The job of a bake: its options, and an asset read with its clips, and with the tools of each mesh."""
 
 import os
 from collections.abc import Sequence
@@ -38,7 +38,7 @@ class BakeOptions:
         max_levels: Overrides `refinement.max_levels`.
         edges_per_interval: Overrides `refinement.edges_per_interval`.
         max_vertices: Most vertices that refinement may add to a mesh.
-        accessors: How morph targets are stored: `dense` for readers that cannot take sparse accessors, `based` for
+        accessors: The storage of morph targets: `dense` for readers that cannot take sparse accessors, `based` for
             those that need zeros below them; see `gltf.edited_document`.
         tracks: `none` writes targets and extras without weight tracks.
         frames_dir: Also write a file for each frame into this folder.

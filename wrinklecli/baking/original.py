@@ -243,10 +243,10 @@ def original(document: Document) -> Document:
         BakeError: The asset carries wrinkles, but is not as `bake` wrote it.
         TooMuchError: The original takes too much memory.
     """
-    while left := wrinkled(document.gltf):
-        where = document.where("nodes", left[0], "extras", "wrinkle")
+    while nodes := wrinkled(document.gltf):
+        where = document.where("nodes", nodes[0], "extras", "wrinkle")
         try:
-            document = _restored(document, _read_record(document, left, where))
+            document = _restored(document, _read_record(document, nodes, where))
         except TooMuchError:
             raise
         except (
@@ -264,7 +264,7 @@ def original(document: Document) -> Document:
                 where=where,
             ) from error
         # Each bake adds a node to these, so a record that removes none is forged, and would make this loop endless.
-        if not set(wrinkled(document.gltf)) < set(left):
+        if not set(wrinkled(document.gltf)) < set(nodes):
             raise BakeError("the record of the original asset is not what `wrinkle bake` writes", where=where)
     return document
 
@@ -333,14 +333,14 @@ def _joined(
     Raises:
         ValueError: Spans and bytes do not fit together.
     """
-    left = sum(len(data) for data in document.buffers)  # no span is kept twice
+    remaining = sum(len(data) for data in document.buffers)  # no span is kept twice
     taken = 0
     for size, spans in zip(sizes, kept, strict=True):
         parts: list[memoryview] = []
         at = 0
         for low, high, buffer, offset in [*spans, (size, size, 0, 0)]:
-            left -= high - low
-            if not 0 <= at <= low <= high <= size or min(buffer, offset, left) < 0:
+            remaining -= high - low
+            if not 0 <= at <= low <= high <= size or min(buffer, offset, remaining) < 0:
                 raise ValueError("spans overlap")
             parts.append(dead[taken : taken + low - at])
             taken += low - at

@@ -99,9 +99,9 @@ def _joined(kinds: Bools, counts: Floats) -> tuple[Bools, Ints]:
     costs = np.stack([_costs(sets[alive], sizes[alive], sets[k], sizes[k]) for k in alive])
     np.fill_diagonal(costs, np.inf)
     gone = np.zeros(len(alive), bool)
-    while (left := int((~gone).sum())) > 1:
+    while (remaining := int((~gone).sum())) > 1:
         one, other = np.unravel_index(int(costs.argmin()), costs.shape)
-        if costs[one, other] * _BYTES_OF_FACE > _WORTH and left <= _MOST:
+        if costs[one, other] * _BYTES_OF_FACE > _WORTH and remaining <= _MOST:
             break
         _join(sets, sizes, groups, int(alive[one]), int(alive[other]))
         gone[other] = True

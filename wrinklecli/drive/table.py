@@ -105,13 +105,13 @@ class CurveTable:
         capacities = np.full(len(distances), np.inf)
         if len(self.distances):
             capacities = np.interp(ends, self.distances, self.capacities)
-        left = np.maximum(taut - ends, 0.0)
+        remaining = np.maximum(taut - ends, 0.0)
         amplitudes = []
         for count in self.bumps:
-            shares = np.minimum(left / count, capacities)
-            left = np.maximum(left - count * shares, 0.0)
-            wholes = chords + shares
-            parts = shares / np.where(wholes > 0, wholes, 1.0)
+            taken = np.minimum(remaining / count, capacities)
+            remaining = np.maximum(remaining - count * taken, 0.0)
+            wholes = chords + taken
+            parts = taken / np.where(wholes > 0, wholes, 1.0)
             amplitudes += [wholes * np.sqrt(parts) * np.interp(parts, self.parts, rises) for rises in self.rises.T]
         made: Floats = np.stack(amplitudes, axis=1) @ self.mix.T
         made = np.maximum(made, 0.0) if self.positive else made

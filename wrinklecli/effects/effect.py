@@ -60,7 +60,7 @@ class Motion:
 
 @dataclass(frozen=True, slots=True)
 class Sampling:
-    """How clips are sampled.
+    """Times and limits of the sampling of clips.
 
     Attributes:
         fps: Frames per second of the grid.

@@ -11,14 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrinklecli.character.pose import Pose, blend, transform
-from wrinklecli.numeric.arrays import (
-    Floats,
-    Ints,
-    determinants,
-    distinct_values,
-    unit,
-    vertex_normals,
-)
+from wrinklecli.numeric.arrays import Floats, Ints, determinants, distinct_values, unit, vertex_normals
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rest import carried_normals
 

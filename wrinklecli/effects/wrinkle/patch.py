@@ -138,11 +138,11 @@ class Patch:
 
     def factors(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
         """(…,) as `magnitudes`, from the cosines of (…,) vertex normals and the patch's."""
-        left = attenuation(self.tool.attenuation, v)
+        faded = attenuation(self.tool.attenuation, v)
         low, high = _FACING
         t = np.clip((cosines - low) / (high - low), 0.0, 1.0)
         inside = (u >= 0.0) & (u <= 1.0) & (np.abs(v) <= 1.0)
-        return np.where(inside, smoothstep(t, self.shape_strength * left), 0.0)
+        return np.where(inside, smoothstep(t, self.shape_strength * faded), 0.0)
 
     def share(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
         """(…,) fractions of the tool's height at (…,) places: `factors` without strength."""

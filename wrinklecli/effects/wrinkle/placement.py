@@ -60,9 +60,9 @@ def ground_under(plan: MeshPlan, patch: Patch) -> SurfaceBelow:
     middle, length = ends[..., 0], np.sqrt(np.sum((ends[:, 1, 1:] - ends[:, 0, 1:]) ** 2, axis=1))
     covered = _layers(middle, points).any(axis=1)
     inside = np.clip(middle, 0.0, 1.0)
-    run, rise = np.abs(np.diff(middle, axis=1))[:, 0], np.abs(np.diff(inside, axis=1))[:, 0]
-    share = np.divide(rise, run, out=((middle[:, 0] >= 0) & (middle[:, 0] <= 1)).astype(np.float64), where=run > 0)
-    straight = patch.path.length * float(rise.sum())
+    runs, inner = np.abs(np.diff(middle, axis=1))[:, 0], np.abs(np.diff(inside, axis=1))[:, 0]
+    parts = np.divide(inner, runs, out=((middle[:, 0] >= 0) & (middle[:, 0] <= 1)).astype(np.float64), where=runs > 0)
+    straight = patch.path.length * float(inner.sum())
     wrinkling = members[moves[members].any(axis=1)]
     depths = patch.path.depths(positions)
     doubled = 0
@@ -77,7 +77,7 @@ def ground_under(plan: MeshPlan, patch: Patch) -> SurfaceBelow:
         doubled += int((high > low + _APART * patch.span).sum())
     return SurfaceBelow(
         gap=1.0 - float(covered.mean()),
-        detour=float((share * length).sum()) / straight if straight > 0 else 1.0,
+        detour=float((parts * length).sum()) / straight if straight > 0 else 1.0,
         doubled=doubled / (len(_LINES) * _POINTS),
     )
 

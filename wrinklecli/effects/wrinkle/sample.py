@@ -77,16 +77,16 @@ def sample_activities(
         elif first < len(sampled):
             times, keys = sampled[first].times, sampled[first].keys
         else:
-            tell_left = partial(_tell_left, progress, end, ends[-1])
-            times, keys = _key_times(carried_patches, plan, clip, springs, bound, how, tell_left)
+            report_remaining = partial(_report_remaining, progress, end, ends[-1])
+            times, keys = _key_times(carried_patches, plan, clip, springs, bound, how, report_remaining)
         seen = activities(patches, plan.rig, clip, times, springs=springs)
         sampled.append(Motion(clip, times, keys, tuple(seen)))
         progress("sampling", end, ends[-1])
     return sampled
 
 
-def _tell_left(progress: Progress, end: int, total: int, left: int) -> None:
-    progress("sampling", end - left, total)
+def _report_remaining(progress: Progress, end: int, total: int, remaining: int) -> None:
+    progress("sampling", end - remaining, total)
 
 
 def _key_times(
@@ -96,7 +96,7 @@ def _key_times(
     springs: Sequence[SpringFilter | None],
     bound: float,
     how: Sampling,
-    tell_left: Callable[[int], None],
+    report_remaining: Callable[[int], None],
 ) -> tuple[Floats, Ints]:
     """Times so dense that straight lines between them are right, and the numbers of the keys among them.
 
@@ -107,7 +107,7 @@ def _key_times(
         springs: Each tool's filter in the clip, as `springs_in`.
         bound: Greatest error of one tool, scene units.
         how: The grid, and the limit on values between keys.
-        tell_left: Called now and then with the number of frames that remain.
+        report_remaining: Called now and then with the number of frames that remain.
 
     Returns:
         (frames,) seconds and (keys,) indices into them, as `key_times`.
@@ -115,7 +115,7 @@ def _key_times(
     clip_breaks, tolerance = motion_breaks(clip, plan.rig), SAMPLING_SHARE * bound
 
     def signal_on(stretch: Floats) -> Signal:
-        tell_left(math.ceil((clip.end - stretch[0]) * how.fps))
+        report_remaining(math.ceil((clip.end - stretch[0]) * how.fps))
         within = clip_breaks[(clip_breaks > stretch[0]) & (clip_breaks < stretch[-1])]
         breaks = distinct_values(np.concatenate([stretch[::_FRAMES_OF_A_QUARTIC], stretch[-1:], within]))
         return _within(
