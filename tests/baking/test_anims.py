@@ -1,4 +1,4 @@
-"""Bakes with clips of other files: as if the asset had them, and the record is that of the asset alone."""
+"""Bakes with clips of other files: they are baked like the asset's own, and the record has the asset alone."""
 
 from pathlib import Path
 from typing import Any

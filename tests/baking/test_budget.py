@@ -1,4 +1,4 @@
-"""Engine budgets: nothing changes where they hold, little where they are made to, nothing is written else."""
+"""Engine budgets: a bake within the limits does not change, one beyond changes little or is refused."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A draft: a bake for a quick look, which nobody may take for a finished one."""
+"""A draft: a bake for a quick look, which nobody can mistake for a finished one."""
 
 from pathlib import Path
 

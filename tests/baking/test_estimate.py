@@ -1,4 +1,4 @@
-"""Estimates: what a bake would make is known before any of it is made, and refused in a line where it is too much."""
+"""Estimates: the size of a bake is known before anything is made, and a line refuses what is too much."""
 
 from pathlib import Path
 from typing import Any

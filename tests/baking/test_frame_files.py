@@ -1,4 +1,4 @@
-"""Files of posed frames: what is in them, and that a folder gets all of them or none."""
+"""Files of posed frames: their contents, and a folder that gets all of them or none."""
 
 import os
 import shutil

@@ -1,4 +1,4 @@
-"""Per-frame geometry: what a clip shows when, and that it is what morph targets would show."""
+"""Geometry for each frame: a clip shows one frame after another, each as morph targets would show it."""
 
 import os
 from pathlib import Path

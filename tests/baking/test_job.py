@@ -1,4 +1,4 @@
-"""Options of a bake, as a record or by name; names in the tools file that the asset has, or has not."""
+"""Options of a bake, as a record or by name, and names in the tools file that the asset has or lacks."""
 
 from pathlib import Path
 

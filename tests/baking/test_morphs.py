@@ -1,4 +1,4 @@
-"""The written file: morph targets, weight tracks, and that all else stays as it was."""
+"""The written file: morph targets and weight tracks are added, and all other data stays as it was."""
 
 import atexit
 import re

@@ -1,4 +1,4 @@
-"""The whole bake, from files to a file: what depends on what, and the options of the tools file."""
+"""The whole bake, from files to a file: its dependencies, and the options of the tools file."""
 
 import hashlib
 import json

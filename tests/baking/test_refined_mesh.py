@@ -1,4 +1,4 @@
-"""Refined primitives: old vertices stay, new ones lie between them, and what primitives share stays shared."""
+"""Refined primitives: old vertices stay, new ones lie between them, and shared vertices stay shared."""
 
 from itertools import chain
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A mesh in parts: what each plays is what the whole did, to the bit, and engines take far less for it."""
+"""A mesh in parts: each part plays the same as in the whole, to the bit, and engines need far less memory."""
 
 from pathlib import Path
 

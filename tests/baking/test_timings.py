@@ -1,4 +1,4 @@
-"""What a bake took: keys, sums, and that nothing else knows of it."""
+"""Timings of a bake: their keys and sums, which appear in no other output."""
 
 import json
 import sys

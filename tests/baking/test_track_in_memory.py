@@ -1,4 +1,4 @@
-"""Wrinkles in clips that a bake has not seen: those that a bake of them gives, and what a clip sets itself stays."""
+"""Wrinkles in clips that a bake has not seen: they equal those of a bake, unless a clip sets weights itself."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""Drives in extras: what is written and read again gives the same weights, whatever the signal, filter and response."""
+"""Drives in extras: a drive that is written and read again gives the same weights, for all signals and responses."""
 
 import json
 from collections.abc import Mapping, Sequence

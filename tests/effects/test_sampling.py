@@ -1,4 +1,4 @@
-"""Motions sampled at more times: what was there stays, and what is added is what the effect does then."""
+"""Motions sampled at more times: old weights stay, and new ones are those of the effect at these times."""
 
 from typing import Any
 

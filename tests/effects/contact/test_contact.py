@@ -1,4 +1,4 @@
-"""`contact: resolve`: a fold that goes through itself touches instead, in the file, in the report, in later clips."""
+"""`contact: resolve`: a fold that goes through itself touches instead, in the file, the report and later clips."""
 
 import json
 import sys

@@ -1,4 +1,4 @@
-"""Few shapes for what contact does in a fold: enough of them that the volume stays, and all of what may move."""
+"""Reduced shapes of contact: there are few, yet they keep the volume, and cover all vertices that may move."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The fewest shapes of solved poses: held against points before a wall, where every answer is known."""
+"""The fewest shapes of solved poses, tested with points before a wall, for which every answer is known."""
 
 from dataclasses import dataclass
 from typing import Any

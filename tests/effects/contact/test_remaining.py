@@ -1,4 +1,4 @@
-"""What contact leaves in a clip: numbers that `check --crossings` finds too, and a line that says what to do."""
+"""Intersections that contact leaves in a clip: numbers as of `check --crossings`, and a line with a hint."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What raises a tool's wrinkles where no joint bends: a morph target, or keys of its rest length."""
+"""Folds that no joint bends: a morph target raises the wrinkles, or keys of the rest length do."""
 
 import numpy as np
 import pytest

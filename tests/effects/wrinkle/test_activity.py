@@ -1,4 +1,4 @@
-"""Lengths without scale, and what a clip makes of a tool: the curve's answer to its anchors, at each time alone."""
+"""Activities of tools in clips: lengths without scale, and the curve's heights for them, independent of other times."""
 
 from collections.abc import Sequence
 from dataclasses import fields, replace

@@ -1,4 +1,4 @@
-"""A tool's own motion: what bends its segment or moves its ends, found from rig and tool alone."""
+"""A tool's own motion: the joint that bends its segment, or the target that moves its ends, from rig and tool alone."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What the line under a path asks its curve for: the surface keeps its length where it bends, not only the curve."""
+"""The demand of the line under a path: the surface keeps its length where it bends, not only the curve."""
 
 from dataclasses import replace
 from typing import Any

@@ -1,4 +1,4 @@
-"""Control curves as tables: looked up, they give the curve's weights at all distances and rest lengths."""
+"""Control curves as tables, which give the curve's weights at all distances and rest lengths."""
 
 from collections.abc import Sequence
 

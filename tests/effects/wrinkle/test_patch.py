@@ -1,4 +1,4 @@
-"""Tools attached at rest: coordinates along the segment, members of the near side only, problems said at once."""
+"""Tools attached at rest: coordinates along the segment, members of the near side only, all problems at once."""
 
 from dataclasses import replace
 from typing import Any

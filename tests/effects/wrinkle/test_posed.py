@@ -1,4 +1,4 @@
-"""Displacements that are projected anew in each frame."""
+"""Displacements of vertices that are projected anew in each frame."""
 
 from typing import Any
 
