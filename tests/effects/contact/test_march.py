@@ -19,6 +19,7 @@ from wrinklecli.effects.contact.tissue import FREE, SOFT, SkinnedPose, Tissue
 @pytest.mark.quick(1)
 @settings(max_examples=2, phases=[Phase.explicit, Phase.generate])
 @given(radius=st.floats(40, 80), width=st.floats(50, 150), bump=st.floats(0, 6))
+@example(radius=76.72348742133249, width=83.99595266258446, bump=5.545185716566744)  # flat: edges in a triangle's plane
 @example(radius=50.0, width=50.0, bump=5.136912376636445)  # a step that rounds: it moved what is not free by 2e-15
 def test_a_folded_tube_touches_and_never_crosses(radius: float, width: float, bump: float) -> None:
     rest, triangles = tube(radius)
@@ -38,7 +39,9 @@ def test_a_folded_tube_touches_and_never_crosses(radius: float, width: float, bu
     tissue = tissue_of()
     first = None
     for number, (posed, state) in enumerate(zip(poses, march(tissue, poses), strict=True)):
-        assert not len(crossings.at(state.positions)[0])
+        assert not tissue.crosses(state.positions)
+        # A pose that contact leaves alone may have edges in the plane of a triangle: rounding decides on which side.
+        assert not state.correction.any() or not len(crossings.at(state.positions)[0])
         assert not state.correction[~free].any()
         first = number if first is None and len(crossings.at(posed.positions)[0]) else first
         if state.converged and tissue.is_clear(posed.positions):
