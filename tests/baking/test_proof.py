@@ -21,7 +21,7 @@ from wrinklecli.character import weight_track
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.pose import blend, joint_matrices, morph_weights, transform
 from wrinklecli.effects import plan as plan_module
-from wrinklecli.effects.effect import Effect, MeshPlan, Sampling, Target
+from wrinklecli.effects.effect import Effect, MeshPlan, SamplingOptions, Target
 from wrinklecli.effects.plan import plan_mesh
 from wrinklecli.effects.sampling import sample_effects
 from wrinklecli.effects.wrinkle import sample as sample_module
@@ -251,7 +251,7 @@ def test_targets_of_contact_are_proven_as_those_of_tools(tmp_path: Path) -> None
     crease = tool(bumps=3, max_height="10%", contact="resolve")
     job = read_job(folding_limb(), write_tools(tmp_path / "tools.yaml", crease), BakeOptions(max_levels=1))
     (plan,) = plan_meshes(job, influences=None)
-    effects, motions = sample_effects(plan, job.clips, Sampling(30.0, "morph", job.document.memory, no_progress))
+    effects, motions = sample_effects(plan, job.clips, SamplingOptions(30.0, "morph", job.document.memory, no_progress))
     (motion,), (_, fold) = motions, effects
 
     def residual(

@@ -41,7 +41,7 @@ def baked(asset: Path, text: str, options: str) -> Path:
         fresh = Path(tempfile.mkdtemp(dir=FOLDER))
         (fresh / "tools.yaml").write_text(text)
         report = wrinklecli.bake(asset, fresh / "tools.yaml", fresh / "out.glb", **json.loads(options))
-        (fresh / "report.json").write_text(json.dumps(report.data))
+        (fresh / "report.json").write_text(json.dumps([report.data, report.further_targets]))
         try:
             fresh.rename(folder)
         except OSError:  # another worker has made the same meanwhile
@@ -81,7 +81,8 @@ def bake_config(asset: str, config: str, *, fine: bool = False, **options: Any) 
 
 def report_of(file: Gltf) -> Report:
     """What a bake that is kept here said of itself."""
-    return Report(json.loads(file.path.with_name("report.json").read_text()))
+    data, further_targets = json.loads(file.path.with_name("report.json").read_text())
+    return Report(data, further_targets=tuple(further_targets))
 
 
 @cache

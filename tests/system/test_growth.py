@@ -16,7 +16,7 @@ from wrinklecli import bake
 from wrinklecli.baking import plan, proof
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.character import pose
-from wrinklecli.effects.effect import MeshPlan, Motion, Sampling
+from wrinklecli.effects.effect import MeshPlan, Motion, SamplingOptions
 from wrinklecli.effects.sampling import sample_effects
 from wrinklecli.effects.wrinkle import sample
 from wrinklecli.effects.wrinkle.activity import points_of
@@ -85,7 +85,7 @@ class Baker:
         """The asset's mesh with its tool, and its clip, sampled."""
         job = read_job(self.written(asset), self.tools, BakeOptions())
         (planned,) = plan.plan_meshes(job)
-        _, (motion,) = sample_effects(planned, job.clips, Sampling(FPS, "morph", Memory(), no_progress))
+        _, (motion,) = sample_effects(planned, job.clips, SamplingOptions(FPS, "morph", Memory(), no_progress))
         return planned, motion
 
     def bake(self, asset: Asset, **options: Any) -> tuple[Gltf, int]:

@@ -19,7 +19,7 @@ from wrinklecli.baking.report import BakedMesh, Report, make_report
 from wrinklecli.baking.split import split_meshes, weighed
 from wrinklecli.baking.timings import StageClock, make_timings
 from wrinklecli.choices import Mode
-from wrinklecli.effects.effect import Effect, MeshPlan, Motion, Sampling
+from wrinklecli.effects.effect import Effect, MeshPlan, Motion, SamplingOptions
 from wrinklecli.effects.sampling import sample_effects
 from wrinklecli.errors import BakeError, RefusedError
 from wrinklecli.files.outputs import Outputs, part_of
@@ -128,7 +128,9 @@ def _pose_frames(job: Job, plan: MeshPlan, clock: StageClock, progress: Progress
 
 def _sample(job: Job, plan: MeshPlan, mode: Mode, progress: Progress) -> tuple[list[Effect], list[Motion]]:
     """Run the effects of a mesh over all clips."""
-    return sample_effects(plan, job.clips, Sampling(job.settings.sampling.fps, mode, job.document.memory, progress))
+    return sample_effects(
+        plan, job.clips, SamplingOptions(job.settings.sampling.fps, mode, job.document.memory, progress)
+    )
 
 
 def _add_morph_targets(

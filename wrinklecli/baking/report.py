@@ -33,6 +33,7 @@ class Report:
         notes: A line for each part of other files' clips that was left out or renamed.
         bytes_written: Size of OUT with the files beside it.
         timings: For `--timings`: JSON values only.
+        further_targets: Counts of the targets that are not of tools, for the summary.
     """
 
     data: Json
@@ -41,14 +42,7 @@ class Report:
     notes: tuple[str, ...] = ()
     bytes_written: int = 0
     timings: Json = field(default_factory=dict)
-
-    @property
-    def _contact(self) -> str:
-        """The part of the summary about folds whose contact is resolved."""
-        folds = self.data.get("folds", [])
-        targets = sum(len(fold["targets"]) for fold in folds)
-        count = sum(fold["clip"] is None for fold in folds)
-        return f", {targets} of contact in {counted(count, 'fold')}" if folds else ""
+    further_targets: tuple[str, ...] = ()
 
     @property
     def _split(self) -> str:
@@ -67,7 +61,9 @@ class Report:
         parts = ["a draft (one level less refined, not proven)"] if self.data["draft"] else []
         parts += [
             counted(len(self.data["tools"]), "tool"),
-            counted(targets, "morph target") + self._contact if self.data["mode"] == "morph" else "per-frame geometry",
+            ", ".join([counted(targets, "morph target"), *self.further_targets])
+            if self.data["mode"] == "morph"
+            else "per-frame geometry",
             counted(added, "new vertex", "new vertices"),
             counted(len(self.data["clips"]), "clip"),
         ]
@@ -161,7 +157,16 @@ def make_report(job: Job, baked: Sequence[BakedMesh], *, images: Sequence[str], 
     if engine is not None:
         budgets = [mesh.budget for mesh in baked if mesh.budget is not None]
         data["engine"] = {"name": engine, "limits": asdict(BUDGETS[engine]), "meshes": budgets}
-    return Report(data=data, warnings=tuple(warnings), inputs=(*job.inputs, *images), notes=job.notes)
+    effects = [effect for mesh in baked for effect in mesh.effects]
+    kinds = dict.fromkeys(type(effect) for effect in effects)
+    summaries = (kind.count_targets([each for each in effects if type(each) is kind]) for kind in kinds)
+    return Report(
+        data=data,
+        warnings=tuple(warnings),
+        inputs=(*job.inputs, *images),
+        notes=job.notes,
+        further_targets=tuple(each for each in summaries if each),
+    )
 
 
 def _describe_mesh(mesh: BakedMesh, mode: Mode) -> Json:

@@ -25,7 +25,7 @@ from wrinklecli.editor.clip_cache import ClipCache, RecentResults
 from wrinklecli.effects.plan import plan_on
 from wrinklecli.effects.wrinkle.attach import attach_tools
 from wrinklecli.effects.wrinkle.carry import carry
-from wrinklecli.effects.wrinkle.layer import Wrinkles, carried_patches_of
+from wrinklecli.effects.wrinkle.layer import WrinkleLayer, carried_patches_of
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.errors import BakeError, WrinkleError
 from wrinklecli.gltf.document import Document, read_document
@@ -217,7 +217,7 @@ class LoadedAsset:
                     except WrinkleError as error:
                         problems[carried.patch.tool.name] = error.lines[0]
                 if again:
-                    yield Cluster.from_plan(replace(cluster.plan, layers=(Wrinkles(tuple(again)),)), cluster)
+                    yield Cluster.from_plan(replace(cluster.plan, layers=(WrinkleLayer(tuple(again)),)), cluster)
         coarse = replace(settings, refinement=replace(settings.refinement, max_levels=0))
         for patch in waiting.values():
             yield from self._planned(ground, [patch], coarse, problems)

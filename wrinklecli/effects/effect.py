@@ -59,7 +59,7 @@ class Motion:
 
 
 @dataclass(frozen=True, slots=True)
-class Sampling:
+class SamplingOptions:
     """Times and limits of the sampling of clips.
 
     Attributes:
@@ -165,6 +165,11 @@ class Effect(ABC):
     def observe(cls, effects: Sequence[Self], _rig: Rig, _motion: Motion, _times: Floats, _known: Sequence[Any]) -> Any:
         """The measurements of effects at sorted (times,), among which are the motion's, where they are `_known`."""
         return [None] * len(effects)
+
+    @classmethod
+    def count_targets(cls, effects: Sequence["Effect"]) -> str:
+        """Count the targets of all effects of this kind, for a bake's summary; empty if they are counted as tools'."""
+        return f"{len(targets_of(effects))} of {cls.section}"
 
     # For the limits of engines.
 
@@ -278,7 +283,12 @@ class Layer(Protocol):
         ...
 
     def sample(
-        self, plan: MeshPlan, clips: Sequence[Clip], effects: Sequence[Effect], motions: Sequence[Motion], how: Sampling
+        self,
+        plan: MeshPlan,
+        clips: Sequence[Clip],
+        effects: Sequence[Effect],
+        motions: Sequence[Motion],
+        how: SamplingOptions,
     ) -> tuple[list[Effect], list[Motion]]:
         """Run the effects over clips.
 
@@ -302,7 +312,7 @@ class Layer(Protocol):
         ...
 
 
-class Kind(Protocol):
+class EffectKind(Protocol):
     """One kind of effect, from tools to a layer."""
 
     def attach(self, tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> Sequence[Attached]:

@@ -1,7 +1,7 @@
 """The kinds of effects, in the order in which they act on a body. A new kind is one more entry here."""
 
 from wrinklecli.effects.contact.layer import ContactKind
-from wrinklecli.effects.effect import Kind
+from wrinklecli.effects.effect import EffectKind
 from wrinklecli.effects.wrinkle.layer import WrinkleKind
 
-KINDS: tuple[Kind, ...] = (WrinkleKind(), ContactKind())
+KINDS: tuple[EffectKind, ...] = (WrinkleKind(), ContactKind())

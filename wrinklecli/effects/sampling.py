@@ -9,7 +9,7 @@ import numpy as np
 
 from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip
 from wrinklecli.character.rig import Rig, moving_nodes
-from wrinklecli.effects.effect import Effect, MeshPlan, Motion, Sampling
+from wrinklecli.effects.effect import Effect, MeshPlan, Motion, SamplingOptions
 from wrinklecli.numeric.arrays import Floats, Ints, interpolated
 from wrinklecli.numeric.piecewise import key_points
 
@@ -19,7 +19,7 @@ KEYS_SHARE = 0.25
 """Part of the bound for keys that are left out, whose errors are all along a track."""
 
 
-def sample_effects(plan: MeshPlan, clips: Sequence[Clip], how: Sampling) -> tuple[list[Effect], list[Motion]]:
+def sample_effects(plan: MeshPlan, clips: Sequence[Clip], how: SamplingOptions) -> tuple[list[Effect], list[Motion]]:
     """Run the effects of a mesh over clips, layer by layer.
 
     Returns:

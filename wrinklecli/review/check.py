@@ -15,7 +15,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.moved import Motions
 from wrinklecli.character.posing import JointTurn, MorphWeight
 from wrinklecli.character.rig import moving_nodes
-from wrinklecli.effects.effect import MeshPlan, Motion, Sampling
+from wrinklecli.effects.effect import MeshPlan, Motion, SamplingOptions
 from wrinklecli.effects.plan import mesh_warnings
 from wrinklecli.effects.sampling import moving_clips
 from wrinklecli.effects.wrinkle.activity import ClipActivity
@@ -148,7 +148,7 @@ def check(
         for plan in plans:
             clips = _clips_to_check(plan, job)
             refuse_many_samples(job, plan, clips)
-            sampling = Sampling(job.settings.sampling.fps, "morph", job.document.memory, progress)
+            sampling = SamplingOptions(job.settings.sampling.fps, "morph", job.document.memory, progress)
             motions = sample_activities(carried_patches_of(plan), plan, moving_clips(plan, clips), sampling)
             baked = [motion.clip for motion in motions if motion.clip.name not in (*job.range, job.pose)]
             warnings += mesh_warnings(plan, job.settings, baked, tracks=True)

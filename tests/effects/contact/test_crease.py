@@ -17,7 +17,7 @@ from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.effects.contact.crease import resolve
 from wrinklecli.effects.contact.fitting import fit_poses
 from wrinklecli.effects.contact.fold import RINGS
-from wrinklecli.effects.contact.layer import Contact
+from wrinklecli.effects.contact.layer import ContactLayer
 from wrinklecli.effects.contact.solution import Solution, _error_weights, free_rows
 from wrinklecli.effects.contact.tissue import FREE, SOFT, SkinnedPose, SolverState, Tissue
 from wrinklecli.numeric.intersections import widened
@@ -67,7 +67,7 @@ def test_all_that_is_near_what_crosses_may_move(tmp_path: Path) -> None:
     crease = tool(bumps=1, contact="resolve", origin=[-0.25, 0.25, 0.0], target=[0.25, 0.25, 0.0])
     tools = write_tools(tmp_path / "tools.yaml", crease, refinement={"max_levels": 0})
     (plan,) = plan_meshes(read_job(str(asset.write(tmp_path / "limb.glb")), str(tools), BakeOptions()))
-    contact = plan.layer(Contact)
+    contact = plan.layer(ContactLayer)
     assert contact is not None
     found = resolve(contact.folds[0], share=0.35, most=1)
     assert found is not None

@@ -14,7 +14,7 @@ from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.effects.contact.crease import resolve
 from wrinklecli.effects.contact.effect import ContactEffect, NonNegativeBasis
 from wrinklecli.effects.contact.fitting import fit_pose
-from wrinklecli.effects.contact.layer import Contact
+from wrinklecli.effects.contact.layer import ContactLayer
 from wrinklecli.effects.contact.remaining import remaining_in
 from wrinklecli.effects.contact.solution import Solution
 from wrinklecli.numeric.arrays import Floats
@@ -34,7 +34,7 @@ def test_a_clip_that_would_cross_more_with_contact_is_left_without_and_a_line_sa
     ]
     job = read_job(str(asset), str(files[0]), BakeOptions())
     (plan,) = plan_meshes(job)
-    contact, (clip,) = plan.layer(Contact), job.clips
+    contact, (clip,) = plan.layer(ContactLayer), job.clips
     assert contact is not None
     (fold,) = contact.folds
     crease = resolve(fold, share=0.35, most=7)

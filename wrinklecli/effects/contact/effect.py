@@ -13,7 +13,7 @@ from wrinklecli.drive.drive import Drive
 from wrinklecli.drive.table import Table
 from wrinklecli.effects.contact.hinge import Hinge
 from wrinklecli.effects.contact.remaining import Remaining
-from wrinklecli.effects.effect import Effect, MeshPlan, Motion
+from wrinklecli.effects.effect import Effect, MeshPlan, Motion, targets_of
 from wrinklecli.effects.wrinkle.effect import tool_drive
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.errors import counted, listed
@@ -102,6 +102,12 @@ class ContactEffect(Effect):
         if isinstance(hinge, Hinge):
             return Drive("", hinge.signal, self.target_names, Table("angles", self.crease.rows, weights), own=self.own)
         return tool_drive(self.patch, self.target_names, Table("shortenings", self.crease.rows, weights))
+
+    @classmethod
+    def count_targets(cls, effects: Sequence[Effect]) -> str:
+        """Count the targets of contact, and the folds."""
+        folds = sum(isinstance(each, ContactEffect) and each.clip is None for each in effects)
+        return f"{len(targets_of(effects))} of contact in {counted(folds, 'fold')}"
 
     def shape_weights(self, sampled: Floats) -> Floats:
         """(frames, shapes) weights of the targets' shapes from signed ones of the crease's."""

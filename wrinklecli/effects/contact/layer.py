@@ -10,8 +10,8 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.scene_meshes import read_scene_meshes
 from wrinklecli.effects.contact.effect import ContactEffect
 from wrinklecli.effects.contact.sample import sample_contact
-from wrinklecli.effects.effect import Attached, Effect, MeshPlan, Motion, Sampling
-from wrinklecli.effects.wrinkle.layer import Wrinkles
+from wrinklecli.effects.effect import Attached, Effect, MeshPlan, Motion, SamplingOptions
+from wrinklecli.effects.wrinkle.layer import WrinkleLayer
 from wrinklecli.errors import BakeError, listed, nearest
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Ints
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class Contact:
+class ContactLayer:
     """The folds of a mesh whose contact is resolved.
 
     Attributes:
@@ -54,7 +54,7 @@ class Contact:
         _clips: Sequence[Clip],
         effects: Sequence[Effect],
         motions: Sequence[Motion],
-        how: Sampling,
+        how: SamplingOptions,
     ) -> tuple[list[Effect], list[Motion]]:
         """Resolve the folds and follow each clip: frames at their own times, tracks at as many as they need."""
         return sample_contact(self.folds, plan, effects, motions, how)
@@ -74,13 +74,13 @@ class ContactKind:
         """Nothing."""
         return ()
 
-    def plan(self, plan: MeshPlan, ground: Ground, _attached: Sequence[tuple[int, Attached]]) -> Contact | None:
+    def plan(self, plan: MeshPlan, ground: Ground, _attached: Sequence[tuple[int, Attached]]) -> ContactLayer | None:
         """Find the folds of the tools that ask for contact.
 
         Raises:
             BakeError: The library that resolves contact is missing, or a node whose mesh is to be ignored.
         """
-        wrinkles = plan.layer(Wrinkles)
+        wrinkles = plan.layer(WrinkleLayer)
         carried = wrinkles.carried_patches if wrinkles else ()
         chosen = [number for number, each in enumerate(carried) if each.patch.tool.contact is not None]
         if not chosen:
@@ -97,7 +97,7 @@ class ContactKind:
         parts = read_bones(ground.document).parts
         obstacles = partial(read_scene_meshes, ground.document, ground.rig.node)
         folds, without = find_folds(carried, chosen, plan.fine, ground.rest, ground.rig, parts, obstacles)
-        return Contact(tuple(folds), tuple(carried[number].patch.tool.name for number in without))
+        return ContactLayer(tuple(folds), tuple(carried[number].patch.tool.name for number in without))
 
 
 def _check_ignored(document: Document, tools: Sequence[WrinkleTool]) -> None:

@@ -10,7 +10,7 @@ from wrinklecli.character.clip import KEY_GAP, clip_grid
 from wrinklecli.character.pose import pose_at
 from wrinklecli.effects.contact.effect import ContactEffect, NonNegativeBasis
 from wrinklecli.effects.contact.remaining import Remaining, remaining_in
-from wrinklecli.effects.effect import Effect, MeshPlan, Motion, Sampling, named_targets
+from wrinklecli.effects.effect import Effect, MeshPlan, Motion, SamplingOptions, named_targets
 from wrinklecli.effects.sampling import duplicates_of, joined
 from wrinklecli.effects.shapes import Sample, Shape, make_shapes, summed
 from wrinklecli.numeric.arrays import Floats, distinct_values
@@ -30,7 +30,7 @@ _SHAPE_ERROR = 0.35
 
 
 def sample_contact(
-    folds: "Sequence[Fold]", plan: MeshPlan, effects: Sequence[Effect], motions: Sequence[Motion], how: Sampling
+    folds: "Sequence[Fold]", plan: MeshPlan, effects: Sequence[Effect], motions: Sequence[Motion], how: SamplingOptions
 ) -> tuple[list[Effect], list[Motion]]:
     """Resolve folds and follow each clip, as `Layer.sample` does.
 
@@ -70,7 +70,7 @@ class _Marched:
 
 
 def _followed(
-    plan: MeshPlan, crease: "Crease", effects: Sequence[Effect], motions: Sequence[Motion], how: Sampling
+    plan: MeshPlan, crease: "Crease", effects: Sequence[Effect], motions: Sequence[Motion], how: SamplingOptions
 ) -> tuple[list[ContactEffect], list[Motion]]:
     """A fold's effects, and motions with their weights in each clip."""
     marched = how.mode == "morph"

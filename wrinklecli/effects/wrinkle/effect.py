@@ -85,6 +85,11 @@ class WrinkleEffect(Effect):
         table = tabulate_curve(patch.curve, min(lengths), max(lengths), mix=self.written(mix).T, positive=positive)
         return replace(table, least=0.0 if mixed is None else mixed.least)
 
+    @classmethod
+    def count_targets(cls, _effects: Sequence[Effect]) -> str:
+        """Nothing: the summary begins with the targets of the tools."""
+        return ""
+
     def shape_weights(self, sampled: Floats) -> Floats:
         """(frames, shapes) weights of the targets' shapes from (frames, …) weights of the control curve's."""
         flat = sampled.reshape(len(sampled), -1)

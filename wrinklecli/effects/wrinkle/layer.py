@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.effects.effect import Attached, Effect, MeshPlan, Motion, Sampling
+from wrinklecli.effects.effect import Attached, Effect, MeshPlan, Motion, SamplingOptions
 from wrinklecli.effects.wrinkle.attach import attach_tools
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, carry
 from wrinklecli.effects.wrinkle.demand import demanding
@@ -29,7 +29,7 @@ _MOMENTS = 32
 
 
 @dataclass(frozen=True, slots=True)
-class Wrinkles:
+class WrinkleLayer:
     """The wrinkling tools of a mesh.
 
     Attributes:
@@ -84,7 +84,7 @@ class Wrinkles:
         clips: Sequence[Clip],
         effects: Sequence[Effect],
         _motions: Sequence[Motion],
-        how: Sampling,
+        how: SamplingOptions,
     ) -> tuple[list[Effect], list[Motion]]:
         """Run the tools over clips; as the first layer, they give motions their times."""
         assert not effects, "wrinkles act first"
@@ -107,7 +107,7 @@ class WrinkleKind:
         own = [tool for tool in tools if isinstance(tool, WrinkleTool)]
         return attach_tools(own, ground.surface, ground.rest, ground.rig, up=settings.up)
 
-    def plan(self, plan: MeshPlan, ground: Ground, attached: Sequence[tuple[int, Attached]]) -> Wrinkles | None:
+    def plan(self, plan: MeshPlan, ground: Ground, attached: Sequence[tuple[int, Attached]]) -> WrinkleLayer | None:
         """Let the refined surface carry the tools.
 
         Raises:
@@ -122,12 +122,12 @@ class WrinkleKind:
                 problems.append(error)
         if problems:
             raise BakeError.of_all(problems)
-        return Wrinkles(tuple(carried), min(patches)) if patches else None
+        return WrinkleLayer(tuple(carried), min(patches)) if patches else None
 
 
 def carried_patches_of(plan: MeshPlan) -> tuple[CarriedPatch, ...]:
     """The wrinkling tools of a mesh, on its refined surface."""
-    wrinkles = plan.layer(Wrinkles)
+    wrinkles = plan.layer(WrinkleLayer)
     return wrinkles.carried_patches if wrinkles else ()
 
 

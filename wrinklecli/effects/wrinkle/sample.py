@@ -11,7 +11,7 @@ from wrinklecli.character.carried import pose_carriers
 from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip, clip_grid, motion_breaks
 from wrinklecli.character.pose import Pose, pose_at
 from wrinklecli.drive.lag import SpringFilter
-from wrinklecli.effects.effect import Effect, MeshPlan, Motion, Sampling, named_targets
+from wrinklecli.effects.effect import Effect, MeshPlan, Motion, SamplingOptions, named_targets
 from wrinklecli.effects.sampling import KEYS_SHARE, SAMPLING_SHARE, duplicates_of
 from wrinklecli.effects.shapes import Sample, Shape, make_shapes
 from wrinklecli.effects.wrinkle.activity import activities, points_of, springs_in
@@ -40,7 +40,7 @@ _PER_COORDINATE = 3.0**0.5
 
 
 def sample_wrinkles(
-    carried_patches: Sequence[CarriedPatch], first: int, plan: MeshPlan, clips: Sequence[Clip], how: Sampling
+    carried_patches: Sequence[CarriedPatch], first: int, plan: MeshPlan, clips: Sequence[Clip], how: SamplingOptions
 ) -> tuple[list[Effect], list[Motion]]:
     """Run tools over clips, as `Layer.sample` does; `first` is the number of the first tool's region."""
     motions = sample_activities(carried_patches, plan, clips, how)
@@ -61,7 +61,7 @@ def sample_wrinkles(
 
 
 def sample_activities(
-    carried_patches: Sequence[CarriedPatch], plan: MeshPlan, clips: Sequence[Clip], how: Sampling
+    carried_patches: Sequence[CarriedPatch], plan: MeshPlan, clips: Sequence[Clip], how: SamplingOptions
 ) -> list[Motion]:
     """Sample clips without weights: their times, and the tools' activities as states."""
     patches = [carried.patch for carried in carried_patches]
@@ -95,7 +95,7 @@ def _key_times(
     clip: Clip,
     springs: Sequence[SpringFilter | None],
     bound: float,
-    how: Sampling,
+    how: SamplingOptions,
     report_remaining: Callable[[int], None],
 ) -> tuple[Floats, Ints]:
     """Times so dense that straight lines between them are right, and the numbers of the keys among them.

@@ -11,7 +11,7 @@ from wrinklecli.baking.estimate import refuse_too_much
 from wrinklecli.baking.job import BakeOptions, Job, read_job
 from wrinklecli.baking.morphs import encode_morphs
 from wrinklecli.baking.plan import plan_meshes
-from wrinklecli.effects.effect import MeshPlan, Sampling
+from wrinklecli.effects.effect import MeshPlan, SamplingOptions
 from wrinklecli.effects.sampling import sample_effects
 from wrinklecli.effects.wrinkle.layer import carried_patches_of
 from wrinklecli.errors import WrinkleError
@@ -111,7 +111,7 @@ def apply_tools(planned: PlannedTools, clips: Sequence[str], progress: Progress 
     assert job is not None
     edited = EditedDocument(job.document)
     chosen = [clip for clip in job.clips if clip.name in clips]
-    sampling = Sampling(job.settings.sampling.fps, "morph", job.document.memory, progress)
+    sampling = SamplingOptions(job.settings.sampling.fps, "morph", job.document.memory, progress)
     for plan in planned.plans:
         refuse_too_much(job, plan, chosen, job.document.path)
         encode_morphs(edited, plan, *sample_effects(plan, chosen, sampling))
