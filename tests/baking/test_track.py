@@ -431,6 +431,7 @@ def test_faults_on_the_command_line(wrinkle: Wrinkle, tmp_path: Path) -> None:
     assert wrinkle("track", body, strange).code == 2
     assert wrinkle("track", body, "walk.fbx", "-o", "out").code == 2
     assert wrinkle("track", body, strange, "-o", "out", "--fps", "nan").code == 2
+    assert wrinkle("track", body, strange, "-o", "out", "--max-error", "100%").code == 1
     for wrong in ("1", "0.39%", "nan%", "x%", "101%"):
         assert wrinkle("track", body, strange, "-o", "out", "--max-error", wrong).code == 2
     assert not (tmp_path / "out").exists()

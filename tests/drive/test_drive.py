@@ -14,6 +14,7 @@ from kit.limb import RADIUS, limb_asset, tool
 from kit.prepared import Prepared, prepare
 from wrinklecli.drive.angle import JointAngle
 from wrinklecli.drive.drive import Drive, StoredDrive
+from wrinklecli.drive.segment import Segment
 from wrinklecli.drive.table import Table
 from wrinklecli.effects.wrinkle.lookup import tabulate_curve
 from wrinklecli.numeric.arrays import Floats
@@ -112,3 +113,14 @@ def test_extras_that_no_bake_writes_are_refused(broken: dict[str, Any]) -> None:
     StoredDrive.read(data)
     with pytest.raises(ValueError):  # noqa: PT011  # it has no words: who reads extras says where they are
         StoredDrive.read({**data, **broken})
+
+
+def test_a_rest_length_is_constant_on_a_rig_without_its_morph_target() -> None:
+    prepared = limb(4)
+    table = Table("shortenings", np.array([0.0, 0.9]), np.array([[0.0], [1.0]]))
+    drive = Drive("crease", prepared.patch.segment, ("wrinkle_crease_1",), table)
+    stored = StoredDrive.read(json.loads(json.dumps(drive.to_json(prepared.rig.names, prepared.rig.morph_names))))
+    found = stored.on({name: number for number, name in enumerate(prepared.rig.names)}, ["morph_0"])
+    assert prepared.patch.segment.rest_length.morph is not None
+    assert isinstance(found.signal, Segment)
+    assert found.signal.rest_length.morph is None

@@ -43,6 +43,17 @@ def test_a_sample_is_described_as_it_is(name: str) -> None:
     assert found["replaceable"] is None
 
 
+MODES = ["points", "lines", "line loop", "line strip", "triangles", "triangle strip", "triangle fan", "7"]
+
+
+@pytest.mark.parametrize(("mode", "name"), list(enumerate(MODES)))
+def test_modes_of_primitives_have_names(mode: int, name: str, tmp_path: Path) -> None:
+    asset = limb_asset(rings=3, sides=4)
+    asset.gltf["meshes"][0]["primitives"][0]["mode"] = mode
+    (mesh,) = inspect(asset.write(tmp_path / "limb.glb"))["meshes"]
+    assert mesh["primitives"][0]["mode"] == name
+
+
 @pytest.mark.parametrize(
     "options",
     [

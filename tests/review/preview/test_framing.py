@@ -50,6 +50,15 @@ def test_an_asset_without_wrinkles_has_no_side_that_faces_them(tmp_path: Path) -
         view_of(limb(tmp_path), [Moment(None, 0.0)], views=[FACING])
 
 
+def test_a_camera_that_follows_looks_at_the_middle_of_what_it_sees(tmp_path: Path) -> None:
+    moments = [Moment("fold", time) for time in (0.0, 0.5, 1.0)]
+    asset, view = view_of(limb(tmp_path, rings=9, sides=8), moments, follow=True, views=["front"])
+    for moment, camera in zip(moments, view.cameras, strict=True):
+        (posed,) = asset.posed(moment)
+        middle = (posed.positions.min(axis=0) + posed.positions.max(axis=0)) / 2.0
+        assert camera.centre == pytest.approx(middle, abs=1e-9)
+
+
 def walking(folder: Path) -> Path:
     asset = limb_asset(rings=9, sides=12, root={"translation": [0.0, 0.0, 0.0]}, clip=None)
     animation: Json = {"name": "walk"}
