@@ -12,7 +12,7 @@ from wrinklecli.numeric.intersections import Crossings
 pytest.importorskip("ipctk", reason="needs the extra `contact`")
 
 from kit.bent_tube import SIDES, bent, tube
-from wrinklecli.effects.contact.march import march
+from wrinklecli.effects.contact.march import _direction, _energy, march
 from wrinklecli.effects.contact.tissue import FREE, SOFT, SkinnedPose, Tissue
 
 
@@ -82,6 +82,31 @@ def test_a_tube_stays_in_a_sleeve_that_bends_with_it(radius: float, gap: float, 
         assert not _crossing(crossings, own, shown).any()
         assert np.abs(state.correction[~free]).max() < 1e-6
         assert np.array_equal(state.positions, again.positions)
+
+
+def test_the_slope_of_a_step_is_the_derivative_of_the_energy() -> None:
+    """Elastic, volume and barrier terms: each of them and its gradient, where the surface touches itself."""
+    rest, triangles = tube(60.0)
+    poses = [bent(rest, turn, 60.0, 0.0) for turn in np.radians(np.arange(0.0, 91.0, 15.0))]
+    free = np.abs(rest[:, 0]) < rest[:, 0].max()
+    apart = (np.abs(rest[:, 0]) - 60.0).clip(0.0)
+    tissue = Tissue(rest, triangles, np.ones(len(triangles), bool), free, np.ones(len(rest), bool), apart)
+    *_, state = march(tissue, poses)
+    assert tissue.is_clear(rest)
+    assert state.near is not None
+    assert not tissue.is_clear(state.positions)
+    posed = bent(rest, np.radians(95.0), 60.0, 0.0)
+    assert not tissue.is_clear(posed.positions)
+    positions = state.positions + np.where(free, 0.05, 0.0)[:, None] * np.sin(np.arange(3 * len(rest)).reshape(-1, 3))
+    near, volumes = tissue.collisions(positions), tissue.pieces.volumes(posed.positions)
+    direction, slope = _direction(tissue, positions, posed, volumes, near)
+    step = 1e-5 / np.abs(direction).max()
+    ahead, behind = (
+        _energy(tissue, there, posed, volumes, tissue.collisions(there))
+        for there in (positions + step * direction, positions - step * direction)
+    )
+    assert slope < 0
+    assert (ahead - behind) / (2.0 * step) == pytest.approx(slope, rel=1e-4)
 
 
 def test_what_cannot_collide_is_not_in_the_way() -> None:
