@@ -13,7 +13,7 @@ from wrinklecli.character.pose import blend, joint_matrices, transform
 from wrinklecli.drive.lag import TAUT
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.curve import ControlCurve
-from wrinklecli.effects.wrinkle.demand import demanding
+from wrinklecli.effects.wrinkle.demand import _Line, demanding
 from wrinklecli.numeric.arrays import Floats
 
 # From the joint that folds, whose skin folds over half a unit about x = 0.
@@ -101,3 +101,18 @@ def test_more_is_asked_for_the_further_a_joint_bends(keys: dict[str, Any]) -> No
 )
 def test_other_curves_are_as_they_were(keys: dict[str, Any]) -> None:
     assert folded(**keys).patch.curve.demand is None
+
+
+def test_the_line_of_a_mesh_runs_where_v_is_0_from_end_to_end() -> None:
+    """On a slanting path, whose line runs through no vertex: it cuts each edge in another ratio."""
+    path = [[x, RADIUS, 0.13 * x] for x in (-0.4, -0.2, 0.0, 0.2, 0.4)]
+    prepared = folded(path=path)
+    carried, fine = carry_patch(prepared)
+    line = _Line.of_mesh(carried, fine, len(prepared.rig.joints))
+    assert line is not None
+    points = np.einsum("pk,pkx->px", line.shares, line.rest_points[line.corners])
+    u, v = prepared.patch.coordinates(points)
+    assert u[[0, -1]] == pytest.approx([0.0, 1.0], abs=1e-3)
+    assert (np.diff(u) > -1e-9).all()
+    assert np.abs(v).max() < 1e-3
+    assert line.rest_length == pytest.approx(prepared.patch.span, rel=0.01)
