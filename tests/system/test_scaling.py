@@ -15,8 +15,9 @@ from kit.limb import RADIUS, limb_asset, tool
 from kit.prepared import prepare
 from kit.tube import write_tube
 from wrinklecli import bake
-from wrinklecli.baking import pipeline, placement, warnings
+from wrinklecli.baking import pipeline
 from wrinklecli.character import contacts, rig, scene
+from wrinklecli.effects.wrinkle import placement, warnings
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review.check import check
 from wrinklecli.review.diff import compare_motion
