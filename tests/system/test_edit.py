@@ -53,9 +53,13 @@ def test_a_tool_is_drawn_tuned_and_saved(tmp_path: Path) -> None:
         with browsing(tmp_path, f"http://127.0.0.1:{page.port}", SIZE) as tab:
             until(page.server.get_clients, "a connected tab")
             take_picture(tab, "opened")
-            for client in page.server.get_clients().values():
-                client.camera.position, client.camera.look_at = CAMERA, KNEE.mean(axis=0)
-            until(lambda: np.allclose(next(iter(page.server.get_clients().values())).camera.position, CAMERA), "turned")
+            (client,) = page.server.get_clients().values()
+            client.camera.position, client.camera.look_at = CAMERA, KNEE.mean(axis=0)
+            # What is asked of the camera shows here at once. The tab has turned when it says so itself.
+            asked = client.camera.update_timestamp
+            until(
+                lambda: client.camera.update_timestamp > asked and np.allclose(client.camera.position, CAMERA), "turned"
+            )
 
             tab.press_button("New tool")
             tab.wait("document.body.innerText.includes('Click where the tool begins')")
