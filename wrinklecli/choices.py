@@ -27,7 +27,7 @@ Attachment: TypeAlias = Literal["skin", "patch"]
 Mode: TypeAlias = Literal["morph", "frames"]
 Engine: TypeAlias = Literal["three", "unity", "spec8", "vtk", "godot3"]
 Storage: TypeAlias = Literal["sparse", "dense", "based"]
-"""How deltas are stored: sparse where that is smaller; dense, all of them; or based, sparse upon zeros that are stored
+"""The storage of deltas: sparse where that is smaller; dense, all of them; or based, sparse upon zeros that are stored
 once, for readers that need a buffer view there."""
 Tracks: TypeAlias = Literal["all", "none"]
 FrameFormat: TypeAlias = Literal["obj", "ply", "glb"]

@@ -1,4 +1,4 @@
-"""What the command makes of the outcomes of a batch: its exit code, its report and its last line."""
+"""The command turns the outcomes of a batch into results: its exit code, its report and its last line."""
 
 import json
 from pathlib import Path

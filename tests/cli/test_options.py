@@ -1,4 +1,4 @@
-"""What options read from words, without a run of their commands."""
+"""Options read values from words; no command runs here."""
 
 from collections.abc import Sequence
 from typing import Any

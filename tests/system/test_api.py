@@ -1,4 +1,4 @@
-"""What `import wrinklecli` offers: functions named for the commands, each with options and an example that runs."""
+"""The package offers functions named for the commands, each with options and an example that runs."""
 
 import doctest
 import inspect

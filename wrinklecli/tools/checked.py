@@ -17,7 +17,7 @@ Place: TypeAlias = tuple[str | int, ...]  # keys and indices that lead to a valu
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Format:
-    """What a file may say: its schema, and the items of its lists, which inherit from its `defaults`."""
+    """The format of a file: its schema, and the items of its lists, which inherit from its `defaults`."""
 
     schema: Schema
     kinds: Sequence[Items]

@@ -1,4 +1,4 @@
-"""What a file of wrinkling tools says, as frozen records whose fields are its keys: ranges, meanings, defaults.
+"""The contents of a file of wrinkling tools, as frozen records whose fields are its keys: ranges, meanings, defaults.
 
 `schema` makes the JSON Schema of these fields and `read` the records. `configs/README.md` is the reference of the keys.
 """
