@@ -1,4 +1,4 @@
-"""Which faults do the tests notice? Change random places of the package, one at a time, and run tests on each change.
+"""Measures which faults the tests notice: changes random places of the package, one at a time, and tests each change.
 
     python tests/benchmarks/mutants.py DIR --count 100 --seed 28          a sample, with the quick tests
     python tests/benchmarks/mutants.py DIR --count 100 --seed 28 --slow   what survives meets the room's slow tests too

@@ -1,6 +1,6 @@
 """The proof: the written file is played as an engine would, and compared with the method's own result."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -209,7 +209,12 @@ def measure_residual(
     raised = np.any([each.raised(times, state)[chosen] for each, state in zip(effects, states, strict=True)], axis=0)
     acting = np.flatnonzero(raised)
     shaded = acting[distinct_values(np.linspace(0, len(acting) - 1, min(normal_frames, len(acting))).astype(int))]
-    moved = _Moved(plan, effects, motion.clip, times[chosen], [each[chosen] for each in exact])
+    beside = [
+        each.moved_in_frames(plan, motion.clip, times, chosen, state)
+        for each, state in zip(effects, states, strict=True)
+    ]
+    projected = [(*matches(proof.vertices, each[0]), each[1]) for each in beside if each is not None]
+    moved = _Moved(motion.clip, times[chosen], np.concatenate([each[chosen] for each in exact], axis=1), projected)
     position, time, angles = _vertex_errors(proof, plan, moved, written, shaded)
     normal = None
     if normal_frames and proof.normals is not None:
@@ -224,25 +229,21 @@ class _Moved:
     Attributes:
         clip: The clip as it was in the source.
         times: (times,) seconds.
-        exact: For each effect (times, shapes) the method's weights of its exact shapes.
+        exact: (times, shapes) the method's weights of the exact shapes of all effects.
+        projected: For each effect that moves vertices beside these, rows of the compared vertices, their numbers among
+            the effect's, and the displacements of the effect's vertices in a slice of the times.
     """
 
-    plan: MeshPlan
-    effects: Sequence[Effect]
     clip: Clip
     times: Floats
-    exact: Sequence[Floats]
+    exact: Floats
+    projected: Sequence[tuple[Ints, Ints, Callable[[slice], Floats]]]
 
     def displacements(self, proof: Proof, frames: slice) -> Floats:
         """(frames, 3, vertices) sum of all effects at the vertices compared, bind space."""
-        now = self.times[frames]
-        total = proof.method.added(np.concatenate([each[frames] for each in self.exact], axis=1))
-        for each in self.effects:
-            found = each.moved_in_frames(self.plan, self.clip, now)
-            if found is not None:
-                vertices, moved = found
-                rows, numbers = matches(proof.vertices, vertices)
-                total[:, :, rows] += moved.transpose(0, 2, 1)[:, :, numbers]
+        total = proof.method.added(self.exact[frames])
+        for rows, numbers, moved in self.projected:
+            total[:, :, rows] += moved(frames).transpose(0, 2, 1)[:, :, numbers]
         return total
 
 

@@ -7,7 +7,7 @@ order, and each sees the body as moved by those before it.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol, Self, TypeVar
 
@@ -201,8 +201,13 @@ class Effect(ABC):
     def exact_weights(self, motion: Motion, sampled: Floats, times: Floats, state: Any) -> Floats:
         """(times, shapes) the method's weights of `exact_shapes`, from the effect's measurements at the times."""
 
-    def moved_in_frames(self, _plan: MeshPlan, _clip: Clip, _times: Floats) -> tuple[Ints, Floats] | None:
-        """Fine vertices and their (times, vertices, 3) moves besides `exact_shapes`, bind space; None if none move."""
+    def moved_in_frames(
+        self, _plan: MeshPlan, _clip: Clip, _times: Floats, _chosen: Ints, _state: Any
+    ) -> tuple[Ints, Callable[[slice], Floats]] | None:
+        """Give fine vertices that move besides `exact_shapes`, and their (part of chosen times, vertices, 3) moves.
+
+        `_state` is measured at all (times,), of which the (chosen,) are compared. None if no such vertex moves.
+        """
         return None
 
     def raised(self, times: Floats, _state: Any) -> Bools:

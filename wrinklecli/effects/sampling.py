@@ -70,10 +70,8 @@ def with_times(effects: Sequence[Effect], rig: Rig, motion: Motion, fresh: Float
     """
     if not len(fresh):
         return motion
-    places, times = (
-        np.searchsorted(motion.times, fresh),
-        np.insert(motion.times, np.searchsorted(motion.times, fresh), fresh),
-    )
+    places = np.searchsorted(motion.times, fresh)
+    times = np.insert(motion.times, places, fresh)
     weights = tuple(
         np.insert(sampled, places, each.weights_at(rig, motion, sampled, fresh), axis=0)
         for each, sampled in zip(effects, motion.weights, strict=True)
@@ -104,15 +102,15 @@ def joined(
         sizes: (all further shapes,) the largest move of each, scene units.
         at_once: True if no time is to be added.
     """
-    states = (*motion.states, *(None for _ in weights))
+    unmeasured = (None,) * len(weights)
     if at_once:
-        return replace(motion, states=states, weights=(*motion.weights, *weights))
+        return replace(motion, states=(*motion.states, *unmeasured), weights=(*motion.weights, *weights))
     # All times are added, not the keys alone, as the proof compares times between keys too.
     whole = with_times(effects, plan.rig, motion, np.setdiff1d(times, motion.times))
     more = [interpolated(whole.times, times, each) for each in weights]
     keys = np.searchsorted(whole.times, times[_keys(plan, times, np.concatenate(weights, axis=1) * sizes)])
-    states = (*whole.states, *(None for _ in weights))
-    return replace(whole, keys=np.union1d(whole.keys, keys), states=states, weights=(*whole.weights, *more))
+    states, keys = (*whole.states, *unmeasured), np.union1d(whole.keys, keys)
+    return replace(whole, keys=keys, states=states, weights=(*whole.weights, *more))
 
 
 def _keys(plan: MeshPlan, times: Floats, moves: Floats) -> Ints:

@@ -145,7 +145,7 @@ class Sampling:
 
 @dataclass(frozen=True, slots=True)
 class RefinementSettings:
-    """How finely the mesh is subdivided under the wrinkles; in a draft, `edges_per_interval` may be a fraction."""
+    """The subdivision of the mesh under the wrinkles; in a draft, `edges_per_interval` may be a fraction."""
 
     max_levels: int = key(whole(0, 8), "Most times that an edge is halved; 0 keeps the mesh. Default 4.", 4, read=int)
     edges_per_interval: float = key(
@@ -222,7 +222,7 @@ class Lag:
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """How folds that touch are kept from crossing."""
+    """Settings of folds that touch and must not cross."""
 
     per_clip: bool = key(
         FLAG,
@@ -255,7 +255,7 @@ def identifier(name: str) -> str:
 
 
 class EffectTool(Protocol):
-    """What a tools file says of one effect, whatever its kind: how a bake finds its mesh, and whether it acts."""
+    """One effect of a tools file, of any kind, as far as a bake needs it to find the mesh."""
 
     @property
     def name(self) -> str:
@@ -279,7 +279,7 @@ class EffectTool(Protocol):
 
     @property
     def points(self) -> tuple[Position | Marker, ...]:
-        """Where it lies on the mesh, first things first."""
+        """The points at which the effect lies on the mesh, from its origin on."""
         ...
 
     @property

@@ -1,6 +1,6 @@
 """The effect of one wrinkling tool: its targets, their weights by its control curve, and its drive."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
@@ -189,11 +189,18 @@ class WrinkleEffect(Effect):
             return np.zeros((len(times), 0))
         return np.asarray(self.carried.patch.clip_strength(motion.clip) * state.amplitudes.reshape(len(times), -1))
 
-    def moved_in_frames(self, plan: MeshPlan, clip: Clip, times: Floats) -> tuple[Ints, Floats] | None:
-        """The displacements of vertices that are projected in each frame."""
+    def moved_in_frames(
+        self, plan: MeshPlan, clip: Clip, times: Floats, chosen: Ints, state: Activity
+    ) -> tuple[Ints, Callable[[slice], Floats]] | None:
+        """The vertices that are projected in each frame, and their displacements."""
         if self.on_skin:
             return None
-        return self.carried.vertices, displacements(self.carried, plan.fine, plan.rig, clip, times)
+        at, amplitudes = times[chosen], state.amplitudes[chosen]
+
+        def moved(part: slice) -> Floats:
+            return displacements(self.carried, plan.fine, plan.rig, clip, at[part], amplitudes[part])
+
+        return self.carried.vertices, moved
 
     def raised(self, _times: Floats, state: Activity) -> Bools:
         """(times,) True where a bump is raised."""
