@@ -17,7 +17,7 @@ from wrinklecli.batch.staging import Staged
 from wrinklecli.errors import BakeError
 from wrinklecli.files.outputs import Outputs
 from wrinklecli.gltf.files import path_of
-from wrinklecli.numeric.memory import MAX_MEMORY, held, parse_bytes
+from wrinklecli.numeric.memory import held
 from wrinklecli.tools.records import parse_length
 
 # The manifest's keys that `BakeOptions` calls otherwise.
@@ -95,7 +95,7 @@ def bake_options(job: BatchJob) -> BakeOptions:
     values: dict[str, Any] = {_NAMES.get(key, key): value for key, value in job.options.items()}
     if "max_error" in values:
         values["max_error"] = parse_length(values["max_error"])
-    values["max_memory"] = parse_bytes(values["max_memory"]) if "max_memory" in values else MAX_MEMORY
+    values["max_memory"] = job.max_memory
     return BakeOptions(details=job.report is not None, **values)
 
 

@@ -66,10 +66,10 @@ class Cache:
         except (KeyError, TypeError, ValueError):
             return None
 
-    def content(self, file: CachedFile) -> bytes | None:
-        """Read the content of a file; None if it is lost or damaged."""
+    def content(self, file: CachedFile, most: int) -> bytes | None:
+        """Read the content of a file of at most so many bytes; None if it is lost, damaged or larger."""
         try:
-            data = stores.read(self._path("files", file.digest))
+            data = stores.read(self._path("files", file.digest), most)
         except OSError:
             return None
         return data if hashlib.sha256(data).hexdigest() == file.digest else None
@@ -82,7 +82,8 @@ class Cache:
         """
         kept = []
         for root, path, now in files:
-            data = stores.read(now)
+            with stores.opened(now) as file:
+                data = file.read()
             digest = hashlib.sha256(data).hexdigest()
             self._put(self._path("files", digest), data)
             kept.append([root, path, digest])

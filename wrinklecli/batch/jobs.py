@@ -4,6 +4,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeAlias
 
+from wrinklecli.numeric.memory import MAX_MEMORY, parse_bytes
+
 Result: TypeAlias = Literal["hit", "built", "refused", "failed", "bug"]
 
 
@@ -43,6 +45,11 @@ class BatchJob:
         """All files and folders that the job names to be written."""
         named = (self.out, self.tracked, self.report, self.timings, self.options.get("frames_dir"))
         return tuple(path for path in named if path)
+
+    @property
+    def max_memory(self) -> int:
+        """The bytes that the job may take, and that a file which it reads by URL may have."""
+        return parse_bytes(self.options["max_memory"]) if "max_memory" in self.options else MAX_MEMORY
 
     def with_paths(
         self,

@@ -25,6 +25,7 @@ _LISTS = ("tools", "anims", "anim", "clip", "tool")
 _PATHS = ("tools", "anims", "anim", "out", "tracked", "frames_dir", "report", "timings")
 _OUTPUTS = ("out", "report", "timings", "frames_dir")
 _OUTPUT_ENDINGS = (".glb", ".gltf")
+_MAX_MANIFEST = 10**8  # bytes: as many jobs as there may be, of 1 kB
 
 
 def read_manifest(path: str, given: Mapping[str, Any]) -> list[BatchJob]:
@@ -39,7 +40,7 @@ def read_manifest(path: str, given: Mapping[str, Any]) -> list[BatchJob]:
     """
     ending = os.path.splitext(path)[1].lower()
     try:
-        text = stores.read(stores.plain(path)).decode("utf-8-sig")
+        text = stores.read(stores.plain(path), _MAX_MANIFEST).decode("utf-8-sig")
     except (OSError, ValueError) as error:
         raise ConfigError(f"cannot be read: {stores.reason_of(error)}", where=path) from None
     if not text.strip():

@@ -1,8 +1,8 @@
 """Work on a job with URLs as on one with local files: fetch its inputs, and send its outputs when all are complete."""
 
+import errno
 import os
 import posixpath
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -12,7 +12,6 @@ from wrinklecli.batch import stores
 from wrinklecli.batch.cache_keys import references
 from wrinklecli.batch.jobs import BatchJob
 from wrinklecli.errors import AssetError, BakeError, WrinkleError
-from wrinklecli.files.workplace import Workplace
 from wrinklecli.gltf.files import leaves_folder, path_of
 
 ROOTS = ("report", "timings", "frames_dir", "tracked", "out")
@@ -49,29 +48,18 @@ def staged(job: BatchJob) -> Iterator[Staged]:
     if not any(map(stores.is_url, (*job.inputs, *job.outputs))):
         yield Staged(job, {}, _roots(job, job))
         return
-    workplace = Workplace(tempfile.gettempdir())
-    try:
-        yield _Stager(_make_folder(workplace)).staged(job)
-    finally:
-        workplace.remove()
-
-
-def _make_folder(workplace: Workplace) -> str:
-    """Make a folder in a workplace; a later run removes the folder if this one is killed."""
-    try:
-        workplace.make()
-        folder = workplace.next_path()
-        os.mkdir(folder)
-    except OSError as error:
-        raise BakeError(f"cannot be written: {error.strerror}", where=tempfile.gettempdir()) from error
-    return folder
+    with stores.scratch() as folder:
+        yield _Stager(folder, job.max_memory).staged(job)
 
 
 class _Stager:
-    """Fetches files of URLs into a folder; each folder of a store gets a subfolder."""
+    """Fetches files of URLs into a folder; each folder of a store gets a subfolder.
 
-    def __init__(self, folder: str) -> None:
-        self._folder = folder
+    `most` is the largest size of a file, and of an asset together with the files that it refers to, in bytes.
+    """
+
+    def __init__(self, folder: str, most: int) -> None:
+        self._folder, self._most = folder, most
         self._folders: dict[str, str] = {}
         self._given: dict[str, str] = {}
 
@@ -96,9 +84,9 @@ class _Stager:
         self._given[local] = path
         try:
             if not os.path.exists(local):
-                stores.fetch(path, local)
+                stores.fetch(path, local, self._most)
         except OSError as error:
-            raise AssetError(f"cannot be read: {error.strerror or error}", where=path) from error
+            raise _unread(path, error) from error
         return local
 
     def _asset(self, path: str, *, external: bool) -> str:
@@ -108,6 +96,7 @@ class _Stager:
             return path
         with open(local, "rb") as file:
             uris = references(file)
+        left = self._most - os.path.getsize(local)
         for uri in uris:
             if leaves_folder(uri):
                 if external:
@@ -118,9 +107,11 @@ class _Stager:
             self._given[target] = posixpath.join(posixpath.dirname(path), relative)
             try:
                 if not os.path.exists(target):
-                    stores.fetch(self._given[target], target)
-            except OSError:
-                continue
+                    stores.fetch(self._given[target], target, left)
+                left -= os.path.getsize(target)
+            except OSError as error:
+                if error.errno == errno.EFBIG:
+                    raise _unread(self._given[target], error) from error
         return local
 
     def _output(self, path: str, *, is_folder: bool = False) -> str:
@@ -132,6 +123,11 @@ class _Stager:
         local = folder if is_folder else file
         self._given[local] = path
         return local
+
+
+def _unread(path: str, error: OSError) -> AssetError:
+    hint = ": raise max_memory" if error.errno == errno.EFBIG else ""
+    return AssetError(f"cannot be read: {error.strerror or error}{hint}", where=path)
 
 
 def _roots(given: BatchJob, local: BatchJob) -> dict[str, tuple[str, str]]:

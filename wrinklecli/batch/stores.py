@@ -1,17 +1,27 @@
-"""Files by path or by URL (fsspec): they are read, listed, and written whole or not at all."""
+"""Files by path or by URL (fsspec): they are read, listed, and written whole or not at all.
+
+A file at a URL is copied to this machine before anything looks at it, and the copy has limits of size and time.
+"""
 
 import errno
 import glob
 import os
 import posixpath
 import re
+import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, BinaryIO
 
-from wrinklecli.errors import WrinkleError
+from wrinklecli.errors import BakeError, WrinkleError
 from wrinklecli.files.inputs import open_input
+from wrinklecli.files.workplace import Workplace
+from wrinklecli.numeric.memory import MAX_MEMORY, held, shown_bytes
 
+_PATIENCE = 30.0  # seconds for a connection, or without a byte: ten times what a busy store takes to answer
+_LEAST = 2**15  # bytes in that time, 1 kB/s: a tenth of the slowest line on which anybody would bake
+_WEB = ("http://", "https://")
 _URL = re.compile(r"([a-z][a-z0-9+.-]+)://")
 # Stores in which a file appears only when it is complete; in others it is written under another name and renamed.
 _ATOMIC = {"s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl", "oss", "oci", "r2", "memory"}
@@ -68,15 +78,15 @@ def matches(pattern: str, folder: str) -> list[str]:
     whole = join(folder, pattern)
     if not is_url(whole):
         return sorted(glob.glob(pattern, root_dir=folder or None, recursive=True))
-    with _answering(whole):
+    with held(MAX_MEMORY), _answering(whole):  # nobody says how long a list will be
         system, path = _system(whole)
         found = sorted(system.unstrip_protocol(each) for each in system.glob(path))
     return [each.removeprefix(folder.rstrip("/") + "/") for each in found] if is_url(folder) else found
 
 
 @contextmanager
-def opened(path: str) -> Iterator[BinaryIO]:
-    """Open a file to read.
+def opened(path: str, most: int = MAX_MEMORY) -> Iterator[BinaryIO]:
+    """Open a file to read; one at a URL has at most so many bytes.
 
     Raises:
         OSError: It cannot be read.
@@ -86,32 +96,125 @@ def opened(path: str) -> Iterator[BinaryIO]:
         with open_input(path) as file:
             yield file
         return
-    with _answering(path):
-        system, inner = _system(path)
-        with system.open(inner, "rb") as file:
+    with scratch() as folder:
+        fetch(path, local := os.path.join(folder, "file"), most)
+        with open(local, "rb") as file:
             yield file
 
 
-def read(path: str) -> bytes:
-    """Read a small file; raises as `opened`."""
-    with opened(path) as file:
-        return file.read()
+def read(path: str, most: int = MAX_MEMORY) -> bytes:
+    """Read a file of at most so many bytes; raises as `opened`."""
+    with opened(path, most) as file:
+        data = file.read(most + 1)
+    if len(data) > most:
+        raise _too_large(len(data), most)
+    return data
 
 
-def read_if_there(path: str) -> bytes | None:
-    """Read a small file; None if there is none."""
+def read_if_there(path: str, most: int = MAX_MEMORY) -> bytes | None:
+    """Read a file of at most so many bytes; None if there is none."""
     try:
-        return read(path)
+        return read(path, most)
     except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
         return None
 
 
-def fetch(path: str, local: str) -> None:
-    """Copy the file of a URL to a local path, and make its folders; raises as `opened`."""
+@contextmanager
+def scratch() -> Iterator[str]:
+    """Give a temporary folder; a later run removes it if this one is killed.
+
+    Raises:
+        BakeError: No folder can be made.
+    """
+    workplace = Workplace(tempfile.gettempdir())
+    try:
+        try:
+            workplace.make()
+            os.mkdir(folder := workplace.next_path())
+        except OSError as error:
+            raise BakeError(f"cannot be written: {error.strerror}", where=tempfile.gettempdir()) from error
+        yield folder
+    finally:
+        workplace.remove()
+
+
+def fetch(url: str, local: str, most: int) -> None:
+    """Copy the file of a URL, of at most so many bytes, to a local path, and make its folders; raises as `opened`.
+
+    An archive, as in `zip://a.glb::https://…`, is copied too, and may have as many bytes.
+    """
     os.makedirs(os.path.dirname(local), exist_ok=True)
-    with opened(path) as source, open(local, "wb") as target:
-        while block := source.read(2**20):
-            target.write(block)
+    inner, chained, last = url.rpartition("::")
+    with _answering(url):
+        if not (chained and is_url(last)):
+            _copy(url, local, most)
+            return
+        with scratch() as folder, held(most):  # the list of an archive's files may be long
+            fetch(last, archive := os.path.join(folder, "archive"), most)
+            _copy(f"{inner}::file://{_unpacked(archive, last, most)}", local, most)
+
+
+def _copy(url: str, local: str, most: int) -> None:
+    """Copy a file completely or not at all, while a watch looks at its size and pace."""
+    system, path = _system(url)
+    from fsspec.callbacks import Callback
+
+    if "::" in url:
+        _refuse_large(system.size(path), most)  # as the archive says
+    try:
+        system.get_file(path, local, callback=Callback(hooks={"watch": _Watch(most)}))
+    except BaseException:
+        with suppress(OSError):
+            os.unlink(local)
+        raise
+
+
+def _unpacked(archive: str, url: str, most: int) -> str:
+    """Unpack a compressed archive, such as a .tar.gz, in at most so many bytes; give the path of the result."""
+    import fsspec
+    from fsspec.utils import infer_compression
+
+    compression = infer_compression(url)
+    if compression in (None, "zip"):
+        return archive
+    watch, size = _Watch(most), 0
+    with fsspec.open(archive, compression=compression) as packed, open(f"{archive}.unpacked", "wb") as file:
+        while block := packed.read(2**20):
+            size += file.write(block)
+            watch(None, size)
+    return file.name
+
+
+class _Watch:
+    """Ends a transfer that gets too large or too slow; fsspec calls it after each block."""
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._since: float | None = None
+        self._arrived = 0
+
+    def __call__(self, size: int | None, value: int, **_: Any) -> None:
+        """Check the bytes that are announced, and that have arrived.
+
+        Raises:
+            OSError: There are too many.
+            TimeoutError: Too few have arrived lately.
+        """
+        _refuse_large(max(size or 0, value), self._most)
+        now = time.monotonic()
+        if self._since is None or value - self._arrived >= _LEAST:
+            self._since, self._arrived = now, value
+        elif now - self._since > _PATIENCE:
+            raise TimeoutError(f"less than {shown_bytes(_LEAST)} in {_PATIENCE:.3g} s")
+
+
+def _refuse_large(size: int | None, most: int) -> None:
+    if size is not None and size > most:
+        raise _too_large(size, most)
+
+
+def _too_large(size: int, most: int) -> OSError:
+    return OSError(errno.EFBIG, f"has {shown_bytes(size)} or more, and at most {shown_bytes(most)} are read")
 
 
 def put(path: str, data: bytes) -> None:
@@ -150,10 +253,18 @@ def _system(url: str) -> tuple[Any, str]:
     except ImportError as error:
         raise WrinkleError("URLs need fsspec: pip install 'wrinklecli[batch]'", where=url) from error
     try:
-        system, path = url_to_fs(url)
+        # The library for web servers waits for ever for a byte, and ends long transfers after five minutes.
+        system, path = url_to_fs(url, **(_web_options() if url.startswith(_WEB) else {}))
     except (ImportError, ValueError) as error:
         raise WrinkleError(f"cannot be reached: {error}", where=url) from error
     return system, path
+
+
+def _web_options() -> dict[str, Any]:
+    from aiohttp import ClientTimeout
+
+    timeout = ClientTimeout(total=None, sock_connect=_PATIENCE, sock_read=_PATIENCE)
+    return {"client_kwargs": {"timeout": timeout}}
 
 
 @contextmanager
@@ -164,6 +275,8 @@ def _answering(url: str) -> Iterator[None]:
     except (WrinkleError, MemoryError):
         raise
     except OSError as error:
+        if isinstance(error.__cause__, OSError) and error.errno is None:  # what fsspec calls missing or late
+            error = error.__cause__
         own = type(error).__module__ != "builtins"  # such as broken connections of aiohttp
         if own or isinstance(error, ConnectionError | TimeoutError) or error.errno in _TEMPORARY:
             raise _unanswered(url, error) from error

@@ -144,7 +144,7 @@ def _fetched(here: Staged, cache: Cache, job: BatchJob, parts: Parts, open_outpu
     if record is None:
         return None
     missing = _missing_files(here, record)
-    contents = [cache.content(record.files[number]) for number in missing]
+    contents = [cache.content(record.files[number], job.max_memory) for number in missing]
     if any(content is None for content in contents):
         return None
     if missing:
@@ -176,7 +176,7 @@ def _missing_files(here: Staged, record: Record) -> list[int]:
         root = here.roots.get(file.root)
         if root is None:
             continue
-        with suppress(OSError), stores.opened(stores.join(root[0], file.path)) as there:
+        with suppress(OSError), stores.opened(stores.join(root[0], file.path), here.job.max_memory) as there:
             if hashlib.file_digest(there, "sha256").hexdigest() == file.digest:  # type: ignore[arg-type]
                 continue
         missing.append(number)
