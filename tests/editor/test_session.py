@@ -1,5 +1,7 @@
 """A session of the editor, without a page: what it shows is what a bake writes, and every step can be undone."""
 
+import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,10 +15,11 @@ from kit.limb import RADIUS, limb, limb_asset
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.posing import with_pose
 from wrinklecli.character.scene import pose_primitive, read_scene
+from wrinklecli.editor.asset import ReadOptions
 from wrinklecli.editor.baked_file import bake_saved
 from wrinklecli.editor.free_pose import POSE, FreePose
 from wrinklecli.editor.session import Session
-from wrinklecli.errors import AssetError, ConfigError
+from wrinklecli.errors import AssetError, BakeError, ConfigError
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review.check import check
 from wrinklecli.review.suggest.suggest import suggest
@@ -184,6 +187,49 @@ def test_a_place_is_written_to_a_thousandth_of_the_segment(tmp_path: Path, size:
     assert np.abs(written - wanted).max() <= 0.001 * 0.8 * size
     # No digit is written that says less than a ten-thousandth of the segment.
     assert all(abs(x / (1e-4 * size) - round(x / (1e-4 * size))) < 1e-6 for x in written)
+
+
+def test_no_save_writes_over_what_the_session_reads(tmp_path: Path) -> None:
+    asset = limb_asset(rings=8, sides=6)
+    (tmp_path / "limb.bin").write_bytes(asset.data)
+    gltf = {**asset.gltf, "buffers": [{"byteLength": len(asset.data), "uri": "limb.bin"}]}
+    (tmp_path / "limb.gltf").write_text(json.dumps(gltf))
+    limb(tmp_path / "walk.glb", rings=8, sides=6)
+    tools = tmp_path / "tools.yaml"
+    tools.write_text(TOOLS)
+    session = Session(tmp_path / "limb.gltf", tools, ReadOptions(anims=[tmp_path / "walk.glb"]))
+    session.set_value("crease", ("bumps",), 5)
+    inputs = {name: (tmp_path / name).read_bytes() for name in ("limb.gltf", "limb.bin", "walk.glb")}
+    for name in inputs:
+        for plant in (Path.symlink_to, Path.hardlink_to):
+            tools.unlink()
+            plant(tools, tmp_path / name)
+            with pytest.raises(BakeError, match="is an input too"):
+                session.save(overwrite=True)
+    tools.unlink()
+    os.mkfifo(tools)
+    with pytest.raises(BakeError, match="not a regular file"):
+        session.save(overwrite=True)
+    tools.unlink()
+    tools.symlink_to("elsewhere.yaml")
+    (tmp_path / "elsewhere.yaml").write_text(TOOLS)
+    session.save()
+    assert tools.is_symlink()
+    assert "bumps: 5" in (tmp_path / "elsewhere.yaml").read_text()
+    assert inputs == {name: (tmp_path / name).read_bytes() for name in inputs}
+
+
+@pytest.mark.parametrize("name", ["limb.glb", "walk.glb"])
+def test_no_bake_writes_over_what_the_session_reads(name: str, tmp_path: Path) -> None:
+    (tmp_path / "tools.yaml").write_text(TOOLS)
+    for each in ("limb.glb", "walk.glb"):
+        limb(tmp_path / each, rings=8, sides=6)
+    session = Session(tmp_path / "limb.glb", tmp_path / "tools.yaml", ReadOptions(anims=[tmp_path / "walk.glb"]))
+    before = (tmp_path / name).read_bytes()
+    (tmp_path / "limb_wrinkled.glb").symlink_to(name)
+    with pytest.raises(BakeError, match="is an input too"):
+        bake_saved(session)
+    assert (tmp_path / name).read_bytes() == before
 
 
 def test_what_is_not_valid_changes_nothing(session: Session) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from wrinklecli.cli import options as opt
-from wrinklecli.cli.output import emit, say, warn
+from wrinklecli.cli.output import emit, say, say_findings, warn
 from wrinklecli.errors import WrinkleError
 
 _PORT = 8765
@@ -79,6 +79,7 @@ def edit(
         if not is_own(host):
             warn(f"whoever reaches {host} sees the asset and changes the tools: the page asks for no password")
         say(f"edits {session.path}; Ctrl-C ends it")
+        say_findings(session.notes, ())
     if not no_browser:
         webbrowser.open(address)
     # In steps, as a thread that waits for ever hears no signal on Windows.

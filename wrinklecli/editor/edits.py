@@ -4,7 +4,6 @@ A step is an immutable record of the file's text, so undoing restores the same b
 threads.
 """
 
-import os
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -229,7 +228,11 @@ class Edits:
 
     def recover(self) -> None:
         """Recover the unsaved edits of an earlier session as a step."""
-        unsaved = self._store.unsaved()
+        try:
+            unsaved = self._store.unsaved()
+        except ConfigError as error:
+            self.notes += error.lines
+            return
         if unsaved is None:
             return
         base, text = unsaved
@@ -237,12 +240,15 @@ class Edits:
             self._become(self._store.merged(text, self._store.base, since=base), "recover unsaved edits")
             self.notes.append(f"{self.path}: unsaved edits of an earlier session are here again; undo takes them away")
         except WrinkleError as error:
-            kept = f"{self._store.side}.1"
-            os.replace(self._store.side, kept)
-            self.notes += [
-                f"{self.path}: unsaved edits of an earlier session do not fit, and are in {kept}",
-                *error.lines,
-            ]
+            self.notes += [*self._set_aside(), *error.lines]
+
+    def _set_aside(self) -> Sequence[str]:
+        """Move unsaved edits that do not fit out of the way, and say where they are."""
+        try:
+            aside = self._store.side.set_aside()
+        except ConfigError as error:
+            return error.lines
+        return (f"{self.path}: unsaved edits of an earlier session do not fit, and are in {aside}",)
 
     # Internals.
 

@@ -301,9 +301,9 @@ class Session(Edits):
         with guarded(self.asset):
             loaded = LoadedAsset.read(self.asset, self.read_options)
         self.notes += [each for each in loaded.notes if each not in self.notes]
-        self._watched_asset = self._watched_asset.instead(
-            [self.asset, *loaded.document.files, *self.read_options.anims]
-        )
+        inputs = [self.asset, *loaded.document.files, *self.read_options.anims]
+        self._watched_asset = self._watched_asset.instead(inputs)
+        self._store.protect(inputs)
         return loaded
 
     def _shown_settings(self, step: Step, draft: Draft | None = None) -> ToolsFile:

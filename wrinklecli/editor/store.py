@@ -1,15 +1,14 @@
 """The edited tools file on disk: written whole, merged with changes by others, and protected by a side file.
 
-Unsaved text stands in the side file `.NAME.unsaved` beside the file, together with the text that the edits began with,
-so that neither a crash nor a closed browser loses it.
+Unsaved text stands in the side file, so that neither a crash nor a closed browser loses it.
 """
 
-import json
 import os
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Sequence
 
-from wrinklecli.errors import ConfigError, WrinkleError
+from wrinklecli.editor.side_file import SideFile
+from wrinklecli.errors import BakeError, ConfigError, WrinkleError
+from wrinklecli.files.inputs import open_input
 from wrinklecli.files.outputs import Outputs
 from wrinklecli.tools.read import load_text, parse_tools
 from wrinklecli.tools.records import ToolsFile
@@ -19,7 +18,6 @@ _NEW_FILE = "version: 1\ntools: []\n"
 # A disabled tool that is added to a file without tools before it is checked, as the reader refuses such a file.
 _PLACEHOLDER = {"name": "none", "origin": [0, 0, 0], "target": [1, 0, 0], "width": 1, "enabled": False}
 _BOM = b"\xef\xbb\xbf"
-_VERSION = 1  # of the side file's format
 
 
 class Store:
@@ -31,13 +29,13 @@ class Store:
 
     def __init__(self, path: str) -> None:
         self.path = path
+        self.side = SideFile(path)
         self.base = self.on_disk()
+        self._inputs: tuple[str, ...] = ()
 
-    @property
-    def side(self) -> str:
-        """Path of the side file."""
-        folder, name = os.path.split(self.path)
-        return os.path.join(folder, f".{name}.unsaved")
+    def protect(self, inputs: Iterable[str | os.PathLike[str]]) -> None:
+        """Never write over these files, by whatever name, instead of those that were protected before."""
+        self._inputs = tuple(os.fspath(path) for path in inputs)
 
     def on_disk(self) -> str:
         """Read the file; if there is none, return the text of a new one.
@@ -51,25 +49,21 @@ class Store:
         """Write unsaved text to the side file, or remove the side file if everything is saved.
 
         Raises:
-            WrinkleError: The side file cannot be written.
+            ConfigError: The side file cannot be written.
         """
         if text == self.base:
-            self._remove_side()
-            return
-        data = json.dumps({"wrinkle_edit": _VERSION, "base": self.base, "text": text})
-        with Outputs() as outputs:
-            outputs.add_bytes(self.side, data.encode(), durable=False)
+            self.side.remove()
+        else:
+            self.side.write(self.base, text)
 
     def unsaved(self) -> tuple[str, str] | None:
-        """Read the unsaved text of an earlier session: the text that its edits began with, and the edited text."""
-        try:
-            with open(self.side, encoding="utf-8") as file:
-                kept = json.load(file)
-            if kept["wrinkle_edit"] == _VERSION and kept["text"] != self.base:
-                return str(kept["base"]), str(kept["text"])
-        except (OSError, ValueError, KeyError, TypeError):
-            return None
-        return None
+        """Read the unsaved text of an earlier session: the text that its edits began with, and the edited text.
+
+        Raises:
+            ConfigError: Something that is not a side file has its name.
+        """
+        kept = self.side.read()
+        return None if kept is None or kept[1] == self.base else kept
 
     def merged(self, mine: str, theirs: str, since: str | None = None) -> ToolsText:
         """Merge a text edited here with one written by others, tool by tool; both have changed `since` (or `base`).
@@ -85,19 +79,23 @@ class Store:
         """Replace the file.
 
         Raises:
-            BakeError: The file cannot be written.
+            BakeError: The file cannot be written, or is an input.
         """
-        start = b""
-        with suppress(OSError), open(self.path, "rb") as file:
-            start = _BOM if file.read(len(_BOM)) == _BOM else b""
         with Outputs() as outputs:
-            outputs.add_bytes(self.path, start + text.encode())
+            outputs.protect(self._inputs)
+            outputs.add_bytes(self.path, self._bom() + text.encode())
         self.base = text
-        self._remove_side()
+        self.side.remove()
 
-    def _remove_side(self) -> None:
-        with suppress(OSError):
-            os.unlink(self.side)
+    def _bom(self) -> bytes:
+        """The byte order mark with which the file begins, if any."""
+        try:
+            with open_input(self.path) as file:
+                return _BOM if file.read(len(_BOM)) == _BOM else b""
+        except FileNotFoundError:
+            return b""
+        except OSError as error:
+            raise BakeError(f"cannot be written: {error.strerror}", where=self.path) from None
 
 
 def read_file(file: ToolsText) -> ToolsFile:
