@@ -54,3 +54,57 @@ def test_what_names_a_mesh_in_a_text_cannot_be_split(tmp_path: Path) -> None:
     animation["channels"].append({"sampler": 0, "target": target})
     with pytest.raises(BakeError, match="/nodes/0/weights/1"):
         halved(written(asset, tmp_path), (1,))
+
+
+@pytest.mark.parametrize("holder", [0, 1])
+def test_levels_of_detail_cannot_be_split(holder: int, tmp_path: Path) -> None:
+    asset = limb_asset(morphs=2, primitives=2, rings=5, sides=4)
+    asset.gltf["nodes"][holder]["extensions"] = {"MSFT_lod": {"ids": [1 - holder]}}
+    with pytest.raises(BakeError, match=r"#/nodes/0: cannot be split: .* MSFT_lod"):
+        halved(written(asset, tmp_path), (1,))
+
+
+@pytest.mark.parametrize("skinned", [True, False])
+def test_parts_stand_beside_their_node_with_its_transform_and_channels(skinned: bool, tmp_path: Path) -> None:
+    asset = limb_asset(morphs=2, morph_clip="LINEAR", primitives=2, rings=5, sides=4, skinned=skinned, root={})
+    carrier = asset.gltf["nodes"][0]
+    carrier |= {"translation": [0.0, 1.0, 0.0], "children": [asset.append("nodes", {"name": "badge"})], "camera": 0}
+    carrier["extensions"] = {"KHR_node_visibility": {"visible": True}, "KHR_lights_punctual": {"light": 0}}
+    carrier["extensions"]["EXT_mesh_gpu_instancing"] = {"attributes": {}}
+    clip = asset.gltf["animations"][0]
+    for path, values in {"translation": [1.0, 2.0, 3.0], "rotation": [0.0, 0.0, 0.0, 1.0], "scale": [1.0] * 3}.items():
+        asset.channel(clip, 0, path, [0.0], [values])
+    asset.append("scenes", {"nodes": [0]})
+    before = written(asset, tmp_path).gltf
+    gltf = halved(written(asset, tmp_path), (1,)).gltf
+    part = len(before["nodes"])
+    assert len(gltf["nodes"]) == part + 1
+    made = gltf["nodes"][part]
+    assert (made["translation"], made["name"]) == ([0.0, 1.0, 0.0], "limb_part2")
+    assert not {"children", "camera"} & made.keys()
+    assert made["extensions"].keys() == {"KHR_node_visibility", "EXT_mesh_gpu_instancing"}
+    assert gltf["nodes"][0] == before["nodes"][0]
+    above = [each["children"] for each in gltf["nodes"] if 0 in each.get("children", ())] or [
+        gltf["scenes"][0]["nodes"]
+    ]
+    assert above[0][:2] == [0, part]
+    assert gltf["scenes"][1]["nodes"] == [0, part]
+    moved = {
+        node: {
+            each["target"]["path"]: each["sampler"]
+            for each in gltf["animations"][0]["channels"]
+            if each["target"]["node"] == node
+        }
+        for node in (0, part)
+    }
+    assert moved[0].keys() == moved[part].keys() == {"weights", "translation", "rotation", "scale"}
+    assert {path for path in moved[0] if moved[0][path] != moved[part][path]} == {"weights"}
+
+
+def test_a_part_has_a_name_even_if_its_node_has_none(tmp_path: Path) -> None:
+    asset = limb_asset(morphs=2, primitives=2, rings=5, sides=4)
+    del asset.gltf["nodes"][0]["name"]
+    asset.gltf["nodes"][1]["name"] = "node_0_part2"
+    gltf = halved(written(asset, tmp_path), (1,)).gltf
+    assert "name" not in gltf["nodes"][0]
+    assert gltf["nodes"][-1]["name"] == "node_0_part2_2"

@@ -18,8 +18,6 @@ from wrinklecli.numeric.arrays import Ints
 
 # Extensions of a node that apply to its mesh; others, such as lights, would be there twice.
 _OF_MESHES = ("KHR_node_visibility", "EXT_mesh_gpu_instancing")
-# Properties that a node inherits from the node above.
-_INHERITED = ("matrix", "translation", "rotation", "scale")
 # Extensions of a document whose lists have objects with a mesh, or a node, and mostly the index of a morph target.
 _BINDING = {"VRM": "mesh", "VRMC_vrm": "node"}
 
@@ -40,18 +38,19 @@ class Part:
 def split_node(edited: EditedDocument, node: int, parts: Sequence[Part]) -> list[int]:
     """Split a node's mesh into two or more parts: the first stays, each other one gets a mesh and a node.
 
-    Skin and materials are the same. New nodes stand beside the old one if a skin moves them, otherwise below it, so
-    that they move with it. Vertices keep their order and every stored bit, so that parts meet in every pose. The mesh
-    must be unchanged, and no other node may show it.
+    Skin and materials are the same. New nodes stand beside the old one, with its transform and its channels, as
+    three.js gives the weights of a node to nodes below it. Vertices keep their order and every stored bit, so that
+    parts meet in every pose. The mesh must be unchanged, and no other node may show it.
 
     Returns:
         The nodes of all parts.
 
     Raises:
-        BakeError: An animation moves the mesh in a way that several meshes cannot follow.
+        BakeError: An animation or a level of detail sets the mesh in a way that several meshes cannot follow.
     """
     gltf = edited.gltf
     _refuse_pointers(edited, node)
+    _refuse_levels(edited, node)
     mesh = gltf["meshes"][gltf["nodes"][node]["mesh"]]
     primitives: list[list[Json]] = [[] for _ in parts]
     for number, primitive in enumerate(mesh["primitives"]):
@@ -68,7 +67,7 @@ def split_node(edited: EditedDocument, node: int, parts: Sequence[Part]) -> list
         made = {key: copy.deepcopy(each) for key, each in mesh.items() if key != "primitives"}
         made = _named(made, k + 1, gltf["meshes"]) | {"primitives": primitives[k]}
         gltf["meshes"].append(_with_targets(made, part.targets))
-        nodes.append(_beside(edited, nodes[-1], node, k + 1, part.targets))
+        nodes.append(_beside(gltf, nodes[-1], node, k + 1, part.targets))
         _follow(edited, node, nodes[-1], part.targets)
     old = gltf["nodes"][node]
     gltf["meshes"][old["mesh"]] = _with_targets(mesh | {"primitives": primitives[0]}, parts[0].targets)
@@ -176,18 +175,18 @@ def _with_targets(holder: Json, kept: Sequence[int]) -> Json:
     return held
 
 
-def _beside(edited: EditedDocument, before: int, node: int, number: int, targets: Sequence[int]) -> int:
-    """Append a copy of a node for the last mesh, below the node or, if skinned, after the node `before`."""
-    nodes = edited.gltf["nodes"]
-    skinned = "skin" in nodes[node]
-    dropped = ("children", "camera", *(() if skinned else _INHERITED))
-    kept = {key: copy.deepcopy(each) for key, each in nodes[node].items() if key not in dropped}
+def _beside(gltf: Json, before: int, node: int, number: int, targets: Sequence[int]) -> int:
+    """Append a copy of a node for the last mesh, after the node `before` in all lists that contain this.
+
+    It has a name even if the node has none, since players find it by its name.
+    """
+    nodes = gltf["nodes"]
+    kept = {key: copy.deepcopy(each) for key, each in nodes[node].items() if key not in ("children", "camera")}
+    kept.setdefault("name", f"node_{node}")
     extensions = {key: each for key, each in kept.pop("extensions", {}).items() if key in _OF_MESHES}
-    made = kept | {"mesh": len(edited.gltf["meshes"]) - 1} | ({"extensions": extensions} if extensions else {})
+    made = kept | {"mesh": len(gltf["meshes"]) - 1} | ({"extensions": extensions} if extensions else {})
     nodes.append(_named(_with_targets(made, targets), number, nodes))
-    if not skinned:
-        nodes[node].setdefault("children", []).append(len(nodes) - 1)
-    for siblings in _siblings(edited.gltf, before) if skinned else ():
+    for siblings in _siblings(gltf, before):
         siblings.insert(siblings.index(before) + 1, len(nodes) - 1)
     return len(nodes) - 1
 
@@ -215,8 +214,7 @@ def _follow(edited: EditedDocument, node: int, part: int, targets: Sequence[int]
     for animation in edited.gltf.get("animations", []):
         for channel in list(animation["channels"]):
             target = channel["target"]
-            followed = targets if target.get("path") == "weights" else "skin" in edited.gltf["nodes"][node]
-            if target.get("node") != node or not followed:
+            if target.get("node") != node or (target.get("path") == "weights" and not targets):
                 continue
             made: Json = copy.deepcopy(channel)
             made["target"]["node"] = part
@@ -285,3 +283,14 @@ def _refuse_pointers(edited: EditedDocument, node: int) -> None:
                     f"cannot be split: {animation.get('name')!r} moves {pointer} by KHR_animation_pointer",
                     where=edited.source.where("nodes", node),
                 )
+
+
+def _refuse_levels(edited: EditedDocument, node: int) -> None:
+    """Raise BakeError if a node has levels of detail, or is one: a player then shows it, or others in its place."""
+    for holder, each in enumerate(edited.gltf["nodes"]):
+        levels = each.get("extensions", {}).get("MSFT_lod", {}).get("ids", [])
+        if levels and node in (holder, *levels):
+            raise BakeError(
+                "cannot be split: it is one of the levels of detail of MSFT_lod",
+                where=edited.source.where("nodes", node),
+            )
