@@ -10,7 +10,7 @@ import numpy as np
 
 from wrinklecli.baking.parts import PARTS
 from wrinklecli.character.rig import read_rig
-from wrinklecli.drive.drive import StoredDrive
+from wrinklecli.drive.drive import StoredDrive, wrinkle_entry
 from wrinklecli.errors import AssetError, listed
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
@@ -93,18 +93,18 @@ def read_bodies(document: Document) -> list[BakedBody]:
     """
     bodies = []
     for index, node in enumerate(document.items("nodes")):
-        extras = node.get("extras")
-        if not isinstance(extras, dict) or "wrinkle" not in extras or "mesh" not in node:
+        entry = wrinkle_entry(node)
+        if entry is None or "mesh" not in node:
             continue
         where = document.where("nodes", index, "extras", "wrinkle")
         if not node.get("name"):
             raise AssetError("tracks find their mesh by the node's name, and it has none", where=where)
         try:
             parts = tuple(_read_part(document, each) for each in (index, *part_nodes(document, index)))
-            stored = [*extras["wrinkle"]["tools"], *extras["wrinkle"].get("folds", ())]
+            stored = [*entry["tools"], *entry.get("folds", ())]
             stored.sort(key=lambda each: "joint" in each)
             drives = tuple(StoredDrive.read(each) for each in stored if each["targets"])
-            undriven = frozenset(str(name) for name in extras["wrinkle"].get("undriven", ()))
+            undriven = frozenset(str(name) for name in entry.get("undriven", ()))
         except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise AssetError("is not what `wrinkle bake` writes", where=where) from error
         there = {name for part in parts for name in part.targets}
@@ -117,7 +117,7 @@ def read_bodies(document: Document) -> list[BakedBody]:
                 drives=drives,
                 undriven=undriven,
                 ambiguous=any(count_named(document, part.node) > 1 for part in parts),
-                draft=extras["wrinkle"].get("draft") is True,
+                draft=entry.get("draft") is True,
             )
         )
     if not any(body.drives for body in bodies):
@@ -133,7 +133,7 @@ def part_nodes(document: Document, node: int) -> list[int]:
     """
     nodes = document.items("nodes")
     names = {each.get("name"): index for index, each in enumerate(nodes) if "mesh" in each}
-    return [names[name] for name in nodes[node]["extras"]["wrinkle"].get(PARTS, ())]
+    return [names[name] for name in wrinkle_entry(nodes[node]).get(PARTS, ())]
 
 
 def wrinkle_targets(document: Document) -> dict[int, frozenset[str]]:
@@ -168,9 +168,8 @@ def _read_part(document: Document, node: int) -> BakedPart:
 
 
 def _wrinkle_targets(node: Json) -> frozenset[str]:
-    extras = node.get("extras")
+    entry = wrinkle_entry(node)
     try:
-        entry = extras["wrinkle"] if isinstance(extras, dict) else {}
         driven = [*entry["tools"], *entry.get("folds", ())]
         return frozenset({name for each in driven for name in each["targets"]} | set(entry.get("undriven", ())))
     except (KeyError, TypeError, AttributeError):

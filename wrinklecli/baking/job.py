@@ -3,7 +3,7 @@
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 from wrinklecli.baking.original import original
 from wrinklecli.baking.parts import PARTS
@@ -11,6 +11,7 @@ from wrinklecli.character.clip import Clip, chosen_clips, unknown_clip
 from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.scene import deforms
 from wrinklecli.choices import Engine, FrameFormat, Mode, Storage, Tracks
+from wrinklecli.drive.drive import wrinkle_entry
 from wrinklecli.errors import BakeError, ConfigError, listed, nearest
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.images import files_of
@@ -194,7 +195,7 @@ def tools_by_node(document: Document, settings: ToolsFile) -> tuple[dict[int, li
             except BakeError as error:
                 problems.append(error)
     for index in found:
-        if _wrinkle_extras(nodes[index]) is not None:
+        if wrinkle_entry(nodes[index]) is not None:
             problems.append(
                 BakeError(
                     "already carries wrinkles of an earlier bake; bake from the original asset, or use --replace",
@@ -208,15 +209,9 @@ def tools_by_node(document: Document, settings: ToolsFile) -> tuple[dict[int, li
     return dict(sorted(found.items())), warnings
 
 
-def _wrinkle_extras(node: Json) -> Any:
-    """The entry `wrinkle` of a node's extras, whoever wrote it; None without one."""
-    extras = node.get("extras")
-    return extras.get("wrinkle") if isinstance(extras, dict) else None
-
-
 def _parts_of(node: Json) -> list[str]:
     """Names of the nodes that an earlier bake has split from a node."""
-    said = _wrinkle_extras(node)
+    said = wrinkle_entry(node)
     parts = said.get(PARTS) if isinstance(said, dict) else None
     return [name for name in parts if isinstance(name, str)] if isinstance(parts, list) else []
 

@@ -23,6 +23,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from wrinklecli.drive.drive import wrinkle_entry
 from wrinklecli.errors import AssetError, BakeError, TooMuchError
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edited_document import EditedDocument
@@ -49,11 +50,7 @@ _TABLE_LOG = 24  # of zstd's tables, which are to index the dictionary; 64 MiB e
 def wrinkled(gltf: Json) -> list[int]:
     """The nodes whose meshes carry wrinkles."""
     nodes = enumerate(gltf.get("nodes", []))
-    return [
-        k
-        for k, node in nodes
-        if "mesh" in node and isinstance(node.get("extras"), dict) and "wrinkle" in node["extras"]
-    ]
+    return [k for k, node in nodes if "mesh" in node and wrinkle_entry(node) is not None]
 
 
 def seal(asset: Document, edited: EditedDocument, layout: Layout) -> tuple[Json, bytes]:
@@ -369,7 +366,7 @@ def _carrying_images(restored: Document, baked: Document) -> Document:
 
 def _entry(node: Json) -> Json:
     """The entry of a node that carries wrinkles."""
-    entry = node["extras"]["wrinkle"]
+    entry = wrinkle_entry(node)
     return entry if isinstance(entry, dict) else {}
 
 

@@ -9,6 +9,7 @@ from wrinklecli.baking.budget import mesh_texture_bytes, texel_bytes, texture_by
 from wrinklecli.baking.parts import PARTS, parts_of
 from wrinklecli.baking.refined_mesh import primitives_of, shared_vertices
 from wrinklecli.baking.report import BakedMesh, Split
+from wrinklecli.drive.drive import wrinkle_entry
 from wrinklecli.effects.effect import targets_of
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edited_document import EditedDocument
@@ -49,13 +50,13 @@ def _split(whole: EditedDocument, source: Document, mesh: BakedMesh) -> BakedMes
         return mesh
     made = split_node(whole, rig.node, parts)
     nodes = [gltf["nodes"][node] for node in made]
-    entry = nodes[0].get("extras", {})
-    if isinstance(entry, dict) and "wrinkle" in entry:
+    entry = wrinkle_entry(nodes[0])
+    if entry is not None:
         for node in nodes[1:]:
             node["extras"] = {key: each for key, each in node["extras"].items() if key != "wrinkle"}
             if not node["extras"]:
                 del node["extras"]
-        entry["wrinkle"][PARTS] = [node.get("name", "") for node in nodes[1:]]
+        entry[PARTS] = [node.get("name", "") for node in nodes[1:]]
     size = sum(mesh_texture_bytes(gltf, gltf["meshes"][node["mesh"]]) for node in nodes)
     return replace(mesh, split=Split(size, tuple(str(node.get("name", "")) for node in nodes)))
 

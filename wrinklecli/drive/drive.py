@@ -158,6 +158,12 @@ class StoredDrive:
         )
 
 
+def wrinkle_entry(node: Json) -> Any:
+    """The entry `wrinkle` of a node's extras, whoever wrote it; None without one."""
+    extras = node.get("extras")
+    return extras.get("wrinkle") if isinstance(extras, dict) else None
+
+
 def anchors_of(data: Json) -> list[Json]:
     """The anchors of a segment in extras, from origin to target; KeyError if there are none."""
     return list(data["anchors"]) if "anchors" in data else [data["origin"], data["target"]]

@@ -17,7 +17,7 @@ from wrinklecli.baking.original import original, wrinkled
 from wrinklecli.character.pose import stored_positions
 from wrinklecli.character.rig import Hierarchy, morph_target_names, read_hierarchy
 from wrinklecli.character.scene import pose_primitive, read_scene
-from wrinklecli.drive.drive import anchors_of
+from wrinklecli.drive.drive import anchors_of, wrinkle_entry
 from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.gltf.document import TRIANGLE_FAN, TRIANGLE_STRIP, TRIANGLES, Document, read_document
 from wrinklecli.gltf.files import local_file, path_of
@@ -230,7 +230,7 @@ def _bounds(accessors: Iterable[Json], key: str) -> list[float]:
 def _wrinkles(document: Document) -> Iterator[Json]:
     """The tools that a bake has recorded on each node."""
     for index in wrinkled(document.gltf):
-        entry = document.items("nodes")[index]["extras"]["wrinkle"]
+        entry = wrinkle_entry(document.items("nodes")[index])
         try:
             yield {
                 "node": _node_name(document, index),
@@ -314,7 +314,7 @@ def _view_users(document: Document) -> dict[int, Counter[str]]:
         if "bufferView" in image:
             users[image["bufferView"]]["images"] += 1
     for node in wrinkled(document.gltf):
-        entry = document.items("nodes")[node]["extras"]["wrinkle"]
+        entry = wrinkle_entry(document.items("nodes")[node])
         kept = entry.get("original") if isinstance(entry, dict) else None
         if isinstance(kept, int) and kept in range(len(document.items("bufferViews"))):
             users[kept]["original"] += 1

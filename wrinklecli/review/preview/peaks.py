@@ -12,7 +12,7 @@ from wrinklecli.character.anims import NamedNodes
 from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
-from wrinklecli.drive.drive import StoredDrive
+from wrinklecli.drive.drive import StoredDrive, wrinkle_entry
 from wrinklecli.drive.segment import Segment
 from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.sampling import moving_clips
@@ -125,8 +125,7 @@ def baked_tool_count(document: Document) -> int:
     """The number of tools that were baked into an asset, by its extras."""
     count = 0
     for node in document.items("nodes"):
-        extras = node.get("extras")
-        entry = extras.get("wrinkle") if isinstance(extras, dict) else None
+        entry = wrinkle_entry(node)
         tools = entry.get("tools") if isinstance(entry, dict) else None
         count += len(tools) if isinstance(tools, list) else 0
     return count
@@ -152,7 +151,7 @@ def _driven_tools(asset: ShownAsset) -> dict[tuple[int, str], StoredDrive]:
 def _tools_on(asset: ShownAsset, node: int, rigs: Iterable[Rig]) -> Iterator[tuple[str, list[str]]]:
     """The names of the tools that were baked into a node, with the names of their morph targets in these rigs."""
     there = {name for rig in rigs for name in rig.morph_names}
-    entry = asset.document.items("nodes")[node]["extras"]["wrinkle"]
+    entry = wrinkle_entry(asset.document.items("nodes")[node])
     for tool in entry["tools"]:
         targets = [name for name in tool["targets"] if name in there]
         if targets:

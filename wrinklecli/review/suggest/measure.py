@@ -10,6 +10,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig, moving_nodes, read_hierarchy, read_rig
 from wrinklecli.character.scene import deforms, scene_nodes
 from wrinklecli.character.surface import read_surface
+from wrinklecli.drive.drive import wrinkle_entry
 from wrinklecli.errors import AssetError, BakeError, listed, nearest
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats
@@ -93,8 +94,7 @@ def find_mesh_nodes(document: Document, options: SuggestOptions) -> tuple[dict[i
     for index, name in zip(deforming, names, strict=True):
         if name != asked if asked is not None else index not in shown:
             continue
-        extras = nodes[index].get("extras")
-        if isinstance(extras, dict) and "wrinkle" in extras:
+        if wrinkle_entry(nodes[index]) is not None:
             raise AssetError(
                 "already carries wrinkles of an earlier bake; ask for suggestions on the original asset",
                 where=document.where("nodes", index, "extras", "wrinkle"),
